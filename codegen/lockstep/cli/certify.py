@@ -1,0 +1,48 @@
+"""`lockstep certify`: the independent checker."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.table import Table
+
+from lockstep.cli.console import Answer, respond
+from lockstep.cli.files import read_design
+
+if TYPE_CHECKING:
+    from lockstep.lmi.certify import Verdict
+    from lockstep.lmi.document import Stored
+
+
+def run(path: Path, *, as_json: bool) -> None:
+    """Certify a design file."""
+    respond(as_json, lambda: _certify(path))
+
+
+def _certify(path: Path) -> Answer:
+    from lockstep.lmi.certify import certify
+
+    content, stored = read_design(path)
+    verdict = certify(stored)
+    return Answer(certificate_document(content, stored, verdict), _table(stored, verdict), verdict.certified)
+
+
+def certificate_document(content: dict[str, Any], stored: "Stored", verdict: "Verdict") -> dict[str, Any]:
+    """Return the contract's keys for a verdict."""
+    rho = stored.certificate.rho if stored.certificate else None
+    claims = {} if verdict.certified else {"error": {"kind": "NotCertified", "message": verdict.reason, "figures": verdict.figures()}}
+    return {
+        "certified": verdict.certified, "proof": "exact" if verdict.certified else "none", "rho": rho, "alpha": stored.alpha,
+        "fragility": dict(stored.fragility), "gains": content["gains"], "reason": verdict.reason, "margin": verdict.margin,
+        "sampled": {"certified": False, "period": stored.problem.controller.period, "max_period": None}, **claims,
+    }
+
+
+def _table(stored: "Stored", verdict: "Verdict") -> Table:
+    table = Table(title=stored.problem.title, show_header=False, title_justify="left")
+    table.add_row("certified", "yes" if verdict.certified else "NO")
+    table.add_row("because", verdict.reason)
+    if stored.certificate:
+        table.add_row("rho", f"{stored.certificate.rho:.6g}")
+    table.add_row("alpha", f"{stored.alpha:.9g}")
+    table.add_row("covers", "the continuous controllers, for every disturbance and all initial states")
+    return table

@@ -1,0 +1,129 @@
+"""What the command prints: one answer on standard output, everything else on standard error."""
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+import typer
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from lockstep.model.errors import ClaimError, ProblemError
+
+HOLDS, FAILS, BAD_INPUT = 0, 1, 2
+
+errors = Console(stderr=True, soft_wrap=True, highlight=False)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command found: as JSON, as text, and whether every claim holds."""
+
+    document: Mapping[str, Any]
+    text: RenderableType
+    holds: bool = True
+
+
+def respond(as_json: bool, work: Callable[[], Answer]) -> None:
+    """Run a command's work, print its answer, and leave with the exit status of the contract."""
+    try:
+        answer = work()
+    except ProblemError as error:
+        _leave(as_json, {"ok": False, "error": _problem(error)}, str(error), BAD_INPUT)
+    except ClaimError as error:
+        document = {"ok": False, "certified": False, **_partial(error), "error": _claim(error)}
+        _leave(as_json, document, str(error), FAILS)
+    except KeyboardInterrupt:
+        errors.print("interrupted; nothing was written")
+        raise typer.Exit(130) from None
+    except Exception as error:
+        if os.environ.get("LOCKSTEP_DEBUG"):
+            raise
+        found = f"internal error, please report it: {type(error).__name__}: {error}"
+        _leave(as_json, {"ok": False, "error": {"kind": "internal", "message": found}}, found, FAILS)
+    if as_json:
+        _print_json(answer.document)
+    else:
+        Console(highlight=False).print(answer.text)
+    if not answer.holds:
+        raise typer.Exit(FAILS)
+
+
+@contextmanager
+def progress_display() -> Iterator[Callable[[str, float], None]]:
+    """Show a bar on standard error; the callable takes what is being done and the part of it that is done."""
+    columns = (TextColumn("{task.description}"), BarColumn(bar_width=30), TimeElapsedColumn())
+    with Progress(*columns, console=errors, transient=True) as bars:
+        task = bars.add_task("starting", total=1.0)
+        yield lambda what, part: bars.update(task, description=what, completed=part)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file as a whole or not at all."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+        temporary.replace(path)
+    except OSError as error:
+        raise ProblemError(f"it cannot be written ({error.strerror})", where=str(path)) from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def to_json(document: Any) -> str:
+    """Return JSON text that every reader takes: infinities and NaN become null."""
+    return json.dumps(plain(document), indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def plain(value: Any) -> Any:
+    """Return a value made of JSON types only."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _leave(as_json: bool, document: Mapping[str, Any], message: str, status: int) -> NoReturn:
+    errors.print(f"lockstep: {message}", markup=False)
+    if as_json:
+        _print_json(document)
+    raise typer.Exit(status)
+
+
+def _print_json(document: Mapping[str, Any]) -> None:
+    typer.echo(to_json(document))
+
+
+def _problem(error: ProblemError) -> dict[str, str]:
+    return {"kind": "problem", "message": str(error), "found": error.found, "where": error.where,
+            "expected": error.expected, "remedy": error.remedy}
+
+
+def _claim(error: ClaimError) -> dict[str, Any]:
+    figures = {key: value for key, value in error.figures.items() if key != "design"}
+    return {"kind": type(error).__name__, "message": str(error), "figures": _described(figures)}
+
+
+def _described(figures: Mapping[str, Any]) -> dict[str, Any]:
+    known = (str, int, float, bool, list, tuple, dict, type(None))
+    return {key: value if isinstance(value, known) or hasattr(value, "tolist") else str(value) for key, value in figures.items()}
+
+
+def _partial(error: ClaimError) -> Mapping[str, Any]:
+    """Return the design a refused method came to, for study."""
+    found = error.figures.get("design")
+    if found is None:
+        return {}
+    from lockstep.lmi.document import document
+
+    return document(found)

@@ -1,0 +1,47 @@
+"""`lockstep generate`: C for each agent, with the design it was proved by."""
+
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from lockstep.cli.console import Answer, respond, to_json
+from lockstep.cli.files import DESIGN_NAME, read_design
+from lockstep.model.errors import NotCertified, ProblemError
+
+
+def run(path: Path, output: Path, *, optimize: str, as_json: bool) -> None:
+    """Generate the folder of a certified design."""
+    respond(as_json, lambda: _generate(path, output, optimize))
+
+
+def _generate(path: Path, output: Path, optimize: str) -> Answer:
+    from lockstep.codegen.folder import write_folder
+
+    content, stored = read_design(path)
+    files = generated_files(content, stored, optimize)
+    write_folder(files, output)
+    table = Table(title=f"{stored.problem.title}: {output}", show_header=False, title_justify="left")
+    for name in sorted(files):
+        table.add_row(name, f"{len(files[name].encode())} bytes")
+    return Answer({"ok": True, "directory": str(output), "files": sorted(files)}, table)
+
+
+def generated_files(content: dict[str, Any], stored: Any, optimize: str = "speed") -> dict[str, str]:
+    """Certify a design, and return the files generated from it.
+
+    Raises:
+        NotCertified: the checker refuses the design: C is generated from proved designs only.
+    """
+    from lockstep.codegen.bundle import bundle
+    from lockstep.codegen.emit import emit
+    from lockstep.codegen.from_design import specification
+    from lockstep.lmi.certify import certify
+
+    if optimize not in ("speed", "size"):
+        raise ProblemError(f"`--optimize` is {optimize!r}", expected='"speed" or "size"')
+    verdict = certify(stored)
+    if not verdict.certified:
+        raise NotCertified(f"no C is generated from a design that is not certified: {verdict.reason}", **verdict.figures())
+    spec = specification(stored, certified=True, content=content, optimize=optimize)  # type: ignore[arg-type]
+    return bundle(emit(spec), {DESIGN_NAME: to_json(content) + "\n"})

@@ -1,0 +1,98 @@
+"""The `lockstep` command. Each command's work is in a module of its own, imported when it is called."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    name="lockstep", no_args_is_help=True, pretty_exceptions_enable=False, add_completion=False, rich_markup_mode="rich",
+    help="From nonlinear agents and a graph to certified H-infinity consensus controllers in embedded C.",
+    epilog="Exit status: 0 every claim holds, 1 a claim does not hold, 2 the input is bad.",
+)
+
+Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
+ProblemFile = Annotated[Path, typer.Argument(metavar="PROBLEM", help="A problem file (TOML).", show_default=False)]
+DesignFile = Annotated[Path, typer.Argument(metavar="DESIGN", help="A design file, or a folder that holds one.", show_default=False)]
+Jobs = Annotated[int | None, typer.Option(min=1, help="Processes to search with.", show_default="one per core")]
+
+
+@app.callback(invoke_without_command=True)
+def _version(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    if version:
+        from importlib.metadata import version as installed
+
+        typer.echo(f"lockstep {installed('lockstep-control')}")
+        raise typer.Exit
+
+
+@app.command()
+def check(problem: ProblemFile, json: Json = False) -> None:
+    """Check a model symbolically: bound, structure, graph."""
+    from lockstep.cli.check import run
+
+    run(problem, as_json=json)
+
+
+@app.command()
+def design(
+    problem: ProblemFile,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Where to write the design.", show_default=False)] = None,
+    jobs: Jobs = None,
+    json: Json = False,
+) -> None:
+    """Design the gains, and prove the loop with those very gains."""
+    from lockstep.cli.design import run
+
+    run(problem, output, jobs=jobs, as_json=json)
+
+
+@app.command()
+def certify(design: DesignFile, json: Json = False) -> None:
+    """Check a design's proof independently: no solver, exact arithmetic."""
+    from lockstep.cli.certify import run
+
+    run(design, as_json=json)
+
+
+@app.command()
+def generate(
+    design: DesignFile,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The folder to write.", show_default=False)],
+    optimize: Annotated[str, typer.Option(help='"speed" unrolls, "size" loops over a table.')] = "speed",
+    json: Json = False,
+) -> None:
+    """Emit C for each agent's controller."""
+    from lockstep.cli.generate import run
+
+    run(design, output, optimize=optimize, as_json=json)
+
+
+@app.command()
+def verify(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A generated folder.", show_default=False)],
+    steps: Annotated[int, typer.Option(min=1, help="Closed-loop steps, and as many adversarial ones.")] = 10_000,
+    json: Json = False,
+) -> None:
+    """Compile the C and compare it, bit by bit, with the Python reference."""
+    from lockstep.cli.verify import run
+
+    run(folder, steps=steps, as_json=json)
+
+
+@app.command()
+def build(
+    problem: ProblemFile,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The folder to write.", show_default=False)],
+    jobs: Jobs = None,
+    json: Json = False,
+) -> None:
+    """All of the above, and a report."""
+    from lockstep.cli.build import run
+
+    run(problem, output, jobs=jobs, as_json=json)
+
+
+def main() -> None:
+    """Run the command."""
+    app()

@@ -1,0 +1,62 @@
+"""The target's real type: rounding to it, its C spelling, and literals that read back to the same bits."""
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.codegen.spec import Real
+from lockstep.model.errors import ProblemError
+
+
+@dataclass(frozen=True)
+class RealType:
+    """`float32` is C's `float` with the suffix f, `float64` is `double` without one."""
+
+    name: Real
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The NumPy type."""
+        return np.dtype(self.name)
+
+    @property
+    def c_name(self) -> str:
+        """`float` or `double`."""
+        return "float" if self.name == "float32" else "double"
+
+    @property
+    def bytes(self) -> int:
+        """Size in memory."""
+        return self.dtype.itemsize
+
+    def round(self, M: Float[np.ndarray, "..."], where: str) -> Float[np.ndarray, "..."]:
+        """Round float64 values to the nearest target value, ties to even; raises if one becomes infinite."""
+        with np.errstate(over="ignore", under="ignore"):
+            rounded: np.ndarray = np.asarray(M, dtype=np.float64).astype(self.dtype) + self.dtype.type(0)
+        if not np.isfinite(rounded).all():
+            raise ProblemError(
+                f"{np.abs(M).max():.6g} is not representable in {self.name}",
+                where=where,
+                remedy="use smaller gains",
+            )
+        return rounded
+
+    def decimal(self, value: float) -> str:
+        """Shortest decimal that reads back to the same bits, as a C literal without suffix.
+
+        >>> RealType("float32").decimal(np.float32(0.1)), RealType("float64").decimal(1e22)
+        ('0.1', '1e+22')
+        """
+        text = str(self.dtype.type(value))
+        return text if re.search(r"[.e]", text) else f"{text}.0"
+
+    def literal(self, value: float) -> str:
+        """A literal of the target type: no arithmetic with it is ever done in double by accident.
+
+        >>> RealType("float32").literal(-0.25), RealType("float64").literal(-0.25)
+        ('-0.25f', '-0.25')
+        """
+        return self.decimal(value) + ("f" if self.name == "float32" else "")

@@ -1,0 +1,233 @@
+"""A specification as the text of a folder: headers, sources, CMakeLists.txt, README.md, manifest.json.
+
+Pure and deterministic to the byte: no dates, no paths, no versions of tools. Gains are correctly rounded (see
+`discretize`), so the same specification gives the same text on every machine.
+"""
+
+import unicodedata
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lockstep.codegen.arithmetic import RealType
+from lockstep.codegen.budget import stack_budget, state_bytes
+from lockstep.codegen.discretize import SampledGains, discretize
+from lockstep.codegen.kernel import Kernel, straight_line
+from lockstep.codegen.manifest import (
+    FILE_NAME,
+    FORMAT,
+    Agent,
+    Arithmetic,
+    Coefficients,
+    Gains,
+    Manifest,
+    Named,
+    Plant,
+    Source,
+    sha256,
+)
+from lockstep.codegen.rendering import render
+from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant
+
+_RULES = {
+    "tustin": "Tustin's rule (trapezoidal)",
+    "zoh": "exact response to a held input (zero-order hold)",
+    "euler": "forward Euler",
+}
+ORDER_OF_SUMS = (
+    "rows of [A B; C D] times (x, r) from left to right; r = 0 + a_1 (y - y_1) + a_2 (y - y_2) + ..."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """One controller ready for printing: its table [A B; C D] and weights, rounded to the target type."""
+
+    controller: Controller
+    table: np.ndarray
+    weights: np.ndarray
+    kernel: Kernel
+
+
+def emit(spec: CodegenSpec) -> dict[str, str]:
+    """Return relative path -> text of every file of the folder, `manifest.json` last.
+
+    Raises `ProblemError` if a gain cannot be sampled or is not representable in the target type.
+    """
+    real = RealType(spec.real)
+    agents = [_sample(agent, spec, real) for agent in spec.agents]
+    context = _folder_context(spec, real)
+    views = [_agent_context(agent, real, spec.optimize) for agent in agents]
+    files: dict[str, str] = {}
+    for view in views:
+        files[f"include/{view['name']}.h"] = render("header.h.j2", **context, a=view)
+        files[f"src/{view['name']}.c"] = render("source.c.j2", **context, a=view)
+    for name in ("CMakeLists.txt", "README.md"):
+        files[name] = render(f"{name}.j2", **context, agents=views)
+    files[FILE_NAME] = _manifest(spec, agents, real, files).sealed().text()
+    return files
+
+
+def _sample(agent: Controller, spec: CodegenSpec, real: RealType) -> Sampled:
+    """Discretise in float64, then round once to the target type."""
+    where = f"controller `{agent.name}`"
+    gains: SampledGains = discretize(agent.A, agent.B, agent.C, agent.D, spec.period, spec.discretization)
+    table = real.round(gains.stacked(), where)
+    weights = real.round(
+        np.array([n.weight for n in agent.neighbours], dtype=np.float64), f"{where}, weights"
+    )
+    return Sampled(agent, table, weights, straight_line(table, agent.order, real))
+
+
+def plain(text: str) -> str:
+    """One line that is safe inside a C comment, a CMake comment and Markdown.
+
+    >>> plain("evil */ int x; /* \\n rad/s")
+    'evil * / int x; / * rad/s'
+    """
+    visible = "".join(c if unicodedata.category(c)[0] != "C" else " " for c in text)
+    safe = visible.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("??", "? ?")
+    return " ".join(safe.split())
+
+
+def claims(certificate: Mapping[str, str | float | bool | None]) -> list[str]:
+    """The datasheet's lines on what is proved; anything but `certified: True` is said to be no certificate.
+
+    >>> claims({"certified": False, "rho": 6.5})
+    ['NOT CERTIFIED: no proof covers these gains', 'rho = 6.5 (not certified)']
+    """
+    certified = certificate.get("certified") is True
+    proof = certificate.get("proof")
+    head = "NOT CERTIFIED: no proof covers these gains"
+    if certified:
+        head = "certified" + (f" (proof: {plain(str(proof))})" if proof else " (kind of proof not given)")
+    rest = [
+        f"{plain(key)} = {plain(_figure(value))}" + ("" if certified else " (not certified)")
+        for key, value in certificate.items()
+        if key not in ("certified", "proof") and value is not None
+    ]
+    return [head, *rest]
+
+
+def _figure(value: str | float | bool | None) -> str:
+    return repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "name": spec.name,
+        "title": plain(spec.title),
+        "design_hash": plain(spec.design_hash),
+        "discretization": spec.discretization,
+        "rule": _RULES[spec.discretization],
+        "period": repr(float(spec.period)),
+        "period_literal": real.literal(spec.period),
+        "real_name": real.name,
+        "c_real": real.c_name,
+        "zero": real.literal(0.0),
+        "optimize": spec.optimize,
+        "claims": claims(spec.certificate),
+    }
+
+
+def _agent_context(agent: Sampled, real: RealType, optimize: str) -> dict[str, Any]:
+    controller, M = agent.controller, agent.table
+    n, (m, q), nn = controller.order, controller.D.shape, len(controller.neighbours)
+    mask_bits = 32 if nn <= 32 else 64
+    return {
+        "name": controller.name,
+        "NAME": controller.name.upper(),
+        "order": n,
+        "q": q,
+        "m": m,
+        "nn": nn,
+        "rows": n + m,
+        "columns": n + q,
+        "outputs": [{"name": plain(s.name), "unit": plain(s.unit)} for s in controller.outputs],
+        "inputs": [{"name": plain(s.name), "unit": plain(s.unit)} for s in controller.inputs],
+        "neighbours": [
+            {"source": plain(s.source), "weight": real.decimal(w)}
+            for s, w in zip(controller.neighbours, agent.weights, strict=True)
+        ],
+        "mask_bits": mask_bits,
+        "all_received": f"0x{2**nn - 1:x}u" + ("ll" if mask_bits == 64 else ""),
+        "weights": [real.literal(w) for w in agent.weights],
+        "unit_weights": bool((agent.weights == 1).all()),
+        "table": [[real.literal(v) for v in row] for row in M],
+        "statements": agent.kernel.statements,
+        "unread": [letter for letter, used in _reads(M, n).items() if not used],
+        "checked": _checked(M, n),
+        "multiplications": agent.kernel.multiplications if optimize == "speed" else M.size,
+        "additions": agent.kernel.additions if optimize == "speed" else (n + m) * (n + q - 1),
+        "state_bytes": state_bytes(n, q, m, nn, real),
+        "stack_budget": stack_budget(n, q, m, real),
+    }
+
+
+def _reads(M: np.ndarray, order: int) -> dict[str, bool]:
+    parts = {"x": M[:, :order], "r": M[:, order:]}
+    return {letter: bool(part.any()) for letter, part in parts.items() if part.shape[1]}
+
+
+def _checked(M: np.ndarray, order: int) -> list[str]:
+    """What must be finite for a step to count: (x+, u), and each r_k that no row of the kernel reads.
+
+    A read r_k that is NaN or infinite makes its row NaN or infinite, so it needs no check of its own.
+    """
+    idle = [k for k in range(M.shape[1] - order) if not M[:, order + k].any()]
+    next_ = [f"x_next[{k}]" for k in range(order)] + [f"u_next[{k}]" for k in range(M.shape[0] - order)]
+    return [*next_, *(f"r[{k}]" for k in idle)]
+
+
+def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: Mapping[str, str]) -> Manifest:
+    plants: list[LinearPlant | None] = list(spec.plants) or [None] * len(agents)
+    return Manifest(
+        format="lockstep-controllers/1",
+        name=spec.name,
+        title=spec.title,
+        design_hash=spec.design_hash,
+        period=float(spec.period),
+        discretization=spec.discretization,
+        real=spec.real,
+        optimize=spec.optimize,
+        arithmetic=Arithmetic(
+            order=ORDER_OF_SUMS,
+            zero_terms="skipped" if spec.optimize == "speed" else "kept",
+            contraction="off",
+        ),
+        certificate=dict(spec.certificate),
+        agents=tuple(_agent_record(a, real, p) for a, p in zip(agents, plants, strict=True)),
+        files={path: sha256(text) for path, text in files.items()},
+    )
+
+
+def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None) -> Agent:
+    c, n = agent.controller, agent.controller.order
+    (m, q), M = c.D.shape, agent.table
+    blocks = {"A": M[:n, :n], "B": M[:n, n:], "C": M[n:, :n], "D": M[n:, n:]}
+    return Agent(
+        name=c.name,
+        order=n,
+        outputs=tuple(Named(name=s.name, unit=s.unit) for s in c.outputs),
+        inputs=tuple(Named(name=s.name, unit=s.unit) for s in c.inputs),
+        neighbours=tuple(
+            Source(source=s.source, weight=float(real.decimal(w)))
+            for s, w in zip(c.neighbours, agent.weights, strict=True)
+        ),
+        continuous={"A": _rows(c.A), "B": _rows(c.B), "C": _rows(c.C), "D": _rows(c.D)},
+        sampled=Gains(**{letter: Coefficients.of(block, real) for letter, block in blocks.items()}),
+        state_bytes=state_bytes(n, q, m, len(c.neighbours), real),
+        stack_budget_bytes=stack_budget(n, q, m, real),
+        plant=None
+        if plant is None
+        else Plant(
+            A=_rows(plant.A), B=_rows(plant.B), C=_rows(plant.C), x0=tuple(float(v) for v in plant.x0)
+        ),
+    )
+
+
+def _rows(M: np.ndarray) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(float(v) for v in row) for row in M)

@@ -1,0 +1,229 @@
+"""manifest.json: what a generated folder claims to be, exactly and for machines.
+
+Coefficients are written twice, as the shortest decimal that reads back and as a hexadecimal float; the two
+must agree. `files` holds the SHA-256 of every other file, `digest` that of the manifest itself without the
+key `digest`.
+"""
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal, Self
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from lockstep.codegen.arithmetic import RealType
+from lockstep.codegen.spec import MAX_NEIGHBOURS, Discretization, Optimize, Real, check_identifier
+from lockstep.model.errors import ProblemError
+
+FORMAT = "lockstep-controllers/1"
+FILE_NAME = "manifest.json"
+
+_INNERMOST_LIST = re.compile(r'\[(?:\s*(?:-?[\d.eE+-]+|"[-+0-9a-fx.p]+"),?)+\s*\]')
+"""A list of numbers or hexadecimal floats as `json` spreads it; a matrix row reads better on one line."""
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class Coefficients(_Record):
+    """A matrix of target values: shortest decimals that read back to the same bits, and exact hexadecimal."""
+
+    decimal: tuple[tuple[float, ...], ...]
+    hex: tuple[tuple[str, ...], ...]
+
+    @classmethod
+    def of(cls, M: Float[np.ndarray, "rows cols"], real: RealType) -> Self:
+        """Write down a matrix whose entries are already rounded to `real`."""
+        return cls(
+            decimal=tuple(tuple(float(real.decimal(v)) for v in row) for row in M),
+            hex=tuple(tuple(float(v).hex() for v in row) for row in M),
+        )
+
+    def array(self, shape: tuple[int, int], real: RealType, where: str) -> Float[np.ndarray, "rows cols"]:
+        """The matrix in the target type; raises if the shape is wrong or decimal and hexadecimal disagree."""
+        try:
+            exact = np.array([[float.fromhex(text) for text in row] for row in self.hex], dtype=np.float64)
+            decimal = np.array(self.decimal, dtype=np.float64)
+        except ValueError as error:
+            raise ProblemError(f"not a matrix of numbers ({error})", where=where) from None
+        if 0 in shape:
+            exact, decimal = (M.reshape(shape) if M.size == 0 else M for M in (exact, decimal))
+        if exact.shape != shape or decimal.shape != shape:
+            raise ProblemError(f"the shape is {exact.shape}", where=where, expected=str(shape))
+        rounded = real.round(exact, where)
+        if (rounded != exact).any() or (real.round(decimal, where) != rounded).any():
+            raise ProblemError(
+                "decimal and hexadecimal disagree, or are no exact " + real.name,
+                where=where,
+                remedy="generate the folder again",
+            )
+        return rounded
+
+
+class Named(_Record):
+    """A signal."""
+
+    name: str
+    unit: str
+
+
+class Source(_Record):
+    """A neighbour and its weight a_ij, rounded to the target type."""
+
+    source: str
+    weight: float
+
+
+class Gains(_Record):
+    """[A B; C D] of the sampled controller, rounded to the target type."""
+
+    A: Coefficients
+    B: Coefficients
+    C: Coefficients
+    D: Coefficients
+
+
+Rows = tuple[tuple[float, ...], ...]
+
+
+class Plant(_Record):
+    """The agent's linear part and start: closed-loop test data are made from it."""
+
+    A: Rows
+    B: Rows
+    C: Rows
+    x0: tuple[float, ...]
+
+
+class Agent(_Record):
+    """One controller of the folder."""
+
+    name: str
+    order: int = Field(ge=0)
+    outputs: tuple[Named, ...] = Field(min_length=1)
+    inputs: tuple[Named, ...] = Field(min_length=1)
+    neighbours: tuple[Source, ...] = Field(max_length=MAX_NEIGHBOURS)
+    continuous: dict[Literal["A", "B", "C", "D"], Rows]
+    sampled: Gains
+    state_bytes: int
+    stack_budget_bytes: int
+    plant: Plant | None = None
+
+    def table(self, real: RealType) -> Float[np.ndarray, "nc+m nc+q"]:
+        """[A B; C D] in the target type."""
+        n, q, m = self.order, len(self.outputs), len(self.inputs)
+        where = f"{FILE_NAME}, agent `{self.name}`"
+        A, B, C, D = (
+            getattr(self.sampled, letter).array(shape, real, f"{where}, {letter}")
+            for letter, shape in {"A": (n, n), "B": (n, q), "C": (m, n), "D": (m, q)}.items()
+        )
+        return np.block([[A, B], [C, D]])
+
+    def weights(self, real: RealType) -> Float[np.ndarray, " nn"]:
+        """The weights a_ij in the target type."""
+        given = np.array([source.weight for source in self.neighbours], dtype=np.float64)
+        return real.round(given, f"{FILE_NAME}, agent `{self.name}`, weights")
+
+
+class Arithmetic(_Record):
+    """How sums are formed: fixed by this format, so that a reader need not guess."""
+
+    order: str
+    zero_terms: Literal["skipped", "kept"]
+    contraction: Literal["off"]
+
+
+class Manifest(_Record):
+    """The whole of manifest.json."""
+
+    format: Literal["lockstep-controllers/1"]
+    name: str
+    title: str
+    design_hash: str
+    period: float = Field(gt=0, allow_inf_nan=False)
+    discretization: Discretization
+    real: Real
+    optimize: Optimize
+    arithmetic: Arithmetic
+    certificate: dict[str, str | float | bool | None]
+    agents: tuple[Agent, ...] = Field(min_length=1)
+    files: dict[str, str]
+    digest: str = ""
+
+    @model_validator(mode="after")
+    def _safe(self) -> Self:
+        for path in self.files:
+            parts = PurePosixPath(path)
+            if parts.is_absolute() or ".." in parts.parts or "\\" in path:
+                raise ValueError(f"the path `{path}` leaves the folder")
+        return self
+
+    @property
+    def real_type(self) -> RealType:
+        """The arithmetic of the C code."""
+        return RealType(self.real)
+
+    def sealed(self) -> "Manifest":
+        """The same manifest with its digest."""
+        return self.model_copy(update={"digest": _digest(self._plain())})
+
+    def text(self) -> str:
+        """The JSON text of the file."""
+        spread = json.dumps(self._plain(), indent=1, ensure_ascii=False, allow_nan=False)
+        return _INNERMOST_LIST.sub(lambda found: " ".join(found.group().split()), spread) + "\n"
+
+    def _plain(self) -> dict[str, Any]:
+        return self.model_dump(mode="json", exclude_none=False)
+
+
+def sha256(text: str) -> str:
+    """Hexadecimal SHA-256 of a file's text in UTF-8."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _digest(plain: Mapping[str, Any]) -> str:
+    content = {key: value for key, value in plain.items() if key != "digest"}
+    return sha256(json.dumps(content, sort_keys=True, ensure_ascii=False, separators=(",", ":")))
+
+
+def load_manifest(directory: Path | str) -> Manifest:
+    """Read and check manifest.json; raises `ProblemError` if it is missing, malformed or inconsistent.
+
+    A wrong digest is no error here: `verify_folder` reports it as a changed file.
+    """
+    path = Path(directory) / FILE_NAME
+    try:
+        manifest = Manifest.model_validate_json(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ProblemError(
+            f"there is no {FILE_NAME}",
+            where=str(directory),
+            remedy="name a folder that `lockstep generate` wrote",
+        ) from None
+    except OSError as error:
+        raise ProblemError(f"cannot be read ({error.strerror})", where=str(path)) from None
+    except UnicodeDecodeError:
+        raise ProblemError("not UTF-8 text", where=str(path)) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise ProblemError(
+            f"{first['msg']}{f' at `{place}`' if place else ''}",
+            where=str(path),
+            remedy="generate the folder again",
+        ) from None
+    for agent in manifest.agents:
+        check_identifier(agent.name, str(path))
+        agent.table(manifest.real_type)
+    return manifest
+
+
+def manifest_is_intact(manifest: Manifest) -> bool:
+    """Whether the manifest is what was written with its digest."""
+    return manifest.digest == manifest.sealed().digest

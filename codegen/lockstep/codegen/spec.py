@@ -1,0 +1,272 @@
+"""What the code generator is asked for: controllers (9) with their Laplacian rows, a period, an arithmetic.
+
+One agent's controller, paper (9):  x_C' = A x_C + B r,  u = C x_C + D r,  r = sum_j a_ij (y_i - y_j).
+"""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from lockstep.model.errors import ProblemError
+
+Discretization = Literal["tustin", "zoh", "euler"]
+Real = Literal["float32", "float64"]
+Optimize = Literal["speed", "size"]
+
+MAX_NEIGHBOURS = 64
+"""One bit of the `received` mask each, and no C99 integer is wider than 64 bits."""
+
+_KEYWORDS = frozenset(
+    """auto break case char const continue default do double else enum extern float for goto if inline int
+    long register restrict return short signed sizeof static struct switch typedef union unsigned void
+    volatile while main asm fortran typeof bool true false class namespace template this new delete operator
+    private public protected virtual try catch throw using""".split()  # noqa: SIM905
+)
+_IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
+
+
+def check_identifier(name: str, where: str) -> None:
+    """Refuse a name that cannot prefix C identifiers and file names (C99 6.4.2; C++ keywords too).
+
+    >>> check_identifier("arm 1", "agent")
+    Traceback (most recent call last):
+    lockstep.model.errors.ProblemError: agent: `arm 1` is no C identifier; expected a letter, then ...
+    """
+    if not _IDENTIFIER.fullmatch(name) or name in _KEYWORDS:
+        raise ProblemError(
+            f"`{name}` is no C identifier",
+            where=where,
+            expected="a letter, then at most 39 letters, digits or underscores, and no keyword",
+            remedy="rename it: the name prefixes the generated functions",
+        )
+
+
+def matrix(value: ArrayLike, shape: tuple[int, int], where: str) -> Float[np.ndarray, "rows cols"]:
+    """Return a read-only float64 copy of `value`; an empty one takes the empty shape asked for."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ProblemError(f"not a matrix of numbers ({error})", where=where) from None
+    if array.size == 0 and 0 in shape:
+        array = array.reshape(shape)
+    if array.shape != shape:
+        raise ProblemError(
+            f"the shape is {' x '.join(map(str, array.shape)) or 'a scalar'}",
+            where=where,
+            expected=f"{shape[0]} x {shape[1]}",
+        )
+    if not np.isfinite(array).all():
+        raise ProblemError("an entry is NaN or infinite", where=where, expected="finite numbers")
+    array += 0.0  # -0 becomes +0: a zero coefficient has one bit pattern
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A named input or output: its name and its unit (both only ever printed)."""
+
+    name: str
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Neighbour:
+    """One source that the agent listens to: its name and the edge's weight a_ij > 0."""
+
+    source: str
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.weight) and self.weight > 0):
+            raise ProblemError(
+                f"the weight is {self.weight!r}",
+                where=f"neighbour `{self.source}`",
+                expected="a finite number above 0",
+                remedy="leave an edge of weight 0 out",
+            )
+
+
+def _signals(given: tuple[Signal, ...], count: int, letter: str, where: str) -> tuple[Signal, ...]:
+    if not given:
+        return tuple(Signal(f"{letter}{k + 1}") for k in range(count))
+    if len(given) != count:
+        raise ProblemError(f"{len(given)} signals are named", where=where, expected=f"{count}")
+    return tuple(given)
+
+
+@dataclass(frozen=True, eq=False)
+class Controller:
+    """One agent's continuous controller (9) and its row of the Laplacian.
+
+    name        prefix of everything generated for this agent (a C identifier)
+    A, B, C, D  continuous gains: nc x nc, nc x q, m x nc, m x q (nc = 0: static output feedback, Remark 1)
+    neighbours  the sources j with a_ij > 0, in the order of the mask bits; none: the relative output is 0
+    outputs, inputs  the plant's measured outputs y (q) and inputs u (m): names and units for the header
+    """
+
+    name: str
+    A: Float[np.ndarray, "nc nc"]
+    B: Float[np.ndarray, "nc q"]
+    C: Float[np.ndarray, "m nc"]
+    D: Float[np.ndarray, "m q"]
+    neighbours: tuple[Neighbour, ...] = ()
+    outputs: tuple[Signal, ...] = ()
+    inputs: tuple[Signal, ...] = ()
+
+    def __post_init__(self) -> None:
+        where = f"controller `{self.name}`"
+        check_identifier(self.name, where)
+        D = np.array(self.D, dtype=np.float64)
+        if D.ndim != 2 or 0 in D.shape:
+            raise ProblemError(
+                f"D has the shape {D.shape}", where=where, expected="inputs x outputs, one or more each"
+            )
+        m, q = D.shape
+        nc = len(self.A)
+        for letter, shape in {"A": (nc, nc), "B": (nc, q), "C": (m, nc), "D": (m, q)}.items():
+            object.__setattr__(self, letter, matrix(getattr(self, letter), shape, f"{where}, {letter}"))
+        self._check_neighbours(where)
+        object.__setattr__(self, "outputs", _signals(self.outputs, q, "y", f"{where}, outputs"))
+        object.__setattr__(self, "inputs", _signals(self.inputs, m, "u", f"{where}, inputs"))
+
+    def _check_neighbours(self, where: str) -> None:
+        object.__setattr__(self, "neighbours", tuple(self.neighbours))
+        sources = [neighbour.source for neighbour in self.neighbours]
+        if len(sources) > MAX_NEIGHBOURS:
+            raise ProblemError(
+                f"{len(sources)} neighbours",
+                where=where,
+                expected=f"at most {MAX_NEIGHBOURS}: one mask bit each",
+            )
+        if len(set(sources)) < len(sources):
+            raise ProblemError(
+                "a neighbour appears twice", where=where, remedy="add the weights into one edge"
+            )
+
+    @property
+    def order(self) -> int:
+        """The number nc of controller states."""
+        return int(self.A.shape[0])
+
+    @property
+    def in_degree(self) -> float:
+        """The diagonal entry of the Laplacian row, sum_j a_ij."""
+        return math.fsum(neighbour.weight for neighbour in self.neighbours)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearPlant:
+    """The linear part x' = A x + B u, y = C x of one agent, and a start x0: for closed-loop test data."""
+
+    A: Float[np.ndarray, "n n"]
+    B: Float[np.ndarray, "n m"]
+    C: Float[np.ndarray, "q n"]
+    x0: Float[np.ndarray, " n"]
+
+    def __post_init__(self) -> None:
+        n, m, q = len(self.A), np.shape(self.B)[-1], len(self.C)
+        for letter, shape in {"A": (n, n), "B": (n, m), "C": (q, n)}.items():
+            object.__setattr__(self, letter, matrix(getattr(self, letter), shape, f"plant, {letter}"))
+        x0 = matrix(np.reshape(self.x0, (1, -1)), (1, n), "plant, x0")[0]
+        object.__setattr__(self, "x0", x0)
+
+
+@dataclass(frozen=True, eq=False)
+class CodegenSpec:
+    """Everything the generated folder depends on.
+
+    agents          the controllers, in the network's order
+    period          sampling period in s
+    discretization  "tustin" (default), "zoh" or "euler"
+    real            arithmetic of the C code
+    optimize        "speed" (unrolled, gains as literals) or "size" (a loop over a table)
+    name            the CMake target
+    title           one line for headers and README
+    certificate     figures for the datasheet (alpha, rho, fragility, certified, proof, ...); printed, never
+    interpreted,
+                    except that anything but `certified: True` is printed as NOT CERTIFIED
+    design_hash     identifies the design that the gains come from
+    plants          optional, one per agent: `verify` then closes the loop around the reference
+    """
+
+    agents: tuple[Controller, ...]
+    period: float
+    discretization: Discretization = "tustin"
+    real: Real = "float32"
+    optimize: Optimize = "speed"
+    name: str = "controllers"
+    title: str = "Consensus controllers"
+    certificate: Mapping[str, str | float | bool | None] = field(default_factory=dict)
+    design_hash: str = ""
+    plants: tuple[LinearPlant, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "agents", tuple(self.agents))
+        object.__setattr__(self, "plants", tuple(self.plants))
+        check_identifier(self.name, "name")
+        check_period(self.period)
+        _choice(self.discretization, ("tustin", "zoh", "euler"), "discretization")
+        _choice(self.real, ("float32", "float64"), "real")
+        _choice(self.optimize, ("speed", "size"), "optimize")
+        self._check_agents()
+        self._check_plants()
+
+    def _check_agents(self) -> None:
+        names = [agent.name.lower() for agent in self.agents]
+        if not names:
+            raise ProblemError("no agent", where="agents", expected="one or more controllers")
+        if len(set(names)) < len(names):
+            raise ProblemError(
+                "two agents have one name (letter case aside)",
+                where="agents",
+                remedy="give each its own prefix",
+            )
+
+        by_name = {agent.name: agent for agent in self.agents}
+        for agent in self.agents:
+            for neighbour in agent.neighbours:
+                source = by_name.get(neighbour.source)
+                if source and len(source.D[0]) != len(agent.D[0]):
+                    raise ProblemError(
+                        f"`{source.name}` has {len(source.D[0])} outputs, `{agent.name}` {len(agent.D[0])}",
+                        where=f"controller `{agent.name}`",
+                        expected="as many: y_i - y_j is formed",
+                    )
+
+    def _check_plants(self) -> None:
+        if not self.plants:
+            return
+        if len(self.plants) != len(self.agents):
+            raise ProblemError(
+                f"{len(self.plants)} plants", where="plants", expected=f"{len(self.agents)}, or none"
+            )
+        names = {agent.name for agent in self.agents}
+        for agent, plant in zip(self.agents, self.plants, strict=True):
+            if (plant.B.shape[1], plant.C.shape[0]) != agent.D.shape:
+                raise ProblemError(
+                    "inputs or outputs differ from the controller's", where=f"plant of `{agent.name}`"
+                )
+            if missing := [n.source for n in agent.neighbours if n.source not in names]:
+                raise ProblemError(
+                    f"the source `{missing[0]}` is no agent", where=f"controller `{agent.name}`"
+                )
+
+
+def check_period(period: float) -> None:
+    """Refuse a period that is not a positive finite number of seconds."""
+    if isinstance(period, bool) or not (math.isfinite(period) and period > 0):
+        raise ProblemError(
+            f"the period is {period!r}", where="period", expected="a finite number of seconds above 0"
+        )
+
+
+def _choice(value: str, allowed: tuple[str, ...], where: str) -> None:
+    if value not in allowed:
+        raise ProblemError(f"`{value}`", where=where, expected=" or ".join(allowed))

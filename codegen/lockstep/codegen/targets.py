@@ -1,0 +1,116 @@
+"""Where the C is run: this machine with each compiler, with sanitizers, and an emulated Cortex-M4F."""
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from lockstep.codegen.emulator import missing_packages, run_on_cortex_m4f
+from lockstep.codegen.harness import Run, run_on_host
+from lockstep.codegen.manifest import Agent, Manifest
+from lockstep.codegen.stimulus import Calls
+from lockstep.codegen.toolchain import Compiler, host_compilers, run, zig
+from lockstep.model.errors import ClaimError, ProblemError
+
+Runner = Callable[[Manifest, Path, Mapping[str, Calls], Path], Iterator[tuple[Agent, Run]]]
+
+GROUPS = ("host", "sanitizers", "cortex-m4f")
+"""host: each compiler at -O0, -O2, -O3. sanitizers: address, undefined behaviour. cortex-m4f: emulated."""
+
+LEVELS = ("-O0", "-O2", "-O3")
+
+_SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+
+
+@dataclass(frozen=True)
+class Target:
+    """One way to compile and run the C; `skipped` says why it cannot be done here."""
+
+    name: str
+    run: Runner
+    skipped: str = ""
+
+
+def targets_of(groups: Sequence[str], manifest: Manifest) -> list[Target]:
+    """The targets of the groups named, those that cannot run here marked as skipped."""
+    if isinstance(groups, str):
+        groups = [groups]
+    if unknown := [group for group in groups if group not in GROUPS]:
+        raise ProblemError(f"`{unknown[0]}`", where="targets", expected=" or ".join(GROUPS))
+    makers = {"host": _host, "sanitizers": _sanitizers, "cortex-m4f": _cortex_m4f}
+    return [target for group in dict.fromkeys(groups) for target in makers[group](manifest)]
+
+
+def _host(_: Manifest) -> Iterator[Target]:
+    compilers = host_compilers()
+    for compiler in compilers:
+        plain = (
+            ("-fno-sanitize=undefined",) if compiler.is_zig else ()
+        )  # zig adds it at -O0 and links a library
+        for level in LEVELS:
+            yield Target(f"host {compiler.name} {level}", _on_host(compiler, (level, *plain)))
+    if not compilers:
+        yield _skipped("host", "no C compiler: set CC, install gcc or clang, or the extra `toolchain`")
+
+
+def _sanitizers(_: Manifest) -> Iterator[Target]:
+    for compiler in host_compilers():
+        name = f"host {compiler.name} address and undefined-behaviour sanitizers"
+        if reason := _no_sanitizers(compiler):
+            yield _skipped(name, reason)
+        else:
+            yield Target(name, _on_host(compiler, _SANITIZERS))
+
+
+def _no_sanitizers(compiler: Compiler) -> str:
+    """Why the sanitizers do not work with this compiler, found out by a program that does nothing."""
+    if compiler.is_zig:
+        return "zig ships no address sanitizer"
+    with tempfile.TemporaryDirectory(prefix="lockstep-") as temporary:
+        directory = Path(temporary)
+        (directory / "nothing.c").write_text("int main(void) { return 0; }\n", encoding="utf-8")
+        try:
+            run([*compiler.command, *_SANITIZERS, "nothing.c", "-o", "nothing"], directory, "linking", 60)
+            run([str(directory / "nothing")], directory, "starting", 60)
+        except ClaimError as error:
+            return f"they do not work with this compiler ({str(error)[:200]})"
+    return ""
+
+
+def _cortex_m4f(_: Manifest) -> Iterator[Target]:
+    compiler = zig()
+    missing = missing_packages() + ([] if compiler else ["ziglang"])
+    for level in ("-O2", "-Os"):
+        name = f"Cortex-M4F zig cc {level}, emulated"
+        if compiler is None or missing:
+            yield _skipped(name, f"not installed: {', '.join(missing)} (extra `emulator`)")
+        else:
+            yield Target(name, partial(_emulated, compiler, level))
+
+
+def _emulated(
+    compiler: Compiler,
+    level: str,
+    manifest: Manifest,
+    folder: Path,
+    calls: Mapping[str, Calls],
+    directory: Path,
+) -> Iterator[tuple[Agent, Run]]:
+    return run_on_cortex_m4f(manifest, folder, calls, compiler, level, directory)
+
+
+def _on_host(compiler: Compiler, flags: Sequence[str]) -> Runner:
+    def start(
+        manifest: Manifest, folder: Path, calls: Mapping[str, Calls], directory: Path
+    ) -> Iterator[tuple[Agent, Run]]:
+        return run_on_host(manifest, folder, calls, compiler, flags, directory)
+
+    return start
+
+
+def _skipped(name: str, reason: str) -> Target:
+    def never(*_: object) -> Iterator[tuple[Agent, Run]]:
+        raise ClaimError(f"{name} is skipped: {reason}")
+
+    return Target(name, never, reason)

@@ -1,0 +1,114 @@
+"""The compilers at hand, and running them: with a time limit, in a temporary directory, errors as claims."""
+
+import importlib.util
+import os
+import shlex
+import shutil
+import stat
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from lockstep.model.errors import ClaimError, ProblemError
+
+WARNINGS = (
+    *(
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Wpedantic",
+        "-Wconversion",
+        "-Wdouble-promotion",
+        "-Wmissing-prototypes",
+    ),
+    *("-Wshadow", "-Werror", "-ffp-contract=off"),
+)
+"""What the generated C must pass without a word; contraction is off because each operation rounds once."""
+
+COMPILE_SECONDS = 180
+RUN_SECONDS = 120
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A C compiler: its short name for reports and how to call it."""
+
+    name: str
+    command: tuple[str, ...]
+    is_zig: bool = False
+
+
+def zig() -> Compiler | None:
+    """The compiler of the `ziglang` package (extra `toolchain`), if it is installed."""
+    if importlib.util.find_spec("ziglang") is None:
+        return None
+    return Compiler("zig cc", (sys.executable, "-m", "ziglang", "cc"), is_zig=True)
+
+
+def host_compilers() -> list[Compiler]:
+    """Each distinct compiler for this machine: `$CC`, gcc, clang, cc; if there is none of them, zig.
+
+    Raises `ProblemError` if `$CC` is set to something that is not there.
+    """
+    found: dict[str, Compiler] = {}
+    chosen = shlex.split(os.environ.get("CC", ""))
+    for command in filter(None, [chosen, ["gcc"], ["clang"], ["cc"]]):
+        path = shutil.which(command[0])
+        if path is None:
+            if command is chosen:
+                raise ProblemError(
+                    f"`{command[0]}` is not found", where="the variable CC", remedy="unset or correct it"
+                )
+            continue
+        found.setdefault(os.path.realpath(path), Compiler(Path(command[0]).name, (path, *command[1:])))
+    fallback = zig()
+    return list(found.values()) or ([fallback] if fallback else [])
+
+
+def environment() -> dict[str, str]:
+    """The environment for compilers: zig keeps its cache in the temporary directory unless told otherwise."""
+    values = dict(os.environ)
+    if "ZIG_GLOBAL_CACHE_DIR" not in values:
+        values["ZIG_GLOBAL_CACHE_DIR"] = str(_zig_cache())
+    return values
+
+
+def _zig_cache() -> Path:
+    """One cache per user that outlives a run: filling it takes zig about ten seconds."""
+    user = os.getuid() if hasattr(os, "getuid") else 0
+    cache = Path(tempfile.gettempdir()) / f"lockstep-zig-cache-{user}"
+    try:
+        cache.mkdir(mode=0o700, exist_ok=True)
+        status = cache.lstat()
+        private = stat.S_ISDIR(status.st_mode) and status.st_uid == user and not status.st_mode & 0o022
+    except OSError:
+        private = False
+    return cache if private else Path(tempfile.mkdtemp(prefix="lockstep-zig-"))
+
+
+def run(command: Sequence[str], directory: Path, what: str, seconds: float) -> str:
+    """Run a command, return its output; raises `ClaimError` with its message if it fails or hangs."""
+    try:
+        done = subprocess.run(
+            list(command),
+            cwd=directory,
+            env={**environment(), "ZIG_LOCAL_CACHE_DIR": str(directory / "zig-cache")},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=seconds,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise ClaimError(f"{what} took longer than {seconds} s", seconds=seconds) from None
+    except OSError as error:
+        raise ClaimError(f"{what} could not be started: {error.strerror}") from None
+    if done.returncode != 0:
+        message = done.stderr.decode(errors="replace").replace(f"{directory}{os.sep}", "").strip()
+        raise ClaimError(
+            f"{what} failed (status {done.returncode}): {message[:2000] or 'no message'}",
+            status=done.returncode,
+        )
+    return done.stdout.decode(errors="replace")

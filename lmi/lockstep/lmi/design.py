@@ -1,0 +1,175 @@
+"""From a problem to gains with a proved certificate.
+
+    bound      |phi(a, t) - phi(b, t)| <= alpha |a - b|, proved by `model.bound`
+    network    the loop in disagreement coordinates, G and H scaled as the bound was proved
+    gains      found by `search` (certified), read from the file (given), or recovered as printed (theorem1, corollary1)
+    proof      `rounding.prove`: a certificate in short decimals, decided exactly
+
+Whatever the method, gains count as certified only by the last step.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.lmi.inequality import Certificate, Claim
+from lockstep.lmi.rounding import prove
+from lockstep.model.assembly import bound_of, network_of
+from lockstep.model.bound import Bound
+from lockstep.model.errors import BoundNotProved, Infeasible, NotCertified, ProblemError
+from lockstep.model.loop import Gains
+from lockstep.model.network import Network
+from lockstep.model.problem import Problem
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the part of it that is done, from 0 to 1."""
+
+GAIN_DIGITS = 6
+"""Significant decimals of designed gains: people read them, and a certificate is found for them as rounded."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """Gains, what is claimed of the loop with them, and the certificate, if one was proved.
+
+    figures: what else is known: floor, abscissa, gain norms, the history of the search, the audit of a theorem.
+    """
+
+    problem: Problem
+    network: Network
+    bound: Bound
+    claim: Claim
+    gains: Gains
+    certificate: Certificate | None
+    figures: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def certified(self) -> bool:
+        """Whether a certificate was proved exactly."""
+        return self.certificate is not None
+
+
+def design(problem: Problem, *, jobs: int | None = None, progress: Progress | None = None) -> Design:
+    """Design or take the gains of a problem and prove them.
+
+    Args:
+        problem: checked by `problem.validate()` first.
+        jobs: processes to search with; by default one per core.
+        progress: told what is going on.
+
+    Raises:
+        ProblemError: the problem cannot be posed (no spanning tree, no finite bound, a method not built yet).
+        BoundNotProved: `[design] alpha` is below a slope the nonlinearity reaches.
+        Infeasible: no gains were found; the figures say how far the search came.
+        NotCertified: the gains are there but not certified; the figures carry them and the audit.
+    """
+    tell = progress or (lambda _what, _part: None)
+    problem.validate()
+    tell("proving the bound of the nonlinearity", 0.0)
+    bound = proved_bound(problem)
+    network = network_of(problem, bound)
+    claim = claim_of(problem, bound)
+    match problem.design.method:
+        case "certified":
+            return _searched(problem, network, bound, claim, jobs, tell)
+        case "given":
+            return _given(problem, network, bound, claim, tell)
+        case "theorem1" | "corollary1":
+            return _as_printed(problem, network, bound, claim, tell)
+        case other:
+            raise ProblemError(f'`method = "{other}"` is not built yet', where="[design] method",
+                               expected='"certified", "given", "theorem1" or "corollary1"')
+
+
+def proved_bound(problem: Problem) -> Bound:
+    """Prove the smallest bound, or the `alpha` the problem gives.
+
+    Raises:
+        BoundNotProved: the given alpha is refuted, with a witness, or undecided.
+    """
+    return bound_of(problem.agent(), alpha=problem.design.alpha).or_raise()
+
+
+def claim_of(problem: Problem, bound: Bound) -> Claim:
+    """Return what is to be certified: alpha as given or as proved, R, Q and delta of the problem."""
+    alpha = problem.design.alpha if problem.design.alpha is not None else bound.alpha
+    fragility = problem.fragility
+    delta = np.tile([fragility[letter] for letter in "ABCD"], (problem.graph().N, 1))
+    return Claim(float(alpha), problem.state_weight(problem.agent().n), problem.controller_weight(problem.order), delta)
+
+
+def given_gains(problem: Problem) -> Gains:
+    """Return the gains of method "given"."""
+    gains = problem.gains or ()
+    return Gains(*(tuple(np.asarray(getattr(one, letter), dtype=float) for one in gains) for letter in "ABCD"))
+
+
+def short(K: Float[np.ndarray, "N k l"], gain_limit: float) -> Float[np.ndarray, "N k l"]:
+    """Round gains to short decimals, staying within the limit on each block's spectral norm."""
+    unit = 10.0 ** (np.floor(np.log10(max(float(np.abs(K).max()), 1e-300))) - GAIN_DIGITS + 1)
+    blocks = []
+    for block in K:
+        norm = float(np.linalg.norm(block, 2))
+        room = gain_limit * (1 - 1e-6)
+        blocks.append(block * min(1.0, room / norm) if norm > 0 else block)
+    return np.vectorize(lambda x: float(f"{round(x / unit) * unit:.12g}"))(np.stack(blocks)) + 0.0
+
+
+def _searched(problem: Problem, network: Network, bound: Bound, claim: Claim, jobs: int | None, tell: Progress) -> Design:
+    from lockstep.lmi.search import search
+
+    found = search(network.loop(problem.order), claim, problem.design.gain_limit, starts=problem.design.starts,
+                   seed=problem.design.seed, jobs=jobs, tell=lambda part: tell("searching for gains", part))
+    if found.K is None:
+        raise Infeasible(f"no gains of order {problem.order} within gain_limit {problem.design.gain_limit:g} were found that carry"
+                         f" alpha = {claim.alpha:.6g}; the best of {problem.design.starts} starts carried {found.fraction:.3g} of it",
+                         alpha=claim.alpha, fraction=found.fraction, reachable_alpha=found.fraction * claim.alpha)
+    tell("proving the certificate", 0.0)
+    gains = Gains.from_blocks(short(found.K, problem.design.gain_limit), problem.order)
+    certificate = prove(network, gains, claim)
+    figures = _figures(network, gains) | {"history": list(found.history), **_floor(problem, network, claim, tell)}
+    return Design(problem, network, bound, claim, gains, certificate, figures)
+
+
+def _given(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Design:
+    gains = given_gains(problem)
+    tell("looking for a certificate of the given gains", 0.0)
+    certificate = prove(network, gains, claim, rho=problem.design.rho)
+    return Design(problem, network, bound, claim, gains, certificate, _figures(network, gains))
+
+
+def _as_printed(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Design:
+    from lockstep.lmi.paper import solve_as_printed
+
+    tell(f"solving {'(34)' if problem.design.method == 'corollary1' else '(19)'} as printed", 0.0)
+    delta = None if problem.design.method == "corollary1" else claim.delta[0]
+    audit = solve_as_printed(network, problem.order, claim.R, claim.Q, delta)
+    figures = _figures(network, audit.gains) | {
+        "audit": {"objective": audit.objective, "rho": audit.rho, "alpha": list(audit.alpha), "residual": audit.residual,
+                  "abscissa": audit.abscissa}}
+    try:
+        certificate = prove(network, audit.gains, claim)
+    except NotCertified as error:
+        raise NotCertified(f"as printed, the recovered loop is not certified: (22) misses k_i by {audit.residual:.3g} of its size, and"
+                           f" the recovered loop has the abscissa {audit.abscissa:.3g}; {error}",
+                           residual=audit.residual, abscissa=audit.abscissa,
+                           design=Design(problem, network, bound, claim, audit.gains, None, figures)) from None
+    return Design(problem, network, bound, claim, audit.gains, certificate, figures)
+
+
+def _figures(network: Network, gains: Gains) -> dict[str, Any]:
+    poles = np.linalg.eigvals(network.loop(gains.order).A_cl(gains.blocks))
+    return {"abscissa": float(poles.real.max()), "gain_norms": gains.norms}
+
+
+def _floor(problem: Problem, network: Network, claim: Claim, tell: Progress) -> dict[str, Any]:
+    """Return the floor where it is comparable: in orthonormal coordinates."""
+    if problem.design.coordinates != "orthonormal":
+        return {}
+    from lockstep.lmi.floor import floor_rho
+
+    tell("computing the floor", 0.0)
+    return {"floor": floor_rho(network, claim.alpha, claim.R)}

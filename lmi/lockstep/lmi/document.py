@@ -1,0 +1,157 @@
+"""design.json: a design as text, complete enough to be proved again by someone who trusts nothing here.
+
+The file holds the problem, not matrices derived from it: `certify` builds them anew. Every number is read as the IEEE double it
+denotes, and that double is taken exactly.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lockstep.lmi.design import Design
+from lockstep.lmi.inequality import Certificate
+from lockstep.model.errors import ProblemError
+from lockstep.model.loop import Gains
+from lockstep.model.problem import Problem
+
+FORMAT = "lockstep-design/1"
+
+
+@dataclass(frozen=True)
+class Stored:
+    """What a design file says: the problem, the gains, and what is claimed of them."""
+
+    problem: Problem
+    gains: Gains
+    alpha: float
+    fragility: Mapping[str, float]
+    certificate: Certificate | None
+
+
+def document(design: Design) -> dict[str, Any]:
+    """Return a design as plain JSON types, with the keys of the contract."""
+    c = design.certificate
+    return {
+        "format": FORMAT,
+        "title": design.problem.title,
+        "method": design.problem.design.method,
+        "certified": design.certified,
+        "proof": "exact" if design.certified else "none",
+        "rho": None if c is None else c.rho,
+        "alpha": design.claim.alpha,
+        "fragility": design.problem.fragility,
+        "coordinates": design.network.coordinates,
+        "gains": [{letter: getattr(design.gains, letter)[i].tolist() for letter in "ABCD"} for i in range(design.gains.N)],
+        "certificate": None if c is None else {
+            "P": c.P.tolist(), "m": c.m.tolist(), "t": c.t.tolist(),
+            "pairs": [[i + 1, j + 1] for i, j in design.network.loop(design.gains.order).d.pairs()]},
+        "sampled": {"certified": False, "period": design.problem.controller.period, "max_period": None},
+        "figures": design.figures,
+        "problem": design.problem.document(),
+    }
+
+
+def read(path: Path) -> Stored:
+    """Read a design file.
+
+    Raises:
+        ProblemError: not there, not JSON, not a design file, or a part missing or of the wrong shape.
+    """
+    return parse(load_json(path), str(path))
+
+
+def parse(content: Any, where: str) -> Stored:
+    """Check what a design file holds and return it."""
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        found = content.get("format") if isinstance(content, dict) else type(content).__name__
+        raise ProblemError(f"`format` is {found!r}", where=where, expected=repr(FORMAT),
+                           remedy="give a file written by `lockstep design`")
+    try:
+        problem = Problem.from_document(_part(content, "problem", dict))
+    except ProblemError as error:
+        raise error.within(where) from None
+    try:
+        gains = Gains(*(tuple(_matrix(one, letter, f"gains of agent {i}", _gain_shape(problem, letter))
+                              for i, one in enumerate(_part(content, "gains", list), start=1)) for letter in "ABCD"))
+        if gains.N != problem.graph().N:
+            raise ProblemError(f"gains for {gains.N} agents", where="gains", expected=f"{problem.graph().N}")
+        fragility = _part(content, "fragility", dict)
+        delta = {letter: _number(fragility.get(letter), f"fragility {letter}") for letter in "ABCD"}
+        if min(delta.values()) < 0:
+            raise ProblemError(f"`fragility` is {dict(delta)}", expected="numbers that are not negative")
+        return Stored(problem, gains, _number(content.get("alpha"), "alpha"), delta, _certificate(content, problem, delta))
+    except ProblemError as error:
+        raise error.within(where) from None
+
+
+def load_json(path: Path) -> Any:
+    """Read a JSON file; NaN and infinities, which JSON does not have, are read as NaN and refused later."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"), parse_constant=lambda name: math.nan)
+    except FileNotFoundError:
+        raise ProblemError("there is no such file", where=str(path)) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ProblemError(f"it cannot be read ({error})", where=str(path)) from None
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise ProblemError(f"it is not JSON ({error})", where=str(path), expected="a file written by `lockstep design`") from None
+
+
+def _part(content: Mapping[str, Any], key: str, kind: type) -> Any:
+    value = content.get(key)
+    if not isinstance(value, kind):
+        raise ProblemError(f"`{key}` is {'missing' if value is None else 'a ' + type(value).__name__}", expected=f"a {kind.__name__}")
+    return value
+
+
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ProblemError(f"{value!r}", where=where, expected="a finite number")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ProblemError(f"{number!r}", where=where, expected="a finite number")
+    return number
+
+
+def _gain_shape(problem: Problem, letter: str) -> tuple[int, int]:
+    n_C, m, q = problem.order, problem.agent().m, problem.agent().q
+    return {"A": (n_C, n_C), "B": (n_C, q), "C": (m, n_C), "D": (m, q)}[letter]
+
+
+def _matrix(content: Any, key: str, where: str, shape: tuple[int, int]) -> Any:
+    rows = content.get(key) if isinstance(content, dict) else None
+    place = f"{where}, `{key}`"
+    if not isinstance(rows, list) or len(rows) != shape[0] or any(not isinstance(row, list) or len(row) != shape[1] for row in rows):
+        raise ProblemError("it is missing or has another shape", where=place, expected=f"{shape[0]} rows of {shape[1]} numbers")
+    return np.array([[_number(value, place) for value in row] for row in rows], dtype=float).reshape(shape)
+
+
+def _certificate(content: Mapping[str, Any], problem: Problem, delta: Mapping[str, float]) -> Certificate | None:
+    stored = content.get("certificate")
+    if stored is None:
+        return None
+    if not isinstance(stored, dict):
+        raise ProblemError(f"`certificate` is a {type(stored).__name__}", expected="an object with P, m and t")
+    N, agent, n_C = problem.graph().N, problem.agent(), problem.order
+    n_x = agent.n * (N - 1) + n_C * N
+    sizes = {"A": n_C * n_C, "B": n_C * agent.q, "C": agent.m * n_C, "D": agent.m * agent.q}
+    ways = N * sum(1 for letter in "ABCD" if delta[letter] > 0 and sizes[letter])
+    m, t = _vector(stored, "m", N * (N - 1) // 2), _vector(stored, "t", ways)
+    P = _matrix(stored, "P", "certificate", (n_x, n_x))
+    if not np.array_equal(P, P.T):
+        raise ProblemError("it is not symmetric", where="certificate, `P`", expected="P = P'")
+    return Certificate(_number(content.get("rho"), "rho"), P, m, t)
+
+
+def _vector(content: Mapping[str, Any], key: str, size: int) -> Any:
+    values = content.get(key)
+    if not isinstance(values, list) or len(values) != size:
+        raise ProblemError("it is missing or has another length", where=f"certificate, `{key}`", expected=f"{size} numbers")
+    return np.array([_number(value, f"certificate, `{key}`") for value in values], dtype=float)

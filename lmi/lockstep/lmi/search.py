@@ -1,0 +1,36 @@
+"""The search for gains: several starts side by side over the cores, the best one kept."""
+
+import os
+from collections.abc import Callable
+
+from lockstep.lmi.inequality import Claim
+from lockstep.lmi.start import Outcome, from_start
+from lockstep.model.loop import Loop
+
+
+def search(loop: Loop, claim: Claim, gain_limit: float, *, starts: int, seed: int, jobs: int | None = None,
+           tell: Callable[[float], None] | None = None) -> Outcome:
+    """Return the best outcome of `starts` random starts; the same seed gives the same outcome, whatever `jobs` is.
+
+    Args:
+        loop: in doubles.
+        claim: what is to be certified.
+        gain_limit: bound on the spectral norm of each agent's gain block.
+        starts, seed: how many random starts, and from which seed they are drawn.
+        jobs: processes; by default as many as there are cores to run on.
+        tell: told the part of the starts that are done.
+    """
+    from joblib import Parallel, delayed
+
+    workers = min(jobs or len(os.sched_getaffinity(0)), starts)
+    tell = tell or (lambda _part: None)
+    tell(0.0)
+    tasks = (delayed(from_start)(loop, claim, gain_limit, seed, index) for index in range(starts))
+    best: Outcome | None = None
+    for done, outcome in enumerate(Parallel(n_jobs=workers, return_as="generator")(tasks), start=1):
+        tell(done / starts)
+        if best is None or (outcome.rho, -outcome.fraction, outcome.index) < (best.rho, -best.fraction, best.index):
+            best = outcome
+    if best is None:
+        raise ValueError("a search needs at least one start")
+    return best

@@ -1,0 +1,175 @@
+"""The certificate inequality as a semidefinite program: the least rho for given gains, and a witness well inside.
+
+cvxpy states it and Clarabel solves it. What comes back is a candidate: `rounding.prove` rounds it and decides it exactly.
+"""
+
+import warnings
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.lmi.inequality import Certificate, Claim, F_matrix, channels, incoming
+from lockstep.model.loop import Loop
+
+if TYPE_CHECKING:
+    import cvxpy as cp
+
+SOLVED = ("optimal", "optimal_inaccurate")
+"""Statuses that come with numbers worth checking; neither is believed."""
+
+UNITS = (1.0, 1e2, 1e4)
+"""P grows like rho^2 as alpha comes near what the gains can carry; the solver wants numbers near one."""
+
+ACCEPTED = 1e-6
+"""By how much, relative to its largest entry, a candidate may miss F <= 0 and still be worth centring and deciding."""
+
+
+@dataclass(frozen=True)
+class AffineF:
+    """F for given gains, affine in the unknowns: F = J P Z + (J P Z)' + F_0 + sum_k w_k F_k.
+
+    J = [I; 0], Z = [A_cl, E, E_G, X], and w = (m, t, rho^2) in this order.
+    """
+
+    loop: Loop
+    gains: Float[np.ndarray, "N k l"]
+    claim: Claim
+
+    @cached_property
+    def pairs(self) -> int:
+        """How many pair weights m there are; none without a nonlinearity."""
+        return len(self.loop.d.pairs()) if self.loop.plant.G.shape[1] else 0
+
+    @cached_property
+    def ways(self) -> int:
+        """How many fragility multipliers t there are."""
+        return len(channels(self.loop, self.claim.delta))
+
+    @cached_property
+    def Z(self) -> Float[np.ndarray, "n_x n_F"]:
+        """[A_cl, E, E_G, X]."""
+        return np.hstack([self.loop.A_cl(self.gains), incoming(self.loop, channels(self.loop, self.claim.delta))])
+
+    @cached_property
+    def constant(self) -> Float[np.ndarray, "n_F n_F"]:
+        """F_0, which holds the weights R and Q."""
+        return self._at(np.zeros(self.pairs + self.ways + 1))
+
+    @cached_property
+    def slopes(self) -> Float[np.ndarray, "w n_F n_F"]:
+        """F_k for each of (m, t, rho^2)."""
+        return np.stack([self._at(row) - self.constant for row in np.eye(self.pairs + self.ways + 1)])
+
+    def certificate(self, P: Float[np.ndarray, "n_x n_x"], w: Float[np.ndarray, "w"]) -> Certificate:
+        """Return the unknowns as a certificate."""
+        m = np.maximum(w[: self.pairs], 0.0) if self.pairs else np.zeros(len(self.loop.d.pairs()))
+        t = np.maximum(w[self.pairs : self.pairs + self.ways], 0.0)
+        return Certificate(float(np.sqrt(max(w[-1], 0.0))), (P + P.T) / 2, m, t)
+
+    def _at(self, w: Float[np.ndarray, "w"]) -> Float[np.ndarray, "n_F n_F"]:
+        zero = np.zeros((self.loop.n_x, self.loop.n_x))
+        return F_matrix(self.loop, self.gains, self.claim, self.certificate(zero, w))
+
+
+def least_rho(loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim) -> Certificate | None:
+    """Minimise rho^2 over P > 0, m >= 0, t >= 0 with F <= 0; None where the solver finds nothing."""
+    balanced = balance(AffineF(loop, gains, claim))
+    if balanced is None:
+        return None
+    for unit in UNITS:
+        found = _solve(balanced, None, unit)
+        if found is not None:
+            return found
+    return None
+
+
+def centred(loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim, rho: float) -> Certificate | None:
+    """For a given rho, maximise s with F + s I <= 0, P >= s I, so that rounding has room; None if nothing is found."""
+    balanced = balance(AffineF(loop, gains, claim))
+    return None if balanced is None else _solve(balanced, rho, 1.0)
+
+
+@dataclass(frozen=True)
+class Balanced:
+    """The inequality in coordinates where the solver meets numbers near one: P = L P^ L', F^ = D F D', w = w^ / norms.
+
+    L is the Cholesky factor of the solution of P A_cl + A_cl' P = -diag(R, Q), so P^ = I is a good first guess however
+    stiff the loop is; D = diag(L^-1, I / |L|, I).
+    """
+
+    form: AffineF
+    L: Float[np.ndarray, "n_x n_x"]
+    Z: Float[np.ndarray, "n_x n_F"]
+    constant: Float[np.ndarray, "n_F n_F"]
+    slopes: Float[np.ndarray, "w n_F n_F"]
+    norms: Float[np.ndarray, "w"]
+
+
+def balance(form: AffineF) -> Balanced | None:
+    """Return the balanced inequality, or None where A_cl is not stable, so that no certificate exists."""
+    from scipy.linalg import solve_continuous_lyapunov
+
+    n_x, n_d = form.loop.n_x, form.loop.n_d
+    A_cl = form.Z[:, :n_x]
+    if np.linalg.eigvals(A_cl).real.max() >= 0:
+        return None
+    try:
+        P = solve_continuous_lyapunov(A_cl.T, -form.constant[:n_x, :n_x])
+        L = np.linalg.cholesky((P + P.T) / 2)
+    except (np.linalg.LinAlgError, ValueError):
+        return None
+    D = np.eye(len(form.constant))
+    D[:n_x, :n_x] = np.linalg.inv(L)
+    D[n_x : n_x + n_d, n_x : n_x + n_d] /= np.linalg.norm(L, 2)
+    slopes = D @ form.slopes @ D.T
+    norms = np.linalg.norm(slopes, 2, axis=(1, 2))
+    return Balanced(form, L, L.T @ form.Z @ D.T, D @ form.constant @ D.T, slopes / norms[:, None, None], norms)
+
+
+def _solve(b: Balanced, rho: float | None, unit: float) -> Certificate | None:
+    """Solve for P, w in multiples of `unit`: F is homogeneous in (P, w, F_0)."""
+    import cvxpy as cp
+
+    n_x, n_F = b.Z.shape
+    P, w, s = cp.Variable((n_x, n_x), symmetric=True), cp.Variable(len(b.norms)), cp.Variable()
+    F = _expression(b, P, w, unit)
+    conditions = [P >> 0] + ([w[:-1] >= 0] if len(b.norms) > 1 else [])
+    if rho is None:
+        problem = cp.Problem(cp.Minimize(w[-1]), [*conditions, F << 0])
+    else:
+        problem = cp.Problem(cp.Maximize(s), [*conditions, F + s * np.eye(n_F) << 0, P >> s * np.eye(n_x),
+                                              w[-1] == rho**2 * b.norms[-1] / unit, s <= 1])
+    if not run(problem) or P.value is None or w.value is None:
+        return None
+    worst = float(np.linalg.eigvalsh(F.value)[-1])
+    if worst > ACCEPTED * max(1.0, np.abs(F.value).max()) or (rho is not None and s.value <= 0):
+        return None
+    found = b.form.certificate(unit * b.L @ P.value @ b.L.T, unit * w.value / b.norms)
+    return found if rho is None else Certificate(rho, found.P, found.m, found.t)
+
+
+def _expression(b: Balanced, P: "cp.Variable", w: "cp.Variable", unit: float) -> "cp.Expression":
+    import cvxpy as cp
+    import scipy.sparse as sp
+
+    n_x, n_F = b.Z.shape
+    half = sp.csr_array(np.eye(n_F, n_x)) @ P @ b.Z
+    weighted = sp.csc_array(b.slopes.reshape(len(b.slopes), -1).T) @ w
+    F = half + half.T + b.constant / unit + cp.reshape(weighted, (n_F, n_F), order="C")
+    return (F + F.T) / 2
+
+
+def run(problem: "cp.Problem") -> bool:
+    """Solve with Clarabel; its warnings about accuracy are dropped because nothing here relies on it."""
+    import cvxpy as cp
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            problem.solve(solver=cp.CLARABEL)
+        except cp.SolverError:
+            return False
+    return problem.status in SOLVED

@@ -1,0 +1,78 @@
+"""Gains that make the linear loop stable: descent on the spectral abscissa from a random start.
+
+The abscissa max Re lambda(A_cl(K)) is not smooth, so the quasi-Newton method uses the weak Wolfe conditions, which hold
+on one side of a kink (Lewis and Overton, Nonsmooth optimization via quasi-Newton methods, Math. Program. 141, 2013).
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.model.loop import Loop
+
+Objective = Callable[[Float[np.ndarray, "x"]], tuple[float, Float[np.ndarray, "x"]]]
+
+GAIN_WEIGHT = 1e-3
+"""Weight of the mean square of the gains: without it the abscissa of a controllable loop has no minimum."""
+
+
+def stabilise(loop: Loop, K: Float[np.ndarray, "N k l"], iterations: int = 100) -> tuple[Float[np.ndarray, "N k l"], float]:
+    """Return gains with a smaller abscissa than K's, and that abscissa."""
+
+    def objective(flat: Float[np.ndarray, "x"]) -> tuple[float, Float[np.ndarray, "x"]]:
+        value, slope = abscissa(loop, flat.reshape(K.shape))
+        return value + GAIN_WEIGHT * float(np.mean(flat**2)), slope.ravel() + 2 * GAIN_WEIGHT * flat / flat.size
+
+    found = descend(objective, K.ravel(), iterations).reshape(K.shape)
+    return found, abscissa(loop, found)[0]
+
+
+def abscissa(loop: Loop, K: Float[np.ndarray, "N k l"]) -> tuple[float, Float[np.ndarray, "N k l"]]:
+    """Return max Re lambda(A_cl) and its slope in K: for a simple eigenvalue with vectors l, r, Re(U_i' l r' Y_i' / l'r)."""
+    from scipy.linalg import eig
+
+    values, left, right = eig(loop.A_cl(K), left=True, right=True)
+    worst = int(np.argmax(values.real))
+    l, r = left[:, worst].conj(), right[:, worst]
+    slope = np.stack([np.real(np.outer(U.T @ l, Y @ r) / (l @ r)) for U, Y in zip(loop.U, loop.Y, strict=True)])
+    return float(values[worst].real), slope
+
+
+def descend(objective: Objective, x: Float[np.ndarray, "x"], iterations: int) -> Float[np.ndarray, "x"]:
+    """Minimise by BFGS with a weak Wolfe line search; stop where no step of it improves."""
+    value, slope = objective(x)
+    inverse_hessian = np.eye(len(x)) * 0.1 / max(float(np.linalg.norm(slope)), 1e-12)
+    for _ in range(iterations):
+        direction = -inverse_hessian @ slope
+        if slope @ direction >= 0:
+            return x
+        step = _weak_wolfe(objective, x, value, slope, direction)
+        if step is None:
+            return x
+        x_new, value, new_slope = step
+        s, y = x_new - x, new_slope - slope
+        x, slope = x_new, new_slope
+        if s @ y > 1e-14:
+            turn = np.eye(len(x)) - np.outer(s, y) / (s @ y)
+            inverse_hessian = turn @ inverse_hessian @ turn.T + np.outer(s, s) / (s @ y)
+    return x
+
+
+def _weak_wolfe(objective: Objective, x: Float[np.ndarray, "x"], value: float, slope: Float[np.ndarray, "x"],
+                direction: Float[np.ndarray, "x"]) -> tuple[Float[np.ndarray, "x"], float, Float[np.ndarray, "x"]] | None:
+    """Bracket a step with enough decrease (1e-4) and enough rise of the slope (0.9); None if 30 trials find no decrease."""
+    low, high, t, slant = 0.0, np.inf, 1.0, float(slope @ direction)
+    best = None
+    for _ in range(30):
+        trial = x + t * direction
+        new_value, new_slope = objective(trial)
+        if not np.isfinite(new_value) or new_value > value + 1e-4 * t * slant:
+            high = t
+        else:
+            best = (trial, new_value, new_slope)
+            if new_slope @ direction >= 0.9 * slant:
+                return best
+            low = t
+        t = (low + high) / 2 if np.isfinite(high) else 2 * t
+    return best

@@ -1,0 +1,333 @@
+"""One agent, x' = f(x, u, t) and y = C x, from text or CasADi expressions, split as (2) has it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any, Literal, get_args
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.model.affine import Affine, NormalForms
+from lockstep.model.centring import Centring, centred
+from lockstep.model.domain import argument_box
+from lockstep.model.errors import ProblemError
+from lockstep.model.expression import parse_expression
+from lockstep.model.lure import Lure, lure_form
+from lockstep.model.names import check_agent_name, check_names
+from lockstep.model.outputs import output_matrix
+from lockstep.model.pbh import Controllability, Observability, controllability, observability
+from lockstep.model.wording import nearest, shorten
+
+Split = Literal["terms", "jacobian"]
+UNBOUNDED = (-np.inf, np.inf)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Agent:
+    """An agent of the network: its symbols, its right-hand side and its outputs.
+
+    The inputs enter linearly with constant coefficients, and the outputs are linear in the states: this is
+    the paper's (2). Everything else may be nonlinear and may depend on t.
+
+    Args:
+        name: a C identifier of at most 20 characters; it prefixes the generated code.
+        x: the n states, an SX column of symbols.
+        u: the m inputs, likewise.
+        rhs: f(x, u, t), an SX column of n expressions.
+        y: the q outputs, an SX column of expressions.
+        t: the time, an SX symbol; needed if `rhs` mentions it.
+        states, inputs, outputs: names; by default those of the symbols, and y1, y2, ...
+        domain: the box the bound is proved on, (lower, upper) by state, open-ended where not given. It need
+            not
+            contain 0: the incremental bound is about differences.
+        units: unit by name of a state, input or output, for documents.
+        split: "terms" takes A and B from the terms linear in x and u; "jacobian" adds the slope of h at the
+            origin to A.
+        centre: whether the middle of the slopes of phi is moved into A where that shrinks their bound: see
+            `lockstep.model.centring`.
+
+    Raises:
+        ProblemError: a shape or a name that does not fit, an input that enters nonlinearly, an output that is
+            not
+            linear in the states, a symbol from elsewhere, or a coefficient that is not finite.
+
+    >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    >>> rhs = ca.vertcat(x[1], -2 * x[0] - 9.81 * ca.sin(x[0]) + u)
+    >>> pendulum = Agent(name="pendulum", x=x, u=u, rhs=rhs, y=x[0])
+    >>> pendulum.lure.A
+    array([[ 0.,  1.],
+           [-2.,  0.]])
+    >>> pendulum.lure.phi
+    Function(phi:(v,t)->(w) SXFunction)
+    """
+
+    name: str
+    x: ca.SX
+    u: ca.SX
+    rhs: ca.SX
+    y: ca.SX
+    t: ca.SX = field(default_factory=lambda: ca.SX.sym("t"))
+    states: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+    domain: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    split: Split = "terms"
+    centre: bool = False
+
+    def __post_init__(self) -> None:
+        if self.split not in get_args(Split):
+            raise ProblemError(
+                f"`split` is {self.split!r}", where="[agent] split", expected='"terms" or "jacobian"'
+            )
+        for letter, what in (("x", "state"), ("u", "input"), ("rhs", "right-hand side"), ("y", "output")):
+            object.__setattr__(self, letter, _column(getattr(self, letter), what))
+        for letter in ("x", "u", "t"):
+            _check_symbols(letter, ca.SX(getattr(self, letter)))
+        self._take_names()
+        if self.rhs.shape[0] != self.n:
+            raise ProblemError(
+                f"`rhs` has {self.rhs.shape[0]} rows, but there are {self.n} states",
+                expected="one right-hand side per state",
+            )
+        for letter in ("domain", "units"):
+            object.__setattr__(self, letter, MappingProxyType(dict(getattr(self, letter))))
+        _check_known("[agent.domain]", self.domain, self.states)
+        _check_known("[agent.units]", self.units, (*self.states, *self.inputs, *self.outputs))
+        for state, bounds in self.domain.items():
+            _check_bounds(state, bounds)
+        _ = self.lure
+
+    @classmethod
+    def from_expressions(
+        cls,
+        name: str,
+        *,
+        states: Sequence[str],
+        inputs: Sequence[str],
+        dynamics: Mapping[str, str],
+        outputs: Mapping[str, str],
+        parameters: Mapping[str, float] | None = None,
+        domain: Mapping[str, tuple[float, float]] | None = None,
+        units: Mapping[str, str] | None = None,
+        split: Split = "terms",
+        centre: bool = False,
+    ) -> "Agent":
+        """Build an agent from the texts of a problem file; `dynamics` and `outputs` give a formula by name.
+
+        >>> cart = Agent.from_expressions("cart", states=["p", "v"], inputs=["f"], outputs={"y1": "p"},
+        ...                               dynamics={"p": "v", "v": "f - tanh(v)"})
+        >>> cart.lure.H
+        array([[0., 1.]])
+        """
+        parameters = dict(parameters or {})
+        check_names(states=states, inputs=inputs, outputs=tuple(outputs), parameters=tuple(parameters))
+        _check_formulas(states, dynamics)
+        for key, value in parameters.items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+                raise ProblemError(
+                    f"`{key}` is {value!r}", where="[agent.parameters]", expected="a finite number"
+                )
+        symbols = {key: ca.SX.sym(key) for key in (*states, *inputs, "t")}
+        known: dict[str, ca.SX | float] = {
+            **symbols,
+            **{key: float(value) for key, value in parameters.items()},
+        }
+        rhs = [parse_expression(dynamics[key], known, where=f"[agent.dynamics] {key}") for key in states]
+        y = [parse_expression(text, known, where=f"[agent.outputs] {key}") for key, text in outputs.items()]
+        return cls(
+            name=name,
+            x=_stack([symbols[key] for key in states]),
+            u=_stack([symbols[key] for key in inputs]),
+            rhs=_stack(rhs),
+            y=_stack(y),
+            t=symbols["t"],
+            states=tuple(states),
+            inputs=tuple(inputs),
+            outputs=tuple(outputs),
+            domain=domain or {},
+            units=units or {},
+            split=split,
+            centre=centre,
+        )
+
+    @property
+    def n(self) -> int:
+        """The number of states."""
+        return int(self.x.shape[0])
+
+    @property
+    def m(self) -> int:
+        """The number of inputs."""
+        return int(self.u.shape[0])
+
+    @property
+    def q(self) -> int:
+        """The number of outputs."""
+        return int(self.y.shape[0])
+
+    @property
+    def lure(self) -> Lure:
+        """The split x' = A x + B u + G phi(H x, t) + offset(t), y = C x."""
+        return self._split[0]
+
+    @property
+    def centring(self) -> Centring:
+        """What `centre` moved from phi into A."""
+        return self._split[1]
+
+    @cached_property
+    def _split(self) -> tuple[Lure, Centring]:
+        lure = self._lure_as_written()
+        if not self.centre:
+            return lure, Centring(reason="it is turned off")
+        return centred(lure, argument_box(lure.H, self.box))
+
+    def _lure_as_written(self) -> Lure:
+        rows, forms = self.normal_forms()
+        for state, row in zip(self.states, rows, strict=True):
+            self._check_inputs_linear(forms, state, row)
+        C = output_matrix(
+            forms, dict(zip(self.outputs, ca.vertsplit(self.y), strict=True)), self.states, self.inputs
+        )
+        return lure_form(forms, rows, C, self.m, jacobian=self.split == "jacobian")
+
+    @cached_property
+    def dynamics(self) -> ca.Function:
+        """The right-hand side as a function (x, u, t) -> (dx)."""
+        return ca.Function(
+            "dynamics", [self.x, self.u, self.t], [ca.densify(self.rhs)], ["x", "u", "t"], ["dx"]
+        )
+
+    @property
+    def box(self) -> Float[np.ndarray, "n 2"]:
+        """The domain as lower and upper bounds by state, infinite where none is given."""
+        return np.array([self.domain.get(state, UNBOUNDED) for state in self.states], dtype=float)
+
+    def controllability(self) -> Controllability:
+        """Test (A, B): see `lockstep.model.pbh`."""
+        return controllability(self.lure.A, self.lure.B)
+
+    def observability(self) -> Observability:
+        """Test (A, C): see `lockstep.model.pbh`."""
+        return observability(self.lure.A, self.lure.C)
+
+    def to_control(self, *, linear: bool = False) -> Any:
+        """Return the agent for python-control: see `lockstep.model.bridge.agent_to_control`."""
+        from lockstep.model.bridge import agent_to_control
+
+        return agent_to_control(self, linear=linear)
+
+    def normal_forms(self, forms: NormalForms | None = None) -> tuple[list[Affine], NormalForms]:
+        """Return the normal form of each right-hand side, in the variables (x, u).
+
+        Args:
+            forms: a table to use instead of a new one; it must be over as many variables, so that two
+                agents whose symbols differ but whose equations agree give equal forms.
+        """
+        mine = [*ca.vertsplit(self.x), *ca.vertsplit(self.u)]
+        if forms is None:
+            forms, rhs = NormalForms(mine, self.t), self.rhs
+        else:
+            rhs = ca.substitute(
+                [self.rhs], [ca.vertcat(*mine, self.t)], [ca.vertcat(*forms.variables, forms.time)]
+            )[0]
+        rows = []
+        for k, state in enumerate(self.states):
+            try:
+                rows.append(forms.split(rhs[k]))
+            except ProblemError as error:
+                raise error.within(f"[agent.dynamics] {state}") from None
+        return rows, forms
+
+    def _take_names(self) -> None:
+        for kind, symbols in (("states", self.x), ("inputs", self.u)):
+            names = tuple(getattr(self, kind)) or tuple(str(symbol) for symbol in ca.vertsplit(symbols))
+            object.__setattr__(self, kind, names)
+        outputs = tuple(self.outputs) or tuple(f"y{k + 1}" for k in range(self.q))
+        object.__setattr__(self, "outputs", outputs)
+        check_agent_name(self.name)
+        check_names(states=self.states, inputs=self.inputs, outputs=self.outputs)
+        for kind, count in (("states", self.n), ("inputs", self.m), ("outputs", self.q)):
+            if len(getattr(self, kind)) != count:
+                raise ProblemError(
+                    f"{len(getattr(self, kind))} names for {count} {kind}",
+                    where=f"[agent] {kind}",
+                    expected="one name each",
+                )
+
+    def _check_inputs_linear(self, forms: NormalForms, state: str, row: Affine) -> None:
+        """(2) has B_i u_i with a constant B_i: an input may be in no atom."""
+        for k, w in row.terms:
+            bad = [self.inputs[j - self.n] for j in sorted(forms.atoms[k].variables) if j >= self.n]
+            if bad:
+                term = shorten(forms.text(Affine(terms=((k, w),))))
+                raise ProblemError(
+                    f"the input `{bad[0]}` enters through `{term}`",
+                    where=f"[agent.dynamics] {state}",
+                    expected="inputs that enter linearly, with constant coefficients, as in (2)",
+                    remedy="make the nonlinear actuator a state of the agent, or its output the input",
+                )
+
+
+def _stack(parts: Sequence[ca.SX]) -> ca.SX:
+    return ca.vertcat(*parts) if parts else ca.SX(0, 1)
+
+
+def _column(value: ca.SX, what: str) -> ca.SX:
+    try:
+        column = ca.densify(ca.SX(value))
+    except (NotImplementedError, TypeError):
+        raise ProblemError(
+            f"the {what}s are a {type(value).__name__}", expected="a casadi.SX column"
+        ) from None
+    if column.shape[1] != 1 or column.shape[0] == 0:
+        raise ProblemError(
+            f"the {what}s have shape {column.shape[0]} x {column.shape[1]}",
+            expected=f"a column with at least one {what}",
+        )
+    return column
+
+
+def _check_symbols(letter: str, column: ca.SX) -> None:
+    for symbol in ca.vertsplit(column):
+        if not symbol.is_symbolic():
+            raise ProblemError(
+                f"`{letter}` contains `{shorten(str(symbol))}`", expected="symbols only (casadi.SX.sym)"
+            )
+
+
+def _check_known(where: str, given: Mapping[str, object], known: Sequence[str]) -> None:
+    for name in given:
+        if name not in known:
+            raise ProblemError(
+                f"`{shorten(name)}` is unknown",
+                where=where,
+                expected=shorten(", ".join(known), 120),
+                remedy=nearest(name, known),
+            )
+
+
+def _check_formulas(states: Sequence[str], dynamics: Mapping[str, str]) -> None:
+    """One equation per state, and none without a state."""
+    for state in states:
+        if state not in dynamics:
+            raise ProblemError(
+                f"no equation for the state `{state}`",
+                where="[agent.dynamics]",
+                expected=f'{state} = "its time derivative"',
+            )
+    _check_known("[agent.dynamics]", dynamics, states)
+
+
+def _check_bounds(state: str, bounds: tuple[float, float]) -> None:
+    low, high = bounds if len(bounds) == 2 else (np.nan, np.nan)
+    if not low < high or low == np.inf or high == -np.inf:
+        raise ProblemError(
+            f"`{state}` is from {low} to {high}",
+            where=f"[agent.domain] {state}",
+            expected="a lower bound below the upper bound",
+        )

@@ -1,0 +1,220 @@
+"""From a problem to the network that is designed for: the proved bound, and G and H scaled as it was proved.
+
+The bound |D_w^-1 (phi(a, t) - phi(b, t))| <= alpha |D_v^-1 (a - b)| makes G D_w and D_v^-1 H take the places
+of G and H. D_v holds powers of two and D_w numbers so short that the entries of both products are doubles,
+exactly: the certificate is then about the agent itself and not about a rounded one.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.model.affine import is_double
+from lockstep.model.agent import Agent
+from lockstep.model.bound import Bound, Box, Progress, prove_bound, smallest_bound
+from lockstep.model.domain import argument_box
+from lockstep.model.errors import BoundNotProved, ProblemError
+from lockstep.model.lure import Lure
+from lockstep.model.network import Network
+from lockstep.model.problem import Problem
+from lockstep.model.wording import shorten
+
+BUDGET = 20.0
+"""Seconds for the proof of a bound: a six-variable box takes ten."""
+
+ALLOWED_GAP = 1.02
+"""Scales rounded to exact ones may cost this factor of alpha before a smaller one is looked for."""
+
+Report = Callable[[Progress], None]
+
+_NOTHING = Bound(
+    alpha=0.0,
+    lower=0.0,
+    witness=None,
+    proved=True,
+    refuted=False,
+    converged=True,
+    reason="",
+    asked=None,
+    tolerance=0.0,
+    boxes=0,
+    input_scale=(),
+    output_scale=(),
+)
+"""The bound of a linear agent, which has no phi."""
+
+
+def bound_of(
+    agent: Agent, *, budget: float = BUDGET, alpha: float | None = None, progress: Report | None = None
+) -> Bound:
+    """Return the proved bound of an agent's nonlinearity on its domain, with scales exact for G and H.
+
+    Args:
+        agent: the agent; its box is mapped through H.
+        budget: seconds for the proof.
+        alpha: a bound to prove instead of the smallest one; with more than one component in phi it refers to
+            the scales of the smallest one.
+        progress: called with the state of the search now and then.
+
+    Raises:
+        ProblemError: no finite bound on this domain.
+        BoundNotProved: `alpha` is too small, with a witness; or the budget was spent without an answer.
+
+    >>> from lockstep.model.problem import load_problem
+    >>> cart = Agent.from_expressions("cart", states=["p", "v"], inputs=["f"], outputs={"y1": "p"},
+    ...                               dynamics={"p": "v", "v": "f - 2*sin(p)"})
+    >>> bound_of(cart).alpha, bound_of(cart, alpha=3.0).alpha
+    (2.0, 3.0)
+    """
+    if agent.lure.is_linear:
+        return replace(_NOTHING, alpha=alpha or 0.0, asked=alpha)
+    phi, box = agent.lure.phi, argument_box(agent.lure.H, agent.box)
+    start = time.monotonic()
+    if alpha is not None and phi.size1_out(0) == 1:
+        # One component is not scaled, so alpha means the same whatever the smallest bound is.
+        return _decided(prove_bound(phi, box, alpha, seconds=budget, progress=progress), alpha)
+    found = smallest_bound(phi, box, seconds=budget, progress=progress)
+    if not math.isfinite(found.alpha):
+        raise _no_bound(found, agent, spent=time.monotonic() - start >= budget)
+    exact = _with_exact_scales(found, agent.lure)
+    if exact.alpha > ALLOWED_GAP * exact.lower:
+        exact = _tightened(exact, agent.lure, box, budget - (time.monotonic() - start))
+    if alpha is None:
+        return exact
+    return _decided(_asked(exact, agent.lure, box, alpha, budget, progress), alpha)
+
+
+def network_of(problem: Problem, bound: Bound) -> Network:
+    """Return the network of a problem: each agent's own B, the coordinates asked for, G and H scaled.
+
+    Raises:
+        ProblemError: scales with which G D_w or D_v^-1 H would be rounded: take a bound of `bound_of`.
+    """
+    return Network(
+        problem.agent(),
+        problem.graph(),
+        problem.agents_B(),
+        problem.design.coordinates,
+        (bound.output_scale, bound.input_scale),
+    )
+
+
+def arguments_text(agent: Agent) -> str:
+    """Return what phi's arguments v = H x are, in the names of the states, for messages.
+
+    >>> arguments_text(Agent.from_expressions("pair", states=["a", "b"], inputs=["f"], outputs={"y1": "a"},
+    ...                                       dynamics={"a": "f", "b": "sin(a - 2*b)"}))
+    'v1 = a - 2*b'
+    """
+    texts = []
+    for k, row in enumerate(agent.lure.H, start=1):
+        terms = [
+            f"{'-' if h < 0 else '+'} {'' if abs(h) == 1 else f'{abs(h):g}*'}{state}"
+            for h, state in zip(row, agent.states, strict=True)
+            if h
+        ]
+        text = " ".join(terms)
+        texts.append(f"v{k} = {text[2:] if text.startswith('+') else text.replace('- ', '-', 1)}")
+    return shorten(", ".join(texts), 200)
+
+
+def _with_exact_scales(bound: Bound, lure: Lure) -> Bound:
+    """Round D_w up and D_v down: the scaled slope only shrinks, so alpha stays proved."""
+    D_v = tuple(math.ldexp(0.5, math.frexp(d)[1]) for d in bound.input_scale)
+    D_w = tuple(_short_above(d, lure.G[:, k]) for k, d in enumerate(bound.output_scale))
+    if (D_v, D_w) == (bound.input_scale, bound.output_scale):
+        return bound
+    # The other way round, a slope that was reached shrinks by no more than the largest factors.
+    shrunk = Fraction(bound.lower) / (
+        _largest_ratio(D_w, bound.output_scale) * _largest_ratio(bound.input_scale, D_v)
+    )
+    lower = float(shrunk) if Fraction(float(shrunk)) <= shrunk else math.nextafter(float(shrunk), 0.0)
+    return replace(bound, lower=lower, witness=None, input_scale=D_v, output_scale=D_w)
+
+
+def _largest_ratio(above: tuple[float, ...], below: tuple[float, ...]) -> Fraction:
+    return max((Fraction(a) / Fraction(b) for a, b in zip(above, below, strict=True)), default=Fraction(1))
+
+
+def _short_above(scale: float, column: Float[np.ndarray, " n"]) -> float:
+    """Return the least number from `scale` up, of as many bits as leave column * number exact."""
+    mantissa, exponent = math.frexp(scale)
+    for bits in range(53, 0, -1):
+        short = math.ldexp(math.ceil(math.ldexp(mantissa, bits)), exponent - bits)
+        if all(is_double(Fraction(float(g)) * Fraction(short)) for g in column):
+            return short
+    return math.ldexp(1.0, exponent)
+
+
+def _tightened(bound: Bound, lure: Lure, box: Box, seconds: float) -> Bound:
+    """Look for a smaller alpha with the scales as they are, by halving the gap."""
+    best, end = bound, time.monotonic() + max(seconds, 0.0)
+    low = bound.lower
+    while best.alpha > ALLOWED_GAP * low and (left := end - time.monotonic()) > 0:
+        tried = prove_bound(
+            lure.phi,
+            box,
+            math.sqrt(best.alpha * max(low, best.alpha / 4)),
+            input_scale=bound.input_scale,
+            output_scale=bound.output_scale,
+            seconds=left / 2,
+        )
+        low = max(low, tried.lower)
+        if tried.proved:
+            best = replace(tried, asked=None, tolerance=bound.tolerance)
+        elif not tried.refuted:
+            break
+        best = replace(best, lower=max(best.lower, tried.lower), witness=tried.witness or best.witness)
+    converged = best.alpha <= ALLOWED_GAP * best.lower
+    return replace(best, converged=bound.converged and converged)
+
+
+def _asked(bound: Bound, lure: Lure, box: Box, alpha: float, budget: float, progress: Report | None) -> Bound:
+    if bound.alpha <= alpha:
+        return replace(bound, asked=alpha)
+    return prove_bound(
+        lure.phi,
+        box,
+        alpha,
+        input_scale=bound.input_scale,
+        output_scale=bound.output_scale,
+        seconds=budget,
+        progress=progress,
+    )
+
+
+def _decided(bound: Bound, alpha: float) -> Bound:
+    """Return the bound that was asked for as it was asked, or say why it is none."""
+    if bound.proved:
+        return replace(bound, alpha=alpha)
+    figures: dict[str, Any] = {"alpha": alpha, "lower": bound.lower, "boxes": bound.boxes}
+    if bound.witness is not None:
+        figures |= {"witness": list(bound.witness.v), "time": bound.witness.t}
+    what = (
+        "does not bound the nonlinearity"
+        if bound.refuted
+        else "could not be proved to bound the nonlinearity"
+    )
+    raise BoundNotProved(f"[design] alpha = {alpha:g} {what}: {bound.reason}", **figures)
+
+
+def _no_bound(bound: Bound, agent: Agent, *, spent: bool) -> Exception:
+    if spent:
+        return BoundNotProved(
+            f"no bound of the nonlinearity was found in the time given: {bound.reason}",
+            lower=bound.lower,
+            boxes=bound.boxes,
+        )
+    state = agent.states[int(np.flatnonzero(agent.lure.H.any(axis=0))[0])]
+    return ProblemError(
+        f"the nonlinearity has no finite bound on its domain: {bound.reason}, with {arguments_text(agent)}",
+        where="[agent.dynamics]",
+        expected="a nonlinearity whose slope is bounded, such as sin or tanh, or a domain where it is",
+        remedy=f"give a box in [agent.domain], such as {state} = [-1.0, 1.0]: the certificate is then local",
+    )

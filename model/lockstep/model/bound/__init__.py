@@ -1,0 +1,14 @@
+"""The proved bound of a nonlinearity: |phi(a, t) - phi(b, t)| <= alpha |a - b| on a box.
+
+phi's SX graph is read as an exact expression, differentiated symbolically, and its slope enclosed by
+interval arithmetic (outward-rounded doubles; elementary functions from python-flint's balls) in a branch
+and bound search. A locally Lipschitz phi on a convex box has the constant sup |J| over the points where it
+is differentiable.
+"""
+
+from lockstep.model.bound.box import EVERY_TIME, Box
+from lockstep.model.bound.proof import prove_bound, smallest_bound
+from lockstep.model.bound.result import Bound, Witness
+from lockstep.model.bound.search import Progress
+
+__all__ = ["EVERY_TIME", "Bound", "Box", "Progress", "Witness", "prove_bound", "smallest_bound"]

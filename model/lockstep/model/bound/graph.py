@@ -1,0 +1,162 @@
+"""The SX graph of a CasADi function as exact expressions, with the conditions under which it is defined.
+
+Every operation of an SX graph is supported or refused by name. Numbers are IEEE doubles taken exactly.
+"""
+
+from dataclasses import dataclass
+from fractions import Fraction
+from math import isfinite
+
+import casadi as ca
+
+from lockstep.model.bound.conditions import Condition
+from lockstep.model.bound.expression import ZERO, Node, Undefined, constant, variable
+from lockstep.model.bound.operations import ARITY, NAMES, RULES, as_condition, as_number
+from lockstep.model.bound.switches import FALSE, TRUE, both, either
+from lockstep.model.errors import ProblemError
+
+
+@dataclass(frozen=True)
+class Graph:
+    """phi(v, t): `outputs` over the variables 0..inputs-1 (v) and `inputs` (t), and what it needs."""
+
+    outputs: tuple[Node, ...]
+    conditions: tuple[Condition, ...]
+    inputs: int
+
+
+@dataclass(frozen=True)
+class _Step:
+    """One instruction in single-assignment form: its operation and the steps it reads."""
+
+    op: int
+    reads: tuple[int, ...]
+    value: float = 0.0
+
+
+def read(phi: ca.Function) -> Graph:
+    """Return the expressions of phi(v, t).
+
+    Raises `ProblemError` if phi does not map (v, scalar t) to one vector, or uses an operation that has no
+    meaning here.
+    """
+    phi = _as_sx(phi)
+    steps, results = _single_assignment(phi)
+    reader = _Reader(phi.size1_in(0))
+    for step in steps:
+        reader.take(step)
+    outputs = tuple(as_number(reader, reader.values[i]) if i >= 0 else ZERO for i in results)
+    guards = _guards(steps, results, reader.values) if any(s.op == ca.OP_IF_ELSE_ZERO for s in steps) else {}
+    conditions = {c.under(guards.get(i, TRUE)): None for i, c in reader.conditions}
+    return Graph(outputs, tuple(c for c in conditions if c.guard is not FALSE), phi.size1_in(0))
+
+
+def _as_sx(phi: ca.Function) -> ca.Function:
+    if (
+        phi.n_in() != 2
+        or phi.n_out() != 1
+        or phi.size2_in(0) > 1
+        or phi.numel_in(1) != 1
+        or phi.size2_out(0) > 1
+    ):
+        raise ProblemError(
+            f"`{phi.name()}` maps {[phi.size_in(i) for i in range(phi.n_in())]} to "
+            f"{[phi.size_out(i) for i in range(phi.n_out())]}",
+            where="the nonlinearity phi",
+            expected="a function of a column v and a scalar t with one column as output",
+        )
+    if not (phi.sparsity_in(0).is_dense() and phi.sparsity_in(1).is_dense()):
+        raise ProblemError(
+            "an input has structural zeros",
+            where="the nonlinearity phi",
+            expected="dense inputs",
+            remedy="leave the unused entries out of v",
+        )
+    try:
+        return phi if phi.is_a("SXFunction") else phi.expand()
+    except RuntimeError as error:
+        raise ProblemError(
+            f"`{phi.name()}` cannot be written as an SX graph",
+            where="the nonlinearity phi",
+            expected="a CasADi function built from SX",
+        ) from error
+
+
+def _single_assignment(phi: ca.Function) -> tuple[list[_Step], list[int]]:
+    """Return the steps, and for each output entry the step that gives it (-1: a structural zero)."""
+    work: dict[int, int] = {}
+    steps: list[_Step] = []
+    rows = phi.sparsity_out(0).row()
+    results = [-1] * int(phi.size1_out(0))
+    for k in range(phi.n_instructions()):
+        op, reads, writes = phi.instruction_id(k), phi.instruction_input(k), phi.instruction_output(k)
+        if op == ca.OP_OUTPUT:
+            results[rows[writes[1]]] = work[reads[0]]
+            continue
+        if op == ca.OP_INPUT:
+            step = _Step(op, (), float(reads[1] if reads[0] == 0 else phi.size1_in(0)))
+        elif op == ca.OP_CONST:
+            step = _Step(op, (), phi.instruction_constant(k))
+        elif op in RULES or op in (ca.OP_DIV, ca.OP_INV):
+            step = _Step(op, tuple(work[i] for i in reads[: ARITY.get(op, 2)]))
+        else:
+            raise ProblemError(
+                f"the operation `{NAMES.get(op, op)}` has no bound here",
+                where="the nonlinearity phi",
+                expected="elementary functions of scalars",
+            )
+        work[writes[0]] = len(steps)
+        steps.append(step)
+    return steps, results
+
+
+class _Reader:
+    """Turns steps into expressions, noting the conditions on the way."""
+
+    def __init__(self, inputs: int) -> None:
+        self.inputs = inputs
+        self.values: list[Node] = []
+        self.conditions: list[tuple[int, Condition]] = []
+
+    def take(self, step: _Step) -> None:
+        """Add the expression of one more step."""
+        if step.op == ca.OP_INPUT:
+            node = variable(int(step.value))
+        elif step.op == ca.OP_CONST:
+            if not isfinite(step.value):
+                raise ProblemError(
+                    f"the constant {step.value} is not a number",
+                    where="the nonlinearity phi",
+                    expected="finite constants",
+                )
+            node = constant(Fraction(step.value))
+        else:
+            args = [self.values[i] for i in step.reads]
+            try:
+                node = RULES[step.op](self, *args)
+            except Undefined as error:
+                raise ProblemError(
+                    f"`{NAMES[step.op]}` of a constant is not defined: {error}",
+                    where="the nonlinearity phi",
+                    expected="operations that have a value",
+                ) from error
+        self.values.append(node)
+
+    def need(self, kind: str, name: str, *args: Node) -> None:
+        """Note what the current operation needs."""
+        if kind in ("decided", "constant") and all(a.variables <= {self.inputs} for a in args):
+            return  # a jump in t alone leaves phi(., t) continuous for every t
+        self.conditions.append((len(self.values), Condition(kind, args, name)))
+
+
+def _guards(steps: list[_Step], results: list[int], values: list[Node]) -> dict[int, Node]:
+    """Return under which condition each step's value can reach an output."""
+    guards: dict[int, Node] = {i: TRUE for i in results if i >= 0}
+    for i in reversed(range(len(steps))):
+        own = guards.get(i, FALSE)
+        for place, source in enumerate(steps[i].reads):
+            gate = own
+            if steps[i].op == ca.OP_IF_ELSE_ZERO and place == 1:
+                gate = both(own, as_condition(values[steps[i].reads[0]]))
+            guards[source] = either(guards.get(source, FALSE), gate)
+    return guards

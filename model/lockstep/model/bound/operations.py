@@ -1,0 +1,277 @@
+"""What each operation of an SX graph means, and what it needs to be defined and continuous."""
+
+from collections.abc import Callable
+from typing import Protocol, runtime_checkable
+
+import casadi as ca
+
+from lockstep.model.bound.expression import (
+    ONE,
+    ZERO,
+    Node,
+    add,
+    constant,
+    divide,
+    factors,
+    function,
+    linear,
+    linear_terms,
+    multiply,
+    number,
+    power,
+    scale,
+    subtract,
+)
+from lockstep.model.bound.switches import both, choose, either, negate, positive, zero
+
+NAMES = {getattr(ca, key): key[3:].lower() for key in dir(ca) if key.startswith("OP_")}
+LARGEST_WHOLE_POWER = 1024
+
+
+@runtime_checkable
+class Notes(Protocol):
+    """Whoever takes note of what the operations need."""
+
+    def need(self, kind: str, name: str, *args: Node) -> None:
+        """Note that the current operation, called `name`, needs `kind` of its arguments."""
+        ...
+
+
+BOOLEAN = frozenset({"truth", "positive", "zero", "not", "and"})
+
+
+def as_number(notes: Notes, node: Node) -> Node:
+    """Return a condition as 1 or 0, which jumps where it changes, and a number as it is."""
+    if node.op not in BOOLEAN:
+        return node
+    notes.need("decided", "a comparison", node)
+    return choose(node, ONE, ZERO)
+
+
+def as_condition(node: Node) -> Node:
+    """Return a number as the condition that it is not 0."""
+    return node if node.op in BOOLEAN else negate(zero(node))
+
+
+def _numeric(rule: Callable[..., Node]) -> Callable[..., Node]:
+    return lambda reader, *args: rule(reader, *(as_number(reader, a) for a in args))
+
+
+def _plain(op: str, kind: str | None = None) -> Callable[..., Node]:
+    """Return the rule of a function with a name of its own, and with what it needs."""
+
+    def rule(reader: Notes, x: Node) -> Node:
+        if kind is not None:
+            reader.need(kind, f"`{op}`", x)
+        return function(op, x)
+
+    return _numeric(rule)
+
+
+def _add(_: Notes, a: Node, b: Node) -> Node:
+    """Join the two halves that `if_else` is lowered to; add anything else."""
+    if a.op == b.op == "choose" and a.args[0] is b.args[0]:
+        (condition, first, other), (_c, second, third) = a.args, b.args
+        if other is ZERO and second is ZERO:
+            return choose(condition, first, third)
+        if first is ZERO and third is ZERO:
+            return choose(condition, second, other)
+    return add(a, b)
+
+
+def _divide(reader: Notes, a: Node, b: Node) -> Node:
+    if not _is_exponential(b):
+        reader.need("nonzero", "the division", b)
+    return ZERO if b is ZERO else divide(a, b)
+
+
+def _is_exponential(x: Node) -> bool:
+    """Tell whether x is positive although its enclosure may reach 0 at infinity."""
+    coefficient, powers = factors(x)
+    return coefficient > 0 and bool(powers) and all(y.op in ("exp", "cosh") for y in powers)
+
+
+def _sqrt(reader: Notes, x: Node) -> Node:
+    reader.need("not negative", "`sqrt`", x)
+    if x.op == "monomial" and x.data == (2,):
+        return function("fabs", x.args[0])
+    legs = _legs(x)
+    if len(legs) < 2:
+        return function("sqrt", x)
+    length = legs[0]
+    for leg in legs[1:]:
+        length = function("hypot", length, leg)
+    return length
+
+
+def _legs(x: Node) -> list[Node]:
+    """Return the r_i of a sum of squares r_1^2 + r_2^2 + ..., none if x is not one."""
+    offset, terms = linear_terms(x)
+    if offset < 0 or any(c < 0 or n.op != "monomial" or any(p % 2 for _, p in _powers(n)) for c, n in terms):
+        return []
+    legs = [
+        multiply(function("sqrt", constant(c)), *(power(y, p // 2) for y, p in _powers(n))) for c, n in terms
+    ]
+    # The constant last: the slopes of the others then are a unit vector times one factor.
+    return [*legs, *([function("sqrt", constant(offset))] if offset else [])]
+
+
+def _powers(node: Node) -> list[tuple[Node, int]]:
+    return list(factors(node)[1].items())
+
+
+def _power(reader: Notes, x: Node, y: Node) -> Node:
+    exponent = number(y)
+    if exponent is None:
+        reader.need("positive", "the power with a varying exponent", x)
+        return function("exp", multiply(y, function("log", x)))
+    if exponent.denominator == 1 and abs(exponent) <= LARGEST_WHOLE_POWER:
+        if exponent < 0:
+            reader.need("nonzero", "the negative power", x)
+        return power(x, int(exponent))
+    reader.need("not negative" if exponent > 0 else "positive", f"the power {float(exponent)}", x)
+    if exponent.denominator == 2 and abs(exponent) <= LARGEST_WHOLE_POWER:
+        return power(function("sqrt", x), int(2 * exponent))
+    return function("real_power", x, data=exponent)
+
+
+def _sign_of(reader: Notes, x: Node) -> Node:
+    condition = positive(x)
+    reader.need("decided", "`sign`", condition)
+    opposite = positive(scale(-1, x))
+    reader.need("decided", "`sign`", opposite)
+    return choose(condition, ONE, choose(opposite, constant(-1), ZERO))
+
+
+def _copysign(reader: Notes, x: Node, y: Node) -> Node:
+    below = positive(scale(-1, y))
+    reader.need("decided", "`copysign`", below)
+    modulus = function("fabs", x)
+    return choose(below, scale(-1, modulus), modulus)
+
+
+def _step(op: str) -> Callable[..., Node]:
+    def rule(reader: Notes, x: Node) -> Node:
+        node = function(op, x)
+        reader.need("constant", f"`{op}`", node)
+        return node
+
+    return _numeric(rule)
+
+
+def _remainder(op: str, name: str) -> Callable[..., Node]:
+    """x - y op(x/y): `fmod` truncates the quotient, `remainder` rounds it to even."""
+
+    def rule(reader: Notes, x: Node, y: Node) -> Node:
+        reader.need("nonzero", f"`{name}`", y)
+        whole = function(op, divide(x, y))
+        reader.need("constant", f"`{name}`", whole)
+        return subtract(x, multiply(y, whole))
+
+    return _numeric(rule)
+
+
+def _if_else_zero(reader: Notes, condition: Node, value: Node) -> Node:
+    condition = as_condition(condition)
+    reader.need("decided", "`if_else`", condition)
+    return choose(condition, as_number(reader, value), ZERO)
+
+
+def _atan2(reader: Notes, y: Node, x: Node) -> Node:
+    reader.need("off the cut", "`atan2`", y, x)
+    return function("atan2", y, x)
+
+
+def _compare(rule: Callable[[Node, Node], Node]) -> Callable[..., Node]:
+    def compare(_: Notes, a: Node, b: Node) -> Node:
+        return rule(a, b)
+
+    return _numeric(compare)
+
+
+RULES: dict[int, Callable[..., Node]] = {
+    ca.OP_ASSIGN: lambda _, x: x,
+    ca.OP_ADD: _numeric(_add),
+    ca.OP_SUB: _numeric(lambda _, a, b: subtract(a, b)),
+    ca.OP_MUL: _numeric(lambda _, a, b: multiply(a, b)),
+    ca.OP_DIV: _numeric(_divide),
+    ca.OP_INV: _numeric(lambda reader, x: _divide(reader, ONE, x)),
+    ca.OP_NEG: _numeric(lambda _, x: scale(-1, x)),
+    ca.OP_TWICE: _numeric(lambda _, x: scale(2, x)),
+    ca.OP_SQ: _numeric(lambda _, x: power(x, 2)),
+    ca.OP_SQRT: _numeric(_sqrt),
+    ca.OP_POW: _numeric(_power),
+    ca.OP_CONSTPOW: _numeric(_power),
+    ca.OP_EXP: _plain("exp"),
+    ca.OP_EXPM1: _plain("expm1"),
+    ca.OP_LOG: _plain("log", "positive"),
+    ca.OP_LOG1P: _numeric(
+        lambda reader, x: (reader.need("positive", "`log1p`", linear(1, [(1, x)])), function("log1p", x))[1]
+    ),
+    ca.OP_SIN: _plain("sin"),
+    ca.OP_COS: _plain("cos"),
+    ca.OP_TAN: _plain("tan", "no pole"),
+    ca.OP_ASIN: _plain("asin", "within one"),
+    ca.OP_ACOS: _plain("acos", "within one"),
+    ca.OP_ATAN: _plain("atan"),
+    ca.OP_ATAN2: _numeric(_atan2),
+    ca.OP_SINH: _plain("sinh"),
+    ca.OP_COSH: _plain("cosh"),
+    ca.OP_TANH: _plain("tanh"),
+    ca.OP_ASINH: _plain("asinh"),
+    ca.OP_ACOSH: _plain("acosh", "above one"),
+    ca.OP_ATANH: _plain("atanh", "inside one"),
+    ca.OP_ERF: _plain("erf"),
+    ca.OP_ERFINV: _plain("erfinv", "inside one"),
+    ca.OP_HYPOT: _numeric(lambda _, x, y: function("hypot", x, y)),
+    ca.OP_FABS: _plain("fabs"),
+    ca.OP_FMIN: _numeric(lambda _, a, b: function("fmin", a, b)),
+    ca.OP_FMAX: _numeric(lambda _, a, b: function("fmax", a, b)),
+    ca.OP_SIGN: _numeric(_sign_of),
+    ca.OP_COPYSIGN: _numeric(_copysign),
+    ca.OP_FLOOR: _step("floor"),
+    ca.OP_CEIL: _step("ceil"),
+    ca.OP_FMOD: _remainder("trunc", "fmod"),
+    ca.OP_REMAINDER: _remainder("rint", "remainder"),
+    ca.OP_LT: _compare(lambda a, b: positive(subtract(b, a))),
+    ca.OP_LE: _compare(lambda a, b: negate(positive(subtract(a, b)))),
+    ca.OP_EQ: _compare(lambda a, b: zero(subtract(a, b))),
+    ca.OP_NE: _compare(lambda a, b: negate(zero(subtract(a, b)))),
+    ca.OP_NOT: lambda _, x: negate(as_condition(x)),
+    ca.OP_AND: lambda _, a, b: both(as_condition(a), as_condition(b)),
+    ca.OP_OR: lambda _, a, b: either(as_condition(a), as_condition(b)),
+    ca.OP_IF_ELSE_ZERO: _if_else_zero,
+    ca.OP_PRINTME: lambda _, x, __: x,
+    ca.OP_LIFT: lambda _, x, __: x,
+}
+
+
+_BINARY = frozenset(
+    {
+        ca.OP_ADD,
+        ca.OP_SUB,
+        ca.OP_MUL,
+        ca.OP_DIV,
+        ca.OP_POW,
+        ca.OP_CONSTPOW,
+        ca.OP_ATAN2,
+        ca.OP_HYPOT,
+        ca.OP_FMIN,
+        ca.OP_FMAX,
+        ca.OP_COPYSIGN,
+        ca.OP_FMOD,
+        ca.OP_REMAINDER,
+        ca.OP_LT,
+        ca.OP_LE,
+        ca.OP_EQ,
+        ca.OP_NE,
+        ca.OP_AND,
+        ca.OP_OR,
+        ca.OP_IF_ELSE_ZERO,
+        ca.OP_PRINTME,
+        ca.OP_LIFT,
+    }
+)
+
+
+ARITY = {op: 2 if op in _BINARY else 1 for op in RULES}

@@ -1,0 +1,265 @@
+"""The public questions: the smallest provable bound of a nonlinearity, and whether a given bound holds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.model.bound.box import EVERY_TIME, Box, check_time
+from lockstep.model.bound.conditions import Conditions
+from lockstep.model.bound.continuity import settle
+from lockstep.model.bound.derivative import derivative
+from lockstep.model.bound.expression import Node, scale
+from lockstep.model.bound.graph import Graph, read
+from lockstep.model.bound.objective import Objective, blocks
+from lockstep.model.bound.period import reduce_to_period
+from lockstep.model.bound.relaxation import relax
+from lockstep.model.bound.result import Bound, Witness
+from lockstep.model.bound.sampling import sample_points
+from lockstep.model.bound.scaling import choose_scaling
+from lockstep.model.bound.search import Limits, Outcome, Progress, Search
+from lockstep.model.errors import ProblemError
+
+SECONDS = 20.0
+BOXES = 400_000
+# A box in many variables costs what its curvature costs: ask for what can be had.
+TOLERANCES = {0: 1e-9, 1: 1e-9, 2: 1e-6, 3: 1e-4}
+LOOSEST = 5e-3
+
+Report = Callable[[Progress], None]
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """phi read and settled, its slopes, and the domain of (v, t)."""
+
+    graph: Graph
+    jacobian: list[list[Node]]
+    lower: Float[np.ndarray, " variables"]
+    upper: Float[np.ndarray, " variables"]
+
+
+def smallest_bound(
+    phi: ca.Function,
+    box: Box,
+    time: tuple[float, float] = EVERY_TIME,
+    *,
+    tolerance: float | None = None,
+    seconds: float = SECONDS,
+    boxes: int = BOXES,
+    progress: Report | None = None,
+) -> Bound:
+    """Return the smallest provable alpha: |phi(a, t) - phi(b, t)| <= alpha |a - b| on the box, t in `time`.
+
+    A vector phi is scaled: the bound is on |D_w^-1 J D_v| (see `Bound`), so that G D_w and D_v^-1 H take the
+    places of G and H.
+
+    Args:
+        phi: w = phi(v, t), built from SX; a number in it is the IEEE double it is, exactly.
+        box: the domain of v, convex and possibly unbounded.
+        time: the range of t.
+        tolerance: the relative gap to close; by default 1e-9 in one variable and less in more.
+        seconds: the budget, after which the best enclosure found is the answer.
+        boxes: the same in boxes, which makes the answer independent of the machine's speed.
+        progress: called with the state of the search now and then.
+
+    Raises:
+        ProblemError: if phi is no such function, uses an unknown operation, or does not match the box.
+
+    >>> v, t = ca.SX.sym("v"), ca.SX.sym("t")
+    >>> smallest_bound(ca.Function("phi", [v, t], [-3.33 * ca.sin(v)]), Box.everywhere(1)).alpha
+    3.33
+
+    """
+    task = _prepare(phi, box, time)
+    parts = blocks(task.jacobian) or [([0], [0])]
+    limits = Limits(
+        _tolerance(tolerance, task), seconds / len(parts), max(1, boxes // len(parts)), None, progress
+    )
+    outcomes, D_w, D_v = [], np.ones(len(task.jacobian)), np.ones(box.size)
+    for rows, columns in parts:
+        own_w, own_v = _scaling(task, rows, columns)
+        D_w[rows], D_v[columns] = own_w, own_v
+        outcomes.append(_search(task, rows, columns, D_w, D_v, limits))
+    alpha = max(o.upper for o in outcomes)
+    if len(task.jacobian) > 1 and 0 < alpha < math.inf:
+        for (rows, _), outcome in zip(parts, outcomes, strict=True):
+            D_w[rows] = [_share(d, outcome.upper, alpha) for d in D_w[rows]]
+    return _bound(outcomes, limits, D_w, D_v)
+
+
+def prove_bound(
+    phi: ca.Function,
+    box: Box,
+    alpha: float,
+    time: tuple[float, float] = EVERY_TIME,
+    *,
+    input_scale: Sequence[float] | None = None,
+    output_scale: Sequence[float] | None = None,
+    seconds: float = SECONDS,
+    boxes: int = BOXES,
+    progress: Report | None = None,
+) -> Bound:
+    """Decide whether alpha bounds |D_w^-1 J D_v|: proved, refuted with a witness, or neither in the budget.
+
+    Arguments and errors are those of `smallest_bound`; the scales are ones unless given.
+
+    >>> v, t = ca.SX.sym("v"), ca.SX.sym("t")
+    >>> answer = prove_bound(ca.Function("phi", [v, t], [-3.33 * ca.sin(v)]), Box.everywhere(1), 3.32)
+    >>> answer.refuted, answer.witness.slope
+    (True, 3.33)
+
+    """
+    if not 0 <= alpha < math.inf:
+        raise ProblemError(
+            f"alpha is {alpha}", where="the bound to decide", expected="a finite number from 0 up"
+        )
+    task = _prepare(phi, box, time)
+    D_w = _scale_given(output_scale, len(task.jacobian), "output_scale")
+    D_v = _scale_given(input_scale, box.size, "input_scale")
+    parts = blocks(task.jacobian) or [([0], [0])]
+    limits = Limits(0.0, seconds / len(parts), max(1, boxes // len(parts)), float(alpha), progress)
+    outcomes = [_search(task, rows, columns, D_w, D_v, limits) for rows, columns in parts]
+    return _bound(outcomes, limits, D_w, D_v)
+
+
+def _prepare(phi: ca.Function, box: Box, time: tuple[float, float]) -> _Task:
+    graph = read(phi)
+    if box.size != graph.inputs:
+        raise ProblemError(
+            f"the domain has {box.size} components, phi takes {graph.inputs}",
+            where="the domain",
+            expected="one range per component of v",
+        )
+    low, high = check_time(time)
+    lower, upper = np.array([*box.lower, low]), np.array([*box.upper, high])
+    graph = settle(graph, lower[:, None], upper[:, None])
+    columns = [derivative(graph.outputs, k) for k in range(graph.inputs)]
+    return _Task(graph, [list(row) for row in zip(*columns, strict=True)], lower, upper)
+
+
+def _tolerance(tolerance: float | None, task: _Task) -> float:
+    if tolerance is None:
+        used = frozenset[int]().union(*(x.variables for row in task.jacobian for x in row))
+        angles = max((min(len(r), len(c)) - 1 for r, c in blocks(task.jacobian)), default=0)
+        return TOLERANCES.get(len(used) + angles, LOOSEST)
+    if not 0 < tolerance < 1:
+        raise ProblemError(
+            f"the tolerance is {tolerance}", where="the bound", expected="a number between 0 and 1"
+        )
+    return float(tolerance)
+
+
+def _scale_given(scales: Sequence[float] | None, size: int, name: str) -> Float[np.ndarray, " scales"]:
+    given = np.ones(size) if scales is None else np.asarray(scales, dtype=np.float64)
+    if given.shape != (size,) or not (np.isfinite(given).all() and (given > 0).all()):
+        raise ProblemError(f"`{name}` is {scales}", where="the bound", expected=f"{size} positive numbers")
+    return given
+
+
+def _objective(
+    task: _Task, rows: list[int], columns: list[int], D_w: np.ndarray, D_v: np.ndarray
+) -> Objective:
+    """Return the block of D_w^-1 J D_v, scaled exactly."""
+    slopes = tuple(
+        tuple(scale(Fraction(float(D_v[j])) / Fraction(float(D_w[i])), task.jacobian[i][j]) for j in columns)
+        for i in rows
+    )
+    return Objective(slopes, Conditions(task.graph.conditions), task.graph.inputs + 1)
+
+
+def _scaling(task: _Task, rows: list[int], columns: list[int]) -> tuple[list[float], list[float]]:
+    ones_w, ones_v = np.ones(len(task.jacobian)), np.ones(task.graph.inputs)
+    if len(rows) == 1:
+        return [1.0], [1.0] * len(columns)
+    plain = _objective(task, rows, columns, ones_w, ones_v)
+    return choose_scaling(plain, sample_points(plain, task.lower, task.upper, [], polish=False))
+
+
+def _search(
+    task: _Task, rows: list[int], columns: list[int], D_w: np.ndarray, D_v: np.ndarray, limits: Limits
+) -> Outcome:
+    objective = _objective(task, rows, columns, D_w, D_v)
+    lower, upper = reduce_to_period([objective.value, *_needs(objective)], task.lower, task.upper)
+    relaxed = _relaxed(objective, lower, upper, limits)
+    if relaxed is None:
+        return Search(
+            objective, *_with_angles(objective, lower, upper), limits, (task.lower, task.upper)
+        ).run()
+    direct = replace(limits, ceiling=relaxed.upper, seconds=limits.seconds / 2)
+    return Search(objective, *_with_angles(objective, lower, upper), direct, (task.lower, task.upper)).run()
+
+
+def _relaxed(objective: Objective, lower: np.ndarray, upper: np.ndarray, limits: Limits) -> Outcome | None:
+    """Return a bound that takes the bounded functions of unbounded variables as independent."""
+    found = relax(objective, lower, upper)
+    if found is None:
+        return None
+    own = replace(limits, asked=None, tolerance=max(limits.tolerance / 4, 1e-10), seconds=limits.seconds / 2)
+    ends = _with_angles(*found)
+    return Search(found[0], *ends, own, (found[1], found[2])).run()
+
+
+def _with_angles(objective: Objective, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    angles = objective.angles
+    return np.concatenate([lower, [a for a, _ in angles]]), np.concatenate([upper, [b for _, b in angles]])
+
+
+def _needs(objective: Objective) -> list[Node]:
+    return [n for c in objective.conditions.conditions for n in (c.guard, *c.args)]
+
+
+def _share(scaled: float, own: float, alpha: float) -> float:
+    """Return d own/alpha rounded up: a larger D_w makes the scaled slope smaller, the bound stays proved."""
+    if own == alpha or own == 0.0:
+        return scaled
+    exact = Fraction(scaled) * Fraction(own) / Fraction(alpha)
+    nearest = float(exact)
+    return nearest if Fraction(nearest) >= exact else math.nextafter(nearest, math.inf)
+
+
+def _bound(outcomes: list[Outcome], limits: Limits, D_w: np.ndarray, D_v: np.ndarray) -> Bound:
+    top = max(outcomes, key=lambda o: o.lower)
+    alpha = max(o.upper for o in outcomes)
+    asked = limits.asked
+    proved = alpha < math.inf if asked is None else alpha <= asked
+    refuted = asked is not None and top.lower > asked
+    converged = all(o.converged for o in outcomes) or refuted
+    return Bound(
+        alpha=alpha,
+        lower=top.lower,
+        witness=_witness(top),
+        proved=proved,
+        refuted=refuted,
+        converged=converged,
+        reason=_reason(outcomes, alpha, top.lower, converged, asked),
+        asked=asked,
+        tolerance=limits.tolerance,
+        boxes=sum(o.boxes for o in outcomes),
+        input_scale=tuple(float(x) for x in D_v),
+        output_scale=tuple(float(x) for x in D_w),
+    )
+
+
+def _witness(outcome: Outcome) -> Witness | None:
+    if outcome.point is None:
+        return None
+    *v, t = (float(x) for x in outcome.point)
+    return Witness(tuple(v), t, outcome.lower)
+
+
+def _reason(outcomes: list[Outcome], alpha: float, lower: float, converged: bool, asked: float | None) -> str:
+    for outcome in outcomes:
+        if outcome.upper == math.inf:
+            return outcome.reason
+    if asked is not None and lower > asked:
+        return f"a slope of {lower:.17g} is reached, above {asked:.17g}"
+    if not converged:
+        return f"not converged within the budget: the truth is between {lower:.17g} and {alpha:.17g}"
+    return ""

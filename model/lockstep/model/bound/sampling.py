@@ -1,0 +1,119 @@
+"""Points at which slopes are looked for, in floating point; what is found is proved afterwards."""
+
+import math
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.model.bound.expression import Node, linear_terms
+from lockstep.model.bound.traversal import order
+
+COUNT = 2000
+LARGEST_KINK = 1e100
+SEED = 20  # any: the points are the same in every run
+Points = Float[np.ndarray, "variables points"]
+
+
+@runtime_checkable
+class Slopes(Protocol):
+    """Anything that estimates slopes at points (v, t)."""
+
+    @property
+    def variables(self) -> int:
+        """How many variables v and t are."""
+        ...
+
+    @property
+    def used(self) -> frozenset[int]:
+        """The variables that the slopes depend on."""
+        ...
+
+    def estimate(self, points: Points) -> Float[np.ndarray, " points"]:
+        """Return the slope at each point, -1 where there is none."""
+        ...
+
+
+def breakpoints(value: Node, count: int) -> list[list[float]]:
+    """Return, per variable, the values at which a condition that is linear in it alone changes."""
+    found: list[set[float]] = [set() for _ in range(count)]
+    for node in order([value]):
+        if node.op in ("positive", "zero"):
+            offset, terms = linear_terms(node.args[0])
+            if len(terms) == 1 and terms[0][1].op == "variable":
+                index = terms[0][1].data
+                assert isinstance(index, int)
+                if abs(offset / terms[0][0]) < LARGEST_KINK:
+                    found[index].add(float(-offset / terms[0][0]))
+    return [sorted(x) for x in found]
+
+
+def sample_points(
+    slopes: Slopes,
+    lower: Float[np.ndarray, " variables"],
+    upper: Float[np.ndarray, " variables"],
+    kinks: list[list[float]],
+    *,
+    polish: bool,
+) -> Points:
+    """Return points of the domain, the best refined if `polish`; variables without a part in it stay at 0."""
+    generator = np.random.default_rng(SEED)
+    size = slopes.variables
+    lower, upper = lower[:size], upper[:size]
+    points = np.stack(
+        [
+            _along(generator, low, high, kinks[k] if k < len(kinks) else [])
+            if k in slopes.used
+            else np.zeros(COUNT)
+            for k, (low, high) in enumerate(zip(lower, upper, strict=True))
+        ]
+    )
+    points = np.clip(points, lower[:, None], upper[:, None])
+    return _polished(generator, slopes, points, lower, upper) if polish else points
+
+
+def _along(generator: np.random.Generator, low: float, high: float, kinks: list[float]) -> np.ndarray:
+    special = [x for x in (0.0, low, high) if math.isfinite(x)]
+    special += [y for x in kinks for y in (math.nextafter(x, -math.inf), math.nextafter(x, math.inf))]
+    special += [x + d for x in kinks for d in (-1e-3, 1e-3)]
+    if math.isfinite(low) and math.isfinite(high):
+        spread = low + (high - low) * generator.random(COUNT)
+    else:
+        far = 10.0 ** generator.uniform(-3, 8, COUNT) * generator.choice([-1.0, 1.0], COUNT)
+        near = generator.uniform(-8, 8, COUNT)
+        spread = np.where(generator.random(COUNT) < 0.3, far, near)
+        base = low if math.isfinite(low) else high if math.isfinite(high) else 0.0
+        spread = (
+            base + np.abs(spread)
+            if math.isfinite(low)
+            else base - np.abs(spread)
+            if math.isfinite(high)
+            else spread
+        )
+    chosen = generator.random(COUNT) < min(0.3, 0.02 * len(special))
+    picked = generator.choice(np.array(special or [0.0]), COUNT)
+    values = np.where(chosen, picked, spread)
+    values[: len(special)] = special[:COUNT]
+    return values
+
+
+def _polished(
+    generator: np.random.Generator, slopes: Slopes, points: Points, lower: np.ndarray, upper: np.ndarray
+) -> Float[np.ndarray, "variables best"]:
+    """Search around the best points with shrinking steps."""
+    width = np.where(np.isfinite(upper - lower), upper - lower, 2.0)[:, None]
+    found = slopes.estimate(points)
+    best = points[:, np.argsort(-found, kind="stable")[:8]]
+    reach = 0.2
+    while reach > 1e-9:
+        local = width + np.where(np.isfinite(upper - lower)[:, None], 0.0, np.abs(best))
+        moved = [best + reach * local * generator.standard_normal(best.shape) for _ in range(16)]
+        # Half of the moves change one variable only.
+        mask = [generator.random(best.shape) < 0.5 for _ in moved]
+        tried = np.concatenate(
+            [best, *(np.where(m, x, best) for m, x in zip(mask, moved, strict=True))], axis=1
+        )
+        tried = np.clip(tried, lower[:, None], upper[:, None])
+        best = tried[:, np.argsort(-slopes.estimate(tried), kind="stable")[:8]]
+        reach *= 0.6
+    return best

@@ -1,0 +1,104 @@
+"""Checks of the nonlinearity: its bound and where it holds, what was moved into A, and (3) at the origin."""
+
+import casadi as ca
+import numpy as np
+
+from lockstep.model.agent import Agent
+from lockstep.model.assembly import arguments_text
+from lockstep.model.bound import Bound, Box, prove_bound
+from lockstep.model.checks.report import Row
+from lockstep.model.domain import argument_box
+
+TIMES = np.concatenate([[0.0], np.linspace(-50.0, 50.0, 1001), np.geomspace(1e-3, 1e6, 200)])
+"""Where an offset that depends on t is looked at."""
+
+
+def bound(agent: Agent, proved: Bound) -> Row:
+    """|phi(a, t) - phi(b, t)| <= alpha |a - b|, proved; the sharpest alpha lies between the two figures."""
+    reason = (
+        "the certificate is as true as this bound, an incremental one: (30) needs that, (3) does not give it"
+    )
+    name = "bound of the nonlinearity"
+    if agent.lure.is_linear:
+        return Row(name, "ok", "alpha = 0: the agent is linear", reason)
+    head = f"alpha = {proved.alpha:.10g}"
+    where = arguments_text(agent)
+    if proved.asked is not None:
+        return Row(name, "ok", f"{head} as asked, proved; {proved.lower:.10g} is reached ({where})", reason)
+    if not proved.converged:
+        figure = f"{head} proved, but not shown to be the smallest: {proved.lower:.10g} is reached ({where})"
+        return Row(name, "note", figure, reason)
+    return Row(name, "ok", f"{head} proved, {proved.lower:.10g} is reached ({where})", reason)
+
+
+def holds_everywhere(agent: Agent, proved: Bound, *, seconds: float) -> bool:
+    """Whether alpha bounds phi outside of the domain too: a box that constrains nothing costs nothing."""
+    size = argument_box(agent.lure.H, agent.box).size
+    if agent.lure.is_linear or argument_box(agent.lure.H, agent.box) == Box.everywhere(size):
+        return proved.proved
+    wide = prove_bound(
+        agent.lure.phi,
+        Box.everywhere(size),
+        proved.alpha,
+        input_scale=proved.input_scale,
+        output_scale=proved.output_scale,
+        seconds=seconds,
+    )
+    return wide.proved
+
+
+def reach(agent: Agent, *, everywhere: bool) -> Row:
+    """Where the certificate holds: for every state, or only while all agents stay in the box."""
+    reason = "a bound on a box says nothing about trajectories that leave it"
+    if everywhere:
+        aside = "; the box of [agent.domain] is not needed for it" if agent.domain else ""
+        return Row("where the bound holds", "ok", f"everywhere: the certificate is global{aside}", reason)
+    box = argument_box(agent.lure.H, agent.box)
+    sides = ", ".join(
+        f"{low:.4g} <= v{k} <= {high:.4g}"
+        for k, (low, high) in enumerate(zip(box.lower, box.upper, strict=True), start=1)
+    )
+    figure = (
+        f"on {sides} only ({arguments_text(agent)}): the certificate is local, true while every agent stays "
+        "there; that they do is not shown: agents in agreement may drift out of the box together"
+    )
+    return Row("where the bound holds", "note", figure, reason)
+
+
+def centring(agent: Agent) -> Row:
+    """What was moved from phi into A so that the slopes of phi lie around zero."""
+    reason = "alpha is half the range of the slopes if they lie around zero, and up to the whole range if not"
+    name = "slopes around zero"
+    if not agent.centring.moves:
+        return Row(name, "ok", f"A is as written: {agent.centring.reason}", reason)
+    moved = ", ".join(
+        f"{float(move.amount):.6g} v{move.argument + 1} from phi{move.component + 1}"
+        for move in agent.centring.moves
+    )
+    figure = f"moved into A: {moved} ({arguments_text(agent)}); [agent] centre = false leaves A as written"
+    return Row(name, "note", figure, reason)
+
+
+def origin(agent: Agent) -> Row:
+    """h(t, 0) = 0, which (3) contains and consensus does not need."""
+    reason = "(3) needs h(t, 0) = 0; consensus does not: what all agents share cancels in the disagreement"
+    size, exact = _offset(agent)
+    if size == 0.0:
+        figure = "0" if exact else "0 at every t looked at"
+        return Row("h(t, 0) = 0", "ok", figure, reason)
+    figure = (
+        f"|h(t, 0)| {'=' if exact else 'reaches'} {size:.6g}: (3) fails at the origin; "
+        "the offset cancels and the incremental bound carries the proof"
+    )
+    return Row("h(t, 0) = 0", "note", figure, reason)
+
+
+def _offset(agent: Agent) -> tuple[float, bool]:
+    """Return the largest |h(t, 0)| seen and whether it is the same for all t."""
+    t = ca.SX.sym("t")
+    h = agent.lure.at_origin(t)
+    if not ca.depends_on(h, t):
+        return float(np.linalg.norm(np.asarray(agent.lure.at_origin(0.0)))), True
+    values = np.asarray(agent.lure.at_origin(TIMES[None, :]))
+    known = np.isfinite(values).all(axis=0)
+    return float(np.linalg.norm(values[:, known], axis=0).max(initial=0.0)), False

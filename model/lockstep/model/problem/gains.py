@@ -1,0 +1,78 @@
+"""The controllers of (9) that a problem file gives: `[[design.gains]]`, for method "given"."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.model.errors import ProblemError
+from lockstep.model.problem.schema import GainsTable, Matrix
+
+
+@dataclass(frozen=True, eq=False)
+class GivenGains:
+    """One agent's controller, x_C' = A x_C + B y_rel, u = C x_C + D y_rel, with y_rel the relative output."""
+
+    A: Float[np.ndarray, "nc nc"]
+    B: Float[np.ndarray, "nc q"]
+    C: Float[np.ndarray, "m nc"]
+    D: Float[np.ndarray, "m q"]
+
+
+def given_gains(tables: Sequence[GainsTable], agents: int, m: int, q: int) -> tuple[GivenGains, ...]:
+    """Check the shapes of the gains of `agents` controllers with q inputs and m outputs.
+
+    Raises:
+        ProblemError: not one table per agent, a shape that does not fit, or controllers of different orders.
+    """
+    if len(tables) != agents:
+        raise ProblemError(
+            f"{len(tables)} tables of gains for {agents} agents",
+            where="[[design.gains]]",
+            expected="one per agent",
+        )
+    gains = tuple(_gains(table, f"[[design.gains]] {k}", m, q) for k, table in enumerate(tables, start=1))
+    orders = [g.A.shape[0] for g in gains]
+    for k, order in enumerate(orders, start=1):
+        if order != orders[0]:
+            raise ProblemError(
+                f"`A` is {order} x {order}, but that of agent 1 is {orders[0]} x {orders[0]}",
+                where=f"[[design.gains]] {k}",
+                expected="controllers of one order",
+            )
+    return gains
+
+
+def _gains(table: GainsTable, where: str, m: int, q: int) -> GivenGains:
+    order = len(table.A)
+    a = f"`A` is {order} x {order}"
+    return GivenGains(
+        _shaped("A", table.A, order, order, where, f"`A` has {order} rows: it must be square"),
+        _shaped(
+            "B", table.B, order, q, where, f"{a} and there are {q} outputs: a {order} x {q} matrix is needed"
+        ),
+        _shaped(
+            "C", table.C, m, order, where, f"{a} and there are {m} inputs: a {m} x {order} matrix is needed"
+        ),
+        _shaped(
+            "D", table.D, m, q, where, f"there are {m} inputs and {q} outputs: a {m} x {q} matrix is needed"
+        ),
+    )
+
+
+def _shaped(
+    name: str, rows: Matrix, height: int, width: int, where: str, reason: str
+) -> Float[np.ndarray, "a b"]:
+    if height * width == 0 and not any(rows):
+        return np.zeros((height, width))
+    if not rows:
+        raise ProblemError(f"`{name}` is missing or empty", where=where, expected=reason)
+    lengths = sorted({len(row) for row in rows})
+    if len(lengths) > 1:
+        raise ProblemError(
+            f"`{name}` has rows of {lengths[0]} and of {lengths[-1]} numbers", where=where, expected=reason
+        )
+    if (len(rows), lengths[0]) != (height, width):
+        raise ProblemError(f"`{name}` is {len(rows)} x {lengths[0]}", where=where, expected=reason)
+    return np.array(rows, dtype=float)

@@ -1,0 +1,85 @@
+"""From a file or its text to a checked table: reading, TOML, and the schema."""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from lockstep.model.errors import ProblemError
+from lockstep.model.problem.messages import problem_error
+from lockstep.model.problem.schema import ProblemFile
+
+LARGEST = 10_000_000
+"""Bytes: a thousand agents with full gains fit, a wrong file is refused before it fills the memory."""
+
+
+def read_text(path: Path) -> str:
+    """Read a problem file.
+
+    Raises:
+        ProblemError: missing, not a file, too large, not readable, or not UTF-8.
+    """
+    where, expected = str(path), "a problem file in TOML"
+    try:
+        if not path.exists():
+            raise ProblemError("there is no such file", where=where, expected=expected)
+        if not path.is_file():
+            raise ProblemError(
+                "it is a directory" if path.is_dir() else "it is no regular file",
+                where=where,
+                expected=expected,
+            )
+        if path.stat().st_size > LARGEST:
+            raise ProblemError(
+                f"it has {path.stat().st_size} bytes", where=where, expected=f"at most {LARGEST}"
+            )
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ProblemError(
+            f"byte {error.start + 1} is not UTF-8",
+            where=where,
+            expected="text in UTF-8",
+            remedy="save it as UTF-8",
+        ) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ProblemError(f"it cannot be read: {reason}", where=where, expected=expected) from None
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Parse TOML.
+
+    Raises:
+        ProblemError: not TOML, with the line and column.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        message = str(error)
+        place = re.search(r"\(at (line \d+, column \d+|end of document)\)", message)
+        what = message[: place.start()].strip() if place else message
+        raise ProblemError(
+            f"this is not TOML: {what[:1].lower()}{what[1:]}",
+            where=place.group(1) if place else "",
+            remedy="texts need quotes, lists [ ], and each key is given once",
+        ) from None
+    except (RecursionError, ValueError) as error:
+        what = (
+            "it is nested too deeply" if isinstance(error, RecursionError) else "a number has too many digits"
+        )
+        raise ProblemError(f"this is not TOML that can be read: {what}") from None
+
+
+def parse_tables(document: Any) -> ProblemFile:
+    """Check a document against the schema.
+
+    Raises:
+        ProblemError: an unknown or missing key, a wrong type, or a value out of range, with its place in the
+            file.
+    """
+    try:
+        return ProblemFile.model_validate(document)
+    except ValidationError as error:
+        raise problem_error(error) from None

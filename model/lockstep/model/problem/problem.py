@@ -1,0 +1,229 @@
+"""A problem: one agent, one graph, what is asked of the controllers, and how they will run."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.model.agent import Agent
+from lockstep.model.errors import ProblemError
+from lockstep.model.graph import Graph
+from lockstep.model.problem.assumptions import check_assumptions
+from lockstep.model.problem.build import build_agent, build_graph, build_variants
+from lockstep.model.problem.gains import GivenGains, given_gains
+from lockstep.model.problem.load import parse_tables, parse_toml, read_text
+from lockstep.model.problem.schema import ControllerTable, DesignTable, ProblemFile, SimulationTable
+from lockstep.model.problem.weights import weight_matrix
+
+DEFAULT_ORDER = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A problem file, checked as a whole on construction: agent, graph, weights and gains fit together.
+
+    Args:
+        file: the tables.
+
+    Raises:
+        ProblemError: whatever the agent, the graph, the weights or the gains refuse.
+
+    Whether the network can agree at all is asked by `validate`, so that `lockstep check` can describe one
+    that cannot.
+    """
+
+    file: ProblemFile
+
+    def __post_init__(self) -> None:
+        self._check_objective()
+        self._check_method()
+        _ = self._agent, self._graph, self._variants, self.gains
+        self.state_weight(self._agent.n)
+        self.controller_weight(self.order)
+        self.initial_states()
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any]) -> "Problem":
+        """Build a problem from the plain tables that `document` returns, or that a TOML parser does."""
+        return cls(parse_tables(document))
+
+    def document(self) -> dict[str, Any]:
+        """Return the problem as plain JSON types, defaults filled in; `from_document` gives the same problem
+        again.
+
+        Outputs are pairs in a list, because their order is the order of y and JSON writers may sort keys.
+        """
+        return self.file.model_dump(mode="json", exclude_none=True)
+
+    @property
+    def title(self) -> str:
+        """The title, for people."""
+        return self.file.title or self.file.agent.name
+
+    @property
+    def design(self) -> DesignTable:
+        """The table [design]."""
+        return self.file.design
+
+    @property
+    def controller(self) -> ControllerTable:
+        """The table [controller]."""
+        return self.file.controller
+
+    @property
+    def simulation(self) -> SimulationTable:
+        """The table [simulation]."""
+        return self.file.simulation
+
+    def agent(self) -> Agent:
+        """Return the agent; the same object each time, so that its symbols are the same."""
+        return self._agent
+
+    def graph(self) -> Graph:
+        """Return the communication graph."""
+        return self._graph
+
+    def agents_B(self) -> tuple[Float[np.ndarray, "n m"], ...]:
+        """Return B_i for each agent; they differ only by `[network] parameters`."""
+        return tuple(agent.lure.B for agent in self._variants)
+
+    @cached_property
+    def gains(self) -> tuple[GivenGains, ...] | None:
+        """The controllers of method "given", one per agent; None for every other method."""
+        if self.design.gains is None:
+            return None
+        gains = given_gains(self.design.gains, self._graph.agents, self._agent.m, self._agent.q)
+        order = gains[0].A.shape[0]
+        if self.design.order not in (None, order):
+            raise ProblemError(
+                f"`order` is {self.design.order}, but the gains have `A` of {order} x {order}",
+                where="[design] order",
+                expected=f"{order}, or no `order` for given gains",
+            )
+        return gains
+
+    @property
+    def order(self) -> int:
+        """n_C, the number of states of each controller; with given gains, theirs."""
+        if self.gains is not None:
+            return int(self.gains[0].A.shape[0])
+        return DEFAULT_ORDER if self.design.order is None else self.design.order
+
+    @property
+    def fragility(self) -> dict[str, float]:
+        """delta_A, delta_B, delta_C, delta_D of (11), by letter; all 0 for certain controllers."""
+        table = self.design.fragility
+        return {letter: float(getattr(table, letter)) if table else 0.0 for letter in "ABCD"}
+
+    def state_weight(self, n: int) -> Float[np.ndarray, "n n"]:
+        """Return R of one agent, n x n; (N - 1) copies of it weigh the disagreement."""
+        return weight_matrix(self.design.weights.state, n, where="[design.weights] state", per="state")
+
+    def controller_weight(self, nc: int) -> Float[np.ndarray, "nc nc"]:
+        """Return Q of one controller, nc x nc."""
+        where = "[design.weights] controller"
+        return weight_matrix(self.design.weights.controller, nc, where=where, per="controller state")
+
+    def initial_states(self) -> Float[np.ndarray, "N n"]:
+        """Return the states the simulation starts from, one row per agent."""
+        N, n = self._graph.agents, self._agent.n
+        given = self.simulation.initial
+        if given == "random":
+            generator = np.random.default_rng(self.simulation.seed)
+            return self.simulation.spread * generator.uniform(-1.0, 1.0, size=(N, n))
+        where = "[simulation] initial"
+        for k, row in enumerate(given, start=1):
+            if len(row) != n:
+                raise ProblemError(
+                    f"row {k} has {len(row)} numbers", where=where, expected=f"{n}, one per state"
+                )
+        if len(given) != N:
+            raise ProblemError(f"{len(given)} rows for {N} agents", where=where, expected="one row per agent")
+        return np.array(given, dtype=float)
+
+    def validate(self) -> None:
+        """Refuse a network that cannot agree, or that the method's assumptions do not cover.
+
+        Raises:
+            ProblemError: no spanning tree; (A, B_i) not controllable or (A, C) not observable, which the
+                paper
+                assumes under (2), with the mode that is lost, and whether it decays by itself.
+        """
+        check_assumptions(self._graph, self._agent, self.agents_B())
+
+    @cached_property
+    def _agent(self) -> Agent:
+        return build_agent(self.file.agent)
+
+    @cached_property
+    def _graph(self) -> Graph:
+        return build_graph(self.file.network)
+
+    @cached_property
+    def _variants(self) -> tuple[Agent, ...]:
+        return build_variants(self._agent, self.file, self._graph.agents)
+
+    def _check_objective(self) -> None:
+        design = self.design
+        if design.objective == "alpha" and design.rho is None:
+            raise ProblemError(
+                "the key `rho` is missing",
+                where="[design]",
+                expected='the rho to keep while alpha grows, for objective = "alpha"',
+            )
+        if design.objective == "rho" and design.rho is not None:
+            raise ProblemError(
+                f"`rho` is {design.rho}, but rho is what is minimised",
+                where="[design] rho",
+                expected='no `rho`, or objective = "alpha"',
+            )
+
+    def _check_method(self) -> None:
+        given = self.design.method == "given"
+        if given and self.design.gains is None:
+            raise ProblemError(
+                'there are no gains, but `method` is "given"',
+                where="[design]",
+                expected="one [[design.gains]] table per agent, with A, B, C, D",
+            )
+        if not given and self.design.gains is not None:
+            raise ProblemError(
+                f'there are gains, but `method` is "{self.design.method}"',
+                where="[[design.gains]]",
+                expected='method = "given", or no gains',
+            )
+
+
+def load_problem(path: str | Path) -> Problem:
+    """Read a problem file.
+
+    Raises:
+        ProblemError: anything wrong with it, with the file's name and the place in it.
+    """
+    path = Path(path)
+    return parse_problem(read_text(path), str(path))
+
+
+def parse_problem(text: str, name: str = "") -> Problem:
+    """Parse the text of a problem file; `name` is put before the place in messages.
+
+    >>> parse_problem('''
+    ... [agent]
+    ... states = ["x"]
+    ... inputs = ["u"]
+    ... dynamics = { x = "u - tanh(x)" }
+    ... outputs = { y = "x" }
+    ... [network]
+    ... agents = 3
+    ... topology = "cycle"
+    ... ''').graph().roots
+    (1, 2, 3)
+    """
+    try:
+        return Problem.from_document(parse_toml(text))
+    except ProblemError as error:
+        raise (error.within(name) if name else error) from None

@@ -1,0 +1,218 @@
+"""The tables of a problem file (design.md, section 2) as pydantic models: which keys, which types, which
+ranges.
+
+Strict: an unknown key is an error, text is no number, `true` is no 1, and nan and inf are refused, except
+    that a side of a box of the domain may be infinite. Each `description` completes the sentence "expected
+    ..." of a message.
+"""
+
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, Strict
+from pydantic_core import PydanticCustomError
+
+T = TypeVar("T")
+Many = Annotated[tuple[T, ...], Strict(False)]
+"""A TOML array, kept as a tuple; its items stay strict."""
+
+Numbers = Many[float]
+Matrix = Many[Numbers]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+
+MOST_ORDER = 64
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _pairs(value: Any) -> Any:
+    """Keep the order of the outputs, the order of y, where a JSON writer might sort a table's keys."""
+    if not isinstance(value, dict):
+        return value
+    for name, formula in value.items():
+        if not isinstance(formula, str):
+            raise PydanticCustomError("output", "not a formula", {"name": name, "value": formula})
+    return list(value.items())
+
+
+def _interval(value: Any) -> Any:
+    """Read [lower, upper]; an infinite side becomes None, which JSON can hold."""
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise PydanticCustomError("interval", "not an interval")
+    low, high = value
+    return (None if low == float("-inf") else low, None if high == float("inf") else high)
+
+
+def _weight(value: Any) -> Any:
+    """Read a number, a list of numbers or a list of such lists, without converting anything."""
+    if _is_number(value):
+        return float(value)
+    if isinstance(value, list | tuple) and value and all(_is_number(x) for x in value):
+        return tuple(float(x) for x in value)
+    if (
+        isinstance(value, list | tuple)
+        and value
+        and all(isinstance(row, list | tuple) and row and all(_is_number(x) for x in row) for row in value)
+    ):
+        return tuple(tuple(float(x) for x in row) for row in value)
+    raise PydanticCustomError("weight", "not a weight")
+
+
+def _edge_out(edge: tuple[float, ...]) -> list[int | float]:
+    """Write agents as whole numbers."""
+    return [int(x) if x.is_integer() and k < 2 else x for k, x in enumerate(edge)]
+
+
+Edge = Annotated[Numbers, PlainSerializer(_edge_out)]
+Interval = Annotated[tuple[float | None, float | None], BeforeValidator(_interval)]
+Weight = Annotated[Any, BeforeValidator(_weight)]
+Outputs = Annotated[Many[Annotated[tuple[str, str], Strict(False)]], BeforeValidator(_pairs)]
+
+
+class Table(BaseModel):
+    """What all tables of the file share."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class AgentTable(Table):
+    """[agent]: the agent all nodes of the network share."""
+
+    name: str = Field(default="agent", description='a C identifier, such as "arm"')
+    states: Many[str] = Field(description='a list of names, such as ["position", "speed"]')
+    inputs: Many[str] = Field(description='a list of names, such as ["u"]')
+    parameters: dict[str, float] = Field(default={}, description="a finite number by name")
+    dynamics: dict[str, str] = Field(
+        description='a formula as text by state, such as speed = "-k*position + u"'
+    )
+    outputs: Outputs = Field(description='a formula as text by name, such as y1 = "position"')
+    domain: dict[str, Interval] = Field(default={}, description="[lower, upper] by state, as two numbers")
+    units: dict[str, str] = Field(
+        default={}, description='a unit as text by state, input or output, such as "rad"'
+    )
+    split: Literal["terms", "jacobian"] = Field(default="terms", description='"terms" or "jacobian"')
+    centre: bool = Field(
+        default=True, description="true or false: move the middle of the nonlinearity's slopes into A"
+    )
+
+
+class NetworkTable(Table):
+    """[network]: the graph, as exactly one of edges, laplacian, topology."""
+
+    agents: int | None = Field(default=None, description="a whole number of agents, 2 or more")
+    edges: Many[Edge] | None = Field(
+        default=None, description="a list of [listener, source] or [listener, source, weight]"
+    )
+    laplacian: Matrix | None = Field(default=None, description="the matrix (1) as a list of rows of numbers")
+    topology: Literal["cycle", "path", "ring", "complete", "star", "leader_path"] | None = Field(
+        default=None, description='"cycle", "path", "ring", "complete", "star" or "leader_path"'
+    )
+    parameters: Many[dict[str, float]] | None = Field(
+        default=None, description="one table of finite numbers per agent, such as [{ k = 1.0 }, {}]"
+    )
+
+
+class WeightsTable(Table):
+    """[design] weights: R on the disagreement of the states, Q on the controller states."""
+
+    state: Weight = Field(default=1.0, description="a number, a list of numbers or a symmetric matrix")
+    controller: Weight = Field(default=1.0, description="a number, a list of numbers or a symmetric matrix")
+
+
+class FragilityTable(Table):
+    """[design.fragility]: the bounds delta of (11), as spectral norms; 0 is certain."""
+
+    A: NotNegative = Field(default=0.0, description="a finite number, 0 or more")
+    B: NotNegative = Field(default=0.0, description="a finite number, 0 or more")
+    C: NotNegative = Field(default=0.0, description="a finite number, 0 or more")
+    D: NotNegative = Field(default=0.0, description="a finite number, 0 or more")
+
+
+class GainsTable(Table):
+    """[[design.gains]]: one agent's controller (9); at order 0 there is D alone."""
+
+    A: Matrix = Field(default=(), description="a list of rows of finite numbers")
+    B: Matrix = Field(default=(), description="a list of rows of finite numbers")
+    C: Matrix = Field(default=(), description="a list of rows of finite numbers")
+    D: Matrix = Field(description="a list of rows of finite numbers")
+
+
+class DesignTable(Table):
+    """[design]: what is asked of the controllers."""
+
+    method: Literal["certified", "modal", "theorem1", "corollary1", "lipschitz", "given"] = Field(
+        default="certified",
+        description='"certified", "modal", "theorem1", "corollary1", "lipschitz" or "given"',
+    )
+    order: int | None = Field(
+        default=None,
+        ge=0,
+        le=MOST_ORDER,
+        description=f"a whole number from 0 (static output feedback) to {MOST_ORDER}",
+    )
+    weights: WeightsTable = Field(
+        default=WeightsTable(), description="a table, such as { state = 1.0, controller = 2.0 }"
+    )
+    gain_limit: Positive = Field(default=50.0, description="a finite number above 0")
+    fragility: FragilityTable | None = Field(default=None, description="a table, such as { A = 0.5 }")
+    alpha: Positive | None = Field(default=None, description="a finite number above 0")
+    objective: Literal["rho", "alpha"] = Field(default="rho", description='"rho" or "alpha"')
+    rho: Positive | None = Field(default=None, description="a finite number above 0")
+    coordinates: Literal["orthonormal", "laplacian_rows"] = Field(
+        default="orthonormal", description='"orthonormal" or "laplacian_rows"'
+    )
+    starts: int = Field(default=4, ge=1, le=10_000, description="a whole number from 1 to 10000")
+    seed: int = Field(default=0, ge=0, le=2**63 - 1, description="a whole number, 0 or more")
+    gains: Many[GainsTable] | None = Field(default=None, description="one [[design.gains]] table per agent")
+
+
+class ControllerTable(Table):
+    """[controller]: how the controller runs on the target."""
+
+    period: Positive = Field(default=0.005, description="a finite number of seconds above 0")
+    discretization: Literal["tustin", "zoh"] = Field(default="tustin", description='"tustin" or "zoh"')
+    real: Literal["float32", "float64"] = Field(default="float32", description='"float32" or "float64"')
+    delay: Literal[0, 1] = Field(default=0, description="0 or 1 periods")
+
+
+class DisturbanceTable(Table):
+    """[simulation.disturbance]: xi of (2), acting on each state of each agent on its own."""
+
+    kind: Literal["none", "noise", "sine", "step"] = Field(
+        default="none", description='"none", "noise" (Gaussian, held over a period), "sine" or "step"'
+    )
+    amplitude: NotNegative = Field(
+        default=1.0, description="a finite number, 0 or more (the standard deviation of noise)"
+    )
+    frequency: Positive = Field(default=1.0, description="a finite number of Hz above 0")
+    start: NotNegative = Field(default=0.0, description="a finite number of seconds, 0 or more")
+    stop: Positive | None = Field(default=None, description="a finite number of seconds above 0")
+
+
+class SimulationTable(Table):
+    """[simulation]: the run of the nonlinear closed loop."""
+
+    initial: Matrix | Literal["random"] = Field(
+        default="random", description='"random", or one list of n numbers per agent'
+    )
+    spread: NotNegative = Field(
+        default=1.0, description="a finite number, 0 or more: random states are within +-spread"
+    )
+    horizon: Positive = Field(default=20.0, description="a finite number of seconds above 0")
+    seed: int = Field(default=0, ge=0, le=2**63 - 1, description="a whole number, 0 or more")
+    disturbance: DisturbanceTable = Field(
+        default=DisturbanceTable(), description='a table, such as { kind = "noise" }'
+    )
+
+
+class ProblemFile(Table):
+    """The whole file."""
+
+    title: str = Field(default="", description="text")
+    agent: AgentTable = Field(description="the table [agent]")
+    network: NetworkTable = Field(description="the table [network]")
+    design: DesignTable = Field(default=DesignTable(), description="the table [design]")
+    controller: ControllerTable = Field(default=ControllerTable(), description="the table [controller]")
+    simulation: SimulationTable = Field(default=SimulationTable(), description="the table [simulation]")

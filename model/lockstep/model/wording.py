@@ -1,0 +1,24 @@
+"""Words for messages: the nearest known name, and texts cut to a readable length."""
+
+import difflib
+from collections.abc import Iterable
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return "did you mean `b`?" for the known name nearest to `name`, or nothing.
+
+    >>> nearest("theta_1", ["theta_l", "omega_l"])
+    'did you mean `theta_l`?'
+    """
+    names = list(known)
+    close = difflib.get_close_matches(name[:100], names, n=1)
+    if not close:
+        close = [k for k in names if k.lower() == name.lower()][:1]
+    return f"did you mean `{close[0]}`?" if close else ""
+
+
+def shorten(text: str, width: int = 60) -> str:
+    """Return `text` on one line of printable ASCII, cut in the middle when it is longer than `width`."""
+    line = text if text.isascii() and text.isprintable() else ascii(text)[1:-1]
+    half = (width - 5) // 2
+    return line if len(line) <= width else f"{line[:half]} ... {line[-half:]}"
