@@ -209,7 +209,7 @@ def test_gains_of_sampled_controllers_are_taken_as_they_are() -> None:
 
 
 def test_static_controllers_work() -> None:
-    gains = Gains.from_blocks(np.stack([D for D in GAINS.D]), 0)
+    gains = Gains.from_blocks(np.stack(GAINS.D), 0)
     net = network()
     for options in ({}, {"period": 0.1, "method": "tustin"}):
         np.testing.assert_array_equal(net.controllers_to_control(gains, **options)[2].D, GAINS.D[2])
@@ -227,9 +227,12 @@ def test_bode_and_step_response_take_the_exports() -> None:
     assert response.magnitude.shape == (reduced.noutputs, reduced.ninputs, 3)
     step = control.step_response(reduced["d1_theta_l", "d1_xi_theta_l"], T=np.linspace(0.0, 1.0, 20))
     assert np.isfinite(step.outputs).all()
-    one = control.frequency_response(arm().to_control(linear=True), [0.0])
-    # At rest theta_l = theta_m, so the motor alone holds the spring: no gain to omega, a pole at 0 to theta.
-    assert one.magnitude[1, 0, 0] == pytest.approx(0.0, abs=1e-9) or not np.isfinite(one.magnitude[0, 0, 0])
+    s = 2.0j
+    one = control.frequency_response(arm().to_control(linear=True), [2.0])
+    # By elimination: theta_l = 19.5/(s^2 + 19.5) theta_m, and the motor carries the spring's torque.
+    by_hand = 21.6 / (s**2 + 1.25 * s + 48.6 - 48.6 * 19.5 / (s**2 + 19.5))
+    assert one.magnitude[0, 0, 0] == pytest.approx(abs(by_hand), rel=1e-10)
+    assert one.magnitude[1, 0, 0] == pytest.approx(abs(s * by_hand), rel=1e-10)
 
 
 def test_a_linear_agent_comes_back_double_by_double() -> None:

@@ -43,7 +43,7 @@ def _build(path: Path, output: Path, jobs: int | None) -> Answer:
         write_folder(bundle(files, {"report.md": report}), output)
     document = {"ok": holds, "directory": str(output), "check": checks.document(), "design": content,
                 "verify": plain(verified.as_dict()), "files": sorted([*files, "report.md"]) if holds else []}
-    return Answer(document, Group(check_table(checks), summary(content), verify_table(verified)), holds)
+    return Answer(document, Group(check_table(checks, problem.title), summary(content), verify_table(verified)), holds)
 
 
 def _designed(problem: Any, jobs: int | None) -> dict[str, Any]:

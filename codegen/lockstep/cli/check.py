@@ -20,8 +20,9 @@ def run(path: Path, *, as_json: bool) -> None:
 def _check(path: Path) -> Answer:
     from lockstep.model.problem import load_problem
 
-    report = checked(load_problem(path))
-    return Answer(report.document(), table_of(report), report.ok)
+    problem = load_problem(path)
+    report = checked(problem)
+    return Answer(report.document(), table_of(report, problem.title), report.ok)
 
 
 def checked(problem: "Problem") -> "CheckReport":
@@ -33,9 +34,9 @@ def checked(problem: "Problem") -> "CheckReport":
         return check_problem(problem)
 
 
-def table_of(report: "CheckReport") -> Table:
+def table_of(report: "CheckReport", title: str) -> Table:
     """Return the checks as a table."""
-    table = Table(title=report.title, title_justify="left")
+    table = Table(title=title, title_justify="left")
     for heading in ("check", "verdict", "figure", "why it matters"):
         table.add_column(heading)
     for row in report.rows:

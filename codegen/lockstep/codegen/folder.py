@@ -17,7 +17,7 @@ def write_folder(files: Mapping[str, str], directory: Path | str) -> Path:
     is in the way, or if the folder holds files that Lockstep did not write there: they would be lost.
     """
     target = Path(directory).absolute()
-    _check_replaceable(target)
+    check_replaceable(target)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         staging = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
@@ -50,7 +50,7 @@ def _exchange(fresh: Path, target: Path, old: Path) -> None:
         raise
 
 
-def _check_replaceable(target: Path) -> None:
+def check_replaceable(target: Path) -> None:
     if not target.exists() and not target.is_symlink():
         return
     if target.is_symlink() or not target.is_dir():

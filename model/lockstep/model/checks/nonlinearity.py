@@ -87,7 +87,7 @@ def origin(agent: Agent) -> Row:
         figure = "0" if exact else "0 at every t looked at"
         return Row("h(t, 0) = 0", "ok", figure, reason)
     figure = (
-        f"|h(t, 0)| {'=' if exact else 'reaches'} {size:.6g}: (3) fails at the origin; "
+        f"|h(t, 0)| {'=' if exact else 'reaches'} {size:.4g}: (3) fails at the origin; "
         "the offset cancels and the incremental bound carries the proof"
     )
     return Row("h(t, 0) = 0", "note", figure, reason)

@@ -1,0 +1,135 @@
+"""From problem to network: domains go through H outwards, scales stay exact, and asked bounds are decided."""
+
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lockstep.model import Agent, BoundNotProved, Graph, ProblemError, load_problem
+from lockstep.model.assembly import bound_of, network_of
+from lockstep.model.domain import argument_box
+from lockstep.model.network import Network
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+FINITE = st.floats(-1e6, 1e6, allow_nan=False)
+
+
+def agent(dynamics: dict[str, str], domain: dict | None = None) -> Agent:
+    return Agent.from_expressions(
+        "body",
+        states=list(dynamics),
+        inputs=["f"],
+        outputs={"y1": next(iter(dynamics))},
+        dynamics=dynamics,
+        domain=domain or {},
+    )
+
+
+def test_the_arms_are_assembled_as_the_paper_has_them() -> None:
+    problem = load_problem(EXAMPLES / "flexible_joint_arms.toml")
+    bound = bound_of(problem.agent())
+    network = network_of(problem, bound)
+    assert (bound.alpha, bound.output_scale, bound.input_scale) == (3.33, (1.0,), (1.0,))
+    np.testing.assert_array_equal(network.plant.H, [[0, 0, 1, 0]])
+    assert network.coordinates == "orthonormal"
+    assert network.N == 3
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data(), n=st.integers(1, 4))
+def test_the_box_of_the_arguments_contains_every_corner(data: st.DataObject, n: int) -> None:
+    H = np.array([data.draw(st.lists(FINITE, min_size=n, max_size=n))])
+    ends = [sorted(data.draw(st.tuples(FINITE, FINITE))) for _ in range(n)]
+    box = argument_box(H, np.array(ends))
+    for corner in range(2**n):
+        picks = [ends[j][corner >> j & 1] for j in range(n)]
+        value = sum(
+            (Fraction(h) * Fraction(x) for h, x in zip(H[0].tolist(), picks, strict=True)), Fraction(0)
+        )
+        assert Fraction(box.lower[0]) <= value <= Fraction(box.upper[0])
+    # No more than one rounding away from the hull.
+    low = sum(
+        (
+            min(Fraction(h) * Fraction(a), Fraction(h) * Fraction(b))
+            for h, (a, b) in zip(H[0].tolist(), ends, strict=True)
+        ),
+        Fraction(0),
+    )
+    assert Fraction(box.lower[0]) >= Fraction(np.nextafter(float(low), -np.inf))
+
+
+def test_open_sides_stay_open_and_unseen_states_do_not_matter() -> None:
+    box = argument_box(np.array([[1.0, 0.0], [-1.0, 1.0]]), np.array([[0.0, np.inf], [-1.0, 2.0]]))
+    assert (box.lower, box.upper) == ((0.0, -np.inf), (np.inf, 2.0))
+
+
+def test_two_forces_are_scaled_so_that_one_alpha_is_sharp_for_both() -> None:
+    body = agent({"p": "v - 3.0*sin(p)", "v": "f - tanh(v)"})
+    bound = bound_of(body)
+    assert bound.alpha == pytest.approx(3.0, rel=1e-8)
+    # Component 2 has slopes up to 1: scaled by D_w it must stay below alpha, and come close to it.
+    assert 1.0 / bound.output_scale[1] <= bound.alpha
+    assert 1.0 / bound.output_scale[1] >= 0.999 * bound.alpha
+
+
+@pytest.mark.parametrize(
+    ("dynamics", "domain"),
+    [
+        ({"p": "v - 3.0*sin(p)", "v": "f - tanh(v)"}, {}),
+        (
+            {"p": "0.1*r*q + f", "q": "-0.9*r*p", "r": "0.4*p*q + f"},
+            {"p": (-1, 1), "q": (-2, 2), "r": (-1, 3)},
+        ),
+        ({"a": "-0.1*tanh(a - 0.3*b) + f", "b": "0.7*tanh(a - 0.3*b) + 2*sin(b)"}, {}),
+    ],
+)
+def test_scaled_matrices_are_exact_and_the_scaled_bound_holds_at_samples(
+    dynamics: dict, domain: dict
+) -> None:
+    body = agent(dynamics, domain)
+    bound = bound_of(body, budget=6.0)
+    network = Network(body, Graph.topology("cycle", 3)).with_bound(bound)
+    G, H = body.lure.G, body.lure.H
+    D_w, D_v = np.array(bound.output_scale), np.array(bound.input_scale)
+    for (i, k), g in np.ndenumerate(network.plant.G):
+        assert Fraction(float(g)) == Fraction(float(G[i, k])) * Fraction(float(D_w[k]))
+    for (k, j), h in np.ndenumerate(network.plant.H):
+        assert Fraction(float(h)) * Fraction(float(D_v[k])) == Fraction(float(H[k, j]))
+    generator, box = np.random.default_rng(0), argument_box(H, body.box)
+    low, high = np.maximum(box.lower, -9.0), np.minimum(box.upper, 9.0)
+    largest = 0.0
+    for _ in range(4000):
+        a, b = generator.uniform(low, high), generator.uniform(low, high)
+        b = a + 10.0 ** generator.uniform(-4, 0) * (b - a)
+        change = np.asarray(body.lure.phi(a, 0.0) - body.lure.phi(b, 0.0)).ravel() / D_w
+        largest = max(largest, float(np.linalg.norm(change) / np.linalg.norm((a - b) / D_v)))
+    assert 0.7 * bound.alpha < largest <= bound.alpha * (1 + 1e-9)
+    assert bound.lower <= bound.alpha
+
+
+def test_scales_that_would_round_are_refused() -> None:
+    body = agent({"p": "f - 0.1*tanh(p - v)", "v": "0.7*tanh(p - v)"})
+    assert body.lure.G.tolist() != [[1.0], [0.0]]
+    Network(body, Graph.topology("cycle", 3), scales=((0.5,), (2.0,)))
+    for scales in (((0.3,), (1.0,)), ((1.0,), (3.0,)), ((1.0, 1.0), (1.0,))):
+        with pytest.raises(ProblemError, match="scales"):
+            Network(body, Graph.topology("cycle", 3), scales=scales)
+
+
+def test_asked_bounds_are_decided_for_several_components_too() -> None:
+    body = agent({"p": "v - 3.0*sin(p)", "v": "f - tanh(v)"})
+    assert bound_of(body, alpha=3.5).alpha == 3.5
+    with pytest.raises(BoundNotProved) as raised:
+        bound_of(body, alpha=2.9)
+    assert raised.value.figures["lower"] > 2.9
+    assert bound_of(agent({"p": "f - 2*p"}), alpha=1.0).alpha == 1.0
+    assert bound_of(agent({"p": "f - 2*p"})).alpha == 0.0
+
+
+def test_no_finite_bound_is_bad_input() -> None:
+    with pytest.raises(ProblemError, match="no finite bound"):
+        bound_of(agent({"p": "f - p**3"}))
+    assert bound_of(agent({"p": "f - p**3"}, {"p": (-1.0, 1.0)})).alpha == pytest.approx(3.0, rel=1e-8)
