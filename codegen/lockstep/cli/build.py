@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Group
 
-from lockstep.cli.console import Answer, plain, progress_display, respond, to_json
+from lockstep.cli.console import Answer, of_file, plain, progress_display, respond, to_json
 from lockstep.cli.files import DESIGN_NAME
 from lockstep.cli.generate import generated_files
 
@@ -23,7 +23,8 @@ def run(path: Path, output: Path, *, jobs: int | None, as_json: bool) -> None:
 
 
 def _build(path: Path, output: Path, jobs: int | None) -> Answer:
-    from lockstep.cli.check import checked, table_of as check_table
+    from lockstep.cli.check import checked
+    from lockstep.cli.check import table_of as check_table
     from lockstep.cli.design import summary
     from lockstep.cli.verify import table_of as verify_table
     from lockstep.codegen.bundle import bundle
@@ -33,17 +34,26 @@ def _build(path: Path, output: Path, jobs: int | None) -> Answer:
 
     check_replaceable(output)
     problem = load_problem(path)
-    checks = checked(problem)
-    content = _designed(problem, jobs)
+    with of_file(path):
+        checks = checked(problem)
+        content = _designed(problem, jobs)
     files = generated_files(content, parse(content, DESIGN_NAME))
     verified = _verified(files)
     report = _report(content, checks, verified, files)
     holds = verified.ok and checks.ok
     if holds:
         write_folder(bundle(files, {"report.md": report}), output)
-    document = {"ok": holds, "directory": str(output), "check": checks.document(), "design": content,
-                "verify": plain(verified.as_dict()), "files": sorted([*files, "report.md"]) if holds else []}
-    return Answer(document, Group(check_table(checks, problem.title), summary(content), verify_table(verified)), holds)
+    document = {
+        "ok": holds,
+        "directory": str(output),
+        "check": checks.document(),
+        "design": content,
+        "verify": plain(verified.as_dict()),
+        "files": sorted([*files, "report.md"]) if holds else [],
+    }
+    return Answer(
+        document, Group(check_table(checks, problem.title), summary(content), verify_table(verified)), holds
+    )
 
 
 def _designed(problem: Any, jobs: int | None) -> dict[str, Any]:
@@ -66,7 +76,9 @@ def _verified(files: dict[str, str]) -> "VerifyReport":
         return verified(write_folder(files, Path(temporary) / "build"), VERIFY_STEPS)
 
 
-def _report(content: dict[str, Any], checks: "CheckReport", verified: "VerifyReport", files: dict[str, str]) -> str:
+def _report(
+    content: dict[str, Any], checks: "CheckReport", verified: "VerifyReport", files: dict[str, str]
+) -> str:
     from lockstep.codegen.rendering import render
 
     return render("report.md.j2", design=content, checks=checks, verify=verified, files=sorted(files))

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
+from rich.console import RenderableType
 
-from lockstep.cli.console import Answer, respond
+from lockstep.cli.console import Answer, of_file, respond, two_columns
 from lockstep.cli.files import read_design
 
 if TYPE_CHECKING:
@@ -22,27 +22,36 @@ def _certify(path: Path) -> Answer:
     from lockstep.lmi.certify import certify
 
     content, stored = read_design(path)
-    verdict = certify(stored)
+    with of_file(path):
+        verdict = certify(stored)
     return Answer(certificate_document(content, stored, verdict), _table(stored, verdict), verdict.certified)
 
 
 def certificate_document(content: dict[str, Any], stored: "Stored", verdict: "Verdict") -> dict[str, Any]:
     """Return the contract's keys for a verdict."""
     rho = stored.certificate.rho if stored.certificate else None
-    claims = {} if verdict.certified else {"error": {"kind": "NotCertified", "message": verdict.reason, "figures": verdict.figures()}}
+    claims = (
+        {}
+        if verdict.certified
+        else {"error": {"kind": "NotCertified", "message": verdict.reason, "figures": verdict.figures()}}
+    )
     return {
-        "certified": verdict.certified, "proof": "exact" if verdict.certified else "none", "rho": rho, "alpha": stored.alpha,
-        "fragility": dict(stored.fragility), "gains": content["gains"], "reason": verdict.reason, "margin": verdict.margin,
-        "sampled": {"certified": False, "period": stored.problem.controller.period, "max_period": None}, **claims,
+        "certified": verdict.certified,
+        "proof": "exact" if verdict.certified else "none",
+        "rho": rho,
+        "alpha": stored.alpha,
+        "fragility": dict(stored.fragility),
+        "gains": content["gains"],
+        "reason": verdict.reason,
+        "margin": verdict.margin,
+        "sampled": {"certified": False, "period": stored.problem.controller.period, "max_period": None},
+        **claims,
     }
 
 
-def _table(stored: "Stored", verdict: "Verdict") -> Table:
-    table = Table(title=stored.problem.title, show_header=False, title_justify="left")
-    table.add_row("certified", "yes" if verdict.certified else "NO")
-    table.add_row("because", verdict.reason)
+def _table(stored: "Stored", verdict: "Verdict") -> RenderableType:
+    rows = {"certified": "yes" if verdict.certified else "NO", "because": verdict.reason}
     if stored.certificate:
-        table.add_row("rho", f"{stored.certificate.rho:.6g}")
-    table.add_row("alpha", f"{stored.alpha:.9g}")
-    table.add_row("covers", "the continuous controllers, for every disturbance and all initial states")
-    return table
+        rows["rho"] = f"{stored.certificate.rho:.6g}"
+    covers = "the continuous controllers, every disturbance and every initial state"
+    return two_columns(stored.problem.title, {**rows, "alpha": f"{stored.alpha:.9g}", "covers": covers})

@@ -3,13 +3,18 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich import box
+from rich.console import RenderableType
 from rich.table import Table
+from rich.text import Text
 
-from lockstep.cli.console import Answer, progress_display, respond
+from lockstep.cli.console import Answer, of_file, progress_display, respond
 
 if TYPE_CHECKING:
     from lockstep.model.checks import CheckReport
     from lockstep.model.problem import Problem
+
+STYLES = {"ok": "green", "note": "yellow", "fails": "bold red"}
 
 
 def run(path: Path, *, as_json: bool) -> None:
@@ -21,7 +26,8 @@ def _check(path: Path) -> Answer:
     from lockstep.model.problem import load_problem
 
     problem = load_problem(path)
-    report = checked(problem)
+    with of_file(path):
+        report = checked(problem)
     return Answer(report.document(), table_of(report, problem.title), report.ok)
 
 
@@ -34,11 +40,13 @@ def checked(problem: "Problem") -> "CheckReport":
         return check_problem(problem)
 
 
-def table_of(report: "CheckReport", title: str) -> Table:
-    """Return the checks as a table."""
-    table = Table(title=title, title_justify="left")
-    for heading in ("check", "verdict", "figure", "why it matters"):
-        table.add_column(heading)
+def table_of(report: "CheckReport", title: str) -> RenderableType:
+    """Return the checks as a table: what was found, and under it why it matters."""
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    table.add_column("check", no_wrap=True)
+    table.add_column("verdict", no_wrap=True)
+    table.add_column("found, and why it matters", overflow="fold")
     for row in report.rows:
-        table.add_row(row.name, row.verdict, row.figure, row.reason)
+        said = Text(row.figure).append(f"\n{row.reason}", style="dim")
+        table.add_row(row.name, Text(row.verdict, style=STYLES[row.verdict]), said)
     return table

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import typer
-from rich.console import Console, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
 
 from lockstep.model.errors import ClaimError, ProblemError
 
@@ -55,12 +57,37 @@ def respond(as_json: bool, work: Callable[[], Answer]) -> None:
 
 
 @contextmanager
+def of_file(path: Path) -> Iterator[None]:
+    """Name the file in whatever turns out to be wrong with the problem it holds."""
+    try:
+        yield
+    except ProblemError as error:
+        raise (error if str(path) in error.where else error.within(str(path))) from None
+
+
+@contextmanager
 def progress_display() -> Iterator[Callable[[str, float], None]]:
-    """Show a bar on standard error; the callable takes what is being done and the part of it that is done."""
+    """Show a bar on standard error; the callable takes what is being done and the part of it that is done.
+
+    Where standard error is no terminal, nothing is shown: a log has no use for a bar.
+    """
+    if not errors.is_terminal:
+        yield lambda _what, _part: None
+        return
     columns = (TextColumn("{task.description}"), BarColumn(bar_width=30), TimeElapsedColumn())
     with Progress(*columns, console=errors, transient=True) as bars:
         task = bars.add_task("starting", total=1.0)
         yield lambda what, part: bars.update(task, description=what, completed=part)
+
+
+def two_columns(title: str, rows: Mapping[str, str]) -> RenderableType:
+    """Return names and what is to be said of each, under a title."""
+    table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
+    table.add_column(no_wrap=True, style="bold")
+    table.add_column(overflow="fold")
+    for name, said in rows.items():
+        table.add_row(name, Text(said))
+    return Group(Text(title, style="bold underline"), table)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -105,8 +132,14 @@ def _print_json(document: Mapping[str, Any]) -> None:
 
 
 def _problem(error: ProblemError) -> dict[str, str]:
-    return {"kind": "problem", "message": str(error), "found": error.found, "where": error.where,
-            "expected": error.expected, "remedy": error.remedy}
+    return {
+        "kind": "problem",
+        "message": str(error),
+        "found": error.found,
+        "where": error.where,
+        "expected": error.expected,
+        "remedy": error.remedy,
+    }
 
 
 def _claim(error: ClaimError) -> dict[str, Any]:
@@ -116,7 +149,10 @@ def _claim(error: ClaimError) -> dict[str, Any]:
 
 def _described(figures: Mapping[str, Any]) -> dict[str, Any]:
     known = (str, int, float, bool, list, tuple, dict, type(None))
-    return {key: value if isinstance(value, known) or hasattr(value, "tolist") else str(value) for key, value in figures.items()}
+    return {
+        key: value if isinstance(value, known) or hasattr(value, "tolist") else str(value)
+        for key, value in figures.items()
+    }
 
 
 def _partial(error: ClaimError) -> Mapping[str, Any]:

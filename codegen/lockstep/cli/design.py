@@ -1,10 +1,13 @@
 """`lockstep design`: gains and certificate."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-from rich.table import Table
+from rich.console import RenderableType
 
-from lockstep.cli.console import Answer, progress_display, respond, to_json, write_text
+from lockstep.cli.console import Answer, of_file, progress_display, respond, to_json, two_columns, write_text
+from lockstep.cli.files import check_writable
 
 
 def run(path: Path, output: Path | None, *, jobs: int | None, as_json: bool) -> None:
@@ -13,14 +16,13 @@ def run(path: Path, output: Path | None, *, jobs: int | None, as_json: bool) -> 
 
 
 def _design(path: Path, output: Path | None, jobs: int | None) -> Answer:
-    from lockstep.cli.files import check_writable
     from lockstep.lmi.design import design
     from lockstep.lmi.document import document
     from lockstep.model.problem import load_problem
 
     check_writable(output)
     problem = load_problem(path)
-    with progress_display() as tell:
+    with of_file(path), progress_display() as tell:
         found = design(problem, jobs=jobs, progress=tell)
     content = document(found)
     if output is not None:
@@ -28,15 +30,21 @@ def _design(path: Path, output: Path | None, jobs: int | None) -> Answer:
     return Answer(content, summary(content))
 
 
-def summary(content: dict) -> Table:  # type: ignore[type-arg]
+def summary(content: Mapping[str, Any]) -> RenderableType:
     """Return what was designed and proved, for people."""
     figures = content["figures"]
-    table = Table(title=content["title"], show_header=False, title_justify="left")
-    table.add_row("certified", f"yes, proof: {content['proof']}" if content["certified"] else "no")
-    table.add_row("rho", f"{content['rho']:.6g}" + (f"   (floor {figures['floor']:.4g})" if figures.get("floor") else ""))
-    table.add_row("alpha", f"{content['alpha']:.9g}")
-    fragility = {letter: delta for letter, delta in content["fragility"].items() if delta}
-    table.add_row("gains may be off by", ", ".join(f"{k} {v:g}" for k, v in fragility.items()) or "nothing: certain controllers")
-    table.add_row("gain norms", ", ".join(f"{norm:.4g}" for norm in figures["gain_norms"]))
-    table.add_row("slowest pole", f"{figures['abscissa']:.4g} 1/s")
-    return table
+    floor = (
+        f"   (floor {figures['floor']:.4g}: no controllers can certify less)" if figures.get("floor") else ""
+    )
+    fragility = ", ".join(f"{letter} {delta:g}" for letter, delta in content["fragility"].items() if delta)
+    return two_columns(
+        content["title"],
+        {
+            "certified": f"yes, proof: {content['proof']}" if content["certified"] else "no",
+            "rho": f"{content['rho']:.6g}{floor}",
+            "alpha": f"{content['alpha']:.9g}",
+            "gains may be off by": fragility or "nothing: certain controllers",
+            "gain norms": ", ".join(f"{norm:.4g}" for norm in figures["gain_norms"]),
+            "slowest pole": f"{figures['abscissa']:.4g} 1/s",
+        },
+    )

@@ -3,9 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from rich.table import Table
-
-from lockstep.cli.console import Answer, respond, to_json
+from lockstep.cli.console import Answer, respond, to_json, two_columns
 from lockstep.cli.files import DESIGN_NAME, read_design
 from lockstep.model.errors import NotCertified, ProblemError
 
@@ -21,9 +19,10 @@ def _generate(path: Path, output: Path, optimize: str) -> Answer:
     content, stored = read_design(path)
     files = generated_files(content, stored, optimize)
     write_folder(files, output)
-    table = Table(title=f"{stored.problem.title}: {output}", show_header=False, title_justify="left")
-    for name in sorted(files):
-        table.add_row(name, f"{len(files[name].encode())} bytes")
+    table = two_columns(
+        f"{stored.problem.title}: {output}",
+        {name: f"{len(files[name].encode())} bytes" for name in sorted(files)},
+    )
     return Answer({"ok": True, "directory": str(output), "files": sorted(files)}, table)
 
 
@@ -42,6 +41,8 @@ def generated_files(content: dict[str, Any], stored: Any, optimize: str = "speed
         raise ProblemError(f"`--optimize` is {optimize!r}", expected='"speed" or "size"')
     verdict = certify(stored)
     if not verdict.certified:
-        raise NotCertified(f"no C is generated from a design that is not certified: {verdict.reason}", **verdict.figures())
+        raise NotCertified(
+            f"no C is generated from a design that is not certified: {verdict.reason}", **verdict.figures()
+        )
     spec = specification(stored, certified=True, content=content, optimize=optimize)  # type: ignore[arg-type]
     return bundle(emit(spec), {DESIGN_NAME: to_json(content) + "\n"})

@@ -6,15 +6,26 @@ from typing import Annotated
 import typer
 
 app = typer.Typer(
-    name="lockstep", no_args_is_help=True, pretty_exceptions_enable=False, add_completion=False, rich_markup_mode="rich",
+    name="lockstep",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    rich_markup_mode="rich",
     help="From nonlinear agents and a graph to certified H-infinity consensus controllers in embedded C.",
     epilog="Exit status: 0 every claim holds, 1 a claim does not hold, 2 the input is bad.",
 )
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
-ProblemFile = Annotated[Path, typer.Argument(metavar="PROBLEM", help="A problem file (TOML).", show_default=False)]
-DesignFile = Annotated[Path, typer.Argument(metavar="DESIGN", help="A design file, or a folder that holds one.", show_default=False)]
-Jobs = Annotated[int | None, typer.Option(min=1, help="Processes to search with.", show_default="one per core")]
+ProblemFile = Annotated[
+    Path, typer.Argument(metavar="PROBLEM", help="A problem file (TOML).", show_default=False)
+]
+DesignFile = Annotated[
+    Path,
+    typer.Argument(metavar="DESIGN", help="A design file, or a folder that holds one.", show_default=False),
+]
+Jobs = Annotated[
+    int | None, typer.Option(min=1, help="Processes to search with.", show_default="one per core")
+]
 
 
 @app.callback(invoke_without_command=True)
@@ -37,7 +48,9 @@ def check(problem: ProblemFile, json: Json = False) -> None:
 @app.command()
 def design(
     problem: ProblemFile,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Where to write the design.", show_default=False)] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Where to write the design.", show_default=False)
+    ] = None,
     jobs: Jobs = None,
     json: Json = False,
 ) -> None:
@@ -71,7 +84,9 @@ def generate(
 @app.command()
 def verify(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A generated folder.", show_default=False)],
-    steps: Annotated[int, typer.Option(min=1, help="Closed-loop steps, and as many adversarial ones.")] = 10_000,
+    steps: Annotated[
+        int, typer.Option(min=1, help="Closed-loop steps, and as many adversarial ones.")
+    ] = 10_000,
     json: Json = False,
 ) -> None:
     """Compile the C and compare it, bit by bit, with the Python reference."""

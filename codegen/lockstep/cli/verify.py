@@ -1,9 +1,12 @@
 """`lockstep verify`: the compiled C against the Python reference."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from rich import box
+from rich.console import Group, RenderableType
 from rich.table import Table
+from rich.text import Text
 
 from lockstep.cli.console import Answer, plain, progress_display, respond
 
@@ -26,22 +29,28 @@ def verified(folder: Path, steps: int) -> "VerifyReport":
     from lockstep.codegen.verify import verify_folder
 
     with progress_display() as tell:
-        return verify_folder(folder, steps=steps, progress=lambda what, done, total: tell(what, done / max(total, 1)))
+        return verify_folder(
+            folder, steps=steps, progress=lambda what, done, total: tell(what, done / max(total, 1))
+        )
 
 
-def table_of(report: "VerifyReport") -> Table:
-    """Return the targets as a table."""
-    table = Table(title="compiled C against the reference", title_justify="left")
-    for heading in ("target", "bitwise equal", "steps", "largest error", "instructions/step", "code", "RAM", "stack"):
-        table.add_column(heading, justify="left" if heading == "target" else "right")
+def table_of(report: "VerifyReport") -> RenderableType:
+    """Return the targets as a table; a dash is what was not measured."""
+    table = Table(title="The compiled C against its reference", title_justify="left", box=box.SIMPLE_HEAD)
+    for heading in ("target", "bitwise", "steps", "instr/step", "code B", "RAM B", "stack B"):
+        table.add_column(heading, justify="left" if heading == "target" else "right", overflow="fold")
     for target in report.targets:
-        said = "skipped: " + target.skipped if target.skipped else target.error or ("yes" if target.bitwise else "NO")
-        cells = (target.steps, target.max_abs_error, target.instructions_per_step, target.text_bytes, target.ram_bytes,
-                 target.stack_bytes)
-        table.add_row(target.name, said, *[_cell(value) for value in cells])
-    table.caption = "; ".join(report.problems)
-    return table
-
-
-def _cell(value: Any) -> str:
-    return "" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
+        said = (
+            "skipped" if target.skipped else "failed" if target.error else "equal" if target.bitwise else "NO"
+        )
+        cells = (target.instructions_per_step, target.text_bytes, target.ram_bytes, target.stack_bytes)
+        name = (
+            f"{target.name}: {target.skipped or target.error}"
+            if said in ("skipped", "failed")
+            else target.name
+        )
+        table.add_row(
+            Text(name), said, str(target.steps), *["-" if cell is None else str(cell) for cell in cells]
+        )
+    verdict = "every bit is equal" if report.ok else "NOT as claimed: " + "; ".join(report.problems)
+    return Group(table, Text(verdict, style="bold"))

@@ -1,4 +1,4 @@
-"""A generated folder with its design beside the C: what was proved travels with what was generated from it."""
+"""A generated folder with its design beside the C: the proof travels with the code."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""From a design file to the specification of the C code: controllers, Laplacian rows, and the figures of the datasheet."""
+"""From a design file to the specification of the C: controllers, Laplacian rows, and the datasheet's figures."""
 
 import hashlib
 import json

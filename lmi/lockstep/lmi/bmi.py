@@ -1,17 +1,18 @@
 """Gains and certificate together: the bilinear matrix inequality as a smooth nonlinear program.
 
-For gains that may move, F of `inequality` is bilinear in (P, K). With the rows of xi and of the gain errors eliminated
-(Schur), F < 0 is the smaller
+For gains that may move, F of `inequality` is bilinear in (P, K). With the rows of xi and of the gain errors
+eliminated (Schur), F < 0 is the smaller
 
     F_r = [ He(P A_cl(K)) + diag(S (x) R, I (x) Q) + f_a alpha^2 M (x) H'H + f_d sum_j t_j delta_j^2 Y_j'Y_j
             + P (E (S (x) I)^-1 E' / rho^2 + sum_j X_j X_j' / t_j) P                                 P E_G   ]
           [                                        *                                                 -M (x) I ]  < 0,
 
-and each semidefinite condition becomes smooth by a factor of its own:  -D F_r D = L_F L_F',  D_P P D_P = L_P L_P',
-I - K_i K_i' / gain_limit^2 = L_K L_K', with lower triangular factors whose diagonals are bounded away from 0. CasADi
-differentiates it and IPOPT's interior point solves it. An iterate may leave the feasible set on its way, which is why it
-gets past the points where a sequence of convex inner approximations creeps. f_a and f_d in (0, 1] scale alpha^2 and
-delta^2 for continuation: maximising them carries a start that is merely stable to the full claim.
+and each semidefinite condition becomes smooth by a factor of its own:  -D F_r D = L_F L_F',  D_P P D_P = L_P
+L_P', I - K_i K_i' / gain_limit^2 = L_K L_K', with lower triangular factors whose diagonals are bounded away
+from 0. CasADi differentiates it and IPOPT's interior point solves it. An iterate may leave the feasible set
+on its way, which is why it gets past the points where a sequence of convex inner approximations creeps. f_a
+and f_d in (0, 1] scale alpha^2 and delta^2 for continuation: maximising them carries a start that is merely
+stable to the full claim.
 
 Nothing here is trusted: what comes out is a set of gains, and `rounding.prove` certifies them or does not.
 """
@@ -30,12 +31,13 @@ from lockstep.model.loop import Loop
 Aim = Literal["rho", "alpha", "claim"]
 
 FACTOR_FLOOR = 3e-3
-"""Least diagonal of L_F, with D F_r D near a unit diagonal: keeps the factor's equations regular at the optimum, where F_r
-is singular. The certificate afterwards recovers the few tenths of a per cent this costs."""
+"""Least diagonal of L_F, with D F_r D near a unit diagonal: keeps the factor's equations regular at the
+optimum, where F_r is singular. The certificate afterwards recovers the few tenths of a per cent this
+costs."""
 
 BARRIER_START = 1e-2
-"""IPOPT's first barrier weight. Measured on five starts of the arms, 400 iterations each: 0.1 certified one of them, 1e-2
-four (rho 3.34 to 3.79), 1e-4 three, the adaptive strategy two."""
+"""IPOPT's first barrier weight. Measured on five starts of the arms, 400 iterations each: 0.1 certified one
+of them, 1e-2 four (rho 3.34 to 3.79), 1e-4 three, the adaptive strategy two."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,8 @@ class Point:
 
 @dataclass(frozen=True)
 class Limits:
-    """How long IPOPT may work (a count, so that the same input gives the same answer), and the range of rho."""
+    """How long IPOPT may work (a count, so that the same input gives the same answer), and the range of
+    rho."""
 
     iterations: int = 400
     rho_most: float = 1e6
@@ -86,8 +89,10 @@ class BilinearProgram:
 
         Args:
             start: gains and witnesses; they need not satisfy F_r < 0, but nearer is better.
-            aim: "rho" minimises rho at the start's fractions; "claim" maximises the fractions up to 1 with rho free;
-                "alpha" maximises the fraction of alpha^2 alone, without the limit of 1, with rho at most the start's.
+            aim: "rho" minimises rho at the start's fractions; "claim" maximises the fractions up to 1 with
+                rho free;
+                "alpha" maximises the fraction of alpha^2 alone, without the limit of 1, with rho at most the
+                start's.
             limits: iterations and the largest rho.
         """
         limits = limits or Limits()
@@ -99,14 +104,25 @@ class BilinearProgram:
 
     def _variables(self) -> dict[str, ca.SX]:
         n_x, N = self.loop.n_x, self.loop.d.N
-        sizes = {"P": _triangle(n_x), "K": int(np.prod(self.shape_K)), "m": self.pairs, "t": len(self.ways), "r2": 1, "f": 2,
-                 "L_F": _triangle(self.n_F), "L_P": _triangle(n_x), "L_K": N * _triangle(self.n_K)}
+        sizes = {
+            "P": _triangle(n_x),
+            "K": int(np.prod(self.shape_K)),
+            "m": self.pairs,
+            "t": len(self.ways),
+            "r2": 1,
+            "f": 2,
+            "L_F": _triangle(self.n_F),
+            "L_P": _triangle(n_x),
+            "L_K": N * _triangle(self.n_K),
+        }
         return {name: ca.SX.sym(name, size) for name, size in sizes.items()}
 
     @cached_property
     def _place(self) -> dict[str, slice]:
         ends = np.cumsum([0, *[symbol.shape[0] for symbol in self._symbols.values()]])
-        return {name: slice(int(a), int(b)) for name, a, b in zip(self._symbols, ends[:-1], ends[1:], strict=True)}
+        return {
+            name: slice(int(a), int(b)) for name, a, b in zip(self._symbols, ends[:-1], ends[1:], strict=True)
+        }
 
     @cached_property
     def _blocks(self) -> list[ca.SX]:
@@ -144,17 +160,36 @@ class BilinearProgram:
         if (aim, iterations) not in self._solvers:
             s, n_x = self._symbols, self.loop.n_x
             D_F, D_P = ca.SX.sym("D_F", self.n_F), ca.SX.sym("D_P", n_x)
-            conditions = [_factor_residual(s["L_F"], -ca.diag(D_F) @ self._F_r @ ca.diag(D_F)),
-                          _factor_residual(s["L_P"], ca.diag(D_P) @ _symmetric(s["P"], n_x) @ ca.diag(D_P))]
+            conditions = [
+                _factor_residual(s["L_F"], -ca.diag(D_F) @ self._F_r @ ca.diag(D_F)),
+                _factor_residual(s["L_P"], ca.diag(D_P) @ _symmetric(s["P"], n_x) @ ca.diag(D_P)),
+            ]
             size = _triangle(self.n_K)
             for i, K in enumerate(self._blocks):
                 square = K @ K.T if K.shape[0] <= K.shape[1] else K.T @ K
                 room = ca.DM.eye(self.n_K) - square / self.gain_limit**2
                 conditions.append(_factor_residual(s["L_K"][i * size : (i + 1) * size], room))
-            goal = {"rho": ca.log(s["r2"]), "alpha": -ca.log(s["f"][0]), "claim": -ca.log(s["f"][0]) - ca.log(s["f"][1])}[aim]
-            program = {"x": ca.vertcat(*s.values()), "f": goal, "g": ca.vertcat(*conditions), "p": ca.vertcat(D_F, D_P)}
-            options = {"ipopt.max_iter": iterations, "ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False,
-                       "ipopt.mu_strategy": "monotone", "ipopt.mu_init": BARRIER_START, "ipopt.tol": 1e-5, "ipopt.acceptable_tol": 1e-4}
+            goal = {
+                "rho": ca.log(s["r2"]),
+                "alpha": -ca.log(s["f"][0]),
+                "claim": -ca.log(s["f"][0]) - ca.log(s["f"][1]),
+            }[aim]
+            program = {
+                "x": ca.vertcat(*s.values()),
+                "f": goal,
+                "g": ca.vertcat(*conditions),
+                "p": ca.vertcat(D_F, D_P),
+            }
+            options = {
+                "ipopt.max_iter": iterations,
+                "ipopt.print_level": 0,
+                "ipopt.sb": "yes",
+                "print_time": False,
+                "ipopt.mu_strategy": "monotone",
+                "ipopt.mu_init": BARRIER_START,
+                "ipopt.tol": 1e-5,
+                "ipopt.acceptable_tol": 1e-4,
+            }
             self._solvers[aim, iterations] = ca.nlpsol("bmi", "ipopt", program, options)
         return self._solvers[aim, iterations]
 
@@ -164,23 +199,39 @@ class BilinearProgram:
         return ca.Function("F_r", [self._symbols[name] for name in names], [self._F_r])
 
     def _guess(self, start: Point) -> tuple[Float[np.ndarray, "x"], Float[np.ndarray, "D"]]:
-        """Return the start as one vector, its factors taken from the nearest positive definite matrices, and D_F, D_P."""
+        """Return the start as one vector, its factors taken from the nearest positive definite matrices, and
+        D_F, D_P."""
         c = start.certificate
         P = c.P
         # A multiplier of zero has no logarithmic room to grow in: start it above, relative to the others.
         m = np.maximum(c.m[: self.pairs], 1e-6 * max(c.m.max(initial=0.0), 1.0))
-        t = np.maximum(c.t, 1e-6 * max(c.t.max(initial=0.0), 1.0)) if len(c.t) == len(self.ways) else np.ones(len(self.ways))
+        t = (
+            np.maximum(c.t, 1e-6 * max(c.t.max(initial=0.0), 1.0))
+            if len(c.t) == len(self.ways)
+            else np.ones(len(self.ways))
+        )
         r2, f = (1.05 * c.rho) ** 2, np.array([start.alpha_fraction, start.delta_fraction])
         p = P[np.triu_indices(self.loop.n_x)]
         F = -np.array(self._value_of_F_r(p, start.K.ravel(), m, t, r2, f))
         D_F, D_P = _unit_diagonal(F), _unit_diagonal(P)
-        parts = [p, start.K.ravel(), m, t, [r2], f, _factor(F * np.outer(D_F, D_F)), _factor(P * np.outer(D_P, D_P))]
+        parts = [
+            p,
+            start.K.ravel(),
+            m,
+            t,
+            [r2],
+            f,
+            _factor(F * np.outer(D_F, D_F)),
+            _factor(P * np.outer(D_P, D_P)),
+        ]
         for K in start.K:
             square = K @ K.T if K.shape[0] <= K.shape[1] else K.T @ K
             parts.append(_factor(np.eye(self.n_K) - square / self.gain_limit**2))
         return np.concatenate(parts), np.concatenate([D_F, D_P])
 
-    def _bounds(self, start: Point, aim: Aim, limits: Limits) -> tuple[Float[np.ndarray, "x"], Float[np.ndarray, "x"]]:
+    def _bounds(
+        self, start: Point, aim: Aim, limits: Limits
+    ) -> tuple[Float[np.ndarray, "x"], Float[np.ndarray, "x"]]:
         total = self._place["L_K"].stop
         lower, upper = np.full(total, -np.inf), np.full(total, np.inf)
         for name in ("m", "t", "r2"):
@@ -191,8 +242,14 @@ class BilinearProgram:
         upper[self._place["f"]] = fractions if aim == "rho" else [np.inf if aim == "alpha" else 1.0, 1.0]
         if aim == "alpha":
             lower[self._place["f"]][1:] = upper[self._place["f"]][1:] = fractions[1]
-        for name, count, repeats in (("L_F", self.n_F, 1), ("L_P", self.loop.n_x, 1), ("L_K", self.n_K, self.loop.d.N)):
-            diagonal = np.concatenate([np.array(_diagonal(count)) + k * _triangle(count) for k in range(repeats)])
+        for name, count, repeats in (
+            ("L_F", self.n_F, 1),
+            ("L_P", self.loop.n_x, 1),
+            ("L_K", self.n_K, self.loop.d.N),
+        ):
+            diagonal = np.concatenate(
+                [np.array(_diagonal(count)) + k * _triangle(count) for k in range(repeats)]
+            )
             lower[self._place[name].start + diagonal.astype(int)] = FACTOR_FLOOR if name == "L_F" else 1e-4
         return lower, upper
 
@@ -237,7 +294,8 @@ def _factor_residual(factor: ca.SX, matrix: ca.SX) -> ca.SX:
 
 
 def _factor(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "l"]:
-    """Return the Cholesky factor of the nearest matrix with eigenvalues of at least 1e-3, column by column."""
+    """Return the Cholesky factor of the nearest matrix with eigenvalues of at least 1e-3, column by
+    column."""
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
     L = np.linalg.cholesky((vectors * np.maximum(values, 1e-3)) @ vectors.T)
     return np.concatenate([L[j:, j] for j in range(len(L))]) if len(L) else np.zeros(0)

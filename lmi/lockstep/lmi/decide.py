@@ -9,11 +9,16 @@ from lockstep.model.loop import Loop
 from lockstep.model.numbers import exactly
 
 
-def decide(exact_loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim, certificate: Certificate) -> Definiteness:
-    """Decide exactly whether P > 0, m >= 0, t >= 0 and F < 0: the whole proof, for the numbers as they stand."""
+def decide(
+    exact_loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim, certificate: Certificate
+) -> Definiteness:
+    """Decide exactly whether P > 0, m >= 0, t >= 0 and F < 0: the whole proof, for the numbers as they
+    stand."""
     for weights in (certificate.m, certificate.t):
         if np.any(weights < 0):
             unit = -np.eye(len(weights))[int(np.argmin(weights))]
-            return Definiteness(False, "sign of a multiplier", float(weights.min()), unit, float(weights.min()))
+            return Definiteness(
+                False, "sign of a multiplier", float(weights.min()), unit, float(weights.min())
+            )
     P = decide_positive_definite(exactly(certificate.P))
     return P if not P.positive else decide_positive_definite(-F_matrix(exact_loop, gains, claim, certificate))

@@ -1,9 +1,10 @@
 """Whether a symmetric matrix of rationals is positive definite, decided exactly.
 
-Two stages, both of which only ever conclude from exact arithmetic. First the fast one: a Cholesky factor of the matrix
-less a small multiple of the identity is computed in doubles, and the exact residual M - L L' is shown to be diagonally
-dominant, so that M = L L' + (positive definite); or a double eigenvector is found whose exact quadratic form is not
-positive, which refutes. Where neither settles it (a matrix on the edge), an exact L D L' over the rationals does.
+Two stages, both of which only ever conclude from exact arithmetic. First the fast one: a Cholesky factor of
+the matrix less a small multiple of the identity is computed in doubles, and the exact residual M - L L' is
+shown to be diagonally dominant, so that M = L L' + (positive definite); or a double eigenvector is found
+whose exact quadratic form is not positive, which refutes. Where neither settles it (a matrix on the edge), an
+exact L D L' over the rationals does.
 """
 
 from dataclasses import dataclass
@@ -16,8 +17,9 @@ from jaxtyping import Float, Shaped
 from lockstep.model.numbers import as_floats, exact, exactly
 
 EDGE = 1e-10
-"""What the first stage takes off a matrix scaled to a unit diagonal: far above the 1e-14 of a double Cholesky factor of
-some hundred rows, far below any margin worth having. It decides which stage answers, never what the answer is."""
+"""What the first stage takes off a matrix scaled to a unit diagonal: far above the 1e-14 of a double Cholesky
+factor of some hundred rows, far below any margin worth having. It decides which stage answers, never what the
+answer is."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,8 @@ class Definiteness:
     """The answer, and what shows it.
 
     positive: whether the matrix is positive definite;  method: which exact argument decided;  vector: z with
-    z' M z <= 0 where it is not, z' z = 1 to rounding;  value: z' M z;  margin: the smallest eigenvalue of the matrix scaled
+    z' M z <= 0 where it is not, z' z = 1 to rounding;  value: z' M z;  margin: the smallest eigenvalue of the
+    matrix scaled
     to a unit diagonal, in doubles, for information.
     """
 
@@ -55,8 +58,11 @@ def decide_positive_definite(matrix: Shaped[np.ndarray, "n n"]) -> Definiteness:
     if not np.all(np.isfinite(doubles)):
         # Entries far beyond the diagonal: no filter in doubles, the exact argument alone.
         vector = _ldl_violation(scaled)
-        return Definiteness(True, "exact LDL'", np.nan) if vector is None else _refuted(
-            "exact LDL'", -np.inf, vector, exponents, matrix)
+        return (
+            Definiteness(True, "exact LDL'", np.nan)
+            if vector is None
+            else _refuted("exact LDL'", -np.inf, vector, exponents, matrix)
+        )
     values, vectors = np.linalg.eigh((doubles + doubles.T) / 2)
     if values[0] > 0 and _residual_dominates(scaled, doubles):
         return Definiteness(True, "factor and exact residual", float(values[0]))
@@ -70,11 +76,18 @@ def decide_positive_definite(matrix: Shaped[np.ndarray, "n n"]) -> Definiteness:
     return _refuted("exact LDL'", values[0], vector, exponents, matrix)
 
 
-def _refuted(method: str, margin: float, vector: Float[np.ndarray, "n"], exponents: list[int],
-             matrix: Shaped[np.ndarray, "n n"]) -> Definiteness:
+def _refuted(
+    method: str,
+    margin: float,
+    vector: Float[np.ndarray, "n"],
+    exponents: list[int],
+    matrix: Shaped[np.ndarray, "n n"],
+) -> Definiteness:
     z = np.ldexp(vector, [min(exponents) - k for k in exponents])
     z = z / np.linalg.norm(z)
-    return Definiteness(False, method, float(margin), z, as_floats(np.array([_form(matrix, z)], dtype=object))[0])
+    return Definiteness(
+        False, method, float(margin), z, as_floats(np.array([_form(matrix, z)], dtype=object))[0]
+    )
 
 
 def _halvings(matrix: Shaped[np.ndarray, "n n"]) -> list[int]:
@@ -91,7 +104,10 @@ def _residual_dominates(scaled: Shaped[np.ndarray, "n n"], doubles: Float[np.nda
         return False
     factor = fmpq_mat(exactly(L).tolist())
     residual = fmpq_mat(scaled.tolist()) - factor * factor.transpose()
-    return all(residual[i, i] > sum((abs(residual[i, j]) for j in range(n) if j != i), start=fmpq(0)) for i in range(n))
+    return all(
+        residual[i, i] > sum((abs(residual[i, j]) for j in range(n) if j != i), start=fmpq(0))
+        for i in range(n)
+    )
 
 
 def _form(matrix: Shaped[np.ndarray, "n n"], z: Float[np.ndarray, "n"]) -> fmpq:
@@ -100,9 +116,11 @@ def _form(matrix: Shaped[np.ndarray, "n n"], z: Float[np.ndarray, "n"]) -> fmpq:
 
 
 def _ldl_violation(matrix: Shaped[np.ndarray, "n n"]) -> Float[np.ndarray, "n"] | None:
-    """Run L D L' over the rationals; return None if every pivot is positive, else z with z' M z = the first that is not.
+    """Run L D L' over the rationals; return None if every pivot is positive, else z with z' M z = the first
+    that is not.
 
-    At pivot k, M = L D L' with the Schur complement d_k at (k, k), so z = L^-T e_k restricted to the first k + 1 rows has
+    At pivot k, M = L D L' with the Schur complement d_k at (k, k), so z = L^-T e_k restricted to the first k
+    + 1 rows has
     z' M z = d_k.
     """
     n = len(matrix)

@@ -19,7 +19,7 @@ from lockstep.lmi.inequality import Certificate, Claim
 from lockstep.lmi.rounding import prove
 from lockstep.model.assembly import bound_of, network_of
 from lockstep.model.bound import Bound
-from lockstep.model.errors import BoundNotProved, Infeasible, NotCertified, ProblemError
+from lockstep.model.errors import Infeasible, NotCertified, ProblemError
 from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
@@ -28,14 +28,16 @@ Progress = Callable[[str, float], None]
 """Called with what is being done and the part of it that is done, from 0 to 1."""
 
 GAIN_DIGITS = 6
-"""Significant decimals of designed gains: people read them, and a certificate is found for them as rounded."""
+"""Significant decimals of designed gains: people read them, and a certificate is found for them as
+rounded."""
 
 
 @dataclass(frozen=True)
 class Design:
     """Gains, what is claimed of the loop with them, and the certificate, if one was proved.
 
-    figures: what else is known: floor, abscissa, gain norms, the history of the search, the audit of a theorem.
+    figures: what else is known: floor, abscissa, gain norms, the history of the search, the audit of a
+    theorem.
     """
 
     problem: Problem
@@ -80,8 +82,11 @@ def design(problem: Problem, *, jobs: int | None = None, progress: Progress | No
         case "theorem1" | "corollary1":
             return _as_printed(problem, network, bound, claim, tell)
         case other:
-            raise ProblemError(f'`method = "{other}"` is not built yet', where="[design] method",
-                               expected='"certified", "given", "theorem1" or "corollary1"')
+            raise ProblemError(
+                f'`method = "{other}"` is not built yet',
+                where="[design] method",
+                expected='"certified", "given", "theorem1" or "corollary1"',
+            )
 
 
 def proved_bound(problem: Problem) -> Bound:
@@ -98,13 +103,17 @@ def claim_of(problem: Problem, bound: Bound) -> Claim:
     alpha = problem.design.alpha if problem.design.alpha is not None else bound.alpha
     fragility = problem.fragility
     delta = np.tile([fragility[letter] for letter in "ABCD"], (problem.graph().N, 1))
-    return Claim(float(alpha), problem.state_weight(problem.agent().n), problem.controller_weight(problem.order), delta)
+    return Claim(
+        float(alpha), problem.state_weight(problem.agent().n), problem.controller_weight(problem.order), delta
+    )
 
 
 def given_gains(problem: Problem) -> Gains:
     """Return the gains of method "given"."""
     gains = problem.gains or ()
-    return Gains(*(tuple(np.asarray(getattr(one, letter), dtype=float) for one in gains) for letter in "ABCD"))
+    return Gains(
+        *(tuple(np.asarray(getattr(one, letter), dtype=float) for one in gains) for letter in "ABCD")
+    )
 
 
 def short(K: Float[np.ndarray, "N k l"], gain_limit: float) -> Float[np.ndarray, "N k l"]:
@@ -118,19 +127,35 @@ def short(K: Float[np.ndarray, "N k l"], gain_limit: float) -> Float[np.ndarray,
     return np.vectorize(lambda x: float(f"{round(x / unit) * unit:.12g}"))(np.stack(blocks)) + 0.0
 
 
-def _searched(problem: Problem, network: Network, bound: Bound, claim: Claim, jobs: int | None, tell: Progress) -> Design:
+def _searched(
+    problem: Problem, network: Network, bound: Bound, claim: Claim, jobs: int | None, tell: Progress
+) -> Design:
     from lockstep.lmi.search import search
 
-    found = search(network.loop(problem.order), claim, problem.design.gain_limit, starts=problem.design.starts,
-                   seed=problem.design.seed, jobs=jobs, tell=lambda part: tell("searching for gains", part))
+    found = search(
+        network.loop(problem.order),
+        claim,
+        problem.design.gain_limit,
+        starts=problem.design.starts,
+        seed=problem.design.seed,
+        jobs=jobs,
+        tell=lambda part: tell("searching for gains", part),
+    )
     if found.K is None:
-        raise Infeasible(f"no gains of order {problem.order} within gain_limit {problem.design.gain_limit:g} were found that carry"
-                         f" alpha = {claim.alpha:.6g}; the best of {problem.design.starts} starts carried {found.fraction:.3g} of it",
-                         alpha=claim.alpha, fraction=found.fraction, reachable_alpha=found.fraction * claim.alpha)
+        raise Infeasible(
+            f"no gains of order {problem.order} within gain_limit {problem.design.gain_limit:g} were found that carry"
+            f" alpha = {claim.alpha:.6g}; the best of {problem.design.starts} starts carried {found.fraction:.3g} of it",
+            alpha=claim.alpha,
+            fraction=found.fraction,
+            reachable_alpha=found.fraction * claim.alpha,
+        )
     tell("proving the certificate", 0.0)
     gains = Gains.from_blocks(short(found.K, problem.design.gain_limit), problem.order)
     certificate = prove(network, gains, claim)
-    figures = _figures(network, gains) | {"history": list(found.history), **_floor(problem, network, claim, tell)}
+    figures = _figures(network, gains) | {
+        "history": list(found.history),
+        **_floor(problem, network, claim, tell),
+    }
     return Design(problem, network, bound, claim, gains, certificate, figures)
 
 
@@ -148,15 +173,24 @@ def _as_printed(problem: Problem, network: Network, bound: Bound, claim: Claim, 
     delta = None if problem.design.method == "corollary1" else claim.delta[0]
     audit = solve_as_printed(network, problem.order, claim.R, claim.Q, delta)
     figures = _figures(network, audit.gains) | {
-        "audit": {"objective": audit.objective, "rho": audit.rho, "alpha": list(audit.alpha), "residual": audit.residual,
-                  "abscissa": audit.abscissa}}
+        "audit": {
+            "objective": audit.objective,
+            "rho": audit.rho,
+            "alpha": list(audit.alpha),
+            "residual": audit.residual,
+            "abscissa": audit.abscissa,
+        }
+    }
     try:
         certificate = prove(network, audit.gains, claim)
     except NotCertified as error:
-        raise NotCertified(f"as printed, the recovered loop is not certified: (22) misses k_i by {audit.residual:.3g} of its size, and"
-                           f" the recovered loop has the abscissa {audit.abscissa:.3g}; {error}",
-                           residual=audit.residual, abscissa=audit.abscissa,
-                           design=Design(problem, network, bound, claim, audit.gains, None, figures)) from None
+        raise NotCertified(
+            f"as printed, the recovered loop is not certified: (22) misses k_i by {audit.residual:.3g} of its size, and"
+            f" the recovered loop has the abscissa {audit.abscissa:.3g}; {error}",
+            residual=audit.residual,
+            abscissa=audit.abscissa,
+            design=Design(problem, network, bound, claim, audit.gains, None, figures),
+        ) from None
     return Design(problem, network, bound, claim, audit.gains, certificate, figures)
 
 

@@ -1,7 +1,7 @@
 """design.json: a design as text, complete enough to be proved again by someone who trusts nothing here.
 
-The file holds the problem, not matrices derived from it: `certify` builds them anew. Every number is read as the IEEE double it
-denotes, and that double is taken exactly.
+The file holds the problem, not matrices derived from it: `certify` builds them anew. Every number is read as
+the IEEE double it denotes, and that double is taken exactly.
 """
 
 import json
@@ -46,10 +46,18 @@ def document(design: Design) -> dict[str, Any]:
         "alpha": design.claim.alpha,
         "fragility": design.problem.fragility,
         "coordinates": design.network.coordinates,
-        "gains": [{letter: getattr(design.gains, letter)[i].tolist() for letter in "ABCD"} for i in range(design.gains.N)],
-        "certificate": None if c is None else {
-            "P": c.P.tolist(), "m": c.m.tolist(), "t": c.t.tolist(),
-            "pairs": [[i + 1, j + 1] for i, j in design.network.loop(design.gains.order).d.pairs()]},
+        "gains": [
+            {letter: getattr(design.gains, letter)[i].tolist() for letter in "ABCD"}
+            for i in range(design.gains.N)
+        ],
+        "certificate": None
+        if c is None
+        else {
+            "P": c.P.tolist(),
+            "m": c.m.tolist(),
+            "t": c.t.tolist(),
+            "pairs": [[i + 1, j + 1] for i, j in design.network.loop(design.gains.order).d.pairs()],
+        },
         "sampled": {"certified": False, "period": design.problem.controller.period, "max_period": None},
         "figures": design.figures,
         "problem": design.problem.document(),
@@ -69,22 +77,39 @@ def parse(content: Any, where: str) -> Stored:
     """Check what a design file holds and return it."""
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         found = content.get("format") if isinstance(content, dict) else type(content).__name__
-        raise ProblemError(f"`format` is {found!r}", where=where, expected=repr(FORMAT),
-                           remedy="give a file written by `lockstep design`")
+        raise ProblemError(
+            f"`format` is {found!r}",
+            where=where,
+            expected=repr(FORMAT),
+            remedy="give a file written by `lockstep design`",
+        )
     try:
         problem = Problem.from_document(_part(content, "problem", dict))
     except ProblemError as error:
         raise error.within(where) from None
     try:
-        gains = Gains(*(tuple(_matrix(one, letter, f"gains of agent {i}", _gain_shape(problem, letter))
-                              for i, one in enumerate(_part(content, "gains", list), start=1)) for letter in "ABCD"))
+        gains = Gains(
+            *(
+                tuple(
+                    _matrix(one, letter, f"gains of agent {i}", _gain_shape(problem, letter))
+                    for i, one in enumerate(_part(content, "gains", list), start=1)
+                )
+                for letter in "ABCD"
+            )
+        )
         if gains.N != problem.graph().N:
             raise ProblemError(f"gains for {gains.N} agents", where="gains", expected=f"{problem.graph().N}")
         fragility = _part(content, "fragility", dict)
         delta = {letter: _number(fragility.get(letter), f"fragility {letter}") for letter in "ABCD"}
         if min(delta.values()) < 0:
             raise ProblemError(f"`fragility` is {dict(delta)}", expected="numbers that are not negative")
-        return Stored(problem, gains, _number(content.get("alpha"), "alpha"), delta, _certificate(content, problem, delta))
+        return Stored(
+            problem,
+            gains,
+            _number(content.get("alpha"), "alpha"),
+            delta,
+            _certificate(content, problem, delta),
+        )
     except ProblemError as error:
         raise error.within(where) from None
 
@@ -98,13 +123,18 @@ def load_json(path: Path) -> Any:
     except (OSError, UnicodeDecodeError) as error:
         raise ProblemError(f"it cannot be read ({error})", where=str(path)) from None
     except (json.JSONDecodeError, RecursionError) as error:
-        raise ProblemError(f"it is not JSON ({error})", where=str(path), expected="a file written by `lockstep design`") from None
+        raise ProblemError(
+            f"it is not JSON ({error})", where=str(path), expected="a file written by `lockstep design`"
+        ) from None
 
 
 def _part(content: Mapping[str, Any], key: str, kind: type) -> Any:
     value = content.get(key)
     if not isinstance(value, kind):
-        raise ProblemError(f"`{key}` is {'missing' if value is None else 'a ' + type(value).__name__}", expected=f"a {kind.__name__}")
+        raise ProblemError(
+            f"`{key}` is {'missing' if value is None else 'a ' + type(value).__name__}",
+            expected=f"a {kind.__name__}",
+        )
     return value
 
 
@@ -128,17 +158,29 @@ def _gain_shape(problem: Problem, letter: str) -> tuple[int, int]:
 def _matrix(content: Any, key: str, where: str, shape: tuple[int, int]) -> Any:
     rows = content.get(key) if isinstance(content, dict) else None
     place = f"{where}, `{key}`"
-    if not isinstance(rows, list) or len(rows) != shape[0] or any(not isinstance(row, list) or len(row) != shape[1] for row in rows):
-        raise ProblemError("it is missing or has another shape", where=place, expected=f"{shape[0]} rows of {shape[1]} numbers")
+    if (
+        not isinstance(rows, list)
+        or len(rows) != shape[0]
+        or any(not isinstance(row, list) or len(row) != shape[1] for row in rows)
+    ):
+        raise ProblemError(
+            "it is missing or has another shape",
+            where=place,
+            expected=f"{shape[0]} rows of {shape[1]} numbers",
+        )
     return np.array([[_number(value, place) for value in row] for row in rows], dtype=float).reshape(shape)
 
 
-def _certificate(content: Mapping[str, Any], problem: Problem, delta: Mapping[str, float]) -> Certificate | None:
+def _certificate(
+    content: Mapping[str, Any], problem: Problem, delta: Mapping[str, float]
+) -> Certificate | None:
     stored = content.get("certificate")
     if stored is None:
         return None
     if not isinstance(stored, dict):
-        raise ProblemError(f"`certificate` is a {type(stored).__name__}", expected="an object with P, m and t")
+        raise ProblemError(
+            f"`certificate` is a {type(stored).__name__}", expected="an object with P, m and t"
+        )
     N, agent, n_C = problem.graph().N, problem.agent(), problem.order
     n_x = agent.n * (N - 1) + n_C * N
     sizes = {"A": n_C * n_C, "B": n_C * agent.q, "C": agent.m * n_C, "D": agent.m * agent.q}
@@ -153,5 +195,7 @@ def _certificate(content: Mapping[str, Any], problem: Problem, delta: Mapping[st
 def _vector(content: Mapping[str, Any], key: str, size: int) -> Any:
     values = content.get(key)
     if not isinstance(values, list) or len(values) != size:
-        raise ProblemError("it is missing or has another length", where=f"certificate, `{key}`", expected=f"{size} numbers")
+        raise ProblemError(
+            "it is missing or has another length", where=f"certificate, `{key}`", expected=f"{size} numbers"
+        )
     return np.array([_number(value, f"certificate, `{key}`") for value in values], dtype=float)

@@ -1,21 +1,24 @@
 """The floor: no controllers, however clever and however connected, can certify a smaller rho than this.
 
-Give one centralised controller of full order, with no limit on its gains, all relative outputs and all inputs, and ask the
-same inequality of it. In orthonormal coordinates the disagreement is N - 1 copies of one agent, and a multiplier
-M = V diag(mu_k) V' turns into one number mu per copy, so the floor is that of a single agent,
+Give one centralised controller of full order, with no limit on its gains, all relative outputs and all
+inputs, and ask the same inequality of it. In orthonormal coordinates the disagreement is N - 1 copies of one
+agent, and a multiplier M = V diag(mu_k) V' turns into one number mu per copy, so the floor is that of a
+single agent,
 
-    min over mu > 0 of the least rho for x' = A x + B u + G w + xi, y = C x, weights x'R x and mu (alpha^2 |H x|^2 - |w|^2).
+    min over mu > 0 of the least rho for x' = A x + B u + G w + xi, y = C x, weights x'R x and mu (alpha^2 |H
+    x|^2 - |w|^2).
 
-For a fixed mu this is the full-order H-infinity problem, convex once the gains are eliminated (Gahinet and Apkarian, A
-linear matrix inequality approach to H-infinity control, Int. J. Robust Nonlinear Control 4, 1994): with N_B, N_C bases
-of the null spaces of B' and C,
+For a fixed mu this is the full-order H-infinity problem, convex once the gains are eliminated (Gahinet and
+Apkarian, A linear matrix inequality approach to H-infinity control, Int. J. Robust Nonlinear Control 4,
+1994): with N_B, N_C bases of the null spaces of B' and C,
 
     N_C' (A'X + X A + R + mu alpha^2 H'H) N_C, X G, X bordered by -diag(mu I, rho^2 I)                         < 0,
     N_B' (A Y + Y A' + G G'/mu + s I) N_B bordered by Y R^(1/2), alpha Y H' over -diag(I, I/mu)                < 0,
     [X I; I Y] >= 0,  s >= 1 / rho^2,
 
-the last written as a cone, so that one semidefinite program gives the least rho. With different B_i every agent is given
-all of them. The figure comes from a solver and is not proved: it says how much there may be left to gain.
+the last written as a cone, so that one semidefinite program gives the least rho. With different B_i every
+agent is given all of them. The figure comes from a solver and is not proved: it says how much there may be
+left to gain.
 """
 
 from collections.abc import Callable
@@ -61,24 +64,38 @@ def _least_rho(plant: Plant, alpha: float, R: Float[np.ndarray, "n n"], mu: floa
     X, Y = cp.Variable((n, n), symmetric=True), cp.Variable((n, n), symmetric=True)
     r2, s = cp.Variable(), cp.Variable()
     root = np.real(sqrtm(R))
-    primal = _bordered(N_C, A.T @ X + X @ A + R + mu * H.T @ H, [(X @ G, mu * np.eye(r)), (X, r2 * np.eye(n))])
-    dual = _bordered(N_B, A @ Y + Y @ A.T + G @ G.T / mu + s * np.eye(n),
-                     [(Y @ root, np.eye(n)), (Y @ H.T, np.eye(v) / mu)])
+    primal = _bordered(
+        N_C, A.T @ X + X @ A + R + mu * H.T @ H, [(X @ G, mu * np.eye(r)), (X, r2 * np.eye(n))]
+    )
+    dual = _bordered(
+        N_B,
+        A @ Y + Y @ A.T + G @ G.T / mu + s * np.eye(n),
+        [(Y @ root, np.eye(n)), (Y @ H.T, np.eye(v) / mu)],
+    )
     conditions = [primal << 0, dual << 0, cp.bmat([[X, np.eye(n)], [np.eye(n), Y]]) >> 0, s >= cp.inv_pos(r2)]
     if not run(cp.Problem(cp.Minimize(r2), conditions)) or r2.value is None:
         return float("inf")
     return float(np.sqrt(max(float(r2.value), 0.0)))
 
 
-def _bordered(basis: Float[np.ndarray, "n k"], head: "object", sides: "list[tuple[object, object]]") -> "object":
+def _bordered(
+    basis: Float[np.ndarray, "n k"], head: "object", sides: "list[tuple[object, object]]"
+) -> "object":
     """Return [basis' head basis, basis' side ...; *, -square ...], symmetrised; empty sides are left out."""
     import cvxpy as cp
 
     kept = [(basis.T @ side, square) for side, square in sides if side.shape[1]]
     rows = [[basis.T @ head @ basis, *[side for side, _ in kept]]]
     for i, (side, square) in enumerate(kept):
-        rows.append([side.T, *[-square if i == j else np.zeros((square.shape[0], other.shape[0]))
-                               for j, (_, other) in enumerate(kept)]])
+        rows.append(
+            [
+                side.T,
+                *[
+                    -square if i == j else np.zeros((square.shape[0], other.shape[0]))
+                    for j, (_, other) in enumerate(kept)
+                ],
+            ]
+        )
     whole = cp.bmat(rows)
     return (whole + whole.T) / 2
 

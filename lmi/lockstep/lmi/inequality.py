@@ -1,4 +1,5 @@
-"""The certificate inequality for given gains: what is claimed, what witnesses it, and the matrix that decides it.
+"""The certificate inequality for given gains: what is claimed, what witnesses it, and the matrix that decides
+it.
 
 With A_cl = A_0 + sum_i U_i K_i Y_i (15), claims alpha, rho, R, Q, delta and witnesses P, m, t,
 
@@ -11,9 +12,9 @@ and P > 0, m >= 0, t >= 0, F < 0 prove, for V = x_cl' P x_cl,
 
     V' + x_d' (S (x) R) x_d + x_C' (I (x) Q) x_C < rho^2 xi_d' (S (x) I) xi_d       whenever (x_cl, xi_d) is not 0,
 
-for every h with |phi(a, t) - phi(b, t)| <= alpha |a - b| and every Delta with |Delta_j| <= delta_j (11). It is (33) of the
-paper with a full P, with the sound bound (29), |C_r|^2 replaced by the exact Y_j, and with a multiplier
-M = sum_ij m_ij M_ij on all pairs of agents in place of (30), which does not follow from (3).
+for every h with |phi(a, t) - phi(b, t)| <= alpha |a - b| and every Delta with |Delta_j| <= delta_j (11). It
+is (33) of the paper with a full P, with the sound bound (29), |C_r|^2 replaced by the exact Y_j, and with a
+multiplier M = sum_ij m_ij M_ij on all pairs of agents in place of (30), which does not follow from (3).
 
 The same function assembles F from doubles, for a filter, and from rationals, for the proof.
 """
@@ -34,7 +35,8 @@ LETTERS = ("A", "B", "C", "D")
 class Claim:
     """What a certificate claims, besides rho: alpha, the weights, and how much the gains may be off.
 
-    alpha: the incremental bound of phi;  R: (n, n) weight of the disagreement;  Q: (n_C, n_C) weight of each controller's
+    alpha: the incremental bound of phi;  R: (n, n) weight of the disagreement;  Q: (n_C, n_C) weight of each
+    controller's
     state;  delta: (N, 4), the bounds (11) on |Delta A_Ci|, |Delta B_Ci|, |Delta C_Ci|, |Delta D_Ci|.
     """
 
@@ -45,7 +47,9 @@ class Claim:
 
     def at(self, *, alpha: float | None = None, fraction_of_delta: float = 1.0) -> "Claim":
         """Return an easier or harder claim, for continuation."""
-        return replace(self, alpha=self.alpha if alpha is None else alpha, delta=self.delta * fraction_of_delta)
+        return replace(
+            self, alpha=self.alpha if alpha is None else alpha, delta=self.delta * fraction_of_delta
+        )
 
 
 class Channel(NamedTuple):
@@ -75,8 +79,11 @@ def channels(loop: Loop, delta: Float[np.ndarray, "N 4"]) -> list[Channel]:
     for i, (U, Y) in enumerate(zip(loop.U, loop.Y, strict=True)):
         state_in, input_in, state_out, output_out = U[:, :n_C], U[:, n_C:], Y[:n_C], Y[n_C:]
         ways = ((state_in, state_out), (state_in, output_out), (input_in, state_out), (input_in, output_out))
-        found += [Channel(i, k, X, row, float(delta[i, k])) for k, (X, row) in enumerate(ways)
-                  if delta[i, k] > 0 and X.shape[1] and row.shape[0]]
+        found += [
+            Channel(i, k, X, row, float(delta[i, k]))
+            for k, (X, row) in enumerate(ways)
+            if delta[i, k] > 0 and X.shape[1] and row.shape[0]
+        ]
     return found
 
 
@@ -120,7 +127,10 @@ def F_matrix(loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim, certif
     for weight, way in zip(t, ways, strict=True):
         delta = number(np.array([way.delta]))[0]
         top = top + weight * delta * delta * (way.Y.T @ way.Y)
-    middle = [rho * rho * np.kron(loop.d.S, eye(loop.plant.A.shape[0], P)), np.kron(M, eye(r, P)) if r else zeros(0, 0, P)]
+    middle = [
+        rho * rho * np.kron(loop.d.S, eye(loop.plant.A.shape[0], P)),
+        np.kron(M, eye(r, P)) if r else zeros(0, 0, P),
+    ]
     middle += [weight * eye(way.X.shape[1], P) for weight, way in zip(t, ways, strict=True)]
     side = P @ incoming(loop, ways)
     return _bordered(top, side, middle)

@@ -1,13 +1,14 @@
 """Theorem 1 (19) and Corollary 1 (34) as printed, with an audit of what their recovery (22) loses.
 
-For study. (19) is linear because it takes k_i = p_s B_i D_Ci and f_i = p_s B_i C_Ci as free n x q and n x n_C variables;
-(22) then recovers D_Ci = B_i^+ p_s^-1 k_i, which gives k_i back only if k_i lies in range(p_s B_i), and nothing in (19) asks
-for that. The audit states the part lost and the abscissa of the loop with the gains recovered.
+For study. (19) is linear because it takes k_i = p_s B_i D_Ci and f_i = p_s B_i C_Ci as free n x q and n x n_C
+variables; (22) then recovers D_Ci = B_i^+ p_s^-1 k_i, which gives k_i back only if k_i lies in range(p_s
+B_i), and nothing in (19) asks for that. The audit states the part lost and the abscissa of the loop with the
+gains recovered.
 
-As printed means: T = N - 1 independent rows of L, Cl. P = diag(I (x) p_s, P_C1, ..., P_CN) (18), h unstructured (G = I) and
-H_hat = I as in Section 4, |C_r| not squared in (20), the disturbance charged on all of x_Cl. Two slips are mended because (19)
-cannot be written down otherwise: 1_n in (21) reads J_{n x q} (q = 2 in the example), and the H_hat of the last block
-column is its transpose.
+As printed means: T = N - 1 independent rows of L, Cl. P = diag(I (x) p_s, P_C1, ..., P_CN) (18), h
+unstructured (G = I) and H_hat = I as in Section 4, |C_r| not squared in (20), the disturbance charged on all
+of x_Cl. Two slips are mended because (19) cannot be written down otherwise: 1_n in (21) reads J_{n x q} (q =
+2 in the example), and the H_hat of the last block column is its transpose.
 """
 
 from dataclasses import dataclass
@@ -16,11 +17,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.lmi.solve import run
 from lockstep.model.disagreement import disagreement
 from lockstep.model.errors import Infeasible
 from lockstep.model.loop import Gains
 from lockstep.model.network import Network
-from lockstep.lmi.solve import run
 
 if TYPE_CHECKING:
     import cvxpy as cp
@@ -31,7 +32,8 @@ class Audit:
     """What (22) makes of a solution of (19) or (34).
 
     objective: rho^2 + sum_i gamma_hat_i;  rho;  alpha: 1/sqrt(gamma_i) for i = 1 ... N - 1;
-    residual: the largest |k_i - p_s B_i D_Ci| / |k_i| over agents, and the same for f_i and C_Ci: 0 where (22) gives back what
+    residual: the largest |k_i - p_s B_i D_Ci| / |k_i| over agents, and the same for f_i and C_Ci: 0 where
+    (22) gives back what
     (19) decided;  abscissa: max Re lambda of the reduced loop (15) with the
     gains recovered: the loop the theorem calls stable.
     """
@@ -44,9 +46,15 @@ class Audit:
     gains: Gains
 
 
-def solve_as_printed(network: Network, order: int, R: Float[np.ndarray, "n n"], Q: Float[np.ndarray, "n_C n_C"],
-                     delta: Float[np.ndarray, "4"] | None) -> Audit:
-    """Solve (19) for bounds (delta_A, delta_B, delta_C, delta_D), or (34) for None, recover the gains by (22), and audit them.
+def solve_as_printed(
+    network: Network,
+    order: int,
+    R: Float[np.ndarray, "n n"],
+    Q: Float[np.ndarray, "n_C n_C"],
+    delta: Float[np.ndarray, "4"] | None,
+) -> Audit:
+    """Solve (19) for bounds (delta_A, delta_B, delta_C, delta_D), or (34) for None, recover the gains by
+    (22), and audit them.
 
     Raises:
         Infeasible: the solver returns no solution.
@@ -56,16 +64,24 @@ def solve_as_printed(network: Network, order: int, R: Float[np.ndarray, "n n"], 
     program = _Printed(network, order, R, Q, delta)
     problem = cp.Problem(cp.Minimize(program.r2 + cp.sum(program.gamma)), program.conditions())
     if not run(problem) or program.p_s.value is None:
-        raise Infeasible(f"{'(34)' if delta is None else '(19)'} as printed has no solution: the solver says {problem.status}",
-                         status=problem.status)
+        raise Infeasible(
+            f"{'(34)' if delta is None else '(19)'} as printed has no solution: the solver says {problem.status}",
+            status=problem.status,
+        )
     return program.audit(float(problem.value))
 
 
 class _Printed:
     """The variables and blocks of (18) to (21)."""
 
-    def __init__(self, network: Network, order: int, R: Float[np.ndarray, "n n"], Q: Float[np.ndarray, "n_C n_C"],
-                 delta: Float[np.ndarray, "4"] | None) -> None:
+    def __init__(
+        self,
+        network: Network,
+        order: int,
+        R: Float[np.ndarray, "n n"],
+        Q: Float[np.ndarray, "n_C n_C"],
+        delta: Float[np.ndarray, "4"] | None,
+    ) -> None:
         import cvxpy as cp
 
         lure = network.agent.lure
@@ -92,7 +108,6 @@ class _Printed:
 
     def conditions(self) -> list["cp.Constraint"]:
         """Return (19) or (34) with the positive definiteness of (18); 1e-6 stands for > 0."""
-        import cvxpy as cp
 
         F = self._matrix()
         definite = [self.p_s >> 1e-6 * np.eye(self.n), *[P >> 1e-6 * np.eye(self.order) for P in self.P_C]]
@@ -114,8 +129,15 @@ class _Printed:
             columns += [P @ way for way, _ in ways]
             squares += [tau[j] * np.eye(way.shape[1]) for way, j in ways]
         columns += [P @ top, tau[4] * top]
-        squares += [tau[4] * np.eye(n_d), _diagonal([self.gamma[i] * np.eye(self.n) for i in range(self.N - 1)])]
-        head = self._Phi() + self._Delta() + _dense_diagonal([self.R] * (self.N - 1) + ([self.Q] * self.N if n_c else []))
+        squares += [
+            tau[4] * np.eye(n_d),
+            _diagonal([self.gamma[i] * np.eye(self.n) for i in range(self.N - 1)]),
+        ]
+        head = (
+            self._Phi()
+            + self._Delta()
+            + _dense_diagonal([self.R] * (self.N - 1) + ([self.Q] * self.N if n_c else []))
+        )
         side = cp.hstack(columns)
         return cp.bmat([[head, side], [side.T, -_diagonal(squares)]])
 
@@ -145,7 +167,9 @@ class _Printed:
         A, B, C, D = self.delta**2
         norm = float(np.linalg.norm(self.C_r, 2))
         blocks = [norm * (self.tau[1] * D + self.tau[3] * B) * np.eye(self.n_d)]
-        return _diagonal([*blocks, *([(self.tau[0] * C + self.tau[2] * A) * np.eye(self.n_c)] if self.n_c else [])])
+        return _diagonal(
+            [*blocks, *([(self.tau[0] * C + self.tau[2] * A) * np.eye(self.n_c)] if self.n_c else [])]
+        )
 
     def audit(self, objective: float) -> Audit:
         """Recover the gains by (22) and measure what is lost."""
@@ -162,7 +186,9 @@ class _Printed:
         kept = [(p_s @ self.network.B[i] @ D[i], self.k[i].value) for i in range(N)]
         if self.order:
             kept += [(p_s @ self.network.B[i] @ C[i], self.f[i].value) for i in range(N)]
-        residual = max(float(np.linalg.norm(full - part) / max(np.linalg.norm(full), 1e-300)) for part, full in kept)
+        residual = max(
+            float(np.linalg.norm(full - part) / max(np.linalg.norm(full), 1e-300)) for part, full in kept
+        )
         loop = self.network.loop(self.order)
         abscissa = float(np.linalg.eigvals(loop.A_cl(gains.blocks)).real.max())
         alpha = tuple(float(np.sqrt(self.tau.value[4] / value)) for value in self.gamma.value)
@@ -174,7 +200,12 @@ def _diagonal(blocks: list[Any]) -> "cp.Expression":
 
     rows = []
     for i, block in enumerate(blocks):
-        rows.append([block if i == j else np.zeros((block.shape[0], other.shape[1])) for j, other in enumerate(blocks)])
+        rows.append(
+            [
+                block if i == j else np.zeros((block.shape[0], other.shape[1]))
+                for j, other in enumerate(blocks)
+            ]
+        )
     return cp.bmat(rows)
 
 

@@ -1,7 +1,7 @@
 """From a solver's numbers to a certificate in short decimals that is decided exactly.
 
-A certificate is a witness: any P, m, t that prove the inequality will do, so the shortest decimals that still prove it are
-taken. They are doubles, and the proof is about those doubles.
+A certificate is a witness: any P, m, t that prove the inequality will do, so the shortest decimals that still
+prove it are taken. They are doubles, and the proof is about those doubles.
 """
 
 import math
@@ -17,7 +17,8 @@ from lockstep.model.loop import Gains, Loop
 from lockstep.model.network import Network
 
 SLACKS = (5e-4, 2e-3, 1e-2, 5e-2)
-"""How far above the least rho the certificate is taken, so that rounding fits: 0.05 % first, more only if need be."""
+"""How far above the least rho the certificate is taken, so that rounding fits: 0.05 % first, more only if
+need be."""
 
 FEWEST_DIGITS, MOST_DIGITS = 3, 15
 
@@ -39,8 +40,12 @@ def rounded(certificate: Certificate, digits: int) -> Certificate:
     """Round P to `digits` decimals relative to its largest entry, and m and t to as many significant ones."""
     P = certificate.P
     places = digits - 1 - math.floor(math.log10(max(np.abs(P).max(), 1e-300)))
-    return Certificate(certificate.rho, np.round(P, min(places, 300)), _significant(certificate.m, digits),
-                       _significant(certificate.t, digits))
+    return Certificate(
+        certificate.rho,
+        np.round(P, min(places, 300)),
+        _significant(certificate.m, digits),
+        _significant(certificate.t, digits),
+    )
 
 
 def _significant(values: Float[np.ndarray, "k"], digits: int) -> Float[np.ndarray, "k"]:
@@ -63,21 +68,29 @@ def prove(network: Network, gains: Gains, claim: Claim, *, rho: float | None = N
     K = gains.blocks
     least = least_rho(loop, K, claim)
     if least is None:
-        raise NotCertified(f"no certificate was found for these gains at alpha = {claim.alpha:.6g}", alpha=claim.alpha,
-                           abscissa=float(np.linalg.eigvals(loop.A_cl(K)).real.max()))
+        raise NotCertified(
+            f"no certificate was found for these gains at alpha = {claim.alpha:.6g}",
+            alpha=claim.alpha,
+            abscissa=float(np.linalg.eigvals(loop.A_cl(K)).real.max()),
+        )
     levels = [rho] if rho is not None else [round_up(least.rho * (1 + slack)) for slack in SLACKS]
     for level in levels:
         candidate = centred(loop, K, claim, level)
         proved = None if candidate is None else shortest_that_proves(loop, exact_loop, K, claim, candidate)
         if proved is not None:
             return proved
-    raise NotCertified(f"the solver's candidate at rho = {least.rho:.6g} did not survive the exact check", rho=least.rho,
-                       alpha=claim.alpha)
+    raise NotCertified(
+        f"the solver's candidate at rho = {least.rho:.6g} did not survive the exact check",
+        rho=least.rho,
+        alpha=claim.alpha,
+    )
 
 
-def shortest_that_proves(loop: Loop, exact_loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim,
-                         candidate: Certificate) -> Certificate | None:
-    """Return the candidate rounded to the fewest digits with which the inequality is decided true, or None."""
+def shortest_that_proves(
+    loop: Loop, exact_loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim, candidate: Certificate
+) -> Certificate | None:
+    """Return the candidate rounded to the fewest digits with which the inequality is decided true, or
+    None."""
     for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1):
         trial = rounded(candidate, digits)
         if _passes_in_doubles(loop, K, claim, trial) and decide(exact_loop, K, claim, trial).positive:

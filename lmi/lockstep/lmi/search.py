@@ -8,9 +8,18 @@ from lockstep.lmi.start import Outcome, from_start
 from lockstep.model.loop import Loop
 
 
-def search(loop: Loop, claim: Claim, gain_limit: float, *, starts: int, seed: int, jobs: int | None = None,
-           tell: Callable[[float], None] | None = None) -> Outcome:
-    """Return the best outcome of `starts` random starts; the same seed gives the same outcome, whatever `jobs` is.
+def search(
+    loop: Loop,
+    claim: Claim,
+    gain_limit: float,
+    *,
+    starts: int,
+    seed: int,
+    jobs: int | None = None,
+    tell: Callable[[float], None] | None = None,
+) -> Outcome:
+    """Return the best outcome of `starts` random starts; the same seed gives the same outcome, whatever
+    `jobs` is.
 
     Args:
         loop: in doubles.
@@ -29,7 +38,11 @@ def search(loop: Loop, claim: Claim, gain_limit: float, *, starts: int, seed: in
     best: Outcome | None = None
     for done, outcome in enumerate(Parallel(n_jobs=workers, return_as="generator")(tasks), start=1):
         tell(done / starts)
-        if best is None or (outcome.rho, -outcome.fraction, outcome.index) < (best.rho, -best.fraction, best.index):
+        if best is None or (outcome.rho, -outcome.fraction, outcome.index) < (
+            best.rho,
+            -best.fraction,
+            best.index,
+        ):
             best = outcome
     if best is None:
         raise ValueError("a search needs at least one start")

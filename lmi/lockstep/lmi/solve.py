@@ -1,6 +1,8 @@
-"""The certificate inequality as a semidefinite program: the least rho for given gains, and a witness well inside.
+"""The certificate inequality as a semidefinite program: the least rho for given gains, and a witness well
+inside.
 
-cvxpy states it and Clarabel solves it. What comes back is a candidate: `rounding.prove` rounds it and decides it exactly.
+cvxpy states it and Clarabel solves it. What comes back is a candidate: `rounding.prove` rounds it and decides
+it exactly.
 """
 
 import warnings
@@ -24,7 +26,8 @@ UNITS = (1.0, 1e2, 1e4)
 """P grows like rho^2 as alpha comes near what the gains can carry; the solver wants numbers near one."""
 
 ACCEPTED = 1e-6
-"""By how much, relative to its largest entry, a candidate may miss F <= 0 and still be worth centring and deciding."""
+"""By how much, relative to its largest entry, a candidate may miss F <= 0 and still be worth centring and
+deciding."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,9 @@ class AffineF:
     @cached_property
     def Z(self) -> Float[np.ndarray, "n_x n_F"]:
         """[A_cl, E, E_G, X]."""
-        return np.hstack([self.loop.A_cl(self.gains), incoming(self.loop, channels(self.loop, self.claim.delta))])
+        return np.hstack(
+            [self.loop.A_cl(self.gains), incoming(self.loop, channels(self.loop, self.claim.delta))]
+        )
 
     @cached_property
     def constant(self) -> Float[np.ndarray, "n_F n_F"]:
@@ -87,16 +92,19 @@ def least_rho(loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim) -> Ce
 
 
 def centred(loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim, rho: float) -> Certificate | None:
-    """For a given rho, maximise s with F + s I <= 0, P >= s I, so that rounding has room; None if nothing is found."""
+    """For a given rho, maximise s with F + s I <= 0, P >= s I, so that rounding has room; None if nothing is
+    found."""
     balanced = balance(AffineF(loop, gains, claim))
     return None if balanced is None else _solve(balanced, rho, 1.0)
 
 
 @dataclass(frozen=True)
 class Balanced:
-    """The inequality in coordinates where the solver meets numbers near one: P = L P^ L', F^ = D F D', w = w^ / norms.
+    """The inequality in coordinates where the solver meets numbers near one: P = L P^ L', F^ = D F D', w = w^
+    / norms.
 
-    L is the Cholesky factor of the solution of P A_cl + A_cl' P = -diag(R, Q), so P^ = I is a good first guess however
+    L is the Cholesky factor of the solution of P A_cl + A_cl' P = -diag(R, Q), so P^ = I is a good first
+    guess however
     stiff the loop is; D = diag(L^-1, I / |L|, I).
     """
 
@@ -126,7 +134,9 @@ def balance(form: AffineF) -> Balanced | None:
     D[n_x : n_x + n_d, n_x : n_x + n_d] /= np.linalg.norm(L, 2)
     slopes = D @ form.slopes @ D.T
     norms = np.linalg.norm(slopes, 2, axis=(1, 2))
-    return Balanced(form, L, L.T @ form.Z @ D.T, D @ form.constant @ D.T, slopes / norms[:, None, None], norms)
+    return Balanced(
+        form, L, L.T @ form.Z @ D.T, D @ form.constant @ D.T, slopes / norms[:, None, None], norms
+    )
 
 
 def _solve(b: Balanced, rho: float | None, unit: float) -> Certificate | None:
@@ -140,8 +150,16 @@ def _solve(b: Balanced, rho: float | None, unit: float) -> Certificate | None:
     if rho is None:
         problem = cp.Problem(cp.Minimize(w[-1]), [*conditions, F << 0])
     else:
-        problem = cp.Problem(cp.Maximize(s), [*conditions, F + s * np.eye(n_F) << 0, P >> s * np.eye(n_x),
-                                              w[-1] == rho**2 * b.norms[-1] / unit, s <= 1])
+        problem = cp.Problem(
+            cp.Maximize(s),
+            [
+                *conditions,
+                F + s * np.eye(n_F) << 0,
+                P >> s * np.eye(n_x),
+                w[-1] == rho**2 * b.norms[-1] / unit,
+                s <= 1,
+            ],
+        )
     if not run(problem) or P.value is None or w.value is None:
         return None
     worst = float(np.linalg.eigvalsh(F.value)[-1])

@@ -1,7 +1,8 @@
 """Gains that make the linear loop stable: descent on the spectral abscissa from a random start.
 
-The abscissa max Re lambda(A_cl(K)) is not smooth, so the quasi-Newton method uses the weak Wolfe conditions, which hold
-on one side of a kink (Lewis and Overton, Nonsmooth optimization via quasi-Newton methods, Math. Program. 141, 2013).
+The abscissa max Re lambda(A_cl(K)) is not smooth, so the quasi-Newton method uses the weak Wolfe conditions,
+which hold on one side of a kink (Lewis and Overton, Nonsmooth optimization via quasi-Newton methods, Math.
+Program. 141, 2013).
 """
 
 from collections.abc import Callable
@@ -17,25 +18,32 @@ GAIN_WEIGHT = 1e-3
 """Weight of the mean square of the gains: without it the abscissa of a controllable loop has no minimum."""
 
 
-def stabilise(loop: Loop, K: Float[np.ndarray, "N k l"], iterations: int = 100) -> tuple[Float[np.ndarray, "N k l"], float]:
+def stabilise(
+    loop: Loop, K: Float[np.ndarray, "N k l"], iterations: int = 100
+) -> tuple[Float[np.ndarray, "N k l"], float]:
     """Return gains with a smaller abscissa than K's, and that abscissa."""
 
     def objective(flat: Float[np.ndarray, "x"]) -> tuple[float, Float[np.ndarray, "x"]]:
         value, slope = abscissa(loop, flat.reshape(K.shape))
-        return value + GAIN_WEIGHT * float(np.mean(flat**2)), slope.ravel() + 2 * GAIN_WEIGHT * flat / flat.size
+        return value + GAIN_WEIGHT * float(
+            np.mean(flat**2)
+        ), slope.ravel() + 2 * GAIN_WEIGHT * flat / flat.size
 
     found = descend(objective, K.ravel(), iterations).reshape(K.shape)
     return found, abscissa(loop, found)[0]
 
 
 def abscissa(loop: Loop, K: Float[np.ndarray, "N k l"]) -> tuple[float, Float[np.ndarray, "N k l"]]:
-    """Return max Re lambda(A_cl) and its slope in K: for a simple eigenvalue with vectors l, r, Re(U_i' l r' Y_i' / l'r)."""
+    """Return max Re lambda(A_cl) and its slope in K: for a simple eigenvalue with vectors l, r, Re(U_i' l r'
+    Y_i' / l'r)."""
     from scipy.linalg import eig
 
     values, left, right = eig(loop.A_cl(K), left=True, right=True)
     worst = int(np.argmax(values.real))
     l, r = left[:, worst].conj(), right[:, worst]
-    slope = np.stack([np.real(np.outer(U.T @ l, Y @ r) / (l @ r)) for U, Y in zip(loop.U, loop.Y, strict=True)])
+    slope = np.stack(
+        [np.real(np.outer(U.T @ l, Y @ r) / (l @ r)) for U, Y in zip(loop.U, loop.Y, strict=True)]
+    )
     return float(values[worst].real), slope
 
 
@@ -59,9 +67,15 @@ def descend(objective: Objective, x: Float[np.ndarray, "x"], iterations: int) ->
     return x
 
 
-def _weak_wolfe(objective: Objective, x: Float[np.ndarray, "x"], value: float, slope: Float[np.ndarray, "x"],
-                direction: Float[np.ndarray, "x"]) -> tuple[Float[np.ndarray, "x"], float, Float[np.ndarray, "x"]] | None:
-    """Bracket a step with enough decrease (1e-4) and enough rise of the slope (0.9); None if 30 trials find no decrease."""
+def _weak_wolfe(
+    objective: Objective,
+    x: Float[np.ndarray, "x"],
+    value: float,
+    slope: Float[np.ndarray, "x"],
+    direction: Float[np.ndarray, "x"],
+) -> tuple[Float[np.ndarray, "x"], float, Float[np.ndarray, "x"]] | None:
+    """Bracket a step with enough decrease (1e-4) and enough rise of the slope (0.9); None if 30 trials find
+    no decrease."""
     low, high, t, slant = 0.0, np.inf, 1.0, float(slope @ direction)
     best = None
     for _ in range(30):

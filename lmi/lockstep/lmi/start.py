@@ -16,7 +16,8 @@ FRACTIONS = (1.0, 0.3, 0.1, 0.03, 0.01, 1e-3)
 """Parts of alpha and delta tried, largest first, for a first certificate of gains that are merely stable."""
 
 CLIMBS, DESCENTS, CREEPS = 6, 4, 3
-"""At most so many runs towards the full claim, so many that lower rho, and so many inner steps after one that failed."""
+"""At most so many runs towards the full claim, so many that lower rho, and so many inner steps after one that
+failed."""
 
 WORTHWHILE = 0.01
 """A run that lowers rho by less than this part of it is the last."""
@@ -26,7 +27,8 @@ WORTHWHILE = 0.01
 class Outcome:
     """What one start came to: gains with an (unproved) certificate for the full claim, or how far it got.
 
-    fraction: the part of alpha and delta that was certified on the way, 1 for the full claim;  abscissa: of the stabilised
+    fraction: the part of alpha and delta that was certified on the way, 1 for the full claim;  abscissa: of
+    the stabilised
     loop;  history: rho after each run.
     """
 
@@ -47,7 +49,8 @@ def from_start(loop: Loop, claim: Claim, gain_limit: float, seed: int, index: in
     """Run one start; the same arguments give the same outcome."""
     generator = np.random.default_rng([seed, index])
     shape = (loop.d.N, loop.U[0].shape[1], loop.Y[0].shape[0])
-    # The size of the start is drawn too: small gains suit loops that are nearly stable, larger ones those that are not.
+    # The size of the start is drawn too: small gains suit loops that are nearly stable, larger ones those
+    # that are not.
     K, abscissa = stabilise(loop, generator.choice([0.5, 1.0, 2.0]) * generator.standard_normal(shape))
     K = _within(K, 0.9 * gain_limit)
     point = _first_point(loop, K, claim)
@@ -76,7 +79,8 @@ def _first_point(loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim) -> Poi
 
 
 def _climb(loop: Loop, claim: Claim, program: BilinearProgram, point: Point) -> tuple[Point, float]:
-    """Raise the fractions of alpha^2 and delta^2 to 1; return the point there and 1, or how far certificates reached."""
+    """Raise the fractions of alpha^2 and delta^2 to 1; return the point there and 1, or how far certificates
+    reached."""
     reached = point.alpha_fraction**0.5
     rho_most = 10.0 * point.certificate.rho
     for _ in range(CLIMBS):
@@ -88,8 +92,11 @@ def _climb(loop: Loop, claim: Claim, program: BilinearProgram, point: Point) -> 
     return point, reached
 
 
-def _descend(loop: Loop, claim: Claim, program: BilinearProgram, point: Point, index: int, abscissa: float) -> Outcome:
-    """Stride with the nonlinear program; where its gains do not certify, creep a few certified steps and stride again."""
+def _descend(
+    loop: Loop, claim: Claim, program: BilinearProgram, point: Point, index: int, abscissa: float
+) -> Outcome:
+    """Stride with the nonlinear program; where its gains do not certify, creep a few certified steps and
+    stride again."""
     history = [point.certificate.rho]
     for _ in range(DESCENTS):
         before = point.certificate.rho

@@ -182,7 +182,7 @@ def _open_linear(network: "Network") -> System:
     return control.ss(A, B, C, np.zeros((C.shape[0], B.shape[1])), **_open_names(network.agent, N))
 
 
-def _output_map(network: "Network") -> Float[np.ndarray, "2*N*q N*n"]:
+def _output_map(network: "Network") -> Float[np.ndarray, "outputs states"]:
     """Return [I (x) C; L (x) C], from the states to y and r."""
     C = network.agent.lure.C
     return np.vstack([np.kron(np.eye(network.N), C), np.kron(network.graph.laplacian, C)])

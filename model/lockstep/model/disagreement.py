@@ -1,10 +1,10 @@
 """Disagreement coordinates x_d = (T (x) I) x, in which consensus is the stability of zero.
 
-T in R^{(N-1) x N} has full row rank and T 1 = 0. The paper's (14) takes N - 1 rows of L; the default here is an
-orthonormal basis of the complement of 1, under which no agent is special and rho is the true gain from the
-disagreement of the disturbances to the disagreement of the states. An orthonormal T is irrational, so its rational
-stand-in T = [I, -1] is used with the metric S = (T T')^-1: for x_d = T x, x_d' S x_d is the squared length of the
-projection of x on the complement of 1, exactly as in orthonormal coordinates.
+T in R^{(N-1) x N} has full row rank and T 1 = 0. The paper's (14) takes N - 1 rows of L; the default here is
+an orthonormal basis of the complement of 1, under which no agent is special and rho is the true gain from the
+disagreement of the disturbances to the disagreement of the states. An orthonormal T is irrational, so its
+rational stand-in T = [I, -1] is used with the metric S = (T T')^-1: for x_d = T x, x_d' S x_d is the squared
+length of the projection of x on the complement of 1, exactly as in orthonormal coordinates.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,8 @@ class Disagreement:
     """The map to disagreement coordinates and what the network becomes in them.
 
     T: (N-1, N), x_d = (T (x) I) x;  right: (N, N-1) with T right = I and last row 0;
-    S: (N-1, N-1), the metric of x_d;  L: (N, N) the Laplacian (1);  L_r: (N, N-1) with L = L_r T, the paper's C_r
+    S: (N-1, N-1), the metric of x_d;  L: (N, N) the Laplacian (1);  L_r: (N, N-1) with L = L_r T, the paper's
+    C_r
     being L_r (x) C.
     """
 
@@ -40,7 +41,8 @@ class Disagreement:
         return int(self.T.shape[1])
 
     def pair_multiplier(self, i: int, j: int) -> Matrix:
-        """Return M_ij with x_d' (M_ij (x) X) x_d = (x_i - x_j)' X (x_i - x_j): M_ij = right' (e_i-e_j)(e_i-e_j)' right."""
+        """Return M_ij with x_d' (M_ij (x) X) x_d = (x_i - x_j)' X (x_i - x_j): M_ij = right'
+        (e_i-e_j)(e_i-e_j)' right."""
         row = self.right[i] - self.right[j]
         return np.outer(row, row)
 
@@ -54,7 +56,8 @@ def disagreement(
 ) -> Disagreement:
     """Return the disagreement coordinates of a graph with a spanning tree.
 
-    Any T with T 1 = 0 and full row rank is T = T_1 [I, -1], so T_1^-1 stacked on a zero row is a right inverse.
+    Any T with T 1 = 0 and full row rank is T = T_1 [I, -1], so T_1^-1 stacked on a zero row is a right
+    inverse.
     """
     number = converter(exact_arithmetic)
     adjacency = number(graph.adjacency)

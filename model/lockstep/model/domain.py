@@ -23,7 +23,7 @@ def argument_box(H: Float[np.ndarray, "v n"], states: Float[np.ndarray, "n 2"]) 
     Box(lower=(-inf, 0.0), upper=(3.0, 0.0))
     """
     lower = [_least(row, states) for row in H]
-    upper = [-_least(-row, states) for row in H]
+    upper = [0.0 - _least(-row, states) for row in H]
     return Box(tuple(lower), tuple(upper))
 
 

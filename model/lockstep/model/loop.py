@@ -34,24 +34,42 @@ class Gains:
     def __post_init__(self) -> None:
         """Check that the blocks of every agent fit together."""
         if not len(self.A) == len(self.B) == len(self.C) == len(self.D) > 0:
-            raise ProblemError(f"gains for {len(self.A)}, {len(self.B)}, {len(self.C)} and {len(self.D)} agents (A, B, C, D)",
-                               where="gains", expected="one A, B, C and D per agent")
+            raise ProblemError(
+                f"gains for {len(self.A)}, {len(self.B)}, {len(self.C)} and {len(self.D)} agents (A, B, C, D)",
+                where="gains",
+                expected="one A, B, C and D per agent",
+            )
         n_C, (m, q) = self.A[0].shape[0], self.D[0].shape
         for i in range(len(self.A)):
-            for letter, block, shape in (("A", self.A[i], (n_C, n_C)), ("B", self.B[i], (n_C, q)),
-                                         ("C", self.C[i], (m, n_C)), ("D", self.D[i], (m, q))):
+            for letter, block, shape in (
+                ("A", self.A[i], (n_C, n_C)),
+                ("B", self.B[i], (n_C, q)),
+                ("C", self.C[i], (m, n_C)),
+                ("D", self.D[i], (m, q)),
+            ):
                 if block.shape != shape:
-                    raise ProblemError(f"`{letter}` is {block.shape[0]} x {block.shape[1]}", where=f"gains of agent {i + 1}",
-                                       expected=f"{shape[0]} x {shape[1]}", remedy="every agent has the same order, inputs and outputs")
+                    raise ProblemError(
+                        f"`{letter}` is {block.shape[0]} x {block.shape[1]}",
+                        where=f"gains of agent {i + 1}",
+                        expected=f"{shape[0]} x {shape[1]}",
+                        remedy="every agent has the same order, inputs and outputs",
+                    )
                 if not np.all(np.isfinite(block)):
-                    raise ProblemError(f"`{letter}` holds a number that is not finite", where=f"gains of agent {i + 1}",
-                                       expected="finite numbers")
+                    raise ProblemError(
+                        f"`{letter}` holds a number that is not finite",
+                        where=f"gains of agent {i + 1}",
+                        expected="finite numbers",
+                    )
 
     @classmethod
     def from_blocks(cls, K: Float[np.ndarray, "N n_C+m n_C+q"], n_C: int) -> "Gains":
         """Split K_i = [A B; C D] of every agent into its blocks."""
-        return cls(A=tuple(k[:n_C, :n_C].copy() for k in K), B=tuple(k[:n_C, n_C:].copy() for k in K),
-                   C=tuple(k[n_C:, :n_C].copy() for k in K), D=tuple(k[n_C:, n_C:].copy() for k in K))
+        return cls(
+            A=tuple(k[:n_C, :n_C].copy() for k in K),
+            B=tuple(k[:n_C, n_C:].copy() for k in K),
+            C=tuple(k[n_C:, :n_C].copy() for k in K),
+            D=tuple(k[n_C:, n_C:].copy() for k in K),
+        )
 
     @property
     def N(self) -> int:
@@ -76,7 +94,8 @@ class Gains:
 
 @dataclass(frozen=True)
 class Plant:
-    """The matrices of the agents (2) with h = G phi(H x, t): A (n, n), B_i (n, m), C (q, n), G (n, r), H (v, n)."""
+    """The matrices of the agents (2) with h = G phi(H x, t): A (n, n), B_i (n, m), C (q, n), G (n, r), H (v,
+    n)."""
 
     A: Matrix
     B: tuple[Matrix, ...]
@@ -92,7 +111,9 @@ class Plant:
     def in_numbers(self, exact_arithmetic: bool) -> "Plant":
         """Return the same plant in doubles or in the rationals that its doubles are."""
         number = converter(exact_arithmetic)
-        return Plant(number(self.A), tuple(number(b) for b in self.B), number(self.C), number(self.G), number(self.H))
+        return Plant(
+            number(self.A), tuple(number(b) for b in self.B), number(self.C), number(self.G), number(self.H)
+        )
 
 
 @dataclass(frozen=True)

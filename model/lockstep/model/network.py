@@ -1,7 +1,7 @@
 """A network: agents with one dynamics and inputs of their own, on a graph, in disagreement coordinates.
 
-`Network.loop` gives the matrices of (15); `Network.closed_loop` gives (12) itself, symbolic and nonlinear, for
-simulation and for checking that the two are the same system.
+`Network.loop` gives the matrices of (15); `Network.closed_loop` gives (12) itself, symbolic and nonlinear,
+for simulation and for checking that the two are the same system.
 """
 
 from collections.abc import Sequence
@@ -33,7 +33,8 @@ class Network:
         graph: who listens to whom; it must have a spanning tree.
         B: the input matrix (n, m) of each agent; by default the agent's own for all.
         coordinates: "orthonormal" (default) or "laplacian_rows" (the paper's (14)).
-        scales: (D_w, D_v), the diagonals with which the bound on phi was proved: |D_w^-1 J D_v| <= alpha, such
+        scales: (D_w, D_v), the diagonals with which the bound on phi was proved: |D_w^-1 J D_v| <= alpha,
+            such
             that G D_w and D_v^-1 H are exact in doubles (`lockstep.model.assembly.bound_of` gives such ones).
     """
 
@@ -49,11 +50,18 @@ class Network:
         shape = self.agent.lure.B.shape
         B = tuple(np.asarray(b, dtype=float) for b in self.B) or (self.agent.lure.B,) * self.graph.N
         if len(B) != self.graph.N:
-            raise ProblemError(f"{len(B)} input matrices for {self.graph.N} agents", where="network", expected="one B per agent")
+            raise ProblemError(
+                f"{len(B)} input matrices for {self.graph.N} agents",
+                where="network",
+                expected="one B per agent",
+            )
         for i, b in enumerate(B):
             if b.shape != shape:
-                raise ProblemError(f"`B` is {b.shape[0]} x {b.shape[1]}", where=f"agent {i + 1}",
-                                   expected=f"{shape[0]} x {shape[1]}")
+                raise ProblemError(
+                    f"`B` is {b.shape[0]} x {b.shape[1]}",
+                    where=f"agent {i + 1}",
+                    expected=f"{shape[0]} x {shape[1]}",
+                )
         object.__setattr__(self, "B", B)
         if self.scales is not None:
             self._check_scales(*self.scales)
@@ -68,10 +76,13 @@ class Network:
         """The matrices of (2), G and H scaled as the bound was proved."""
         lure = self.agent.lure
         D_w, D_v = self.scales or ((1.0,) * lure.G.shape[1], (1.0,) * lure.H.shape[0])
-        return Plant(lure.A, tuple(self.B), lure.C, lure.G * np.array(D_w), lure.H / np.array(D_v).reshape(-1, 1))
+        return Plant(
+            lure.A, tuple(self.B), lure.C, lure.G * np.array(D_w), lure.H / np.array(D_v).reshape(-1, 1)
+        )
 
     def loop(self, order: int, *, exact_arithmetic: bool = False) -> Loop:
-        """Return the loop (15) for controllers of an order, in doubles or in the rationals that those doubles are."""
+        """Return the loop (15) for controllers of an order, in doubles or in the rationals that those doubles
+        are."""
         key = (order, exact_arithmetic)
         if key not in self._loops:
             d = disagreement(self.graph, self.coordinates, exact_arithmetic=exact_arithmetic)
@@ -80,7 +91,9 @@ class Network:
 
     def with_bound(self, bound: "Bound") -> "Network":
         """Return the network with G and H scaled as a bound on phi was proved."""
-        return Network(self.agent, self.graph, self.B, self.coordinates, (bound.output_scale, bound.input_scale))
+        return Network(
+            self.agent, self.graph, self.B, self.coordinates, (bound.output_scale, bound.input_scale)
+        )
 
     def closed_loop(self, gains: Gains) -> ca.Function:
         """Return (12): (x, x_C, t, xi) -> (dx, dx_C, u), symbolic and nonlinear, all agents stacked.
@@ -96,9 +109,13 @@ class Network:
         u = [ca.DM(gains.C[i]) @ x_C[:, i] + ca.DM(gains.D[i]) @ r[:, i] for i in range(N)]
         dx = [drift(x[:, i], t) + ca.DM(self.B[i]) @ u[i] + xi[:, i] for i in range(N)]
         dx_C = [ca.DM(gains.A[i]) @ x_C[:, i] + ca.DM(gains.B[i]) @ r[:, i] for i in range(N)]
-        return ca.Function("closed_loop", [ca.vec(x), ca.vec(x_C), t, ca.vec(xi)],
-                           [ca.vertcat(*dx), ca.vertcat(*dx_C), ca.vertcat(*u)],
-                           ["x", "x_C", "t", "xi"], ["dx", "dx_C", "u"])
+        return ca.Function(
+            "closed_loop",
+            [ca.vec(x), ca.vec(x_C), t, ca.vec(xi)],
+            [ca.vertcat(*dx), ca.vertcat(*dx_C), ca.vertcat(*u)],
+            ["x", "x_C", "t", "xi"],
+            ["dx", "dx_C", "u"],
+        )
 
     def to_control(self, gains: Gains | None = None, *, linear: bool = False) -> Any:
         """Return the network for python-control: see `lockstep.model.bridge.network_to_control`."""
@@ -116,13 +133,20 @@ class Network:
         """A certificate for rounded G D_w and D_v^-1 H would be one for another agent."""
         G, H = self.agent.lure.G, self.agent.lure.H
         if (len(D_w), len(D_v)) != (G.shape[1], H.shape[0]):
-            raise ProblemError(f"{len(D_w)} and {len(D_v)} scales", where="network scales",
-                               expected=f"{G.shape[1]} for phi and {H.shape[0]} for its arguments")
+            raise ProblemError(
+                f"{len(D_w)} and {len(D_v)} scales",
+                where="network scales",
+                expected=f"{G.shape[1]} for phi and {H.shape[0]} for its arguments",
+            )
         w, v = exactly(np.array(D_w, dtype=float)), exactly(np.array(D_v, dtype=float))
         plant = self.plant
         if (exactly(plant.G) != exactly(G) * w).any() or (exactly(plant.H) * v[:, None] != exactly(H)).any():
-            raise ProblemError("G D_w or D_v^-1 H is no matrix of doubles", where="network scales",
-                               expected="scales that leave both exact", remedy="take them from assembly.bound_of")
+            raise ProblemError(
+                "G D_w or D_v^-1 H is no matrix of doubles",
+                where="network scales",
+                expected="scales that leave both exact",
+                remedy="take them from assembly.bound_of",
+            )
 
     def drift(self) -> ca.Function:
         """Return (x, t) -> A x + G phi(H x, t) + offset(t): one agent without input or disturbance."""

@@ -1,8 +1,8 @@
 """The two kinds of number the matrices are made of: IEEE doubles, and exact rationals.
 
-Every number Lockstep reads is an IEEE double, taken exactly. The same assembly code then runs on float arrays (for
-solvers) and on object arrays of `flint.fmpq` (for proofs), so that a proof is never about another matrix than the
-one that was designed for.
+Every number Lockstep reads is an IEEE double, taken exactly. The same assembly code then runs on float arrays
+(for solvers) and on object arrays of `flint.fmpq` (for proofs), so that a proof is never about another matrix
+than the one that was designed for.
 """
 
 from collections.abc import Callable
