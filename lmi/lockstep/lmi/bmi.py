@@ -4,8 +4,8 @@ For gains that may move, F of `inequality` is bilinear in (P, K). With the rows 
 eliminated (Schur), F < 0 is the smaller
 
     F_r = [ He(P A_cl(K)) + diag(S (x) R, I (x) Q) + f_a alpha^2 M (x) H'H + f_d sum_j t_j delta_j^2 Y_j'Y_j
-            + P (E (S (x) I)^-1 E' / rho^2 + sum_j X_j X_j' / t_j) P                                 P E_G   ]
-          [                                        *                                                 -M (x) I ]  < 0,
+            + P (E (S (x) I)^-1 E' / rho^2 + sum_j X_j X_j' / t_j) P                          P E_G   ]
+          [                                        *                                          -M (x) I ]  < 0,
 
 and each semidefinite condition becomes smooth by a factor of its own:  -D F_r D = L_F L_F',  D_P P D_P = L_P
 L_P', I - K_i K_i' / gain_limit^2 = L_K L_K', with lower triangular factors whose diagonals are bounded away
@@ -52,8 +52,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Limits:
-    """How long IPOPT may work (a count, so that the same input gives the same answer), and the range of
-    rho."""
+    """How long IPOPT may work (a count: the same input gives the same answer), and the range of rho."""
 
     iterations: int = 400
     rho_most: float = 1e6
@@ -180,7 +179,7 @@ class BilinearProgram:
                 "g": ca.vertcat(*conditions),
                 "p": ca.vertcat(D_F, D_P),
             }
-            options = {
+            options: Any = {
                 "ipopt.max_iter": iterations,
                 "ipopt.print_level": 0,
                 "ipopt.sb": "yes",
@@ -198,9 +197,8 @@ class BilinearProgram:
         names = ("P", "K", "m", "t", "r2", "f")
         return ca.Function("F_r", [self._symbols[name] for name in names], [self._F_r])
 
-    def _guess(self, start: Point) -> tuple[Float[np.ndarray, "x"], Float[np.ndarray, "D"]]:
-        """Return the start as one vector, its factors taken from the nearest positive definite matrices, and
-        D_F, D_P."""
+    def _guess(self, start: Point) -> tuple[Float[np.ndarray, " x"], Float[np.ndarray, " D"]]:
+        """Return the start as a vector, its factors those of the nearest definite matrices, and D_F, D_P."""
         c = start.certificate
         P = c.P
         # A multiplier of zero has no logarithmic room to grow in: start it above, relative to the others.
@@ -231,7 +229,7 @@ class BilinearProgram:
 
     def _bounds(
         self, start: Point, aim: Aim, limits: Limits
-    ) -> tuple[Float[np.ndarray, "x"], Float[np.ndarray, "x"]]:
+    ) -> tuple[Float[np.ndarray, " x"], Float[np.ndarray, " x"]]:
         total = self._place["L_K"].stop
         lower, upper = np.full(total, -np.inf), np.full(total, np.inf)
         for name in ("m", "t", "r2"):
@@ -253,7 +251,7 @@ class BilinearProgram:
             lower[self._place[name].start + diagonal.astype(int)] = FACTOR_FLOOR if name == "L_F" else 1e-4
         return lower, upper
 
-    def _point(self, x: Float[np.ndarray, "x"]) -> Point:
+    def _point(self, x: Float[np.ndarray, " x"]) -> Point:
         part = {name: x[place] for name, place in self._place.items()}
         upper = np.zeros((self.loop.n_x, self.loop.n_x))
         upper[np.triu_indices(self.loop.n_x)] = part["P"]
@@ -293,13 +291,12 @@ def _factor_residual(factor: ca.SX, matrix: ca.SX) -> ca.SX:
     return ca.vertcat(*[residual[i, j] for i, j in places])
 
 
-def _factor(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "l"]:
-    """Return the Cholesky factor of the nearest matrix with eigenvalues of at least 1e-3, column by
-    column."""
+def _factor(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " l"]:
+    """Return the Cholesky factor of the nearest matrix with eigenvalues from 1e-3 up, column by column."""
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
     L = np.linalg.cholesky((vectors * np.maximum(values, 1e-3)) @ vectors.T)
     return np.concatenate([L[j:, j] for j in range(len(L))]) if len(L) else np.zeros(0)
 
 
-def _unit_diagonal(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n"]:
+def _unit_diagonal(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " n"]:
     return np.asarray(1.0 / np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-8)))

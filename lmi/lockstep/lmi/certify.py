@@ -62,7 +62,8 @@ def certify(stored: Stored) -> Verdict:
     if c.rho <= 0 or stored.alpha < 0:
         return Verdict(
             False,
-            f"the file claims rho = {c.rho:g} and alpha = {stored.alpha:g}: rho must be positive and alpha not negative",
+            f"the file claims rho = {c.rho:g} and alpha = {stored.alpha:g}: rho must be positive and"
+            " alpha not negative",
             None,
             None,
             float("nan"),

@@ -12,8 +12,7 @@ from lockstep.model.numbers import exactly
 def decide(
     exact_loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim, certificate: Certificate
 ) -> Definiteness:
-    """Decide exactly whether P > 0, m >= 0, t >= 0 and F < 0: the whole proof, for the numbers as they
-    stand."""
+    """Decide exactly whether P > 0, m >= 0, t >= 0 and F < 0: the whole proof, for these very numbers."""
     for weights in (certificate.m, certificate.t):
         if np.any(weights < 0):
             unit = -np.eye(len(weights))[int(np.argmin(weights))]

@@ -35,7 +35,7 @@ class Definiteness:
     positive: bool
     method: str
     margin: float
-    vector: Float[np.ndarray, "n"] | None = None
+    vector: Float[np.ndarray, " n"] | None = None
     value: float = 0.0
 
 
@@ -79,7 +79,7 @@ def decide_positive_definite(matrix: Shaped[np.ndarray, "n n"]) -> Definiteness:
 def _refuted(
     method: str,
     margin: float,
-    vector: Float[np.ndarray, "n"],
+    vector: Float[np.ndarray, " n"],
     exponents: list[int],
     matrix: Shaped[np.ndarray, "n n"],
 ) -> Definiteness:
@@ -110,12 +110,13 @@ def _residual_dominates(scaled: Shaped[np.ndarray, "n n"], doubles: Float[np.nda
     )
 
 
-def _form(matrix: Shaped[np.ndarray, "n n"], z: Float[np.ndarray, "n"]) -> fmpq:
+def _form(matrix: Shaped[np.ndarray, "n n"], z: Float[np.ndarray, " n"]) -> fmpq:
     column = exactly(z)
-    return column @ (matrix @ column)
+    value: fmpq = column @ (matrix @ column)
+    return value
 
 
-def _ldl_violation(matrix: Shaped[np.ndarray, "n n"]) -> Float[np.ndarray, "n"] | None:
+def _ldl_violation(matrix: Shaped[np.ndarray, "n n"]) -> Float[np.ndarray, " n"] | None:
     """Run L D L' over the rationals; return None if every pivot is positive, else z with z' M z = the first
     that is not.
 
@@ -137,7 +138,7 @@ def _ldl_violation(matrix: Shaped[np.ndarray, "n n"]) -> Float[np.ndarray, "n"] 
     return None
 
 
-def _pivot_vector(matrix: Shaped[np.ndarray, "n n"], k: int) -> Float[np.ndarray, "n"]:
+def _pivot_vector(matrix: Shaped[np.ndarray, "n n"], k: int) -> Float[np.ndarray, " n"]:
     """Return z = (-M_11^-1 M_1k, 1, 0): z' M z is the Schur complement at pivot k."""
     z = [exact(0.0)] * len(matrix)
     z[k] = exact(1.0)

@@ -2,7 +2,8 @@
 
     bound      |phi(a, t) - phi(b, t)| <= alpha |a - b|, proved by `model.bound`
     network    the loop in disagreement coordinates, G and H scaled as the bound was proved
-    gains      found by `search` (certified), read from the file (given), or recovered as printed (theorem1, corollary1)
+    gains      found by `search` (certified), read from the file (given), or recovered as printed (theorem1,
+               corollary1)
     proof      `rounding.prove`: a certificate in short decimals, decided exactly
 
 Whatever the method, gains count as certified only by the last step.
@@ -28,8 +29,7 @@ Progress = Callable[[str, float], None]
 """Called with what is being done and the part of it that is done, from 0 to 1."""
 
 GAIN_DIGITS = 6
-"""Significant decimals of designed gains: people read them, and a certificate is found for them as
-rounded."""
+"""Significant decimals of designed gains: people read them. The certificate is for them as rounded."""
 
 
 @dataclass(frozen=True)
@@ -81,11 +81,13 @@ def design(problem: Problem, *, jobs: int | None = None, progress: Progress | No
             return _given(problem, network, bound, claim, tell)
         case "theorem1" | "corollary1":
             return _as_printed(problem, network, bound, claim, tell)
+        case "lipschitz":
+            return _protocol(problem, network, bound, claim, tell)
         case other:
             raise ProblemError(
                 f'`method = "{other}"` is not built yet',
                 where="[design] method",
-                expected='"certified", "given", "theorem1" or "corollary1"',
+                expected='"certified", "given", "theorem1", "corollary1" or "lipschitz"',
             )
 
 
@@ -124,7 +126,8 @@ def short(K: Float[np.ndarray, "N k l"], gain_limit: float) -> Float[np.ndarray,
         norm = float(np.linalg.norm(block, 2))
         room = gain_limit * (1 - 1e-6)
         blocks.append(block * min(1.0, room / norm) if norm > 0 else block)
-    return np.vectorize(lambda x: float(f"{round(x / unit) * unit:.12g}"))(np.stack(blocks)) + 0.0
+    rounded = [float(f"{round(x / unit) * unit:.12g}") for x in np.stack(blocks).ravel()]
+    return np.reshape(rounded, K.shape) + 0.0
 
 
 def _searched(
@@ -143,8 +146,9 @@ def _searched(
     )
     if found.K is None:
         raise Infeasible(
-            f"no gains of order {problem.order} within gain_limit {problem.design.gain_limit:g} were found that carry"
-            f" alpha = {claim.alpha:.6g}; the best of {problem.design.starts} starts carried {found.fraction:.3g} of it",
+            f"no gains of order {problem.order} within gain_limit {problem.design.gain_limit:g} were found"
+            f" that carry alpha = {claim.alpha:.6g}; the best of {problem.design.starts} starts carried"
+            f" {found.fraction:.3g} of it",
             alpha=claim.alpha,
             fraction=found.fraction,
             reachable_alpha=found.fraction * claim.alpha,
@@ -185,13 +189,40 @@ def _as_printed(problem: Problem, network: Network, bound: Bound, claim: Claim, 
         certificate = prove(network, audit.gains, claim)
     except NotCertified as error:
         raise NotCertified(
-            f"as printed, the recovered loop is not certified: (22) misses k_i by {audit.residual:.3g} of its size, and"
-            f" the recovered loop has the abscissa {audit.abscissa:.3g}; {error}",
+            f"as printed, the recovered loop is not certified: (22) misses k_i by {audit.residual:.3g} of its"
+            f" size, and the recovered loop has the abscissa {audit.abscissa:.3g}; {error}",
             residual=audit.residual,
             abscissa=audit.abscissa,
             design=Design(problem, network, bound, claim, audit.gains, None, figures),
         ) from None
     return Design(problem, network, bound, claim, audit.gains, certificate, figures)
+
+
+def _protocol(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Design:
+    from lockstep.lmi.lipschitz import design_protocol, protocol_gains
+
+    if problem.order:
+        raise ProblemError(
+            f"`order` is {problem.order}",
+            where="[design]",
+            expected='order = 0: the protocol of method "lipschitz" is static',
+        )
+    tell("solving step 1 of the protocol", 0.0)
+    protocol = design_protocol(network, claim, problem.design.gain_limit)
+    gains = protocol_gains(network, protocol)
+    gains = Gains.from_blocks(short(gains.blocks, problem.design.gain_limit), 0)
+    certificate = prove(network, gains, claim)
+    figures = _figures(network, gains) | {
+        "protocol": {
+            "tau": protocol.first.tau,
+            "K": protocol.first.K.tolist(),
+            "c": protocol.c,
+            "connectivity": protocol.connectivity,
+            "decay": protocol.decay,
+        },
+        **_floor(problem, network, claim, tell),
+    }
+    return Design(problem, network, bound, claim, gains, certificate, figures)
 
 
 def _figures(network: Network, gains: Gains) -> dict[str, Any]:

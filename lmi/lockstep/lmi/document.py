@@ -88,24 +88,10 @@ def parse(content: Any, where: str) -> Stored:
     except ProblemError as error:
         raise error.within(where) from None
     try:
-        gains = Gains(
-            *(
-                tuple(
-                    _matrix(one, letter, f"gains of agent {i}", _gain_shape(problem, letter))
-                    for i, one in enumerate(_part(content, "gains", list), start=1)
-                )
-                for letter in "ABCD"
-            )
-        )
-        if gains.N != problem.graph().N:
-            raise ProblemError(f"gains for {gains.N} agents", where="gains", expected=f"{problem.graph().N}")
-        fragility = _part(content, "fragility", dict)
-        delta = {letter: _number(fragility.get(letter), f"fragility {letter}") for letter in "ABCD"}
-        if min(delta.values()) < 0:
-            raise ProblemError(f"`fragility` is {dict(delta)}", expected="numbers that are not negative")
+        delta = _fragility(content)
         return Stored(
             problem,
-            gains,
+            _gains(content, problem),
             _number(content.get("alpha"), "alpha"),
             delta,
             _certificate(content, problem, delta),
@@ -114,10 +100,33 @@ def parse(content: Any, where: str) -> Stored:
         raise error.within(where) from None
 
 
+def _gains(content: Mapping[str, Any], problem: Problem) -> Gains:
+    gains = Gains(
+        *(
+            tuple(
+                _matrix(one, letter, f"gains of agent {i}", _gain_shape(problem, letter))
+                for i, one in enumerate(_part(content, "gains", list), start=1)
+            )
+            for letter in "ABCD"
+        )
+    )
+    if gains.N != problem.graph().N:
+        raise ProblemError(f"gains for {gains.N} agents", where="gains", expected=f"{problem.graph().N}")
+    return gains
+
+
+def _fragility(content: Mapping[str, Any]) -> dict[str, float]:
+    stored = _part(content, "fragility", dict)
+    delta = {letter: _number(stored.get(letter), f"fragility {letter}") for letter in "ABCD"}
+    if min(delta.values()) < 0:
+        raise ProblemError(f"`fragility` is {dict(delta)}", expected="numbers that are not negative")
+    return delta
+
+
 def load_json(path: Path) -> Any:
     """Read a JSON file; NaN and infinities, which JSON does not have, are read as NaN and refused later."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"), parse_constant=lambda name: math.nan)
+        return json.loads(path.read_text(encoding="utf-8"), parse_constant=lambda _name: math.nan)
     except FileNotFoundError:
         raise ProblemError("there is no such file", where=str(path)) from None
     except (OSError, UnicodeDecodeError) as error:

@@ -5,15 +5,15 @@ inputs, and ask the same inequality of it. In orthonormal coordinates the disagr
 agent, and a multiplier M = V diag(mu_k) V' turns into one number mu per copy, so the floor is that of a
 single agent,
 
-    min over mu > 0 of the least rho for x' = A x + B u + G w + xi, y = C x, weights x'R x and mu (alpha^2 |H
-    x|^2 - |w|^2).
+    min over mu > 0 of the least rho for x' = A x + B u + G w + xi, y = C x,
+    with the weights x'R x and mu (alpha^2 |H x|^2 - |w|^2).
 
 For a fixed mu this is the full-order H-infinity problem, convex once the gains are eliminated (Gahinet and
 Apkarian, A linear matrix inequality approach to H-infinity control, Int. J. Robust Nonlinear Control 4,
 1994): with N_B, N_C bases of the null spaces of B' and C,
 
-    N_C' (A'X + X A + R + mu alpha^2 H'H) N_C, X G, X bordered by -diag(mu I, rho^2 I)                         < 0,
-    N_B' (A Y + Y A' + G G'/mu + s I) N_B bordered by Y R^(1/2), alpha Y H' over -diag(I, I/mu)                < 0,
+    N_C' (A'X + X A + R + mu alpha^2 H'H) N_C, X G, X bordered by -diag(mu I, rho^2 I)              < 0,
+    N_B' (A Y + Y A' + G G'/mu + s I) N_B bordered by Y R^(1/2), alpha Y H' over -diag(I, I/mu)     < 0,
     [X I; I Y] >= 0,  s >= 1 / rho^2,
 
 the last written as a cone, so that one semidefinite program gives the least rho. With different B_i every
@@ -22,6 +22,7 @@ left to gain.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -78,9 +79,7 @@ def _least_rho(plant: Plant, alpha: float, R: Float[np.ndarray, "n n"], mu: floa
     return float(np.sqrt(max(float(r2.value), 0.0)))
 
 
-def _bordered(
-    basis: Float[np.ndarray, "n k"], head: "object", sides: "list[tuple[object, object]]"
-) -> "object":
+def _bordered(basis: Float[np.ndarray, "n k"], head: Any, sides: list[tuple[Any, Any]]) -> Any:
     """Return [basis' head basis, basis' side ...; *, -square ...], symmetrised; empty sides are left out."""
     import cvxpy as cp
 

@@ -1,16 +1,17 @@
-"""The certificate inequality for given gains: what is claimed, what witnesses it, and the matrix that decides
-it.
+"""The certificate inequality for given gains: what is claimed, what witnesses it, and what decides it.
 
 With A_cl = A_0 + sum_i U_i K_i Y_i (15), claims alpha, rho, R, Q, delta and witnesses P, m, t,
 
-    F = [ He(P A_cl) + diag(S (x) R, I (x) Q) + M (x) alpha^2 H'H + sum_j t_j delta_j^2 Y_j'Y_j   P E             P E_G    P X      ]
-        [                                  *                                                     -rho^2 S (x) I  0        0        ]
-        [                                  *                                                      *              -M (x) I 0        ]
-        [                                  *                                                      *              *        -diag(t) ]
+    F = [ F_11   P E              P E_G      P X      ]
+        [ *      -rho^2 S (x) I   0          0        ]
+        [ *      *                -M (x) I   0        ]
+        [ *      *                *          -diag(t) ],
+
+    F_11 = He(P A_cl) + diag(S (x) R, I (x) Q) + M (x) alpha^2 H'H + sum_j t_j delta_j^2 Y_j'Y_j,
 
 and P > 0, m >= 0, t >= 0, F < 0 prove, for V = x_cl' P x_cl,
 
-    V' + x_d' (S (x) R) x_d + x_C' (I (x) Q) x_C < rho^2 xi_d' (S (x) I) xi_d       whenever (x_cl, xi_d) is not 0,
+    V' + x_d' (S (x) R) x_d + x_C' (I (x) Q) x_C < rho^2 xi_d' (S (x) I) xi_d   whenever (x_cl, xi_d) != 0,
 
 for every h with |phi(a, t) - phi(b, t)| <= alpha |a - b| and every Delta with |Delta_j| <= delta_j (11). It
 is (33) of the paper with a full P, with the sound bound (29), |C_r|^2 replaced by the exact Y_j, and with a
@@ -68,8 +69,8 @@ class Certificate:
 
     rho: float
     P: Float[np.ndarray, "n_x n_x"]
-    m: Float[np.ndarray, "pairs"]
-    t: Float[np.ndarray, "channels"] = field(default_factory=lambda: np.zeros(0))
+    m: Float[np.ndarray, " pairs"]
+    t: Float[np.ndarray, " channels"] = field(default_factory=lambda: np.zeros(0))
 
 
 def channels(loop: Loop, delta: Float[np.ndarray, "N 4"]) -> list[Channel]:

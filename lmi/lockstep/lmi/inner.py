@@ -1,5 +1,4 @@
-"""One step of the inner convex approximation: gains and certificate improved together, without leaving the
-certified set.
+"""One step of the inner convex approximation: gains and certificate improved inside the certified set.
 
 From (P_0, K_0) that satisfies F <= 0, with dP = P - P_0 and dK = K - K_0,
 
@@ -42,7 +41,10 @@ def inner_step(
         + form.constant
         + cp.reshape(form.slopes.reshape(len(form.slopes), -1).T @ w, (n_F, n_F), order="C")
     )
-    balance = np.sqrt(np.linalg.norm(K.reshape(-1)) / max(np.linalg.norm(certificate.P), 1e-12)) or 1.0
+    balance = (
+        np.sqrt(float(np.linalg.norm(K.reshape(-1))) / max(float(np.linalg.norm(certificate.P)), 1e-12))
+        or 1.0
+    )
     side = cp.hstack(
         [
             *[balance * (J @ dP @ U) for U in loop.U],

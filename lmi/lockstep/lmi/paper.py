@@ -65,7 +65,8 @@ def solve_as_printed(
     problem = cp.Problem(cp.Minimize(program.r2 + cp.sum(program.gamma)), program.conditions())
     if not run(problem) or program.p_s.value is None:
         raise Infeasible(
-            f"{'(34)' if delta is None else '(19)'} as printed has no solution: the solver says {problem.status}",
+            f"{'(34)' if delta is None else '(19)'} as printed has no solution: the solver says"
+            f" {problem.status}",
             status=problem.status,
         )
     return program.audit(float(problem.value))
@@ -100,7 +101,7 @@ class _Printed:
 
     @property
     def n_d(self) -> int:
-        return self.n * (self.N - 1)
+        return int(self.n * (self.N - 1))
 
     @property
     def n_c(self) -> int:
@@ -187,7 +188,8 @@ class _Printed:
         if self.order:
             kept += [(p_s @ self.network.B[i] @ C[i], self.f[i].value) for i in range(N)]
         residual = max(
-            float(np.linalg.norm(full - part) / max(np.linalg.norm(full), 1e-300)) for part, full in kept
+            float(np.linalg.norm(full - part)) / max(float(np.linalg.norm(full)), 1e-300)
+            for part, full in kept
         )
         loop = self.network.loop(self.order)
         abscissa = float(np.linalg.eigvals(loop.A_cl(gains.blocks)).real.max())

@@ -48,7 +48,7 @@ def rounded(certificate: Certificate, digits: int) -> Certificate:
     )
 
 
-def _significant(values: Float[np.ndarray, "k"], digits: int) -> Float[np.ndarray, "k"]:
+def _significant(values: Float[np.ndarray, " k"], digits: int) -> Float[np.ndarray, " k"]:
     return np.array([float(f"{value:.{digits}g}") for value in values])
 
 
@@ -89,8 +89,7 @@ def prove(network: Network, gains: Gains, claim: Claim, *, rho: float | None = N
 def shortest_that_proves(
     loop: Loop, exact_loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim, candidate: Certificate
 ) -> Certificate | None:
-    """Return the candidate rounded to the fewest digits with which the inequality is decided true, or
-    None."""
+    """Return the candidate rounded to the fewest digits with which it proves the inequality, or None."""
     for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1):
         trial = rounded(candidate, digits)
         if _passes_in_doubles(loop, K, claim, trial) and decide(exact_loop, K, claim, trial).positive:

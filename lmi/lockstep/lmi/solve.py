@@ -26,8 +26,7 @@ UNITS = (1.0, 1e2, 1e4)
 """P grows like rho^2 as alpha comes near what the gains can carry; the solver wants numbers near one."""
 
 ACCEPTED = 1e-6
-"""By how much, relative to its largest entry, a candidate may miss F <= 0 and still be worth centring and
-deciding."""
+"""By how much, relative to its largest entry, a candidate may miss F <= 0 and still be worth a decision."""
 
 
 @dataclass(frozen=True)
@@ -68,13 +67,13 @@ class AffineF:
         """F_k for each of (m, t, rho^2)."""
         return np.stack([self._at(row) - self.constant for row in np.eye(self.pairs + self.ways + 1)])
 
-    def certificate(self, P: Float[np.ndarray, "n_x n_x"], w: Float[np.ndarray, "w"]) -> Certificate:
+    def certificate(self, P: Float[np.ndarray, "n_x n_x"], w: Float[np.ndarray, " w"]) -> Certificate:
         """Return the unknowns as a certificate."""
         m = np.maximum(w[: self.pairs], 0.0) if self.pairs else np.zeros(len(self.loop.d.pairs()))
         t = np.maximum(w[self.pairs : self.pairs + self.ways], 0.0)
         return Certificate(float(np.sqrt(max(w[-1], 0.0))), (P + P.T) / 2, m, t)
 
-    def _at(self, w: Float[np.ndarray, "w"]) -> Float[np.ndarray, "n_F n_F"]:
+    def _at(self, w: Float[np.ndarray, " w"]) -> Float[np.ndarray, "n_F n_F"]:
         zero = np.zeros((self.loop.n_x, self.loop.n_x))
         return F_matrix(self.loop, self.gains, self.claim, self.certificate(zero, w))
 
@@ -92,8 +91,7 @@ def least_rho(loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim) -> Ce
 
 
 def centred(loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim, rho: float) -> Certificate | None:
-    """For a given rho, maximise s with F + s I <= 0, P >= s I, so that rounding has room; None if nothing is
-    found."""
+    """For a given rho, maximise s with F + s I <= 0, P >= s I, so that rounding has room; None if s <= 0."""
     balanced = balance(AffineF(loop, gains, claim))
     return None if balanced is None else _solve(balanced, rho, 1.0)
 
@@ -113,7 +111,7 @@ class Balanced:
     Z: Float[np.ndarray, "n_x n_F"]
     constant: Float[np.ndarray, "n_F n_F"]
     slopes: Float[np.ndarray, "w n_F n_F"]
-    norms: Float[np.ndarray, "w"]
+    norms: Float[np.ndarray, " w"]
 
 
 def balance(form: AffineF) -> Balanced | None:

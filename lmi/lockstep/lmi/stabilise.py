@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from lockstep.model.loop import Loop
 
-Objective = Callable[[Float[np.ndarray, "x"]], tuple[float, Float[np.ndarray, "x"]]]
+Objective = Callable[[Float[np.ndarray, " x"]], tuple[float, Float[np.ndarray, " x"]]]
 
 GAIN_WEIGHT = 1e-3
 """Weight of the mean square of the gains: without it the abscissa of a controllable loop has no minimum."""
@@ -23,7 +23,7 @@ def stabilise(
 ) -> tuple[Float[np.ndarray, "N k l"], float]:
     """Return gains with a smaller abscissa than K's, and that abscissa."""
 
-    def objective(flat: Float[np.ndarray, "x"]) -> tuple[float, Float[np.ndarray, "x"]]:
+    def objective(flat: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
         value, slope = abscissa(loop, flat.reshape(K.shape))
         return value + GAIN_WEIGHT * float(
             np.mean(flat**2)
@@ -47,7 +47,7 @@ def abscissa(loop: Loop, K: Float[np.ndarray, "N k l"]) -> tuple[float, Float[np
     return float(values[worst].real), slope
 
 
-def descend(objective: Objective, x: Float[np.ndarray, "x"], iterations: int) -> Float[np.ndarray, "x"]:
+def descend(objective: Objective, x: Float[np.ndarray, " x"], iterations: int) -> Float[np.ndarray, " x"]:
     """Minimise by BFGS with a weak Wolfe line search; stop where no step of it improves."""
     value, slope = objective(x)
     inverse_hessian = np.eye(len(x)) * 0.1 / max(float(np.linalg.norm(slope)), 1e-12)
@@ -69,11 +69,11 @@ def descend(objective: Objective, x: Float[np.ndarray, "x"], iterations: int) ->
 
 def _weak_wolfe(
     objective: Objective,
-    x: Float[np.ndarray, "x"],
+    x: Float[np.ndarray, " x"],
     value: float,
-    slope: Float[np.ndarray, "x"],
-    direction: Float[np.ndarray, "x"],
-) -> tuple[Float[np.ndarray, "x"], float, Float[np.ndarray, "x"]] | None:
+    slope: Float[np.ndarray, " x"],
+    direction: Float[np.ndarray, " x"],
+) -> tuple[Float[np.ndarray, " x"], float, Float[np.ndarray, " x"]] | None:
     """Bracket a step with enough decrease (1e-4) and enough rise of the slope (0.9); None if 30 trials find
     no decrease."""
     low, high, t, slant = 0.0, np.inf, 1.0, float(slope @ direction)

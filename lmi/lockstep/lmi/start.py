@@ -16,8 +16,8 @@ FRACTIONS = (1.0, 0.3, 0.1, 0.03, 0.01, 1e-3)
 """Parts of alpha and delta tried, largest first, for a first certificate of gains that are merely stable."""
 
 CLIMBS, DESCENTS, CREEPS = 6, 4, 3
-"""At most so many runs towards the full claim, so many that lower rho, and so many inner steps after one that
-failed."""
+"""At most so many runs towards the full claim, so many that lower rho, and so many inner steps after a
+failed one."""
 
 WORTHWHILE = 0.01
 """A run that lowers rho by less than this part of it is the last."""
@@ -79,8 +79,7 @@ def _first_point(loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim) -> Poi
 
 
 def _climb(loop: Loop, claim: Claim, program: BilinearProgram, point: Point) -> tuple[Point, float]:
-    """Raise the fractions of alpha^2 and delta^2 to 1; return the point there and 1, or how far certificates
-    reached."""
+    """Raise the fractions of alpha^2 and delta^2 to 1; return the point and the certified fraction."""
     reached = point.alpha_fraction**0.5
     rho_most = 10.0 * point.certificate.rho
     for _ in range(CLIMBS):

@@ -35,7 +35,7 @@ class Gains:
         """Check that the blocks of every agent fit together."""
         if not len(self.A) == len(self.B) == len(self.C) == len(self.D) > 0:
             raise ProblemError(
-                f"gains for {len(self.A)}, {len(self.B)}, {len(self.C)} and {len(self.D)} agents (A, B, C, D)",
+                f"gains for {len(self.A)}, {len(self.B)}, {len(self.C)}, {len(self.D)} agents (A, B, C, D)",
                 where="gains",
                 expected="one A, B, C and D per agent",
             )

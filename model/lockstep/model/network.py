@@ -81,8 +81,7 @@ class Network:
         )
 
     def loop(self, order: int, *, exact_arithmetic: bool = False) -> Loop:
-        """Return the loop (15) for controllers of an order, in doubles or in the rationals that those doubles
-        are."""
+        """Return the loop (15) for controllers of an order, in doubles or in the same rationals."""
         key = (order, exact_arithmetic)
         if key not in self._loops:
             d = disagreement(self.graph, self.coordinates, exact_arithmetic=exact_arithmetic)
