@@ -15,7 +15,8 @@ def test_generated_is_current(root, update):
     kept = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
     assert kept == set(files)
     for name, text in files.items():
-        assert (folder / name).read_text(encoding="utf-8") == text, f"{name} differs: pytest {__file__} --update accepts it"
+        kept_text = (folder / name).read_text(encoding="utf-8")
+        assert kept_text == text, f"{name} differs: pytest tests/test_generated.py --update accepts it"
 
 
 def test_a_changed_gain_changes_the_files(root):

@@ -94,7 +94,9 @@ def test_a_folder_that_is_not_ours_is_left_alone(examples, tmp_path, run):
 
 
 def test_a_common_offset_is_no_error(examples, tmp_path, run):
-    result = run("check", perturbed(examples, tmp_path, "gravity*sin(theta_l)", "gravity*sin(theta_l) + 1.5"), "--json")
+    result = run(
+        "check", perturbed(examples, tmp_path, "gravity*sin(theta_l)", "gravity*sin(theta_l) + 1.5"), "--json"
+    )
     assert result.exit_code == 0
     answer = json.loads(result.stdout)
     assert answer["ok"]

@@ -36,8 +36,7 @@ def changed(table_1: Path, place: Path, change) -> Path:
 
 
 def test_the_published_gains_are_certified(table_1, run):
-    # 13.23 is the least rho, measured once with another formulation (reference/paper.json gives 12.15 for T = rows of L);
-    # rounding the certificate may cost 0.05 %.
+    # The 13.23 (12.15 for T = rows of L, reference/paper.json) is the least rho; rounding may cost 0.05 %.
     result = run("certify", table_1, "--json")
     answer = json.loads(result.stdout)
     assert result.exit_code == 0
@@ -94,7 +93,7 @@ def test_corollary_1_as_printed_is_not_certified(examples, run, tmp_path):
     assert len(answer["gains"]) == 3, "the gains are there for study"
 
 
-def test_generated_c_is_equal_to_the_last_bit(table_1, run, tmp_path):
+def test_generated_c_is_equal_to_the_last_bit(table_1, run):
     assert run("generate", table_1, "-o", "c").exit_code == 0
     result = run("verify", "c", "--steps", "200", "--json")
     answer = json.loads(result.stdout)
@@ -139,5 +138,6 @@ def test_the_checker_and_the_help_load_no_solver(table_1):
         "print([m for m in ('cvxpy', 'clarabel', 'casadi', 'matplotlib') if m in sys.modules])"
     )
     for words, allowed in ((["--help"], "[]"), (["certify", str(table_1)], "['casadi']")):
-        done = subprocess.run([sys.executable, "-c", code.format(words=words)], capture_output=True, text=True, check=True)
+        script = [sys.executable, "-c", code.format(words=words)]
+        done = subprocess.run(script, capture_output=True, text=True, check=True)
         assert done.stdout.strip() == allowed

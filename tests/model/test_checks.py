@@ -200,7 +200,7 @@ def test_a_failing_row_makes_the_report_not_ok() -> None:
 
 
 def test_a_verdict_is_one_of_three() -> None:
-    with pytest.raises(ValueError, match="maybe"):
+    with pytest.raises((ValueError, TypeError), match="maybe"):
         Row("x", "maybe", "1", "because")
 
 

@@ -12,6 +12,12 @@ if TYPE_CHECKING:
     from lockstep.lmi.certify import Verdict
     from lockstep.lmi.document import Stored
 
+COVERS = {
+    "global": "the continuous controllers, for every disturbance and every initial state",
+    "local": "the continuous controllers, while every agent stays in its domain; that they do is not shown",
+    None: "nothing",
+}
+
 
 def run(path: Path, *, as_json: bool) -> None:
     """Certify a design file."""
@@ -33,7 +39,7 @@ def certificate_document(content: dict[str, Any], stored: "Stored", verdict: "Ve
     claims = (
         {}
         if verdict.certified
-        else {"error": {"kind": "NotCertified", "message": verdict.reason, "figures": verdict.figures()}}
+        else {"error": {"kind": "NotCertified", "message": verdict.reason, "figures": dict(verdict.figures)}}
     )
     return {
         "certified": verdict.certified,
@@ -43,6 +49,7 @@ def certificate_document(content: dict[str, Any], stored: "Stored", verdict: "Ve
         "fragility": dict(stored.fragility),
         "gains": content["gains"],
         "reason": verdict.reason,
+        "scope": verdict.scope,
         "margin": verdict.margin,
         "sampled": {"certified": False, "period": stored.problem.controller.period, "max_period": None},
         **claims,
@@ -53,5 +60,5 @@ def _table(stored: "Stored", verdict: "Verdict") -> RenderableType:
     rows = {"certified": "yes" if verdict.certified else "NO", "because": verdict.reason}
     if stored.certificate:
         rows["rho"] = f"{stored.certificate.rho:.6g}"
-    covers = "the continuous controllers, every disturbance and every initial state"
-    return two_columns(stored.problem.title, {**rows, "alpha": f"{stored.alpha:.9g}", "covers": covers})
+    rows["alpha"] = f"{stored.alpha:.9g}"
+    return two_columns(stored.problem.title, {**rows, "covers": COVERS[verdict.scope]})

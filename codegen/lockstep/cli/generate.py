@@ -42,7 +42,7 @@ def generated_files(content: dict[str, Any], stored: Any, optimize: str = "speed
     verdict = certify(stored)
     if not verdict.certified:
         raise NotCertified(
-            f"no C is generated from a design that is not certified: {verdict.reason}", **verdict.figures()
+            f"no C is generated from a design that is not certified: {verdict.reason}", **verdict.figures
         )
-    spec = specification(stored, certified=True, content=content, optimize=optimize)  # type: ignore[arg-type]
+    spec = specification(stored, verdict, content=content, optimize=optimize)  # type: ignore[arg-type]
     return bundle(emit(spec), {DESIGN_NAME: to_json(content) + "\n"})

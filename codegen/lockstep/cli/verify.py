@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich import box
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -25,13 +26,36 @@ def _verify(folder: Path, steps: int) -> Answer:
 
 
 def verified(folder: Path, steps: int) -> "VerifyReport":
-    """Verify a folder with a progress display."""
+    """Verify a folder with a progress display, on the nonlinear closed loop where the design is there."""
     from lockstep.codegen.verify import verify_folder
 
     with progress_display() as tell:
+        tell("closing the loop around the reference", 0.0)
+        stimulus = _closed_loop(folder, steps)
         return verify_folder(
-            folder, steps=steps, progress=lambda what, done, total: tell(what, done / max(total, 1))
+            folder,
+            steps=steps,
+            stimulus=stimulus,
+            progress=lambda what, done, total: tell(what, done / max(total, 1)),
         )
+
+
+def _closed_loop(folder: Path, steps: int) -> "list[np.ndarray] | None":
+    """Return the outputs of the agents of the design in the folder; None without one: `verify` then has its own."""
+    from lockstep.cli.files import DESIGN_NAME, read_design
+    from lockstep.codegen.manifest import load_manifest
+    from lockstep.codegen.plant import HeldPlant
+    from lockstep.codegen.reference import closed_loop
+    from lockstep.model.network import Network
+
+    manifest = load_manifest(folder)
+    if not (folder / DESIGN_NAME).is_file():
+        return None
+    _, stored = read_design(folder)
+    problem = stored.problem
+    network = Network(problem.agent(), problem.graph(), problem.agents_B())
+    plant = HeldPlant(network, problem.initial_states(), manifest.period)
+    return closed_loop(manifest, plant, np.array(plant.outputs), steps)
 
 
 def table_of(report: "VerifyReport") -> RenderableType:

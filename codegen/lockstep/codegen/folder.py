@@ -51,6 +51,7 @@ def _exchange(fresh: Path, target: Path, old: Path) -> None:
 
 
 def check_replaceable(target: Path) -> None:
+    """Refuse a folder that `write_folder` would refuse, before anything is computed for it."""
     if not target.exists() and not target.is_symlink():
         return
     if target.is_symlink() or not target.is_dir():

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Neighbour, Optimize, Signal
+from lockstep.lmi.certify import Verdict
 from lockstep.lmi.document import Stored
 
 CONTINUOUS_ONLY = (
@@ -16,13 +17,13 @@ CONTINUOUS_ONLY = (
 
 
 def specification(
-    stored: Stored, *, certified: bool, content: Mapping[str, Any], optimize: Optimize = "speed"
+    stored: Stored, verdict: Verdict, *, content: Mapping[str, Any], optimize: Optimize = "speed"
 ) -> CodegenSpec:
     """Return what to generate for a stored design.
 
     Args:
         stored: the design.
-        certified: whether the checker has certified it just now; what the file says of itself does not count.
+        verdict: what the checker says of it just now; what the file says of itself does not count.
         content: the design file as JSON types, for its hash.
         optimize: "speed" or "size".
     """
@@ -54,7 +55,7 @@ def specification(
         optimize=optimize,
         name=f"{agent.name}_controllers",
         title=problem.title,
-        certificate=_datasheet(stored, certified),
+        certificate=_datasheet(stored, verdict),
         design_hash=fingerprint(content),
         plants=plants,
     )
@@ -66,14 +67,15 @@ def fingerprint(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _datasheet(stored: Stored, certified: bool) -> dict[str, str | float | bool | None]:
-    if not certified or stored.certificate is None:
+def _datasheet(stored: Stored, verdict: Verdict) -> dict[str, str | float | bool | None]:
+    if not verdict.certified or stored.certificate is None:
         return {"certified": False}
     delta = {f"delta_{letter}": value for letter, value in stored.fragility.items() if value}
     return {
         "certified": True,
         "proof": "exact",
         "covers": CONTINUOUS_ONLY,
+        "scope": verdict.scope,
         "rho": stored.certificate.rho,
         "alpha": stored.alpha,
         **delta,

@@ -17,6 +17,7 @@
  * WHAT IS CLAIMED
  *   certified (proof: exact)
  *   covers = the continuous controller in real arithmetic; the sampled, rounded one of this folder is not covered yet
+ *   scope = global
  *   rho = 3.344
  *   alpha = 3.33
  *

@@ -1,15 +1,18 @@
 """How well a graph connects, as one number: the generalised algebraic connectivity.
 
-For x_d' = -(L (x) ...) x_d the number a plays the part that lambda_2 has on an undirected graph. With weights r > 0 of the
-agents and V = sum_i r_i |x_i - x_bar|^2, a is the largest number with -V'/2 >= a V along x' = -L x:
+The number a plays the part that lambda_2 has on an undirected graph. With weights r > 0 of the agents and
+V = sum_i r_i |x_i - x_bar|^2, a is the largest number with -V'/2 >= a V along x' = -L x:
 
-    strongly connected   r the left null vector of L, x_bar = r'x:  a = min over r'x = 0 of x'(R L + L'R)x / (2 x'R x)
-                         (Yu, Chen and Cao, IEEE Trans. Automat. Control 55, 2010); on a balanced graph r = 1/N and a is
-                         lambda_2 of (L + L')/2, on an undirected one lambda_2 of L
-    one leader           x_bar = x_leader, r = p / q with L_ff' p = 1, L_ff q = 1, L_ff the followers' block: R L_ff + L_ff'R
-                         is then diagonally dominant, so a > 0 (Qu, Cooperative Control of Dynamical Systems, 2009)
+    strongly connected   r the left null vector of L, x_bar = r'x, R = diag(r):
+                         a = min over r'x = 0 of x'(R L + L'R)x / (2 x'R x)
+                         (Yu, Chen and Cao, IEEE Trans. Automat. Control 55, 2010); on a balanced graph
+                         r = 1/N and a is lambda_2 of (L + L')/2, on an undirected one lambda_2 of L
+    one leader           x_bar = x_leader, r = p / q with L_ff' p = 1, L_ff q = 1, L_ff the followers' block;
+                         diag(q) (R L_ff + L_ff'R) diag(q) is diagonally dominant, so a > 0
+                         (Qu, Cooperative Control of Dynamical Systems, 2009)
 
-Other graphs with a spanning tree (several agents that hear each other lead the rest) have neither, and are refused.
+Other graphs with a spanning tree (several agents that hear each other lead the rest) have neither, and are
+refused.
 """
 
 import numpy as np
@@ -37,8 +40,8 @@ def connectivity(graph: Graph) -> float:
     raise ProblemError(
         f"agents {', '.join(map(str, graph.roots))} lead the others together",
         where="[network]",
-        expected="a graph that is strongly connected or has one leader: the generalised algebraic connectivity of"
-        " others is not defined",
+        expected="a graph that is strongly connected or has one leader: the generalised algebraic"
+        " connectivity of others is not defined",
         remedy='use method = "certified", which takes any graph with a spanning tree',
     )
 

@@ -1,21 +1,21 @@
 """The baseline: the static relative-state protocol of Li, Liu and Fu for Lipschitz agents.
 
-Z. Li, X. Liu, M. Fu, Global consensus control of Lipschitz nonlinear multi-agent systems, IFAC World Congress 2011. Agents
-x_i' = A x_i + G phi(H x_i, t) + B u_i with |phi(v) - phi(w)| <= alpha |v - w| and the protocol
-u_i = c K sum_j a_ij (x_i - x_j):
+Z. Li, X. Liu, M. Fu, Global consensus control of Lipschitz nonlinear multi-agent systems, IFAC World
+Congress 2011. For agents x_i' = A x_i + G phi(H x_i, t) + B u_i with |phi(v) - phi(w)| <= alpha |v - w| it
+takes u_i = c K sum_j a_ij (x_i - x_j) with
 
-    step 1   P > 0, tau > 0 with [A P + P A' - tau B B' + alpha^2 G G', P H'; H P, -I] < 0;  K = -1/2 B' P^-1
+    step 1   P > 0, tau > 0: [A P + P A' - tau B B' + alpha^2 G G', P H'; H P, -I] < 0;  K = -1/2 B' P^-1
     step 2   c = tau / a, with a the generalised algebraic connectivity of the graph (`connectivity`)
 
-Printed with G = D and H = I; the structured G and H are the same argument with |H (x_i - x_j)| in the place of |x_i - x_j|.
+Printed with G = D and H = I; a structured H is the same argument with |H (x_i - x_j)| for |x_i - x_j|.
 
-Step 1 has many solutions and the source does not say which one it takes. Here, with X = P / tau and s = 1 / tau,
+Step 1 has many solutions and the source does not say which one it takes. Here, with X = P / tau, s = 1 / tau,
 
-    [A X + X A' + 2 beta X - B B' + s alpha^2 G G', X H'; H X, -s I] <= 0,      least trace(B' X^-1 B),
+    [A X + X A' + 2 beta X - B B' + s alpha^2 G G', X H'; H X, -s I] <= 0,     least trace(B' X^-1 B),
 
-where beta is a rate of decay and trace(B' X^-1 B) / (2 a) is how much the protocol shifts the trace of the loop, the same in
-all coordinates of the state: the gentlest protocol of that decay. c K = -B' X^-1 / (2 a). Of the rates in `DECAYS` the
-protocol takes the one with the least rho whose gains are within the limit.
+where beta is a rate of decay, and trace(B' X^-1 B) / (2 a) is by how much the protocol shifts the trace of the
+loop, the same in all coordinates of the state: the gentlest protocol of that decay. c K = -B' X^-1 / (2 a).
+Of the rates in `DECAYS` the protocol takes the one with the least rho whose gains are within the limit.
 """
 
 from dataclasses import dataclass
@@ -63,7 +63,7 @@ class Protocol:
 def step_1_matrix(
     plant: Plant, alpha: float, tau: float, P: Float[np.ndarray, "n n"]
 ) -> Float[np.ndarray, "k k"]:
-    """Return [A P + P A' - tau B B' + alpha^2 G G', P H'; H P, -I], which step 1 asks to be negative definite."""
+    """Return [A P + P A' - tau B B' + alpha^2 G G', P H'; H P, -I], negative definite in step 1."""
     A, B, G, H = plant.A, plant.B[0], plant.G, plant.H
     head = A @ P + P @ A.T - tau * B @ B.T + alpha**2 * G @ G.T
     return np.block([[head, P @ H.T], [H @ P, -np.eye(H.shape[0])]])
@@ -83,9 +83,19 @@ def first_step(plant: Plant, alpha: float, decay: float) -> FirstStep | None:
         return None
     tau = 1.0 / float(s.value) if v else 1.0
     P = tau * (X.value + X.value.T) / 2
-    if np.linalg.eigvalsh(P)[0] <= 0:
-        return None
-    return FirstStep(tau, P, -0.5 * np.linalg.solve(P, B).T)
+    return FirstStep(tau, P, -0.5 * np.linalg.solve(P, B).T) if _holds(plant, alpha, tau, P) else None
+
+
+def _holds(plant: Plant, alpha: float, tau: float, P: Float[np.ndarray, "n n"]) -> bool:
+    """Check step 1 outside the solver, where P = I: the rate of decay leaves it a margin there."""
+    try:
+        L = np.linalg.cholesky(P)
+    except np.linalg.LinAlgError:
+        return False
+    F = step_1_matrix(plant, alpha, tau, P)
+    D = np.eye(len(F))
+    D[: len(P), : len(P)] = np.linalg.inv(L)
+    return float(np.linalg.eigvalsh(D @ F @ D.T)[-1]) < 0
 
 
 def protocol_gains(network: Network, protocol: Protocol) -> Gains:
@@ -106,7 +116,8 @@ def design_protocol(network: Network, claim: Claim, gain_limit: float) -> Protoc
 
     Raises:
         ProblemError: part of the state is not measured, the agents' B differ, or the graph is not covered.
-        Infeasible: step 1 has no solution for this alpha, or no protocol within the limit; with the largest alpha that
+        Infeasible: step 1 has no solution for this alpha, or no protocol within the limit; with the largest
+            alpha that
             has, or the least gain.
     """
     check_covered(network)
@@ -128,8 +139,8 @@ def design_protocol(network: Network, claim: Claim, gain_limit: float) -> Protoc
             best = (certificate.rho, protocol)
     if best is None:
         raise Infeasible(
-            f"the protocols that step 1 gives have gains of {min(norms):.4g} to {max(norms):.4g}, and none within the"
-            f" gain_limit {gain_limit:g} is certified",
+            f"the protocols that step 1 gives have gains of {min(norms):.4g} to {max(norms):.4g}, and none"
+            f" within the gain_limit {gain_limit:g} is certified",
             least_gain=min(norms),
             gain_limit=gain_limit,
         )

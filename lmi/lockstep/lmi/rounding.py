@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from lockstep.lmi.decide import decide
 from lockstep.lmi.inequality import Certificate, Claim, F_matrix
-from lockstep.lmi.solve import centred, least_rho
+from lockstep.lmi.solve import least_rho, tight
 from lockstep.model.errors import NotCertified
 from lockstep.model.loop import Gains, Loop
 from lockstep.model.network import Network
@@ -75,7 +75,7 @@ def prove(network: Network, gains: Gains, claim: Claim, *, rho: float | None = N
         )
     levels = [rho] if rho is not None else [round_up(least.rho * (1 + slack)) for slack in SLACKS]
     for level in levels:
-        candidate = centred(loop, K, claim, level)
+        candidate = tight(loop, K, claim, level)
         proved = None if candidate is None else shortest_that_proves(loop, exact_loop, K, claim, candidate)
         if proved is not None:
             return proved

@@ -25,6 +25,9 @@ SOLVED = ("optimal", "optimal_inaccurate")
 UNITS = (1.0, 1e2, 1e4)
 """P grows like rho^2 as alpha comes near what the gains can carry; the solver wants numbers near one."""
 
+ROOM = 1e-2
+"""The part of the largest possible room s that a certificate keeps, for rounding."""
+
 ACCEPTED = 1e-6
 """By how much, relative to its largest entry, a candidate may miss F <= 0 and still be worth a decision."""
 
@@ -84,16 +87,41 @@ def least_rho(loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim) -> Ce
     if balanced is None:
         return None
     for unit in UNITS:
-        found = _solve(balanced, None, unit)
+        found = _least(balanced, unit)
         if found is not None:
             return found
     return None
 
 
-def centred(loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim, rho: float) -> Certificate | None:
-    """For a given rho, maximise s with F + s I <= 0, P >= s I, so that rounding has room; None if s <= 0."""
+def tight(loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim, rho: float) -> Certificate | None:
+    """For a given rho, return the smallest V that proves it with a little room for rounding; None if none is found.
+
+    First s is maximised with F + s I <= 0, P >= s I; then the trace of P is minimised with a small part of that s kept.
+    The smallest V fits these gains and hardly any others, so a file whose gains were changed does not pass by chance.
+    """
     balanced = balance(AffineF(loop, gains, claim))
-    return None if balanced is None else _solve(balanced, rho, 1.0)
+    if balanced is None:
+        return None
+    return _smallest(balanced, rho)
+
+
+def _smallest(b: "Balanced", rho: float) -> Certificate | None:
+    import cvxpy as cp
+
+    n_x, n_F = b.Z.shape
+    P, w, s = cp.Variable((n_x, n_x), symmetric=True), cp.Variable(len(b.norms)), cp.Variable()
+    F = _expression(b, P, w, 1.0)
+    conditions = [P >> s * np.eye(n_x), F + s * np.eye(n_F) << 0, w[-1] == rho**2 * b.norms[-1], s <= 1]
+    conditions += [w[:-1] >= 0] if len(b.norms) > 1 else []
+    if not run(cp.Problem(cp.Maximize(s), conditions)) or s.value is None or s.value <= 0 or P.value is None:
+        return None
+    candidate = b.certificate(P.value, w.value, rho)
+    room = ROOM * float(s.value)
+    if run(cp.Problem(cp.Minimize(cp.trace(P)), [*conditions, s == room])) and P.value is not None:
+        worst = float(np.linalg.eigvalsh(F.value)[-1])
+        if worst <= -room / 2:
+            return b.certificate(P.value, w.value, rho)
+    return candidate
 
 
 @dataclass(frozen=True)
@@ -112,6 +140,13 @@ class Balanced:
     constant: Float[np.ndarray, "n_F n_F"]
     slopes: Float[np.ndarray, "w n_F n_F"]
     norms: Float[np.ndarray, " w"]
+
+    def certificate(
+        self, P: Float[np.ndarray, "n_x n_x"], w: Float[np.ndarray, " w"], rho: float
+    ) -> Certificate:
+        """Return the unknowns, back in the coordinates of the loop, as a certificate for a given rho."""
+        found = self.form.certificate(self.L @ P @ self.L.T, w / self.norms)
+        return Certificate(rho, found.P, found.m, found.t)
 
 
 def balance(form: AffineF) -> Balanced | None:
@@ -137,34 +172,19 @@ def balance(form: AffineF) -> Balanced | None:
     )
 
 
-def _solve(b: Balanced, rho: float | None, unit: float) -> Certificate | None:
-    """Solve for P, w in multiples of `unit`: F is homogeneous in (P, w, F_0)."""
+def _least(b: Balanced, unit: float) -> Certificate | None:
+    """Minimise rho^2 with P, w in multiples of `unit`: F is homogeneous in (P, w, F_0)."""
     import cvxpy as cp
 
-    n_x, n_F = b.Z.shape
-    P, w, s = cp.Variable((n_x, n_x), symmetric=True), cp.Variable(len(b.norms)), cp.Variable()
+    n_x = len(b.L)
+    P, w = cp.Variable((n_x, n_x), symmetric=True), cp.Variable(len(b.norms))
     F = _expression(b, P, w, unit)
-    conditions = [P >> 0] + ([w[:-1] >= 0] if len(b.norms) > 1 else [])
-    if rho is None:
-        problem = cp.Problem(cp.Minimize(w[-1]), [*conditions, F << 0])
-    else:
-        problem = cp.Problem(
-            cp.Maximize(s),
-            [
-                *conditions,
-                F + s * np.eye(n_F) << 0,
-                P >> s * np.eye(n_x),
-                w[-1] == rho**2 * b.norms[-1] / unit,
-                s <= 1,
-            ],
-        )
-    if not run(problem) or P.value is None or w.value is None:
+    conditions = [P >> 0, F << 0] + ([w[:-1] >= 0] if len(b.norms) > 1 else [])
+    if not run(cp.Problem(cp.Minimize(w[-1]), conditions)) or P.value is None or w.value is None:
         return None
-    worst = float(np.linalg.eigvalsh(F.value)[-1])
-    if worst > ACCEPTED * max(1.0, np.abs(F.value).max()) or (rho is not None and s.value <= 0):
+    if float(np.linalg.eigvalsh(F.value)[-1]) > ACCEPTED * max(1.0, np.abs(F.value).max()):
         return None
-    found = b.form.certificate(unit * b.L @ P.value @ b.L.T, unit * w.value / b.norms)
-    return found if rho is None else Certificate(rho, found.P, found.m, found.t)
+    return b.certificate(unit * P.value, unit * w.value, float(np.sqrt(max(unit * w.value[-1] / b.norms[-1], 0.0))))
 
 
 def _expression(b: Balanced, P: "cp.Variable", w: "cp.Variable", unit: float) -> "cp.Expression":

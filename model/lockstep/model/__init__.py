@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lockstep.model.agent import Agent
+    from lockstep.model.assembly import bound_of, network_of
+    from lockstep.model.checks import CheckReport, check_problem
     from lockstep.model.errors import (
         BoundNotProved,
         ClaimError,
@@ -14,30 +16,44 @@ if TYPE_CHECKING:
         ProblemError,
     )
     from lockstep.model.graph import Graph
+    from lockstep.model.loop import Gains
     from lockstep.model.lure import Lure
+    from lockstep.model.network import Network
     from lockstep.model.problem import Problem, load_problem, parse_problem
 
 __all__ = [
     "Agent",
     "BoundNotProved",
+    "CheckReport",
     "ClaimError",
+    "Gains",
     "Graph",
     "Infeasible",
     "Lure",
     "Mismatch",
+    "Network",
     "NotCertified",
     "Problem",
     "ProblemError",
+    "bound_of",
+    "check_problem",
     "load_problem",
+    "network_of",
     "parse_problem",
 ]
 
 _HOMES = {
     "Agent": "agent",
+    "CheckReport": "checks",
+    "Gains": "loop",
     "Graph": "graph",
     "Lure": "lure",
+    "Network": "network",
     "Problem": "problem",
+    "bound_of": "assembly",
+    "check_problem": "checks",
     "load_problem": "problem",
+    "network_of": "assembly",
     "parse_problem": "problem",
 }
 

@@ -17,7 +17,7 @@ from math import frexp, ldexp
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from lockstep.model.affine import is_double
 from lockstep.model.bound import Box
@@ -103,7 +103,7 @@ def centred(lure: Lure, box: Box) -> tuple[Lure, Centring]:
     return result, found
 
 
-def _slopes(lure: Lure, box: Box) -> tuple[Float[np.ndarray, "samples r v"], Float[np.ndarray, " samples"]]:
+def _slopes(lure: Lure, box: Box) -> tuple[Float[np.ndarray, "samples r v"], Bool[np.ndarray, " samples"]]:
     """Return d phi / d v at sampled points that have it, and which of them are far out."""
     v, t = ca.SX.sym("v", box.size), ca.SX.sym("t")
     J = ca.densify(ca.jacobian(lure.phi(v, t), v))

@@ -131,4 +131,4 @@ def _residual(A: Block, B: Block, C: Block, values: Complex[np.ndarray, " zeros"
 def _repeated(values: Complex[np.ndarray, " zeros"]) -> bool:
     """Whether two zeros are so near that rounding may have split a double one."""
     gaps = [abs(a - b) for i, a in enumerate(values) for b in values[:i]]
-    return bool(gaps) and min(gaps) < 1e-5
+    return bool(gaps) and bool(min(gaps) < 1e-5)
