@@ -108,6 +108,24 @@ def build(
     run(problem, output, jobs=jobs, as_json=json)
 
 
+@app.command()
+def reproduce(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[CLAIM]...", help="Claims by name.", show_default="all"),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="Where to write the page (Markdown).", show_default=False),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Settle the paper's claims, each with its verdict and the figure."""
+    from lockstep.cli.reproduce import run
+
+    run(names or [], output, as_json=json)
+
+
 def main() -> None:
     """Run the command."""
     app()

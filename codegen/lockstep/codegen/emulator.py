@@ -1,8 +1,7 @@
-"""The real ARM code on an emulated Cortex-M4F: equal bits, instructions counted, the stack watched.
+"""The real code on an emulated microcontroller: equal bits, instructions counted, the stack watched.
 
-zig cross-compiles for `thumb-freestanding-eabihf`, pyelftools loads the image, Unicorn runs it. A float32
-image is linked without any library: a double-precision routine (`__aeabi_d*`) or a heap would be an undefined
-symbol. Instructions are counted, never cycles: the emulator has no pipeline.
+A compiler makes the image (`image`), pyelftools loads it, Unicorn runs it. Instructions are counted, never
+cycles: the emulator has no pipeline.
 """
 
 import importlib
@@ -15,29 +14,20 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.codegen.harness import (
-    Run,
-    compile_objects,
-    inputs,
-    output_arrays,
-    outputs,
-    product_sources,
-    text_bytes,
-    write_harness,
-)
+from lockstep.codegen.cores import Core, Registers, emulated, registers_of
+from lockstep.codegen.harness import Run, inputs, output_arrays, outputs, text_bytes
+from lockstep.codegen.image import Image, build_image, load_image
 from lockstep.codegen.manifest import Agent, Manifest
-from lockstep.codegen.rendering import render
 from lockstep.codegen.stimulus import Calls
-from lockstep.codegen.toolchain import COMPILE_SECONDS, RUN_SECONDS, Compiler, run
+from lockstep.codegen.toolchain import RUN_SECONDS, Compiler
 from lockstep.model.errors import ClaimError
 
-MACHINE = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp", "-fno-unwind-tables", "-g")
-
-_RETURN, _CODE, _DATA, _ARRAYS, _STACK = 0x0000_1000, 0x0001_0000, 0x2000_0000, 0x2100_0000, 0x3000_0000
+_RETURN, _ARRAYS, _STACK = 0x0000_1000, 0x2100_0000, 0x3000_0000
 _STACK_BYTES = 0x1_0000
-_IMAGE_BYTES = 0x100_0000
-_MEASURED = 50
+_MEASURED = 20
 """Calls of each kind (closed loop, adversarial) that run with every instruction observed."""
+_PAINT = 0xA5
+"""The stack is filled with this byte: what no longer holds it after a run was used."""
 
 
 def missing_packages() -> list[str]:
@@ -46,94 +36,31 @@ def missing_packages() -> list[str]:
     return [package for module, package in names.items() if importlib.util.find_spec(module) is None]
 
 
-def _unicorn() -> Any:
-    """The emulator: an optional package without types, loaded where it is used."""
-    return importlib.import_module("unicorn")
-
-
-def _registers() -> Any:
-    return importlib.import_module("unicorn.arm_const")
-
-
-@dataclass(frozen=True)
-class Image:
-    """A linked program: its loadable pieces (address, bytes, size in memory) and its symbols."""
-
-    segments: tuple[tuple[int, bytes, int], ...]
-    symbols: Mapping[str, int]
-
-
-def build_image(manifest: Manifest, folder: Path, compiler: Compiler, level: str, directory: Path) -> Path:
-    """Cross-compile and link the folder with its harness; the objects of the product stay beside it."""
-    flags = (*MACHINE, level)
-    product = compile_objects(
-        compiler, flags, product_sources(manifest, folder), folder / "include", directory
-    )
-    harness = compile_objects(
-        compiler, flags, write_harness(manifest, directory), folder / "include", directory
-    )
-    support = directory / "support.c"
-    support.write_text(render("support.c.j2"), encoding="utf-8")
-    # without -fno-builtin the compiler would turn the loop of memcpy into a call of memcpy
-    library = compile_objects(compiler, (*flags, "-fno-builtin"), [support], folder / "include", directory)
-    script = directory / "image.ld"
-    entry = f"harness_{manifest.agents[0].name}"
-    script.write_text(render("image.ld.j2", entry=entry, code=_CODE, data=_DATA), encoding="utf-8")
-    image = directory / "image.elf"
-    nothing_else = ("-nostdlib",) if manifest.real == "float32" else ()
-    objects = [str(path) for path in product + harness + library]
-    link = [
-        *compiler.command,
-        *MACHINE,
-        "-O2",
-        *nothing_else,
-        "-Wl,--build-id=none",
-        "-T",
-        str(script),
-        *objects,
-        "-o",
-        str(image),
-    ]
-    run(link, directory, "linking for Cortex-M4F", COMPILE_SECONDS)
-    return image
-
-
-def load_image(path: Path) -> Image:
-    """Read the loadable segments and the symbols of an ELF file."""
-    from elftools.elf.elffile import ELFFile
-
-    with path.open("rb") as stream:
-        elf = ELFFile(stream)
-        segments = tuple(
-            (int(s["p_vaddr"]), s.data(), int(s["p_memsz"]))
-            for s in elf.iter_segments()
-            if s["p_type"] == "PT_LOAD" and s["p_memsz"]
-        )
-        table: Any = elf.get_section_by_name(".symtab")
-        symbols = {s.name: int(s["st_value"]) for s in table.iter_symbols() if s.name}
-    if any(address + size > _CODE + _IMAGE_BYTES for address, _, size in segments if address < _DATA):
-        raise ClaimError("the linked image is laid out in a way that the emulator's memory does not hold")
-    return Image(segments, symbols)
-
-
-def run_on_cortex_m4f(
+def run_on_core(
     manifest: Manifest,
     folder: Path,
     calls: Mapping[str, Calls],
+    core: Core,
     compiler: Compiler,
     level: str,
     directory: Path,
+    *,
+    strict: bool = True,
 ) -> Iterator[tuple[Agent, Run]]:
-    """Build once, then run each agent's calls: all plainly, and some with every instruction observed."""
-    image = load_image(build_image(manifest, folder, compiler, level, directory))
+    """Build once, then run each agent's calls: some with every instruction observed, and all plainly.
+
+    The stack is what the observed calls take at the most, and what all calls leave changed in a painted one.
+    """
+    image = load_image(build_image(manifest, folder, core, compiler, level, directory, strict=strict))
     for agent in manifest.agents:
         recorded = calls[agent.name]
-        trace, state_bytes = _Machine(image).run(manifest, agent, recorded)
-        watch = _Watch(image.symbols[f"{agent.name}_step"] & ~1)
-        _Machine(image, watch).run(manifest, agent, _sample(recorded))
+        watch = Watch(image.symbols[f"{agent.name}_step"] & ~1, registers_of(core))
+        Machine(image, core, watch).run(manifest, agent, _sample(recorded))
+        machine = Machine(image, core)
+        trace, state_bytes = machine.run(manifest, agent, recorded)
+        stack = max(watch.stack, watch.top - machine.deepest()) if watch.counts else None
         instructions = max(watch.counts[:_MEASURED], default=None)
-        size = text_bytes(directory / f"{agent.name}.o")
-        yield agent, Run(trace, state_bytes, size, instructions, watch.stack)
+        yield agent, Run(trace, state_bytes, text_bytes(directory / f"{agent.name}.o"), instructions, stack)
 
 
 def _sample(calls: Calls) -> Calls:
@@ -144,49 +71,49 @@ def _sample(calls: Calls) -> Calls:
 
 
 @dataclass
-class _Watch:
-    """Counts the instructions of each call of `step`, from its first to its return, and its deepest stack."""
+class Watch:
+    """Counts the instructions of each call of a function, its first to its return, and its deepest stack."""
 
-    step: int
+    function: int
+    registers: Registers
     counts: list[int] = field(default_factory=list)
     stack: int = 0
+    top: int = 0
     _inside: bool = False
     _return: int = 0
-    _top: int = 0
 
     def observe(self, machine: Any, address: int, _size: int, _data: Any) -> None:
+        """Unicorn calls this before each instruction."""
         if not self._inside:
-            if address != self.step:
+            if address != self.function:
                 return
             self._inside = True
-            self._return = machine.reg_read(_registers().UC_ARM_REG_LR) & ~1
-            self._top = machine.reg_read(_registers().UC_ARM_REG_SP)
+            self._return = machine.reg_read(self.registers.link) & ~1
+            self.top = machine.reg_read(self.registers.sp)
             self.counts.append(0)
         elif address == self._return:
             self._inside = False
             return
         self.counts[-1] += 1
-        self.stack = max(self.stack, self._top - machine.reg_read(_registers().UC_ARM_REG_SP))
+        self.stack = max(self.stack, self.top - machine.reg_read(self.registers.sp))
 
 
-class _Machine:
+class Machine:
     """One emulated core with the image loaded."""
 
-    def __init__(self, image: Image, watch: _Watch | None = None) -> None:
-        unicorn, names = _unicorn(), _registers()
-        self.image, self.registers = image, names
-        mode = unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS
-        self.core = unicorn.Uc(unicorn.UC_ARCH_ARM, mode, names.UC_CPU_ARM_CORTEX_M4)
+    def __init__(self, image: Image, core: Core, watch: Watch | None = None) -> None:
+        self.image, self.registers = image, registers_of(core)
+        self.core = emulated(core)
         for address, data, size in image.segments:
-            self._map(address, size)
+            self.map(address, size)
             self.core.mem_write(address, data)
-        self._map(_STACK, _STACK_BYTES)
-        self._map(_RETURN, 4)
-        self.core.reg_write(names.UC_ARM_REG_FPEXC, 1 << 30)  # the floating-point unit is on
+        self.map(_STACK, _STACK_BYTES)
+        self.core.mem_write(_STACK, bytes([_PAINT]) * _STACK_BYTES)
+        self.map(_RETURN, 4)
         if watch:
-            self.core.hook_add(unicorn.UC_HOOK_CODE, watch.observe)
+            self.core.hook_add(importlib.import_module("unicorn").UC_HOOK_CODE, watch.observe)
 
-    def _map(self, address: int, size: int) -> None:
+    def map(self, address: int, size: int) -> None:
         """Map whole pages, skipping those that are mapped."""
         mapped = [(start, end) for start, end, _ in self.core.mem_regions()]
         for page in range(address & ~0xFFF, address + size, 0x1000):
@@ -208,21 +135,29 @@ class _Machine:
         self.core.mem_write(_ARRAYS, struct.pack("<2I12I", count, 0, *pointers))
         for pointer, data in zip(pointers, given, strict=False):
             self.core.mem_write(pointer, data)
-        try:
-            self._call(self.image.symbols[f"harness_{agent.name}"])
-        except _unicorn().UcError as error:
-            where = self.core.reg_read(self.registers.UC_ARM_REG_PC)
-            raise ClaimError(f"the emulated core stopped at 0x{where:x}: {error}") from None
+        self.call(f"harness_{agent.name}", _ARRAYS)
         written = zip(pointers[len(given) :], sizes, strict=True)
         blob = b"".join(bytes(self.core.mem_read(pointer, size)) for pointer, size in written if size)
         state_bytes = struct.unpack("<I", self.core.mem_read(_ARRAYS + 4, 4))[0]
         return outputs(agent, manifest, count, blob), int(state_bytes)
 
-    def _call(self, function: int) -> None:
-        names, core = self.registers, self.core
-        core.reg_write(names.UC_ARM_REG_SP, _STACK + _STACK_BYTES)
-        core.reg_write(names.UC_ARM_REG_R0, _ARRAYS)
-        core.reg_write(names.UC_ARM_REG_LR, _RETURN | 1)
-        core.emu_start(function | 1, _RETURN, timeout=RUN_SECONDS * 1_000_000)
-        if core.reg_read(names.UC_ARM_REG_PC) & ~1 != _RETURN:
+    def deepest(self) -> int:
+        """The lowest address of the stack that was written to."""
+        stack = np.frombuffer(self.core.mem_read(_STACK, _STACK_BYTES), np.uint8)
+        changed = np.flatnonzero(stack != _PAINT)
+        return _STACK + int(changed[0] if len(changed) else _STACK_BYTES)
+
+    def call(self, function: str, argument: int) -> None:
+        """Call a function with one argument; raises `ClaimError` if it does not come back."""
+        core, names = self.core, self.registers
+        core.reg_write(names.sp, _STACK + _STACK_BYTES)
+        core.reg_write(names.argument, argument)
+        core.reg_write(names.link, _RETURN | names.thumb)
+        start = (self.image.symbols[function] & ~1) | names.thumb
+        try:
+            core.emu_start(start, _RETURN, timeout=RUN_SECONDS * 1_000_000)
+        except importlib.import_module("unicorn").UcError as error:
+            where = core.reg_read(names.pc)
+            raise ClaimError(f"the emulated core stopped at 0x{where:x}: {error}") from None
+        if core.reg_read(names.pc) & ~1 != _RETURN:
             raise ClaimError(f"the emulated core did not return within {RUN_SECONDS} s")

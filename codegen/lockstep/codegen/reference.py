@@ -122,7 +122,9 @@ class Reference:
         """
         terms = self.M * z
         if not self.skip_zeros:
-            return np.add.accumulate(terms, axis=1)[:, -1]
+            # the loop starts from +0
+            start = np.zeros((len(terms), 1), terms.dtype)
+            return np.add.accumulate(np.hstack([start, terms]), axis=1)[:, -1]
         terms[self._skipped] = -self._zero
         total = np.add.accumulate(terms, axis=1)[:, -1]
         total[self._empty] = self._zero

@@ -1,4 +1,4 @@
-"""Where the C is run: this machine with each compiler, with sanitizers, and an emulated Cortex-M4F."""
+"""Where the C is run: this machine with each compiler, with sanitizers, and emulated microcontrollers."""
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -6,19 +6,21 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from lockstep.codegen.emulator import missing_packages, run_on_cortex_m4f
+from lockstep.codegen.cores import CORES, Core
+from lockstep.codegen.emulator import missing_packages, run_on_core
 from lockstep.codegen.harness import Run, run_on_host
 from lockstep.codegen.manifest import Agent, Manifest
 from lockstep.codegen.stimulus import Calls
-from lockstep.codegen.toolchain import Compiler, host_compilers, run, zig
+from lockstep.codegen.toolchain import Compiler, arm_gcc, host_compilers, run, zig
 from lockstep.model.errors import ClaimError, ProblemError
 
 Runner = Callable[[Manifest, Path, Mapping[str, Calls], Path], Iterator[tuple[Agent, Run]]]
 
-GROUPS = ("host", "sanitizers", "cortex-m4f")
-"""host: each compiler at -O0, -O2, -O3. sanitizers: address, undefined behaviour. cortex-m4f: emulated."""
+GROUPS = ("host", "sanitizers", *CORES)
+"""host: each compiler at -O0, -O2, -O3. sanitizers: address, undefined behaviour. The rest is emulated."""
 
 LEVELS = ("-O0", "-O2", "-O3")
+CORE_LEVELS = ("-O2", "-Os")
 
 _SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
@@ -38,7 +40,8 @@ def targets_of(groups: Sequence[str], manifest: Manifest) -> list[Target]:
         groups = [groups]
     if unknown := [group for group in groups if group not in GROUPS]:
         raise ProblemError(f"`{unknown[0]}`", where="targets", expected=" or ".join(GROUPS))
-    makers = {"host": _host, "sanitizers": _sanitizers, "cortex-m4f": _cortex_m4f}
+    makers = {"host": _host, "sanitizers": _sanitizers}
+    makers |= {group: partial(_on_core, core) for group, core in CORES.items()}
     return [target for group in dict.fromkeys(groups) for target in makers[group](manifest)]
 
 
@@ -78,18 +81,23 @@ def _no_sanitizers(compiler: Compiler) -> str:
     return ""
 
 
-def _cortex_m4f(_: Manifest) -> Iterator[Target]:
-    compiler = zig()
-    missing = missing_packages() + ([] if compiler else ["ziglang"])
-    for level in ("-O2", "-Os"):
-        name = f"Cortex-M4F zig cc {level}, emulated"
-        if compiler is None or missing:
-            yield _skipped(name, f"not installed: {', '.join(missing)} (extra `emulator`)")
-        else:
-            yield Target(name, partial(_emulated, compiler, level))
+def _on_core(core: Core, _: Manifest) -> Iterator[Target]:
+    """zig always; arm-none-eabi-gcc too where it is found."""
+    compiler, gcc = zig(), arm_gcc() if core.gcc else None
+    missing = missing_packages() + ([] if compiler or gcc else ["ziglang"])
+    if missing:
+        yield _skipped(
+            f"{core.title}, emulated", f"not installed: {', '.join(missing)} (extra `emulator`)"
+        )
+        return
+    for found in filter(None, (compiler, gcc)):
+        for level in CORE_LEVELS:
+            name = f"{core.title} {found.name} {level}, emulated"
+            yield Target(name, partial(_emulated, core, found, level))
 
 
 def _emulated(
+    core: Core,
     compiler: Compiler,
     level: str,
     manifest: Manifest,
@@ -97,7 +105,7 @@ def _emulated(
     calls: Mapping[str, Calls],
     directory: Path,
 ) -> Iterator[tuple[Agent, Run]]:
-    return run_on_cortex_m4f(manifest, folder, calls, compiler, level, directory)
+    return run_on_core(manifest, folder, calls, core, compiler, level, directory)
 
 
 def _on_host(compiler: Compiler, flags: Sequence[str]) -> Runner:

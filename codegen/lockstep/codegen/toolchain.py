@@ -48,6 +48,12 @@ def zig() -> Compiler | None:
     return Compiler("zig cc", (sys.executable, "-m", "ziglang", "cc"), is_zig=True)
 
 
+def arm_gcc() -> Compiler | None:
+    """GCC for bare ARM (Debian: gcc-arm-none-eabi), if it is installed."""
+    path = shutil.which("arm-none-eabi-gcc")
+    return Compiler("gcc", (path,)) if path else None
+
+
 def host_compilers() -> list[Compiler]:
     """Each distinct compiler for this machine: `$CC`, gcc, clang, cc; if there is none of them, zig.
 

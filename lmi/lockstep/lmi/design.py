@@ -14,22 +14,18 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from lockstep.lmi.inequality import Certificate, Claim
-from lockstep.lmi.rounding import prove
+from lockstep.lmi.rounding import prove, short_gains
 from lockstep.model.assembly import bound_of, network_of
 from lockstep.model.bound import Bound
-from lockstep.model.errors import Infeasible, NotCertified, ProblemError
+from lockstep.model.errors import NotCertified, ProblemError
 from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the part of it that is done, from 0 to 1."""
-
-GAIN_DIGITS = 6
-"""Significant decimals of designed gains: people read them. The certificate is for them as rounded."""
 
 
 @dataclass(frozen=True)
@@ -118,49 +114,14 @@ def given_gains(problem: Problem) -> Gains:
     )
 
 
-def short(K: Float[np.ndarray, "N k l"], gain_limit: float) -> Float[np.ndarray, "N k l"]:
-    """Round gains to short decimals, staying within the limit on each block's spectral norm."""
-    unit = 10.0 ** (np.floor(np.log10(max(float(np.abs(K).max()), 1e-300))) - GAIN_DIGITS + 1)
-    blocks = []
-    for block in K:
-        norm = float(np.linalg.norm(block, 2))
-        room = gain_limit * (1 - 1e-6)
-        blocks.append(block * min(1.0, room / norm) if norm > 0 else block)
-    rounded = [float(f"{round(x / unit) * unit:.12g}") for x in np.stack(blocks).ravel()]
-    return np.reshape(rounded, K.shape) + 0.0
-
-
 def _searched(
     problem: Problem, network: Network, bound: Bound, claim: Claim, jobs: int | None, tell: Progress
 ) -> Design:
-    from lockstep.lmi.search import search
+    from lockstep.lmi.searched import searched
 
-    found = search(
-        network.loop(problem.order),
-        claim,
-        problem.design.gain_limit,
-        starts=problem.design.starts,
-        seed=problem.design.seed,
-        jobs=jobs,
-        tell=lambda part: tell("searching for gains", part),
-    )
-    if found.K is None:
-        raise Infeasible(
-            f"no gains of order {problem.order} within gain_limit {problem.design.gain_limit:g} were found"
-            f" that carry alpha = {claim.alpha:.6g}; the best of {problem.design.starts} starts carried"
-            f" {found.fraction:.3g} of it",
-            alpha=claim.alpha,
-            fraction=found.fraction,
-            reachable_alpha=found.fraction * claim.alpha,
-        )
-    tell("proving the certificate", 0.0)
-    gains = Gains.from_blocks(short(found.K, problem.design.gain_limit), problem.order)
-    certificate = prove(network, gains, claim)
-    figures = _figures(network, gains) | {
-        "history": list(found.history),
-        **_floor(problem, network, claim, tell),
-    }
-    return Design(problem, network, bound, claim, gains, certificate, figures)
+    found = searched(problem, network, claim, jobs, tell)
+    figures = found.figures | _figures(network, found.gains) | _floor(problem, network, found.claim, tell)
+    return Design(problem, network, bound, found.claim, found.gains, found.certificate, figures)
 
 
 def _given(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Design:
@@ -210,7 +171,7 @@ def _protocol(problem: Problem, network: Network, bound: Bound, claim: Claim, te
     tell("solving step 1 of the protocol", 0.0)
     protocol = design_protocol(network, claim, problem.design.gain_limit)
     gains = protocol_gains(network, protocol)
-    gains = Gains.from_blocks(short(gains.blocks, problem.design.gain_limit), 0)
+    gains = Gains.from_blocks(short_gains(gains.blocks, problem.design.gain_limit), 0)
     certificate = prove(network, gains, claim)
     figures = _figures(network, gains) | {
         "protocol": {

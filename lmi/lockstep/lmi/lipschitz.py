@@ -13,8 +13,8 @@ Step 1 has many solutions and the source does not say which one it takes. Here, 
 
     [A X + X A' + 2 beta X - B B' + s alpha^2 G G', X H'; H X, -s I] <= 0,     least trace(B' X^-1 B),
 
-where beta is a rate of decay, and trace(B' X^-1 B) / (2 a) is by how much the protocol shifts the trace of the
-loop, the same in all coordinates of the state: the gentlest protocol of that decay. c K = -B' X^-1 / (2 a).
+where beta is a rate of decay, and trace(B' X^-1 B) / (2 a) is by how much the protocol shifts the trace of
+the loop, the same in all coordinates of the state: the gentlest protocol of that decay. c K = -B' X^-1 / (2 a).
 Of the rates in `DECAYS` the protocol takes the one with the least rho whose gains are within the limit.
 """
 
@@ -116,9 +116,8 @@ def design_protocol(network: Network, claim: Claim, gain_limit: float) -> Protoc
 
     Raises:
         ProblemError: part of the state is not measured, the agents' B differ, or the graph is not covered.
-        Infeasible: step 1 has no solution for this alpha, or no protocol within the limit; with the largest
-            alpha that
-            has, or the least gain.
+        Infeasible: step 1 has no solution for this alpha, or none within the limit is certified; the figures
+            have the largest alpha that has a solution, or the least gain.
     """
     check_covered(network)
     a = connectivity(network.graph)

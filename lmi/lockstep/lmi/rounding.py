@@ -20,6 +20,9 @@ SLACKS = (5e-4, 2e-3, 1e-2, 5e-2)
 """How far above the least rho the certificate is taken, so that rounding fits: 0.05 % first, more only if
 need be."""
 
+GAIN_DIGITS = 6
+"""Significant decimals of designed gains: people read them, and a certificate is found for them as rounded."""
+
 FEWEST_DIGITS, MOST_DIGITS = 3, 15
 
 
@@ -50,6 +53,16 @@ def rounded(certificate: Certificate, digits: int) -> Certificate:
 
 def _significant(values: Float[np.ndarray, " k"], digits: int) -> Float[np.ndarray, " k"]:
     return np.array([float(f"{value:.{digits}g}") for value in values])
+
+
+def short_gains(K: Float[np.ndarray, "N k l"], gain_limit: float) -> Float[np.ndarray, "N k l"]:
+    """Round gains to short decimals, staying within the limit on each block's spectral norm."""
+    largest = max(float(np.abs(K).max()), 1e-300)
+    places = GAIN_DIGITS - 1 - math.floor(math.log10(largest))
+    room = gain_limit * (1 - 1e-6)
+    norms = [float(np.linalg.norm(block, 2)) for block in K]
+    within = [block * min(1.0, room / norm) if norm else block for block, norm in zip(K, norms, strict=True)]
+    return np.round(np.stack(within), places) + 0.0
 
 
 def prove(network: Network, gains: Gains, claim: Claim, *, rho: float | None = None) -> Certificate:

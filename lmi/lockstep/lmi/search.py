@@ -15,6 +15,7 @@ def search(
     *,
     starts: int,
     seed: int,
+    rho: float | None = None,
     jobs: int | None = None,
     tell: Callable[[float], None] | None = None,
 ) -> Outcome:
@@ -26,6 +27,7 @@ def search(
         claim: what is to be certified.
         gain_limit: bound on the spectral norm of each agent's gain block.
         starts, seed: how many random starts, and from which seed they are drawn.
+        rho: None to lower rho; a number to raise alpha with rho at most that.
         jobs: processes; by default as many as there are cores to run on.
         tell: told the part of the starts that are done.
     """
@@ -34,16 +36,19 @@ def search(
     workers = min(jobs or len(os.sched_getaffinity(0)), starts)
     tell = tell or (lambda _part: None)
     tell(0.0)
-    tasks = (delayed(from_start)(loop, claim, gain_limit, seed, index) for index in range(starts))
+    tasks = (delayed(from_start)(loop, claim, gain_limit, seed, index, rho) for index in range(starts))
     best: Outcome | None = None
     for done, outcome in enumerate(Parallel(n_jobs=workers, return_as="generator")(tasks), start=1):
         tell(done / starts)
-        if best is None or (outcome.rho, -outcome.fraction, outcome.index) < (
-            best.rho,
-            -best.fraction,
-            best.index,
-        ):
+        if best is None or _rank(outcome) < _rank(best):
             best = outcome
     if best is None:
         raise ValueError("a search needs at least one start")
     return best
+
+
+def _rank(outcome: Outcome) -> tuple[float, float, float, float, int]:
+    """Order outcomes from best to worst: the largest alpha where that was the aim, then rho, then how far it got."""
+    certified = outcome.certificate is not None
+    last = outcome.history[-1] if outcome.history else float("inf")
+    return (-outcome.alpha if certified else 0.0, outcome.rho, -outcome.fraction, last, outcome.index)

@@ -1,6 +1,6 @@
 """One design from one random start: stabilise, climb to the full claim, then lower rho."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -8,6 +8,7 @@ from jaxtyping import Float
 from lockstep.lmi.bmi import BilinearProgram, Limits, Point
 from lockstep.lmi.inequality import Certificate, Claim
 from lockstep.lmi.inner import inner_step
+from lockstep.lmi.reach import largest_alpha, largest_fraction
 from lockstep.lmi.solve import least_rho
 from lockstep.lmi.stabilise import stabilise
 from lockstep.model.loop import Loop
@@ -19,6 +20,9 @@ CLIMBS, DESCENTS, CREEPS = 6, 4, 3
 """At most so many runs towards the full claim, so many that lower rho, and so many inner steps after a
 failed one."""
 
+STUCK = 1.2
+"""A climb whose fractions do not grow by this factor in one run is given up."""
+
 WORTHWHILE = 0.01
 """A run that lowers rho by less than this part of it is the last."""
 
@@ -27,9 +31,8 @@ WORTHWHILE = 0.01
 class Outcome:
     """What one start came to: gains with an (unproved) certificate for the full claim, or how far it got.
 
-    fraction: the part of alpha and delta that was certified on the way, 1 for the full claim;  abscissa: of
-    the stabilised
-    loop;  history: rho after each run.
+    fraction: the part of alpha and delta that has a certificate, 1 for the full claim;  abscissa: of the stabilised
+    loop;  history: rho after each run;  alpha: the largest one reached, where that was the aim.
     """
 
     index: int
@@ -38,6 +41,7 @@ class Outcome:
     fraction: float
     abscissa: float
     history: tuple[float, ...] = ()
+    alpha: float = 0.0
 
     @property
     def rho(self) -> float:
@@ -45,8 +49,16 @@ class Outcome:
         return np.inf if self.certificate is None else self.certificate.rho
 
 
-def from_start(loop: Loop, claim: Claim, gain_limit: float, seed: int, index: int) -> Outcome:
-    """Run one start; the same arguments give the same outcome."""
+def from_start(
+    loop: Loop, claim: Claim, gain_limit: float, seed: int, index: int, rho: float | None = None
+) -> Outcome:
+    """Run one start; the same arguments give the same outcome.
+
+    Args:
+        loop, claim, gain_limit: what is asked.
+        seed, index: of the random start.
+        rho: None to lower rho; a number to raise alpha with rho at most that.
+    """
     generator = np.random.default_rng([seed, index])
     shape = (loop.d.N, loop.U[0].shape[1], loop.Y[0].shape[0])
     # The size of the start is drawn too: small gains suit loops that are nearly stable, larger ones those
@@ -62,7 +74,8 @@ def from_start(loop: Loop, claim: Claim, gain_limit: float, seed: int, index: in
         point, fraction = _climb(loop, claim, program, point)
         if fraction < 1:
             return Outcome(index, None, None, fraction, abscissa)
-    return _descend(loop, claim, program, point, index, abscissa)
+    reached = _descend(loop, claim, program, point, index, abscissa, stop_at=rho)
+    return reached if rho is None else _raise_alpha(loop, claim, program, reached, rho)
 
 
 def _within(K: Float[np.ndarray, "N k l"], limit: float) -> Float[np.ndarray, "N k l"]:
@@ -80,22 +93,34 @@ def _first_point(loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim) -> Poi
 
 def _climb(loop: Loop, claim: Claim, program: BilinearProgram, point: Point) -> tuple[Point, float]:
     """Raise the fractions of alpha^2 and delta^2 to 1; return the point and the certified fraction."""
-    reached = point.alpha_fraction**0.5
+    first, known = point, point.alpha_fraction**0.5
     rho_most = 10.0 * point.certificate.rho
     for _ in range(CLIMBS):
         trial = program.improve(point, "claim", Limits(150, rho_most))
         found = least_rho(loop, trial.K, claim)
         if found is not None:
             return Point(trial.K, found), 1.0
+        stuck = (
+            trial.alpha_fraction * trial.delta_fraction < STUCK * point.alpha_fraction * point.delta_fraction
+        )
         point = trial
-    return point, reached
+        if stuck:
+            break
+    parts = [largest_fraction(loop, K, claim, known) for K in (first.K, point.K)]
+    return point, max(parts)
 
 
 def _descend(
-    loop: Loop, claim: Claim, program: BilinearProgram, point: Point, index: int, abscissa: float
+    loop: Loop,
+    claim: Claim,
+    program: BilinearProgram,
+    point: Point,
+    index: int,
+    abscissa: float,
+    *,
+    stop_at: float | None,
 ) -> Outcome:
-    """Stride with the nonlinear program; where its gains do not certify, creep a few certified steps and
-    stride again."""
+    """Lower rho by strides of the nonlinear program; where one does not certify, creep a few certified steps first."""
     history = [point.certificate.rho]
     for _ in range(DESCENTS):
         before = point.certificate.rho
@@ -106,9 +131,29 @@ def _descend(
         else:
             point = creep(loop, claim, program.gain_limit, point, CREEPS)
         history.append(point.certificate.rho)
-        if point.certificate.rho > (1 - WORTHWHILE) * before:
+        if point.certificate.rho > (1 - WORTHWHILE) * before or point.certificate.rho <= (stop_at or 0.0):
             break
     return Outcome(index, point.K, point.certificate, 1.0, abscissa, tuple(history))
+
+
+def _raise_alpha(loop: Loop, claim: Claim, program: BilinearProgram, reached: Outcome, rho: float) -> Outcome:
+    """Raise alpha with rho at most the one given; the outcome has no certificate where rho itself was not reached."""
+    if reached.K is None or reached.certificate is None or reached.certificate.rho > rho:
+        return replace(reached, certificate=None)
+    K, alpha = reached.K, largest_alpha(loop, reached.K, claim, rho=rho)
+    for _ in range(DESCENTS):
+        part = alpha / claim.alpha
+        start = least_rho(loop, K, claim.at(alpha=alpha))
+        if start is None:
+            break
+        trial = program.improve(Point(K, replace(start, rho=rho), part**2), "alpha", Limits(400)).K
+        higher = largest_alpha(loop, trial, claim, rho=rho, from_alpha=alpha)
+        if higher <= alpha:
+            break
+        gained, K, alpha = higher / alpha - 1, trial, higher
+        if gained < WORTHWHILE:
+            break
+    return replace(reached, K=K, certificate=least_rho(loop, K, claim.at(alpha=alpha)), alpha=alpha)
 
 
 def creep(loop: Loop, claim: Claim, gain_limit: float, point: Point, steps: int) -> Point:

@@ -1,0 +1,52 @@
+"""A claim of the paper, the verdict on it, and the measurement the verdict rests on."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+Verdict = Literal["proved", "reproduced", "refuted", "underdetermined"]
+"""proved: by exact arithmetic or algebra;  reproduced: the figure is met numerically;  refuted: a counterexample is
+computed;  underdetermined: the paper does not give what a verdict needs."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a run found: the figure, and whether it bears the verdict out."""
+
+    figure: str
+    supports: bool
+
+
+@dataclass(frozen=True)
+class PaperClaim:
+    """One claim: a name for the command line, its place, what it says in our words, the verdict, the measurement."""
+
+    name: str
+    where: str
+    claim: str
+    verdict: Verdict
+    measure: Callable[[], Measured]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A claim with what was measured this time; `verdict` is None where the run does not bear it out."""
+
+    name: str
+    where: str
+    claim: str
+    expected: Verdict
+    verdict: Verdict | None
+    figure: str
+
+    @property
+    def how(self) -> str:
+        """The command that shows it."""
+        return f"lockstep reproduce {self.name}"
+
+
+def settle(claim: PaperClaim) -> Row:
+    """Measure a claim."""
+    found = claim.measure()
+    verdict = claim.verdict if found.supports else None
+    return Row(claim.name, claim.where, claim.claim, claim.verdict, verdict, found.figure)
