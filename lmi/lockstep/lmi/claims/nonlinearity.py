@@ -73,7 +73,16 @@ def _different_h() -> Measured:
     left = (ALPHA * np.sin(state) - 0.0) ** 2
     return Measured(
         f"h_1 = {ALPHA} sin, h_2 = 0, x_1 = x_2 = 1: x_r = 0 and |z_5|^2 = {left:.3g}; the agents must share h",
-        left > 0,
+        bool(left > 0),
+    )
+
+
+def _equilibrium() -> Measured:
+    rows, h = np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]]), ALPHA * np.sin([1.0, 0.0, 0.0])
+    return Measured(
+        f"h_1 = {ALPHA} sin, h_2 = h_3 = 0 and all states 1: x_r = 0, and it moves at {np.abs(rows @ h).max():.3g};"
+        " h(t, 0) = 0 says nothing about agents that agree elsewhere",
+        bool((rows @ h).any()),
     )
 
 
@@ -97,7 +106,7 @@ def _two_neighbours() -> Measured:
     return Measured(
         f"undirected path of three, h = sin (slopes within 1): |z_5| = {max(ratios):.3g} |x_r| is reached; true where"
         " every row of L_hat has one neighbour, as in (39)",
-        max(ratios) > 1.02,
+        bool(max(ratios) > 1.02),
     )
 
 
@@ -147,6 +156,13 @@ CLAIMS = (
         "Theorem 1 gives the degree vector that Definition 2 speaks of.",
         "refuted",
         _degrees,
+    ),
+    PaperClaim(
+        "equilibrium",
+        "(17), (15)",
+        "h in H_alpha makes zero an equilibrium of (15).",
+        "refuted",
+        _equilibrium,
     ),
     PaperClaim(
         "bound-30",

@@ -137,14 +137,14 @@ CLAIMS = (
     PaperClaim(
         "rho-of-rows",
         "(14), (23)",
-        "rho attenuates the disturbance of the network.",
+        "rho belongs to the network and its gains, whichever row of L is removed.",
         "refuted",
         _rows_matter,
     ),
     PaperClaim(
         "rho-charged",
         "(15), (19)",
-        "(19) bounds the effect of a disturbance xi_r that enters x_r; its rho is charged no more.",
+        "The rho of (19) is that of (15), whose disturbance enters x_r only.",
         "refuted",
         _charged,
     ),

@@ -61,7 +61,8 @@ def _proved() -> Measured:
 
     certificate = prove(network(), TABLE_1["corollary_1"], claim())
     return Measured(
-        f"rho = {certificate.rho:.4g} in orthonormal coordinates, decided over the rationals", certificate.rho < 13.3
+        f"rho = {certificate.rho:.4g} in orthonormal coordinates, decided over the rationals",
+        certificate.rho < 13.3,
     )
 
 
@@ -114,10 +115,11 @@ def _silent() -> Measured:
 def _misprint() -> Measured:
     corners = [float(block[1, 1]) for block in TABLE_1["corollary_1"].A]
     spread = abs(corners[1] - corners[2])
+    gap = abs(corners[0] - corners[1])
     return Measured(
-        f"A_C(2, 2) of Corollary 1: {corners[0]}, {corners[1]}, {corners[2]}; the first is {abs(corners[0] - corners[1]):.3f}"
-        f" off where the others agree to {spread:.4f}, perhaps -1.819",
-        abs(corners[0] - corners[1]) > 10 * spread,
+        f"A_C(2, 2) of Corollary 1: {corners[0]}, {corners[1]}, {corners[2]}; the first is {gap:.3f} off where"
+        f" the others agree to {spread:.4f}, perhaps -1.819",
+        gap > 10 * spread,
     )
 
 
@@ -127,14 +129,20 @@ def _oscillation() -> Measured:
         values = np.linalg.eigvals(loop().A_cl(gains.blocks) + slope(-ALPHA))
         damping[source] = float((-values.real / np.abs(values)).min())
     return Measured(
-        f"least damping ratio around theta_l = 0: {damping['theorem_1']:.2f} with Theorem 1, {damping['corollary_1']:.2f}"
-        " with Corollary 1; how much of it is seen depends on initial states that are not given",
+        f"least damping ratio around theta_l = 0: {damping['theorem_1']:.2f} with Theorem 1,"
+        f" {damping['corollary_1']:.2f} with Corollary 1; how much of it is seen depends on initial states that are not given",
         min(damping.values()) > 0.1,
     )
 
 
 CLAIMS = (
-    PaperClaim("table-1-stable", "Table 1, (15)", "The printed gains make the reduced loop stable.", "reproduced", _stable),
+    PaperClaim(
+        "table-1-stable",
+        "Table 1, (15)",
+        "The printed gains make the reduced loop stable.",
+        "reproduced",
+        _stable,
+    ),
     PaperClaim(
         "table-1-i-alpha",
         "Table 1 (I), (38)",
@@ -184,7 +192,9 @@ CLAIMS = (
         "refuted",
         _silent,
     ),
-    PaperClaim("table-1-digits", "Table 1 (II), A_C", "The entries are printed right.", "underdetermined", _misprint),
+    PaperClaim(
+        "table-1-digits", "Table 1 (II), A_C", "The entries are printed right.", "underdetermined", _misprint
+    ),
     PaperClaim(
         "oscillation",
         "Section 4, Figure 3",

@@ -10,6 +10,7 @@ from lockstep.lmi.claims.example import ALPHA, DELTA, TABLE_1, A, B, Source, cla
 from lockstep.lmi.inequality import Claim
 from lockstep.lmi.paper import Audit, _Printed, solve_as_printed
 from lockstep.lmi.solve import least_rho, run
+from lockstep.model.numbers import exactly, inverse
 
 LOST = 1e2
 """The recovery is called lost where |k - p_s B D| is this many times |k|: solvers differ in how far they go (10^3 to
@@ -84,6 +85,25 @@ def _hadamard() -> Measured:
     left = np.kron(np.eye(2), p_s) @ np.kron(T, np.eye(4)) @ whole
     right = np.kron(T, np.ones((4, 2))) * np.kron(np.ones((2, 1)), np.hstack(bodies))
     return Measured("equal, entry by entry, for whole numbers, with J_{n x q}", bool((left == right).all()))
+
+
+def _untransposed() -> Measured:
+    N, n, m = 3, 4, 1
+    return Measured(
+        f"B' is {N * m} x {N * n} and L_hat_n {(N - 1) * n} x {N * n}: the product needs L_hat_n'",
+        N * n != (N - 1) * n,
+    )
+
+
+def _schur() -> Measured:
+    # Over the rationals: the complement of the last block of (19) with gamma_hat = tau gamma is the term of (33).
+    H_hat = exactly(np.arange(1.0, 7.0).reshape(2, 3))
+    tau, gamma = exactly(np.array([3.0]))[0], exactly(np.diag([2.0, 5.0]))
+    side = tau * H_hat.T
+    left, right = side @ inverse(tau * gamma) @ side.T, tau * (H_hat.T @ inverse(gamma) @ H_hat)
+    return Measured(
+        "tau H'(tau Gamma)^-1 tau H = tau H'Gamma^-1 H, over the rationals", bool((left == right).all())
+    )
 
 
 def _recovery() -> Measured:
@@ -201,11 +221,12 @@ def _static_certified() -> Measured:
 
     D = TABLE_1["corollary_1"].D
     empty = np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0))
-    gains = Gains(*((block,) * 3 for block in empty), D)
+    gains = Gains((empty[0],) * 3, (empty[1],) * 3, (empty[2],) * 3, D)
     zero: Float[np.ndarray, "3 4"] = np.zeros((3, 4))
     certificate = prove(network(), gains, Claim(ALPHA, np.eye(4), np.zeros((0, 0)), zero))
     return Measured(
-        f"D_C of Corollary 1 alone: certified at alpha = {ALPHA} with rho = {certificate.rho:.4g} (orthonormal), proof exact",
+        f"D_C of Corollary 1 alone: certified at alpha = {ALPHA} with rho = {certificate.rho:.4g} (orthonormal),"
+        " proof exact",
         certificate.rho < 13.5,
     )
 

@@ -1,0 +1,88 @@
+"""The dissipation inequality of the sampled loop: what is claimed, what witnesses it, and the matrix that decides it.
+
+With the matrices of `loop` on z = (xi, e) and one lifted period (A_d, S, Q) of `lifting` for the multiplier M,
+
+    xi+ = N z + J w_d,    N = [A_d start; advanced],   J = [I; 0],
+
+    W = [ Z - start' Q start    N' P           ]      Z = diag(decay P, t_j I, kappa I) - sum_j t_j delta_j^2 Y_j' Y_j,
+        [ P N                   P - P J S J' P ] > 0,
+
+P > 0, m >= 0, t >= 0 prove, for V = xi' P xi, every nonlinearity with incremental bound alpha and every Delta_j,
+
+    V(xi+) < decay V(xi) + kappa (|nu|^2 + |mu|^2)     from one sampling instant to the next, whenever z != 0.
+
+Proof: by Schur's complement W > 0 is  max over w_d of V(N z + J w_d) - w_d' S^-1 w_d + a' Q a < z' Z z, and by lifting the
+left side is no less than V(xi+) + int (sum_ij m_ij (alpha^2 |H (x_i - x_j)|^2 - |phi_i - phi_j|^2)) dt, whose integrand
+alpha makes nonnegative. Everything but S = M^-1 (x) S_1 is linear in (P, m, t, kappa), and congruence makes that so too.
+
+With performance, the lifted period also counts int x_d' (S (x) R) x_d, and a disturbance with rho^2; see `performance`.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.lmi.sampled.balls import product
+from lockstep.lmi.sampled.lifting import Lifted
+from lockstep.lmi.sampled.loop import SampledLoop
+from lockstep.model.disagreement import Disagreement
+from lockstep.model.numbers import Matrix, converter, is_exact, zeros
+
+
+@dataclass(frozen=True, eq=False)
+class Witness:
+    """P (n_xi, n_xi), m >= 0 for each pair of agents, t >= 0 for each way, and the two numbers claimed."""
+
+    P: Float[np.ndarray, "n_xi n_xi"]
+    m: Float[np.ndarray, " pairs"]
+    t: Float[np.ndarray, " ways"]
+    decay: float
+    kappa: float
+
+    def with_kappa(self, kappa: float) -> "Witness":
+        """Return the same with another kappa."""
+        return replace(self, kappa=kappa)
+
+
+def multiplier(d: Disagreement, m: Matrix) -> Matrix:
+    """Return M = sum_ij m_ij M_ij."""
+    total = zeros(d.N - 1, d.N - 1, d.T)
+    for weight, (i, j) in zip(m, d.pairs(), strict=True):
+        total = total + weight * d.pair_multiplier(i, j)
+    return total
+
+
+def step_matrix(loop: SampledLoop, lifted: Lifted) -> Matrix:
+    """Return N, with xi+ = N z + J w_d."""
+    return np.vstack([product(lifted.A_d, loop.start), loop.advanced])
+
+
+def stored_matrix(loop: SampledLoop, witness: Witness, running: Matrix | None = None) -> Matrix:
+    """Return Z; `running` is a cost of z at each sampling instant, if there is one."""
+    number = converter(is_exact(loop.held))
+    P, t = number(witness.P), number(witness.t)
+    decay, kappa = number(np.array([witness.decay, witness.kappa]))
+    Z = zeros(loop.n_z, loop.n_z, loop.held)
+    Z[: loop.n_xi, : loop.n_xi] = decay * P
+    for k in range(loop.noise.start, loop.noise.stop):
+        Z[k, k] = kappa
+    for weight, way in zip(t, loop.ways, strict=True):
+        delta = number(np.array([way.delta]))[0]
+        for k in range(way.place.start, way.place.stop):
+            Z[k, k] = Z[k, k] + weight
+        Z = Z - weight * delta * delta * (way.Y.T @ way.Y)
+    return Z if running is None else Z - running
+
+
+def W_matrix(loop: SampledLoop, lifted: Lifted, witness: Witness, running: Matrix | None = None) -> Matrix:
+    """Assemble W, in doubles or in balls, as the loop and the lifted period are."""
+    P = converter(is_exact(loop.held))(witness.P)
+    start, N = loop.start, step_matrix(loop, lifted)
+    n_z, n_d = loop.n_z, loop.n_d
+    side = product(P, N)
+    W = zeros(n_z + loop.n_xi, n_z + loop.n_xi, loop.held)
+    W[:n_z, :n_z] = stored_matrix(loop, witness, running) - product(start.T, lifted.Q, start)
+    W[n_z:, :n_z], W[:n_z, n_z:] = side, side.T
+    W[n_z:, n_z:] = P - product(P[:, :n_d], lifted.S, P[:n_d])
+    return W
