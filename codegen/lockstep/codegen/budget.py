@@ -1,28 +1,105 @@
-"""What the header promises of RAM and stack, by formula; `verify` measures both against it."""
+"""What the header promises of RAM, stack and flash, by formula; `verify` measures all three against it."""
+
+from dataclasses import dataclass
 
 from lockstep.codegen.arithmetic import RealType
+from lockstep.codegen.cores import CORES
 
 
-def state_bytes(order: int, outputs: int, inputs: int, neighbours: int, real: RealType) -> int:
+@dataclass(frozen=True)
+class Shape:
+    """Dimensions of a controller: nc states, q outputs, m inputs, nn neighbours."""
+
+    order: int
+    outputs: int
+    inputs: int
+    neighbours: int
+
+    @property
+    def terms(self) -> int:
+        """Products of [A B; C D] times (x, r)."""
+        return (self.order + self.inputs) * (self.order + self.outputs)
+
+
+@dataclass(frozen=True)
+class _Stack:
+    base: int
+    per_row: int
+    per_output: int
+    per_term: int = 0
+
+    def bytes(self, shape: Shape) -> int:
+        rows = shape.order + shape.inputs
+        used = self.per_row * rows + self.per_output * shape.outputs + self.per_term * shape.terms
+        return 8 * -(-(self.base + used) // 8)
+
+
+@dataclass(frozen=True)
+class _Flash:
+    base: int
+    network: int
+    per_term: int
+    per_message: int
+
+    def bytes(self, shape: Shape) -> int:
+        messages = self.per_message * shape.neighbours * shape.outputs
+        network = self.network * (shape.neighbours > 0) * (1 + (shape.neighbours > 32))
+        return self.base + network + self.per_term * shape.terms + messages
+
+
+# Upper bounds fitted to measurements at -O2 and -Os, zig's clang and GCC, both variants: orders 0 to 12, 1 to 4
+# outputs, 0 to 3 neighbours. On RV32IMAFC clang keeps the literals of a long row on the stack.
+_STACKS = {
+    ("cortex-m0", "float32"): _Stack(192, 8, 24),
+    ("cortex-m4f", "float32"): _Stack(96, 8, 4),
+    ("cortex-m7", "float32"): _Stack(96, 8, 4),
+    ("rv32imac", "float32"): _Stack(128, 8, 24),
+    ("rv32imafc", "float32"): _Stack(80, 0, 0, 4),
+    ("cortex-m0", "float64"): _Stack(240, 16, 48),
+    ("cortex-m4f", "float64"): _Stack(288, 16, 64),
+    ("cortex-m7", "float64"): _Stack(288, 16, 64),
+    ("rv32imac", "float64"): _Stack(176, 16, 40),
+    ("rv32imafc", "float64"): _Stack(176, 16, 40),
+}
+_FLASHES = {
+    ("cortex-m0", "float32"): _Flash(216, 216, 26, 80),
+    ("cortex-m4f", "float32"): _Flash(208, 208, 22, 70),
+    ("cortex-m7", "float32"): _Flash(208, 208, 22, 70),
+    ("rv32imac", "float32"): _Flash(312, 264, 38, 110),
+    ("rv32imafc", "float32"): _Flash(192, 208, 32, 70),
+    ("cortex-m0", "float64"): _Flash(256, 352, 42, 110),
+    ("cortex-m4f", "float64"): _Flash(336, 400, 48, 110),
+    ("cortex-m7", "float64"): _Flash(336, 400, 48, 110),
+    ("rv32imac", "float64"): _Flash(392, 448, 62, 150),
+    ("rv32imafc", "float64"): _Flash(392, 448, 62, 150),
+}
+
+
+def state_bytes(shape: Shape, real: RealType) -> int:
     """`sizeof` of the state with natural alignment: x, u, held, then the mask and two counters per neighbour.
 
     >>> from lockstep.codegen.arithmetic import RealType
-    >>> state_bytes(2, 2, 1, 1, RealType("float32"))
+    >>> state_bytes(Shape(2, 2, 1, 1), RealType("float32"))
     32
     """
+    neighbours = shape.neighbours
     mask = 0 if neighbours == 0 else 4 if neighbours <= 32 else 8
-    reals = real.bytes * (order + inputs + neighbours * outputs)
+    reals = real.bytes * (shape.order + shape.inputs + neighbours * shape.outputs)
     alignment = max(real.bytes, mask)
     start = -(-reals // mask) * mask if mask else reals
     return -(-(start + mask + 8 * neighbours) // alignment) * alignment
 
 
-def stack_budget(order: int, outputs: int, inputs: int, real: RealType) -> int:
-    """An upper bound for the stack of `step` on Cortex-M4F (zig's clang, -O2 and -Os), in bytes.
+def stack_budgets(shape: Shape, real: RealType) -> dict[str, int]:
+    """An upper bound for the stack of `step` on each core, in bytes: soft arithmetic included, interrupts not.
 
-    The local vectors x, x+, u and r, saved registers and pointers, and for float64, which that core does in
-    software, the frames of the arithmetic routines. Fitted to measurements over orders 0 to 12 (float64: to
-    8); each `verify` checks it.
+    >>> from lockstep.codegen.arithmetic import RealType
+    >>> stack_budgets(Shape(2, 2, 1, 1), RealType("float32"))["cortex-m4f"]
+    128
     """
-    registers = 96 if real.name == "float32" else 400
-    return 8 * -(-(registers + real.bytes * (2 * order + outputs + inputs)) // 8)
+    return {group: _STACKS[group, real.name].bytes(shape) for group in CORES}
+
+
+def flash_budgets(shape: Shape, real: RealType) -> dict[str, int]:
+    """An upper bound for code and constants on each core, in bytes; a soft-arithmetic library is not in it."""
+    return {group: _FLASHES[group, real.name].bytes(shape) for group in CORES}

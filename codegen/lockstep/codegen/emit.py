@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.budget import stack_budget, state_bytes
+from lockstep.codegen.budget import Shape, flash_budgets, stack_budgets, state_bytes
+from lockstep.codegen.cores import CORES
 from lockstep.codegen.discretize import SampledGains, discretize
 from lockstep.codegen.kernel import Kernel, straight_line
 from lockstep.codegen.manifest import (
@@ -37,7 +38,8 @@ _RULES = {
     "euler": "forward Euler",
 }
 ORDER_OF_SUMS = (
-    "rows of [A B; C D] times (x, r) from left to right; r = 0 + a_1 (y - y_1) + a_2 (y - y_2) + ..."
+    "rows of [A B; C D] times (x, r) from left to right, from +0 where zero terms are kept; "
+    "r = 0 + a_1 (y - y_1) + a_2 (y - y_2) + ..."
 )
 
 
@@ -136,6 +138,7 @@ def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
 def _agent_context(agent: Sampled, real: RealType, optimize: str) -> dict[str, Any]:
     controller, M = agent.controller, agent.table
     n, (m, q), nn = controller.order, controller.D.shape, len(controller.neighbours)
+    shape = Shape(n, q, m, nn)
     mask_bits = 32 if nn <= 32 else 64
     return {
         "name": controller.name,
@@ -161,10 +164,19 @@ def _agent_context(agent: Sampled, real: RealType, optimize: str) -> dict[str, A
         "unread": [letter for letter, used in _reads(M, n).items() if not used],
         "checked": _checked(M, n),
         "multiplications": agent.kernel.multiplications if optimize == "speed" else M.size,
-        "additions": agent.kernel.additions if optimize == "speed" else (n + m) * (n + q - 1),
-        "state_bytes": state_bytes(n, q, m, nn, real),
-        "stack_budget": stack_budget(n, q, m, real),
+        "additions": agent.kernel.additions if optimize == "speed" else M.size,
+        "state_bytes": state_bytes(shape, real),
+        "stack": _by_core(stack_budgets(shape, real)),
+        "flash": _by_core(flash_budgets(shape, real)),
     }
+
+
+def _by_core(budgets: Mapping[str, int]) -> list[dict[str, Any]]:
+    """Cores with the same bound together: one line each in the header."""
+    titles: dict[int, list[str]] = {}
+    for group, size in budgets.items():
+        titles.setdefault(size, []).append(CORES[group].title)
+    return [{"bytes": size, "cores": ", ".join(names)} for size, names in sorted(titles.items())]
 
 
 def _reads(M: np.ndarray, order: int) -> dict[str, bool]:
@@ -207,6 +219,7 @@ def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: M
 def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None) -> Agent:
     c, n = agent.controller, agent.controller.order
     (m, q), M = c.D.shape, agent.table
+    shape = Shape(n, q, m, len(c.neighbours))
     blocks = {"A": M[:n, :n], "B": M[:n, n:], "C": M[n:, :n], "D": M[n:, n:]}
     return Agent(
         name=c.name,
@@ -219,8 +232,9 @@ def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None) -> 
         ),
         continuous={"A": _rows(c.A), "B": _rows(c.B), "C": _rows(c.C), "D": _rows(c.D)},
         sampled=Gains(**{letter: Coefficients.of(block, real) for letter, block in blocks.items()}),
-        state_bytes=state_bytes(n, q, m, len(c.neighbours), real),
-        stack_budget_bytes=stack_budget(n, q, m, real),
+        state_bytes=state_bytes(shape, real),
+        stack_budget_bytes=stack_budgets(shape, real),
+        flash_budget_bytes=flash_budgets(shape, real),
         plant=None
         if plant is None
         else Plant(

@@ -112,7 +112,8 @@ class Agent(_Record):
     continuous: dict[Literal["A", "B", "C", "D"], Rows]
     sampled: Gains
     state_bytes: int
-    stack_budget_bytes: int
+    stack_budget_bytes: dict[str, int]
+    flash_budget_bytes: dict[str, int]
     plant: Plant | None = None
 
     def table(self, real: RealType) -> Float[np.ndarray, "nc+m nc+q"]:

@@ -27,11 +27,12 @@ _SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recov
 
 @dataclass(frozen=True)
 class Target:
-    """One way to compile and run the C; `skipped` says why it cannot be done here."""
+    """One way to compile and run the C; `skipped` says why it cannot be done here; `core` names an emulated one."""
 
     name: str
     run: Runner
     skipped: str = ""
+    core: str = ""
 
 
 def targets_of(groups: Sequence[str], manifest: Manifest) -> list[Target]:
@@ -93,7 +94,7 @@ def _on_core(core: Core, _: Manifest) -> Iterator[Target]:
     for found in filter(None, (compiler, gcc)):
         for level in CORE_LEVELS:
             name = f"{core.title} {found.name} {level}, emulated"
-            yield Target(name, partial(_emulated, core, found, level))
+            yield Target(name, partial(_emulated, core, found, level), core=core.group)
 
 
 def _emulated(

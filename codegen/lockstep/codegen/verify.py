@@ -57,6 +57,7 @@ class TargetResult:
     instructions_per_step  most instructions (never cycles) of one `<agent>_step`
     skipped            why the target did not run; empty if it ran
     error              the compiler's or program's message if it failed
+    core               group of the emulated core, whose stack and flash the header bounds; empty on the host
     """
 
     name: str
@@ -70,6 +71,7 @@ class TargetResult:
     stack_bytes: int | None = None
     skipped: str = ""
     error: str = ""
+    core: str = ""
     agents: tuple[AgentResult, ...] = ()
 
 
@@ -203,7 +205,9 @@ def _run_target(
                 tell(f"{target.name}: {agent.name}")
                 results.append(_agent_result(agent, run, compare(run.trace, expected[agent.name])))
         except ClaimError as error:
-            return TargetResult(target.name, False, *steps, error=str(error), agents=tuple(results))
+            return TargetResult(
+                target.name, False, *steps, error=str(error), core=target.core, agents=tuple(results)
+            )
     return TargetResult(
         target.name,
         all(r.bitwise for r in results),
@@ -213,6 +217,7 @@ def _run_target(
         text_bytes=_most([r.text_bytes for r in results]),
         ram_bytes=_most([r.ram_bytes for r in results]),
         stack_bytes=_most([r.stack_bytes for r in results]),
+        core=target.core,
         agents=tuple(results),
     )
 
@@ -250,16 +255,20 @@ def _problems(results: Sequence[TargetResult], changed: Sequence[str], manifest:
             if not found.bitwise:
                 calls = f"differs in {found.differing_calls} calls"
                 yield f"{result.name}: {found.agent} {calls}; {found.first_difference}"
-            yield from _broken_promises(result.name, found, stated[found.agent])
+            yield from _broken_promises(result, found, stated[found.agent])
 
 
-def _broken_promises(target: str, found: AgentResult, stated: Agent) -> Iterator[str]:
-    """The header states RAM and a stack budget; what is measured must keep to them."""
+def _broken_promises(target: TargetResult, found: AgentResult, stated: Agent) -> Iterator[str]:
+    """The header bounds RAM, stack and flash; what is measured must keep to that."""
     if found.ram_bytes != stated.state_bytes:
         ram = f"takes {found.ram_bytes} bytes of RAM, not {stated.state_bytes} as stated"
-        yield f"{target}: {found.agent} {ram}"
-    if found.stack_bytes is not None and found.stack_bytes > stated.stack_budget_bytes:
-        stack = (
-            f"takes {found.stack_bytes} bytes of stack, its header says at most {stated.stack_budget_bytes}"
-        )
-        yield f"{target}: {found.agent} {stack}"
+        yield f"{target.name}: {found.agent} {ram}"
+    budgets = {
+        "stack": (found.stack_bytes, stated.stack_budget_bytes),
+        "flash": (found.text_bytes if target.core else None, stated.flash_budget_bytes),
+    }
+    for what, (measured, bounds) in budgets.items():
+        bound = bounds.get(target.core)
+        if measured is not None and bound is not None and measured > bound:
+            excess = f"takes {measured} bytes of {what}, its header says at most {bound}"
+            yield f"{target.name}: {found.agent} {excess}"

@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.model.loop import Loop
-from lockstep.model.numbers import Matrix, converter, eye, zeros
+from lockstep.model.numbers import Matrix, Vector, converter, eye, zeros
 
 LETTERS = ("A", "B", "C", "D")
 
@@ -88,7 +88,7 @@ def channels(loop: Loop, delta: Float[np.ndarray, "N 4"]) -> list[Channel]:
     return found
 
 
-def multiplier(loop: Loop, m: Matrix) -> Matrix:
+def multiplier(loop: Loop, m: Vector) -> Matrix:
     """Return M = sum_ij m_ij M_ij, for which x_d' (M (x) X) x_d = sum_ij m_ij (x_i - x_j)' X (x_i - x_j)."""
     N = loop.d.N
     total = zeros(N - 1, N - 1, loop.A_0)

@@ -88,7 +88,7 @@ def _dependent_row(graph: Graph) -> int:
     return max(graph.roots) - 1
 
 
-def orthonormal_factor(d: Disagreement) -> Float[np.ndarray, "N-1 N-1"]:
+def orthonormal_factor(d: Disagreement) -> Float[np.ndarray, "k k"]:
     """Return F with F'F = S: F x_d are orthonormal coordinates when S = (T T')^-1."""
     from lockstep.model.numbers import as_floats
 

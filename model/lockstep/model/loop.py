@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from lockstep.model.disagreement import Disagreement
 from lockstep.model.errors import ProblemError
-from lockstep.model.numbers import Matrix, converter, is_exact, zeros
+from lockstep.model.numbers import Matrix, Stack, converter, is_exact, zeros
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Gains:
                     )
 
     @classmethod
-    def from_blocks(cls, K: Float[np.ndarray, "N n_C+m n_C+q"], n_C: int) -> "Gains":
+    def from_blocks(cls, K: Float[np.ndarray, "N k l"], n_C: int) -> "Gains":
         """Split K_i = [A B; C D] of every agent into its blocks."""
         return cls(
             A=tuple(k[:n_C, :n_C].copy() for k in K),
@@ -82,7 +82,7 @@ class Gains:
         return int(self.A[0].shape[0])
 
     @cached_property
-    def blocks(self) -> Float[np.ndarray, "N n_C+m n_C+q"]:
+    def blocks(self) -> Float[np.ndarray, "N k l"]:
         """K_i = [A_Ci B_Ci; C_Ci D_Ci] of every agent, stacked."""
         return np.stack([np.block([[self.A[i], self.B[i]], [self.C[i], self.D[i]]]) for i in range(self.N)])
 
@@ -148,7 +148,7 @@ class Loop:
         """Whether the matrices hold rationals."""
         return is_exact(self.A_0)
 
-    def A_cl(self, K: Matrix) -> Matrix:
+    def A_cl(self, K: Stack) -> Matrix:
         """Return A_0 + sum_i U_i K_i Y_i for stacked gain blocks K (N, n_C + m, n_C + q)."""
         total = self.A_0
         for U, block, Y in zip(self.U, K, self.Y, strict=True):

@@ -13,6 +13,8 @@ from flint import fmpq, fmpq_mat
 from jaxtyping import Num, Shaped
 
 Matrix = Shaped[np.ndarray, "_ _"]
+Vector = Shaped[np.ndarray, "_"]
+Stack = Shaped[np.ndarray, "_ _ _"]
 
 
 def exact(value: float) -> fmpq:

@@ -13,7 +13,5 @@
 
 from lockstep.lmi.sampled.certify import SampledVerdict, certify_sampled
 from lockstep.lmi.sampled.controller import HeldController, Network
-from lockstep.lmi.sampled.performance import sampled_rho
-from lockstep.lmi.sampled.period import max_period
 
-__all__ = ["HeldController", "Network", "SampledVerdict", "certify_sampled", "max_period", "sampled_rho"]
+__all__ = ["HeldController", "Network", "SampledVerdict", "certify_sampled"]

@@ -4,12 +4,14 @@ With the matrices of `loop` on z = (xi, e) and one lifted period (A_d, S, Q) of 
 
     xi+ = N z + J w_d,    N = [A_d start; advanced],   J = [I; 0],
 
-    W = [ Z - start' Q start    N' P           ]      Z = diag(decay P, t_j I, kappa I) - sum_j t_j delta_j^2 Y_j' Y_j,
-        [ P N                   P - P J S J' P ] > 0,
+    W = [ Z - start' Q start    N' P           ]      Z = diag(decay P - weight D, t_j I, kappa I)
+        [ P N                   P - P J S J' P ] > 0,     - sum_j t_j delta_j^2 Y_j' Y_j,
 
 P > 0, m >= 0, t >= 0 prove, for V = xi' P xi, every nonlinearity with incremental bound alpha and every Delta_j,
 
-    V(xi+) < decay V(xi) + kappa (|nu|^2 + |mu|^2)     from one sampling instant to the next, whenever z != 0.
+    V(xi+) < decay V(xi) - weight x_d' (S (x) I) x_d + kappa (|nu|^2 + |mu|^2)
+
+from one sampling instant to the next, whenever z != 0; D = diag(S (x) I, 0), S here the metric of x_d.
 
 Proof: by Schur's complement W > 0 is  max over w_d of V(N z + J w_d) - w_d' S^-1 w_d + a' Q a < z' Z z, and by lifting the
 left side is no less than V(xi+) + int (sum_ij m_ij (alpha^2 |H (x_i - x_j)|^2 - |phi_i - phi_j|^2)) dt, whose integrand
@@ -18,6 +20,7 @@ alpha makes nonnegative. Everything but S = M^-1 (x) S_1 is linear in (P, m, t, 
 With performance, the lifted period also counts int x_d' (S (x) R) x_d, and a disturbance with rho^2; see `performance`.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,13 +35,19 @@ from lockstep.model.numbers import Matrix, converter, is_exact, zeros
 
 @dataclass(frozen=True, eq=False)
 class Witness:
-    """P (n_xi, n_xi), m >= 0 for each pair of agents, t >= 0 for each way, and the two numbers claimed."""
+    """P (n_xi, n_xi), m >= 0 for each pair of agents, t >= 0 for each way, and the three numbers of the claim."""
 
     P: Float[np.ndarray, "n_xi n_xi"]
     m: Float[np.ndarray, " pairs"]
     t: Float[np.ndarray, " ways"]
     decay: float
     kappa: float
+    weight: float = 0.0
+
+    @property
+    def rms(self) -> float:
+        """The gain from the noise to the distance from consensus, both as root mean squares over all instants."""
+        return math.sqrt(self.kappa / self.weight) if self.weight > 0 else math.inf
 
     def with_kappa(self, kappa: float) -> "Witness":
         """Return the same with another kappa."""
@@ -53,6 +62,12 @@ def multiplier(d: Disagreement, m: Matrix) -> Matrix:
     return total
 
 
+def metric(loop: SampledLoop) -> Matrix:
+    """Return S (x) I: x_d' (S (x) I) x_d is the squared distance of the states from consensus."""
+    unit = converter(is_exact(loop.held))(np.eye(loop.network.plant.A.shape[0]))
+    return np.kron(loop.network.d.S, unit)
+
+
 def step_matrix(loop: SampledLoop, lifted: Lifted) -> Matrix:
     """Return N, with xi+ = N z + J w_d."""
     return np.vstack([product(lifted.A_d, loop.start), loop.advanced])
@@ -62,9 +77,10 @@ def stored_matrix(loop: SampledLoop, witness: Witness, running: Matrix | None = 
     """Return Z; `running` is a cost of z at each sampling instant, if there is one."""
     number = converter(is_exact(loop.held))
     P, t = number(witness.P), number(witness.t)
-    decay, kappa = number(np.array([witness.decay, witness.kappa]))
+    decay, kappa, weight = number(np.array([witness.decay, witness.kappa, witness.weight]))
     Z = zeros(loop.n_z, loop.n_z, loop.held)
     Z[: loop.n_xi, : loop.n_xi] = decay * P
+    Z[: loop.n_d, : loop.n_d] = Z[: loop.n_d, : loop.n_d] - weight * metric(loop)
     for k in range(loop.noise.start, loop.noise.stop):
         Z[k, k] = kappa
     for weight, way in zip(t, loop.ways, strict=True):

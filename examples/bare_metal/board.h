@@ -1,0 +1,26 @@
+/* An imaginary Cortex-M4F board: what a real one has, at addresses that a test can watch. */
+#ifndef BOARD_H
+#define BOARD_H
+
+#include <stdint.h>
+
+/* System control space of every Cortex-M (ARMv7-M reference manual, B3). */
+#define SYST_CSR (*(volatile uint32_t *)0xE000E010u)
+#define SYST_RVR (*(volatile uint32_t *)0xE000E014u)
+#define SYST_CVR (*(volatile uint32_t *)0xE000E018u)
+#define CPACR (*(volatile uint32_t *)0xE000ED88u)
+
+typedef struct {
+    float angle;       /* motor, rad */
+    float rate;        /* motor, rad/s */
+    float command;     /* to the motor, V */
+    uint32_t faults;   /* steps whose status was not OK */
+    float radio[2];    /* the neighbour's last message: its angle and rate */
+    uint32_t received; /* 1: the message is new; written to 0 once it is read */
+} board_t;
+
+#define BOARD ((volatile board_t *)0x40000000u)
+
+#define CORE_HZ 48000000u
+
+#endif

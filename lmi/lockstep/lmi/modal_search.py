@@ -1,0 +1,272 @@
+"""Identical gains for all modes: the bilinear inequality of `bmi`, once for each end of each segment, with one K.
+
+Unknown are K, a P for each segment, mu, sigma and the fraction f of alpha^2 that is carried. With the rows of xi eliminated,
+
+    F_r(lambda) = [ He(P A(lambda)) + diag(R, Q) + f mu alpha^2 diag(H'H, 0) + P E E'P / sigma   P E_G ]
+                  [                                  *                                          -mu I  ]  < 0,
+
+He(A_C) < 0 in a metric of its own for the mean of the controllers, and each semidefinite condition made smooth by a
+factor, as in `bmi`. What comes out is a set of gains; `modal.prove_modes` certifies them or does not.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.lmi.bmi import (
+    BARRIER_START,
+    FACTOR_FLOOR,
+    _diagonal,
+    _factor,
+    _factor_residual,
+    _symmetric,
+    _triangle,
+    _unit_diagonal,
+)
+from lockstep.lmi.inequality import Claim
+from lockstep.lmi.modal_witness import Witness, witness
+from lockstep.lmi.modes import Modes
+from lockstep.lmi.stabilise import descend
+
+FRACTIONS = (1.0, 0.3, 0.1, 0.03, 0.01, 1e-3)
+"""Parts of alpha tried for the first witness of gains that are merely stable."""
+
+CLIMBS, DESCENTS = 6, 4
+"""At most so many runs towards the full alpha, and so many that lower sigma."""
+
+WORTHWHILE = 0.02
+"""A run that lowers sigma by less than this part of it is the last."""
+
+GAIN_WEIGHTS = (1e-3, 1e-5, 0.0)
+"""Weights of the mean square of the gains while the abscissa is lowered, tried until the loop is stable. Small gains make the
+better starts; a long path, whose slowest mode needs all the gain there is, is only stabilised without the weight."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """Gains with a witness for the full alpha, or None and the part of alpha that was reached."""
+
+    K: Float[np.ndarray, "a b"] | None
+    witness: Witness | None
+    fraction: float
+
+    @property
+    def sigma(self) -> float:
+        """The sigma reached; infinite without a witness."""
+        return np.inf if self.witness is None else self.witness.sigma
+
+
+class ModalProgram:
+    """The nonlinear program for one problem; built once, solved from many starts."""
+
+    def __init__(self, modes: Modes, claim: Claim, ends: Float[np.ndarray, " s"], gain_limit: float) -> None:
+        self.modes, self.claim, self.ends, self.gain_limit = modes, claim, ends, gain_limit
+        m, q = modes.plant.B[0].shape[1], modes.plant.C.shape[0]
+        self.shape = (modes.order + m, modes.order + q)
+        self.count = len(ends) - 1
+        self.phi = int(modes.plant.G.shape[1])
+        k, n_C = modes.size, modes.order
+        sizes = {
+            "P": self.count * _triangle(k),
+            "P_mean": _triangle(n_C),
+            "K": self.shape[0] * self.shape[1],
+            "mu": 1,
+            "sigma": 1,
+            "f": 1,
+            "L_F": 2 * self.count * _triangle(k + self.phi),
+            "L_P": self.count * _triangle(k),
+            "L_m": 2 * _triangle(n_C),
+            "L_K": _triangle(min(self.shape)),
+        }
+        self.s = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+        marks = np.cumsum([0, *sizes.values()])
+        self.place = {name: slice(int(a), int(b)) for name, a, b in zip(sizes, marks[:-1], marks[1:], strict=True)}
+        self._solvers: dict[tuple[str, int], Any] = {}
+
+    def improve(self, K: Float[np.ndarray, "a b"], start: Witness, f: float, aim: str, iterations: int) -> tuple[Any, float]:
+        """Run IPOPT and return the gains where it stops, and the fraction of alpha^2 it claims there."""
+        guess, scales = self._guess(K, start, f)
+        lower, upper = self._bounds(f, start.sigma, aim)
+        solution = self._solver(aim, iterations)(x0=np.clip(guess, lower, upper), lbx=lower, ubx=upper, lbg=0, ubg=0, p=scales)
+        x = np.array(solution["x"]).ravel()
+        return x[self.place["K"]].reshape(self.shape), float(x[self.place["f"]][0])
+
+    @cached_property
+    def _K(self) -> ca.SX:
+        return ca.reshape(self.s["K"], self.shape[1], self.shape[0]).T
+
+    @cached_property
+    def _Ps(self) -> list[ca.SX]:
+        size = _triangle(self.modes.size)
+        return [_symmetric(self.s["P"][i * size : (i + 1) * size], self.modes.size) for i in range(self.count)]
+
+    @cached_property
+    def _conditions(self) -> list[ca.SX]:
+        """All matrices that are to be positive definite: -F_r by vertex, P by segment, P_mean and its decay, the limit."""
+        modes, claim, s = self.modes, self.claim, self.s
+        E, E_G = ca.DM(modes.E()), ca.DM(modes.E_G())
+        found = []
+        for P, pair in zip(self._Ps, zip(self.ends[:-1], self.ends[1:], strict=True), strict=True):
+            for value in pair:
+                half = P @ (ca.DM(modes.A_0) + ca.mtimes([ca.sparsify(ca.DM(modes.U)), self._K, ca.sparsify(ca.DM(modes.Y(value)))]))
+                top = half + half.T + ca.DM(modes.weight(claim)) + ca.mtimes([P, E, E.T, P]) / s["sigma"]
+                if self.phi:
+                    top = top + s["f"] * s["mu"] * claim.alpha**2 * ca.sparsify(ca.DM(modes.bound()))
+                    top = ca.blockcat([[top, P @ E_G], [(P @ E_G).T, -s["mu"] * ca.DM.eye(self.phi)]])
+                found.append(-top)
+        found += self._Ps
+        if modes.order:
+            P, A_C = _symmetric(s["P_mean"], modes.order), self._K[: modes.order, : modes.order]
+            found += [P, -(P @ A_C + A_C.T @ P + ca.DM(claim.Q))]
+        square = self._K @ self._K.T if self.shape[0] <= self.shape[1] else self._K.T @ self._K
+        return [*found, ca.DM.eye(min(self.shape)) - square / self.gain_limit**2]
+
+    @cached_property
+    def _values(self) -> ca.Function:
+        names = ("P", "P_mean", "K", "mu", "sigma", "f")
+        return ca.Function("conditions", [self.s[name] for name in names], self._conditions)
+
+    def _solver(self, aim: str, iterations: int) -> Any:
+        if (aim, iterations) not in self._solvers:
+            factors, scale = ca.vertcat(*[self.s[name] for name in ("L_F", "L_P", "L_m", "L_K")]), []
+            residuals, place = [], 0
+            for M in self._conditions:
+                D, size = ca.SX.sym("D", M.shape[0]), _triangle(M.shape[0])
+                residuals.append(_factor_residual(factors[place : place + size], ca.diag(D) @ M @ ca.diag(D)))
+                scale.append(D)
+                place += size
+            goal = ca.log(self.s["sigma"]) if aim == "rho" else -ca.log(self.s["f"])
+            program = {"x": ca.vertcat(*self.s.values()), "f": goal, "g": ca.vertcat(*residuals), "p": ca.vertcat(*scale)}
+            options: Any = {
+                "ipopt.max_iter": iterations,
+                "ipopt.print_level": 0,
+                "ipopt.sb": "yes",
+                "print_time": False,
+                "ipopt.mu_strategy": "monotone",
+                "ipopt.mu_init": BARRIER_START,
+                "ipopt.tol": 1e-5,
+                "ipopt.acceptable_tol": 1e-4,
+            }
+            self._solvers[aim, iterations] = ca.nlpsol("modal", "ipopt", program, options)
+        return self._solvers[aim, iterations]
+
+    def _guess(self, K: Float[np.ndarray, "a b"], start: Witness, f: float) -> tuple[Any, Any]:
+        upper = np.triu_indices(self.modes.size)
+        P = np.concatenate([one[upper] for one in start.P])
+        P_mean = start.P_mean[np.triu_indices(self.modes.order)]
+        mu, sigma = max(start.mu, 1e-8), 1.1 * start.sigma
+        values = [np.array(M) for M in _listed(self._values(P, P_mean, K.ravel(), mu, sigma, f))]
+        scales = [_unit_diagonal(M) for M in values]
+        factors = [_factor(M * np.outer(D, D)) for M, D in zip(values, scales, strict=True)]
+        return np.concatenate([P, P_mean, K.ravel(), [mu], [sigma], [f], *factors]), np.concatenate(scales)
+
+    def _bounds(self, f: float, sigma: float, aim: str) -> tuple[Any, Any]:
+        total = self.place["L_K"].stop
+        lower, upper = np.full(total, -np.inf), np.full(total, np.inf)
+        lower[self.place["mu"]] = lower[self.place["sigma"]] = 1e-8
+        lower[self.place["f"]] = f if aim == "rho" else 0.5 * f
+        upper[self.place["f"]] = f if aim == "rho" else 1.0
+        if aim != "rho":
+            upper[self.place["sigma"]] = 100.0 * sigma
+        place = self.place["L_F"].start
+        for k, M in enumerate(self._conditions):
+            lower[place + np.array(_diagonal(M.shape[0]), dtype=int)] = FACTOR_FLOOR if k < 2 * self.count else 1e-4
+            place += _triangle(M.shape[0])
+        return lower, upper
+
+
+def _listed(value: Any) -> list[Any]:
+    return list(value) if isinstance(value, list | tuple) else [value]
+
+
+def stabilised(
+    modes: Modes, K: Float[np.ndarray, "a b"], values: Float[np.ndarray, " v"], gain_limit: float
+) -> Float[np.ndarray, "a b"]:
+    """Lower the largest abscissa over the ends of the segments, and over A_C, within the gain limit.
+
+    The gains are gain_limit Z / sqrt(1 + |Z|^2), so that every Z is allowed.
+    """
+    ways = [(modes.A_0, modes.U, modes.Y(value)) for value in values]
+    if modes.order:
+        n_C = modes.order
+        ways.append((np.zeros((n_C, n_C)), np.eye(n_C, modes.U.shape[1]), np.eye(K.shape[1], n_C)))
+    K = K * min(1.0, 0.9 * gain_limit / float(np.linalg.norm(K)))
+    for weight in GAIN_WEIGHTS:
+
+        def objective(flat: Float[np.ndarray, " x"], weight: float = weight) -> tuple[float, Float[np.ndarray, " x"]]:
+            root = float(np.sqrt(1 + flat @ flat))
+            gains = gain_limit * flat / root
+            worst, slope = _worst(ways, gains.reshape(K.shape))
+            total = slope.ravel() + 2 * weight * gains / flat.size
+            return worst + weight * float(np.mean(gains**2)), gain_limit / root * (total - flat * (flat @ total) / root**2)
+
+        Z = K.ravel() / np.sqrt(gain_limit**2 - float(np.sum(K**2)))
+        Z = descend(objective, Z, 100)
+        K = (gain_limit * Z / np.sqrt(1 + Z @ Z)).reshape(K.shape)
+        if _worst(ways, K)[0] < 0:
+            return K
+        K = K * min(1.0, 0.99 * gain_limit / float(np.linalg.norm(K)))
+    return K
+
+
+def _worst(ways: list[tuple[Any, Any, Any]], K: Float[np.ndarray, "a b"]) -> tuple[float, Float[np.ndarray, "a b"]]:
+    """Return the largest abscissa of A_0 + U K Y and its slope in K: Re(U' l r' Y' / l'r) for a simple eigenvalue."""
+    from scipy.linalg import eig
+
+    worst, slope = -np.inf, np.zeros(K.shape)
+    for A_0, U, Y in ways:
+        eigenvalues, left, right = eig(A_0 + U @ K @ Y, left=True, right=True)
+        i = int(np.argmax(eigenvalues.real))
+        if eigenvalues[i].real > worst:
+            l, r = left[:, i].conj(), right[:, i]
+            worst, slope = float(eigenvalues[i].real), np.real(np.outer(U.T @ l, Y @ r) / (l @ r))
+    return worst, slope
+
+
+def from_start(program: ModalProgram, seed: int, index: int) -> Found:
+    """Run one start: stabilise, climb to the full alpha, then lower sigma; the same arguments, the same outcome."""
+    modes, claim, ends = program.modes, program.claim, program.ends
+    generator = np.random.default_rng([seed, index])
+    size = generator.choice([0.5, 1.0, 2.0]) / np.sqrt(ends[0] * ends[-1]) ** 0.5
+    K = stabilised(modes, size * generator.standard_normal(program.shape), ends, program.gain_limit)
+    K = K * min(1.0, 0.9 * program.gain_limit / max(float(np.linalg.norm(K, 2)), 1e-300))
+    for fraction in FRACTIONS:
+        found = witness(modes, K, claim.at(alpha=fraction * claim.alpha), ends)
+        if found is not None:
+            return _descend(program, *_climb(program, K, found, fraction**2))
+    return Found(None, None, 0.0)
+
+
+def _climb(program: ModalProgram, K: Any, start: Witness, f: float) -> tuple[Any, Witness, float]:
+    """Raise the fraction of alpha^2 to 1; return where certificates reached."""
+    for _ in range(CLIMBS if f < 1 else 0):
+        trial, claimed = program.improve(K, start, f, "claim", 150)
+        for fraction in (1.0, 0.98 * claimed):
+            found = witness(program.modes, trial, program.claim.at(alpha=fraction**0.5 * program.claim.alpha), program.ends)
+            if found is not None and fraction > f:
+                K, start, f = trial, found, fraction
+                break
+        else:
+            return K, start, f
+        if f == 1.0:
+            break
+    return K, start, f
+
+
+def _descend(program: ModalProgram, K: Any, start: Witness, f: float) -> Found:
+    if f < 1:
+        return Found(None, None, f**0.5)
+    for _ in range(DESCENTS):
+        trial, _claimed = program.improve(K, start, 1.0, "rho", 300)
+        found = witness(program.modes, trial, program.claim, program.ends)
+        if found is None or found.sigma >= start.sigma:
+            break
+        gained = found.sigma < (1 - WORTHWHILE) * start.sigma
+        K, start = trial, found
+        if not gained:
+            break
+    return Found(K, start, 1.0)

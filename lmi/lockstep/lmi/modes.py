@@ -1,0 +1,157 @@
+"""Identical controllers on a graph that is symmetric in a metric W: the network as independent modes, and its certificate.
+
+Along a W-orthonormal basis of eigenvectors of L the loop splits into one copy for each lambda_k,
+
+    x_k' = A(lambda_k) x_k + E_G phi_k + E xi_k,     A(lambda) = A_0 + U K Y(lambda),     K = [A_C B_C; C_C D_C],
+    A_0 = diag(A, 0),   U = [0 B; I 0],   Y(lambda) = [0 I; lambda C 0],
+
+and for lambda_1 = 0, of which no disagreement is seen, into x_C' = A_C x_C. The nonlinearity couples the modes, but
+its multiplier is the same number mu in each: sum_i w_i (alpha^2 |H(x_i - x_w)|^2 - |phi_i - phi_w|^2) >= 0, x_w the
+w-mean, is the pair multiplier with m_ij = mu w_i w_j / sum w. So if for every lambda in [lower, upper] some P > 0 has
+
+    [ He(P A(lambda)) + diag(R, Q) + mu alpha^2 diag(H'H, 0)   P E        P E_G  ]
+    [                        *                                -sigma I     0     ]   < 0,
+    [                        *                                  *         -mu I  ]
+
+and some P_mean > 0 has He(P_mean A_C) + Q < 0, then V = the sum of the modes' x_k'P x_k proves, in the metric W, the bound
+sigma = rho_W^2; without the metric, |x|^2 <= |x|_W^2 / min w and |xi|_W^2 <= max w |xi|^2, so rho^2 = sigma max w / min w.
+The matrix is affine in lambda: with one P on a segment its two ends suffice, whatever N is.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.lmi.definite import Definiteness, decide_positive_definite
+from lockstep.lmi.inequality import Claim
+from lockstep.lmi.symmetric import Metric, decide_spectrum
+from lockstep.model.loop import Gains, Plant
+from lockstep.model.network import Network
+from lockstep.model.numbers import Matrix, converter, exactly, eye, is_exact, zeros
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One P for all lambda up to `upper`, from where the segment before it ends."""
+
+    upper: float
+    P: Float[np.ndarray, "k k"]
+
+
+@dataclass(frozen=True)
+class ModalCertificate:
+    """The witnesses: rho, where the spectrum begins, segments that cover it, mu, and P_mean."""
+
+    rho: float
+    lower: float
+    segments: tuple[Segment, ...]
+    mu: float
+    P_mean: Float[np.ndarray, "n_C n_C"]
+
+
+@dataclass(frozen=True)
+class Modes:
+    """A(lambda) = A_0 + U K Y(lambda), in doubles or in rationals."""
+
+    plant: Plant
+    order: int
+
+    @property
+    def size(self) -> int:
+        """n + n_C."""
+        return int(self.plant.A.shape[0]) + self.order
+
+    @property
+    def A_0(self) -> Matrix:
+        """diag(A, 0)."""
+        n = self.plant.A.shape[0]
+        A_0 = zeros(self.size, self.size, self.plant.A)
+        A_0[:n, :n] = self.plant.A
+        return A_0
+
+    @property
+    def U(self) -> Matrix:
+        """[0 B; I 0]."""
+        n, m = self.plant.B[0].shape
+        U = zeros(self.size, self.order + m, self.plant.A)
+        U[:n, self.order :], U[n:, : self.order] = self.plant.B[0], eye(self.order, self.plant.A)
+        return U
+
+    def Y(self, value: float) -> Matrix:
+        """[0 I; lambda C 0]; lambda is the double it is."""
+        q, n = self.plant.C.shape
+        Y = zeros(self.order + q, self.size, self.plant.A)
+        scale = converter(is_exact(self.plant.A))(np.array([value]))[0]
+        Y[: self.order, n:], Y[self.order :, :n] = eye(self.order, self.plant.A), scale * self.plant.C
+        return Y
+
+    def E(self) -> Matrix:
+        """[I; 0]: how the disturbance enters."""
+        E: Matrix = eye(self.size, self.plant.A)[:, : self.plant.A.shape[0]]
+        return E
+
+    def E_G(self) -> Matrix:
+        """[G; 0]: how phi enters."""
+        E_G: Matrix = self.E() @ self.plant.G
+        return E_G
+
+    def weight(self, claim: Claim) -> Matrix:
+        """diag(R, Q)."""
+        number, n = converter(is_exact(self.plant.A)), self.plant.A.shape[0]
+        weight = zeros(self.size, self.size, self.plant.A)
+        weight[:n, :n], weight[n:, n:] = number(claim.R), number(claim.Q)
+        return weight
+
+    def bound(self) -> Matrix:
+        """diag(H'H, 0)."""
+        E = self.E()
+        bound: Matrix = E @ (self.plant.H.T @ self.plant.H) @ E.T
+        return bound
+
+
+def mode_matrix(modes: Modes, K: Matrix, claim: Claim, value: float, P: Matrix, mu: float, sigma: object) -> Matrix:
+    """Assemble the matrix of one mode, in the kind of number of the plant; sigma is a number of that kind."""
+    number = converter(is_exact(modes.plant.A))
+    alpha, weight = number(np.array([claim.alpha, mu]))
+    half = P @ (modes.A_0 + modes.U @ K @ modes.Y(value))
+    top = half + half.T + modes.weight(claim) + weight * alpha * alpha * modes.bound()
+    n, r = modes.plant.A.shape[0], modes.plant.G.shape[1]
+    side = np.hstack([P @ modes.E(), P @ modes.E_G()])
+    k = modes.size
+    F = zeros(k + n + r, k + n + r, modes.plant.A)
+    F[:k, :k], F[:k, k:], F[k:, :k] = top, side, side.T
+    F[k : k + n, k : k + n] = -sigma * eye(n, P)
+    F[k + n :, k + n :] = -weight * eye(r, P)
+    return F
+
+
+def decide_modes(
+    network: Network, known: Metric, gains: Gains, claim: Claim, certificate: ModalCertificate
+) -> Definiteness:
+    """Decide exactly whether a certificate proves its rho for identical gains: the whole proof."""
+    c = certificate
+    if c.mu < 0 or c.rho <= 0:
+        return Definiteness(False, "sign of mu and rho", min(c.mu, c.rho), value=min(c.mu, c.rho))
+    ends = [c.lower, *(segment.upper for segment in c.segments)]
+    if any(b < a for a, b in zip(ends, ends[1:], strict=False)) or not c.segments:
+        return Definiteness(False, "order of the segments", float("nan"))
+    answer = decide_spectrum(network.graph, known, ends[0], ends[-1])
+    modes = Modes(network.plant.in_numbers(True), gains.order)
+    K = exactly(gains.blocks[0])
+    rho = exactly(np.array([c.rho]))[0]
+    sigma = rho * rho / known.spread
+    for start, segment in zip(ends, c.segments, strict=False):
+        if not answer.positive:
+            return answer
+        P = exactly(segment.P)
+        answer = decide_positive_definite(P)
+        for value in (start, segment.upper):
+            if answer.positive:
+                answer = decide_positive_definite(-mode_matrix(modes, K, claim, value, P, c.mu, sigma))
+    if answer.positive and gains.order:
+        P, A_C = exactly(c.P_mean), K[: gains.order, : gains.order]
+        answer = decide_positive_definite(P)
+        if answer.positive:
+            answer = decide_positive_definite(-(P @ A_C + A_C.T @ P + exactly(claim.Q)))
+    return answer

@@ -1,0 +1,202 @@
+"""The proof that the sampled, rounded controllers do what is claimed, and what it says.
+
+    bound       |phi(a, t) - phi(b, t)| <= alpha |a - b|, proved before and elsewhere
+    loop        the coefficients and the period as they are in the code, every rounding in it as a Delta
+    witness     P, m, t, kappa in doubles, from wherever
+    proof       no conjugate point in the period, P > 0 and W > 0 for these very numbers, in ball arithmetic
+
+What a reader has to trust is this file, `inequality`, `loop`, `lifting`, `conjugate` and `balls`, the model layer under
+them, and FLINT; not `search`.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.lmi.sampled import balls
+from lockstep.lmi.sampled.conjugate import no_conjugate_point
+from lockstep.lmi.sampled.controller import HeldController, Network
+from lockstep.lmi.sampled.inequality import W_matrix, Witness, metric, multiplier
+from lockstep.lmi.sampled.lifting import Lifted, copies, lift
+from lockstep.lmi.sampled.loop import SampledLoop, sampled_loop
+from lockstep.lmi.sampled.search import best_multiplier, candidates, distance_ratio, spectral_radius
+from lockstep.model.disagreement import Disagreement
+from lockstep.model.loop import Plant
+from lockstep.model.numbers import as_floats, exactly
+
+TRIES = 3
+"""Candidates put to the proof: the first nearly always holds."""
+
+
+@dataclass(frozen=True)
+class SampledVerdict:
+    """What is proved of the sampled loop, or why nothing is.
+
+    decay: V shrinks by it from one sampling instant to the next, up to the noise;  residual: the ultimate distance from
+    consensus at the sampling instants, |(T'(T T')^-1 T (x) I) x|, per unit of error of every message entry;  residual_rms:
+    the same as a root mean square over time;  underflow: the ultimate distance from underflow alone, absolute;  deltas: per agent, the bounds on the coefficient errors that stand for the rounding;  gain: from w to z,
+    in doubles, for information;  witness: what proves it.
+    """
+
+    certified: bool
+    reason: str
+    period: float
+    delay: int
+    proof: Literal["ball", "none"] = "none"
+    decay: float = float("nan")
+    residual: float = float("nan")
+    residual_rms: float = float("nan")
+    underflow: float = float("nan")
+    deltas: tuple[Mapping[str, float], ...] = ()
+    witness: Witness | None = None
+    figures: Mapping[str, Any] = field(default_factory=dict)
+
+    def document(self) -> dict[str, Any]:
+        """Return the verdict as plain JSON types."""
+        return {
+            "certified": self.certified,
+            "proof": self.proof,
+            "reason": self.reason,
+            "period": self.period,
+            "delay": self.delay,
+            "decay": self.decay,
+            "residual_per_message_error": self.residual,
+            "residual_rms_per_message_error": self.residual_rms,
+            "residual_from_underflow": self.underflow,
+            "rounding": [dict(one) for one in self.deltas],
+            **dict(self.figures),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Proved:
+    """A witness that was proved, and the loop it was proved for."""
+
+    witness: Witness
+    ratio: float
+
+
+def certify_sampled(
+    network: Network, controllers: tuple[HeldController, ...], guess: Float[np.ndarray, " pairs"] | None = None
+) -> SampledVerdict:
+    """Prove the sampled nonlinear loop with every rounding of its arithmetic, or say why it could not be.
+
+    Args:
+        network: agents, coordinates, alpha, period, delay, the matrices exact.
+        controllers: one per agent, with the coefficients of the code.
+        guess: pair weights to start from, such as those of the continuous certificate.
+
+    Raises:
+        ProblemError: controllers that do not fit the agents.
+    """
+    exact_loop = sampled_loop(network, controllers)
+    loop = in_doubles(network, controllers)
+    one = lifted_agent(loop)
+    deltas = tuple(dict(controller.deltas) for controller in controllers)
+    radius = spectral_radius(loop, one)
+    figures: dict[str, Any] = {"spectral_radius": radius}
+
+    def refused(reason: str) -> SampledVerdict:
+        return SampledVerdict(
+            False, reason, network.period, network.delay, deltas=deltas, figures=figures
+        )
+
+    if not radius < 1:
+        return refused(f"at {network.period:g} s the sampled linear loop has the spectral radius {radius:.6g}")
+    m, figures["gain"] = best_multiplier(loop, one, first_guess(network.d, guess))
+    if figures["gain"] >= 1:
+        return refused(f"at {network.period:g} s the gain around the nonlinearity is {figures['gain']:.6g}, not below 1")
+    trials = list(candidates(loop, one, m))[:TRIES]
+    if not trials:
+        return refused(f"at {network.period:g} s no certificate was found")
+    with balls.working_precision():
+        if not _valid_period(exact_loop):
+            return refused(f"{network.period:g} s is not shown to be free of conjugate points")
+        lifted = lifted_agent(exact_loop)
+        for witness in trials:
+            if proves(exact_loop, lifted, witness) and _bounds(exact_loop, witness, ratio := distance_ratio(loop, witness.P)):
+                return _accepted(network, controllers, witness, ratio, deltas, figures)
+    return refused(f"at {network.period:g} s the candidate did not survive the proof")
+
+
+def first_guess(d: Disagreement, guess: Float[np.ndarray, " pairs"] | None) -> Float[np.ndarray, " pairs"]:
+    """Return pair weights to start from: those given, or all alike."""
+    pairs = len(d.pairs())
+    usable = guess is not None and len(guess) == pairs and np.all(guess >= 0) and guess.sum() > 0
+    return np.array(guess, dtype=float) if usable else np.ones(pairs)
+
+
+def in_doubles(network: Network, controllers: tuple[HeldController, ...]) -> SampledLoop:
+    """Return the loop in doubles, for the search."""
+    p, d = network.plant, network.d
+    plant = Plant(as_floats(p.A), tuple(as_floats(B) for B in p.B), as_floats(p.C), as_floats(p.G), as_floats(p.H))
+    coordinates = Disagreement(*(as_floats(M) for M in (d.T, d.right, d.S, d.L, d.L_r)))
+    return sampled_loop(Network(plant, coordinates, network.alpha, network.period, network.delay), controllers)
+
+
+def lifted_agent(loop: SampledLoop) -> Lifted:
+    """Return one period of one agent, w = phi and z = alpha H x, in the kind of number of the loop."""
+    plant = loop.network.plant
+    return lift(plant.A, loop.into, *_squares(loop), loop.network.period)
+
+
+def _squares(loop: SampledLoop) -> tuple[Any, Any]:
+    plant = loop.network.plant
+    alpha = exactly(np.array([loop.network.alpha]))[0] if plant.A.dtype == object else loop.network.alpha
+    return plant.G @ plant.G.T, alpha * alpha * (plant.H.T @ plant.H)
+
+
+def _valid_period(exact_loop: SampledLoop) -> bool:
+    return no_conjugate_point(exact_loop.network.plant.A, *_squares(exact_loop), exact_loop.network.period)
+
+
+def proves(exact_loop: SampledLoop, one: Lifted, witness: Witness) -> bool:
+    """Decide in balls whether P > 0, m >= 0, t >= 0, 0 < decay < 1 and W > 0. One period must be shown valid apart."""
+    if np.any(witness.m < 0) or np.any(witness.t < 0) or not 0 < witness.decay < 1:
+        return False
+    if not np.array_equal(witness.P, witness.P.T) or not balls.is_positive_definite(exactly(witness.P)):
+        return False
+    M = multiplier(exact_loop.network.d, exactly(witness.m))
+    if not balls.is_positive_definite(M):
+        return False
+    return balls.is_positive_definite(W_matrix(exact_loop, copies(one, M), witness))
+
+
+def _bounds(exact_loop: SampledLoop, witness: Witness, ratio: float) -> bool:
+    """Decide whether c P > diag(S (x) I, 0): V bounds the distance from consensus."""
+    form = exactly(np.array([[ratio]]))[0, 0] * exactly(witness.P)
+    place = slice(0, exact_loop.n_d)
+    form[place, place] = form[place, place] - metric(exact_loop)
+    return balls.is_positive_definite(form)
+
+
+def _accepted(
+    network: Network,
+    controllers: tuple[HeldController, ...],
+    witness: Witness,
+    ratio: float,
+    deltas: tuple[Mapping[str, float], ...],
+    figures: Mapping[str, Any],
+) -> SampledVerdict:
+    """State the ultimate bounds sqrt(c kappa / (1 - decay)) |noise|, rounded up by far more than doubles lose."""
+    per_noise = 1.000001 * math.sqrt(ratio * witness.kappa / (1 - witness.decay))
+    messages = math.hypot(*(one.message_noise(1.0) for one in controllers))
+    lost = math.hypot(*(one.message_noise(0.0) for one in controllers), *(one.underflow for one in controllers))
+    return SampledVerdict(
+        True,
+        "no conjugate point, P > 0 and W > 0, decided in ball arithmetic",
+        network.period,
+        network.delay,
+        "ball",
+        witness.decay,
+        per_noise * messages,
+        1.000001 * witness.rms * messages,
+        per_noise * lost,
+        deltas,
+        witness,
+        figures,
+    )

@@ -1,0 +1,101 @@
+"""The bare-metal example: built with zig, from reset to sleep, then one timer interrupt per period."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from lockstep.codegen.cores import CORES, emulated, registers_of
+from lockstep.codegen.emulator import missing_packages
+from lockstep.codegen.image import load_image, machine_flags, undefined_symbols
+from lockstep.codegen.manifest import load_manifest
+from lockstep.codegen.reference import references
+from lockstep.codegen.toolchain import run, zig
+
+pytestmark = pytest.mark.skipif(
+    zig() is None or bool(missing_packages()), reason="ziglang, unicorn or pyelftools is not installed"
+)
+CORE = CORES["cortex-m4f"]
+BOARD, SYSTICK, CPACR, RETURN = 0x4000_0000, 0xE000_E010, 0xE000_ED88, 0x0800_0000
+
+
+@pytest.fixture(scope="module")
+def firmware(root, tmp_path_factory):
+    directory = tmp_path_factory.mktemp("firmware")
+    example, folder = root / "examples" / "bare_metal", root / "generated" / "flexible_joint_arms"
+    sources = [example / "main.c", example / "startup.c", folder / "src" / "arm1.c"]
+    flags = [*machine_flags(CORE, zig()), "-std=c99", "-Os", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]
+    places = [f"-I{folder / 'include'}", f"-I{example}"]
+    link = ["-nostdlib", "-Wl,--build-id=none", "-T", str(example / "board.ld"), "-o", "firmware.elf"]
+    run([*zig().command, *flags, *places, *map(str, sources), *link], directory, "building", 180)
+    return directory / "firmware.elf"
+
+
+class Board:
+    """The emulated core with the board's registers as plain memory."""
+
+    def __init__(self, path):
+        self.image, self.names, self.core = load_image(path), registers_of(CORE), emulated(CORE)
+        for address, size in ((0, 0x4_0000), (0x2000_0000, 0x8000), (BOARD, 0x1000), (0xE000_E000, 0x1000)):
+            self.core.mem_map(address, size)
+        self.core.mem_map(RETURN, 0x1000)
+        for address, data, _ in self.image.segments:
+            self.core.mem_write(address, data)
+        self.core.mem_write(0x2000_0000, b"\xa5" * 0x8000)  # what RAM holds at power-on is not zero
+        self.stack, *self.vectors = struct.unpack("<16I", self.core.mem_read(0, 64))
+
+    def word(self, address):
+        return struct.unpack("<I", self.core.mem_read(address, 4))[0]
+
+    def reset(self):
+        """Run from the reset vector to the `wfi` of the main loop."""
+        self.core.reg_write(self.names.sp, self.stack)
+        main = self.image.symbols["main"] & ~1
+        asleep = next(a for a in range(main, main + 400, 2) if self.core.mem_read(a, 2) == b"\x30\xbf")
+        self.core.emu_start(self.vectors[0], asleep, timeout=10_000_000)
+        assert self.core.reg_read(self.names.pc) & ~1 == asleep
+
+    def tick(self, y, radio, received):
+        """One timer interrupt; returns the command."""
+        self.core.mem_write(BOARD, struct.pack("<2f", *y))
+        self.core.mem_write(BOARD + 16, struct.pack("<2fI", *radio, received))
+        self.core.reg_write(self.names.link, RETURN | 1)
+        self.core.emu_start(self.vectors[14], RETURN, timeout=10_000_000)
+        assert self.core.reg_read(self.names.pc) & ~1 == RETURN
+        return np.frombuffer(self.core.mem_read(BOARD + 8, 4), np.float32)[0]
+
+
+def test_the_timer_interrupt_steps_the_controller_bit_for_bit(firmware, root):
+    board = Board(firmware)
+    board.reset()
+    manifest = load_manifest(root / "generated" / "flexible_joint_arms")
+    assert board.word(CPACR) & 0xF << 20 == 0xF << 20, "the floating-point unit is on"
+    assert board.word(SYSTICK) == 7
+    assert board.word(SYSTICK + 4) + 1 == round(48e6 * manifest.period)
+    reference, random = references(manifest)["arm1"], np.random.default_rng(0)
+    for _ in range(300):
+        y, radio = random.normal(size=(2, 2)).astype(np.float32)
+        received = int(random.random() < 0.9)
+        status, u = reference.step(y, radio[None], received)
+        assert status == 0
+        assert board.tick(y, radio, received).tobytes() == u[0].tobytes()
+        assert board.word(BOARD + 24) == 0, "the message was taken"
+    assert board.word(BOARD + 12) == 0
+    assert reference.state.misses[0] > 10
+
+
+def test_a_broken_sensor_lets_the_motor_go_and_is_counted(firmware):
+    board = Board(firmware)
+    board.reset()
+    assert board.tick([0.5, 0], [0, 0], 1) != 0
+    assert board.tick([np.nan, 0], [0, 0], 1) == 0
+    assert board.word(BOARD + 12) == 1
+    assert board.tick([0.5, 0], [0, 0], 1) != 0, "and it recovers"
+
+
+def test_the_firmware_holds_no_library(firmware):
+    ours = ("arm1_", "Reset_", "Stop_", "SysTick_", "main", "vectors", "controller", "startup.c", "$")
+    linker = {"_stack_top", "_data_load", "_data_start", "_data_end", "_bss_start", "_bss_end"}
+    names = set(load_image(firmware).symbols) - linker
+    assert [name for name in names if not name.startswith(ours)] == []
+    assert list(undefined_symbols(firmware)) == []
