@@ -211,9 +211,7 @@ def verdicts(rows: Sequence[Measured]) -> list[Verdict]:
         large = [ratio for (n, _), ratio in speed.items() if n >= 4]
         second = [ratio for (n, _), ratio in speed.items() if n == 2]
         size = max(by[*s, "size"].bytes / by[*s, "hand"].bytes for s in shapes)
-        found.append(
-            Verdict(compiler, level, max(large, default=None), max(second, default=None), size)
-        )
+        found.append(Verdict(compiler, level, max(large, default=None), max(second, default=None), size))
     return found
 
 
@@ -247,7 +245,9 @@ def main() -> int:
     unequal = [r for r in rows if r.variant in ("speed", "size", "hand") and not r.equal]
     found = verdicts(rows)
     if chosen.json:
-        print(json.dumps({"rows": [asdict(r) for r in rows], "verdicts": [asdict(v) for v in found]}, indent=1))
+        print(
+            json.dumps({"rows": [asdict(r) for r in rows], "verdicts": [asdict(v) for v in found]}, indent=1)
+        )
     else:
         print(table(rows), "\n")
         for v in found:

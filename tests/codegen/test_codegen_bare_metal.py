@@ -24,7 +24,15 @@ def firmware(root, tmp_path_factory):
     directory = tmp_path_factory.mktemp("firmware")
     example, folder = root / "examples" / "bare_metal", root / "generated" / "flexible_joint_arms"
     sources = [example / "main.c", example / "startup.c", folder / "src" / "arm1.c"]
-    flags = [*machine_flags(CORE, zig()), "-std=c99", "-Os", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]
+    flags = [
+        *machine_flags(CORE, zig()),
+        "-std=c99",
+        "-Os",
+        "-ffp-contract=off",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+    ]
     places = [f"-I{folder / 'include'}", f"-I{example}"]
     link = ["-nostdlib", "-Wl,--build-id=none", "-T", str(example / "board.ld"), "-o", "firmware.elf"]
     run([*zig().command, *flags, *places, *map(str, sources), *link], directory, "building", 180)

@@ -58,14 +58,13 @@ def _build(path: Path, output: Path, jobs: int | None) -> Answer:
 
 def _designed(problem: Any, jobs: int | None) -> dict[str, Any]:
     """Design, and pass the result through JSON, so that what is generated from is what a reader of the file sees."""
-    import json
-
     from lockstep.lmi.design import design
     from lockstep.lmi.document import document
 
+    from lockstep.cli.design import sampled_too
+
     with progress_display() as tell:
-        content: dict[str, Any] = json.loads(to_json(document(design(problem, jobs=jobs, progress=tell))))
-    return content
+        return sampled_too(document(design(problem, jobs=jobs, progress=tell)))
 
 
 def _verified(files: dict[str, str]) -> "VerifyReport":

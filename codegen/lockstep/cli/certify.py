@@ -1,16 +1,21 @@
 """`lockstep certify`: the independent checker."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
 
 from lockstep.cli.console import Answer, of_file, respond, two_columns
+from lockstep.cli.design import sampled_text
 from lockstep.cli.files import read_design
 
 if TYPE_CHECKING:
     from lockstep.lmi.certify import Verdict
     from lockstep.lmi.document import Stored
+
+MANIFEST_NAME = "manifest.json"
 
 COVERS = {
     "global": "the continuous controllers, for every disturbance and every initial state",
@@ -30,7 +35,41 @@ def _certify(path: Path) -> Answer:
     content, stored = read_design(path)
     with of_file(path):
         verdict = certify(stored)
+        if is_generated(path):
+            return _with_folder(path, content, stored, verdict)
     return Answer(certificate_document(content, stored, verdict), _table(stored, verdict), verdict.certified)
+
+
+def is_generated(path: Path) -> bool:
+    """Tell whether a path is a folder of generated C."""
+    return path.is_dir() and (path / MANIFEST_NAME).is_file()
+
+
+def _with_folder(path: Path, content: dict[str, Any], stored: "Stored", verdict: "Verdict") -> Answer:
+    """Certify the design and the C beside it: both must hold, and the C must be what its manifest says."""
+    from lockstep.codegen.sampled_certificate import certify_folder
+
+    folder = certify_folder(path, stored, content)
+    sampled = folder.sampled
+    longest = None if folder.longest is None else folder.longest.period
+    certified = verdict.certified and sampled.certified
+    document = certificate_document(content, stored, verdict)
+    if verdict.certified and not sampled.certified:
+        document["error"] = {"kind": "NotCertified", "message": sampled.reason, "figures": dict(sampled.figures)}
+        document["reason"] = sampled.reason
+    document |= {
+        "ok": verdict.certified and folder.ok,
+        "certified": certified,
+        "proof": "ball" if certified else "none",
+        "design": {"certified": verdict.certified, "proof": document["proof"]},
+        "differences": list(folder.differences),
+        "sampled": {**sampled.document(), "max_period": longest},
+    }
+    rows = {
+        "sampled C": sampled_text({**sampled.document(), "max_period": longest}),
+        "as generated": "; ".join(folder.differences) or "yes",
+    }
+    return Answer(document, _table(stored, verdict, rows), verdict.certified and folder.ok)
 
 
 def certificate_document(content: dict[str, Any], stored: "Stored", verdict: "Verdict") -> dict[str, Any]:
@@ -56,9 +95,11 @@ def certificate_document(content: dict[str, Any], stored: "Stored", verdict: "Ve
     }
 
 
-def _table(stored: "Stored", verdict: "Verdict") -> RenderableType:
+def _table(
+    stored: "Stored", verdict: "Verdict", more: Mapping[str, str] = MappingProxyType({})
+) -> RenderableType:
     rows = {"certified": "yes" if verdict.certified else "NO", "because": verdict.reason}
     if stored.certificate:
         rows["rho"] = f"{stored.certificate.rho:.6g}"
     rows["alpha"] = f"{stored.alpha:.9g}"
-    return two_columns(stored.problem.title, {**rows, "covers": COVERS[verdict.scope]})
+    return two_columns(stored.problem.title, {**rows, "covers": COVERS[verdict.scope], **more})

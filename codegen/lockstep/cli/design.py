@@ -24,10 +24,32 @@ def _design(path: Path, output: Path | None, jobs: int | None) -> Answer:
     problem = load_problem(path)
     with of_file(path), progress_display() as tell:
         found = design(problem, jobs=jobs, progress=tell)
-    content = document(found)
+        tell("proving the sampled controllers", 0.95)
+        content = sampled_too(document(found))
     if output is not None:
         write_text(output, to_json(content) + "\n")
     return Answer(content, summary(content))
+
+
+def sampled_too(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a design with what is proved of its controllers sampled and rounded, as a reader of the file sees it."""
+    import json
+
+    from lockstep.cli.files import DESIGN_NAME
+    from lockstep.codegen.sampled_certificate import with_sampled
+    from lockstep.lmi.document import parse
+
+    plain: dict[str, Any] = json.loads(to_json(content))
+    return with_sampled(plain, parse(plain, DESIGN_NAME))
+
+
+def sampled_text(sampled: Mapping[str, Any]) -> str:
+    """Return in a line what is proved of the sampled controllers."""
+    longest = sampled.get("max_period")
+    reach = f"; certified up to {longest:g} s" if longest else ""
+    if sampled["certified"]:
+        return f"yes, every {sampled['period']:g} s, rounding included, proof: {sampled['proof']}{reach}"
+    return f"NO: {sampled.get('reason') or 'not looked at'}{reach}"
 
 
 def summary(content: Mapping[str, Any]) -> RenderableType:
@@ -45,6 +67,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             "alpha": f"{content['alpha']:.9g}",
             "gains may be off by": fragility or "nothing: certain controllers",
             "gain norms": ", ".join(f"{norm:.4g}" for norm in figures["gain_norms"]),
+            "sampled": sampled_text(content["sampled"]),
             "slowest pole": f"{figures['abscissa']:.4g} 1/s",
         },
     )

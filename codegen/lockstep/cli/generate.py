@@ -35,6 +35,7 @@ def generated_files(content: dict[str, Any], stored: Any, optimize: str = "speed
     from lockstep.codegen.bundle import bundle
     from lockstep.codegen.emit import emit
     from lockstep.codegen.from_design import specification
+    from lockstep.codegen.sampled_certificate import certify_texts, with_sampled
     from lockstep.lmi.certify import certify
 
     if optimize not in ("speed", "size"):
@@ -44,5 +45,9 @@ def generated_files(content: dict[str, Any], stored: Any, optimize: str = "speed
         raise NotCertified(
             f"no C is generated from a design that is not certified: {verdict.reason}", **verdict.figures
         )
-    spec = specification(stored, verdict, content=content, optimize=optimize)  # type: ignore[arg-type]
+    # Printed twice: the numbers do not depend on what is said of them, and what is said is proved of the printed ones.
+    draft = emit(specification(stored, verdict, content=content, optimize=optimize))  # type: ignore[arg-type]
+    sampled = certify_texts(draft, stored, content)
+    content = with_sampled(content, stored, sampled)
+    spec = specification(stored, verdict, content=content, optimize=optimize, sampled=sampled)  # type: ignore[arg-type]
     return bundle(emit(spec), {DESIGN_NAME: to_json(content) + "\n"})

@@ -96,9 +96,7 @@ def registers_of(core: Core) -> Registers:
     """The registers of a core; needs Unicorn."""
     if core.architecture == "arm":
         arm = importlib.import_module("unicorn.arm_const")
-        return Registers(
-            arm.UC_ARM_REG_SP, arm.UC_ARM_REG_LR, arm.UC_ARM_REG_PC, arm.UC_ARM_REG_R0, thumb=1
-        )
+        return Registers(arm.UC_ARM_REG_SP, arm.UC_ARM_REG_LR, arm.UC_ARM_REG_PC, arm.UC_ARM_REG_R0, thumb=1)
     riscv = importlib.import_module("unicorn.riscv_const")
     return Registers(
         riscv.UC_RISCV_REG_SP, riscv.UC_RISCV_REG_RA, riscv.UC_RISCV_REG_PC, riscv.UC_RISCV_REG_A0, thumb=0

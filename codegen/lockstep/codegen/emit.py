@@ -37,6 +37,8 @@ _RULES = {
     "zoh": "exact response to a held input (zero-order hold)",
     "euler": "forward Euler",
 }
+EVA_LIMIT = 1e6
+"""Magnitude of inputs and state for which the Frama-C harness asks for a proof that nothing overflows."""
 ORDER_OF_SUMS = (
     "rows of [A B; C D] times (x, r) from left to right, from +0 where zero terms are kept; "
     "r = 0 + a_1 (y - y_1) + a_2 (y - y_2) + ..."
@@ -66,6 +68,9 @@ def emit(spec: CodegenSpec) -> dict[str, str]:
     for view in views:
         files[f"include/{view['name']}.h"] = render("header.h.j2", **context, a=view)
         files[f"src/{view['name']}.c"] = render("source.c.j2", **context, a=view)
+        files[f"proof/{view['name']}_eva.c"] = render(
+            "eva.c.j2", **context, a=view, limit=real.literal(EVA_LIMIT)
+        )
     for name in ("CMakeLists.txt", "README.md"):
         files[name] = render(f"{name}.j2", **context, agents=views)
     files[FILE_NAME] = _manifest(spec, agents, real, files).sealed().text()

@@ -1,6 +1,7 @@
 """Write a generated folder in one step: it is there as a whole, or it is as it was before."""
 
 import contextlib
+import json
 import shutil
 import tempfile
 from collections.abc import Mapping
@@ -65,10 +66,21 @@ def check_replaceable(target: Path) -> None:
             where=str(target),
             remedy="name an empty or a new folder",
         )
-    foreign = sorted(present - set(load_manifest(target).files) - {FILE_NAME})
+    foreign = sorted(present - _written(target) - {FILE_NAME})
     if foreign:
         raise ProblemError(
             f"the folder also holds `{foreign[0]}`, which Lockstep did not write",
             where=str(target),
             remedy="move it away, or name another folder",
         )
+
+
+def _written(target: Path) -> set[str]:
+    """The files that a manifest of ours lists, whichever version wrote it: an older folder can be replaced."""
+    try:
+        manifest = json.loads((target / FILE_NAME).read_text(encoding="utf-8"))
+        if str(manifest["format"]).startswith("lockstep-controllers/"):
+            return set(manifest["files"])
+    except (OSError, ValueError, TypeError, KeyError):
+        pass
+    return set(load_manifest(target).files)

@@ -58,7 +58,9 @@ def read_controllers(folder: Path, names: list[str]) -> list[ReadController]:
         NotCertified: a file is not of the form that `lockstep generate` writes.
     """
     return [
-        read_controller(name, _text(folder / "include" / f"{name}.h"), _text(folder / "src" / f"{name}.c"), names)
+        read_controller(
+            name, _text(folder / "include" / f"{name}.h"), _text(folder / "src" / f"{name}.c"), names
+        )
         for name in names
     ]
 
@@ -110,7 +112,9 @@ def _kernel(name: str, source: str, sizes: Mapping[str, int], real: str) -> _Ker
             raise _refusal(name, "c", f"its table is not {rows} x {columns}")
         values = np.array([[_value(name, text, real) for text in row] for row in literals])
         return _Kernel(values, None, (), literals)
-    body = re.search(rf"^static void {name}_kernel\([^\n]*\)\n\{{\n(.*?)^\}}\n", source, re.DOTALL | re.MULTILINE)
+    body = re.search(
+        rf"^static void {name}_kernel\([^\n]*\)\n\{{\n(.*?)^\}}\n", source, re.DOTALL | re.MULTILINE
+    )
     if not body:
         raise _refusal(name, "c", "there is neither a kernel of statements nor a table of gains")
     lines = tuple(line.strip() for line in body[1].splitlines())
@@ -142,7 +146,12 @@ class _Machine:
 
     def __init__(self, name: str, real: str, sizes: Mapping[str, int]) -> None:
         self.name, self.real = name, real
-        self.limits = {"x": sizes["ORDER"], "r": sizes["OUTPUTS"], "x_next": sizes["ORDER"], "u_next": sizes["INPUTS"]}
+        self.limits = {
+            "x": sizes["ORDER"],
+            "r": sizes["OUTPUTS"],
+            "x_next": sizes["ORDER"],
+            "u_next": sizes["INPUTS"],
+        }
         self.known: dict[str, Form] = {}
         self.written: dict[tuple[str, int], Form] = {}
         c_real = "float" if real == "float32" else "double"
@@ -245,7 +254,9 @@ def _list(name: str, text: str) -> tuple[str, ...]:
 
 
 def _macro(name: str, header: str, key: str) -> str:
-    found = re.findall(rf"^#define {name.upper()}_{key} ([0-9][0-9.e+-]*f?)$", _COMMENT.sub("", header), re.MULTILINE)
+    found = re.findall(
+        rf"^#define {name.upper()}_{key} ([0-9][0-9.e+-]*f?)$", _COMMENT.sub("", header), re.MULTILINE
+    )
     if len(found) != 1 or (key != "PERIOD_S" and not found[0].isdigit()):
         raise _refusal(name, "h", f"{name.upper()}_{key} is not defined once, as a number")
     if key == "PERIOD_S" and not (_LITERAL.fullmatch(found[0]) and float(found[0].rstrip("f")) > 0):
@@ -266,7 +277,9 @@ def _sources(
     return tuple(names.index(source) for _, source, _ in found), weights
 
 
-def _weights(name: str, source: str, count: int, real: str) -> tuple[Float[np.ndarray, " nn"], tuple[str, ...]]:
+def _weights(
+    name: str, source: str, count: int, real: str
+) -> tuple[Float[np.ndarray, " nn"], tuple[str, ...]]:
     c_real = "float" if real == "float32" else "double"
     found = re.findall(rf"static const {c_real} weight\[{count}\] = (\{{.*\}});", source)
     if not found:
@@ -309,7 +322,9 @@ def _view(
     }
 
 
-def _check_form(name: str, header: str, source: str, view: dict[str, Any], real: str, period_literal: str) -> None:
+def _check_form(
+    name: str, header: str, source: str, view: dict[str, Any], real: str, period_literal: str
+) -> None:
     context = {
         "period_literal": period_literal,
         "c_real": "float" if real == "float32" else "double",
@@ -338,13 +353,17 @@ def _first_difference(found: list[str], expected: list[str]) -> str:
 
 def _refusal(name: str, kind: str, found: str) -> NotCertified:
     path = f"include/{name}.h" if kind == "h" else f"src/{name}.c"
-    return NotCertified(f"{path} is not the C that is generated, so nothing is proved of it: {found}", file=path)
+    return NotCertified(
+        f"{path} is not the C that is generated, so nothing is proved of it: {found}", file=path
+    )
 
 
 def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise ProblemError("there is no such file", where=str(path), remedy="generate the folder again") from None
+        raise ProblemError(
+            "there is no such file", where=str(path), remedy="generate the folder again"
+        ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise ProblemError(f"it cannot be read ({error})", where=str(path)) from None

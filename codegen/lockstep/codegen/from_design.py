@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,6 +11,8 @@ import numpy as np
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Neighbour, Optimize, Signal
 from lockstep.lmi.certify import Verdict
 from lockstep.lmi.document import Stored
+from lockstep.lmi.sampled import SampledVerdict
+from lockstep.lmi.sampled.controller import PRECISIONS
 
 CONTINUOUS_ONLY = (
     "the continuous controller in real arithmetic; the sampled, rounded one of this folder is not covered yet"
@@ -17,7 +20,12 @@ CONTINUOUS_ONLY = (
 
 
 def specification(
-    stored: Stored, verdict: Verdict, *, content: Mapping[str, Any], optimize: Optimize = "speed"
+    stored: Stored,
+    verdict: Verdict,
+    *,
+    content: Mapping[str, Any],
+    optimize: Optimize = "speed",
+    sampled: SampledVerdict | None = None,
 ) -> CodegenSpec:
     """Return what to generate for a stored design.
 
@@ -26,6 +34,7 @@ def specification(
         verdict: what the checker says of it just now; what the file says of itself does not count.
         content: the design file as JSON types, for its hash.
         optimize: "speed" or "size".
+        sampled: what is proved of the numbers that will be printed, sampled and rounded; None: nothing.
     """
     problem, agent = stored.problem, stored.problem.agent()
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
@@ -55,7 +64,7 @@ def specification(
         optimize=optimize,
         name=f"{agent.name}_controllers",
         title=problem.title,
-        certificate=_datasheet(stored, verdict),
+        certificate=_datasheet(stored, verdict, sampled),
         design_hash=fingerprint(content),
         plants=plants,
     )
@@ -67,16 +76,49 @@ def fingerprint(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _datasheet(stored: Stored, verdict: Verdict) -> dict[str, str | float | bool | None]:
+def _datasheet(
+    stored: Stored, verdict: Verdict, sampled: SampledVerdict | None
+) -> dict[str, str | float | bool | None]:
     if not verdict.certified or stored.certificate is None:
         return {"certified": False}
     delta = {f"delta_{letter}": value for letter, value in stored.fragility.items() if value}
+    covered = sampled is not None and sampled.certified
+    lines = signed_lines(sampled, stored) if covered and sampled else {"covers": CONTINUOUS_ONLY}
     return {
         "certified": True,
-        "proof": "exact",
-        "covers": CONTINUOUS_ONLY,
+        "proof": "ball" if covered else "exact",
+        **lines,
         "scope": verdict.scope,
         "rho": stored.certificate.rho,
         "alpha": stored.alpha,
         **delta,
+        **({"rho and delta are": "of the continuous controllers (proof: exact)"} if covered else {}),
     }
+
+
+def signed_lines(sampled: SampledVerdict, stored: Stored) -> dict[str, str]:
+    """Return what is proved of the sampled controllers, under which assumptions, and what remains."""
+    real = stored.problem.controller.real
+    applied = "one period after its sample" if sampled.delay else "at once"
+    unit = PRECISIONS[real].u
+    return {
+        "proved": f"all agents come to agree, between the samples too, under these {real} controllers stepped every"
+        f" {sampled.period!r} s with u held, every rounding of a step counted",
+        "assumes": f"the agents obey their model with slopes up to alpha; all step at one instant; every message"
+        f" arrives; u acts {applied} and unclipped; no step overflows",
+        "remains": f"a distance of the states from agreement of up to {_two_digits(sampled.residual)} times the largest error"
+        f" of a message (root mean square: {_two_digits(sampled.residual_rms)} times); rounding a message to {real}"
+        f" errs by {unit:.1e} of its size",
+    }
+
+
+def _two_digits(value: float) -> str:
+    """Round up to two digits, so that the last bits of a machine's arithmetic do not show.
+
+    >>> _two_digits(4177144.9)
+    '4.2e+06'
+    """
+    if value <= 0 or not math.isfinite(value):
+        return f"{value:g}"
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return f"{math.ceil(value / unit) * unit:.1e}"

@@ -87,9 +87,7 @@ def _on_core(core: Core, _: Manifest) -> Iterator[Target]:
     compiler, gcc = zig(), arm_gcc() if core.gcc else None
     missing = missing_packages() + ([] if compiler or gcc else ["ziglang"])
     if missing:
-        yield _skipped(
-            f"{core.title}, emulated", f"not installed: {', '.join(missing)} (extra `emulator`)"
-        )
+        yield _skipped(f"{core.title}, emulated", f"not installed: {', '.join(missing)} (extra `emulator`)")
         return
     for found in filter(None, (compiler, gcc)):
         for level in CORE_LEVELS:

@@ -9,9 +9,9 @@ He(A_C) < 0 in a metric of its own for the mean of the controllers, and each sem
 factor, as in `bmi`. What comes out is a set of gains; `modal.prove_modes` certifies them or does not.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -35,8 +35,11 @@ from lockstep.lmi.stabilise import descend
 FRACTIONS = (1.0, 0.3, 0.1, 0.03, 0.01, 1e-3)
 """Parts of alpha tried for the first witness of gains that are merely stable."""
 
-CLIMBS, DESCENTS = 6, 4
-"""At most so many runs towards the full alpha, and so many that lower sigma."""
+SHIFTS, CLIMBS, DESCENTS = 6, 6, 4
+"""At most so many runs towards a stable loop, so many towards the full alpha, and so many that lower sigma."""
+
+SHIFT_LADDER = (1e-3, 1e-2, 0.1, 1.0)
+"""Shifts tried beyond the abscissa, relative to the norm of the loop: with the last one P = I nearly does."""
 
 WORTHWHILE = 0.02
 """A run that lowers sigma by less than this part of it is the last."""
@@ -44,6 +47,19 @@ WORTHWHILE = 0.02
 GAIN_WEIGHTS = (1e-3, 1e-5, 0.0)
 """Weights of the mean square of the gains while the abscissa is lowered, tried until the loop is stable. Small gains make the
 better starts; a long path, whose slowest mode needs all the gain there is, is only stabilised without the weight."""
+
+
+Aim = Literal["shift", "claim", "rho"]
+
+
+@dataclass(frozen=True)
+class Point:
+    """Gains with a witness for the fraction f of alpha^2 and a shift of the loop to the left."""
+
+    K: Float[np.ndarray, "a b"]
+    witness: Witness
+    f: float = 1.0
+    shift: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -77,6 +93,7 @@ class ModalProgram:
             "mu": 1,
             "sigma": 1,
             "f": 1,
+            "shift": 1,
             "L_F": 2 * self.count * _triangle(k + self.phi),
             "L_P": self.count * _triangle(k),
             "L_m": 2 * _triangle(n_C),
@@ -85,15 +102,25 @@ class ModalProgram:
         self.s = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
         marks = np.cumsum([0, *sizes.values()])
         self.place = {name: slice(int(a), int(b)) for name, a, b in zip(sizes, marks[:-1], marks[1:], strict=True)}
-        self._solvers: dict[tuple[str, int], Any] = {}
+        self._solvers: dict[tuple[Aim, int], Any] = {}
 
-    def improve(self, K: Float[np.ndarray, "a b"], start: Witness, f: float, aim: str, iterations: int) -> tuple[Any, float]:
-        """Run IPOPT and return the gains where it stops, and the fraction of alpha^2 it claims there."""
-        guess, scales = self._guess(K, start, f)
-        lower, upper = self._bounds(f, start.sigma, aim)
+    def improve(self, point: "Point", aim: Aim, iterations: int) -> "Point":
+        """Run IPOPT and return the gains where it stops, with the fraction of alpha^2 and the shift it claims there.
+
+        Args:
+            point: gains with a witness for a fraction of alpha^2 and a shift.
+            aim: "shift" lowers the shift to 0, "claim" raises the fraction to 1, "rho" lowers sigma.
+            iterations: at most so many.
+        """
+        guess, scales = self._guess(point)
+        lower, upper = self._bounds(point, aim)
         solution = self._solver(aim, iterations)(x0=np.clip(guess, lower, upper), lbx=lower, ubx=upper, lbg=0, ubg=0, p=scales)
         x = np.array(solution["x"]).ravel()
-        return x[self.place["K"]].reshape(self.shape), float(x[self.place["f"]][0])
+        f, shift = float(x[self.place["f"]][0]), float(x[self.place["shift"]][0])
+        K = x[self.place["K"]].reshape(self.shape)
+        # Where IPOPT stops short, the limit need not hold.
+        K = K * min(1.0, self.gain_limit / max(float(np.linalg.norm(K, 2)), 1e-300))
+        return Point(K, point.witness, f, shift)
 
     @cached_property
     def _K(self) -> ca.SX:
@@ -112,7 +139,8 @@ class ModalProgram:
         found = []
         for P, pair in zip(self._Ps, zip(self.ends[:-1], self.ends[1:], strict=True), strict=True):
             for value in pair:
-                half = P @ (ca.DM(modes.A_0) + ca.mtimes([ca.sparsify(ca.DM(modes.U)), self._K, ca.sparsify(ca.DM(modes.Y(value)))]))
+                U, Y = ca.sparsify(ca.DM(modes.U)), ca.sparsify(ca.DM(modes.Y(value)))
+                half = P @ (ca.DM(modes.A_0) - s["shift"] * ca.DM.eye(modes.size) + ca.mtimes([U, self._K, Y]))
                 top = half + half.T + ca.DM(modes.weight(claim)) + ca.mtimes([P, E, E.T, P]) / s["sigma"]
                 if self.phi:
                     top = top + s["f"] * s["mu"] * claim.alpha**2 * ca.sparsify(ca.DM(modes.bound()))
@@ -120,17 +148,18 @@ class ModalProgram:
                 found.append(-top)
         found += self._Ps
         if modes.order:
-            P, A_C = _symmetric(s["P_mean"], modes.order), self._K[: modes.order, : modes.order]
+            P = _symmetric(s["P_mean"], modes.order)
+            A_C = self._K[: modes.order, : modes.order] - s["shift"] * ca.DM.eye(modes.order)
             found += [P, -(P @ A_C + A_C.T @ P + ca.DM(claim.Q))]
         square = self._K @ self._K.T if self.shape[0] <= self.shape[1] else self._K.T @ self._K
         return [*found, ca.DM.eye(min(self.shape)) - square / self.gain_limit**2]
 
     @cached_property
     def _values(self) -> ca.Function:
-        names = ("P", "P_mean", "K", "mu", "sigma", "f")
+        names = ("P", "P_mean", "K", "mu", "sigma", "f", "shift")
         return ca.Function("conditions", [self.s[name] for name in names], self._conditions)
 
-    def _solver(self, aim: str, iterations: int) -> Any:
+    def _solver(self, aim: Aim, iterations: int) -> Any:
         if (aim, iterations) not in self._solvers:
             factors, scale = ca.vertcat(*[self.s[name] for name in ("L_F", "L_P", "L_m", "L_K")]), []
             residuals, place = [], 0
@@ -139,8 +168,8 @@ class ModalProgram:
                 residuals.append(_factor_residual(factors[place : place + size], ca.diag(D) @ M @ ca.diag(D)))
                 scale.append(D)
                 place += size
-            goal = ca.log(self.s["sigma"]) if aim == "rho" else -ca.log(self.s["f"])
-            program = {"x": ca.vertcat(*self.s.values()), "f": goal, "g": ca.vertcat(*residuals), "p": ca.vertcat(*scale)}
+            goals = {"rho": ca.log(self.s["sigma"]), "claim": -ca.log(self.s["f"]), "shift": self.s["shift"]}
+            program = {"x": ca.vertcat(*self.s.values()), "f": goals[aim], "g": ca.vertcat(*residuals), "p": ca.vertcat(*scale)}
             options: Any = {
                 "ipopt.max_iter": iterations,
                 "ipopt.print_level": 0,
@@ -154,24 +183,27 @@ class ModalProgram:
             self._solvers[aim, iterations] = ca.nlpsol("modal", "ipopt", program, options)
         return self._solvers[aim, iterations]
 
-    def _guess(self, K: Float[np.ndarray, "a b"], start: Witness, f: float) -> tuple[Any, Any]:
+    def _guess(self, point: "Point") -> tuple[Float[np.ndarray, " x"], Float[np.ndarray, " D"]]:
+        K, start = point.K, point.witness
         upper = np.triu_indices(self.modes.size)
         P = np.concatenate([one[upper] for one in start.P])
         P_mean = start.P_mean[np.triu_indices(self.modes.order)]
-        mu, sigma = max(start.mu, 1e-8), 1.1 * start.sigma
-        values = [np.array(M) for M in _listed(self._values(P, P_mean, K.ravel(), mu, sigma, f))]
+        scalars = [max(start.mu, 1e-8), 1.1 * start.sigma, point.f, point.shift]
+        values = [np.array(M) for M in _listed(self._values(P, P_mean, K.ravel(), *scalars))]
         scales = [_unit_diagonal(M) for M in values]
         factors = [_factor(M * np.outer(D, D)) for M, D in zip(values, scales, strict=True)]
-        return np.concatenate([P, P_mean, K.ravel(), [mu], [sigma], [f], *factors]), np.concatenate(scales)
+        return np.concatenate([P, P_mean, K.ravel(), scalars, *factors]), np.concatenate(scales)
 
-    def _bounds(self, f: float, sigma: float, aim: str) -> tuple[Any, Any]:
+    def _bounds(self, point: "Point", aim: Aim) -> tuple[Float[np.ndarray, " x"], Float[np.ndarray, " x"]]:
         total = self.place["L_K"].stop
         lower, upper = np.full(total, -np.inf), np.full(total, np.inf)
         lower[self.place["mu"]] = lower[self.place["sigma"]] = 1e-8
-        lower[self.place["f"]] = f if aim == "rho" else 0.5 * f
-        upper[self.place["f"]] = f if aim == "rho" else 1.0
+        lower[self.place["f"]] = 0.5 * point.f if aim == "claim" else point.f
+        upper[self.place["f"]] = 1.0 if aim == "claim" else point.f
+        lower[self.place["shift"]] = 0.0 if aim == "shift" else point.shift
+        upper[self.place["shift"]] = point.shift
         if aim != "rho":
-            upper[self.place["sigma"]] = 100.0 * sigma
+            upper[self.place["sigma"]] = 100.0 * point.witness.sigma
         place = self.place["L_F"].start
         for k, M in enumerate(self._conditions):
             lower[place + np.array(_diagonal(M.shape[0]), dtype=int)] = FACTOR_FLOOR if k < 2 * self.count else 1e-4
@@ -190,10 +222,7 @@ def stabilised(
 
     The gains are gain_limit Z / sqrt(1 + |Z|^2), so that every Z is allowed.
     """
-    ways = [(modes.A_0, modes.U, modes.Y(value)) for value in values]
-    if modes.order:
-        n_C = modes.order
-        ways.append((np.zeros((n_C, n_C)), np.eye(n_C, modes.U.shape[1]), np.eye(K.shape[1], n_C)))
+    ways = _ways(modes, values)
     K = K * min(1.0, 0.9 * gain_limit / float(np.linalg.norm(K)))
     for weight in GAIN_WEIGHTS:
 
@@ -211,6 +240,13 @@ def stabilised(
             return K
         K = K * min(1.0, 0.99 * gain_limit / float(np.linalg.norm(K)))
     return K
+
+
+def _ways(modes: Modes, values: Float[np.ndarray, " v"]) -> list[tuple[Any, Any, Any]]:
+    """Return (A_0, U, Y) of the loop at each lambda, and of A_C."""
+    ways = [(modes.A_0, modes.U, modes.Y(value)) for value in values]
+    n_C, (rows, columns) = modes.order, (modes.U.shape[1], modes.Y(1.0).shape[0])
+    return [*ways, (np.zeros((n_C, n_C)), np.eye(n_C, rows), np.eye(columns, n_C))] if n_C else ways
 
 
 def _worst(ways: list[tuple[Any, Any, Any]], K: Float[np.ndarray, "a b"]) -> tuple[float, Float[np.ndarray, "a b"]]:
@@ -234,39 +270,69 @@ def from_start(program: ModalProgram, seed: int, index: int) -> Found:
     size = generator.choice([0.5, 1.0, 2.0]) / np.sqrt(ends[0] * ends[-1]) ** 0.5
     K = stabilised(modes, size * generator.standard_normal(program.shape), ends, program.gain_limit)
     K = K * min(1.0, 0.9 * program.gain_limit / max(float(np.linalg.norm(K, 2)), 1e-300))
-    for fraction in FRACTIONS:
-        found = witness(modes, K, claim.at(alpha=fraction * claim.alpha), ends)
+    point = _first_point(program, K)
+    return Found(None, None, 0.0) if point is None else _descend(program, _climb(program, point))
+
+
+def _first_point(program: ModalProgram, K: Float[np.ndarray, "a b"]) -> Point | None:
+    """Return gains with a witness for some part of alpha: those given, or, where they are not stable, better ones."""
+    modes, easiest = program.modes, FRACTIONS[-1] ** 2
+    for _ in range(SHIFTS):
+        for fraction in FRACTIONS:
+            found = witness(modes, K, _at(program.claim, fraction**2), program.ends)
+            if found is not None:
+                return Point(K, found, fraction**2)
+        shifted = _shifted(program, K, easiest)
+        if shifted is None:
+            return None
+        K = program.improve(shifted, "shift", 150).K
+    return None
+
+
+def _shifted(program: ModalProgram, K: Float[np.ndarray, "a b"], f: float) -> Point | None:
+    """Return the point with the least shift of `SHIFT_LADDER` at which gains that are not good enough have a witness."""
+    modes = program.modes
+    worst = max(_worst(_ways(modes, program.ends), K)[0], 0.0)
+    unit = float(np.linalg.norm(modes.A_0 + modes.U @ K @ modes.Y(program.ends[-1]), 2))
+    for step in SHIFT_LADDER:
+        shift = 1.1 * worst + step * unit
+        found = witness(replace(modes, shift=shift), K, _at(program.claim, f), program.ends)
         if found is not None:
-            return _descend(program, *_climb(program, K, found, fraction**2))
-    return Found(None, None, 0.0)
+            return Point(K, found, f, shift)
+    return None
 
 
-def _climb(program: ModalProgram, K: Any, start: Witness, f: float) -> tuple[Any, Witness, float]:
-    """Raise the fraction of alpha^2 to 1; return where certificates reached."""
-    for _ in range(CLIMBS if f < 1 else 0):
-        trial, claimed = program.improve(K, start, f, "claim", 150)
-        for fraction in (1.0, 0.98 * claimed):
-            found = witness(program.modes, trial, program.claim.at(alpha=fraction**0.5 * program.claim.alpha), program.ends)
-            if found is not None and fraction > f:
-                K, start, f = trial, found, fraction
+def _at(claim: Claim, f: float) -> Claim:
+    return claim.at(alpha=f**0.5 * claim.alpha)
+
+
+def _climb(program: ModalProgram, point: Point) -> Point:
+    """Raise the fraction of alpha^2 towards 1; return where certificates reached."""
+    for _ in range(CLIMBS):
+        if point.f == 1.0:
+            return point
+        trial = program.improve(point, "claim", 150)
+        for f in (1.0, 0.95 * trial.f, 0.5 * (point.f + trial.f)):
+            found = witness(program.modes, trial.K, _at(program.claim, f), program.ends) if f > point.f else None
+            if found is not None:
+                point = Point(trial.K, found, f)
                 break
         else:
-            return K, start, f
-        if f == 1.0:
-            break
-    return K, start, f
+            return point
+    return point
 
 
-def _descend(program: ModalProgram, K: Any, start: Witness, f: float) -> Found:
-    if f < 1:
-        return Found(None, None, f**0.5)
+def _descend(program: ModalProgram, point: Point) -> Found:
+    """Lower sigma until a run gains little."""
+    if point.f < 1:
+        return Found(None, None, point.f**0.5)
     for _ in range(DESCENTS):
-        trial, _claimed = program.improve(K, start, 1.0, "rho", 300)
+        trial = program.improve(point, "rho", 300).K
         found = witness(program.modes, trial, program.claim, program.ends)
-        if found is None or found.sigma >= start.sigma:
+        if found is None or found.sigma >= point.witness.sigma:
             break
-        gained = found.sigma < (1 - WORTHWHILE) * start.sigma
-        K, start = trial, found
+        gained = found.sigma < (1 - WORTHWHILE) * point.witness.sigma
+        point = Point(trial, found)
         if not gained:
             break
-    return Found(K, start, 1.0)
+    return Found(point.K, point.witness, 1.0)

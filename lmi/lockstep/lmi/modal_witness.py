@@ -20,11 +20,6 @@ class Witness:
     P_mean: Float[np.ndarray, "n_C n_C"]
 
 
-def abscissae(modes: Modes, K: Float[np.ndarray, "a b"], values: Float[np.ndarray, "v"]) -> Float[np.ndarray, "v"]:
-    """Return max Re lambda(A(lambda)) for each lambda."""
-    return np.array([np.linalg.eigvals(modes.A_0 + modes.U @ K @ modes.Y(v)).real.max() for v in values])
-
-
 def witness(
     modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim, ends: Float[np.ndarray, "s"], sigma: float | None = None
 ) -> Witness | None:
@@ -83,7 +78,8 @@ def _mean(modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim) -> Float[np.n
     """Return P_mean with He(P_mean A_C) = -2 Q: half of it is room for rounding."""
     if not modes.order:
         return np.zeros((0, 0))
-    L = _lyapunov_factor(K[: modes.order, : modes.order], 2 * claim.Q)
+    A_C = K[: modes.order, : modes.order] - modes.shift * np.eye(modes.order)
+    L = _lyapunov_factor(A_C, 2 * claim.Q)
     return None if L is None else np.asarray(L @ L.T)
 
 

@@ -13,5 +13,6 @@
 
 from lockstep.lmi.sampled.certify import SampledVerdict, certify_sampled
 from lockstep.lmi.sampled.controller import HeldController, Network
+from lockstep.lmi.sampled.period import max_period
 
-__all__ = ["HeldController", "Network", "SampledVerdict", "certify_sampled"]
+__all__ = ["HeldController", "Network", "SampledVerdict", "certify_sampled", "max_period"]

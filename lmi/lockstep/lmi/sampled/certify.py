@@ -12,6 +12,7 @@ them, and FLINT; not `search`.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any, Literal
 
 import numpy as np
@@ -23,10 +24,13 @@ from lockstep.lmi.sampled.controller import HeldController, Network
 from lockstep.lmi.sampled.inequality import W_matrix, Witness, metric, multiplier
 from lockstep.lmi.sampled.lifting import Lifted, copies, lift
 from lockstep.lmi.sampled.loop import SampledLoop, sampled_loop
-from lockstep.lmi.sampled.search import best_multiplier, candidates, distance_ratio, spectral_radius
+from lockstep.lmi.sampled.search import best_multiplier, candidates, spectral_radius
 from lockstep.model.disagreement import Disagreement
 from lockstep.model.loop import Plant
 from lockstep.model.numbers import as_floats, exactly
+
+ROUNDED_UP = 1 + 1e-9
+"""Some ten operations in doubles lose less than 1e-14."""
 
 TRIES = 3
 """Candidates put to the proof: the first nearly always holds."""
@@ -72,16 +76,13 @@ class SampledVerdict:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class Proved:
-    """A witness that was proved, and the loop it was proved for."""
-
-    witness: Witness
-    ratio: float
-
-
 def certify_sampled(
-    network: Network, controllers: tuple[HeldController, ...], guess: Float[np.ndarray, " pairs"] | None = None
+    network: Network,
+    controllers: tuple[HeldController, ...],
+    guess: Float[np.ndarray, " pairs"] | None = None,
+    *,
+    witness: Witness | None = None,
+    thorough: bool = True,
 ) -> SampledVerdict:
     """Prove the sampled nonlinear loop with every rounding of its arithmetic, or say why it could not be.
 
@@ -89,38 +90,34 @@ def certify_sampled(
         network: agents, coordinates, alpha, period, delay, the matrices exact.
         controllers: one per agent, with the coefficients of the code.
         guess: pair weights to start from, such as those of the continuous certificate.
+        witness: a candidate that is put to the proof before any is searched for.
+        thorough: look for the witness that says most about noise, not for the first that proves stability.
 
     Raises:
         ProblemError: controllers that do not fit the agents.
     """
     exact_loop = sampled_loop(network, controllers)
+    with balls.working_precision():
+        if witness is not None and _holds(exact_loop, [witness]):
+            return _accepted(network, controllers, witness, {})
     loop = in_doubles(network, controllers)
     one = lifted_agent(loop)
-    deltas = tuple(dict(controller.deltas) for controller in controllers)
-    radius = spectral_radius(loop, one)
-    figures: dict[str, Any] = {"spectral_radius": radius}
-
-    def refused(reason: str) -> SampledVerdict:
-        return SampledVerdict(
-            False, reason, network.period, network.delay, deltas=deltas, figures=figures
-        )
-
-    if not radius < 1:
-        return refused(f"at {network.period:g} s the sampled linear loop has the spectral radius {radius:.6g}")
+    figures: dict[str, Any] = {"spectral_radius": spectral_radius(loop, one)}
+    at = f"at {network.period:g} s"
+    if not figures["spectral_radius"] < 1:
+        said = f"{at} the sampled linear loop has the spectral radius {figures['spectral_radius']:.6g}, not below 1"
+        return _refused(network, controllers, said, figures)
     m, figures["gain"] = best_multiplier(loop, one, first_guess(network.d, guess))
     if figures["gain"] >= 1:
-        return refused(f"at {network.period:g} s the gain around the nonlinearity is {figures['gain']:.6g}, not below 1")
-    trials = list(candidates(loop, one, m))[:TRIES]
-    if not trials:
-        return refused(f"at {network.period:g} s no certificate was found")
+        said = f"{at} the gain around the nonlinearity is {figures['gain']:.6g}, not below 1"
+        return _refused(network, controllers, said, figures)
+    trials = list(islice(candidates(loop, one, m, thorough=thorough), TRIES))
     with balls.working_precision():
-        if not _valid_period(exact_loop):
-            return refused(f"{network.period:g} s is not shown to be free of conjugate points")
-        lifted = lifted_agent(exact_loop)
-        for witness in trials:
-            if proves(exact_loop, lifted, witness) and _bounds(exact_loop, witness, ratio := distance_ratio(loop, witness.P)):
-                return _accepted(network, controllers, witness, ratio, deltas, figures)
-    return refused(f"at {network.period:g} s the candidate did not survive the proof")
+        found = _holds(exact_loop, trials)
+    if found is None:
+        said = f"{at} {'no candidate survived the proof' if trials else 'no certificate was found'}"
+        return _refused(network, controllers, said, figures)
+    return _accepted(network, controllers, found, figures)
 
 
 def first_guess(d: Disagreement, guess: Float[np.ndarray, " pairs"] | None) -> Float[np.ndarray, " pairs"]:
@@ -150,53 +147,66 @@ def _squares(loop: SampledLoop) -> tuple[Any, Any]:
     return plant.G @ plant.G.T, alpha * alpha * (plant.H.T @ plant.H)
 
 
-def _valid_period(exact_loop: SampledLoop) -> bool:
-    return no_conjugate_point(exact_loop.network.plant.A, *_squares(exact_loop), exact_loop.network.period)
+def _holds(exact_loop: SampledLoop, trials: list[Witness]) -> Witness | None:
+    """Return the first witness that is proved, with the period, or None."""
+    if not trials or not no_conjugate_point(
+        exact_loop.network.plant.A, *_squares(exact_loop), exact_loop.network.period
+    ):
+        return None
+    one = lifted_agent(exact_loop)
+    return next((trial for trial in trials if proves(exact_loop, one, trial)), None)
 
 
 def proves(exact_loop: SampledLoop, one: Lifted, witness: Witness) -> bool:
-    """Decide in balls whether P > 0, m >= 0, t >= 0, 0 < decay < 1 and W > 0. One period must be shown valid apart."""
-    if np.any(witness.m < 0) or np.any(witness.t < 0) or not 0 < witness.decay < 1:
+    """Decide in balls whether P > 0, m >= 0, t >= 0, 0 < decay < 1, M > 0, W > 0 and c P > diag(S (x) I, 0).
+
+    That the period holds no conjugate point is to be shown apart.
+    """
+    if not witness.fits(exact_loop) or np.any(witness.m < 0) or np.any(witness.t < 0):
+        return False
+    if not (0 < witness.decay < 1 and witness.weight >= 0 and witness.kappa >= 0):
         return False
     if not np.array_equal(witness.P, witness.P.T) or not balls.is_positive_definite(exactly(witness.P)):
         return False
     M = multiplier(exact_loop.network.d, exactly(witness.m))
-    if not balls.is_positive_definite(M):
+    if not balls.is_positive_definite(M) or not _bounds_the_distance(exact_loop, witness):
         return False
     return balls.is_positive_definite(W_matrix(exact_loop, copies(one, M), witness))
 
 
-def _bounds(exact_loop: SampledLoop, witness: Witness, ratio: float) -> bool:
-    """Decide whether c P > diag(S (x) I, 0): V bounds the distance from consensus."""
-    form = exactly(np.array([[ratio]]))[0, 0] * exactly(witness.P)
+def _bounds_the_distance(exact_loop: SampledLoop, witness: Witness) -> bool:
+    if not math.isfinite(witness.ratio):
+        return False
+    form = exactly(np.array([[witness.ratio]]))[0, 0] * exactly(witness.P)
     place = slice(0, exact_loop.n_d)
     form[place, place] = form[place, place] - metric(exact_loop)
     return balls.is_positive_definite(form)
 
 
-def _accepted(
-    network: Network,
-    controllers: tuple[HeldController, ...],
-    witness: Witness,
-    ratio: float,
-    deltas: tuple[Mapping[str, float], ...],
-    figures: Mapping[str, Any],
+def _refused(
+    network: Network, controllers: tuple[HeldController, ...], reason: str, figures: Mapping[str, Any]
 ) -> SampledVerdict:
-    """State the ultimate bounds sqrt(c kappa / (1 - decay)) |noise|, rounded up by far more than doubles lose."""
-    per_noise = 1.000001 * math.sqrt(ratio * witness.kappa / (1 - witness.decay))
-    messages = math.hypot(*(one.message_noise(1.0) for one in controllers))
+    deltas = tuple(dict(one.deltas) for one in controllers)
+    return SampledVerdict(False, reason, network.period, network.delay, deltas=deltas, figures=figures)
+
+
+def _accepted(
+    network: Network, controllers: tuple[HeldController, ...], witness: Witness, figures: Mapping[str, Any]
+) -> SampledVerdict:
+    """State what follows, rounded up by far more than these few operations lose."""
+    messages = ROUNDED_UP * math.hypot(*(one.message_noise(1.0) for one in controllers))
     lost = math.hypot(*(one.message_noise(0.0) for one in controllers), *(one.underflow for one in controllers))
     return SampledVerdict(
         True,
-        "no conjugate point, P > 0 and W > 0, decided in ball arithmetic",
+        "no conjugate point in the period, P > 0 and W > 0, decided in ball arithmetic",
         network.period,
         network.delay,
         "ball",
         witness.decay,
-        per_noise * messages,
-        1.000001 * witness.rms * messages,
-        per_noise * lost,
-        deltas,
+        witness.ultimate * messages,
+        witness.rms * messages,
+        ROUNDED_UP * witness.ultimate * lost,
+        tuple(dict(one.deltas) for one in controllers),
         witness,
         figures,
     )

@@ -21,7 +21,8 @@ With performance, the lifted period also counts int x_d' (S (x) R) x_d, and a di
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -33,9 +34,15 @@ from lockstep.model.disagreement import Disagreement
 from lockstep.model.numbers import Matrix, converter, is_exact, zeros
 
 
+NUMBERS = ("decay", "kappa", "weight", "ratio")
+
+
 @dataclass(frozen=True, eq=False)
 class Witness:
-    """P (n_xi, n_xi), m >= 0 for each pair of agents, t >= 0 for each way, and the three numbers of the claim."""
+    """P (n_xi, n_xi), m >= 0 for each pair of agents, t >= 0 for each way, and the four numbers of the claim.
+
+    ratio: c with x_d' (S (x) I) x_d <= c V, which turns what is known of V into a distance from consensus.
+    """
 
     P: Float[np.ndarray, "n_xi n_xi"]
     m: Float[np.ndarray, " pairs"]
@@ -43,15 +50,37 @@ class Witness:
     decay: float
     kappa: float
     weight: float = 0.0
+    ratio: float = math.inf
 
     @property
     def rms(self) -> float:
         """The gain from the noise to the distance from consensus, both as root mean squares over all instants."""
         return math.sqrt(self.kappa / self.weight) if self.weight > 0 else math.inf
 
-    def with_kappa(self, kappa: float) -> "Witness":
-        """Return the same with another kappa."""
-        return replace(self, kappa=kappa)
+    @property
+    def ultimate(self) -> float:
+        """The ultimate distance from consensus per length of the noise: sqrt(c kappa / (1 - decay))."""
+        return math.sqrt(self.ratio * self.kappa / (1 - self.decay)) if self.decay < 1 else math.inf
+
+    def document(self) -> dict[str, Any]:
+        """Return the witness as plain JSON types."""
+        arrays = {"P": self.P.tolist(), "m": self.m.tolist(), "t": self.t.tolist()}
+        return {**arrays, **{name: getattr(self, name) for name in NUMBERS}}
+
+    @classmethod
+    def from_document(cls, content: Any) -> "Witness | None":
+        """Return the witness that `document` wrote down; None for anything else: it is only ever a candidate."""
+        try:
+            P, m, t = (np.array(content[name], dtype=float) for name in ("P", "m", "t"))
+            witness = cls(P, m, t, *(float(content[name]) for name in NUMBERS))
+        except (TypeError, KeyError, ValueError, OverflowError):
+            return None
+        finite = all(np.isfinite(part).all() for part in (P, m, t, [getattr(witness, n) for n in NUMBERS]))
+        return witness if finite and P.ndim == 2 and P.shape[0] == P.shape[1] and m.ndim == t.ndim == 1 else None
+
+    def fits(self, loop: SampledLoop) -> bool:
+        """Tell whether the sizes are those of a loop."""
+        return (len(self.P), len(self.m), len(self.t)) == (loop.n_xi, len(loop.network.d.pairs()), len(loop.ways))
 
 
 def multiplier(d: Disagreement, m: Matrix) -> Matrix:

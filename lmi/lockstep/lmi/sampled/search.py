@@ -7,7 +7,7 @@
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -100,15 +100,18 @@ def _factor(square: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n k"]:
 
 
 def best_multiplier(
-    loop: SampledLoop, one: Lifted, m: Float[np.ndarray, " pairs"]
+    loop: SampledLoop, one: Lifted, m: Float[np.ndarray, " pairs"], *, enough: float = COMFORTABLE
 ) -> tuple[Float[np.ndarray, " pairs"], float]:
-    """Return pair weights of sum 1 under which the gain is small, and that gain, from a first guess."""
+    """Return pair weights of sum 1 under which the gain is small, and that gain, from a first guess.
+
+    A first guess whose gain is below `enough` is taken as it is.
+    """
     from scipy.optimize import minimize
 
     response = _Response(loop, one)
     m = _scaled(m)
     first = response.gain(m)
-    if first < COMFORTABLE or not response.stable or len(m) < 2:
+    if first < enough or not response.stable or len(m) < 2:
         return m, first
     found = minimize(
         lambda logs: min(response.gain(_scaled(np.exp(np.clip(logs, -40, 0)))), 1e9),
@@ -137,16 +140,25 @@ class Room:
     weight: float
 
 
-def candidates(loop: SampledLoop, one: Lifted, m: Float[np.ndarray, " pairs"]) -> Iterator[Witness]:
-    """Yield witnesses with which W is positive definite in doubles; the one that passes the least noise on is first."""
+def candidates(
+    loop: SampledLoop, one: Lifted, m: Float[np.ndarray, " pairs"], *, thorough: bool = True
+) -> Iterator[Witness]:
+    """Yield witnesses with which W is positive definite in doubles; the one that passes the least noise on is first.
+
+    Unless thorough: then each as it is found.
+    """
     lifted = copies(one, multiplier(loop.network.d, m))
     found = []
     for weight in WEIGHTS:
         for rate in RATES:
             room = _room(loop, lifted, rate, weight)
             witness = None if room is None else fitted(loop, lifted, m, room)
-            if witness is not None:
-                found.append((ultimate_ratio(loop, witness) * witness.rms, witness))
+            if witness is None:
+                continue
+            if thorough:
+                found.append((witness.ultimate * witness.rms, witness))
+            else:
+                yield witness
     yield from (witness for _, witness in sorted(found, key=lambda pair: pair[0]))
 
 
@@ -219,7 +231,7 @@ def fitted(
         t.append(ROUNDING_SHARE / (len(loop.ways) * way.delta**2 * seen) if seen > 0 else 1.0)
     trial = Witness(room.P, m, np.array(t), room.decay, 0.0, room.weight)
     kappa = _least_kappa(loop, W_matrix(loop, lifted, trial, running))
-    return None if kappa is None else trial.with_kappa(kappa)
+    return None if kappa is None else replace(trial, kappa=kappa, ratio=_distance_ratio(loop, room.P))
 
 
 def _least_kappa(loop: SampledLoop, W: Float[np.ndarray, "w w"]) -> float | None:
@@ -253,13 +265,8 @@ def padded(loop: SampledLoop, S: Float[np.ndarray, "n_d n_d"]) -> Float[np.ndarr
     return out
 
 
-def distance_ratio(loop: SampledLoop, P: Float[np.ndarray, "n_xi n_xi"]) -> float:
+def _distance_ratio(loop: SampledLoop, P: Float[np.ndarray, "n_xi n_xi"]) -> float:
     """Return c with x_d' (S (x) I) x_d <= c V, a little above the least."""
     L = np.linalg.cholesky(P)
     inner = np.linalg.solve(L, np.linalg.solve(L, metric_of(loop)).T)
     return float(1.001 * np.linalg.eigvalsh((inner + inner.T) / 2)[-1])
-
-
-def ultimate_ratio(loop: SampledLoop, witness: Witness) -> float:
-    """Return the ultimate distance from consensus per length of the noise: sqrt(c kappa / (1 - decay))."""
-    return float(np.sqrt(distance_ratio(loop, witness.P) * witness.kappa / (1 - witness.decay)))

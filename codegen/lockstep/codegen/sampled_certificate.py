@@ -1,0 +1,221 @@
+"""The certificate of the sampled controllers, of a design about to be printed or of the C in a folder.
+
+Both sides meet here: `lockstep.lmi.sampled` proves and knows no C, this layer samples, rounds and reads.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lockstep.codegen.arithmetic import RealType
+from lockstep.codegen.discretize import discretize
+from lockstep.codegen.from_c import ReadController, nearest, read_controller, read_controllers
+from lockstep.codegen.manifest import FILE_NAME, Manifest, load_manifest
+from lockstep.codegen.verify import changed_files
+from lockstep.lmi.document import Stored
+from lockstep.lmi.sampled import HeldController, Network, SampledVerdict, certify_sampled, max_period
+from lockstep.lmi.sampled.controller import PRECISIONS
+from lockstep.lmi.sampled.inequality import Witness
+from lockstep.model.assembly import bound_of, network_of
+from lockstep.model.errors import NotCertified, ProblemError
+
+
+@dataclass(frozen=True)
+class FolderVerdict:
+    """What is proved of the C in a folder, and where that C is not what its manifest says.
+
+    sampled: of the coefficients and the period in the C;  longest: at the largest period certified for the design's
+    gains, sampled anew;  differences: one line for each thing that differs.
+    """
+
+    sampled: SampledVerdict
+    longest: SampledVerdict | None
+    differences: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether the proof holds and the C is what the manifest says."""
+        return self.sampled.certified and not self.differences
+
+
+def certify_folder(folder: Path, stored: Stored, content: Mapping[str, Any]) -> FolderVerdict:
+    """Prove the controllers in a folder by the numbers in their C.
+
+    Args:
+        folder: as `lockstep generate` writes it.
+        stored: the design beside it, for the agents and alpha, which is proved again.
+        content: the design as JSON types: its sampled witness, if there is one, is tried first.
+
+    Raises:
+        ProblemError: no folder of ours, or one for other agents.
+        BoundNotProved: alpha does not bound the nonlinearity.
+    """
+    manifest = load_manifest(folder)
+    problem_fits(stored, manifest)
+    differences = [f"{path} is not what manifest.json says it is" for path in changed_files(folder, manifest)]
+    network = sampled_network(stored, manifest.period)
+    names = [agent.name for agent in manifest.agents]
+    try:
+        read = read_controllers(folder, names)
+        period = _period(read, manifest)
+    except NotCertified as error:
+        refused = SampledVerdict(False, str(error), manifest.period, network.delay)
+        return FolderVerdict(refused, None, tuple(differences))
+    differences += _differences(read, manifest, period)
+    verdict = certify_sampled(
+        network.at(period),
+        tuple(one.controller for one in read),
+        _guess(stored),
+        witness=witness_in(content),
+    )
+    longest = longest_period(stored, network) if verdict.certified else None
+    return FolderVerdict(verdict, longest, tuple(differences))
+
+
+def certify_texts(files: Mapping[str, str], stored: Stored, content: Mapping[str, Any]) -> SampledVerdict:
+    """Prove controllers that are printed and not yet written, by the numbers in their text."""
+    manifest = Manifest.model_validate_json(files[FILE_NAME])
+    names = [agent.name for agent in manifest.agents]
+    read = [
+        read_controller(name, files[f"include/{name}.h"], files[f"src/{name}.c"], names) for name in names
+    ]
+    controllers = tuple(one.controller for one in read)
+    network = sampled_network(stored, _period(read, manifest))
+    return certify_sampled(network, controllers, _guess(stored), witness=witness_in(content))
+
+
+def with_sampled(
+    content: Mapping[str, Any], stored: Stored, verdict: SampledVerdict | None = None
+) -> dict[str, Any]:
+    """Return a design file's content with what is proved of its sampled controllers; as it was if it says so already.
+
+    Args:
+        content: the design as JSON types;  stored: the same, parsed.
+        verdict: what is known of the controllers; by default they are sampled, rounded and proved here.
+    """
+    verdict = certify_design(stored, content) if verdict is None else verdict
+    before, now = witness_in(content), verdict.witness
+    if now is not None and before is not None and before.document() == now.document():
+        return dict(content)
+    network = sampled_network(stored, verdict.period)
+    return {**content, "sampled": sampled_document(verdict, longest_period(stored, network))}
+
+
+def certify_design(stored: Stored, content: Mapping[str, Any] | None = None) -> SampledVerdict:
+    """Prove what the C of a design will compute: its gains sampled and rounded as `emit` does.
+
+    The counts of roundings are those of full rows; C that skips zeros rounds less often.
+    """
+    network = sampled_network(stored, stored.problem.controller.period)
+    controllers = sampled_controllers(stored, network.period)
+    return certify_sampled(network, controllers, _guess(stored), witness=witness_in(content or {}))
+
+
+def longest_period(stored: Stored, network: Network) -> SampledVerdict | None:
+    """Return the verdict at the largest period certified for a design's gains, or None."""
+    return max_period(network, lambda period: sampled_controllers(stored, period), _guess(stored))
+
+
+def sampled_document(verdict: SampledVerdict, longest: SampledVerdict | None) -> dict[str, Any]:
+    """Return the contract's `sampled`, with the witness: who reads it proves it again."""
+    witness = verdict.witness
+    return {
+        **verdict.document(),
+        "max_period": None if longest is None else longest.period,
+        "witness": None if witness is None else witness.document(),
+    }
+
+
+def witness_in(content: Mapping[str, Any]) -> Witness | None:
+    """Return the sampled witness that a design file holds, if it holds one."""
+    sampled = content.get("sampled")
+    return Witness.from_document(sampled.get("witness")) if isinstance(sampled, Mapping) else None
+
+
+def sampled_network(stored: Stored, period: float) -> Network:
+    """Return the agents of a design in rationals, alpha being proved anew."""
+    problem = stored.problem
+    bound = bound_of(problem.agent(), alpha=stored.alpha).or_raise()
+    loop = network_of(problem, bound).loop(stored.gains.order, exact_arithmetic=True)
+    return Network(loop.plant, loop.d, stored.alpha, period, problem.controller.delay)
+
+
+def sampled_controllers(stored: Stored, period: float) -> tuple[HeldController, ...]:
+    """Return a design's gains sampled with a period and rounded to the target type, as `emit` does."""
+    problem, gains = stored.problem, stored.gains
+    table, real = problem.controller, RealType(problem.controller.real)
+    sources: list[list[tuple[int, float]]] = [[] for _ in range(gains.N)]
+    for listener, source, weight in problem.graph().edges:
+        sources[listener - 1].append((source - 1, weight))
+    controllers = []
+    for i, heard in enumerate(sources):
+        where = f"controller {i + 1}"
+        sampled = discretize(gains.A[i], gains.B[i], gains.C[i], gains.D[i], period, table.discretization)
+        weights = real.round(np.array([weight for _, weight in heard], dtype=float), where)
+        controllers.append(
+            HeldController.row_by_row(
+                real.round(sampled.stacked(), where).astype(float),
+                gains.order,
+                tuple(source for source, _ in heard),
+                weights.astype(float),
+                PRECISIONS[table.real],
+            )
+        )
+    return tuple(controllers)
+
+
+def _guess(stored: Stored) -> Any:
+    return None if stored.certificate is None else stored.certificate.m
+
+
+def _period(read: list[ReadController], manifest: Manifest) -> float:
+    """Return the period in the C: the manifest's double where the header's literal is its rounding."""
+    literals = {one.period_literal for one in read}
+    if len(literals) != 1:
+        raise NotCertified(f"the headers state different periods: {', '.join(sorted(literals))}")
+    (literal,) = literals
+    same = nearest(literal, manifest.real) == float(manifest.real_type.dtype.type(manifest.period))
+    return manifest.period if same else read[0].period
+
+
+def _differences(read: list[ReadController], manifest: Manifest, period: float) -> list[str]:
+    """Compare the C with its manifest, number by number."""
+    found = []
+    if period != manifest.period:
+        found.append(f"the headers state a period of {period:g} s, manifest.json {manifest.period:g} s")
+    names = [agent.name for agent in manifest.agents]
+    for one, agent in zip(read, manifest.agents, strict=True):
+        if one.real != manifest.real:
+            found.append(f"src/{one.name}.c computes in {one.real}, manifest.json says {manifest.real}")
+            continue
+        table = agent.table(manifest.real_type).astype(float)
+        if table.shape != one.controller.table.shape:
+            found.append(f"src/{one.name}.c has gains of another size than manifest.json")
+            continue
+        for row, column in np.argwhere(table != one.controller.table):
+            values = f"{one.controller.table[row, column]:.9g}, manifest.json {table[row, column]:.9g}"
+            found.append(f"src/{one.name}.c: entry ({row + 1}, {column + 1}) of [A B; C D] is {values}")
+        sources = tuple(names.index(s.source) if s.source in names else -1 for s in agent.neighbours)
+        weights = agent.weights(manifest.real_type).astype(float)
+        if sources != one.controller.sources or not np.array_equal(weights, one.controller.weights):
+            found.append(
+                f"{one.name} listens to others in its C than in manifest.json, or with other weights"
+            )
+    return found
+
+
+def problem_fits(stored: Stored, manifest: Manifest) -> None:
+    """Refuse a design that is not about the agents of a folder.
+
+    Raises:
+        ProblemError: another number of agents.
+    """
+    if stored.gains.N != len(manifest.agents):
+        raise ProblemError(
+            f"{len(manifest.agents)} controllers",
+            where="manifest.json",
+            expected=f"{stored.gains.N}, as in the design",
+        )

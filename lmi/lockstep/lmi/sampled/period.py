@@ -1,0 +1,93 @@
+"""The largest period that is certified, the controllers being sampled anew at each.
+
+Doubles look for the edge: the period is doubled from the one asked for until the loop fails there, or halved until it
+holds, and the last factor of two is bisected. The proof then decides at the edge; where it does not follow, the period is
+taken back a little. Periods beyond the first that fails are not looked at, so nothing is said of them.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.lmi.sampled.certify import SampledVerdict, certify_sampled, first_guess, in_doubles, lifted_agent
+from lockstep.lmi.sampled.controller import HeldController, Network
+from lockstep.lmi.sampled.search import best_multiplier
+from lockstep.model.errors import ProblemError
+
+ControllersAt = Callable[[float], tuple[HeldController, ...]]
+"""The controllers of every agent, sampled with a period in s."""
+
+DOUBLINGS = 12
+"""From 5 ms to 20 s, or down to a microsecond."""
+
+RESOLUTION = 1e-3
+"""How far apart, relatively, the largest period that holds and one that fails end up."""
+
+BACK_OFF = (0.999, 0.998, 0.995, 0.98, 0.95)
+"""The edge is where doubles see it: a proof needs some room before it."""
+
+
+def max_period(
+    network: Network, controllers_at: ControllersAt, guess: Float[np.ndarray, " pairs"] | None = None
+) -> SampledVerdict | None:
+    """Return the proved verdict at the largest period found, rounded down to four digits; None if there is none.
+
+    Args:
+        network: its period is where the search starts.
+        controllers_at: gives the controllers for a period; a `ProblemError` says that there are none.
+        guess: pair weights to start from.
+    """
+    low, high = _bracket(network, controllers_at, guess)
+    if low is None:
+        return None
+    while high is not None and high > low * (1 + RESOLUTION):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if _seems_to_hold(network.at(middle), controllers_at, guess) else (low, middle)
+    for factor in BACK_OFF:
+        period = _down(low * factor)
+        verdict = certify_sampled(network.at(period), controllers_at(period), guess, thorough=False)
+        if verdict.certified:
+            return verdict
+    return None
+
+
+def _bracket(
+    network: Network, controllers_at: ControllersAt, guess: Float[np.ndarray, " pairs"] | None
+) -> tuple[float | None, float | None]:
+    """Return a period that seems to hold and, twice as long, one that does not."""
+    start = network.period
+    if _seems_to_hold(network, controllers_at, guess):
+        for k in range(1, DOUBLINGS + 1):
+            if not _seems_to_hold(network.at(start * 2**k), controllers_at, guess):
+                return start * 2 ** (k - 1), start * 2**k
+        return start * 2**DOUBLINGS, None
+    for k in range(1, DOUBLINGS + 1):
+        if _seems_to_hold(network.at(start / 2**k), controllers_at, guess):
+            return start / 2**k, start / 2 ** (k - 1)
+    return None, None
+
+
+def _seems_to_hold(
+    network: Network, controllers_at: ControllersAt, guess: Float[np.ndarray, " pairs"] | None
+) -> bool:
+    try:
+        loop = in_doubles(network, controllers_at(network.period))
+        with np.errstate(all="ignore"):
+            one = lifted_agent(loop)
+            if not (np.isfinite(one.A_d).all() and np.isfinite(one.S).all() and np.isfinite(one.Q).all()):
+                return False
+            return best_multiplier(loop, one, first_guess(network.d, guess), enough=0.999)[1] < 1
+    except (ProblemError, np.linalg.LinAlgError, ValueError):
+        return False
+
+
+def _down(period: float) -> float:
+    """Round down to four digits.
+
+    >>> _down(0.0312399)
+    0.03123
+    """
+    unit = 10.0 ** (math.floor(math.log10(period)) - 3)
+    return float(f"{math.floor(period / unit) * unit:.4g}")

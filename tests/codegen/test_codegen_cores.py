@@ -1,0 +1,152 @@
+"""The code of each emulated microcontroller; skipped, and said so, where the packages are missing."""
+
+import pytest
+from codegen_cases import arms, random_controller, shapes
+
+from lockstep.codegen import targets
+from lockstep.codegen.cores import CORES
+from lockstep.codegen.emit import emit
+from lockstep.codegen.emulator import missing_packages
+from lockstep.codegen.folder import write_folder
+from lockstep.codegen.image import build_image, load_image
+from lockstep.codegen.manifest import load_manifest
+from lockstep.codegen.toolchain import zig
+from lockstep.codegen.verify import verify_folder
+from lockstep.model.errors import ClaimError
+
+needs_emulator = pytest.mark.skipif(
+    zig() is None or bool(missing_packages()), reason="ziglang, unicorn or pyelftools is not installed"
+)
+M4F = CORES["cortex-m4f"]
+
+
+@pytest.fixture(autouse=True)
+def one_level(request, monkeypatch):
+    """Compile at one level, with zig only, where neither is what is tested."""
+    if "all_levels" not in request.fixturenames:
+        monkeypatch.setattr(targets, "CORE_LEVELS", ("-Os",))
+        monkeypatch.setattr(targets, "arm_gcc", lambda: None)
+
+
+@pytest.fixture
+def all_levels():
+    """Asked for by tests that are about all levels and compilers."""
+
+
+def one_arm(**options):
+    return arms(agents=arms().agents[:1], plants=(), **options)
+
+
+def change(folder, old, new):
+    source = folder / "src" / "arm1.c"
+    text = source.read_text()
+    assert old in text
+    source.write_text(text.replace(old, new, 1))
+
+
+@needs_emulator
+@pytest.mark.parametrize("optimize", ["speed", "size"])
+@pytest.mark.parametrize("group", CORES)
+def test_an_arm_is_equal_to_the_bit_on_every_core(tmp_path, group, optimize):
+    folder = write_folder(emit(one_arm(optimize=optimize)), tmp_path / "arm")
+    report = verify_folder(folder, targets=[group], steps=100, adversarial_steps=400)
+    assert report.problems == ()
+    (target,) = report.targets
+    assert (target.bitwise, target.ram_bytes, target.core) == (True, 32, group)
+    # 21 operations of the kernel are the least there can be; soft arithmetic takes about 100 for each
+    least, most = (30, 300) if "float32" in CORES[group].hardware else (1500, 6000)
+    assert least < target.instructions_per_step < most
+    agent = load_manifest(folder).agents[0]
+    assert 0 < target.stack_bytes <= agent.stack_budget_bytes[group]
+    assert 300 < target.text_bytes <= agent.flash_budget_bytes[group]
+
+
+@needs_emulator
+@pytest.mark.slow
+@pytest.mark.parametrize("optimize", ["speed", "size"])
+@pytest.mark.parametrize("group", CORES)
+@pytest.mark.usefixtures("all_levels")
+def test_orders_0_to_12_keep_to_the_stated_stack_and_flash(tmp_path, group, optimize):
+    spec = shapes([0, 3, 6, 12], [1, 3, 4], [2], optimize=optimize)
+    folder = write_folder(emit(spec), tmp_path / "shapes")
+    assert verify_folder(folder, targets=[group], steps=20, adversarial_steps=100).problems == ()
+
+
+@needs_emulator
+@pytest.mark.slow
+@pytest.mark.parametrize("group", CORES)
+def test_many_neighbours_take_a_wide_mask(tmp_path, group):
+    agents = tuple(random_controller(f"n{nn}", 1, 1, 1, neighbours=nn) for nn in (32, 33, 64))
+    folder = write_folder(emit(arms(agents=agents, plants=())), tmp_path / "wide")
+    assert verify_folder(folder, targets=[group], steps=20, adversarial_steps=100).problems == ()
+
+
+@needs_emulator
+@pytest.mark.slow
+@pytest.mark.parametrize("real", ["float32", "float64"])
+@pytest.mark.parametrize("optimize", ["speed", "size"])
+@pytest.mark.parametrize("group", CORES)
+def test_all_shapes_10_000_steps(tmp_path, group, real, optimize):
+    folder = write_folder(
+        emit(shapes(range(9), [1, 2, 3, 4], [1, 2], real=real, optimize=optimize)), tmp_path / "shapes"
+    )
+    assert verify_folder(folder, targets=[group]).problems == ()
+
+
+@needs_emulator
+def test_a_changed_gain_is_seen_on_the_target(tmp_path):
+    folder = write_folder(emit(arms()), tmp_path / "arms")
+    change(folder, "0.9909511f", "0.9909512f")
+    report = verify_folder(folder, targets=["cortex-m4f"], steps=50, adversarial_steps=0)
+    assert [a.bitwise for a in report.targets[0].agents] == [False, True, True]
+
+
+@needs_emulator
+def test_more_stack_or_flash_than_stated_is_a_broken_promise(tmp_path):
+    folder = write_folder(emit(one_arm()), tmp_path / "arm")
+    wasteful = (
+        "    volatile float waste[64];\n    uint32_t z;\n\n    for (z = 0u; z < 64u; z++) {\n"
+        + "".join(f"        waste[z] = (float)(z + {k}u);\n" for k in range(40))
+    )
+    change(folder, "    float check;\n\n", f"    float check;\n{wasteful}    }}\n\n")
+    report = verify_folder(folder, targets=["cortex-m4f"], steps=20, adversarial_steps=0)
+    assert report.targets[0].bitwise
+    assert any("bytes of stack, its header says at most" in problem for problem in report.problems)
+    assert any("bytes of flash, its header says at most" in problem for problem in report.problems)
+
+
+@needs_emulator
+@pytest.mark.parametrize("group", CORES)
+def test_float32_code_that_computes_in_double_is_refused(tmp_path, group):
+    folder = write_folder(emit(one_arm()), tmp_path / "arm")
+    change(folder, "= 0.9909511f * x0", "= (float)(0.9909511 * (double)x0)")
+    with pytest.raises(ClaimError, match=r"arm1: the float32 code for .* calls `__\w*d"):
+        build_image(load_manifest(folder), folder, CORES[group], zig(), "-O2", tmp_path)
+
+
+@needs_emulator
+def test_the_image_calls_nothing_that_is_not_ours(tmp_path):
+    folder = write_folder(emit(one_arm()), tmp_path / "arm")
+    image = load_image(build_image(load_manifest(folder), folder, M4F, zig(), "-O2", tmp_path))
+    foreign = [
+        name for name in image.symbols if not name.startswith(("arm", "harness_", "mem", "$", "support"))
+    ]
+    assert [name for name in foreign if "unwind" not in name] == []
+
+
+@needs_emulator
+def test_a_wild_write_stops_the_core_and_is_reported(tmp_path):
+    folder = write_folder(emit(arms()), tmp_path / "arms")
+    change(folder, "    float check;\n", "    float check;\n    *(volatile uint32_t *)0x70000000u = 1u;\n")
+    report = verify_folder(folder, targets=["cortex-m4f"], steps=50, adversarial_steps=0)
+    assert not report.ok
+    assert "the emulated core stopped" in report.targets[0].error
+
+
+def test_missing_packages_are_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(targets, "missing_packages", lambda: ["unicorn"])
+    folder = write_folder(emit(arms()), tmp_path / "arms")
+    report = verify_folder(folder, targets=list(CORES), steps=5, adversarial_steps=0)
+    assert not report.ok
+    assert len(report.targets) == len(CORES)
+    assert all(t.bitwise is None and "unicorn" in t.skipped for t in report.targets)

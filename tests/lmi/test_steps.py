@@ -1,0 +1,160 @@
+"""The steps of the search, one by one: stabilise, the nonlinear program's F_r, inner convex steps, one start, the search."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, arms, claim, problem, published
+
+from lockstep.lmi.bmi import BilinearProgram, Limits, Point
+from lockstep.lmi.design import claim_of, proved_bound
+from lockstep.lmi.inequality import Certificate, Claim, F_matrix
+from lockstep.lmi.inner import inner_step
+from lockstep.lmi.search import search
+from lockstep.lmi.solve import least_rho
+from lockstep.lmi.stabilise import abscissa, descend, stabilise
+from lockstep.lmi.start import from_start
+from lockstep.model.assembly import network_of
+from lockstep.model.loop import Loop
+
+PENDULUM = {"a": "b", "b": "-a - sin(a) + u"}
+
+
+def pendulums(design: str = "order = 1\ngain_limit = 10.0", **options: str) -> tuple[Loop, Claim]:
+    """Two pendulums that measure angle and rate."""
+    made = problem(
+        dynamics=PENDULUM,
+        outputs={"y1": "a", "y2": "b"},
+        network=options.get("network", 'agents = 2\ntopology = "path"'),
+        design=design,
+    )
+    bound = proved_bound(made)
+    return network_of(made, bound).loop(made.order), claim_of(made, bound)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32), st.sampled_from([0, 1, 2]))
+def test_the_slope_of_the_abscissa_is_its_finite_difference(seed: int, order: int) -> None:
+    generator = np.random.default_rng(seed)
+    loop = arms().loop(order)
+    K = generator.standard_normal((3, order + 1, order + 2))
+    values = np.linalg.eigvals(loop.A_cl(K))
+    worst = values[np.argmax(values.real)]
+    rest = values[np.abs(values - worst) > 1e-12]
+    if np.abs(rest[np.abs(rest - worst.conj()) > 1e-12].real - worst.real).min(initial=1.0) < 1e-3:
+        return  # near a kink, where it has no slope
+    step = generator.standard_normal(K.shape)
+    h = 1e-6
+    difference = (abscissa(loop, K + h * step)[0] - abscissa(loop, K - h * step)[0]) / (2 * h)
+    value, slope = abscissa(loop, K)
+    assert value == pytest.approx(values.real.max())
+    assert float((slope * step).sum()) == pytest.approx(difference, rel=1e-3, abs=1e-3)
+
+
+def test_descend_finds_a_kink() -> None:
+    """|x| + 0.1 x^2 in two dimensions, at 0: nonsmooth, where a plain gradient step would jump across for ever."""
+
+    def objective(x: np.ndarray) -> tuple[float, np.ndarray]:
+        return float(np.abs(x[0]) + 10 * np.abs(x[1]) + 0.1 * (x @ x)), np.sign(x) * [1, 10] + 0.2 * x
+
+    end = descend(objective, np.array([3.0, -7.0]), 200)
+    assert objective(end)[0] < 1e-3
+
+
+def test_stabilise_stabilises_the_arms_and_never_raises_the_abscissa() -> None:
+    loop = arms().loop(2)
+    for seed in range(3):
+        K = np.random.default_rng(seed).standard_normal((3, 3, 4))
+        found, value = stabilise(loop, K)
+        assert value == abscissa(loop, found)[0] < 0
+        # The weight on the gains may trade a little abscissa for them, not more than it weighs.
+        assert value <= abscissa(loop, K)[0] + 1e-3 * float(np.mean(K**2))
+
+
+def test_stabilise_cannot_do_the_impossible() -> None:
+    """Position alone and no dynamics: x'' = -d (x_i - x_j) has undamped modes whatever d is."""
+    made = problem(dynamics=DOUBLE_INTEGRATOR, outputs={"y": "p"}, design="order = 0")
+    loop = network_of(made, proved_bound(made)).loop(0)
+    assert stabilise(loop, np.random.default_rng(0).standard_normal((3, 1, 1)))[1] >= -1e-6
+
+
+@pytest.mark.parametrize("delta", [(0.0,) * 4, (0.3, 0.2, 0.1, 0.2)])
+def test_F_r_is_the_schur_complement_of_F(delta: tuple[float, ...]) -> None:
+    """F_r < 0 and the rows left out < 0 together are F < 0: eliminate those rows of F by hand."""
+    network, gains, generator = arms(), published(), np.random.default_rng(0)
+    loop, weights = network.loop(2), claim(network, 2, ALPHA, delta=delta)
+    program = BilinearProgram(loop, weights, 50.0)
+    ways = len(program.ways)
+    P = generator.standard_normal((14, 14))
+    m, t, rho = generator.uniform(0.5, 2, 3), generator.uniform(0.5, 2, ways), 7.0
+    F = F_matrix(loop, gains.blocks, weights, Certificate(rho, P + P.T, m, t))
+    kept = [*range(14), *range(22, 24)]  # x_cl and phi_d; xi_d is 14 ... 21, the gain errors come last
+    gone = [k for k in range(len(F)) if k not in kept]
+    schur = F[np.ix_(kept, kept)] - F[np.ix_(kept, gone)] @ np.linalg.solve(F[np.ix_(gone, gone)], F[np.ix_(gone, kept)])
+    upper = (P + P.T)[np.triu_indices(14)]
+    F_r = np.array(program._value_of_F_r(upper, gains.blocks.ravel(), m, t, rho**2, [1.0, 1.0]))
+    np.testing.assert_allclose(F_r, schur, atol=1e-8)
+    # f_a and f_d scale alpha^2 and delta^2, so that half of each is the claim at 1/sqrt(2).
+    F_half = np.array(program._value_of_F_r(upper, gains.blocks.ravel(), m, t, rho**2, [0.5, 0.5]))
+    assert not np.allclose(F_half, schur)
+
+
+def test_the_nonlinear_program_improves_and_keeps_to_the_gain_limit() -> None:
+    loop, weights = pendulums()
+    K = np.array([[[-3.0, 0.1, 0.2], [0.3, -1.0, -1.0]], [[-2.0, 0.2, 0.1], [0.2, -1.0, -2.0]]])
+    start = least_rho(loop, K, weights)
+    assert start is not None
+    better = BilinearProgram(loop, weights, 6.0).improve(Point(K, start), "rho", Limits(100))
+    found = least_rho(loop, better.K, weights)
+    assert found is not None
+    assert found.rho < 0.9 * start.rho
+    assert max(np.linalg.norm(block, 2) for block in better.K) <= 6.0 * (1 + 1e-6)
+
+
+def test_inner_steps_never_raise_rho_and_keep_a_certificate() -> None:
+    loop, weights = pendulums()
+    K = np.array([[[-3.0, 0.1, 0.2], [0.3, -1.0, -1.0]], [[-2.0, 0.2, 0.1], [0.2, -1.0, -2.0]]])
+    witness = least_rho(loop, K, weights)
+    assert witness is not None
+    for _ in range(3):
+        step = inner_step(loop, K, weights, witness, 6.0)
+        assert step is not None
+        K, claimed = step
+        again = least_rho(loop, K, weights)
+        assert again is not None
+        # The step's own witness is valid, so the least rho of its gains is no larger (to the solver's accuracy).
+        assert again.rho <= claimed.rho * (1 + 1e-5)
+        assert claimed.rho < witness.rho
+        assert max(np.linalg.norm(block, 2) for block in K) <= 6.0 * (1 + 1e-6)
+        F = F_matrix(loop, K, weights, claimed)
+        assert np.linalg.eigvalsh((F + F.T) / 2)[-1] < 1e-5 * np.abs(F).max()
+        witness = again
+
+
+def test_one_start_is_a_function_of_its_seed() -> None:
+    loop, weights = pendulums("order = 0\ngain_limit = 10.0")
+    first, again, other = (from_start(loop, weights, 10.0, 3, index) for index in (1, 1, 2))
+    assert first.K is not None
+    np.testing.assert_array_equal(first.K, again.K)
+    assert first.history == again.history
+    assert other.K is None or not np.array_equal(first.K, other.K)
+    assert all(b <= a * (1 + 1e-9) for a, b in zip(first.history[:-1], first.history[1:], strict=True))
+
+
+def test_the_search_does_not_depend_on_the_number_of_processes() -> None:
+    loop, weights = pendulums("order = 0\ngain_limit = 10.0")
+    one, two = (search(loop, weights, 10.0, starts=2, seed=0, jobs=jobs) for jobs in (1, 2))
+    assert one.index == two.index
+    assert one.K is not None
+    np.testing.assert_array_equal(one.K, two.K)
+    told: list[float] = []
+    search(loop, weights, 10.0, starts=2, seed=0, jobs=1, tell=told.append)
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+
+
+@pytest.mark.xfail(strict=True, reason="reported: gains scaled down to the limit after stabilising may be unstable")
+def test_every_start_of_an_easy_problem_leads_somewhere() -> None:
+    """Two pendulums are stabilised by D = [-1, -1]; two of the first four starts are wasted on gains of 100 to 240."""
+    loop, weights = pendulums()
+    assert all(from_start(loop, weights, 10.0, 0, index).fraction > 0 for index in range(4))
