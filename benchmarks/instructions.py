@@ -26,8 +26,8 @@ from string import Template
 import casadi as ca
 import numpy as np
 
-from lockstep.codegen.cores import CORES
 from lockstep.codegen.comparison import compare
+from lockstep.codegen.cores import CORES
 from lockstep.codegen.emit import emit
 from lockstep.codegen.emulator import run_on_core
 from lockstep.codegen.folder import write_folder

@@ -18,8 +18,8 @@ def manifest_of(spec):
 def slow_row(row, z, skip):
     """One sum, scalar by scalar, left to right, as the generated C spells it."""
     terms = [a * v for a, v in zip(row, z, strict=True) if a != 0 or not skip]
-    if not terms:
-        return row.dtype.type(0)
+    if not terms or not skip:
+        terms = [row.dtype.type(0), *terms]  # the loop starts from +0
     total = terms[0]
     for term in terms[1:]:
         total = total + term

@@ -41,7 +41,10 @@ def times(matrix: Form, signal: Form) -> Form:
 
 def plus(*signals: Form) -> Form:
     """Return the sum of signals of one size."""
-    return [[sum(column, Fraction(0)) for column in zip(*rows, strict=True)] for rows in zip(*signals, strict=True)]
+    return [
+        [sum(column, Fraction(0)) for column in zip(*rows, strict=True)]
+        for rows in zip(*signals, strict=True)
+    ]
 
 
 def scaled(weight: Fraction | int, signal: Form) -> Form:
@@ -58,7 +61,10 @@ class Twin:
     def __init__(self, plant: Any, adjacency: Any, gains: Sequence[dict[str, Any]]) -> None:
         self.A, self.C, self.G, self.H = (fractions(getattr(plant, letter)) for letter in "ACGH")
         self.B = [fractions(b) for b in plant.B]
-        self.a, self.gains = fractions(adjacency), [{k: fractions(v) for k, v in one.items()} for one in gains]
+        self.a, self.gains = (
+            fractions(adjacency),
+            [{k: fractions(v) for k, v in one.items()} for one in gains],
+        )
         self.N, self.n, self.r = len(self.a), len(self.A), len(self.G[0]) if self.G else 0
         self.n_C = len(self.gains[0]["A"])
 
@@ -66,7 +72,9 @@ class Twin:
         """Return F for a claim (alpha, R, Q, delta) and a certificate (rho, P, m, t)."""
         N, n, n_C, r = self.N, self.n, self.n_C, self.r
         gaps = [(i, k) for i in range(N) for k in range(4) if claim.delta[i][k] > 0 and all(self._gap(i, k))]
-        sizes = [n] * (N - 1) + [n_C] * N + [n] * (N - 1) + [r] * (N - 1) + [self._gap(i, k)[0] for i, k in gaps]
+        sizes = (
+            [n] * (N - 1) + [n_C] * N + [n] * (N - 1) + [r] * (N - 1) + [self._gap(i, k)[0] for i, k in gaps]
+        )
         blocks = _unknowns(sizes)
         nothing = [[Fraction(0)] * sum(sizes) for _ in range(max(n, r, 1))]
         x, x_C = [*blocks[: N - 1], nothing[:n]], blocks[N - 1 : 2 * N - 1]
@@ -87,7 +95,11 @@ class Twin:
         pairs = [(i, j) for i in range(N) for j in range(i + 1, N)]
         for m, (i, j) in zip(certificate.m, pairs, strict=True):
             if r:
-                _add_square(F, times(self.H, _minus(x[i], x[j])), scaled(Fraction(float(m)) * alpha**2, _one(len(self.H))))
+                _add_square(
+                    F,
+                    times(self.H, _minus(x[i], x[j])),
+                    scaled(Fraction(float(m)) * alpha**2, _one(len(self.H))),
+                )
                 _add_square(F, _minus(phi[i], phi[j]), scaled(-Fraction(float(m)), _one(r)))
         for t, (i, k) in zip(certificate.t, gaps, strict=True):
             delta, t = Fraction(float(claim.delta[i][k])), Fraction(float(t))
@@ -118,7 +130,14 @@ class Twin:
             into = [errors[i, k] for k in (0, 1) if (i, k) in errors]
             asked = [errors[i, k] for k in (2, 3) if (i, k) in errors]
             u = plus(times(gain["D"], y), *([times(gain["C"], x_C[i])] if self.n_C else []), *asked)
-            dx.append(plus(times(self.A, x[i]), times(self.B[i], u), xi[i], *([times(self.G, phi[i])] if self.r else [])))
+            dx.append(
+                plus(
+                    times(self.A, x[i]),
+                    times(self.B[i], u),
+                    xi[i],
+                    *([times(self.G, phi[i])] if self.r else []),
+                )
+            )
             dx_C.append(plus(times(gain["A"], x_C[i]), times(gain["B"], y), *into) if self.n_C else [])
         return dx, dx_C, seen
 

@@ -82,7 +82,10 @@ def claim(
 ) -> Claim:
     """Return a claim with R = I, Q = 2 I as in Section 4 of the paper."""
     return Claim(
-        alpha, np.eye(network.agent.n), Q * np.eye(order), np.tile(np.array(delta, dtype=float), (network.N, 1))
+        alpha,
+        np.eye(network.agent.n),
+        Q * np.eye(order),
+        np.tile(np.array(delta, dtype=float), (network.N, 1)),
     )
 
 

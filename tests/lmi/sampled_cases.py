@@ -16,12 +16,17 @@ SLOPES = np.linspace(-1, 1, 41)
 def network(A, B, C, G, H, edges, *, N=3, alpha=1.0, period=0.1, delay=0) -> Network:
     A, B, C, G, H = (np.atleast_2d(np.array(M, dtype=float)) for M in (A, B, C, G, H))
     plant = Plant(A, (B,) * N, C, G, H).in_numbers(True)
-    return Network(plant, disagreement(Graph.from_edges(N, edges), exact_arithmetic=True), alpha, period, delay)
+    return Network(
+        plant, disagreement(Graph.from_edges(N, edges), exact_arithmetic=True), alpha, period, delay
+    )
 
 
 def controllers(tables, order, edges) -> tuple[HeldController, ...]:
     """One controller per agent from tables [A B; C D], rounded to float32."""
-    heard = [[(source - 1, weight) for listener, source, weight in edges if listener == i + 1] for i in range(len(tables))]
+    heard = [
+        [(source - 1, weight) for listener, source, weight in edges if listener == i + 1]
+        for i in range(len(tables))
+    ]
     return tuple(
         HeldController.row_by_row(
             np.asarray(table, dtype=np.float32).astype(float),
@@ -49,8 +54,15 @@ def one_period(net: Network, ones, slope: float, steps=(1.0,)) -> np.ndarray:
             L[i, i] += a
             L[i, j] -= a
     table = [one.table for one in ones]
-    blocks = [block_diag(*[t[r, c] for t in table]) for r in (slice(0, n_C), slice(n_C, None)) for c in (slice(0, n_C), slice(n_C, None))]
-    blocks = [b.reshape(N * k, N * l) for b, (k, l) in zip(blocks, ((n_C, n_C), (n_C, q), (m, n_C), (m, q)), strict=True)]
+    blocks = [
+        block_diag(*[t[r, c] for t in table])
+        for r in (slice(0, n_C), slice(n_C, None))
+        for c in (slice(0, n_C), slice(n_C, None))
+    ]
+    blocks = [
+        b.reshape(N * k, N * l)
+        for b, (k, l) in zip(blocks, ((n_C, n_C), (n_C, q), (m, n_C), (m, q)), strict=True)
+    ]
     A_C, B_C, C_C, D_C = blocks
     measure = np.kron(L, C)
     compute = np.zeros((size, size))
@@ -95,14 +107,27 @@ def brute_force_radius(net: Network, ones, rng=None, switching: int = 0) -> floa
 def random_problem(seed: int):
     """Three agents of two states that agree for short periods: a lightly damped oscillator under relative feedback."""
     rng = np.random.default_rng(seed)
-    edges = [(1, 2, 1.0), (2, 3, 1.0), (3, 1, float(rng.uniform(0.5, 1.5)))] + ([(1, 3, 0.5)] if seed % 2 else [])
+    edges = [(1, 2, 1.0), (2, 3, 1.0), (3, 1, float(rng.uniform(0.5, 1.5)))] + (
+        [(1, 3, 0.5)] if seed % 2 else []
+    )
     A = [[0.0, 1.0], [-rng.uniform(1, 4), -rng.uniform(0.2, 1.0)]]
     alpha, period = float(rng.uniform(0.3, 2.0)), float(10 ** rng.uniform(-2, 0.3))
     net = network(
-        A, [[0.0], [1.0]], np.eye(2), [[0.0], [1.0]], [[1.0, 0.0]], edges, alpha=alpha, period=period, delay=seed % 3 == 0
+        A,
+        [[0.0], [1.0]],
+        np.eye(2),
+        [[0.0], [1.0]],
+        [[1.0, 0.0]],
+        edges,
+        alpha=alpha,
+        period=period,
+        delay=seed % 3 == 0,
     )
     tables = [
-        [[np.exp(-period), *(0.1 * period * rng.standard_normal(2))], [0.2 * rng.standard_normal(), -rng.uniform(0, 2), -rng.uniform(0.5, 3)]]
+        [
+            [np.exp(-period), *(0.1 * period * rng.standard_normal(2))],
+            [0.2 * rng.standard_normal(), -rng.uniform(0, 2), -rng.uniform(0.5, 3)],
+        ]
         for _ in range(3)
     ]
     return net, controllers(tables, 1, edges)

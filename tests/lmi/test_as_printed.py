@@ -25,7 +25,9 @@ def test_corollary_1_on_the_paper_s_example() -> None:
     audit = corollary_1()
     assert audit.objective == pytest.approx(21.30, abs=0.005)
     assert audit.alpha == pytest.approx((0.554, 0.554), abs=0.001)
-    assert audit.objective == pytest.approx(audit.rho**2 + sum(a**-2 for a in audit.alpha) * _tau(audit), rel=1e-3)
+    assert audit.objective == pytest.approx(
+        audit.rho**2 + sum(a**-2 for a in audit.alpha) * _tau(audit), rel=1e-3
+    )
     assert audit.abscissa > -1e-3  # "stable" by the theorem; its slowest mode takes an hour
     assert audit.residual > 100  # nothing of k_i, f_i survives (22)
 
@@ -54,7 +56,9 @@ def test_theorem_1_on_the_paper_s_example_recovers_an_unstable_loop() -> None:
 
 def first_order(**options: object) -> Network:
     """x' = -x + sin x + u, y = x: B = 1 has the whole range, so that (22) loses nothing."""
-    agent = Agent.from_expressions("a", states=["x"], inputs=["u"], outputs={"y": "x"}, dynamics={"x": "sin(x) - x + u"})
+    agent = Agent.from_expressions(
+        "a", states=["x"], inputs=["u"], outputs={"y": "x"}, dynamics={"x": "sin(x) - x + u"}
+    )
     return Network(agent, Graph.topology("cycle", 3), **options)
 
 
@@ -107,7 +111,11 @@ def test_what_no_output_shows_makes_it_infeasible() -> None:
 @pytest.mark.parametrize("method", ["corollary1", "theorem1"])
 def test_the_method_exits_with_the_audit_s_figures(method: str) -> None:
     document = table_1_problem().document()
-    document["design"] |= {"method": method, "order": 2, "fragility": dict(zip("ABCD", PAPER_DELTA.tolist(), strict=True))}
+    document["design"] |= {
+        "method": method,
+        "order": 2,
+        "fragility": dict(zip("ABCD", PAPER_DELTA.tolist(), strict=True)),
+    }
     del document["design"]["gains"]
     if method == "corollary1":
         del document["design"]["fragility"]

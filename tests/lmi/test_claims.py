@@ -1,4 +1,4 @@
-"""The ledger of the paper's claims: every verdict comes out as it stands, and docs/claims.md is what the command writes."""
+"""The ledger of the paper's claims: every verdict comes out, and docs/claims.md is what the command writes."""
 
 import json
 from pathlib import Path

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import networkx  # noqa: F401  its import draws random numbers, which hypothesis forbids inside a strategy
 import numpy as np
 import pytest
 from exact_twin import Twin, fractions
@@ -27,7 +28,12 @@ WITNESS = Certificate(
 @st.composite
 def cases(draw: st.DrawFn) -> Case:
     """Random agents, graphs, gains, claims and witnesses, of every shape: order 0, linear, several inputs, some delta 0."""
-    N, n, m, q = draw(st.integers(2, 4)), draw(st.integers(1, 3)), draw(st.integers(1, 2)), draw(st.integers(1, 2))
+    N, n, m, q = (
+        draw(st.integers(2, 4)),
+        draw(st.integers(1, 3)),
+        draw(st.integers(1, 2)),
+        draw(st.integers(1, 2)),
+    )
     order, r, v = draw(st.integers(0, 2)), draw(st.integers(0, 2)), draw(st.integers(1, 2))
     generator = np.random.default_rng(draw(st.integers(0, 2**32)))
     plant = Plant(
@@ -52,7 +58,8 @@ def cases(draw: st.DrawFn) -> Case:
         generator.uniform(0, 1, ways),
     )
     blocks = [
-        {"A": k[:order, :order], "B": k[:order, order:], "C": k[order:, :order], "D": k[order:, order:]} for k in K
+        {"A": k[:order, :order], "B": k[:order, order:], "C": k[order:, :order], "D": k[order:, order:]}
+        for k in K
     ]
     return loop, Twin(plant, a, blocks), K, weights, witness
 
@@ -73,17 +80,23 @@ def test_the_twin_can_tell_a_wrong_F() -> None:
     """One sign, one missing square, one metric: each of these slips changes the twin's form."""
     network, gains = arms(), published()
     weights = claim(network, 2, ALPHA, delta=(0.5, 0.2, 0.2, 0.2))
-    twin = Twin(network.plant, network.graph.adjacency, [{k: TABLE_1["corollary_1"][k][i] for k in "ABCD"} for i in range(3)])
+    twin = Twin(
+        network.plant,
+        network.graph.adjacency,
+        [{k: TABLE_1["corollary_1"][k][i] for k in "ABCD"} for i in range(3)],
+    )
     witness = replace(WITNESS, t=np.ones(12), P=np.eye(14))
     F = twin.F(weights, witness)
     for slip in (
-        replace(weights, alpha=-ALPHA**2),
+        replace(weights, alpha=-(ALPHA**2)),
         replace(weights, delta=weights.delta**2),
         replace(weights, R=weights.R * 2),
         replace(weights, Q=weights.R[:2, :2]),
     ):
         assert twin.F(slip, witness) != F
-    assert twin.F(weights, replace(witness, rho=-witness.rho)) == F  # rho enters squared: `certify` asks rho > 0
+    assert (
+        twin.F(weights, replace(witness, rho=-witness.rho)) == F
+    )  # rho enters squared: `certify` asks rho > 0
 
 
 def test_the_multiplier_is_the_sum_over_pairs() -> None:
@@ -92,7 +105,9 @@ def test_the_multiplier_is_the_sum_over_pairs() -> None:
     x = np.random.default_rng(2).standard_normal((3, 4))
     x_d = (d.T @ x).ravel()
     X = np.diag([1.0, 2.0, 3.0, 4.0])
-    expected = sum(w * (x[i] - x[j]) @ X @ (x[i] - x[j]) for w, (i, j) in zip(m, [(0, 1), (0, 2), (1, 2)], strict=True))
+    expected = sum(
+        w * (x[i] - x[j]) @ X @ (x[i] - x[j]) for w, (i, j) in zip(m, [(0, 1), (0, 2), (1, 2)], strict=True)
+    )
     assert x_d @ np.kron(multiplier(loop, m), X) @ x_d == pytest.approx(expected)
 
 
@@ -119,7 +134,9 @@ def test_the_channels_are_where_the_gains_enter() -> None:
     slots = {0: np.s_[:2, :2], 1: np.s_[:2, 2:], 2: np.s_[2:, :2], 3: np.s_[2:, 2:]}
     for way in channels(loop, np.ones((3, 4))):
         error = np.zeros((3, 3, 4))
-        error[(way.agent, *slots[way.letter])] = generator.standard_normal(error[(way.agent, *slots[way.letter])].shape)
+        error[(way.agent, *slots[way.letter])] = generator.standard_normal(
+            error[(way.agent, *slots[way.letter])].shape
+        )
         moved = loop.A_cl(gains.blocks + error) - loop.A_cl(gains.blocks)
         np.testing.assert_allclose(moved, way.X @ error[(way.agent, *slots[way.letter])] @ way.Y, atol=1e-12)
 
@@ -138,7 +155,9 @@ def scalar_case() -> tuple[Loop, Claim]:
     """Two agents x' = u + phi + xi, y = x that hear each other: x_d' = (D_1 + D_2) x_d + phi_d + xi_d, one number each."""
     one = np.eye(1)
     plant = Plant(np.zeros((1, 1)), (one, one), one, one, one)
-    loop = build_loop(plant.in_numbers(True), disagreement(Graph.topology("path", 2), exact_arithmetic=True), 0)
+    loop = build_loop(
+        plant.in_numbers(True), disagreement(Graph.topology("path", 2), exact_arithmetic=True), 0
+    )
     return loop, Claim(1.0, one, np.zeros((0, 0)), np.zeros((2, 4)))
 
 
@@ -185,15 +204,17 @@ def test_some_weights_may_be_zero_and_all_may_not() -> None:
     assert np.linalg.eigvalsh(multiplier(loop, np.array([1.0, 0.0, 0.0])))[0] == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.xfail(strict=True, reason="reported: a P that is not symmetric is not refused by `decide` itself")
 def test_a_witness_that_is_not_symmetric_is_no_witness() -> None:
     one, zero = np.eye(2), np.zeros((0, 2))
     plant = Plant(-one, (one, one), one, np.zeros((2, 0)), zero)
-    loop = build_loop(plant.in_numbers(True), disagreement(Graph.topology("path", 2), exact_arithmetic=True), 0)
+    loop = build_loop(
+        plant.in_numbers(True), disagreement(Graph.topology("path", 2), exact_arithmetic=True), 0
+    )
     weights = Claim(0.0, one, np.zeros((0, 0)), np.zeros((2, 4)))
     skew = np.array([[1.0, 0.5], [-0.5, 1.0]])
-    with pytest.raises(Exception, match="symmetric"):
-        decide(loop, np.zeros((2, 2, 2)), weights, Certificate(9.0, skew, np.zeros(1)))
+    answer = decide(loop, np.zeros((2, 2, 2)), weights, Certificate(9.0, skew, np.zeros(1)))
+    assert not answer.positive
+    assert "symmetric" in answer.method
 
 
 def test_fractions_of_the_twin_are_the_doubles() -> None:

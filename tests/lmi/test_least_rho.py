@@ -24,7 +24,9 @@ from lockstep.model.errors import NotCertified
         ("theorem_1", "laplacian_rows", 212.3),
     ],
 )
-def test_the_published_gains_have_the_measured_rho_and_are_proved(which: str, coordinates: str, rho: float) -> None:
+def test_the_published_gains_have_the_measured_rho_and_are_proved(
+    which: str, coordinates: str, rho: float
+) -> None:
     network = arms(coordinates=coordinates)
     gains, weights = published(which), claim(network, 2, ALPHA)
     least = least_rho(network.loop(2), gains.blocks, weights)
@@ -77,7 +79,13 @@ def largest_alpha(equal: bool) -> float:
         P, m, s = cp.Variable((n_x, n_x), symmetric=True), cp.Variable(3), cp.Variable()
         M = sum(m[k] * shapes[k] for k in range(3))
         F = cp.bmat([[P @ A_cl + A_cl.T @ P + alpha**2 * H.T @ M @ H, P @ E_G], [E_G.T @ P, -M]])
-        conditions = [P >> s * np.eye(n_x), (F + F.T) / 2 + s * np.eye(n_x + 2) << 0, cp.trace(P) <= 100, m >= 0, m <= 100]
+        conditions = [
+            P >> s * np.eye(n_x),
+            (F + F.T) / 2 + s * np.eye(n_x + 2) << 0,
+            cp.trace(P) <= 100,
+            m >= 0,
+            m <= 100,
+        ]
         program = cp.Problem(cp.Maximize(s), conditions + ([m[0] == m[1], m[1] == m[2]] if equal else []))
         program.solve(solver=cp.CLARABEL)
         return program.status == cp.OPTIMAL and float(s.value) > 1e-9
@@ -98,7 +106,9 @@ def test_one_weight_for_all_pairs_loses_the_example() -> None:
     assert weights.max() > 2 * weights.min()
 
 
-@pytest.mark.parametrize(("which", "largest", "beyond"), [("theorem_1", 3.41, 3.43), ("corollary_1", 4.55, 4.59)])
+@pytest.mark.parametrize(
+    ("which", "largest", "beyond"), [("theorem_1", 3.41, 3.43), ("corollary_1", 4.55, 4.59)]
+)
 def test_the_largest_alpha_of_the_published_gains(which: str, largest: float, beyond: float) -> None:
     """The reference: 3.42 and 4.58 (rho goes to infinity there, so the last hundredths are the solver's)."""
     network, gains = arms(), published(which)
@@ -129,7 +139,9 @@ def test_rounding_up_is_up_and_no_further_than_it_must(value: float, digits: int
     assert float(f"{up:.{digits}g}") == up
 
 
-@pytest.mark.parametrize(("value", "up"), [(13.2323, 13.24), (9.9999, 10.0), (0.012341, 0.01235), (5.0, 5.0), (0.0, 0.0)])
+@pytest.mark.parametrize(
+    ("value", "up"), [(13.2323, 13.24), (9.9999, 10.0), (0.012341, 0.01235), (5.0, 5.0), (0.0, 0.0)]
+)
 def test_rounding_up_by_hand(value: float, up: float) -> None:
     assert round_up(value) == up
 
@@ -137,7 +149,9 @@ def test_rounding_up_by_hand(value: float, up: float) -> None:
 def test_rounded_keeps_symmetry_and_the_number_of_digits() -> None:
     generator = np.random.default_rng(0)
     P = generator.standard_normal((5, 5)) * 1e4
-    short = rounded(Certificate(1.0, P + P.T, np.array([0.0, 1.23456789, 9.87654e-7]), np.array([123456.0])), 4)
+    short = rounded(
+        Certificate(1.0, P + P.T, np.array([0.0, 1.23456789, 9.87654e-7]), np.array([123456.0])), 4
+    )
     np.testing.assert_array_equal(short.P, short.P.T)
     np.testing.assert_allclose(short.P, P + P.T, atol=np.abs(P + P.T).max() * 1e-3)
     assert short.m.tolist() == [0.0, 1.235, 9.877e-07]

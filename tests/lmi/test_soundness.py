@@ -41,7 +41,12 @@ def weighted_loop(
     plant, N, n = network.plant, network.N, network.agent.n
     T = null_space(np.ones((1, N))).T
     A_C, B_C, C_C, D_C = (
-        block_diag(*[k + (0 if errors is None else getattr(errors, letter)[i]) for i, k in enumerate(getattr(gains, letter))])
+        block_diag(
+            *[
+                k + (0 if errors is None else getattr(errors, letter)[i])
+                for i, k in enumerate(getattr(gains, letter))
+            ]
+        )
         for letter in "ABCD"
     )
     L, B = np.kron(network.graph.laplacian, plant.C), block_diag(*plant.B)
@@ -49,7 +54,11 @@ def weighted_loop(
     full = np.block([[agents + B @ D_C @ L, B @ C_C], [B_C @ L, A_C]])
     down = block_diag(np.kron(T, np.eye(n)), np.eye(gains.order * N))
     n_d = n * (N - 1)
-    return down @ full @ down.T, np.eye(len(down), n_d), np.diag([1.0] * n_d + [np.sqrt(Q)] * (gains.order * N))
+    return (
+        down @ full @ down.T,
+        np.eye(len(down), n_d),
+        np.diag([1.0] * n_d + [np.sqrt(Q)] * (gains.order * N)),
+    )
 
 
 def random_errors(generator: np.random.Generator, gains: Gains, delta: tuple[float, ...]) -> Gains:
@@ -59,12 +68,16 @@ def random_errors(generator: np.random.Generator, gains: Gains, delta: tuple[flo
         U, _, V = np.linalg.svd(generator.standard_normal(block.shape), full_matrices=False)
         return size * U @ V
 
-    parts = (tuple(error(block, delta[k]) for block in getattr(gains, letter)) for k, letter in enumerate("ABCD"))
+    parts = (
+        tuple(error(block, delta[k]) for block in getattr(gains, letter)) for k, letter in enumerate("ABCD")
+    )
     return Gains(*parts)
 
 
 @pytest.mark.parametrize(("which", "expected"), [("corollary_1", 13.23), ("theorem_1", 280.7)])
-def test_the_certified_rho_of_the_published_gains_is_that_of_the_worst_slope(which: str, expected: float) -> None:
+def test_the_certified_rho_of_the_published_gains_is_that_of_the_worst_slope(
+    which: str, expected: float
+) -> None:
     """Tight from both sides: the least certified rho is the norm at the slope +alpha, to four digits.
 
     13.23 is the reference's figure (orthonormal coordinates, R = I, Q = 2 I); 280.7 follows from this norm alone.
@@ -82,7 +95,9 @@ def test_the_certified_rho_of_the_published_gains_is_that_of_the_worst_slope(whi
     # The reference: a constant slope of 3.45 (Theorem 1) and 4.60 (Corollary 1) destabilises.
     [("theorem_1", 3.41, 3.45), ("corollary_1", 4.57, 4.60)],
 )
-def test_just_beyond_what_can_be_certified_a_slope_destabilises(which: str, stable: float, unstable: float) -> None:
+def test_just_beyond_what_can_be_certified_a_slope_destabilises(
+    which: str, stable: float, unstable: float
+) -> None:
     network, gains = arms(), published(which)
     norms = {s: h_infinity(*weighted_loop(network, gains, 2.0, s)) for s in (stable, unstable)}
     assert np.isfinite(norms[stable])
@@ -107,7 +122,9 @@ def worst_norm(seed: int, delta: tuple[float, ...], loops: int) -> float:
     norms = []
     for k in range(loops):
         slope = ALPHA if k % 2 else float(generator.uniform(-ALPHA, ALPHA))
-        norms.append(h_infinity(*weighted_loop(network, gains, 2.0, slope, random_errors(generator, gains, delta))))
+        norms.append(
+            h_infinity(*weighted_loop(network, gains, 2.0, slope, random_errors(generator, gains, delta)))
+        )
     return max(norms)
 
 
@@ -141,7 +158,11 @@ def test_the_storage_function_falls_along_the_nonlinear_flow() -> None:
     for share in (1.0, 1.4):  # 1.4 alpha = 4.66 is beyond what these gains carry
         worst = -np.inf
         for k in range(1000):
-            x, x_C, xi = generator.standard_normal((3, 4)), generator.standard_normal(6), generator.standard_normal((3, 4))
+            x, x_C, xi = (
+                generator.standard_normal((3, 4)),
+                generator.standard_normal(6),
+                generator.standard_normal((3, 4)),
+            )
             x_cl = np.concatenate([(loop.d.T @ x).ravel(), x_C])
             if k % 2:  # along the direction in which V falls least
                 x_cl = _least_direction(loop, A_cl, certificate.P, share * ALPHA) + 1e-3 * x_cl
@@ -149,7 +170,12 @@ def test_the_storage_function_falls_along_the_nonlinear_flow() -> None:
             phi = random_order_preserving_slopes(generator, x @ network.plant.H[0], share * ALPHA)
             rate = A_cl @ x_cl + loop.E_G @ (loop.d.T @ phi) + loop.E @ (loop.d.T @ xi).ravel()
             parts = [((part - part.mean(axis=0)) ** 2).sum() for part in (x, xi)]
-            gain = 2 * x_cl @ certificate.P @ rate + parts[0] + 2 * (x_cl[8:] ** 2).sum() - certificate.rho**2 * parts[1]
+            gain = (
+                2 * x_cl @ certificate.P @ rate
+                + parts[0]
+                + 2 * (x_cl[8:] ** 2).sum()
+                - certificate.rho**2 * parts[1]
+            )
             worst = max(worst, gain / (x_cl @ x_cl))
         excess.append(worst)
     assert excess[0] < 0 < excess[1]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Group
 
-from lockstep.cli.console import Answer, of_file, plain, progress_display, respond, to_json
+from lockstep.cli.console import Answer, of_file, plain, progress_display, respond
 from lockstep.cli.files import DESIGN_NAME
 from lockstep.cli.generate import generated_files
 
@@ -58,10 +58,9 @@ def _build(path: Path, output: Path, jobs: int | None) -> Answer:
 
 def _designed(problem: Any, jobs: int | None) -> dict[str, Any]:
     """Design, and pass the result through JSON, so that what is generated from is what a reader of the file sees."""
+    from lockstep.cli.design import sampled_too
     from lockstep.lmi.design import design
     from lockstep.lmi.document import document
-
-    from lockstep.cli.design import sampled_too
 
     with progress_display() as tell:
         return sampled_too(document(design(problem, jobs=jobs, progress=tell)))

@@ -52,10 +52,15 @@ def _with_folder(path: Path, content: dict[str, Any], stored: "Stored", verdict:
     folder = certify_folder(path, stored, content)
     sampled = folder.sampled
     longest = None if folder.longest is None else folder.longest.period
+    rho = None if folder.rho is None else folder.rho.rho
     certified = verdict.certified and sampled.certified
     document = certificate_document(content, stored, verdict)
     if verdict.certified and not sampled.certified:
-        document["error"] = {"kind": "NotCertified", "message": sampled.reason, "figures": dict(sampled.figures)}
+        document["error"] = {
+            "kind": "NotCertified",
+            "message": sampled.reason,
+            "figures": dict(sampled.figures),
+        }
         document["reason"] = sampled.reason
     document |= {
         "ok": verdict.certified and folder.ok,
@@ -63,10 +68,11 @@ def _with_folder(path: Path, content: dict[str, Any], stored: "Stored", verdict:
         "proof": "ball" if certified else "none",
         "design": {"certified": verdict.certified, "proof": document["proof"]},
         "differences": list(folder.differences),
-        "sampled": {**sampled.document(), "max_period": longest},
+        "sampled": {**sampled.document(), "max_period": longest, "rho": rho},
     }
     rows = {
         "sampled C": sampled_text({**sampled.document(), "max_period": longest}),
+        "sampled rho": "none proved" if rho is None else f"{rho:.6g}",
         "as generated": "; ".join(folder.differences) or "yes",
     }
     return Answer(document, _table(stored, verdict, rows), verdict.certified and folder.ok)

@@ -47,7 +47,7 @@ def generated_files(content: dict[str, Any], stored: Any, optimize: str = "speed
         )
     # Printed twice: the numbers do not depend on what is said of them, and what is said is proved of the printed ones.
     draft = emit(specification(stored, verdict, content=content, optimize=optimize))  # type: ignore[arg-type]
-    sampled = certify_texts(draft, stored, content)
-    content = with_sampled(content, stored, sampled)
+    sampled, controllers = certify_texts(draft, stored, content)
+    content = with_sampled(content, stored, sampled, controllers)
     spec = specification(stored, verdict, content=content, optimize=optimize, sampled=sampled)  # type: ignore[arg-type]
     return bundle(emit(spec), {DESIGN_NAME: to_json(content) + "\n"})

@@ -16,9 +16,21 @@ from lockstep.codegen.from_c import ReadController, nearest, read_controller, re
 from lockstep.codegen.manifest import FILE_NAME, Manifest, load_manifest
 from lockstep.codegen.verify import changed_files
 from lockstep.lmi.document import Stored
-from lockstep.lmi.sampled import HeldController, Network, SampledVerdict, certify_sampled, max_period
+from lockstep.lmi.inequality import Certificate
+from lockstep.lmi.sampled import (
+    HeldController,
+    Network,
+    SampledRho,
+    SampledVerdict,
+    Weights,
+    certify_sampled,
+    max_period,
+    sampled_rho,
+)
 from lockstep.lmi.sampled.controller import PRECISIONS
 from lockstep.lmi.sampled.inequality import Witness
+from lockstep.lmi.sampled.loop import sampled_loop
+from lockstep.lmi.sampled.performance import proves_rho
 from lockstep.model.assembly import bound_of, network_of
 from lockstep.model.errors import NotCertified, ProblemError
 
@@ -28,11 +40,12 @@ class FolderVerdict:
     """What is proved of the C in a folder, and where that C is not what its manifest says.
 
     sampled: of the coefficients and the period in the C;  longest: at the largest period certified for the design's
-    gains, sampled anew;  differences: one line for each thing that differs.
+    gains, sampled anew;  rho: the disturbance gain proved of the same C;  differences: one line for each thing that differs.
     """
 
     sampled: SampledVerdict
     longest: SampledVerdict | None
+    rho: SampledRho | None
     differences: tuple[str, ...]
 
     @property
@@ -63,20 +76,20 @@ def certify_folder(folder: Path, stored: Stored, content: Mapping[str, Any]) -> 
         period = _period(read, manifest)
     except NotCertified as error:
         refused = SampledVerdict(False, str(error), manifest.period, network.delay)
-        return FolderVerdict(refused, None, tuple(differences))
+        return FolderVerdict(refused, None, None, tuple(differences))
     differences += _differences(read, manifest, period)
-    verdict = certify_sampled(
-        network.at(period),
-        tuple(one.controller for one in read),
-        _guess(stored),
-        witness=witness_in(content),
-    )
-    longest = longest_period(stored, network) if verdict.certified else None
-    return FolderVerdict(verdict, longest, tuple(differences))
+    network, controllers = network.at(period), tuple(one.controller for one in read)
+    verdict = certify_sampled(network, controllers, _guess(stored), witness=witness_in(content))
+    if not verdict.certified:
+        return FolderVerdict(verdict, None, None, tuple(differences))
+    rho = proved_rho(stored, network, controllers, content)
+    return FolderVerdict(verdict, longest_period(stored, network), rho, tuple(differences))
 
 
-def certify_texts(files: Mapping[str, str], stored: Stored, content: Mapping[str, Any]) -> SampledVerdict:
-    """Prove controllers that are printed and not yet written, by the numbers in their text."""
+def certify_texts(
+    files: Mapping[str, str], stored: Stored, content: Mapping[str, Any]
+) -> tuple[SampledVerdict, tuple[HeldController, ...]]:
+    """Prove controllers that are printed and not yet written, by the numbers in their text; return these too."""
     manifest = Manifest.model_validate_json(files[FILE_NAME])
     names = [agent.name for agent in manifest.agents]
     read = [
@@ -84,7 +97,7 @@ def certify_texts(files: Mapping[str, str], stored: Stored, content: Mapping[str
     ]
     controllers = tuple(one.controller for one in read)
     network = sampled_network(stored, _period(read, manifest))
-    return certify_sampled(network, controllers, _guess(stored), witness=witness_in(content))
+    return certify_sampled(network, controllers, _guess(stored), witness=witness_in(content)), controllers
 
 
 def with_sampled(
@@ -94,14 +107,17 @@ def with_sampled(
 
     Args:
         content: the design as JSON types;  stored: the same, parsed.
-        verdict: what is known of the controllers; by default they are sampled, rounded and proved here.
+        verdict: what is known of the controllers;  controllers: these; by default they are sampled, rounded and proved
+            here.
     """
     verdict = certify_design(stored, content) if verdict is None else verdict
     before, now = witness_in(content), verdict.witness
     if now is not None and before is not None and before.document() == now.document():
         return dict(content)
     network = sampled_network(stored, verdict.period)
-    return {**content, "sampled": sampled_document(verdict, longest_period(stored, network))}
+    rho = proved_rho(stored, network, controllers or sampled_controllers(stored, verdict.period), content)
+    rho = rho if verdict.certified else None
+    return {**content, "sampled": sampled_document(verdict, longest_period(stored, network), rho)}
 
 
 def certify_design(stored: Stored, content: Mapping[str, Any] | None = None) -> SampledVerdict:
@@ -119,13 +135,38 @@ def longest_period(stored: Stored, network: Network) -> SampledVerdict | None:
     return max_period(network, lambda period: sampled_controllers(stored, period), _guess(stored))
 
 
-def sampled_document(verdict: SampledVerdict, longest: SampledVerdict | None) -> dict[str, Any]:
+def proved_rho(
+    stored: Stored, network: Network, controllers: tuple[HeldController, ...], content: Mapping[str, Any]
+) -> SampledRho | None:
+    """Return a proved rho of the sampled loop: that of the design file if its witness holds, else a new one."""
+    problem = stored.problem
+    weights = Weights(problem.state_weight(problem.agent().n), problem.controller_weight(stored.gains.order))
+    known = _rho_in(content)
+    if known is not None and proves_rho(sampled_loop(network, controllers), weights, known):
+        return known
+    return sampled_rho(network, controllers, weights, _guess(stored))
+
+
+def _rho_in(content: Mapping[str, Any]) -> SampledRho | None:
+    sampled = content.get("sampled")
+    if not isinstance(sampled, Mapping):
+        return None
+    rho, witness = sampled.get("rho"), Witness.from_document(sampled.get("rho_witness"))
+    usable = isinstance(rho, int | float) and witness is not None
+    return SampledRho(float(rho), witness) if usable and witness is not None and rho is not None else None
+
+
+def sampled_document(
+    verdict: SampledVerdict, longest: SampledVerdict | None, rho: SampledRho | None
+) -> dict[str, Any]:
     """Return the contract's `sampled`, with the witness: who reads it proves it again."""
     witness = verdict.witness
     return {
         **verdict.document(),
         "max_period": None if longest is None else longest.period,
+        "rho": None if rho is None else rho.rho,
         "witness": None if witness is None else witness.document(),
+        "rho_witness": None if rho is None else rho.witness.document(),
     }
 
 
@@ -168,7 +209,7 @@ def sampled_controllers(stored: Stored, period: float) -> tuple[HeldController, 
 
 
 def _guess(stored: Stored) -> Any:
-    return None if stored.certificate is None else stored.certificate.m
+    return stored.certificate.m if isinstance(stored.certificate, Certificate) else None
 
 
 def _period(read: list[ReadController], manifest: Manifest) -> float:
@@ -213,7 +254,7 @@ def problem_fits(stored: Stored, manifest: Manifest) -> None:
     Raises:
         ProblemError: another number of agents.
     """
-    if stored.gains.N != len(manifest.agents):
+    if len(manifest.agents) != stored.gains.N:
         raise ProblemError(
             f"{len(manifest.agents)} controllers",
             where="manifest.json",

@@ -178,10 +178,9 @@ def _calls(
     manifest: Manifest, steps: int, adversarial_steps: int, stimulus: Sequence[np.ndarray] | np.ndarray | None
 ) -> dict[str, Calls]:
     """Closed-loop calls first: they start from rest, as the closed loop does."""
-    if stimulus is None:
-        recorded = recorded_outputs(manifest, steps)
-    else:
-        recorded = given_outputs(manifest, stimulus, steps)
+    recorded = (
+        recorded_outputs(manifest, steps) if stimulus is None else given_outputs(manifest, stimulus, steps)
+    )
     loop = closed_loop_calls(manifest, recorded)
     return {a.name: loop[a.name] + adversarial_calls(manifest, a, adversarial_steps) for a in manifest.agents}
 

@@ -2,8 +2,8 @@
 
 It imports no solver and believes nothing but the problem: the agent's matrices are derived again from its
 equations, alpha is proved again in interval arithmetic, the inequality is built again over the rationals, and
-an exact decision is made. What a reader has to trust is this file, `decide`, `inequality`, `definite`, and the
-model layer under them.
+an exact decision is made. What a reader has to trust is this file, `decide`, `inequality`, `definite`, for method
+`modal` `modes` and `symmetric`, and the model layer under them.
 """
 
 from collections.abc import Mapping
@@ -16,6 +16,7 @@ from lockstep.lmi.decide import decide
 from lockstep.lmi.definite import Definiteness
 from lockstep.lmi.document import Stored
 from lockstep.lmi.inequality import Claim
+from lockstep.lmi.modes import ModalCertificate, decide_modes
 from lockstep.model.assembly import bound_of, network_of
 from lockstep.model.checks.nonlinearity import holds_everywhere
 from lockstep.model.errors import BoundNotProved
@@ -62,8 +63,12 @@ def certify(stored: Stored) -> Verdict:
     network = network_of(problem, bound)
     delta = np.tile([stored.fragility[letter] for letter in "ABCD"], (network.N, 1))
     weights = problem.state_weight(agent.n), problem.controller_weight(problem.order)
-    loop = network.loop(problem.order, exact_arithmetic=True)
-    answer = decide(loop, stored.gains.blocks, Claim(stored.alpha, *weights, delta), c)
+    claim = Claim(stored.alpha, *weights, delta)
+    if isinstance(c, ModalCertificate):
+        answer = decide_modes(network, stored.gains, claim, c)
+    else:
+        loop = network.loop(problem.order, exact_arithmetic=True)
+        answer = decide(loop, stored.gains.blocks, claim, c)
     if not answer.positive:
         return _refused(answer)
     scope: Scope = "global" if holds_everywhere(agent, bound, seconds=SECONDS_FOR_SCOPE) else "local"

@@ -19,5 +19,12 @@ def decide(
             return Definiteness(
                 False, "sign of a multiplier", float(weights.min()), unit, float(weights.min())
             )
+    skew = certificate.P - certificate.P.T
+    if skew.any():
+        i, j = np.unravel_index(int(np.abs(skew).argmax()), skew.shape)
+        unit = np.eye(len(skew))[int(i)]
+        return Definiteness(
+            False, f"P is not symmetric at ({i + 1}, {j + 1})", float("nan"), unit, float(skew[i, j])
+        )
     P = decide_positive_definite(exactly(certificate.P))
     return P if not P.positive else decide_positive_definite(-F_matrix(exact_loop, gains, claim, certificate))

@@ -21,6 +21,9 @@ EDGE = 1e-10
 factor of some hundred rows, far below any margin worth having. It decides which stage answers, never what the
 answer is."""
 
+FILTERED = 1e100
+"""Entries from here up, with a diagonal of about 1, are left to the exact stage: doubles would overflow in the filter."""
+
 
 @dataclass(frozen=True)
 class Definiteness:
@@ -51,42 +54,32 @@ def decide_positive_definite(matrix: Shaped[np.ndarray, "n n"]) -> Definiteness:
         if matrix[i, i] <= 0:
             unit = np.eye(len(matrix))[i]
             return Definiteness(False, "diagonal", -np.inf, unit, as_floats(matrix[i : i + 1, i])[0])
-    exponents = _halvings(matrix)
-    scale = np.array([fmpq(2) ** -k for k in exponents], dtype=object)
+    scale = np.array([fmpq(2) ** -k for k in _halvings(matrix)], dtype=object)
     scaled = matrix * np.outer(scale, scale)
     doubles = as_floats(scaled)
-    if not np.all(np.isfinite(doubles)):
-        # Entries far beyond the diagonal: no filter in doubles, the exact argument alone.
-        vector = _ldl_violation(scaled)
-        return (
-            Definiteness(True, "exact LDL'", np.nan)
-            if vector is None
-            else _refuted("exact LDL'", -np.inf, vector, exponents, matrix)
-        )
-    values, vectors = np.linalg.eigh((doubles + doubles.T) / 2)
-    if values[0] > 0 and _residual_dominates(scaled, doubles):
-        return Definiteness(True, "factor and exact residual", float(values[0]))
-    if values[0] < 0:
-        value = _form(scaled, vectors[:, 0])
-        if value <= 0:
-            return _refuted("exact quadratic form", values[0], vectors[:, 0], exponents, matrix)
-    vector = _ldl_violation(scaled)
-    if vector is None:
-        return Definiteness(True, "exact LDL'", float(values[0]))
-    return _refuted("exact LDL'", values[0], vector, exponents, matrix)
+    margin = np.nan
+    if np.abs(doubles).max() < FILTERED:
+        values, vectors = np.linalg.eigh((doubles + doubles.T) / 2)
+        margin = float(values[0])
+        if margin > 0 and _residual_dominates(scaled, doubles):
+            return Definiteness(True, "factor and exact residual", margin)
+        vector = exactly(vectors[:, 0])
+        if margin < 0 and vector @ (scaled @ vector) <= 0:
+            return _refuted("exact quadratic form", margin, vector * scale, matrix)
+    violation = _ldl_violation(scaled)
+    if violation is None:
+        return Definiteness(True, "exact LDL'", margin)
+    return _refuted("exact LDL'", margin, violation * scale, matrix)
 
 
 def _refuted(
-    method: str,
-    margin: float,
-    vector: Float[np.ndarray, " n"],
-    exponents: list[int],
-    matrix: Shaped[np.ndarray, "n n"],
+    method: str, margin: float, vector: Shaped[np.ndarray, " n"], matrix: Shaped[np.ndarray, "n n"]
 ) -> Definiteness:
-    z = np.ldexp(vector, [min(exponents) - k for k in exponents])
-    z = z / np.linalg.norm(z)
+    """Report a vector of rationals with z' M z <= 0: z as doubles of length 1, and z' M z / z' z, exact until rounded."""
+    value = (vector @ (matrix @ vector)) / (vector @ vector)
+    z = as_floats(vector / max(abs(entry) for entry in vector))
     return Definiteness(
-        False, method, float(margin), z, as_floats(np.array([_form(matrix, z)], dtype=object))[0]
+        False, method, margin, z / np.linalg.norm(z), float(as_floats(np.array([value], dtype=object))[0])
     )
 
 
@@ -110,13 +103,7 @@ def _residual_dominates(scaled: Shaped[np.ndarray, "n n"], doubles: Float[np.nda
     )
 
 
-def _form(matrix: Shaped[np.ndarray, "n n"], z: Float[np.ndarray, " n"]) -> fmpq:
-    column = exactly(z)
-    value: fmpq = column @ (matrix @ column)
-    return value
-
-
-def _ldl_violation(matrix: Shaped[np.ndarray, "n n"]) -> Float[np.ndarray, " n"] | None:
+def _ldl_violation(matrix: Shaped[np.ndarray, "n n"]) -> Shaped[np.ndarray, " n"] | None:
     """Run L D L' over the rationals; return None if every pivot is positive, else z with z' M z = the first
     that is not.
 
@@ -138,7 +125,7 @@ def _ldl_violation(matrix: Shaped[np.ndarray, "n n"]) -> Float[np.ndarray, " n"]
     return None
 
 
-def _pivot_vector(matrix: Shaped[np.ndarray, "n n"], k: int) -> Float[np.ndarray, " n"]:
+def _pivot_vector(matrix: Shaped[np.ndarray, "n n"], k: int) -> Shaped[np.ndarray, " n"]:
     """Return z = (-M_11^-1 M_1k, 1, 0): z' M z is the Schur complement at pivot k."""
     z = [exact(0.0)] * len(matrix)
     z[k] = exact(1.0)
@@ -147,4 +134,4 @@ def _pivot_vector(matrix: Shaped[np.ndarray, "n n"], k: int) -> Float[np.ndarray
         column = fmpq_mat([[-value] for value in matrix[:k, k]])
         for i, row in enumerate(head.solve(column).tolist()):
             z[i] = row[0]
-    return as_floats(np.array(z, dtype=object))
+    return np.array(z, dtype=object)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from lockstep.lmi.inequality import Certificate, Claim
+from lockstep.lmi.modes import ModalCertificate
 from lockstep.lmi.rounding import prove, short_gains
 from lockstep.model.assembly import bound_of, network_of
 from lockstep.model.bound import Bound
@@ -41,7 +42,7 @@ class Design:
     bound: Bound
     claim: Claim
     gains: Gains
-    certificate: Certificate | None
+    certificate: Certificate | ModalCertificate | None
     figures: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -79,12 +80,8 @@ def design(problem: Problem, *, jobs: int | None = None, progress: Progress | No
             return _as_printed(problem, network, bound, claim, tell)
         case "lipschitz":
             return _protocol(problem, network, bound, claim, tell)
-        case other:
-            raise ProblemError(
-                f'`method = "{other}"` is not built yet',
-                where="[design] method",
-                expected='"certified", "given", "theorem1", "corollary1" or "lipschitz"',
-            )
+        case "modal":
+            return _modal(problem, network, bound, claim, tell)
 
 
 def proved_bound(problem: Problem) -> Bound:
@@ -180,6 +177,31 @@ def _protocol(problem: Problem, network: Network, bound: Bound, claim: Claim, te
             "c": protocol.c,
             "connectivity": protocol.connectivity,
             "decay": protocol.decay,
+        },
+        **_floor(problem, network, claim, tell),
+    }
+    return Design(problem, network, bound, claim, gains, certificate, figures)
+
+
+def _modal(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Design:
+    from lockstep.lmi.modal import design_modes, prove_modes
+
+    table = problem.design
+    gains = design_modes(
+        network,
+        claim,
+        problem.order,
+        table.gain_limit,
+        starts=table.starts,
+        seed=table.seed,
+        tell=lambda part: tell("searching for gains", part),
+    )
+    tell("proving the certificate", 0.0)
+    certificate = prove_modes(network, gains, claim)
+    figures = _figures(network, gains) | {
+        "modal": {
+            "spectrum": [certificate.lower, certificate.ends[-1]],
+            "segments": len(certificate.segments),
         },
         **_floor(problem, network, claim, tell),
     }

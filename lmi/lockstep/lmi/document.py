@@ -15,11 +15,13 @@ import numpy as np
 
 from lockstep.lmi.design import Design
 from lockstep.lmi.inequality import Certificate
+from lockstep.lmi.modes import ModalCertificate, Segment
 from lockstep.model.errors import ProblemError
 from lockstep.model.loop import Gains
 from lockstep.model.problem import Problem
 
 FORMAT = "lockstep-design/1"
+MODAL = "modal"
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Stored:
     gains: Gains
     alpha: float
     fragility: Mapping[str, float]
-    certificate: Certificate | None
+    certificate: Certificate | ModalCertificate | None
 
 
 def document(design: Design) -> dict[str, Any]:
@@ -50,17 +52,27 @@ def document(design: Design) -> dict[str, Any]:
             {letter: getattr(design.gains, letter)[i].tolist() for letter in "ABCD"}
             for i in range(design.gains.N)
         ],
-        "certificate": None
-        if c is None
-        else {
-            "P": c.P.tolist(),
-            "m": c.m.tolist(),
-            "t": c.t.tolist(),
-            "pairs": [[i + 1, j + 1] for i, j in design.network.loop(design.gains.order).d.pairs()],
-        },
+        "certificate": None if c is None else _witnesses(c, design.network.graph.N),
         "sampled": {"certified": False, "period": design.problem.controller.period, "max_period": None},
         "figures": design.figures,
         "problem": design.problem.document(),
+    }
+
+
+def _witnesses(c: Certificate | ModalCertificate, N: int) -> dict[str, Any]:
+    if isinstance(c, ModalCertificate):
+        return {
+            "kind": MODAL,
+            "lower": c.lower,
+            "segments": [{"upper": segment.upper, "P": segment.P.tolist()} for segment in c.segments],
+            "mu": c.mu,
+            "P_mean": c.P_mean.tolist(),
+        }
+    return {
+        "P": c.P.tolist(),
+        "m": c.m.tolist(),
+        "t": c.t.tolist(),
+        "pairs": [[i, j] for i in range(1, N + 1) for j in range(i + 1, N + 1)],
     }
 
 
@@ -182,7 +194,7 @@ def _matrix(content: Any, key: str, where: str, shape: tuple[int, int]) -> Any:
 
 def _certificate(
     content: Mapping[str, Any], problem: Problem, delta: Mapping[str, float]
-) -> Certificate | None:
+) -> Certificate | ModalCertificate | None:
     stored = content.get("certificate")
     if stored is None:
         return None
@@ -190,15 +202,50 @@ def _certificate(
         raise ProblemError(
             f"`certificate` is a {type(stored).__name__}", expected="an object with P, m and t"
         )
+    if "kind" in stored:
+        return _modal_certificate(content, stored, problem)
     N, agent, n_C = problem.graph().N, problem.agent(), problem.order
     n_x = agent.n * (N - 1) + n_C * N
     sizes = {"A": n_C * n_C, "B": n_C * agent.q, "C": agent.m * n_C, "D": agent.m * agent.q}
     ways = N * sum(1 for letter in "ABCD" if delta[letter] > 0 and sizes[letter])
     m, t = _vector(stored, "m", N * (N - 1) // 2), _vector(stored, "t", ways)
     P = _matrix(stored, "P", "certificate", (n_x, n_x))
+    return Certificate(_number(content.get("rho"), "rho"), _symmetric(P, "certificate, `P`"), m, t)
+
+
+def _modal_certificate(
+    content: Mapping[str, Any], stored: Mapping[str, Any], problem: Problem
+) -> ModalCertificate:
+    if stored["kind"] != MODAL:
+        raise ProblemError(
+            f"`kind` is {stored['kind']!r}", where="certificate", expected=f'"{MODAL}", or no kind'
+        )
+    n_C, size = problem.order, problem.agent().n + problem.order
+    segments = tuple(
+        Segment(
+            _number(_item(one, "upper", place), f"{place}, `upper`"),
+            _symmetric(_matrix(one, "P", place, (size, size)), f"{place}, `P`"),
+        )
+        for one, place in (
+            (one, f"certificate, segment {i}")
+            for i, one in enumerate(_part(stored, "segments", list), start=1)
+        )
+    )
+    P_mean = _symmetric(_matrix(stored, "P_mean", "certificate", (n_C, n_C)), "certificate, `P_mean`")
+    lower, mu = (_number(stored.get(key), f"certificate, `{key}`") for key in ("lower", "mu"))
+    return ModalCertificate(_number(content.get("rho"), "rho"), lower, segments, mu, P_mean)
+
+
+def _item(one: Any, key: str, where: str) -> Any:
+    if not isinstance(one, dict):
+        raise ProblemError(f"a {type(one).__name__}", where=where, expected="an object with `upper` and `P`")
+    return one.get(key)
+
+
+def _symmetric(P: Any, where: str) -> Any:
     if not np.array_equal(P, P.T):
-        raise ProblemError("it is not symmetric", where="certificate, `P`", expected="P = P'")
-    return Certificate(_number(content.get("rho"), "rho"), P, m, t)
+        raise ProblemError("it is not symmetric", where=where, expected="P = P'")
+    return P
 
 
 def _vector(content: Mapping[str, Any], key: str, size: int) -> Any:

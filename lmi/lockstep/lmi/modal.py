@@ -17,10 +17,10 @@ from jaxtyping import Float
 from lockstep.lmi.inequality import Claim
 from lockstep.lmi.modal_search import Found, ModalProgram, from_start
 from lockstep.lmi.modal_witness import Witness, witness
-from lockstep.lmi.modes import ModalCertificate, Modes, Segment, decide_modes
+from lockstep.lmi.modes import ModalCertificate, Modes, Segment, check_covered, decide_modes
 from lockstep.lmi.rounding import round_up
-from lockstep.lmi.symmetric import REMEDY, Metric, metric, spectrum_bounds
-from lockstep.model.errors import Infeasible, NotCertified, ProblemError
+from lockstep.lmi.symmetric import Metric, spectrum_bounds
+from lockstep.model.errors import Infeasible, NotCertified
 from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.numbers import as_floats
@@ -44,7 +44,7 @@ def design_modes(
     starts: int,
     seed: int,
     tell: Callable[[float], None] | None = None,
-) -> tuple[Gains, Found]:
+) -> Gains:
     """Search for one K that all agents use.
 
     Raises:
@@ -71,29 +71,12 @@ def design_modes(
             fraction=reached,
             reachable_alpha=reached * claim.alpha,
         )
-    return shared_gains(best.K, order, network.N), best
+    return shared_gains(best.K, order, network.N)
 
 
 def shared_gains(K: Float[np.ndarray, "a b"], order: int, N: int) -> Gains:
     """Return the same gains for all agents."""
     return Gains.from_blocks(np.stack([K] * N), order)
-
-
-def check_covered(network: Network, claim: Claim) -> Metric:
-    """Refuse what the modes do not cover, and return the metric of the graph."""
-    known = metric(network.graph)
-    where = '[design] method = "modal"'
-    if any(not np.array_equal(B, network.plant.B[0]) for B in network.plant.B):
-        raise ProblemError("the agents have input matrices of their own", where=where, expected="one B", remedy=REMEDY)
-    if network.coordinates != "orthonormal":
-        raise ProblemError(
-            f'`coordinates` is "{network.coordinates}"', where=where, expected='"orthonormal", the only ones it measures rho in'
-        )
-    if claim.delta.any():
-        raise ProblemError(
-            "`fragility` is asked for", where=where, expected="certain controllers", remedy='use method = "certified"'
-        )
-    return known
 
 
 def segment_ends(network: Network, known: Metric) -> Float[np.ndarray, " s"]:
@@ -115,11 +98,13 @@ def prove_modes(network: Network, gains: Gains, claim: Claim) -> ModalCertificat
     K, spread = gains.blocks[0], float(as_floats(np.array([known.spread], dtype=object))[0])
     least = witness(modes, K, claim, ends)
     if least is None:
-        raise NotCertified(f"no certificate was found for these gains at alpha = {claim.alpha:.6g}", alpha=claim.alpha)
+        raise NotCertified(
+            f"no certificate was found for these gains at alpha = {claim.alpha:.6g}", alpha=claim.alpha
+        )
     for slack in SLACKS:
         rho = round_up(math.sqrt(least.sigma * spread) * (1 + slack))
         inside = witness(modes, K, claim, ends, rho**2 / spread)
-        found = None if inside is None else _shortest(network, known, gains, claim, ends, rho, inside)
+        found = None if inside is None else _shortest(network, gains, claim, ends, rho, inside)
         if found is not None:
             return found
     raise NotCertified(
@@ -131,7 +116,6 @@ def prove_modes(network: Network, gains: Gains, claim: Claim) -> ModalCertificat
 
 def _shortest(
     network: Network,
-    known: Metric,
     gains: Gains,
     claim: Claim,
     ends: Float[np.ndarray, " s"],
@@ -140,10 +124,12 @@ def _shortest(
 ) -> ModalCertificate | None:
     """Return the witness rounded to the fewest digits with which it proves, or None."""
     for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1):
-        segments = tuple(Segment(float(b), _rounded(P, digits)) for b, P in zip(ends[1:], inside.P, strict=True))
+        segments = tuple(
+            Segment(float(b), _rounded(P, digits)) for b, P in zip(ends[1:], inside.P, strict=True)
+        )
         mu = float(f"{inside.mu:.{digits}g}")
         trial = ModalCertificate(rho, float(ends[0]), segments, mu, _rounded(inside.P_mean, digits))
-        if decide_modes(network, known, gains, claim, trial).positive:
+        if decide_modes(network, gains, claim, trial).positive:
             return trial
     return None
 
@@ -153,4 +139,3 @@ def _rounded(P: Float[np.ndarray, "k k"], digits: int) -> Float[np.ndarray, "k k
         return P
     places = digits - 1 - math.floor(math.log10(max(float(np.abs(P).max()), 1e-300)))
     return np.round(P, min(places, 300))
-

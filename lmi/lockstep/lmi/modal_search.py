@@ -1,6 +1,7 @@
 """Identical gains for all modes: the bilinear inequality of `bmi`, once for each end of each segment, with one K.
 
-Unknown are K, a P for each segment, mu, sigma and the fraction f of alpha^2 that is carried. With the rows of xi eliminated,
+Unknown are K, a P for each segment, mu, sigma and the fraction f of alpha^2 that is carried. With the rows of xi
+eliminated,
 
     F_r(lambda) = [ He(P A(lambda)) + diag(R, Q) + f mu alpha^2 diag(H'H, 0) + P E E'P / sigma   P E_G ]
                   [                                  *                                          -mu I  ]  < 0,
@@ -45,8 +46,8 @@ WORTHWHILE = 0.02
 """A run that lowers sigma by less than this part of it is the last."""
 
 GAIN_WEIGHTS = (1e-3, 1e-5, 0.0)
-"""Weights of the mean square of the gains while the abscissa is lowered, tried until the loop is stable. Small gains make the
-better starts; a long path, whose slowest mode needs all the gain there is, is only stabilised without the weight."""
+"""Weights of the mean square of the gains while the abscissa is lowered, tried until the loop is stable. Small gains
+make the better starts; a long path, whose slowest mode needs all the gain there is, is only stabilised without."""
 
 
 Aim = Literal["shift", "claim", "rho"]
@@ -101,7 +102,9 @@ class ModalProgram:
         }
         self.s = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
         marks = np.cumsum([0, *sizes.values()])
-        self.place = {name: slice(int(a), int(b)) for name, a, b in zip(sizes, marks[:-1], marks[1:], strict=True)}
+        self.place = {
+            name: slice(int(a), int(b)) for name, a, b in zip(sizes, marks[:-1], marks[1:], strict=True)
+        }
         self._solvers: dict[tuple[Aim, int], Any] = {}
 
     def improve(self, point: "Point", aim: Aim, iterations: int) -> "Point":
@@ -114,7 +117,9 @@ class ModalProgram:
         """
         guess, scales = self._guess(point)
         lower, upper = self._bounds(point, aim)
-        solution = self._solver(aim, iterations)(x0=np.clip(guess, lower, upper), lbx=lower, ubx=upper, lbg=0, ubg=0, p=scales)
+        solution = self._solver(aim, iterations)(
+            x0=np.clip(guess, lower, upper), lbx=lower, ubx=upper, lbg=0, ubg=0, p=scales
+        )
         x = np.array(solution["x"]).ravel()
         f, shift = float(x[self.place["f"]][0]), float(x[self.place["shift"]][0])
         K = x[self.place["K"]].reshape(self.shape)
@@ -129,18 +134,22 @@ class ModalProgram:
     @cached_property
     def _Ps(self) -> list[ca.SX]:
         size = _triangle(self.modes.size)
-        return [_symmetric(self.s["P"][i * size : (i + 1) * size], self.modes.size) for i in range(self.count)]
+        return [
+            _symmetric(self.s["P"][i * size : (i + 1) * size], self.modes.size) for i in range(self.count)
+        ]
 
     @cached_property
     def _conditions(self) -> list[ca.SX]:
-        """All matrices that are to be positive definite: -F_r by vertex, P by segment, P_mean and its decay, the limit."""
+        """All that is to be positive definite: -F_r by vertex, P by segment, P_mean and its decay, the limit."""
         modes, claim, s = self.modes, self.claim, self.s
         E, E_G = ca.DM(modes.E()), ca.DM(modes.E_G())
         found = []
         for P, pair in zip(self._Ps, zip(self.ends[:-1], self.ends[1:], strict=True), strict=True):
             for value in pair:
                 U, Y = ca.sparsify(ca.DM(modes.U)), ca.sparsify(ca.DM(modes.Y(value)))
-                half = P @ (ca.DM(modes.A_0) - s["shift"] * ca.DM.eye(modes.size) + ca.mtimes([U, self._K, Y]))
+                half = P @ (
+                    ca.DM(modes.A_0) - s["shift"] * ca.DM.eye(modes.size) + ca.mtimes([U, self._K, Y])
+                )
                 top = half + half.T + ca.DM(modes.weight(claim)) + ca.mtimes([P, E, E.T, P]) / s["sigma"]
                 if self.phi:
                     top = top + s["f"] * s["mu"] * claim.alpha**2 * ca.sparsify(ca.DM(modes.bound()))
@@ -169,7 +178,12 @@ class ModalProgram:
                 scale.append(D)
                 place += size
             goals = {"rho": ca.log(self.s["sigma"]), "claim": -ca.log(self.s["f"]), "shift": self.s["shift"]}
-            program = {"x": ca.vertcat(*self.s.values()), "f": goals[aim], "g": ca.vertcat(*residuals), "p": ca.vertcat(*scale)}
+            program = {
+                "x": ca.vertcat(*self.s.values()),
+                "f": goals[aim],
+                "g": ca.vertcat(*residuals),
+                "p": ca.vertcat(*scale),
+            }
             options: Any = {
                 "ipopt.max_iter": iterations,
                 "ipopt.print_level": 0,
@@ -206,7 +220,9 @@ class ModalProgram:
             upper[self.place["sigma"]] = 100.0 * point.witness.sigma
         place = self.place["L_F"].start
         for k, M in enumerate(self._conditions):
-            lower[place + np.array(_diagonal(M.shape[0]), dtype=int)] = FACTOR_FLOOR if k < 2 * self.count else 1e-4
+            lower[place + np.array(_diagonal(M.shape[0]), dtype=int)] = (
+                FACTOR_FLOOR if k < 2 * self.count else 1e-4
+            )
             place += _triangle(M.shape[0])
         return lower, upper
 
@@ -223,23 +239,27 @@ def stabilised(
     The gains are gain_limit Z / sqrt(1 + |Z|^2), so that every Z is allowed.
     """
     ways = _ways(modes, values)
-    K = K * min(1.0, 0.9 * gain_limit / float(np.linalg.norm(K)))
     for weight in GAIN_WEIGHTS:
-
-        def objective(flat: Float[np.ndarray, " x"], weight: float = weight) -> tuple[float, Float[np.ndarray, " x"]]:
-            root = float(np.sqrt(1 + flat @ flat))
-            gains = gain_limit * flat / root
-            worst, slope = _worst(ways, gains.reshape(K.shape))
-            total = slope.ravel() + 2 * weight * gains / flat.size
-            return worst + weight * float(np.mean(gains**2)), gain_limit / root * (total - flat * (flat @ total) / root**2)
-
-        Z = K.ravel() / np.sqrt(gain_limit**2 - float(np.sum(K**2)))
-        Z = descend(objective, Z, 100)
-        K = (gain_limit * Z / np.sqrt(1 + Z @ Z)).reshape(K.shape)
+        K = _lowered(ways, K * min(1.0, 0.9 * gain_limit / float(np.linalg.norm(K))), gain_limit, weight)
         if _worst(ways, K)[0] < 0:
-            return K
-        K = K * min(1.0, 0.99 * gain_limit / float(np.linalg.norm(K)))
+            break
     return K
+
+
+def _lowered(
+    ways: list[tuple[Any, Any, Any]], K: Float[np.ndarray, "a b"], gain_limit: float, weight: float
+) -> Float[np.ndarray, "a b"]:
+    def objective(flat: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
+        root = float(np.sqrt(1 + flat @ flat))
+        gains = gain_limit * flat / root
+        worst, slope = _worst(ways, gains.reshape(K.shape))
+        total = slope.ravel() + 2 * weight * gains / flat.size
+        return worst + weight * float(np.mean(gains**2)), gain_limit / root * (
+            total - flat * (flat @ total) / root**2
+        )
+
+    Z = descend(objective, K.ravel() / np.sqrt(gain_limit**2 - float(np.sum(K**2))), 100)
+    return np.asarray(gain_limit * Z / np.sqrt(1 + Z @ Z)).reshape(K.shape)
 
 
 def _ways(modes: Modes, values: Float[np.ndarray, " v"]) -> list[tuple[Any, Any, Any]]:
@@ -249,7 +269,9 @@ def _ways(modes: Modes, values: Float[np.ndarray, " v"]) -> list[tuple[Any, Any,
     return [*ways, (np.zeros((n_C, n_C)), np.eye(n_C, rows), np.eye(columns, n_C))] if n_C else ways
 
 
-def _worst(ways: list[tuple[Any, Any, Any]], K: Float[np.ndarray, "a b"]) -> tuple[float, Float[np.ndarray, "a b"]]:
+def _worst(
+    ways: list[tuple[Any, Any, Any]], K: Float[np.ndarray, "a b"]
+) -> tuple[float, Float[np.ndarray, "a b"]]:
     """Return the largest abscissa of A_0 + U K Y and its slope in K: Re(U' l r' Y' / l'r) for a simple eigenvalue."""
     from scipy.linalg import eig
 
@@ -265,7 +287,7 @@ def _worst(ways: list[tuple[Any, Any, Any]], K: Float[np.ndarray, "a b"]) -> tup
 
 def from_start(program: ModalProgram, seed: int, index: int) -> Found:
     """Run one start: stabilise, climb to the full alpha, then lower sigma; the same arguments, the same outcome."""
-    modes, claim, ends = program.modes, program.claim, program.ends
+    modes, ends = program.modes, program.ends
     generator = np.random.default_rng([seed, index])
     size = generator.choice([0.5, 1.0, 2.0]) / np.sqrt(ends[0] * ends[-1]) ** 0.5
     K = stabilised(modes, size * generator.standard_normal(program.shape), ends, program.gain_limit)
@@ -290,7 +312,7 @@ def _first_point(program: ModalProgram, K: Float[np.ndarray, "a b"]) -> Point | 
 
 
 def _shifted(program: ModalProgram, K: Float[np.ndarray, "a b"], f: float) -> Point | None:
-    """Return the point with the least shift of `SHIFT_LADDER` at which gains that are not good enough have a witness."""
+    """Return gains that are not good enough with the least shift of `SHIFT_LADDER` that gives them a witness."""
     modes = program.modes
     worst = max(_worst(_ways(modes, program.ends), K)[0], 0.0)
     unit = float(np.linalg.norm(modes.A_0 + modes.U @ K @ modes.Y(program.ends[-1]), 2))
@@ -313,7 +335,9 @@ def _climb(program: ModalProgram, point: Point) -> Point:
             return point
         trial = program.improve(point, "claim", 150)
         for f in (1.0, 0.95 * trial.f, 0.5 * (point.f + trial.f)):
-            found = witness(program.modes, trial.K, _at(program.claim, f), program.ends) if f > point.f else None
+            found = (
+                witness(program.modes, trial.K, _at(program.claim, f), program.ends) if f > point.f else None
+            )
             if found is not None:
                 point = Point(trial.K, found, f)
                 break

@@ -1,6 +1,8 @@
-"""The certificate of the modes for given gains, as a semidefinite program: the least sigma, or a witness well inside."""
+"""The certificate of the modes for given gains as a semidefinite program: the least sigma, or a witness inside."""
 
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -8,6 +10,9 @@ from jaxtyping import Float
 from lockstep.lmi.inequality import Claim
 from lockstep.lmi.modes import Modes
 from lockstep.lmi.solve import run
+
+if TYPE_CHECKING:
+    import cvxpy as cp
 
 
 @dataclass(frozen=True)
@@ -21,7 +26,11 @@ class Witness:
 
 
 def witness(
-    modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim, ends: Float[np.ndarray, "s"], sigma: float | None = None
+    modes: Modes,
+    K: Float[np.ndarray, "a b"],
+    claim: Claim,
+    ends: Float[np.ndarray, "s"],
+    sigma: float | None = None,
 ) -> Witness | None:
     """Minimise sigma, or, for a given one, go as far inside as possible; None where the solver finds nothing.
 
@@ -29,7 +38,7 @@ def witness(
     """
     import cvxpy as cp
 
-    segments = list(zip(ends[:-1], ends[1:], strict=True))
+    segments = [(float(a), float(b)) for a, b in pairwise(ends)]
     bases = [_basis(modes, K, claim, float(np.sqrt(a * b))) for a, b in segments]
     P_mean = _mean(modes, K, claim)
     if P_mean is None or any(base is None for base in bases):
@@ -55,7 +64,9 @@ def witness(
     return Witness(found, weight, float(s2.value) * unit if sigma is None else sigma, P_mean)
 
 
-def _basis(modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim, value: float) -> Float[np.ndarray, "k k"] | None:
+def _basis(
+    modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim, value: float
+) -> Float[np.ndarray, "k k"] | None:
     """Return the Cholesky factor of P with He(P A(lambda)) = -diag(R, Q); None where A(lambda) is not stable."""
     return _lyapunov_factor(modes.A_0 + modes.U @ K @ modes.Y(value), modes.weight(claim))
 
@@ -83,7 +94,17 @@ def _mean(modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim) -> Float[np.n
     return None if L is None else np.asarray(L @ L.T)
 
 
-def _balanced(modes, K, claim, value, P, L, mu, s2, unit):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _balanced(
+    modes: Modes,
+    K: Float[np.ndarray, "a b"],
+    claim: Claim,
+    value: float,
+    P: "cp.Variable",
+    L: Float[np.ndarray, "k k"],
+    mu: "cp.Variable",
+    s2: "cp.Variable",
+    unit: float,
+) -> Any:
     """Return the matrix of a mode in balanced coordinates; mu and sigma in multiples of `unit`."""
     import cvxpy as cp
 

@@ -1,4 +1,4 @@
-"""Identical controllers on a graph that is symmetric in a metric W: the network as independent modes, and its certificate.
+"""Identical controllers on a graph that is symmetric in a metric W: independent modes, and their certificate.
 
 Along a W-orthonormal basis of eigenvectors of L the loop splits into one copy for each lambda_k,
 
@@ -13,19 +13,23 @@ w-mean, is the pair multiplier with m_ij = mu w_i w_j / sum w. So if for every l
     [                        *                                -sigma I     0     ]   < 0,
     [                        *                                  *         -mu I  ]
 
-and some P_mean > 0 has He(P_mean A_C) + Q < 0, then V = the sum of the modes' x_k'P x_k proves, in the metric W, the bound
-sigma = rho_W^2; without the metric, |x|^2 <= |x|_W^2 / min w and |xi|_W^2 <= max w |xi|^2, so rho^2 = sigma max w / min w.
+and some P_mean > 0 has He(P_mean A_C) + Q < 0, then V = the sum of the modes' x_k'P x_k proves, in the metric W, the
+bound sigma = rho_W^2; without the metric, |x|^2 <= |x|_W^2 / min w and |xi|_W^2 <= max w |xi|^2, so
+rho^2 = sigma max w / min w.
 The matrix is affine in lambda: with one P on a segment its two ends suffice, whatever N is.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from lockstep.lmi.definite import Definiteness, decide_positive_definite
 from lockstep.lmi.inequality import Claim
-from lockstep.lmi.symmetric import Metric, decide_spectrum
+from lockstep.lmi.symmetric import REMEDY, Metric, decide_spectrum, metric
+from lockstep.model.errors import ProblemError
 from lockstep.model.loop import Gains, Plant
 from lockstep.model.network import Network
 from lockstep.model.numbers import Matrix, converter, exactly, eye, is_exact, zeros
@@ -49,13 +53,28 @@ class ModalCertificate:
     mu: float
     P_mean: Float[np.ndarray, "n_C n_C"]
 
+    def __post_init__(self) -> None:
+        """Check that the segments follow each other."""
+        ends = self.ends
+        if len(ends) < 2 or any(b < a for a, b in pairwise(ends)):
+            raise ProblemError(
+                f"the segments end at {', '.join(f'{end:g}' for end in ends)}",
+                where="certificate",
+                expected="one or more segments in rising order",
+            )
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """Where the segments begin and end."""
+        return (self.lower, *(segment.upper for segment in self.segments))
+
 
 @dataclass(frozen=True)
 class Modes:
     """A(lambda) = A_0 + U K Y(lambda), in doubles or in rationals.
 
-    shift: a number taken off the diagonal of A_0 (and of A_C in the mean), for the search alone: with enough of it any gains
-    are stable.
+    shift: a number taken off the diagonal of A_0 (and of A_C in the mean), for the search alone: with enough of it any
+    gains are stable.
     """
 
     plant: Plant
@@ -115,7 +134,9 @@ class Modes:
         return bound
 
 
-def mode_matrix(modes: Modes, K: Matrix, claim: Claim, value: float, P: Matrix, mu: float, sigma: object) -> Matrix:
+def mode_matrix(
+    modes: Modes, K: Matrix, claim: Claim, value: float, P: Matrix, mu: float, sigma: Any
+) -> Matrix:
     """Assemble the matrix of one mode, in the kind of number of the plant; sigma is a number of that kind."""
     number = converter(is_exact(modes.plant.A))
     alpha, weight = number(np.array([claim.alpha, mu]))
@@ -131,16 +152,45 @@ def mode_matrix(modes: Modes, K: Matrix, claim: Claim, value: float, P: Matrix, 
     return F
 
 
-def decide_modes(
-    network: Network, known: Metric, gains: Gains, claim: Claim, certificate: ModalCertificate
-) -> Definiteness:
-    """Decide exactly whether a certificate proves its rho for identical gains: the whole proof."""
-    c = certificate
-    if c.mu < 0 or c.rho <= 0:
-        return Definiteness(False, "sign of mu and rho", min(c.mu, c.rho), value=min(c.mu, c.rho))
-    ends = [c.lower, *(segment.upper for segment in c.segments)]
-    if any(b < a for a, b in zip(ends, ends[1:], strict=False)) or not c.segments:
-        return Definiteness(False, "order of the segments", float("nan"))
+def check_covered(network: Network, claim: Claim) -> Metric:
+    """Return the metric of the graph.
+
+    Raises:
+        ProblemError: a graph, agents or a request that do not split into modes.
+    """
+    known, where = metric(network.graph), '[design] method = "modal"'
+    if any(not np.array_equal(B, network.plant.B[0]) for B in network.plant.B):
+        raise ProblemError(
+            "the agents have input matrices of their own",
+            where=where,
+            expected="one B for all agents",
+            remedy=REMEDY,
+        )
+    if network.coordinates != "orthonormal":
+        raise ProblemError(
+            f'`coordinates` is "{network.coordinates}"', where=where, expected='"orthonormal"', remedy=REMEDY
+        )
+    if claim.delta.any():
+        raise ProblemError(
+            "`fragility` is asked for", where=where, expected="certain controllers", remedy=REMEDY
+        )
+    return known
+
+
+def decide_modes(network: Network, gains: Gains, claim: Claim, certificate: ModalCertificate) -> Definiteness:
+    """Decide exactly whether a certificate proves its rho for identical gains: the whole proof.
+
+    Raises:
+        ProblemError: the problem does not split into modes, or the gains differ.
+    """
+    known, c = check_covered(network, claim), certificate
+    if any(not np.array_equal(block, gains.blocks[0]) for block in gains.blocks):
+        raise ProblemError(
+            "they differ", where="gains", expected='the same for all agents, with a "modal" certificate'
+        )
+    if c.mu < 0:
+        return Definiteness(False, "sign of mu", c.mu, value=c.mu)
+    ends = c.ends
     answer = decide_spectrum(network.graph, known, ends[0], ends[-1])
     modes = Modes(network.plant.in_numbers(True), gains.order)
     K = exactly(gains.blocks[0])

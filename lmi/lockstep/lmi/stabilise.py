@@ -17,20 +17,36 @@ Objective = Callable[[Float[np.ndarray, " x"]], tuple[float, Float[np.ndarray, "
 GAIN_WEIGHT = 1e-3
 """Weight of the mean square of the gains: without it the abscissa of a controllable loop has no minimum."""
 
+EXCESS_WEIGHT = 1e3
+"""Weight of what the gains' norms exceed the limit by, relative to it: more than any abscissa is worth."""
+
 
 def stabilise(
-    loop: Loop, K: Float[np.ndarray, "N k l"], iterations: int = 100
+    loop: Loop, K: Float[np.ndarray, "N k l"], limit: float = np.inf, iterations: int = 100
 ) -> tuple[Float[np.ndarray, "N k l"], float]:
-    """Return gains with a smaller abscissa than K's, and that abscissa."""
+    """Return gains with a smaller abscissa than K's and norms of about `limit` at most, and that abscissa."""
 
     def objective(flat: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
-        value, slope = abscissa(loop, flat.reshape(K.shape))
-        return value + GAIN_WEIGHT * float(
-            np.mean(flat**2)
-        ), slope.ravel() + 2 * GAIN_WEIGHT * flat / flat.size
+        blocks = flat.reshape(K.shape)
+        value, slope = abscissa(loop, blocks)
+        excess, pull = _excess(blocks, limit)
+        value += GAIN_WEIGHT * float(np.mean(flat**2)) + EXCESS_WEIGHT * excess
+        return value, (slope + EXCESS_WEIGHT * pull).ravel() + 2 * GAIN_WEIGHT * flat / flat.size
 
     found = descend(objective, K.ravel(), iterations).reshape(K.shape)
     return found, abscissa(loop, found)[0]
+
+
+def _excess(K: Float[np.ndarray, "N k l"], limit: float) -> tuple[float, Float[np.ndarray, "N k l"]]:
+    """Return sum_i max(0, |K_i| / limit - 1) and its slope in K."""
+    total, slope = 0.0, np.zeros_like(K)
+    for i, block in enumerate(K):
+        norm = float(np.linalg.norm(block, 2))
+        if norm > limit:
+            left, _, right = np.linalg.svd(block)
+            total += norm / limit - 1
+            slope[i] = np.outer(left[:, 0], right[0]) / limit
+    return total, slope
 
 
 def abscissa(loop: Loop, K: Float[np.ndarray, "N k l"]) -> tuple[float, Float[np.ndarray, "N k l"]]:

@@ -10,6 +10,7 @@ from lockstep.lmi.inequality import Certificate, Claim
 from lockstep.lmi.inner import inner_step
 from lockstep.lmi.reach import largest_alpha, largest_fraction
 from lockstep.lmi.solve import least_rho
+from lockstep.lmi.stabilise import abscissa as abscissa_of
 from lockstep.lmi.stabilise import stabilise
 from lockstep.model.loop import Loop
 
@@ -63,8 +64,10 @@ def from_start(
     shape = (loop.d.N, loop.U[0].shape[1], loop.Y[0].shape[0])
     # The size of the start is drawn too: small gains suit loops that are nearly stable, larger ones those
     # that are not.
-    K, abscissa = stabilise(loop, generator.choice([0.5, 1.0, 2.0]) * generator.standard_normal(shape))
+    first = _within(generator.choice([0.5, 1.0, 2.0]) * generator.standard_normal(shape), 0.8 * gain_limit)
+    K, _ = stabilise(loop, first, 0.8 * gain_limit)
     K = _within(K, 0.9 * gain_limit)
+    abscissa = abscissa_of(loop, K)[0]
     point = _first_point(loop, K, claim)
     if point is None:
         return Outcome(index, None, None, 0.0, abscissa)

@@ -1,7 +1,7 @@
 """Graphs whose Laplacian is symmetric in some metric, and exact bounds on their spectrum.
 
-With weights w > 0 of the agents for which w_i a_ij = w_j a_ji (detailed balance), W L is symmetric, so L has a basis of
-eigenvectors that is orthogonal in the metric W = diag(w), and a real spectrum 0 = lambda_1 < lambda_2 <= ... <= lambda_N.
+With weights w > 0 of the agents for which w_i a_ij = w_j a_ji (detailed balance), W L is symmetric, so L has a basis
+of eigenvectors that is orthogonal in the metric W = diag(w), and a real spectrum 0 = lambda_1 < lambda_2 <= ... .
 Undirected graphs have w = 1; an undirected graph whose weights are divided by the listener's in-degree has for w the
 in-degrees.
 """
@@ -19,7 +19,7 @@ from lockstep.model.graph import Graph
 from lockstep.model.numbers import as_floats, exactly
 
 OUTSIDE = 1e-9
-"""How far outside the computed eigenvalues the bounds are put, relative to lambda_N: far above their rounding errors."""
+"""How far outside the computed eigenvalues the bounds are put, relative to lambda_N: far above rounding errors."""
 
 REMEDY = 'use method = "certified", which takes any graph with a spanning tree'
 
@@ -28,12 +28,13 @@ REMEDY = 'use method = "certified", which takes any graph with a spanning tree'
 class Metric:
     """The weights w, rationals with the smallest 1."""
 
-    w: Shaped[np.ndarray, "N"]
+    w: Shaped[np.ndarray, " N"]
 
     @property
     def spread(self) -> fmpq:
         """max w / min w: 1 for an undirected graph."""
-        return max(self.w) / min(self.w)
+        ratio: fmpq = max(self.w) / min(self.w)
+        return ratio
 
 
 def metric(graph: Graph) -> Metric:
@@ -63,10 +64,14 @@ def metric(graph: Graph) -> Metric:
                 w[j] = value
                 pending.append(j)
             elif w[j] != value:
-                raise _refused(graph, f"the weights around a circle through agents {i + 1} and {j + 1} do not balance")
+                raise _refused(
+                    graph, f"the weights around a circle through agents {i + 1} and {j + 1} do not balance"
+                )
     known = [value for value in w if value is not None]
     least = min(known)
-    return Metric(np.array([fmpq((v / least).numerator, (v / least).denominator) for v in known], dtype=object))
+    return Metric(
+        np.array([fmpq((v / least).numerator, (v / least).denominator) for v in known], dtype=object)
+    )
 
 
 def spectrum_bounds(graph: Graph, known: Metric) -> tuple[float, float]:
@@ -108,4 +113,3 @@ def _refused(graph: Graph, found: str) -> ProblemError:
         " splits along real eigenvectors of L",
         remedy=REMEDY,
     )
-

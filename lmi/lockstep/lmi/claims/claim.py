@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 Verdict = Literal["proved", "reproduced", "refuted", "underdetermined"]
 """proved: by exact arithmetic or algebra;  reproduced: the figure is met numerically;  refuted: a counterexample is
 computed;  underdetermined: the paper does not give what a verdict needs."""
@@ -14,7 +16,7 @@ class Measured:
     """What a run found: the figure, and whether it bears the verdict out."""
 
     figure: str
-    supports: bool
+    supports: bool | np.bool_
 
 
 @dataclass(frozen=True)

@@ -130,8 +130,8 @@ def _sturdier() -> Measured:
     _, ours = destabilising("theorem_1", 0.0)
     _, theirs = destabilising("corollary_1", 0.0)
     return Measured(
-        f"the same search moves the abscissa of the linear loop to {ours:.1f} with Theorem 1; with Corollary 1, designed"
-        " for no errors at all, it stays below 0",
+        f"the same search moves the abscissa of the linear loop to {ours:.1f} with Theorem 1; with Corollary 1,"
+        " designed for no errors at all, it stays below 0",
         ours > 0.1 and theirs < 0,
     )
 
@@ -154,7 +154,7 @@ def floquet_rate(source: Source, phi_slope: float, *, disturbed: bool) -> float:
     if not disturbed:
         return abscissa(one.A_cl(K) + added)
 
-    def flow(t: float, x: Float[np.ndarray, "196"]) -> Float[np.ndarray, "196"]:
+    def flow(t: float, x: Float[np.ndarray, " 196"]) -> Float[np.ndarray, " 196"]:
         return np.asarray(((one.A_cl(K + errors(t)) + added) @ x.reshape(14, 14)).ravel())
 
     end = solve_ivp(flow, (0.0, 2 * np.pi), np.eye(14).ravel(), rtol=1e-7, atol=1e-9).y[:, -1].reshape(14, 14)

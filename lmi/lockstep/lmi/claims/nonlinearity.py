@@ -73,7 +73,7 @@ def _different_h() -> Measured:
     left = (ALPHA * np.sin(state) - 0.0) ** 2
     return Measured(
         f"h_1 = {ALPHA} sin, h_2 = 0, x_1 = x_2 = 1: x_r = 0 and |z_5|^2 = {left:.3g}; the agents must share h",
-        bool(left > 0),
+        left > 0,
     )
 
 
@@ -106,11 +106,11 @@ def _two_neighbours() -> Measured:
     return Measured(
         f"undirected path of three, h = sin (slopes within 1): |z_5| = {max(ratios):.3g} |x_r| is reached; true where"
         " every row of L_hat has one neighbour, as in (39)",
-        bool(max(ratios) > 1.02),
+        max(ratios) > 1.02,
     )
 
 
-def _states(steps: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 3"]:
+def _states(steps: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 3"]:
     """Return (x_1, x_2, x_3) with equal gaps d around x_2 = -d/2."""
     return np.stack([steps / 2, -steps / 2, -1.5 * steps], axis=1)
 

@@ -1,7 +1,7 @@
 """Lemmas 1 and 2, (12) to (15), (23): the reduction to disagreements, and what rho then measures."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from lockstep.lmi.claims.claim import Measured, PaperClaim
 from lockstep.lmi.claims.example import TABLE_1, A, B, C, claim, cycle, loop
@@ -56,7 +56,7 @@ def _lift(T: Matrix) -> Matrix:
     return lift
 
 
-def _full_matrix(K: Matrix) -> Matrix:
+def _full_matrix(K: Shaped[np.ndarray, "3 3 4"]) -> Matrix:
     """Return the matrix of (12) without gain errors."""
     L = exactly(cycle().laplacian)
     M = exactly(np.zeros((18, 18)))

@@ -130,7 +130,8 @@ def _oscillation() -> Measured:
         damping[source] = float((-values.real / np.abs(values)).min())
     return Measured(
         f"least damping ratio around theta_l = 0: {damping['theorem_1']:.2f} with Theorem 1,"
-        f" {damping['corollary_1']:.2f} with Corollary 1; how much of it is seen depends on initial states that are not given",
+        f" {damping['corollary_1']:.2f} with Corollary 1; how much of it is seen depends on"
+        " initial states that are not given",
         min(damping.values()) > 0.1,
     )
 

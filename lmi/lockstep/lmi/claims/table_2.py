@@ -43,7 +43,7 @@ def _smaller() -> Measured:
     )
 
 
-def _horizon(rows: Float[np.ndarray, "3 4"]) -> Float[np.ndarray, "3"]:
+def _horizon(rows: Float[np.ndarray, "3 4"]) -> Float[np.ndarray, " 3"]:
     """Return the shortest horizon each agent's indices allow: IAE^2 <= T ISE, ITAE^2 <= (T^2 / 2) ITSE."""
     ISE, IAE, ITSE, ITAE = rows.T
     return np.asarray(np.maximum(IAE**2 / ISE, ITAE * np.sqrt(2 / ITSE)))
@@ -79,7 +79,8 @@ def _freedom() -> Measured:
     gains = [np.nan if one is None else one.tau / a * float(np.linalg.norm(one.K)) for one in found.values()]
     shown = ", ".join(f"{gain:.2g}" for gain in gains)
     return Measured(
-        f"protocols of [25] for these arms with |c K| = {shown} (decay 0.1, 3, 10 1/s), all solutions of its step 1; the one simulated is not given",
+        f"protocols of [25] for these arms with |c K| = {shown} (decay 0.1, 3, 10 1/s), all"
+        " solutions of its step 1; the one simulated is not given",
         gains[0] < 1 < gains[1] < 10 < gains[2],
     )
 

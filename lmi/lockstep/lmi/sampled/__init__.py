@@ -1,18 +1,28 @@
 """The certificate of the controllers that ship: sampled, held, in rounded floating point, proved in ball arithmetic.
 
-    controller   what one agent computes: its coefficients, and how often each of them is rounded
-    lifting      one period of the agents with their nonlinearity, as a matrix of the state at its start and a held input
-    conjugate    why that matrix exists: no conjugate point within the period
-    loop         the sampled loop in disagreement coordinates, with every way in for an error
-    inequality   the dissipation inequality of that loop, in doubles or in balls
-    search       witnesses for it, in doubles
-    certify      the proof, and what it says
-    performance  the same with a disturbance: rho of the sampled loop
-    period       the largest period that is certified
+controller   what one agent computes: its coefficients, and how often each of them is rounded
+lifting      one period of the agents with their nonlinearity, as a matrix of the state at its start and a held input
+conjugate    why that matrix exists: no conjugate point within the period
+loop         the sampled loop in disagreement coordinates, with every way in for an error
+inequality   the dissipation inequality of that loop, in doubles or in balls
+search       witnesses for it, in doubles
+certify      the proof, and what it says
+performance  the same with a disturbance: rho of the sampled loop
+period       the largest period that is certified
 """
 
 from lockstep.lmi.sampled.certify import SampledVerdict, certify_sampled
 from lockstep.lmi.sampled.controller import HeldController, Network
+from lockstep.lmi.sampled.performance import SampledRho, Weights, sampled_rho
 from lockstep.lmi.sampled.period import max_period
 
-__all__ = ["HeldController", "Network", "SampledVerdict", "certify_sampled", "max_period"]
+__all__ = [
+    "HeldController",
+    "Network",
+    "SampledRho",
+    "SampledVerdict",
+    "Weights",
+    "certify_sampled",
+    "max_period",
+    "sampled_rho",
+]

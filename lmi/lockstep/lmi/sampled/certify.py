@@ -130,18 +130,23 @@ def first_guess(d: Disagreement, guess: Float[np.ndarray, " pairs"] | None) -> F
 def in_doubles(network: Network, controllers: tuple[HeldController, ...]) -> SampledLoop:
     """Return the loop in doubles, for the search."""
     p, d = network.plant, network.d
-    plant = Plant(as_floats(p.A), tuple(as_floats(B) for B in p.B), as_floats(p.C), as_floats(p.G), as_floats(p.H))
+    plant = Plant(
+        as_floats(p.A), tuple(as_floats(B) for B in p.B), as_floats(p.C), as_floats(p.G), as_floats(p.H)
+    )
     coordinates = Disagreement(*(as_floats(M) for M in (d.T, d.right, d.S, d.L, d.L_r)))
-    return sampled_loop(Network(plant, coordinates, network.alpha, network.period, network.delay), controllers)
+    return sampled_loop(
+        Network(plant, coordinates, network.alpha, network.period, network.delay), controllers
+    )
 
 
 def lifted_agent(loop: SampledLoop) -> Lifted:
     """Return one period of one agent, w = phi and z = alpha H x, in the kind of number of the loop."""
     plant = loop.network.plant
-    return lift(plant.A, loop.into, *_squares(loop), loop.network.period)
+    return lift(plant.A, loop.into, *squares(loop), loop.network.period)
 
 
-def _squares(loop: SampledLoop) -> tuple[Any, Any]:
+def squares(loop: SampledLoop) -> tuple[Any, Any]:
+    """Return G G' and alpha^2 H'H of one agent."""
     plant = loop.network.plant
     alpha = exactly(np.array([loop.network.alpha]))[0] if plant.A.dtype == object else loop.network.alpha
     return plant.G @ plant.G.T, alpha * alpha * (plant.H.T @ plant.H)
@@ -150,7 +155,7 @@ def _squares(loop: SampledLoop) -> tuple[Any, Any]:
 def _holds(exact_loop: SampledLoop, trials: list[Witness]) -> Witness | None:
     """Return the first witness that is proved, with the period, or None."""
     if not trials or not no_conjugate_point(
-        exact_loop.network.plant.A, *_squares(exact_loop), exact_loop.network.period
+        exact_loop.network.plant.A, *squares(exact_loop), exact_loop.network.period
     ):
         return None
     one = lifted_agent(exact_loop)
@@ -195,7 +200,9 @@ def _accepted(
 ) -> SampledVerdict:
     """State what follows, rounded up by far more than these few operations lose."""
     messages = ROUNDED_UP * math.hypot(*(one.message_noise(1.0) for one in controllers))
-    lost = math.hypot(*(one.message_noise(0.0) for one in controllers), *(one.underflow for one in controllers))
+    lost = math.hypot(
+        *(one.message_noise(0.0) for one in controllers), *(one.underflow for one in controllers)
+    )
     return SampledVerdict(
         True,
         "no conjugate point in the period, P > 0 and W > 0, decided in ball arithmetic",

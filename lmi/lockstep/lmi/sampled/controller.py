@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 from flint import fmpq
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Shaped
 
 from lockstep.model.disagreement import Disagreement
 from lockstep.model.errors import ProblemError
@@ -51,10 +51,10 @@ class HeldController:
     """
 
     order: int
-    table: Float[np.ndarray, "n_C+m n_C+q"]
+    table: Float[np.ndarray, "k l"]
     sources: tuple[int, ...]
     weights: Float[np.ndarray, " nn"]
-    roundings: Int[np.ndarray, "n_C+m n_C+q"]
+    roundings: Int[np.ndarray, "k l"]
     before: Int[np.ndarray, " nn"]
     precision: Precision
 
@@ -64,7 +64,9 @@ class HeldController:
             raise ProblemError("its table holds no finite numbers, or another shape", where="controller")
         if not len(self.sources) == len(self.weights) == len(self.before):
             raise ProblemError(
-                f"{len(self.sources)} sources, {len(self.weights)} weights", where="controller", expected="as many"
+                f"{len(self.sources)} sources, {len(self.weights)} weights",
+                where="controller",
+                expected="as many",
             )
         deepest = int(self.roundings.max(initial=0)) + int(self.before.max(initial=0))
         if deepest * self.precision.u >= 0.5:
@@ -73,7 +75,7 @@ class HeldController:
     @classmethod
     def row_by_row(
         cls,
-        table: Float[np.ndarray, "n_C+m n_C+q"],
+        table: Float[np.ndarray, "k l"],
         order: int,
         sources: tuple[int, ...],
         weights: Float[np.ndarray, " nn"],
@@ -119,7 +121,8 @@ class HeldController:
         if state:
             return _errors_of(self.table[rows, :n], self.roundings[rows, :n], self.precision.u)
         parts = [
-            _errors_of(self.table[rows, n:], self.roundings[rows, n:] + int(k), self.precision.u) for k in self.before
+            _errors_of(self.table[rows, n:], self.roundings[rows, n:] + int(k), self.precision.u)
+            for k in self.before
         ]
         return np.hstack(parts) if parts else np.zeros((len(self.table[rows]), 0), dtype=object)
 
@@ -201,7 +204,7 @@ def spectral_bound(matrix: Float[np.ndarray, "k l"]) -> float:
 
 def _errors_of(
     block: Float[np.ndarray, "k l"], roundings: Int[np.ndarray, "k l"], u: float
-) -> Float[np.ndarray, "k l"]:
+) -> Shaped[np.ndarray, "k l"]:
     out = np.empty(block.shape, dtype=object)
     for index, value in np.ndenumerate(exactly(block)):
         out[index] = abs(value) * gamma(int(roundings[index]), u)

@@ -33,7 +33,6 @@ from lockstep.lmi.sampled.loop import SampledLoop
 from lockstep.model.disagreement import Disagreement
 from lockstep.model.numbers import Matrix, converter, is_exact, zeros
 
-
 NUMBERS = ("decay", "kappa", "weight", "ratio")
 
 
@@ -76,11 +75,17 @@ class Witness:
         except (TypeError, KeyError, ValueError, OverflowError):
             return None
         finite = all(np.isfinite(part).all() for part in (P, m, t, [getattr(witness, n) for n in NUMBERS]))
-        return witness if finite and P.ndim == 2 and P.shape[0] == P.shape[1] and m.ndim == t.ndim == 1 else None
+        return (
+            witness if finite and P.ndim == 2 and P.shape[0] == P.shape[1] and m.ndim == t.ndim == 1 else None
+        )
 
     def fits(self, loop: SampledLoop) -> bool:
         """Tell whether the sizes are those of a loop."""
-        return (len(self.P), len(self.m), len(self.t)) == (loop.n_xi, len(loop.network.d.pairs()), len(loop.ways))
+        return (len(self.P), len(self.m), len(self.t)) == (
+            loop.n_xi,
+            len(loop.network.d.pairs()),
+            len(loop.ways),
+        )
 
 
 def multiplier(d: Disagreement, m: Matrix) -> Matrix:

@@ -167,7 +167,7 @@ def _inputs(network: Network) -> tuple[Matrix, Matrix]:
     different: list[Matrix] = []
     which = []
     for B in network.plant.B:
-        known = [k for k, other in enumerate(different) if (B == other).all()]
+        known = [k for k, other in enumerate(different) if (other == B).all()]
         which.append(known[0] if known else len(different))
         different += [] if known else [B]
     N, m, width = network.d.N, network.plant.B[0].shape[1], len(different)
@@ -190,4 +190,6 @@ def _check(network: Network, controllers: tuple[HeldController, ...]) -> None:
             found = f"order {one.order}, {one.inputs} inputs, {one.outputs} outputs"
             raise ProblemError(found, where=where, expected=f"order {controllers[0].order}, {m}, {q}")
         if any(not 0 <= j < N or j == i - 1 for j in one.sources):
-            raise ProblemError(f"it listens to {[j + 1 for j in one.sources]}", where=where, expected="other agents")
+            raise ProblemError(
+                f"it listens to {[j + 1 for j in one.sources]}", where=where, expected="other agents"
+            )

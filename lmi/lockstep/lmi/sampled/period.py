@@ -1,8 +1,8 @@
 """The largest period that is certified, the controllers being sampled anew at each.
 
-Doubles look for the edge: the period is doubled from the one asked for until the loop fails there, or halved until it
-holds, and the last factor of two is bisected. The proof then decides at the edge; where it does not follow, the period is
-taken back a little. Periods beyond the first that fails are not looked at, so nothing is said of them.
+Doubles look for the edge: the period is doubled from the one asked for until the loop fails there, or halved
+until it holds, and the last factor of two is bisected. The proof then decides at the edge; where it does not
+follow, the period is taken back a little. Periods beyond the first that fails are not looked at, so nothing is said of them.
 """
 
 import math
@@ -11,7 +11,13 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.sampled.certify import SampledVerdict, certify_sampled, first_guess, in_doubles, lifted_agent
+from lockstep.lmi.sampled.certify import (
+    SampledVerdict,
+    certify_sampled,
+    first_guess,
+    in_doubles,
+    lifted_agent,
+)
 from lockstep.lmi.sampled.controller import HeldController, Network
 from lockstep.lmi.sampled.search import best_multiplier
 from lockstep.model.errors import ProblemError
@@ -44,7 +50,9 @@ def max_period(
         return None
     while high is not None and high > low * (1 + RESOLUTION):
         middle = math.sqrt(low * high)
-        low, high = (middle, high) if _seems_to_hold(network.at(middle), controllers_at, guess) else (low, middle)
+        low, high = (
+            (middle, high) if _seems_to_hold(network.at(middle), controllers_at, guess) else (low, middle)
+        )
     for factor in BACK_OFF:
         period = _down(low * factor)
         verdict = certify_sampled(network.at(period), controllers_at(period), guess, thorough=False)

@@ -1,6 +1,6 @@
 """The discrete Riccati equation  P = A' (P^-1 - S)^-1 A + Q,  by doubling: candidates for P, in doubles.
 
-With G = -S it is P = A' P (I + G P)^-1 A + Q, and the structure-preserving doubling algorithm (Chu, Fan, Lin and Wang 2004)
+With G = -S it is P = A' P (I + G P)^-1 A + Q, and structure-preserving doubling (Chu, Fan, Lin and Wang 2004)
 finds its stabilising solution quadratically fast:
 
     A <- A (I + G P)^-1 A,   G <- G + A (I + G P)^-1 G A',   P <- P + A' P (I + G P)^-1 A.

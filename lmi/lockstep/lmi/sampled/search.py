@@ -1,9 +1,9 @@
-"""Witnesses for the inequality of the sampled loop, in doubles: nothing here is believed, all of it is proved elsewhere.
+"""Witnesses for the inequality of the sampled loop, in doubles: nothing here is believed, it is proved elsewhere.
 
-    m      the multiplier under which the loop from w to z has the least gain over all frequencies
-    P      from the Riccati equation of that gain, with part of what room there is kept for the rest
-    t      a share of that room for each way in of rounding
-    kappa  the least that the messages' noise then needs
+m      the multiplier under which the loop from w to z has the least gain over all frequencies
+P      from the Riccati equation of that gain, with part of what room there is kept for the rest
+t      a share of that room for each way in of rounding
+kappa  the least that the messages' noise then needs
 """
 
 from collections.abc import Iterator

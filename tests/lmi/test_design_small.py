@@ -1,0 +1,251 @@
+"""Designs of problems small enough to know the answer: closed forms, must-fails that say why, and every shape once.
+
+Each design here is proved by the exact decision and then looked at again from outside: the gains' norms, the decision for the
+agents' own equations by `exact_twin`, and where there is one the optimum in closed form.
+"""
+
+import json
+
+import numpy as np
+import pytest
+from exact_twin import Twin
+from lmi_cases import DOUBLE_INTEGRATOR, problem
+
+from lockstep.lmi.certify import certify
+from lockstep.lmi.design import Design, design
+from lockstep.lmi.document import document, parse
+from lockstep.model.errors import BoundNotProved, Infeasible, NotCertified, ProblemError
+from lockstep.model.problem import Problem
+
+PATH_2 = 'agents = 2\ntopology = "path"'
+CYCLE_3 = 'agents = 3\ntopology = "cycle"'
+BOTH = {"y1": "a", "y2": "b"}
+PENDULUM = {"a": "b", "b": "-a - sin(a) + u"}
+
+
+def scalar(design_table: str) -> Problem:
+    """x' = sin x + u, y = x, two agents that hear each other: x_d' = -(d_1 + d_2) x_d + phi_d + xi_d."""
+    return problem(
+        dynamics={"x": "sin(x) + u"},
+        outputs={"y": "x"},
+        network=PATH_2,
+        design=design_table,
+        agent="centre = false",
+    )
+
+
+def checked(made: Design) -> Design:
+    """Decide the design again: by the checker from its text, and by the twin from the agents' equations."""
+    assert made.certified
+    assert made.certificate is not None
+    stored = parse(json.loads(json.dumps(document(made))), "memory")
+    assert certify(stored).certified
+    blocks = [{letter: getattr(made.gains, letter)[i] for letter in "ABCD"} for i in range(made.gains.N)]
+    assert Twin(made.network.plant, made.network.graph.adjacency, blocks).holds(made.claim, made.certificate)
+    if made.problem.design.method == "certified":
+        assert max(made.gains.norms) <= made.problem.design.gain_limit
+    floor = made.figures.get("floor")
+    assert floor is None or floor <= made.certificate.rho * (1 + 1e-6)
+    return made
+
+
+@pytest.mark.parametrize("order", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_the_scalar_loop_reaches_its_optimum(order: int) -> None:
+    """rho = 1 / (2 d - alpha) at the gain limit d = 10: 1/19, whatever the order; the certificate rounds up."""
+    made = checked(design(scalar(f"order = {order}\nstarts = 1\ngain_limit = 10.0"), jobs=1))
+    assert made.certificate is not None
+    assert 1 / 19 <= made.certificate.rho <= 1.003 / 19
+
+
+@pytest.mark.slow
+def test_the_largest_alpha_of_the_scalar_loop() -> None:
+    """objective = "alpha" with rho = 1: alpha = 2 d - 1 = 19."""
+    made = checked(
+        design(scalar('order = 0\nstarts = 1\ngain_limit = 10.0\nobjective = "alpha"\nrho = 1.0'), jobs=1)
+    )
+    assert 18.9 <= made.claim.alpha <= 19.0
+    assert made.certificate is not None
+    assert made.certificate.rho == 1.0
+
+
+def test_a_gain_limit_that_is_too_small_says_how_far_it_reaches() -> None:
+    """2 d = 0.6 < 1 = alpha: alpha up to 0.6 is reachable, and no further."""
+    with pytest.raises(Infeasible) as error:
+        design(scalar("order = 0\nstarts = 1\ngain_limit = 0.3"), jobs=1)
+    assert 0.58 <= error.value.figures["reachable_alpha"] <= 0.6
+    assert "gain_limit" in str(error.value)
+
+
+def test_a_rho_out_of_reach_says_which_one_is_in_reach() -> None:
+    with pytest.raises(Infeasible) as error:
+        design(scalar('order = 0\nstarts = 1\ngain_limit = 10.0\nobjective = "alpha"\nrho = 0.05'), jobs=1)
+    assert error.value.figures["reachable_rho"] == pytest.approx(1 / 19, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_double_integrators_that_measure_position_and_speed() -> None:
+    """Linear: alpha is 0 and rho close to the floor, 1: x' = v + xi leaves v no say in the first instant."""
+    made = checked(
+        design(
+            problem(
+                dynamics=DOUBLE_INTEGRATOR, outputs={"y1": "p", "y2": "v"}, design="order = 1\nstarts = 1"
+            ),
+            jobs=1,
+        )
+    )
+    assert made.claim.alpha == 0.0
+    assert made.certificate is not None
+    assert made.certificate.m.tolist() == [0.0, 0.0, 0.0]
+    assert made.figures["floor"] == pytest.approx(1.0, abs=1e-3)
+    assert made.certificate.rho < 1.1
+
+
+def test_double_integrators_that_measure_position_alone_need_a_memory() -> None:
+    """No static gain moves the trace of A_cl, 0: the must-fail beside the one above, with the abscissa it gets stuck at."""
+    with pytest.raises(Infeasible) as error:
+        design(
+            problem(dynamics=DOUBLE_INTEGRATOR, outputs={"y1": "p"}, design="order = 0\nstarts = 2"), jobs=1
+        )
+    assert error.value.figures["abscissa"] == pytest.approx(0.0, abs=1e-3)
+    assert "order" in str(error.value)
+
+
+@pytest.mark.slow
+def test_double_integrators_behind_a_leader_with_position_alone() -> None:
+    """Issue 4: certified at order 1 on a leader-follower path of four. The leader hears no one: it must stay idle."""
+    made = checked(
+        design(
+            problem(
+                dynamics=DOUBLE_INTEGRATOR,
+                outputs={"y1": "p"},
+                network='agents = 4\ntopology = "leader_path"',
+                design="order = 1\nstarts = 2",
+            )
+        )
+    )
+    assert made.certificate is not None
+    assert made.certificate.rho < 3
+
+
+SHAPES = {
+    "the whole state": dict(
+        dynamics=PENDULUM, outputs=BOTH, network=CYCLE_3, design="order = 0\nstarts = 1\ngain_limit = 10.0"
+    ),
+    "agents with inputs of their own on a weighted digraph": dict(
+        dynamics={"a": "b", "b": "-a - sin(a) + k*u"},
+        outputs=BOTH,
+        agent="parameters = { k = 1.0 }",
+        network="agents = 3\nedges = [[1, 2, 0.5], [2, 3, 2.0], [3, 1, 1.0], [1, 3, 0.25]]\n"
+        "parameters = [{ k = 1.0 }, { k = 2.0 }, { k = 0.5 }]",
+        design="order = 0\nstarts = 1\ngain_limit = 10.0",
+    ),
+    "a leader": dict(
+        dynamics=PENDULUM,
+        outputs=BOTH,
+        network='agents = 3\ntopology = "star"',
+        design="order = 0\nstarts = 1\ngain_limit = 10.0",
+    ),
+    "rows of L as coordinates": dict(
+        dynamics=PENDULUM,
+        outputs=BOTH,
+        network=CYCLE_3,
+        design='order = 0\nstarts = 1\ngain_limit = 10.0\ncoordinates = "laplacian_rows"',
+    ),
+    "weights as lists": dict(
+        dynamics=PENDULUM,
+        outputs=BOTH,
+        network=PATH_2,
+        design="order = 1\nstarts = 2\ngain_limit = 10.0\nweights = { state = [2.0, 0.5], controller = [0.1] }",
+    ),
+    "gains that may be off": dict(
+        dynamics=PENDULUM,
+        outputs=BOTH,
+        network=PATH_2,
+        design="order = 1\nstarts = 2\ngain_limit = 10.0\nfragility = { A = 0.1, B = 0.1, C = 0.1, D = 0.1 }",
+    ),
+    "two inputs, two components of phi, time": dict(
+        dynamics={"a": "-a + sin(b)*cos(t) + u", "b": "tanh(a) - b + w + cos(t)"},
+        inputs=["u", "w"],
+        outputs=BOTH,
+        network=PATH_2,
+        design="order = 0\nstarts = 1\ngain_limit = 10.0",
+    ),
+}
+
+
+QUICK = ("agents with inputs of their own on a weighted digraph", "gains that may be off", "a leader")
+
+
+@pytest.mark.parametrize(
+    "shape", [shape if shape in QUICK else pytest.param(shape, marks=pytest.mark.slow) for shape in SHAPES]
+)
+def test_every_shape_of_problem_is_designed_and_proved(shape: str) -> None:
+    made = checked(design(problem(**SHAPES[shape]), jobs=1))
+    assert made.certificate is not None
+    assert np.isfinite(made.certificate.rho)
+    assert len(made.certificate.t) == (4 * made.gains.N if "off" in shape else 0)
+
+
+@pytest.mark.slow
+def test_less_is_asked_more_is_reached() -> None:
+    """Certain gains reach a smaller rho than gains that may be off; a smaller alpha a smaller one still."""
+    asked = dict(dynamics=PENDULUM, outputs=BOTH, network=PATH_2, agent="centre = false")
+    table = "order = 0\nstarts = 1\ngain_limit = 10.0"
+    rho = {}
+    for name, more in (
+        ("certain", ""),
+        ("fragile", "\nfragility = { D = 0.5 }"),
+        ("larger alpha", "\nalpha = 3.0"),
+    ):
+        certificate = design(problem(**asked, design=table + more), jobs=1).certificate
+        assert certificate is not None
+        rho[name] = certificate.rho
+    assert rho["certain"] < rho["fragile"]
+    assert rho["certain"] < rho["larger alpha"]
+
+
+def given(D: float, more: str = "") -> Problem:
+    return scalar(
+        f'method = "given"\n{more}\n' + "\n".join(f"[[design.gains]]\nD = [[{D}]]" for _ in range(2))
+    )
+
+
+def test_given_gains_are_proved_or_refused() -> None:
+    """d_1 + d_2 = 4: rho = 1/3; at 1.0 the loop's margin is 1/2 * 2 - 1 = 0, and there is nothing to prove."""
+    made = checked(design(given(-2.0)))
+    assert made.certificate is not None
+    assert 1 / 3 <= made.certificate.rho <= 1.002 / 3
+    with pytest.raises(NotCertified):
+        design(given(-0.5))
+    with pytest.raises(NotCertified) as error:
+        design(given(2.0))
+    assert error.value.figures["abscissa"] == pytest.approx(4.0)
+
+
+def test_a_rho_below_what_the_given_gains_have_is_refused() -> None:
+    assert design(given(-2.0, 'objective = "alpha"\nrho = 0.34')).certified
+    with pytest.raises(NotCertified) as error:
+        design(given(-2.0, 'objective = "alpha"\nrho = 0.33'))
+    assert error.value.figures["rho"] == pytest.approx(1 / 3, rel=1e-3)
+
+
+def test_an_alpha_below_the_true_bound_is_refuted() -> None:
+    with pytest.raises(BoundNotProved):
+        design(scalar("order = 0\nstarts = 1\nalpha = 0.9"), jobs=1)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (dict(network="agents = 4\nedges = [[1, 2], [3, 4]]"), "no spanning tree"),
+        (dict(dynamics={"a": "b + u", "b": "-b"}), "not controllable"),
+        (dict(outputs={"y1": "b"}, dynamics={"a": "u", "b": "u - b"}), "not observable"),
+        (dict(dynamics={"a": "b", "b": "a**3 + u"}), "no finite bound"),
+    ],
+)
+def test_what_cannot_be_posed_is_bad_input(change: dict, says: str) -> None:
+    with pytest.raises(ProblemError, match=says):
+        design(
+            problem(**(dict(dynamics=PENDULUM, outputs=BOTH, network=PATH_2, design="order = 0") | change)),
+            jobs=1,
+        )
