@@ -1,4 +1,5 @@
-"""Networks and controllers for the tests of the sampled certificate, and brute force that shares none of its formulas."""
+"""Networks and controllers for the tests of the sampled certificate, and brute force that shares none of its
+formulas."""
 
 import numpy as np
 from scipy.linalg import block_diag, expm

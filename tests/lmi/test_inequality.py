@@ -1,4 +1,4 @@
-"""F of the certificate against a slow twin in fractions, for every shape of problem, and what the proof says yes and no to."""
+"""F of the certificate against a slow twin in fractions, for every shape of problem, and where the proof says no."""
 
 from dataclasses import replace
 
@@ -78,7 +78,7 @@ def test_F_is_the_twin_s_to_the_last_bit(case: Case) -> None:
 
 def test_the_twin_can_tell_a_wrong_F() -> None:
     """One sign, one missing square, one metric: each of these slips changes the twin's form."""
-    network, gains = arms(), published()
+    network = arms()
     weights = claim(network, 2, ALPHA, delta=(0.5, 0.2, 0.2, 0.2))
     twin = Twin(
         network.plant,
@@ -168,7 +168,7 @@ def closed_form_rho(a: float) -> float:
 
 @pytest.mark.parametrize("a", [1.5, 2.0, 5.0])
 def test_a_scalar_loop_against_its_closed_form(a: float) -> None:
-    """With S = 1/2: 2 p a = (1 + m + p^2/m + p^2/rho^2) at p = rho^2/g, m = p; certified just above 1/(a - 1), never below."""
+    """m = P and the best P: certified just above 1/(a - 1), never just below, for any of 301 P around the best."""
     loop, weights = scalar_case()
     K = np.full((2, 1, 1), -a / 2)
     rho = closed_form_rho(a)

@@ -1,4 +1,4 @@
-"""The published gains against the reference's figures, what the multiplier on all pairs is worth, and rounding that proves."""
+"""The published gains against the reference's figures, what a multiplier on all pairs is worth, rounding that proves."""
 
 from dataclasses import replace
 

@@ -114,11 +114,16 @@ def test_exact_and_float_coordinates_are_the_same() -> None:
     """Weights in quarters: every sum is exact in doubles, so the two may not differ at all."""
     graph = Graph.from_edges(4, [[1, 2, 0.25], [2, 3, 2.0], [3, 1, 1.0], [4, 1, 0.5], [1, 4, 1.75]])
     for coordinates in COORDINATES:
-        exact, floats = disagreement(graph, coordinates, exact_arithmetic=True), disagreement(graph, coordinates)
+        exact, floats = (
+            disagreement(graph, coordinates, exact_arithmetic=True),
+            disagreement(graph, coordinates),
+        )
         for name in ("T", "L"):
             np.testing.assert_array_equal(as_floats(getattr(exact, name)), getattr(floats, name))
         for name in ("right", "S", "L_r"):
-            np.testing.assert_allclose(as_floats(getattr(exact, name)), getattr(floats, name), rtol=1e-12, atol=1e-14)
+            np.testing.assert_allclose(
+                as_floats(getattr(exact, name)), getattr(floats, name), rtol=1e-12, atol=1e-14
+            )
 
 
 def test_decimal_weights_add_up_exactly_only_in_rationals() -> None:

@@ -31,7 +31,9 @@ def random_case(
     def entries(*shape: int) -> np.ndarray:
         return generator.integers(-8, 9, size=shape) / 4.0
 
-    plant = Plant(entries(n, n), tuple(entries(n, m) for _ in range(N)), entries(q, n), entries(n, r), entries(r, n))
+    plant = Plant(
+        entries(n, n), tuple(entries(n, m) for _ in range(N)), entries(q, n), entries(n, r), entries(r, n)
+    )
     a = generator.integers(0, 3, size=(N, N)) / 2.0
     np.fill_diagonal(a, 0.0)
     for i in range(1, N):

@@ -76,7 +76,9 @@ def test_the_reduced_loop_is_the_disagreement_of_the_nonlinear_one(
     loop = network.loop(order)
     x, xi = generator.standard_normal((2, 4, agent.n)) * 2
     x_C, t = generator.standard_normal((4, order)), float(generator.uniform(0, 5))
-    dx, dx_C, _ = (np.array(part).ravel() for part in network.closed_loop(gains)(x.ravel(), x_C.ravel(), t, xi.ravel()))
+    dx, dx_C, _ = (
+        np.array(part).ravel() for part in network.closed_loop(gains)(x.ravel(), x_C.ravel(), t, xi.ravel())
+    )
     T = loop.d.T
     x_cl = np.concatenate([(T @ x).ravel(), x_C.ravel()])
     h = np.stack([nonlinearity(agent, t)(row) for row in x])
@@ -94,7 +96,9 @@ def test_G_phi_is_the_disagreement_of_h(make: Callable[[], Agent]) -> None:
     x, t = np.random.default_rng(4).standard_normal((3, agent.n)), 0.7
     h = np.stack([nonlinearity(agent, t)(row) for row in x])
     phi = np.stack([np.array(agent.lure.phi(agent.lure.H @ row, t)).ravel() for row in x])
-    np.testing.assert_allclose(loop.E @ (loop.d.T @ h).ravel(), loop.E_G @ (loop.d.T @ phi).ravel(), atol=1e-12)
+    np.testing.assert_allclose(
+        loop.E @ (loop.d.T @ h).ravel(), loop.E_G @ (loop.d.T @ phi).ravel(), atol=1e-12
+    )
 
 
 def test_agents_that_agree_keep_agreeing() -> None:
@@ -103,7 +107,9 @@ def test_agents_that_agree_keep_agreeing() -> None:
     network = Network(agent, CYCLE)
     gains = random_gains(1, 3, 2, agent.m, agent.q)
     x = np.tile(np.array([0.3, -1.0, 2.0]), 3)
-    dx, dx_C, u = (np.array(part).ravel() for part in network.closed_loop(gains)(x, np.zeros(6), 1.2, np.ones(9)))
+    dx, dx_C, u = (
+        np.array(part).ravel() for part in network.closed_loop(gains)(x, np.zeros(6), 1.2, np.ones(9))
+    )
     np.testing.assert_allclose(u, 0.0, atol=1e-12)
     np.testing.assert_allclose(dx_C, 0.0, atol=1e-12)
     np.testing.assert_allclose(dx.reshape(3, 3), np.tile(dx[:3], (3, 1)), atol=1e-12)
@@ -117,7 +123,10 @@ def test_an_agent_uses_its_own_input_matrix() -> None:
     gains = Gains(*(tuple(np.ones(s) for _ in range(3)) for s in ((0, 0), (0, 2), (1, 0), (1, 2))))
     x = np.zeros((3, 4))
     x[:, 0] = [1.0, 0.0, 0.0]
-    dx, _, u = (np.array(part).ravel() for part in network.closed_loop(gains)(x.ravel(), np.zeros(0), 0.0, np.zeros(12)))
+    dx, _, u = (
+        np.array(part).ravel()
+        for part in network.closed_loop(gains)(x.ravel(), np.zeros(0), 0.0, np.zeros(12))
+    )
     np.testing.assert_allclose(u, [1.0, 0.0, -1.0])  # L x of (39), first column
     accelerations = dx.reshape(3, 4)[:, 1] - [-48.6, 0.0, 0.0]
     np.testing.assert_allclose(accelerations, [1.0, 0.0, -3.0])

@@ -2,8 +2,9 @@
 
 Nothing here believes manifest.json: orders, the period, the sources and every coefficient come from the header and the
 source. What is read is then rendered again through the templates, and the result must be the file, comments aside: C of
-any other form is refused, since nobody knows what it computes. Unrolled statements are interpreted one by one, each value
-a linear form in (x, r) with the number of roundings behind every coefficient, so the order of operations is the file's.
+any other form is refused, since nobody knows what it computes. Unrolled statements are interpreted one by one,
+each value a linear form in (x, r) with the number of roundings behind every coefficient, so the order of
+operations is the file's.
 """
 
 import re

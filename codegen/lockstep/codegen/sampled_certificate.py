@@ -40,7 +40,8 @@ class FolderVerdict:
     """What is proved of the C in a folder, and where that C is not what its manifest says.
 
     sampled: of the coefficients and the period in the C;  longest: at the largest period certified for the design's
-    gains, sampled anew;  rho: the disturbance gain proved of the same C;  differences: one line for each thing that differs.
+    gains, sampled anew;  rho: the disturbance gain proved of the same C;  differences: one line for each thing
+    that differs.
     """
 
     sampled: SampledVerdict
@@ -101,7 +102,10 @@ def certify_texts(
 
 
 def with_sampled(
-    content: Mapping[str, Any], stored: Stored, verdict: SampledVerdict | None = None
+    content: Mapping[str, Any],
+    stored: Stored,
+    verdict: SampledVerdict | None = None,
+    controllers: tuple[HeldController, ...] | None = None,
 ) -> dict[str, Any]:
     """Return a design file's content with what is proved of its sampled controllers; as it was if it says so already.
 

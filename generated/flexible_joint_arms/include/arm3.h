@@ -12,26 +12,40 @@
  *   input  u[0]      u in V
  *   neighbour 0      arm1, weight a = 1.0, bit 0x1 of `received`
  *   arithmetic       float32 (float), round to nearest, subnormals kept, no contraction
- *   design           ea80e4f33bdb7ddd4dd68ff4eec785374d655737e00d1185253c76c3762e9259
+ *   design           9bc0fbd9dc38e85d92e66a34cea3cf109ad91751cf0606238c2994a3eab49f47
  *
  * WHAT IS CLAIMED
- *   certified (proof: exact)
- *   covers = the continuous controller in real arithmetic; the sampled, rounded one of this folder is not covered yet
+ *   certified (proof: ball)
+ *   proved = all agents come to agree, between the samples too, under these float32 controllers stepped every 0.005 s with u held, every rounding of a step counted
+ *   assumes = the agents obey their model with slopes up to alpha; all step at one instant; every message arrives; u acts at once and unclipped; no step overflows
+ *   remains = a distance of the states from agreement of up to 2.4e+06 times the largest error of a message (root mean square: 7.7e+04 times); rounding a message to float32 errs by 6.0e-08 of its size
  *   scope = global
  *   rho = 3.344
  *   alpha = 3.33
+ *   rho and delta are = of the continuous controllers (proof: exact)
  *
  * WHAT IT COSTS
  *   RAM              32 bytes per instance (sizeof(arm3_state_t), natural alignment)
- *   stack            at most 128 bytes on Cortex-M4F at -O2 and -Os, interrupt frame not counted
+ *   at -O2 and -Os, with the emulated cores of `lockstep verify`, which checks it:
+ *   stack            at most 128 bytes on Cortex-M4F, Cortex-M7, RV32IMAFC; interrupt frame not counted
+ *   stack            at most 200 bytes on RV32IMAC; interrupt frame not counted
+ *   stack            at most 264 bytes on Cortex-M0; interrupt frame not counted
+ *   flash            at most 820 bytes on Cortex-M4F, Cortex-M7
+ *   flash            at most 904 bytes on Cortex-M0
+ *   flash            at most 924 bytes on RV32IMAFC
+ *   flash            at most 1252 bytes on RV32IMAC
  *   arithmetic       12 multiplications and 9 additions in the controller itself
- *   no heap, no recursion, no library call, no loop without a constant bound
+ *   no heap, no recursion, no loop without a constant bound, and the source calls no library function.
+ *   The compiler may still call memcpy or memset for a copy, and on a core without single-precision hardware its
+ *   own float arithmetic, never double; neither is counted under flash.
  *
  * WHAT THE CALLER DOES
  *   once             enable the floating-point unit, leave its defaults (round to nearest, no flush to zero),
  *                    call arm3_init
  *   every 0.005 s   sample y, take the neighbours' latest outputs, call arm3_step, apply u at once
- *   at every call    look at the status; on a fault u repeats the last good value: decide what is safe for the plant
+ *   at every call    look at the status; on a fault u repeats the last good value: decide what is safe for the plant.
+ *                    A fault of the inputs ends with the inputs. An OVERFLOW that the state itself causes stays, since
+ *                    the state is held: then call arm3_reset
  *   after a stop     call arm3_reset
  *   Instances share nothing. One instance is not to be stepped from two contexts at a time.
  *   Pointers are valid, none overlaps *state; u may overlap y or the neighbours' outputs.
@@ -59,7 +73,10 @@ typedef enum {
     ARM3_OK = 0,
     /* An input that was read is NaN or infinite. Nothing in *state changed; u is the last good output. */
     ARM3_NOT_FINITE = 1,
-    /* The inputs are finite, but r, x+ or u is not. Nothing in *state changed; u is the last good output. */
+    /*
+     * The inputs are finite, but r, x+ or u is not. Nothing in *state changed; u is the last good output. If it
+     * comes from the state alone, every further step gives it again until a reset.
+     */
     ARM3_OVERFLOW = 2
 } arm3_status_t;
 

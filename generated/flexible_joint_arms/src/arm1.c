@@ -7,7 +7,6 @@
 #include "arm1.h"
 
 #include <float.h>
-#include <stdbool.h>
 
 #if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(__NO_SIGNED_ZEROS__)
 #error "Floating-point shortcuts change the results: compile without -ffast-math and its parts."
@@ -88,7 +87,8 @@ static arm1_status_t arm1_advance(arm1_state_t *state, const float r[2])
     return status;
 }
 
-static bool arm1_finite(const float *values, uint32_t count)
+/* 0 if all values are finite, else NaN. */
+static float arm1_check(const float *values, uint32_t count)
 {
     float check = 0.0f;
     uint32_t k;
@@ -96,7 +96,7 @@ static bool arm1_finite(const float *values, uint32_t count)
     for (k = 0u; k < count; k++) {
         check = check + (values[k] - values[k]);
     }
-    return check == 0.0f;
+    return check;
 }
 
 static void arm1_output(const arm1_state_t *state, float u[1])
@@ -142,14 +142,16 @@ arm1_status_t arm1_step_relative(arm1_state_t *state, const float r[2], float u[
 {
     arm1_status_t status = arm1_advance(state, r);
 
-    if ((status != ARM1_OK) && !arm1_finite(r, 2u)) {
+    if ((status != ARM1_OK) && (arm1_check(r, 2u) != 0.0f)) {
         status = ARM1_NOT_FINITE;
     }
     arm1_output(state, u);
     return status;
 }
 
-/* r = sum of a_j (y - y_j), in the order of the neighbours; one that was never heard counts as y itself. */
+/*
+ * r = sum of a_j (y - y_j), in the order of the neighbours; one that was never heard counts as y itself.
+ */
 static void arm1_relative(const arm1_state_t *state, const float y[2],
     const float neighbour_y[2], arm1_mask_t received, float r[2])
 {
@@ -202,24 +204,24 @@ static void arm1_remember(arm1_state_t *state, const float neighbour_y[2], arm1_
 /* After a fault only: was it an input, or did finite inputs overflow? */
 static arm1_status_t arm1_fault(const float y[2], const float neighbour_y[2], arm1_mask_t received)
 {
-    bool finite = arm1_finite(y, 2u);
+    float check = arm1_check(y, 2u);
     uint32_t j;
 
     for (j = 0u; j < 1u; j++) {
         const arm1_mask_t bit = (arm1_mask_t)((arm1_mask_t)1u << j);
 
         if ((received & bit) != 0u) {
-            finite = finite && arm1_finite(&neighbour_y[j * 2u], 2u);
+            check = check + arm1_check(&neighbour_y[j * 2u], 2u);
         }
     }
-    return finite ? ARM1_OVERFLOW : ARM1_NOT_FINITE;
+    return (check == 0.0f) ? ARM1_OVERFLOW : ARM1_NOT_FINITE;
 }
 
 arm1_status_t arm1_step(arm1_state_t *state, const float y[2],
     const float neighbour_y[2], arm1_mask_t received, float u[1])
 {
-    arm1_status_t status;
     float r[2];
+    arm1_status_t status;
 
     arm1_relative(state, y, neighbour_y, received, r);
     status = arm1_advance(state, r);

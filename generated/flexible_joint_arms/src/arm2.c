@@ -7,7 +7,6 @@
 #include "arm2.h"
 
 #include <float.h>
-#include <stdbool.h>
 
 #if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(__NO_SIGNED_ZEROS__)
 #error "Floating-point shortcuts change the results: compile without -ffast-math and its parts."
@@ -88,7 +87,8 @@ static arm2_status_t arm2_advance(arm2_state_t *state, const float r[2])
     return status;
 }
 
-static bool arm2_finite(const float *values, uint32_t count)
+/* 0 if all values are finite, else NaN. */
+static float arm2_check(const float *values, uint32_t count)
 {
     float check = 0.0f;
     uint32_t k;
@@ -96,7 +96,7 @@ static bool arm2_finite(const float *values, uint32_t count)
     for (k = 0u; k < count; k++) {
         check = check + (values[k] - values[k]);
     }
-    return check == 0.0f;
+    return check;
 }
 
 static void arm2_output(const arm2_state_t *state, float u[1])
@@ -142,14 +142,16 @@ arm2_status_t arm2_step_relative(arm2_state_t *state, const float r[2], float u[
 {
     arm2_status_t status = arm2_advance(state, r);
 
-    if ((status != ARM2_OK) && !arm2_finite(r, 2u)) {
+    if ((status != ARM2_OK) && (arm2_check(r, 2u) != 0.0f)) {
         status = ARM2_NOT_FINITE;
     }
     arm2_output(state, u);
     return status;
 }
 
-/* r = sum of a_j (y - y_j), in the order of the neighbours; one that was never heard counts as y itself. */
+/*
+ * r = sum of a_j (y - y_j), in the order of the neighbours; one that was never heard counts as y itself.
+ */
 static void arm2_relative(const arm2_state_t *state, const float y[2],
     const float neighbour_y[2], arm2_mask_t received, float r[2])
 {
@@ -202,24 +204,24 @@ static void arm2_remember(arm2_state_t *state, const float neighbour_y[2], arm2_
 /* After a fault only: was it an input, or did finite inputs overflow? */
 static arm2_status_t arm2_fault(const float y[2], const float neighbour_y[2], arm2_mask_t received)
 {
-    bool finite = arm2_finite(y, 2u);
+    float check = arm2_check(y, 2u);
     uint32_t j;
 
     for (j = 0u; j < 1u; j++) {
         const arm2_mask_t bit = (arm2_mask_t)((arm2_mask_t)1u << j);
 
         if ((received & bit) != 0u) {
-            finite = finite && arm2_finite(&neighbour_y[j * 2u], 2u);
+            check = check + arm2_check(&neighbour_y[j * 2u], 2u);
         }
     }
-    return finite ? ARM2_OVERFLOW : ARM2_NOT_FINITE;
+    return (check == 0.0f) ? ARM2_OVERFLOW : ARM2_NOT_FINITE;
 }
 
 arm2_status_t arm2_step(arm2_state_t *state, const float y[2],
     const float neighbour_y[2], arm2_mask_t received, float u[1])
 {
-    arm2_status_t status;
     float r[2];
+    arm2_status_t status;
 
     arm2_relative(state, y, neighbour_y, received, r);
     status = arm2_advance(state, r);

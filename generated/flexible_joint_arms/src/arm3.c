@@ -7,7 +7,6 @@
 #include "arm3.h"
 
 #include <float.h>
-#include <stdbool.h>
 
 #if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(__NO_SIGNED_ZEROS__)
 #error "Floating-point shortcuts change the results: compile without -ffast-math and its parts."
@@ -88,7 +87,8 @@ static arm3_status_t arm3_advance(arm3_state_t *state, const float r[2])
     return status;
 }
 
-static bool arm3_finite(const float *values, uint32_t count)
+/* 0 if all values are finite, else NaN. */
+static float arm3_check(const float *values, uint32_t count)
 {
     float check = 0.0f;
     uint32_t k;
@@ -96,7 +96,7 @@ static bool arm3_finite(const float *values, uint32_t count)
     for (k = 0u; k < count; k++) {
         check = check + (values[k] - values[k]);
     }
-    return check == 0.0f;
+    return check;
 }
 
 static void arm3_output(const arm3_state_t *state, float u[1])
@@ -142,14 +142,16 @@ arm3_status_t arm3_step_relative(arm3_state_t *state, const float r[2], float u[
 {
     arm3_status_t status = arm3_advance(state, r);
 
-    if ((status != ARM3_OK) && !arm3_finite(r, 2u)) {
+    if ((status != ARM3_OK) && (arm3_check(r, 2u) != 0.0f)) {
         status = ARM3_NOT_FINITE;
     }
     arm3_output(state, u);
     return status;
 }
 
-/* r = sum of a_j (y - y_j), in the order of the neighbours; one that was never heard counts as y itself. */
+/*
+ * r = sum of a_j (y - y_j), in the order of the neighbours; one that was never heard counts as y itself.
+ */
 static void arm3_relative(const arm3_state_t *state, const float y[2],
     const float neighbour_y[2], arm3_mask_t received, float r[2])
 {
@@ -202,24 +204,24 @@ static void arm3_remember(arm3_state_t *state, const float neighbour_y[2], arm3_
 /* After a fault only: was it an input, or did finite inputs overflow? */
 static arm3_status_t arm3_fault(const float y[2], const float neighbour_y[2], arm3_mask_t received)
 {
-    bool finite = arm3_finite(y, 2u);
+    float check = arm3_check(y, 2u);
     uint32_t j;
 
     for (j = 0u; j < 1u; j++) {
         const arm3_mask_t bit = (arm3_mask_t)((arm3_mask_t)1u << j);
 
         if ((received & bit) != 0u) {
-            finite = finite && arm3_finite(&neighbour_y[j * 2u], 2u);
+            check = check + arm3_check(&neighbour_y[j * 2u], 2u);
         }
     }
-    return finite ? ARM3_OVERFLOW : ARM3_NOT_FINITE;
+    return (check == 0.0f) ? ARM3_OVERFLOW : ARM3_NOT_FINITE;
 }
 
 arm3_status_t arm3_step(arm3_state_t *state, const float y[2],
     const float neighbour_y[2], arm3_mask_t received, float u[1])
 {
-    arm3_status_t status;
     float r[2];
+    arm3_status_t status;
 
     arm3_relative(state, y, neighbour_y, received, r);
     status = arm3_advance(state, r);

@@ -77,7 +77,8 @@ def is_positive_definite(matrix: Matrix) -> bool:
     """Tell whether every symmetric matrix in the balls is shown to be positive definite, by L D L'.
 
     Only the lower triangle is read. True is a proof: each pivot, an enclosure of the true one, lies above 0. False says
-    that some pivot does not, so that the matrix is either not positive definite or too near the edge for this precision.
+    that some pivot does not, so that the matrix is either not positive definite or too near the edge for this
+    precision.
 
     >>> is_positive_definite(np.array([[arb(2), arb(1)], [arb(1), arb(1)]], dtype=object))
     True

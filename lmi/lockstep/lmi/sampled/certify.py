@@ -41,9 +41,10 @@ class SampledVerdict:
     """What is proved of the sampled loop, or why nothing is.
 
     decay: V shrinks by it from one sampling instant to the next, up to the noise;  residual: the ultimate distance from
-    consensus at the sampling instants, |(T'(T T')^-1 T (x) I) x|, per unit of error of every message entry;  residual_rms:
-    the same as a root mean square over time;  underflow: the ultimate distance from underflow alone, absolute;  deltas: per agent, the bounds on the coefficient errors that stand for the rounding;  gain: from w to z,
-    in doubles, for information;  witness: what proves it.
+    consensus at the sampling instants, |(T'(T T')^-1 T (x) I) x|, per unit of error of every message entry;
+    residual_rms: the same as a root mean square over time;  underflow: the ultimate distance from underflow alone,
+    absolute;  deltas: per agent, the bounds on the coefficient errors that stand for the rounding;  gain: from w
+    to z, in doubles, for information;  witness: what proves it.
     """
 
     certified: bool

@@ -3,8 +3,8 @@
 Then, and only then, int |z|^2 - |w|^2 is negative for every w from rest, and the step of `lifting` is the true maximum.
 Without it Gamma_11 may well be invertible at T: what the formulas then give is no bound of anything.
 
-[0, T] is cut into pieces; on each, exp(t H) is enclosed for all t at once, and |I - X Gamma_11| < 1 for some X shows that
-no matrix in the enclosure is singular.
+[0, T] is cut into pieces; on each, exp(t H) is enclosed for all t at once, and |I - X Gamma_11| < 1 for some X
+shows that no matrix in the enclosure is singular.
 """
 
 import numpy as np

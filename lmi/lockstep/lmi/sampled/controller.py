@@ -3,7 +3,8 @@
     (x+, u) = M (x, r),  M = [A B; C D],  r = sum_j d_j,  d_j = a_j (y - y_j),
 
 coefficients exact as they stand in the code. A coefficient behind k roundings acts as one that is off by at most
-gamma_k = k u / (1 - k u) of itself (Higham 2002, lemma 3.1), so the rounded step is the exact step of a controller (9) with
+gamma_k = k u / (1 - k u) of itself (Higham 2002, lemma 3.1), so the rounded step is the exact step of a controller
+(9) with
 
     |Delta A| <= |gamma o |A||,  and likewise C;     |Delta B| <= |[gamma_j o |B|]_j|,  and likewise D,
 
@@ -133,7 +134,8 @@ class HeldController:
         """
         lost = [2 * self.precision.underflow if weight != 1 else 0.0 for weight in self.weights]
         entries = [2 * float(a) * message_error + e for a, e in zip(self.weights, lost, strict=True)]
-        return math.sqrt(self.outputs) * math.hypot(*entries, 0.0)
+        length: float = math.sqrt(self.outputs) * math.hypot(*entries, 0.0)
+        return length
 
     @property
     def underflow(self) -> float:
@@ -142,7 +144,7 @@ class HeldController:
         At most n_C + q products per row; the factor of 2 covers the roundings that follow, each less than 1 + u.
         """
         rows, columns = self.table.shape
-        return 2 * columns * math.sqrt(rows) * self.precision.underflow
+        return float(2 * columns * math.sqrt(rows) * self.precision.underflow)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,10 @@ P > 0, m >= 0, t >= 0 prove, for V = xi' P xi, every nonlinearity with increment
 
 from one sampling instant to the next, whenever z != 0; D = diag(S (x) I, 0), S here the metric of x_d.
 
-Proof: by Schur's complement W > 0 is  max over w_d of V(N z + J w_d) - w_d' S^-1 w_d + a' Q a < z' Z z, and by lifting the
-left side is no less than V(xi+) + int (sum_ij m_ij (alpha^2 |H (x_i - x_j)|^2 - |phi_i - phi_j|^2)) dt, whose integrand
-alpha makes nonnegative. Everything but S = M^-1 (x) S_1 is linear in (P, m, t, kappa), and congruence makes that so too.
+Proof: by Schur's complement W > 0 is  max over w_d of V(N z + J w_d) - w_d' S^-1 w_d + a' Q a < z' Z z, and by
+lifting the left side is no less than V(xi+) + int (sum_ij m_ij (alpha^2 |H (x_i - x_j)|^2 - |phi_i - phi_j|^2))
+dt, whose integrand alpha makes nonnegative. Everything but S = M^-1 (x) S_1 is linear in (P, m, t, kappa), and
+congruence makes that so too.
 
 With performance, the lifted period also counts int x_d' (S (x) R) x_d, and a disturbance with rho^2; see `performance`.
 """

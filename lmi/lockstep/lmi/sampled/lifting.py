@@ -14,9 +14,9 @@ the largest value of x(T)' P x(T) + int_0^T (|z|^2 - |w|^2) dt over all w, from 
     A_d = [I 0] Gamma_11^-T,   S = [I 0] Gamma_21 Gamma_11^-1 [I 0]',   Q = -Gamma_11^-1 Gamma_12,
 
 as long as Gamma_11 is invertible on all of [0, T], which `conjugate` proves (Bamieh and Pearson 1992; Chen and Francis
-1995, chapter 13). With an invertible multiplier M on w and z and the agents' A, B, E, F alike, everything is one agent's
-matrix in a Kronecker product, S = M^-1 (x) S_1 and Q = M (x) Q_1: the inequality stays linear in M, and one small
-exponential serves all agents and all M.
+1995, chapter 13). With an invertible multiplier M on w and z and the agents' A, B, E, F alike, everything is one
+agent's matrix in a Kronecker product, S = M^-1 (x) S_1 and Q = M (x) Q_1: the inequality stays linear in M, and
+one small exponential serves all agents and all M.
 """
 
 from dataclasses import dataclass
@@ -80,4 +80,5 @@ def _split(n: int, k: int) -> tuple[slice, slice]:
 
 def _symmetric(matrix: Matrix) -> Matrix:
     """Return a symmetric enclosure: the mean of two enclosures of the same numbers encloses them too."""
-    return (matrix + matrix.T) / 2
+    mean: Matrix = (matrix + matrix.T) / 2
+    return mean

@@ -1,13 +1,14 @@
 """The sampled loop in disagreement coordinates, with every way in for an error of the arithmetic or of the messages.
 
-State xi = (x_d, x_C) at the sampling instants, and with a delay of one period the inputs u computed last. All matrices act
-on z = (xi, e): the state, then the errors
+State xi = (x_d, x_C) at the sampling instants, and with a delay of one period the inputs u computed last. All
+matrices act on z = (xi, e): the state, then the errors
 
-    e_j = Delta_j Y_j z,  |Delta_j| <= delta_j    of the coefficients A, B, C, D of each agent, which stand for rounding;
+    e_j = Delta_j Y_j z,  |Delta_j| <= delta_j    of the coefficients A, B, C, D of each agent: rounding;
     nu_i                                          of the differences d_ij = a_ij (y_i - y_j), from the messages;
     mu_i                                          added to (x_C+, u) of agent i, from underflow.
 
-    d_i = differences + nu_i,   x_C+ = A x_C + B sum_j d_ij + e_A + e_B + mu,   u = C x_C + D sum_j d_ij + e_C + e_D + mu.
+    d_i = differences + nu_i,
+    x_C+ = A x_C + B sum_j d_ij + e_A + e_B + mu,   u = C x_C + D sum_j d_ij + e_C + e_D + mu.
 """
 
 from dataclasses import dataclass
@@ -35,9 +36,9 @@ class Way(NamedTuple):
 class SampledLoop:
     """Matrices on z = (xi, e).
 
-    n_d: length of x_d;  n_xi: length of xi;  into: (n, k), through which the inputs reach one agent;  held: what v of all
-    copies is during the next period;  advanced: the rest of xi after it;  ways: the coefficient errors;  noise: the
-    columns of nu and mu.
+    n_d: length of x_d;  n_xi: length of xi;  into: (n, k), through which the inputs reach one agent;  held: what v
+    of all copies is during the next period;  advanced: the rest of xi after it;  ways: the coefficient errors;
+    noise: the columns of nu and mu.
     """
 
     network: Network
@@ -154,7 +155,7 @@ class _Layout:
         r = zeros(self.q, self.n_z, self.network.plant.A)
         for k in range(len(one.sources)):
             r = r + d[k * self.q : (k + 1) * self.q]
-        rows = table @ np.vstack([self._state(i), r]) + self._select(self.places[i, "mu"])
+        rows: Matrix = table @ np.vstack([self._state(i), r]) + self._select(self.places[i, "mu"])
         for letter in LETTERS:
             if (i, letter) in self.places:
                 part = slice(0, n_C) if letter in "AB" else slice(n_C, None)
@@ -180,7 +181,7 @@ def _inputs(network: Network) -> tuple[Matrix, Matrix]:
 
 
 def _check(network: Network, controllers: tuple[HeldController, ...]) -> None:
-    n, m, q, _, _ = network.plant.sizes
+    _, m, q, _, _ = network.plant.sizes
     N = network.d.N
     if len(controllers) != N:
         raise ProblemError(f"{len(controllers)} controllers", where="sampled loop", expected=f"{N}")

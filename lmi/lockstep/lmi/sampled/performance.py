@@ -4,8 +4,8 @@
         <= V(xi(0)) + rho^2 int_0^inf xi_d' (S (x) I) xi_d dt + kappa sum_k (|nu_k|^2 + |mu_k|^2),
 
 the continuous rho's weights, the controllers' states being counted at the sampling instants and held for a period, as
-the controllers hold them. The disturbance is one more way into the period that is lifted, and the weighted state one more
-way out:
+the controllers hold them. The disturbance is one more way into the period that is lifted, and the weighted state
+one more way out:
 
     E E' = M^-1 (x) G G' + rho^-2 S^-1 (x) I,     F'F = M (x) alpha^2 H'H + S (x) R.
 

@@ -2,7 +2,8 @@
 
 Doubles look for the edge: the period is doubled from the one asked for until the loop fails there, or halved
 until it holds, and the last factor of two is bisected. The proof then decides at the edge; where it does not
-follow, the period is taken back a little. Periods beyond the first that fails are not looked at, so nothing is said of them.
+follow, the period is taken back a little. Periods beyond the first that fails are not looked at, so nothing is
+said of them.
 """
 
 import math

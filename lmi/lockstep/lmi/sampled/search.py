@@ -96,7 +96,8 @@ def _factor(square: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n k"]:
     """Return F with F F' = a positive semidefinite matrix, as far as doubles tell it from zero."""
     values, vectors = np.linalg.eigh(square)
     kept = values > 1e-14 * max(values.max(initial=0.0), 1e-300)
-    return vectors[:, kept] * np.sqrt(values[kept])
+    factor: np.ndarray = vectors[:, kept] * np.sqrt(values[kept])
+    return factor
 
 
 def best_multiplier(
@@ -127,7 +128,7 @@ def _scaled(m: Float[np.ndarray, " pairs"]) -> Float[np.ndarray, " pairs"]:
     """Return weights of sum 1, none below 1e-9 of it: only their ratios count."""
     total = m.sum()
     share = m / total if total > 0 else np.full(len(m), 1 / max(len(m), 1))
-    return np.maximum(share, 1e-9)
+    return np.asarray(np.maximum(share, 1e-9))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,195 @@
+"""The sampled certificate against brute force, and against everything that should break it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sampled_cases import (
+    alpha_that_breaks,
+    brute_force_radius,
+    controllers,
+    disagreement_radius,
+    network,
+    one_period,
+    random_problem,
+    with_alpha,
+)
+
+from lockstep.lmi.sampled import Weights, certify_sampled, max_period, sampled_rho
+from lockstep.lmi.sampled.certify import in_doubles, lifted_agent
+from lockstep.lmi.sampled.inequality import Witness
+from lockstep.lmi.sampled.loop import sampled_loop
+from lockstep.lmi.sampled.performance import SampledRho, proves_rho
+from lockstep.lmi.sampled.search import spectral_radius
+
+EDGES = [(1, 2, 1.0), (2, 3, 1.0), (3, 1, 1.0)]
+
+
+def oscillators(period=0.1, alpha=1.0, delay=0):
+    """Three pendulums that damp their relative velocity: one state each in the controllers."""
+    net = network(
+        [[0.0, 1.0], [-2.0, -0.5]], [[0.0], [1.0]], np.eye(2), [[0.0], [1.0]], [[1.0, 0.0]], EDGES,
+        alpha=alpha, period=period, delay=delay,
+    )  # fmt: skip
+    table = [[0.9, 0.01, 0.02], [0.1, -1.0, -2.0]]
+    return net, controllers([table] * 3, 1, EDGES)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 6, 9])
+def test_the_linear_loop_is_the_one_of_plain_exponentials(seed):
+    net, ones = random_problem(seed)
+    loop = in_doubles(net, ones)
+    radius = spectral_radius(loop, lifted_agent(in_doubles(with_alpha(net, 1e-12), ones)))
+    assert radius == pytest.approx(disagreement_radius(net, one_period(net, ones, 0.0)), rel=1e-6)
+
+
+@pytest.mark.parametrize("delay", [0, 1])
+def test_pendulums_agree_and_the_proof_is_in_balls(delay):
+    net, ones = oscillators(delay=delay)
+    verdict = certify_sampled(net, ones, thorough=False)
+    assert verdict.certified
+    assert verdict.proof == "ball"
+    assert brute_force_radius(net, ones) < verdict.decay**0.5, (
+        "V decays by `decay`, so the state by its root at least"
+    )
+
+
+def test_a_sign_flipped_is_refused():
+    net, ones = oscillators()
+    table = ones[1].table.copy()
+    table[1, 2] *= -3
+    verdict = certify_sampled(net, (ones[0], replace(ones[1], table=table), ones[2]))
+    assert not verdict.certified
+    assert verdict.proof == "none"
+    assert brute_force_radius(net, (ones[0], replace(ones[1], table=table), ones[2])) > 1
+
+
+def test_a_period_twenty_times_longer_is_refused():
+    net, ones = oscillators()
+    assert not certify_sampled(net.at(20 * net.period), ones).certified
+    assert brute_force_radius(net.at(20 * net.period), ones) > 1
+
+
+def test_a_steeper_nonlinearity_is_refused_where_brute_force_breaks():
+    net, ones = oscillators()
+    edge = alpha_that_breaks(net, ones)
+    assert not certify_sampled(with_alpha(net, 1.01 * edge), ones).certified
+    assert certify_sampled(with_alpha(net, 0.5 * edge), ones, thorough=False).certified
+
+
+def test_a_witness_is_proved_again_and_a_spoiled_one_is_not():
+    net, ones = oscillators()
+    first = certify_sampled(net, ones, thorough=False)
+    witness = Witness.from_document(first.witness.document())
+    again = certify_sampled(net, ones, witness=witness)
+    assert again.certified
+    assert "spectral_radius" not in again.figures, "nothing was searched for"
+    unstable = net.at(20 * net.period)
+    for spoiled in (
+        replace(witness, decay=0.5),
+        replace(witness, kappa=0.0),
+        replace(witness, ratio=witness.ratio / 2),
+        replace(witness, m=-witness.m),
+        replace(witness, P=-witness.P),
+    ):
+        assert "spectral_radius" in certify_sampled(net, ones, witness=spoiled, thorough=False).figures
+    assert not certify_sampled(unstable, ones, witness=witness).certified
+
+
+def test_rounding_counts():
+    """A controller of three bits is off by far more than the loop stands; one of float32 is not."""
+    net, ones = oscillators()
+    coarse = tuple(replace(one, precision=one.precision._replace(u=2.0**-4)) for one in ones)
+    assert certify_sampled(net, ones, thorough=False).certified
+    assert not certify_sampled(net, coarse).certified
+
+
+def test_the_noise_bound_holds_in_a_simulation():
+    """Messages off by at most e in the worst direction of the moment: the distance ends below what is claimed."""
+    net, ones = oscillators()
+    verdict = certify_sampled(net, ones)
+    step, rng, e = one_period(net, ones, -net.alpha), np.random.default_rng(0), 1e-3
+    x, far, total = np.zeros(len(step)), 0.0, 0.0
+    n_x = 6
+    quiet = np.linalg.matrix_power(step, 40)
+    for k in range(2000):
+        noise = np.zeros(len(step))
+        # y_i = x_i here, so a message off by e acts as a measured state off by e, at the sampling instant alone.
+        noise[:n_x] = e * np.sign(rng.standard_normal(n_x) + (quiet[0, :n_x] > 0) * np.sin(0.15 * k))
+        measured = step @ (x + noise) - _plant_part(net, ones, noise)
+        x = measured
+        states = x[:n_x].reshape(3, 2)
+        distance = np.linalg.norm(states - states.mean(axis=0))
+        far, total = max(far, distance), total + distance**2
+    assert 0 < far <= verdict.residual * e
+    assert np.sqrt(total / 2000) <= verdict.residual_rms * e
+
+
+def _plant_part(net, ones, noise):
+    """What the state error would do through the plant itself: the noise is on the measurement only."""
+    silent = tuple(replace(one, table=np.zeros_like(one.table)) for one in ones)
+    return one_period(net, silent, -net.alpha) @ noise
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 3, 4, 5, 7, 10, 12, 14, 16, 17])
+def test_never_certifies_what_brute_force_breaks(seed):
+    net, ones = random_problem(seed)
+    edge = alpha_that_breaks(net, ones)
+    assert not certify_sampled(with_alpha(net, 1.001 * edge), ones).certified
+    # Tight enough to be of use: constant slopes break at the edge, and arbitrary ones may break well before it.
+    inside = certify_sampled(with_alpha(net, 0.6 * edge), ones, thorough=False)
+    assert inside.certified
+    rng = np.random.default_rng(seed)
+    assert brute_force_radius(with_alpha(net, 0.6 * edge), ones, rng, switching=20) < 1
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_what_is_certified_survives_slopes_that_switch(seed):
+    net, ones = random_problem(seed)
+    verdict = certify_sampled(net, ones, thorough=False)
+    radius = brute_force_radius(net, ones, np.random.default_rng(seed), switching=5)
+    assert radius < 1 or not verdict.certified
+    assert verdict.certified == (seed not in (0, 6, 8, 9)), "both answers occur"
+
+
+def test_the_largest_period_is_confirmed_from_both_sides():
+    net, ones = oscillators()
+    longest = max_period(net, lambda _period: ones)
+    assert longest.certified
+    assert certify_sampled(net.at(0.98 * longest.period), ones, thorough=False).certified
+    assert not certify_sampled(net.at(1.01 * longest.period), ones, thorough=False).certified
+    assert brute_force_radius(net.at(1.5 * longest.period), ones) > 1
+
+
+def test_rho_is_above_the_gain_of_the_frequency_response_and_near_it():
+    """A disturbance held over each period, at a constant slope, has a gain that no rho can lie below."""
+    net, ones = oscillators(period=0.01, alpha=0.2)
+    found = sampled_rho(net, ones, Weights(np.eye(2), np.zeros((1, 1))))
+    assert found is not None
+    # xi held over each period, at the slope that is worst of those tried: a gain that exists, so no rho lies below it.
+    below = max(_held_gain(net, ones, slope * net.alpha) for slope in (-1.0, 0.0, 1.0))
+    assert below <= found.rho <= 1.5 * below
+    better = SampledRho(0.9 * below, found.witness)
+    loop = sampled_loop(net, ones)
+    assert proves_rho(loop, Weights(np.eye(2), np.zeros((1, 1))), found)
+    assert not proves_rho(loop, Weights(np.eye(2), np.zeros((1, 1))), better)
+
+
+def _held_gain(net, ones, slope):
+    """From held disturbances to the states at the start of each period, on a grid of frequencies: below the gain."""
+    from scipy.linalg import expm
+
+    step = one_period(net, ones, slope)
+    n = 2
+    A = np.array([[0.0, 1.0], [-2.0 + slope, -0.5]])
+    held = expm(net.period * np.block([[A, np.eye(n)], [np.zeros((n, 2 * n))]]))[:n, n:]
+    into = np.zeros((len(step), 3 * n))
+    into[: 3 * n] = np.kron(np.eye(3), held)
+    project = np.kron(np.eye(3) - np.ones((3, 3)) / 3, np.eye(n))
+    worst = 0.0
+    for w in np.geomspace(0.02, 20, 300):
+        z = np.exp(1j * w * net.period)
+        x = np.linalg.solve(z * np.eye(len(step)) - step, into @ project)[: 3 * n]
+        worst = max(worst, np.linalg.norm(project @ x, 2))
+    return worst

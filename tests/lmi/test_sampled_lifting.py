@@ -1,0 +1,101 @@
+"""The lifted period against optimal control on a fine grid, and the conjugate points that would make it mean
+nothing."""
+
+import numpy as np
+import pytest
+from flint import arb
+from scipy.linalg import expm
+
+from lockstep.lmi.sampled import balls
+from lockstep.lmi.sampled.conjugate import no_conjugate_point
+from lockstep.lmi.sampled.lifting import copies, lift
+from lockstep.model.numbers import exactly
+
+
+def agent(rng):
+    A, B = rng.standard_normal((3, 3)), rng.standard_normal((3, 1))
+    E, F = rng.standard_normal((3, 1)), 0.8 * rng.standard_normal((1, 3))
+    return A, B, E, F
+
+
+def largest_value(A, B, E, F, T, a, P, pieces):
+    """max over w constant on each piece of x(T)'P x(T) + int |z|^2 - |w|^2: a quadratic form, maximised as such."""
+    n, k, h = len(A), B.shape[1], T / pieces
+    whole = expm(h * np.block([[A, B, E], [np.zeros((k + 1, n + k + 1))]]))
+    states = [np.hstack([np.eye(n + k), np.zeros((n + k, pieces))])]
+    for i in range(pieces):
+        row = states[-1].copy()
+        row[:n] = whole[:n, : n + k] @ states[-1]
+        row[:n, n + k + i] += whole[:n, n + k]
+        states.append(row)
+    form = states[-1][:n].T @ P @ states[-1][:n]
+    for before, after in zip(states, states[1:], strict=False):
+        z0, z1 = F @ before[:n], F @ after[:n]
+        form = form + h / 3 * (z0.T @ z0 + z1.T @ z1 + (z0.T @ z1 + z1.T @ z0) / 2)
+    inner = h * np.eye(pieces) - form[n + k :, n + k :]
+    side = form[: n + k, n + k :]
+    total = form[: n + k, : n + k] + side @ np.linalg.solve(inner, side.T)
+    return a @ total @ a
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_one_step_is_the_largest_value_over_all_inputs(seed):
+    rng = np.random.default_rng(seed)
+    A, B, E, F = agent(rng)
+    T, a = 0.4, rng.standard_normal(4)
+    one = lift(A, B, E @ E.T, F.T @ F, T)
+    root = 0.3 * rng.standard_normal((3, 3))
+    P = root @ root.T + 0.1 * np.eye(3)
+    step = one.A_d @ a
+    value = step @ np.linalg.solve(np.linalg.inv(P) - one.S, step) + a @ one.Q @ a
+    coarse, fine = (largest_value(A, B, E, F, T, a, P, pieces) for pieces in (100, 200))
+    # Fewer inputs can only lose, and the loss shrinks with the square of the grid.
+    assert value == pytest.approx(fine + (fine - coarse) / 3, rel=1e-5)
+    assert abs(fine - value) < abs(coarse - value)
+
+
+def test_without_ways_in_it_is_the_zero_order_hold():
+    A, B, _, _ = agent(np.random.default_rng(9))
+    one = lift(A, B, np.zeros((3, 3)), np.zeros((3, 3)), 0.3)
+    hold = expm(0.3 * np.block([[A, B], [np.zeros((1, 4))]]))[:3]
+    np.testing.assert_allclose(one.A_d, hold, atol=1e-13)
+    assert not one.S.any()
+
+
+def test_balls_hold_what_doubles_compute_and_are_narrow():
+    A, B, E, F = agent(np.random.default_rng(3))
+    doubles = lift(A, B, E @ E.T, F.T @ F, 0.2)
+    with balls.working_precision():
+        A_, B_, E_, F_ = (exactly(M) for M in (A, B, E, F))
+        enclosed = lift(A_, B_, E_ @ E_.T, F_.T @ F_, 0.2)
+        assert max(float(arb(v).rad()) for v in enclosed.Q.ravel()) < 1e-60
+    np.testing.assert_allclose(balls.midpoints(enclosed.Q), doubles.Q, atol=1e-12)
+    np.testing.assert_allclose(balls.midpoints(enclosed.S), doubles.S, atol=1e-12)
+
+
+def test_a_multiplier_couples_copies_as_one_big_period_would():
+    """(W (x) I) takes the coupled agents apart: lifting all of them at once gives the same matrices."""
+    A, B, E, F = agent(np.random.default_rng(5))
+    M = np.array([[2.0, -0.5], [-0.5, 1.0]])
+    unit = np.eye(2)
+    together = lift(
+        np.kron(unit, A), np.kron(unit, B), np.kron(np.linalg.inv(M), E @ E.T), np.kron(M, F.T @ F), 0.3
+    )
+    apart = copies(lift(A, B, E @ E.T, F.T @ F, 0.3), M)
+    for name in ("A_d", "S", "Q"):
+        np.testing.assert_allclose(getattr(apart, name), getattr(together, name), atol=1e-12)
+
+
+def test_a_conjugate_point_inside_the_period_is_not_overlooked():
+    # Gamma_11 = cos t: singular at pi/2, and perfectly invertible at t = 2.5, where the formulas would mean nothing.
+    one, zero = exactly(np.eye(1)), exactly(np.zeros((1, 1)))
+    assert no_conjugate_point(zero, one, one, 1.57)
+    assert not no_conjugate_point(zero, one, one, 1.571)
+    assert not no_conjugate_point(zero, one, one, 2.5)
+
+
+def test_a_stiff_agent_needs_more_pieces_and_gets_them():
+    A = exactly(np.array([[0.0, 1.0], [-400.0, -1.0]]))
+    E, F = exactly(np.array([[0.0], [1.0]])), exactly(np.array([[1.0, 0.0]]))
+    assert no_conjugate_point(A, E @ E.T, F.T @ F, 1.0)
+    assert not no_conjugate_point(A, E @ E.T, 10_000 * (F.T @ F), 1.0)
