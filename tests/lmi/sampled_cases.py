@@ -10,7 +10,7 @@ from lockstep.model.graph import Graph
 from lockstep.model.loop import Plant
 from lockstep.model.numbers import as_floats
 
-SLOPES = np.linspace(-1, 1, 41)
+SLOPES = np.linspace(-1, 1, 9)
 """Constant slopes tried, as parts of alpha: both ends, and zero."""
 
 

@@ -62,16 +62,13 @@ def first_order(**options: object) -> Network:
     return Network(agent, Graph.topology("cycle", 3), **options)
 
 
-HANGS = pytest.mark.skip(reason="reported: Clarabel's clique merging never ends here (see `solve.run`)")
-
-
 @pytest.mark.parametrize(
     ("order", "delta"),
     [
         (0, None),
         (1, None),
         (0, np.full(4, 0.1)),
-        pytest.param(1, np.full(4, 0.1), marks=HANGS),
+        (1, np.full(4, 0.1)),
     ],
 )
 def test_with_an_invertible_B_the_recovery_loses_nothing(order: int, delta: np.ndarray | None) -> None:

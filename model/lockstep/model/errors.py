@@ -27,8 +27,13 @@ class ProblemError(LockstepError):
     def __str__(self) -> str:
         """Join the parts that are there into one message."""
         head = f"{self.where}: {self.found}" if self.where else self.found
-        return "; ".join([head, *([f"expected {self.expected}"] if self.expected else []),
-                          *([self.remedy] if self.remedy else [])])
+        return "; ".join(
+            [
+                head,
+                *([f"expected {self.expected}"] if self.expected else []),
+                *([self.remedy] if self.remedy else []),
+            ]
+        )
 
     def within(self, place: str) -> "ProblemError":
         """Return the same error with an outer place put before its own."""

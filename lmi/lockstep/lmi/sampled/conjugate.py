@@ -13,8 +13,11 @@ from flint import arb
 from lockstep.lmi.sampled.balls import exponential, inverse, midpoints, product
 from lockstep.model.numbers import Matrix, exactly, eye
 
-MOST_PIECES = 4096
+MOST_PIECES = 1024
 """Pieces tried before giving up; one to sixteen are enough for periods a controller is sampled with."""
+
+NARROWEST = 1e-5
+"""A piece this short, relative to the period, that is still not settled holds a conjugate point or next to one."""
 
 
 def no_conjugate_point(A: Matrix, EE: Matrix, FF: Matrix, period: float) -> bool:
@@ -41,6 +44,8 @@ def no_conjugate_point(A: Matrix, EE: Matrix, FF: Matrix, period: float) -> bool
         here = product(wide, exponential(middle * H)[:, :n])[:n]
         if _is_regular(here):
             continue
+        if arb(radius) < arb(NARROWEST) * arb(end):
+            return False
         pieces += [(low, middle), (middle, high)]
     return False
 

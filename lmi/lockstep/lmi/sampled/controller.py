@@ -116,7 +116,7 @@ class HeldController:
         blocks["D"] = (slice(n, None), False)
         return {letter: spectral_bound(self._errors(rows, state)) for letter, (rows, state) in blocks.items()}
 
-    def _errors(self, rows: slice, state: bool) -> Float[np.ndarray, "k l"]:
+    def _errors(self, rows: slice, state: bool) -> Shaped[np.ndarray, "k l"]:
         """Return gamma o |M| on some rows, as rationals: the states' columns, or the outputs', once per source."""
         n = self.order
         if state:
@@ -183,7 +183,7 @@ def gamma(k: int, u: float) -> fmpq:
     return ku / (1 - ku)
 
 
-def spectral_bound(matrix: Float[np.ndarray, "k l"]) -> float:
+def spectral_bound(matrix: Shaped[np.ndarray, "k l"]) -> float:
     """Return a double that is no less than |M| for a matrix of rationals >= 0: the root of |M|_1 |M|_inf, or |M|_F.
 
     |Delta| <= |M| entry by entry implies that |Delta|_2 <= |M|_2, which is below both.

@@ -32,7 +32,7 @@ from lockstep.lmi.sampled.balls import product
 from lockstep.lmi.sampled.lifting import Lifted
 from lockstep.lmi.sampled.loop import SampledLoop
 from lockstep.model.disagreement import Disagreement
-from lockstep.model.numbers import Matrix, converter, is_exact, zeros
+from lockstep.model.numbers import Matrix, Vector, converter, is_exact, zeros
 
 NUMBERS = ("decay", "kappa", "weight", "ratio")
 
@@ -89,7 +89,7 @@ class Witness:
         )
 
 
-def multiplier(d: Disagreement, m: Matrix) -> Matrix:
+def multiplier(d: Disagreement, m: Vector) -> Matrix:
     """Return M = sum_ij m_ij M_ij."""
     total = zeros(d.N - 1, d.N - 1, d.T)
     for weight, (i, j) in zip(m, d.pairs(), strict=True):

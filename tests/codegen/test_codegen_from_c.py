@@ -1,0 +1,117 @@
+"""Reading the numbers back from the C: all that is printed is read, and nothing else is taken for ours."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from lockstep.codegen.emit import emit
+from lockstep.codegen.from_c import nearest, read_controller
+from lockstep.codegen.manifest import Manifest
+from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
+from lockstep.model.errors import NotCertified
+
+NAMES = ["a1", "a2", "a3"]
+
+
+def spec(optimize="speed", real="float32", weights=(1.0, 1.0)):
+    rng = np.random.default_rng(4)
+    agents = []
+    for i, name in enumerate(NAMES):
+        others = [other for other in NAMES if other != name][: 1 + (i == 0)]
+        C = np.array([[1.0, 0.0]])
+        A, B = rng.standard_normal((2, 2)) - 2 * np.eye(2), rng.standard_normal((2, 2))
+        heard = tuple(Neighbour(o, w) for o, w in zip(others, weights, strict=False))
+        agents.append(Controller(name, A, B, C, np.array([[-1.0, 2.0]]), heard))
+    return CodegenSpec(tuple(agents), 0.01, "euler", real, optimize)
+
+
+def read(files, name="a1", **changed):
+    header, source = (
+        changed.get(k, files[p]) for k, p in (("h", f"include/{name}.h"), ("c", f"src/{name}.c"))
+    )
+    return read_controller(name, header, source, NAMES)
+
+
+@pytest.mark.parametrize("optimize", ["speed", "size"])
+@pytest.mark.parametrize("real", ["float32", "float64"])
+@pytest.mark.parametrize("weights", [(1.0, 1.0), (0.3, 1.7)])
+def test_what_is_printed_is_read(optimize, real, weights):
+    files = emit(spec(optimize, real, weights))
+    manifest = Manifest.model_validate_json(files["manifest.json"])
+    for agent in manifest.agents:
+        one = read(files, agent.name)
+        np.testing.assert_array_equal(one.controller.table, agent.table(manifest.real_type).astype(float))
+        np.testing.assert_array_equal(one.controller.weights, agent.weights(manifest.real_type).astype(float))
+        assert [NAMES[j] for j in one.controller.sources] == [s.source for s in agent.neighbours]
+        assert one.period == 0.01
+        assert one.real == real
+
+
+def test_unrolled_statements_round_no_more_than_full_rows():
+    """1 z, -1 z and 2 z are exact, zeros are left out: the counts are those of what is written."""
+    speed, size = read(emit(spec())).controller, read(emit(spec("size"))).controller
+    assert (speed.roundings <= size.roundings).all()
+    # u = x0 - r0 + 2 r1: two sums, no product that rounds; x1 is not there.
+    assert speed.table[2].tolist() == [1.0, 0.0, -1.0, 2.0]
+    assert speed.roundings[2].tolist() == [2, 0, 2, 1]
+    assert size.roundings[2].tolist() == [4, 4, 3, 2]
+
+
+def test_another_coefficient_is_read_as_such():
+    files = emit(spec())
+    entry = read(files).controller.table[0, 1]
+    text = next(line for line in files["src/a1.c"].splitlines() if "* x1" in line)
+    literal = text.split("= ")[1].split(" *")[0]
+    changed = read(files, c=files["src/a1.c"].replace(literal, "0.25f")).controller
+    assert entry != 0.25 == changed.table[0, 1]
+    assert (changed.table != read(files).controller.table).sum() == 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("x_next[0] = ", "x_next[0] = 2.0f * "),
+        ("r[k] = r[k] + ", "r[k] = r[k] - "),
+        ("const float difference = y[k] - source[k];", "const float difference = source[k] - y[k];"),
+        ("state->x[0] = x_next[0];", "state->x[0] = x_next[1];"),
+        ("const float x0 = x[0];", "const float x0 = x[7];"),
+        ("const float x0 = x[0];", "const float x0 = x[0];\n    x_next[0] = x0;"),
+        ("#include <float.h>", "#include <float.h>\n#define x1 x0"),
+        ("/* (x, r)", "/* \\\n (x, r)"),
+        ("const float t1 = ", "const float t1 = 1.0 * "),
+    ],
+)
+def test_c_of_another_form_is_refused(old, new):
+    files = emit(spec())
+    assert old in files["src/a1.c"], "the test is about what is printed"
+    with pytest.raises(NotCertified):
+        read(files, c=files["src/a1.c"].replace(old, new, 1))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("#define A1_PERIOD_S 0.01f", "#define A1_PERIOD_S -0.01f"),
+        ("#define A1_ORDER 2", "#define A1_ORDER 3"),
+        ("a2, weight", "stranger, weight"),
+        ("weight a = 1.0", "weight a = 2.0"),
+        ("#include <stdint.h>", "#include <stdint.h>\n#define float double"),
+    ],
+)
+def test_a_header_of_another_form_is_refused(old, new):
+    files = emit(spec())
+    assert old in files["include/a1.h"]
+    with pytest.raises(NotCertified):
+        read(files, h=files["include/a1.h"].replace(old, new, 1))
+
+
+def test_literals_are_rounded_once():
+    # Just above the middle of 1 and 1 + 2^-23, by less than half a unit of float64: rounding twice would give 1.
+    tie = Fraction(1) + Fraction(1, 2**24)
+    above = tie + Fraction(1, 2**60)
+    text = f"{int(above * 10**70)}"
+    assert nearest(f"{text[0]}.{text[1:]}f", "float32") == 1 + 2.0**-23
+    assert nearest("1.0f", "float32") == 1.0
+    exact = f"{int(tie * 10**24)}"
+    assert nearest(f"{exact[0]}.{exact[1:]}f", "float32") == 1.0, "ties to even"
