@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 VERIFY_STEPS = 10_000
 
+VERIFY_TARGETS = ("host", "sanitizers", "cortex-m4f")
+"""`lockstep verify` runs the other cores too; without floating-point hardware they take minutes to emulate."""
+
 
 def run(path: Path, output: Path, *, jobs: int | None, as_json: bool) -> None:
     """Check, design, certify, generate, verify, report; write the folder last."""
@@ -71,7 +74,7 @@ def _verified(files: dict[str, str]) -> "VerifyReport":
     from lockstep.codegen.folder import write_folder
 
     with tempfile.TemporaryDirectory(prefix="lockstep-") as temporary:
-        return verified(write_folder(files, Path(temporary) / "build"), VERIFY_STEPS)
+        return verified(write_folder(files, Path(temporary) / "build"), VERIFY_STEPS, VERIFY_TARGETS)
 
 
 def _report(

@@ -1,5 +1,6 @@
 """`lockstep verify`: the compiled C against the Python reference."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,8 +26,14 @@ def _verify(folder: Path, steps: int) -> Answer:
     return Answer(plain(report.as_dict()), table_of(report), report.ok)
 
 
-def verified(folder: Path, steps: int) -> "VerifyReport":
-    """Verify a folder with a progress display, on the nonlinear closed loop where the design is there."""
+def verified(folder: Path, steps: int, targets: Sequence[str] | None = None) -> "VerifyReport":
+    """Verify a folder with a progress display, on the nonlinear closed loop where the design is there.
+
+    Args:
+        folder: what `generate` wrote.
+        steps: of the closed loop.
+        targets: groups of targets; all of them by default.
+    """
     from lockstep.codegen.verify import verify_folder
 
     with progress_display() as tell:
@@ -35,6 +42,7 @@ def verified(folder: Path, steps: int) -> "VerifyReport":
         return verify_folder(
             folder,
             steps=steps,
+            targets=targets,
             stimulus=stimulus,
             progress=lambda what, done, total: tell(what, done / max(total, 1)),
         )

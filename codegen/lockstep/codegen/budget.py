@@ -53,7 +53,7 @@ _STACKS = {
     ("cortex-m0", "float32"): _Stack(192, 8, 24),
     ("cortex-m4f", "float32"): _Stack(96, 8, 4),
     ("cortex-m7", "float32"): _Stack(96, 8, 4),
-    ("rv32imac", "float32"): _Stack(128, 8, 24),
+    ("rv32imac", "float32"): _Stack(160, 8, 24),
     ("rv32imafc", "float32"): _Stack(80, 0, 0, 4),
     ("cortex-m0", "float64"): _Stack(240, 16, 48),
     ("cortex-m4f", "float64"): _Stack(288, 16, 64),
@@ -62,16 +62,16 @@ _STACKS = {
     ("rv32imafc", "float64"): _Stack(176, 16, 40),
 }
 _FLASHES = {
-    ("cortex-m0", "float32"): _Flash(216, 216, 26, 80),
-    ("cortex-m4f", "float32"): _Flash(208, 208, 22, 70),
-    ("cortex-m7", "float32"): _Flash(208, 208, 22, 70),
-    ("rv32imac", "float32"): _Flash(312, 264, 38, 110),
-    ("rv32imafc", "float32"): _Flash(192, 208, 32, 70),
-    ("cortex-m0", "float64"): _Flash(256, 352, 42, 110),
-    ("cortex-m4f", "float64"): _Flash(336, 400, 48, 110),
-    ("cortex-m7", "float64"): _Flash(336, 400, 48, 110),
-    ("rv32imac", "float64"): _Flash(392, 448, 62, 150),
-    ("rv32imafc", "float64"): _Flash(392, 448, 62, 150),
+    ("cortex-m0", "float32"): _Flash(264, 264, 30, 96),
+    ("cortex-m4f", "float32"): _Flash(256, 256, 25, 84),
+    ("cortex-m7", "float32"): _Flash(256, 256, 25, 84),
+    ("rv32imac", "float32"): _Flash(376, 320, 43, 132),
+    ("rv32imafc", "float32"): _Flash(232, 256, 36, 84),
+    ("cortex-m0", "float64"): _Flash(312, 424, 48, 132),
+    ("cortex-m4f", "float64"): _Flash(408, 480, 54, 132),
+    ("cortex-m7", "float64"): _Flash(408, 480, 54, 132),
+    ("rv32imac", "float64"): _Flash(472, 544, 70, 180),
+    ("rv32imafc", "float64"): _Flash(472, 544, 70, 180),
 }
 
 

@@ -106,8 +106,9 @@ def signed_lines(sampled: SampledVerdict, stored: Stored) -> dict[str, str]:
         f" {sampled.period!r} s with u held, every rounding of a step counted",
         "assumes": f"the agents obey their model with slopes up to alpha; all step at one instant; every message"
         f" arrives; u acts {applied} and unclipped; no step overflows",
-        "remains": f"a distance of the states from agreement of up to {_two_digits(sampled.residual)} times the"
-        f" largest error of a message (root mean square: {_two_digits(sampled.residual_rms)} times);"
+        "remains": "at the sampling instants, in the end, a distance of the states from agreement of up to"
+        f" {_two_digits(sampled.residual)} times the largest error of a message (root mean square:"
+        f" {_two_digits(sampled.residual_rms)} times);"
         f" rounding a message to {real} errs by {unit:.1e} of its size",
     }
 
