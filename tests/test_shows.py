@@ -30,9 +30,6 @@ def test_the_arms(examples):
     # The published gains give 13.23; the floor is 1.97 (design.md, section 3).
     assert found.figures["floor"] == pytest.approx(1.97, rel=0.01)
     assert found.figures["floor"] < found.certificate.rho <= 3.5
-    kept = document(found)["gains"]
-    again = document(design(load_problem(examples / "flexible_joint_arms.toml"), jobs=1))["gains"]
-    assert kept == again, "the same file and seed give the same design, however many processes search"
 
 
 def test_the_arms_with_the_full_delta_of_the_paper(examples):

@@ -173,13 +173,13 @@ def closed_form_rho(a: float) -> float:
 
 @pytest.mark.parametrize("a", [1.5, 2.0, 5.0])
 def test_a_scalar_loop_against_its_closed_form(a: float) -> None:
-    """m = P and the best P: certified just above 1/(a - 1), never just below, for any of 301 P around the best."""
+    """m = P and the best P: certified just above 1/(a - 1), never just below, for any of 61 P around the best."""
     loop, weights = scalar_case()
     K = np.full((2, 1, 1), -a / 2)
     rho = closed_form_rho(a)
     for share, holds in ((1.001, True), (0.999, False)):
         certified = False
-        for p in rho / 2 * np.linspace(0.5, 2, 301):  # P in units of S
+        for p in rho / 2 * np.linspace(0.5, 2, 61):  # P in units of S
             witness = Certificate(share * rho, np.array([[p]]), np.array([p]))
             certified |= decide(loop, K, weights, witness).positive
         assert certified is holds

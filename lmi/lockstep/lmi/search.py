@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from typing import Any
 
 from lockstep.lmi.inequality import Claim
 from lockstep.lmi.start import Outcome, from_start
@@ -36,7 +37,7 @@ def search(
     workers = min(jobs or len(os.sched_getaffinity(0)), starts)
     tell = tell or (lambda _part: None)
     tell(0.0)
-    tasks = (delayed(from_start)(loop, claim, gain_limit, seed, index, rho) for index in range(starts))
+    tasks = (delayed(_single_threaded)(loop, claim, gain_limit, seed, index, rho) for index in range(starts))
     best: Outcome | None = None
     for done, outcome in enumerate(Parallel(n_jobs=workers, return_as="generator")(tasks), start=1):
         tell(done / starts)
@@ -45,6 +46,14 @@ def search(
     if best is None:
         raise ValueError("a search needs at least one start")
     return best
+
+
+def _single_threaded(*arguments: Any) -> Outcome:
+    """Run a start with one thread of linear algebra: sums then have one order, whatever process they are in."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):
+        return from_start(*arguments)
 
 
 def _rank(outcome: Outcome) -> tuple[float, float, float, float, int]:
