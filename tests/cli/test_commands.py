@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from lockstep.cli.build import VERIFY_TARGETS as BUILD_TARGETS
 from lockstep.cli.main import app
 
 
@@ -95,7 +96,8 @@ def test_corollary_1_as_printed_is_not_certified(examples, run, tmp_path):
 
 def test_generated_c_is_equal_to_the_last_bit(table_1, run):
     assert run("generate", table_1, "-o", "c").exit_code == 0
-    result = run("verify", "c", "--steps", "200", "--json")
+    chosen = [word for group in BUILD_TARGETS for word in ("--target", group)]
+    result = run("verify", "c", "--steps", "200", *chosen, "--json")
     answer = json.loads(result.stdout)
     assert result.exit_code == 0, answer["problems"]
     ran = [target for target in answer["targets"] if not target["skipped"]]
@@ -110,9 +112,16 @@ def test_changed_c_is_not_verified(table_1, run, tmp_path):
     text = source.read_text()
     at = text.index("0.0", text.index("arm1_step_relative"))
     source.write_text(text[:at] + "0.5" + text[at + 3 :])
-    result = run("verify", "c", "--steps", "50", "--json")
+    result = run("verify", "c", "--steps", "50", "--target", "host", "--json")
     assert result.exit_code == 1
     assert "src/arm1.c" in json.loads(result.stdout)["changed_files"]
+
+
+def test_an_unknown_target_is_refused(table_1, run):
+    assert run("generate", table_1, "-o", "c").exit_code == 0
+    result = run("verify", "c", "--target", "cortex-m5")
+    assert result.exit_code == 2
+    assert "cortex-m4f" in result.stderr, "the message names those there are"
 
 
 def test_nothing_is_generated_from_what_is_not_certified(table_1, run, tmp_path):

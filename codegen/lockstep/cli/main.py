@@ -87,12 +87,16 @@ def verify(
     steps: Annotated[
         int, typer.Option(min=1, help="Closed-loop steps, and as many adversarial ones.")
     ] = 10_000,
+    target: Annotated[
+        list[str] | None,
+        typer.Option(help="host, sanitizers or a core; may be repeated.", show_default="all of them"),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Compile the C and compare it, bit by bit, with the Python reference."""
     from lockstep.cli.verify import run
 
-    run(folder, steps=steps, as_json=json)
+    run(folder, steps=steps, targets=target or (), as_json=json)
 
 
 @app.command()

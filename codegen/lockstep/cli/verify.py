@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from lockstep.codegen.verify import VerifyReport
 
 
-def run(folder: Path, *, steps: int, as_json: bool) -> None:
+def run(folder: Path, *, steps: int, targets: Sequence[str], as_json: bool) -> None:
     """Verify a generated folder."""
-    respond(as_json, lambda: _verify(folder, steps))
+    respond(as_json, lambda: _verify(folder, steps, targets))
 
 
-def _verify(folder: Path, steps: int) -> Answer:
-    report = verified(folder, steps)
+def _verify(folder: Path, steps: int, targets: Sequence[str]) -> Answer:
+    report = verified(folder, steps, targets or None)
     return Answer(plain(report.as_dict()), table_of(report), report.ok)
 
 
@@ -31,7 +31,7 @@ def verified(folder: Path, steps: int, targets: Sequence[str] | None = None) -> 
 
     Args:
         folder: what `generate` wrote.
-        steps: of the closed loop.
+        steps: of the closed loop, and as many adversarial ones.
         targets: groups of targets; all of them by default.
     """
     from lockstep.codegen.verify import verify_folder
@@ -42,6 +42,7 @@ def verified(folder: Path, steps: int, targets: Sequence[str] | None = None) -> 
         return verify_folder(
             folder,
             steps=steps,
+            adversarial_steps=steps,
             targets=targets,
             stimulus=stimulus,
             progress=lambda what, done, total: tell(what, done / max(total, 1)),
