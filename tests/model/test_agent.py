@@ -78,10 +78,10 @@ def test_the_box_is_open_where_nothing_is_given() -> None:
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        (dynamics(omega_m="u**2"), ("[agent.dynamics] omega_m", "`u`", "`sq(u)`", "linearly")),
+        (dynamics(omega_m="u**2"), ("[agent.dynamics] omega_m", "`u`", "`u**2`", "linearly")),
         (dynamics(omega_m="theta_m*u"), ("[agent.dynamics] omega_m", "`(theta_m*u)`")),
         (dynamics(omega_m="sin(t)*u"), ("[agent.dynamics] omega_m", "constant coefficients")),
-        (dynamics(omega_m="abs(u)"), ("`fabs(u)`",)),
+        (dynamics(omega_m="abs(u)"), ("`abs(u)`",)),
         (dynamics(omega_m="sin(theta_m + u)"), ("through `sin((theta_m+u))`",)),
         (dynamics(omega_m="bogus"), ("[agent.dynamics] omega_m", "unknown symbol `bogus`")),
         (dynamics(omega_m=3), ("[agent.dynamics] omega_m", "3 is no text")),
@@ -208,3 +208,21 @@ def test_the_margin_is_the_distance_to_an_uncontrollable_pair() -> None:
     check = controllability(np.diag([-1.0, -2.0]), np.array([[e], [1.0]]))
     assert check.controllable
     assert check.margin == pytest.approx(e / np.sqrt(2), rel=0.5)
+
+
+def test_the_margin_is_no_larger_than_a_fine_grid_finds() -> None:
+    """The least singular value over s, which need not be near an eigenvalue: random pairs against a grid of 0.1."""
+    generator = np.random.default_rng(1)
+    grid = (np.linspace(-3, 3, 61)[:, None] + 1j * np.linspace(0, 3, 31)).ravel()
+    for _ in range(6):
+        n, m = generator.integers(1, 6), generator.integers(1, 3)
+        a, b = generator.standard_normal((n, n)), generator.standard_normal((n, m))
+        pencils = np.concatenate(
+            [a - grid[:, None, None] * np.eye(n), np.broadcast_to(b, (len(grid), n, m))], axis=2
+        )
+        seen = np.linalg.svd(pencils, compute_uv=False)[:, -1].min()
+        check = controllability(a, b)
+        assert check.margin <= seen
+        s = check.eigenvalue
+        here = np.linalg.svd(np.hstack([a - s * np.eye(n), b]), compute_uv=False)[-1]
+        assert here == pytest.approx(check.margin, rel=1e-6)

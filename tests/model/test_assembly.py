@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lockstep.model import Agent, BoundNotProved, Graph, ProblemError, load_problem
-from lockstep.model.assembly import bound_of, network_of
+from lockstep.model.assembly import bound_of, bound_with_scales, network_of
 from lockstep.model.domain import argument_box
 from lockstep.model.network import Network
 
@@ -90,7 +90,7 @@ def test_scaled_matrices_are_exact_and_the_scaled_bound_holds_at_samples(
     dynamics: dict, domain: dict
 ) -> None:
     body = agent(dynamics, domain)
-    bound = bound_of(body, budget=6.0)
+    bound = bound_of(body, budget=60.0)  # it ends long before, on a machine that is not busy
     network = Network(body, Graph.topology("cycle", 3)).with_bound(bound)
     G, H = body.lure.G, body.lure.H
     D_w, D_v = np.array(bound.output_scale), np.array(bound.input_scale)
@@ -133,3 +133,18 @@ def test_no_finite_bound_is_bad_input() -> None:
     with pytest.raises(ProblemError, match="no finite bound"):
         bound_of(agent({"p": "f - p**3"}))
     assert bound_of(agent({"p": "f - p**3"}, {"p": (-1.0, 1.0)})).alpha == pytest.approx(3.0, rel=1e-8)
+
+
+def test_a_stored_bound_is_proved_again_with_its_own_scales() -> None:
+    body = agent({"a": "b + 0.2*sin(a)*cos(b)", "b": "-9.81*sin(a) - 0.3*tanh(b) + f"}, {})
+    bound = bound_of(body, budget=60.0)
+    scales = bound.output_scale, bound.input_scale
+    again = bound_with_scales(body, bound.alpha, scales, budget=60.0)
+    assert again.proved
+    assert (again.alpha, again.output_scale, again.input_scale) == (bound.alpha, *scales)
+    with pytest.raises(BoundNotProved, match="does not bound"):
+        bound_with_scales(body, 0.9 * bound.lower, scales, budget=60.0)
+    with pytest.raises(BoundNotProved, match="does not bound"):  # a smaller D_w is a larger scaled slope
+        bound_with_scales(body, bound.alpha, (tuple(w / 2 for w in scales[0]), scales[1]), budget=60.0)
+    with pytest.raises(ProblemError, match="output_scale"):
+        bound_with_scales(body, bound.alpha, (scales[0][:1], scales[1]))

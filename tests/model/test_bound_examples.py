@@ -328,6 +328,20 @@ def test_the_same_question_has_the_same_answer():
     assert smallest_bound(phi, box) == smallest_bound(phi, box)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "expression"),
+    [(0, lambda _v, _t: ca.SX(0, 1)), (2, lambda _v, _t: ca.SX(0, 1)), (0, lambda _v, t: ca.sin(t))],
+)
+def test_what_depends_on_no_state_has_the_bound_zero(arguments, expression):
+    v, t = ca.SX.sym("v", arguments), ca.SX.sym("t")
+    phi = ca.Function("phi", [v, t], [expression(v, t)])
+    bound = smallest_bound(phi, Box.everywhere(arguments))
+    assert (bound.alpha, bound.proved, bound.converged) == (0.0, True, True)
+    assert "no state" in bound.reason
+    assert prove_bound(phi, Box.everywhere(arguments), 0.5).proved
+    assert len(bound.input_scale) == arguments
+
+
 def test_bad_input_is_named():
     phi = function_of(lambda v, _: ca.sin(v))
     with pytest.raises(ProblemError, match="2 components"):

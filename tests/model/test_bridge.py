@@ -12,6 +12,7 @@ from lockstep.model.graph import Graph
 from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.numbers import as_floats
+from lockstep.model.simulation import Scenario, Sines, simulate
 
 GAINS = Gains(
     # Table 1 (II) of the paper, with D of agent 3 that of agent 1 so that every agent acts.
@@ -165,6 +166,29 @@ def test_the_exported_loop_moves_as_the_symbolic_one() -> None:
         atol=1e-12,
     )
     assert np.abs(without.y[:12, -1] - theirs.outputs[:12, -1]).max() > 1e-5
+
+
+def test_the_exported_loop_moves_as_our_simulation() -> None:
+    """input_output_response against `simulate`, with a sine as disturbance, 1e-6."""
+    net, horizon, frequency = network(), 3.0, 0.4
+    start = np.linspace(-0.8, 0.9, 12).reshape(3, 4)
+    amplitude = np.linspace(0.1, 0.3, 12).reshape(3, 4)
+    sines = Sines(amplitude, np.zeros((3, 4)), frequency)
+    ours = simulate(net, GAINS, Scenario(start, horizon, step=0.01, disturbance=sines))
+    times = np.linspace(0.0, horizon, 30_001)
+    theirs = control.input_output_response(
+        net.to_control(GAINS),
+        times,
+        sines.at(times, times).reshape(len(times), 12).T,
+        np.concatenate([start.ravel(), np.zeros(6)]),
+        solve_ivp_kwargs={"rtol": 1e-9, "atol": 1e-11, "max_step": 0.05},
+        t_eval=ours.t,
+    )
+    difference = np.abs(theirs.outputs[:12] - ours.x.reshape(-1, 12).T).max()
+    assert difference < 1e-6
+    assert np.abs(theirs.outputs[12:18] - ours.y.reshape(-1, 6).T).max() < 1e-6
+    quiet = simulate(net, GAINS, Scenario(start, horizon, step=0.01))
+    assert np.abs(theirs.outputs[:12] - quiet.x.reshape(-1, 12).T).max() > 1e-3
 
 
 def test_network_and_controllers_join_by_name_to_the_closed_loop() -> None:

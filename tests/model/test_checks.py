@@ -72,7 +72,7 @@ def test_an_unbounded_nonlinearity_is_an_input_error_that_names_the_remedy() -> 
     with pytest.raises(ProblemError) as raised:
         check_problem(cart("f - p**3"))
     assert "[agent.domain]" in raised.value.remedy
-    assert "v1 = p" in raised.value.found
+    assert "where p ->" in raised.value.found
 
 
 def test_on_a_box_it_is_bounded_and_the_certificate_is_called_local() -> None:
@@ -246,3 +246,35 @@ def test_holds_everywhere_is_not_said_of_a_box_only_bound() -> None:
     from lockstep.model.assembly import bound_of
 
     assert not nonlinearity.holds_everywhere(agent, bound_of(agent), seconds=2.0)
+
+
+def test_a_leader_is_named_where_the_bound_is_local() -> None:
+    on_a_box = "domain = { p = [-1.0, 2.0] }"
+    leader = '[network]\nagents = 3\ntopology = "leader_path"\n'
+    led = row(check_problem(cart("f - p**3", agent=on_a_box, network=leader)), "where").figure
+    assert "with agent 1 leading" in led
+    assert "drift out" not in led
+    assert "drift out" in row(check_problem(cart("f - p**3", agent=on_a_box)), "where").figure
+
+
+def test_a_budget_ends_in_the_best_enclosure_labelled_as_such() -> None:
+    hard = "f + sin(3*p*v)*exp(w) + z*cos(p*w)"
+    text = f"""
+    [agent]
+    states = ["p", "v", "w", "z"]
+    inputs = ["f", "g", "h", "k"]
+    outputs = {{ a = "p", b = "v", c = "w", d = "z" }}
+    centre = false
+    domain = {{ p = [-2.0, 2.0], v = [-2.0, 2.0], w = [-2.0, 2.0], z = [-2.0, 2.0] }}
+    dynamics = {{ p = "{hard}", v = "g", w = "h", z = "k" }}
+    {CYCLE}
+    """
+    seen = []
+    report = check_problem(parse_problem(text), budget=0.3, progress=seen.append)
+    bound = row(report, "bound")
+    assert bound.verdict == "note"
+    assert "not shown to be the smallest" in bound.figure
+    assert report.bound.lower < report.bound.alpha
+    assert seen
+    assert seen[-1].lower <= seen[-1].upper
+    assert report.ok

@@ -123,8 +123,8 @@ def test_agents_may_differ_in_B() -> None:
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ("[{ k = 9.0 }, {}, {}]", ["entry 1", "row 2 of A", "`p`", "-2", "-9", "one A"]),
-        ("[{}, { c = 2.0 }, {}]", ["entry 2", "row 1 of C"]),
+        ("[{ k = 9.0 }, {}, {}]", ["entry 1", "A differs: d/dt v has -2.0*p", "-9.0*p here", "one A"]),
+        ("[{}, { c = 2.0 }, {}]", ["entry 2", "C differs: output 1 has"]),
         ("[{}, {}]", ["2 tables for 3 agents"]),
         ("[{}, {}, { kk = 1 }]", ["entry 3", "`kk` is no parameter", "did you mean `k`?"]),
         ("[{}, {}, { b = nan }]", ["nan", "finite"]),

@@ -1,5 +1,7 @@
 """`lockstep check`: the symbolic model checks."""
 
+import math
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,33 +13,51 @@ from rich.text import Text
 from lockstep.cli.console import Answer, of_file, progress_display, respond
 
 if TYPE_CHECKING:
+    from lockstep.model.bound import Progress
     from lockstep.model.checks import CheckReport
     from lockstep.model.problem import Problem
 
 STYLES = {"ok": "green", "note": "yellow", "fails": "bold red"}
 
 
-def run(path: Path, *, as_json: bool) -> None:
-    """Check a problem file."""
-    respond(as_json, lambda: _check(path))
+def run(path: Path, *, as_json: bool, budget: float | None = None) -> None:
+    """Check a problem file; `budget` is in seconds, for the proof of the bound."""
+    respond(as_json, lambda: _check(path, budget))
 
 
-def _check(path: Path) -> Answer:
+def _check(path: Path, budget: float | None) -> Answer:
     from lockstep.model.problem import load_problem
 
     problem = load_problem(path)
     with of_file(path):
-        report = checked(problem)
+        report = checked(problem, budget)
     return Answer(report.document(), table_of(report, problem.title), report.ok)
 
 
-def checked(problem: "Problem") -> "CheckReport":
-    """Check a problem with a progress display."""
+def checked(problem: "Problem", budget: float | None = None) -> "CheckReport":
+    """Check a problem with a progress display: the enclosure of the bound so far, and the budget spent."""
+    from lockstep.model.assembly import BUDGET
     from lockstep.model.checks import check_problem
 
+    seconds, start = BUDGET if budget is None else budget, time.monotonic()
     with progress_display() as tell:
         tell("checking the model", 0.0)
-        return check_problem(problem)
+        return check_problem(
+            problem,
+            budget=seconds,
+            progress=lambda p: tell(enclosure(p), (time.monotonic() - start) / seconds),
+        )
+
+
+def enclosure(progress: "Progress") -> str:
+    """Return where a proof of a bound stands.
+
+    >>> from lockstep.model.bound import Progress
+    >>> enclosure(Progress(512, 3.0, 4.5))
+    'bound: between 3 and 4.5 after 512 boxes'
+    """
+    upper = f"and {progress.upper:.5g}" if math.isfinite(progress.upper) else "and no limit yet"
+    return f"bound: between {progress.lower:.5g} {upper} after {progress.boxes} boxes"
 
 
 def table_of(report: "CheckReport", title: str) -> RenderableType:

@@ -17,11 +17,12 @@ the double nearest to the exact sum.
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from math import isfinite
 
 import casadi as ca
 
+from lockstep.model.coefficients import fraction, is_double, is_exact, scaled, to_double
 from lockstep.model.errors import ProblemError
+from lockstep.model.wording import as_written
 
 Row = tuple[tuple[int, Fraction], ...]
 """A linear form in the variables: (index, coefficient) pairs by increasing index, no zeros."""
@@ -107,8 +108,7 @@ class NormalForms:
 
         Raises:
             ProblemError: a symbol that is neither a variable nor t, an operation without a normal form, or a
-                constant
-                that is not finite.
+                constant that is not finite.
 
         >>> x, t = ca.SX.sym("x"), ca.SX.sym("t")
         >>> form = NormalForms([x], t).split((x + ca.sin(x)) / 2 - 3)
@@ -150,13 +150,19 @@ class NormalForms:
             values[k] = time if atom.op == ca.OP_PARAMETER else apply(atom.op, deps)
         return self._value(form, values, substitute)
 
+    def rounds(self, form: Affine) -> bool:
+        """Whether `rebuild` rounds a coefficient or a constant: 1/3 it does not, a sum of two doubles it may."""
+        forms = [form, *(a for k in self._needed(form.terms) for a in self.atoms[k].arguments)]
+        exact = all(is_exact(w) for one in forms for _, w in one.terms)
+        return not exact or not all(is_double(one.constant) for one in forms)
+
     def text(self, form: Affine) -> str:
         """Return `form` in the variables' own names, for messages."""
 
         def original(row: Row) -> ca.SX:
             return total(scaled(self.variables[j], c) for j, c in row)
 
-        return str(self.rebuild(form, original, self.time))
+        return as_written(str(self.rebuild(form, original, self.time)))
 
     def _node(self, node: ca.SX, children: list[Affine]) -> Affine:
         op = node.op()
@@ -176,7 +182,7 @@ class NormalForms:
 
     def _leaf(self, node: ca.SX, op: int) -> Affine:
         if op == ca.OP_CONST:
-            return Affine(constant=_fraction(float(node)))
+            return Affine(constant=fraction(float(node)))
         if node.element_hash() in self._index:
             return Affine(row=((self._index[node.element_hash()], _ONE),))
         if node.element_hash() == self.time.element_hash():
@@ -230,7 +236,7 @@ class NormalForms:
         return self._atom(ca.OP_DIV, (a, b)).times(v / w)
 
     def _folded(self, op: int, *arguments: Affine) -> Affine:
-        return Affine(constant=_fraction(float(apply(op, [ca.SX(to_double(a.constant)) for a in arguments]))))
+        return Affine(constant=fraction(float(apply(op, [ca.SX(to_double(a.constant)) for a in arguments]))))
 
     def _atom(self, op: int, arguments: tuple[Affine, ...]) -> Affine:
         """Return one times the atom of this operation and arguments, entered in the table if it is new."""
@@ -274,51 +280,9 @@ def apply(op: int, arguments: list[ca.SX]) -> ca.SX:
     return ca.SX.unary(op, *arguments) if len(arguments) == 1 else ca.SX.binary(op, *arguments)
 
 
-def scaled(value: ca.SX, coefficient: Fraction) -> ca.SX:
-    """Return coefficient * value, rounded once; a plain fraction no double holds, such as 1/3, divides."""
-    if not is_double(coefficient) and _is_plain(coefficient):
-        return (float(coefficient.numerator) * value) / float(coefficient.denominator)
-    return to_double(coefficient) * value
-
-
-def is_exact(coefficient: Fraction) -> bool:
-    """Whether `scaled` uses the coefficient as it is."""
-    return is_double(coefficient) or _is_plain(coefficient)
-
-
-def _is_plain(coefficient: Fraction) -> bool:
-    return max(abs(coefficient.numerator), coefficient.denominator) < 10_000
-
-
-def is_double(number: Fraction) -> bool:
-    """Whether a double holds the number exactly."""
-    try:
-        return Fraction(float(number)) == number
-    except OverflowError:
-        return False
-
-
 def total(parts: Iterable[ca.SX]) -> ca.SX:
     """Add up expressions; none at all give 0."""
     value = ca.SX(0)
     for part in parts:
         value = value + part
     return value
-
-
-def _fraction(number: float) -> Fraction:
-    if not isfinite(number):
-        raise ProblemError(f"a coefficient of an expression is {number}", expected="a finite number")
-    return Fraction(number)
-
-
-def to_double(number: Fraction) -> float:
-    """Round a rational to the nearest double; one too large is bad input."""
-    try:
-        return float(number)
-    except OverflowError:
-        raise ProblemError(
-            "a coefficient of an expression is larger than 1.79e308",
-            expected="numbers that fit in double precision",
-            remedy="change the units",
-        ) from None

@@ -11,15 +11,25 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.model.affine import Affine, NormalForms
+from lockstep.model.agent_parts import (
+    check_bounds,
+    check_formulas,
+    check_known,
+    check_symbols,
+    column_of,
+    stack,
+)
+from lockstep.model.bound import Box
 from lockstep.model.centring import Centring, centred
 from lockstep.model.domain import argument_box
 from lockstep.model.errors import ProblemError
 from lockstep.model.expression import parse_expression
+from lockstep.model.linearise import linearised
 from lockstep.model.lure import Lure, lure_form
 from lockstep.model.names import check_agent_name, check_names
-from lockstep.model.outputs import output_matrix
+from lockstep.model.outputs import output_rows
 from lockstep.model.pbh import Controllability, Observability, controllability, observability
-from lockstep.model.wording import nearest, shorten
+from lockstep.model.wording import shorten
 
 Split = Literal["terms", "jacobian"]
 UNBOUNDED = (-np.inf, np.inf)
@@ -41,8 +51,7 @@ class Agent:
         t: the time, an SX symbol; needed if `rhs` mentions it.
         states, inputs, outputs: names; by default those of the symbols, and y1, y2, ...
         domain: the box the bound is proved on, (lower, upper) by state, open-ended where not given. It need
-            not
-            contain 0: the incremental bound is about differences.
+            not contain 0: the incremental bound is about differences.
         units: unit by name of a state, input or output, for documents.
         split: "terms" takes A and B from the terms linear in x and u; "jacobian" adds the slope of h at the
             origin to A.
@@ -51,8 +60,7 @@ class Agent:
 
     Raises:
         ProblemError: a shape or a name that does not fit, an input that enters nonlinearly, an output that is
-            not
-            linear in the states, a symbol from elsewhere, or a coefficient that is not finite.
+            not linear in the states, a symbol from elsewhere, or a coefficient that is not finite.
 
     >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     >>> rhs = ca.vertcat(x[1], -2 * x[0] - 9.81 * ca.sin(x[0]) + u)
@@ -84,9 +92,9 @@ class Agent:
                 f"`split` is {self.split!r}", where="[agent] split", expected='"terms" or "jacobian"'
             )
         for letter, what in (("x", "state"), ("u", "input"), ("rhs", "right-hand side"), ("y", "output")):
-            object.__setattr__(self, letter, _column(getattr(self, letter), what))
+            object.__setattr__(self, letter, column_of(getattr(self, letter), what))
         for letter in ("x", "u", "t"):
-            _check_symbols(letter, ca.SX(getattr(self, letter)))
+            check_symbols(letter, ca.SX(getattr(self, letter)))
         self._take_names()
         if self.rhs.shape[0] != self.n:
             raise ProblemError(
@@ -95,10 +103,10 @@ class Agent:
             )
         for letter in ("domain", "units"):
             object.__setattr__(self, letter, MappingProxyType(dict(getattr(self, letter))))
-        _check_known("[agent.domain]", self.domain, self.states)
-        _check_known("[agent.units]", self.units, (*self.states, *self.inputs, *self.outputs))
+        check_known("[agent.domain]", self.domain, self.states)
+        check_known("[agent.units]", self.units, (*self.states, *self.inputs, *self.outputs))
         for state, bounds in self.domain.items():
-            _check_bounds(state, bounds)
+            check_bounds(state, bounds)
         _ = self.lure
 
     @classmethod
@@ -125,7 +133,7 @@ class Agent:
         """
         parameters = dict(parameters or {})
         check_names(states=states, inputs=inputs, outputs=tuple(outputs), parameters=tuple(parameters))
-        _check_formulas(states, dynamics)
+        check_formulas(states, dynamics)
         for key, value in parameters.items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
                 raise ProblemError(
@@ -140,10 +148,10 @@ class Agent:
         y = [parse_expression(text, known, where=f"[agent.outputs] {key}") for key, text in outputs.items()]
         return cls(
             name=name,
-            x=_stack([symbols[key] for key in states]),
-            u=_stack([symbols[key] for key in inputs]),
-            rhs=_stack(rhs),
-            y=_stack(y),
+            x=stack([symbols[key] for key in states]),
+            u=stack([symbols[key] for key in inputs]),
+            rhs=stack(rhs),
+            y=stack(y),
             t=symbols["t"],
             states=tuple(states),
             inputs=tuple(inputs),
@@ -190,10 +198,11 @@ class Agent:
         rows, forms = self.normal_forms()
         for state, row in zip(self.states, rows, strict=True):
             self._check_inputs_linear(forms, state, row)
-        C = output_matrix(
+        outputs = output_rows(
             forms, dict(zip(self.outputs, ca.vertsplit(self.y), strict=True)), self.states, self.inputs
         )
-        return lure_form(forms, rows, C, self.m, jacobian=self.split == "jacobian")
+        lure = lure_form(forms, rows, outputs, self.m)
+        return linearised(lure) if self.split == "jacobian" else lure
 
     @cached_property
     def dynamics(self) -> ca.Function:
@@ -206,6 +215,11 @@ class Agent:
     def box(self) -> Float[np.ndarray, "n 2"]:
         """The domain as lower and upper bounds by state, infinite where none is given."""
         return np.array([self.domain.get(state, UNBOUNDED) for state in self.states], dtype=float)
+
+    @property
+    def argument_box(self) -> Box:
+        """The domain of phi's arguments v = H x: the box the bound is proved on."""
+        return argument_box(self.lure.H, self.box)
 
     def controllability(self) -> Controllability:
         """Test (A, B): see `lockstep.model.pbh`."""
@@ -271,63 +285,3 @@ class Agent:
                     expected="inputs that enter linearly, with constant coefficients, as in (2)",
                     remedy="make the nonlinear actuator a state of the agent, or its output the input",
                 )
-
-
-def _stack(parts: Sequence[ca.SX]) -> ca.SX:
-    return ca.vertcat(*parts) if parts else ca.SX(0, 1)
-
-
-def _column(value: ca.SX, what: str) -> ca.SX:
-    try:
-        column = ca.densify(ca.SX(value))
-    except (NotImplementedError, TypeError):
-        raise ProblemError(
-            f"the {what}s are a {type(value).__name__}", expected="a casadi.SX column"
-        ) from None
-    if column.shape[1] != 1 or column.shape[0] == 0:
-        raise ProblemError(
-            f"the {what}s have shape {column.shape[0]} x {column.shape[1]}",
-            expected=f"a column with at least one {what}",
-        )
-    return column
-
-
-def _check_symbols(letter: str, column: ca.SX) -> None:
-    for symbol in ca.vertsplit(column):
-        if not symbol.is_symbolic():
-            raise ProblemError(
-                f"`{letter}` contains `{shorten(str(symbol))}`", expected="symbols only (casadi.SX.sym)"
-            )
-
-
-def _check_known(where: str, given: Mapping[str, object], known: Sequence[str]) -> None:
-    for name in given:
-        if name not in known:
-            raise ProblemError(
-                f"`{shorten(name)}` is unknown",
-                where=where,
-                expected=shorten(", ".join(known), 120),
-                remedy=nearest(name, known),
-            )
-
-
-def _check_formulas(states: Sequence[str], dynamics: Mapping[str, str]) -> None:
-    """One equation per state, and none without a state."""
-    for state in states:
-        if state not in dynamics:
-            raise ProblemError(
-                f"no equation for the state `{state}`",
-                where="[agent.dynamics]",
-                expected=f'{state} = "its time derivative"',
-            )
-    _check_known("[agent.dynamics]", dynamics, states)
-
-
-def _check_bounds(state: str, bounds: tuple[float, float]) -> None:
-    low, high = bounds if len(bounds) == 2 else (np.nan, np.nan)
-    if not low < high or low == np.inf or high == -np.inf:
-        raise ProblemError(
-            f"`{state}` is from {low} to {high}",
-            where=f"[agent.domain] {state}",
-            expected="a lower bound below the upper bound",
-        )

@@ -7,7 +7,7 @@ exactly: the certificate is then about the agent itself and not about a rounded 
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -15,15 +15,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.affine import is_double
 from lockstep.model.agent import Agent
 from lockstep.model.bound import Bound, Box, Progress, prove_bound, smallest_bound
-from lockstep.model.domain import argument_box
-from lockstep.model.errors import BoundNotProved, ProblemError
+from lockstep.model.coefficients import is_double
+from lockstep.model.errors import BoundNotProved
 from lockstep.model.lure import Lure
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
-from lockstep.model.wording import shorten
+from lockstep.model.unbounded import no_bound
 
 BUDGET = 20.0
 """Seconds for the proof of a bound: a six-variable box takes ten."""
@@ -32,22 +31,6 @@ ALLOWED_GAP = 1.02
 """Scales rounded to exact ones may cost this factor of alpha before a smaller one is looked for."""
 
 Report = Callable[[Progress], None]
-
-_NOTHING = Bound(
-    alpha=0.0,
-    lower=0.0,
-    witness=None,
-    proved=True,
-    refuted=False,
-    converged=True,
-    reason="",
-    asked=None,
-    tolerance=0.0,
-    boxes=0,
-    input_scale=(),
-    output_scale=(),
-)
-"""The bound of a linear agent, which has no phi."""
 
 
 def bound_of(
@@ -72,22 +55,58 @@ def bound_of(
     >>> bound_of(cart).alpha, bound_of(cart, alpha=3.0).alpha
     (2.0, 3.0)
     """
-    if agent.lure.is_linear:
-        return replace(_NOTHING, alpha=alpha or 0.0, asked=alpha)
-    phi, box = agent.lure.phi, argument_box(agent.lure.H, agent.box)
+    phi, box = agent.lure.phi, agent.argument_box
     start = time.monotonic()
-    if alpha is not None and phi.size1_out(0) == 1:
+    if alpha is not None and phi.size1_out(0) <= 1:
         # One component is not scaled, so alpha means the same whatever the smallest bound is.
         return _decided(prove_bound(phi, box, alpha, seconds=budget, progress=progress), alpha)
     found = smallest_bound(phi, box, seconds=budget, progress=progress)
     if not math.isfinite(found.alpha):
-        raise _no_bound(found, agent, spent=time.monotonic() - start >= budget)
+        if time.monotonic() - start >= budget:
+            raise _out_of_time(found)
+        raise no_bound(found, agent)
     exact = _with_exact_scales(found, agent.lure)
     if exact.alpha > ALLOWED_GAP * exact.lower:
         exact = _tightened(exact, agent.lure, box, budget - (time.monotonic() - start))
     if alpha is None:
         return exact
     return _decided(_asked(exact, agent.lure, box, alpha, budget, progress), alpha)
+
+
+def bound_with_scales(
+    agent: Agent,
+    alpha: float,
+    scales: tuple[Sequence[float], Sequence[float]],
+    *,
+    budget: float = BUDGET,
+    progress: Report | None = None,
+) -> Bound:
+    """Return alpha as a proved bound with given scales (D_w, D_v), those of a bound that was proved before.
+
+    The scales of `bound_of` follow from the enclosures it had when its time was up; a slower machine may come to
+    others, and a certificate is about G D_w and D_v^-1 H.
+
+    Raises:
+        ProblemError: scales that do not fit phi.
+        BoundNotProved: alpha is too small with these scales, or the budget was spent without an answer.
+
+    >>> pair = Agent.from_expressions("pair", states=["a", "b"], inputs=["f"], outputs={"y1": "a"},
+    ...                               dynamics={"a": "sin(a) + f", "b": "3*sin(b) + a"})
+    >>> bound = bound_of(pair)
+    >>> bound_with_scales(pair, bound.alpha, (bound.output_scale, bound.input_scale)).proved
+    True
+    """
+    D_w, D_v = scales
+    found = prove_bound(
+        agent.lure.phi,
+        agent.argument_box,
+        alpha,
+        input_scale=D_v,
+        output_scale=D_w,
+        seconds=budget,
+        progress=progress,
+    )
+    return _decided(found, alpha)
 
 
 def network_of(problem: Problem, bound: Bound) -> Network:
@@ -103,25 +122,6 @@ def network_of(problem: Problem, bound: Bound) -> Network:
         problem.design.coordinates,
         (bound.output_scale, bound.input_scale),
     )
-
-
-def arguments_text(agent: Agent) -> str:
-    """Return what phi's arguments v = H x are, in the names of the states, for messages.
-
-    >>> arguments_text(Agent.from_expressions("pair", states=["a", "b"], inputs=["f"], outputs={"y1": "a"},
-    ...                                       dynamics={"a": "f", "b": "sin(a - 2*b)"}))
-    'v1 = a - 2*b'
-    """
-    texts = []
-    for k, row in enumerate(agent.lure.H, start=1):
-        terms = [
-            f"{'-' if h < 0 else '+'} {'' if abs(h) == 1 else f'{abs(h):g}*'}{state}"
-            for h, state in zip(row, agent.states, strict=True)
-            if h
-        ]
-        text = " ".join(terms)
-        texts.append(f"v{k} = {text[2:] if text.startswith('+') else text.replace('- ', '-', 1)}")
-    return shorten(", ".join(texts), 200)
 
 
 def _with_exact_scales(bound: Bound, lure: Lure) -> Bound:
@@ -204,17 +204,9 @@ def _decided(bound: Bound, alpha: float) -> Bound:
     raise BoundNotProved(f"[design] alpha = {alpha:g} {what}: {bound.reason}", **figures)
 
 
-def _no_bound(bound: Bound, agent: Agent, *, spent: bool) -> Exception:
-    if spent:
-        return BoundNotProved(
-            f"no bound of the nonlinearity was found in the time given: {bound.reason}",
-            lower=bound.lower,
-            boxes=bound.boxes,
-        )
-    state = agent.states[int(np.flatnonzero(agent.lure.H.any(axis=0))[0])]
-    return ProblemError(
-        f"the nonlinearity has no finite bound on its domain: {bound.reason}, with {arguments_text(agent)}",
-        where="[agent.dynamics]",
-        expected="a nonlinearity whose slope is bounded, such as sin or tanh, or a domain where it is",
-        remedy=f"give a box in [agent.domain], such as {state} = [-1.0, 1.0]: the certificate is then local",
+def _out_of_time(bound: Bound) -> BoundNotProved:
+    return BoundNotProved(
+        f"no bound of the nonlinearity was found in the time given: {bound.reason}",
+        lower=bound.lower,
+        boxes=bound.boxes,
     )

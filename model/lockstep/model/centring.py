@@ -5,12 +5,11 @@ middle of the slopes of phi the bound of phi - S v is smaller: tanh has slopes i
 [-1/2, 1/2]. This is the loop transformation of Lur'e problems (Khalil, Nonlinear Systems, section 7.1).
 
 S is a choice, made from sampled slopes and the same on every run; what is claimed about phi - S v is proved
-afterwards. The identity above is kept exactly: A + G S H is made of doubles that are the exact sums, and S is
-a double or, where those sums need it, a sum of two.
+afterwards. The identity above is kept exactly, by `shift`.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
 from math import frexp, ldexp
@@ -19,9 +18,9 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lockstep.model.affine import is_double
 from lockstep.model.bound import Box
 from lockstep.model.lure import Lure
+from lockstep.model.shift import fitting, shifted
 
 LEAST_GAIN = 0.02
 """A bound that shrinks by less than 2 % is not worth another A than the one written down."""
@@ -157,12 +156,10 @@ def _move(lure: Lure, k: int, j: int, lowest: float, highest: float) -> tuple[Lu
     """Move the middle of one slope range, or return None if that cannot be done exactly."""
     middle, half = (lowest + highest) / 2, (highest - lowest) / 2
     for wish in _short(middle, half):
-        for amount in (wish, *_fitting(lure, k, j, wish)):
-            A = _exact_sum(lure, k, j, amount)
-            if A is not None and abs(amount - Fraction(middle)) < Fraction(half):
-                return replace(lure, A=A, phi=_without(lure.phi, k, j, amount)), Move(
-                    k, j, lowest, highest, amount
-                )
+        for amount in (wish, *fitting(lure, k, j, wish)):
+            found = shifted(lure, k, j, amount)
+            if found is not None and abs(amount - Fraction(middle)) < Fraction(half):
+                return found, Move(k, j, lowest, highest, amount)
     return None
 
 
@@ -173,51 +170,3 @@ def _short(middle: float, half: float) -> Iterator[Fraction]:
     close = next(bits for bits, x in enumerate(rounded) if abs(x - middle) <= CLOSE * half or bits == 52)
     for x in reversed(rounded[: close + 1]):
         yield Fraction(x)
-
-
-def _entries(lure: Lure, k: int, j: int) -> list[tuple[int, int, Fraction]]:
-    """Return (i, l, G_ik H_jl) for the entries of A that a slope of component k by argument j belongs to."""
-    rows, columns = np.flatnonzero(lure.G[:, k]), np.flatnonzero(lure.H[j])
-    return [
-        (int(i), int(c), Fraction(float(lure.G[i, k])) * Fraction(float(lure.H[j, c])))
-        for i in rows
-        for c in columns
-    ]
-
-
-def _fitting(lure: Lure, k: int, j: int, wish: Fraction) -> Iterator[Fraction]:
-    """Yield amounts next to the wish that make one entry of A a double: 0.1 + 0.5 is none, 0.6 is."""
-    for i, c, weight in _entries(lure, k, j):
-        old = Fraction(float(lure.A[i, c]))
-        amount = (Fraction(float(old + wish * weight)) - old) / weight
-        if _two_doubles(amount) is not None:
-            yield amount
-
-
-def _two_doubles(amount: Fraction) -> tuple[float, float] | None:
-    high = float(amount)
-    low = float(amount - Fraction(high))
-    return (high, low) if Fraction(high) + Fraction(low) == amount else None
-
-
-def _exact_sum(lure: Lure, k: int, j: int, amount: Fraction) -> Float[np.ndarray, "n n"] | None:
-    """Return A + amount G e_k e_j' H if all its entries are doubles."""
-    A = np.array(lure.A)
-    for i, c, weight in _entries(lure, k, j):
-        total = Fraction(float(A[i, c])) + amount * weight
-        if not is_double(total):
-            return None
-        A[i, c] = float(total)
-    return A
-
-
-def _without(phi: ca.Function, k: int, j: int, amount: Fraction) -> ca.Function:
-    """Return phi with amount v_j taken from component k, in two terms if the amount is no double."""
-    v, t = ca.SX.sym("v", phi.size1_in(0)), ca.SX.sym("t")
-    w = ca.densify(phi(v, t))
-    parts = _two_doubles(amount)
-    assert parts is not None
-    for part in parts:
-        if part:
-            w[k] -= part * v[j]
-    return ca.Function("phi", [v, t], [w], ["v", "t"], ["w"])

@@ -25,8 +25,7 @@ class Disagreement:
 
     T: (N-1, N), x_d = (T (x) I) x;  right: (N, N-1) with T right = I and last row 0;
     S: (N-1, N-1), the metric of x_d;  L: (N, N) the Laplacian (1);  L_r: (N, N-1) with L = L_r T, the paper's
-    C_r
-    being L_r (x) C.
+    C_r being L_r (x) C.
     """
 
     T: Matrix

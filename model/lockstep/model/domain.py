@@ -1,12 +1,14 @@
-"""The arguments of phi over a domain of the states: v = H x for x in a box, as a box rounded outwards."""
+"""The arguments of phi over a domain of the states, v = H x for x in a box, and smaller boxes inside of it."""
 
 from fractions import Fraction
-from math import inf, nextafter
+from math import inf, isfinite
 
 import numpy as np
 from jaxtyping import Float
 
 from lockstep.model.bound import Box
+from lockstep.model.errors import ProblemError
+from lockstep.model.numbers import rounded_down
 
 
 def argument_box(H: Float[np.ndarray, "v n"], states: Float[np.ndarray, "n 2"]) -> Box:
@@ -27,6 +29,37 @@ def argument_box(H: Float[np.ndarray, "v n"], states: Float[np.ndarray, "n 2"]) 
     return Box(tuple(lower), tuple(upper))
 
 
+def inner_box(box: Box, fraction: float) -> Box:
+    """Return the box with `fraction` of its size around its middle: what is left to a leader (`lockstep.lmi.local`).
+
+    A side without an opposite one moves towards 0 as if its opposite were -side, and by 1 - fraction if it is 0.
+
+    Raises:
+        ProblemError: a fraction outside of [0, 1), which would leave no room between the boxes.
+
+    >>> inner_box(Box((-4.0, -2.0), (8.0, np.inf)), 0.5)
+    Box(lower=(-1.0, -1.0), upper=(5.0, inf))
+    """
+    if not 0 <= fraction < 1:
+        raise ProblemError(
+            f"{fraction}",
+            where="the part of the domain left to the leader",
+            expected="from 0 up to, but not, 1",
+        )
+    sides = [_inner_side(low, high, fraction) for low, high in zip(box.lower, box.upper, strict=True)]
+    return Box(tuple(low for low, _ in sides), tuple(high for _, high in sides))
+
+
+def _inner_side(low: float, high: float, fraction: float) -> tuple[float, float]:
+    if isfinite(low) and isfinite(high):
+        middle, half = low / 2 + high / 2, high / 2 - low / 2
+        return middle - fraction * half, middle + fraction * half
+    return (
+        low + (1 - fraction) * (abs(low) or 1.0) if isfinite(low) else low,
+        high - (1 - fraction) * (abs(high) or 1.0) if isfinite(high) else high,
+    )
+
+
 def _least(row: Float[np.ndarray, " n"], states: Float[np.ndarray, "n 2"]) -> float:
     """Return a lower bound of row x over the box, the exact minimum or the double below it."""
     total = Fraction(0)
@@ -35,12 +68,4 @@ def _least(row: Float[np.ndarray, " n"], states: Float[np.ndarray, "n 2"]) -> fl
         if h and np.isinf(end):
             return -inf
         total += Fraction(float(h)) * Fraction(float(end)) if h else 0
-    return _rounded_down(total)
-
-
-def _rounded_down(number: Fraction) -> float:
-    try:
-        nearest = float(number)
-    except OverflowError:
-        return -inf if number < 0 else nextafter(inf, 0.0)
-    return nearest if Fraction(nearest) <= number else nextafter(nearest, -inf)
+    return rounded_down(total)

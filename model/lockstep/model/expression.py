@@ -183,6 +183,10 @@ class _Walker:
             raise self.error(
                 f"the function `{name}` without its arguments", node, remedy=f"write {name}(...)"
             )
+        if name.lower() in ("nan", "inf", "infinity"):
+            raise self.error(
+                f"`{name}` is no number that can be computed with", node, expected="a finite number"
+            )
         known = [*self.symbols, *FUNCTIONS]
         raise self.error(
             f"unknown symbol `{shorten(name)}`",

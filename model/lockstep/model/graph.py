@@ -248,7 +248,12 @@ def _edge(agents: int, k: int, edge: Sequence[int | float]) -> tuple[int, int, f
         raise ProblemError(f"{shown} does not name two agents", where=where, expected="whole numbers")
     i, j = int(edge[0]), int(edge[1])
     if not (1 <= i <= agents and 1 <= j <= agents):
-        raise ProblemError(f"{shown} is out of range", where=where, expected=f"agents from 1 to {agents}")
+        raise ProblemError(
+            f"{shown} is out of range",
+            where=where,
+            expected=f"agents from 1 to {agents}",
+            remedy="agents count from 1" if 0 in (i, j) else f"`agents` is {agents}: raise it for more",
+        )
     if i == j:
         raise ProblemError(f"{shown} is a self loop", where=where, expected="two different agents")
     weight = float(edge[2]) if len(edge) == 3 else 1.0

@@ -94,8 +94,7 @@ class Gains:
 
 @dataclass(frozen=True)
 class Plant:
-    """The matrices of the agents (2) with h = G phi(H x, t): A (n, n), B_i (n, m), C (q, n), G (n, r), H (v,
-    n)."""
+    """The matrices of the agents (2) with h = G phi(H x, t): A (n, n), B_i (n, m), C (q, n), G (n, r), H (v, n)."""
 
     A: Matrix
     B: tuple[Matrix, ...]

@@ -22,8 +22,8 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 from jaxtyping import Float
 
-from lockstep.model.affine import Affine, NormalForms, Row, is_double, is_exact, scaled, to_double, total
-from lockstep.model.errors import ProblemError
+from lockstep.model.affine import Affine, NormalForms, Row, total
+from lockstep.model.coefficients import is_double, is_exact, scaled, to_double
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +41,8 @@ class Lure:
     """(t) -> (c): n numbers that depend on no state, common to all agents."""
     at_origin: ca.Function
     """(t) -> (h): h(t, 0) = G phi(0, t) + offset(t), which (3) requires to be 0 and consensus does not."""
+    rounded: tuple[str, ...] = ()
+    """The entries that no double holds exactly once the terms are collected: each is rounded once."""
 
     def __post_init__(self) -> None:
         for letter in "ABCGH":
@@ -57,57 +59,55 @@ class Lure:
 def lure_form(
     forms: NormalForms,
     rows: Sequence[Affine],
-    outputs: Float[np.ndarray, "q n"],
+    outputs: Sequence[Row],
     m: int,
-    *,
-    jacobian: bool = False,
 ) -> Lure:
     """Assemble A, B, G, H, phi and the offset from the normal forms of the n right-hand sides.
 
     Args:
         forms: the table the rows were split with; its variables are the n states, then the m inputs.
         rows: the normal form of each right-hand side; no atom of them depends on an input.
-        outputs: C.
+        outputs: the rows of C.
         m: the number of inputs.
-        jacobian: move the slope of phi at the origin into A (`split = "jacobian"`).
     """
     n = len(rows)
     state_terms = [_part(forms, row, of_states=True) for row in rows]
     drives = [Affine(constant=row.constant, terms=_part(forms, row, of_states=False).terms) for row in rows]
-    linear = _matrix([row.row for row in rows], n + m)
-    G, components = _columns(state_terms)
-    H, substitute, v = _arguments(forms, components, n)
-    w = ca.vertcat(*[forms.rebuild(part, substitute, forms.time) for part in components], ca.SX(0, 1))
-    A = linear[:, :n]
-    if jacobian:
-        slope = _slope_at_origin(w, v, forms.time)
-        A, w = A + G @ slope @ H, w - ca.mtimes(ca.DM(slope), v)
-    drive = ca.vertcat(*[forms.rebuild(part, lambda _: ca.SX(0), forms.time) for part in drives])
-    return _lure(A, linear[:, n:], outputs, G, H, v, forms.time, w, drive)
-
-
-def _lure(
-    A: Float[np.ndarray, "n n"],
-    B: Float[np.ndarray, "n m"],
-    C: Float[np.ndarray, "q n"],
-    G: Float[np.ndarray, "n r"],
-    H: Float[np.ndarray, "v n"],
-    v: ca.SX,
-    t: ca.SX,
-    w: ca.SX,
-    drive: ca.SX,
-) -> Lure:
+    linear = [row.row for row in rows]
+    columns = _columns(state_terms)
+    components = [component for _, component in columns]
+    arguments = _arguments(forms, components)
+    v, t = arguments.v, forms.time
+    AB, G = _matrix(linear, n + m), _matrix([column for column, _ in columns], n).T
+    w = ca.vertcat(*[forms.rebuild(part, arguments, t) for part in components], ca.SX(0, 1))
+    drive = ca.vertcat(*[forms.rebuild(part, lambda _: ca.SX(0), t) for part in drives])
     origin = drive + ca.mtimes(ca.SX(ca.DM(G)), ca.substitute(w, v, ca.SX.zeros(v.shape[0])))
     return Lure(
-        A,
-        B,
-        C,
-        G,
-        H,
-        ca.Function("phi", [v, t], [ca.densify(w)], ["v", "t"], ["w"]),
-        ca.Function("offset", [t], [ca.densify(drive)], ["t"], ["c"]),
-        ca.Function("at_origin", [t], [ca.densify(origin)], ["t"], ["h"]),
+        A=AB[:, :n],
+        B=AB[:, n:],
+        C=_matrix(outputs, n),
+        G=G,
+        H=_matrix(arguments.rows, n),
+        phi=ca.Function("phi", [v, t], [ca.densify(w)], ["v", "t"], ["w"]),
+        offset=ca.Function("offset", [t], [ca.densify(drive)], ["t"], ["c"]),
+        at_origin=ca.Function("at_origin", [t], [ca.densify(origin)], ["t"], ["h"]),
+        rounded=(
+            *(_entry("A", i, j) if j < n else _entry("B", i, j - n) for i, j in _inexact(linear)),
+            *(_entry("C", i, j) for i, j in _inexact(outputs)),
+            *(_entry("G", i, k) for k, i in _inexact([column for column, _ in columns])),
+            *(_entry("H", i, j) for i, j in _inexact(arguments.rows)),
+            *(f"phi{k}" for k, part in enumerate(components, start=1) if arguments.rounds(forms, part)),
+        ),
     )
+
+
+def _inexact(rows: Sequence[Row]) -> list[tuple[int, int]]:
+    """Return where a matrix of these rows has an entry that no double holds."""
+    return [(i, j) for i, row in enumerate(rows) for j, value in row if not is_double(value)]
+
+
+def _entry(letter: str, i: int, j: int) -> str:
+    return f"{letter}[{i + 1},{j + 1}]"
 
 
 def _part(forms: NormalForms, row: Affine, *, of_states: bool) -> Affine:
@@ -123,8 +123,8 @@ def _matrix(rows: Sequence[Row], width: int) -> Float[np.ndarray, "rows width"]:
     return matrix
 
 
-def _columns(rows: Sequence[Affine]) -> tuple[Float[np.ndarray, "n r"], list[Affine]]:
-    """Choose G and the components of phi with G phi = rows, as few as the terms show.
+def _columns(rows: Sequence[Affine]) -> list[tuple[Row, Affine]]:
+    """Choose the columns of G and the components of phi with G phi = rows, as few as the terms show.
 
     Rows that share terms form a group. A group with no more distinct terms than rows takes the terms as
     components (each sees fewer states than a row does), and its G holds their coefficients; a group with more
@@ -138,9 +138,7 @@ def _columns(rows: Sequence[Affine]) -> tuple[Float[np.ndarray, "n r"], list[Aff
             columns += group
         else:
             columns += [(((i, Fraction(1)),), rows[i]) for i in touched]
-    columns.sort(key=lambda column: column[0][0][0])
-    G = _matrix([column for column, _ in columns], len(rows)).T
-    return G, [component for _, component in columns]
+    return sorted(columns, key=lambda column: column[0][0][0])
 
 
 def _merged(rows: Sequence[dict[int, Fraction]]) -> list[tuple[Row, Affine]]:
@@ -183,15 +181,18 @@ class _Arguments:
             for c in self.combinations.values()
         )
 
+    def rounds(self, forms: NormalForms, component: Affine) -> bool:
+        """Whether a coefficient inside a component, or of a combination of rows, is rounded."""
+        combinations = [self.combinations[row] or [] for row in forms.arguments(component)]
+        return forms.rounds(component) or not all(is_exact(c) for row in combinations for c in row)
+
     def __call__(self, row: Row) -> ca.SX:
         combination = self.combinations[row]
         assert combination is not None
         return total(scaled(self.v[k], c) for k, c in enumerate(combination) if c)
 
 
-def _arguments(
-    forms: NormalForms, components: Sequence[Affine], n: int
-) -> tuple[Float[np.ndarray, "v n"], _Arguments, ca.SX]:
+def _arguments(forms: NormalForms, components: Sequence[Affine]) -> _Arguments:
     """Choose H: independent forms that phi depends on, or plain states where those are as few."""
     needed = sorted(frozenset[Row]().union(*(forms.arguments(part) for part in components)))
     directions = _directions(needed)
@@ -204,7 +205,7 @@ def _arguments(
     dependent = len(directions) > len(independent)
     if (dependent and len(states) == len(independent)) or not chosen.sound():
         chosen = _Arguments(states, needed)
-    return _matrix(chosen.rows, n), chosen, chosen.v
+    return chosen
 
 
 def _normalised(row: Row) -> Row:
@@ -248,37 +249,3 @@ def solve(rows: Sequence[Row], target: Row) -> list[Fraction] | None:
     if rank > len(rows):
         return None
     return [Fraction(int(reduced[k, len(rows)].p), int(reduced[k, len(rows)].q)) for k in range(len(rows))]
-
-
-def _slope_at_origin(w: ca.SX, v: ca.SX, t: ca.SX) -> Float[np.ndarray, "r v"]:
-    """Return d phi / d v at v = 0, for `split = "jacobian"`.
-
-    A kink shows as a slope that jumps within `step` of the origin. The split is exact whatever the slope is,
-    so this test only keeps a meaningless linearisation out.
-    """
-    slope = ca.substitute(ca.jacobian(w, v), v, ca.SX.zeros(v.shape[0]))
-    if ca.depends_on(slope, t):
-        raise ProblemError(
-            "the slope of the nonlinearity at the origin depends on t",
-            where="[agent] split",
-            expected="a time-invariant linear part",
-            remedy='use split = "terms"',
-        )
-    step, jump = 1e-9, 1e-6
-    at = ca.Function("slope", [v, t], [ca.densify(ca.jacobian(w, v))])
-    value = np.asarray(at(np.zeros(v.shape[0]), 0.0)).reshape(w.shape[0], v.shape[0])
-    near = [
-        np.asarray(at(sign * step * np.eye(v.shape[0])[k], 0.0))
-        for k in range(v.shape[0])
-        for sign in (-1, 1)
-    ]
-    if not np.isfinite(value).all() or any(
-        not np.allclose(value, other, rtol=jump, atol=jump) for other in near
-    ):
-        raise ProblemError(
-            "the nonlinearity has no slope at the origin",
-            where="[agent] split",
-            expected="a right-hand side that is differentiable at x = 0",
-            remedy='use split = "terms"',
-        )
-    return value

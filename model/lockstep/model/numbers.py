@@ -6,6 +6,8 @@ than the one that was designed for.
 """
 
 from collections.abc import Callable
+from fractions import Fraction
+from math import inf, nextafter
 from typing import Any
 
 import numpy as np
@@ -46,6 +48,19 @@ def _nearest(value: Any) -> float:
         return int(value.p) / int(value.q)
     except OverflowError:
         return float("inf") if value > 0 else float("-inf")
+
+
+def rounded_down(number: Fraction) -> float:
+    """Return the largest double that is not above a rational.
+
+    >>> rounded_down(Fraction(1, 3)) < Fraction(1, 3), rounded_down(Fraction(-1, 2))
+    (True, -0.5)
+    """
+    try:
+        nearest = float(number)
+    except OverflowError:
+        return -inf if number < 0 else nextafter(inf, 0.0)
+    return nearest if Fraction(nearest) <= number else nextafter(nearest, -inf)
 
 
 def is_exact(array: Shaped[np.ndarray, "..."]) -> bool:

@@ -3,20 +3,18 @@
 from collections.abc import Mapping, Sequence
 
 import casadi as ca
-import numpy as np
-from jaxtyping import Float
 
-from lockstep.model.affine import Affine, NormalForms, to_double
+from lockstep.model.affine import Affine, NormalForms, Row
 from lockstep.model.errors import ProblemError
 from lockstep.model.wording import shorten
 
 _EXPECTED = "a sum of states with constant coefficients, y = C x as in (2)"
 
 
-def output_matrix(
+def output_rows(
     forms: NormalForms, outputs: Mapping[str, ca.SX], states: Sequence[str], inputs: Sequence[str]
-) -> Float[np.ndarray, "q n"]:
-    """Return C for outputs given as expressions.
+) -> list[Row]:
+    """Return the rows of C for outputs given as expressions.
 
     Args:
         forms: a table over the states, then the inputs.
@@ -27,15 +25,15 @@ def output_matrix(
     Raises:
         ProblemError: an output that is not linear, has a constant, contains an input, or shows no state.
     """
-    C = np.zeros((len(outputs), len(states)))
-    for i, (name, expression) in enumerate(outputs.items()):
+    rows = []
+    for name, expression in outputs.items():
         where = f"[agent.outputs] {name}"
         try:
             form = forms.split(expression)
         except ProblemError as error:
             raise error.within(where) from None
         _check_linear(forms, form, where)
-        for j, value in form.row:
+        for j, _ in form.row:
             if j >= len(states):
                 raise ProblemError(
                     f"the input `{inputs[j - len(states)]}` is in an output",
@@ -43,8 +41,8 @@ def output_matrix(
                     expected=_EXPECTED,
                     remedy="leave the feedthrough out: the controller knows its own input",
                 )
-            C[i, j] = to_double(value)
-    return C
+        rows.append(form.row)
+    return rows
 
 
 def _check_linear(forms: NormalForms, form: Affine, where: str) -> None:

@@ -5,15 +5,19 @@ Re s >= 0; (A, C) is observable or detectable if (A', C') is controllable or sta
 (A, B_i) controllable and (A, C) observable under (2).
 
 The least over s of the smallest singular value of [A - s I, B] is the distance to the nearest uncontrollable
-pair (Eising 1984). It is searched for from every eigenvalue of A: at the computed eigenvalue alone the value
-is wrong by as much as the eigenvalue is, and a double eigenvalue is only known to the square root of the
-rounding error.
+pair (Eising 1984). Whether the pair has lost a mode is asked near every eigenvalue of A: at the computed
+eigenvalue alone the value is wrong by as much as the eigenvalue is, and a double eigenvalue is only known to
+the square root of the rounding error. The distance itself is looked for on a grid around all eigenvalues: it
+is the least value found, so an upper bound.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+
+DESCENTS = 4
+"""Points of the grid that the search for the distance goes on from: the lowest ones."""
 
 
 @dataclass(frozen=True)
@@ -23,11 +27,10 @@ class Controllability:
     controllable: bool
     stabilisable: bool
     margin: float
-    """Smallest singular value found of [A - s I, B], in the pair's own units: an upper bound of the distance
-    to the
-    nearest uncontrollable pair."""
+    """Smallest singular value found of [A - s I, B], in the pair's own units: the distance to the nearest
+    uncontrollable pair is this at most."""
     eigenvalue: complex
-    """The s of that smallest value: the mode that is lost, or nearest to being lost."""
+    """The s of that smallest value: the mode that is lost, or that such a pair has lost."""
     unstable_eigenvalue: complex | None
     """A lost mode with Re s >= 0, where the pair is not even stabilisable."""
     relative_margin: float
@@ -69,12 +72,12 @@ def controllability(A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n m"]) ->
     lost = [s for s, value in modes if value <= tolerance]
     # A lost mode that rounding cannot tell from one on the imaginary axis counts as not decaying.
     unstable = [s for s in lost if s.real >= 0 or _least(a, b, complex(0.0, s.imag)) <= tolerance]
-    margin = min(_least(A, B, size * s) for s, _ in modes) if not lost else _least(A, B, size * nearest[0])
+    s, margin = _distance(A, B) if not lost else (size * nearest[0], _least(A, B, size * nearest[0]))
     return Controllability(
         not lost,
         not unstable,
         margin,
-        _tidy(size * nearest[0], size),
+        _tidy(s, size),
         _tidy(size * unstable[0], size) if unstable else None,
         nearest[1],
         tolerance,
@@ -99,6 +102,28 @@ def observability(A: Float[np.ndarray, "n n"], C: Float[np.ndarray, "q n"]) -> O
     )
 
 
+def _distance(A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n m"]) -> tuple[complex, float]:
+    """Return (s, value), the least value over s that is found from a grid and the eigenvalues.
+
+    Half of the plane is enough, the value at the conjugate of s is the same.
+    """
+    size = float(np.linalg.norm(A, 2)) or 1.0
+    a, b = A / size, B / size
+    own = np.linalg.eigvals(a)
+    real = np.linspace(own.real.min() - 0.1, own.real.max() + 0.1, 31)
+    imaginary = np.linspace(0.0, np.abs(own.imag).max() + 0.1, 21)
+    grid = (real[:, None] + 1j * imaginary).ravel()
+    starts = np.concatenate([own[own.imag >= 0], own.real, grid])
+    pencils = np.concatenate(
+        [a - starts[:, None, None] * np.eye(len(a)), np.broadcast_to(b, (len(starts), *b.shape))], axis=2
+    )
+    values = np.linalg.svd(pencils, compute_uv=False)[:, -1]
+    # A smooth minimum is flat: s to 1e-7 gives the value to 1e-14.
+    found = [_descend(a, b, complex(s), 1e-7) for s in starts[np.argsort(values, kind="stable")[:DESCENTS]]]
+    s, value = min(found, key=lambda mode: mode[1])
+    return size * s, size * value
+
+
 def _modes(A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n m"]) -> list[tuple[complex, float]]:
     """Return (s, smallest singular value of [A - s I, B]) near each eigenvalue with Im s >= 0, for |A| = 1.
 
@@ -121,7 +146,7 @@ def _least(A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n m"], s: complex)
 
 
 def _descend(
-    A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n m"], start: complex
+    A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n m"], start: complex, accuracy: float = 1e-15
 ) -> tuple[complex, float]:
     """Return (s, value) at a local minimum over s of the smallest singular value of [A - s I, B], from
     `start`.
@@ -136,13 +161,13 @@ def _descend(
 
     corner = np.array([start.real, start.imag])
     simplex = corner + 1e-3 * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    options = {"xatol": 1e-15, "fatol": 1e-17, "maxiter": 400, "initial_simplex": simplex}
+    options = {"xatol": accuracy, "fatol": accuracy / 100, "maxiter": 400, "initial_simplex": simplex}
     found = minimize(value, corner, method="Nelder-Mead", options=options)
-    s = complex(*found.x)
-    return min(
-        [(start, value(corner)), (s, float(found.fun)), (complex(s.real), _least(A, B, complex(s.real)))],
-        key=lambda mode: mode[1],
-    )
+    # A real s that is as good to rounding is the mode: the search leaves small imaginary parts behind.
+    ends = [complex(found.x[0]), complex(*found.x), start]
+    values = [_least(A, B, s) for s in ends]
+    close = min(values) * (1 + 1e-9) + float(np.finfo(float).eps)
+    return next((s, v) for s, v in zip(ends, values, strict=True) if v <= close)
 
 
 def _tidy(s: complex, size: float) -> complex:

@@ -143,7 +143,9 @@ def check_neighbours(source: Source, line: list[Token]) -> None:
                 "the expression is nested too deeply", token.column, expected=f"at most {DEEPEST} levels"
             )
     if depth > 0:
-        raise source.whole(f"{depth} `(` not closed in `{shorten(source.text)}`")
+        raise source.whole(
+            f"{depth} `(` not closed in `{shorten(source.text)}`", expected="a `)` for each `(`"
+        )
 
 
 def _check_word(source: Source, token: Token) -> None:

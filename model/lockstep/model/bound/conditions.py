@@ -55,8 +55,8 @@ _TEXT = {
     "no pole": "has a pole",
     "off the cut": "jumps where the second argument is not positive and the first is 0",
     "decided": "jumps where its condition changes and cannot be shown to be continuous there; "
-    "write it with fmin, fmax or fabs",
-    "constant": "jumps; write it with fmin, fmax or fabs",
+    "write it with min, max or abs",
+    "constant": "jumps; write it with min, max or abs",
 }
 
 

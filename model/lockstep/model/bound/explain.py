@@ -30,12 +30,9 @@ def explain(chart: Chart, lower: Boxes, upper: Boxes, inputs: int, reached: floa
     if broken:
         return f"{broken[0]} ({where})"
     if any(side and lower[k, 0] == 0 for k, side in enumerate(chart.pattern)):
-        seen = (
-            f"it grows without bound as far as was looked, {reached:.3g} was reached"
-            if reached > LARGE
-            else f"the largest slope seen is {reached:.6g}, a bounded domain can help"
-        )
-        return f"no finite bound on the slope could be shown towards infinity ({where}): {seen}"
+        if reached > LARGE:
+            return f"the slope grows without bound towards infinity ({where}), {reached:.3g} was reached"
+        return f"no bound could be shown towards infinity ({where}); the largest slope seen is {reached:.6g}"
     edges = [
         c.name
         for c in chart.objective.conditions.conditions
@@ -76,5 +73,5 @@ def _place(chart: Chart, lower: np.ndarray, upper: np.ndarray, inputs: int) -> s
         else:
             value = 0.5 * (lower[k] + upper[k])
             # The box is 2^-40 of its domain wide: more digits would say nothing.
-            parts.append(f"{name} near {round(side / value if side else value, 9):.6g}")
+            parts.append(f"{name} near {0.0 + round(side / value if side else value, 9):.6g}")
     return "where " + ", ".join(parts) if parts else "everywhere"

@@ -57,16 +57,14 @@ def _rates(outputs: Sequence[Node], index: int) -> set[Fraction]:
 def reduce_to_period(
     outputs: Sequence[Node], lower: Float[np.ndarray, " variables"], upper: Float[np.ndarray, " variables"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the domain with one period in place of every longer range of a periodic variable."""
+    """Return the domain with one period in place of every longer range of a periodic variable.
+
+    The period that begins at 0: any range of a whole period has the same values, and far from 0 the doubles are
+    too far apart to hold one, so that lower + period may be less than a period above lower.
+    """
     lower, upper = lower.copy(), upper.copy()
     for k in range(len(lower)):
         one = period(outputs, k)
-        if one is None or not upper[k] - lower[k] > 2.0 * one:
-            continue
-        if math.isfinite(lower[k]):
-            upper[k] = lower[k] + one
-        elif math.isfinite(upper[k]):
-            lower[k] = upper[k] - one
-        else:
+        if one is not None and upper[k] - lower[k] > 2.0 * one:
             lower[k], upper[k] = 0.0, one
     return lower, upper

@@ -44,6 +44,11 @@ class _Task:
     lower: Float[np.ndarray, " variables"]
     upper: Float[np.ndarray, " variables"]
 
+    @property
+    def empty(self) -> bool:
+        """Whether there is no slope to bound: phi has no components or no arguments."""
+        return not self.jacobian or self.graph.inputs == 0
+
 
 def smallest_bound(
     phi: ca.Function,
@@ -78,6 +83,8 @@ def smallest_bound(
 
     """
     task = _prepare(phi, box, time)
+    if task.empty:
+        return _nothing(task, box, None)
     parts = blocks(task.jacobian) or [([0], [0])]
     limits = Limits(
         _tolerance(tolerance, task), seconds / len(parts), max(1, boxes // len(parts)), None, progress
@@ -123,6 +130,8 @@ def prove_bound(
     task = _prepare(phi, box, time)
     D_w = _scale_given(output_scale, len(task.jacobian), "output_scale")
     D_v = _scale_given(input_scale, box.size, "input_scale")
+    if task.empty:
+        return _nothing(task, box, float(alpha))
     parts = blocks(task.jacobian) or [([0], [0])]
     limits = Limits(0.0, seconds / len(parts), max(1, boxes // len(parts)), float(alpha), progress)
     outcomes = [_search(task, rows, columns, D_w, D_v, limits) for rows, columns in parts]
@@ -141,7 +150,26 @@ def _prepare(phi: ca.Function, box: Box, time: tuple[float, float]) -> _Task:
     lower, upper = np.array([*box.lower, low]), np.array([*box.upper, high])
     graph = settle(graph, lower[:, None], upper[:, None])
     columns = [derivative(graph.outputs, k) for k in range(graph.inputs)]
-    return _Task(graph, [list(row) for row in zip(*columns, strict=True)], lower, upper)
+    rows = [[column[i] for column in columns] for i in range(len(graph.outputs))]
+    return _Task(graph, rows, lower, upper)
+
+
+def _nothing(task: _Task, box: Box, asked: float | None) -> Bound:
+    """The bound of a linear agent, whose phi has no components, or of one that depends on t only."""
+    return Bound(
+        alpha=0.0,
+        lower=0.0,
+        witness=None,
+        proved=True,
+        refuted=False,
+        converged=True,
+        reason="phi depends on no state: there is nothing to bound",
+        asked=asked,
+        tolerance=0.0,
+        boxes=0,
+        input_scale=(1.0,) * box.size,
+        output_scale=(1.0,) * len(task.jacobian),
+    )
 
 
 def _tolerance(tolerance: float | None, task: _Task) -> float:
@@ -259,7 +287,7 @@ def _reason(outcomes: list[Outcome], alpha: float, lower: float, converged: bool
         if outcome.upper == math.inf:
             return outcome.reason
     if asked is not None and lower > asked:
-        return f"a slope of {lower:.17g} is reached, above {asked:.17g}"
+        return f"a slope of {lower!r} is reached, above {asked!r}"
     if not converged:
-        return f"not converged within the budget: the truth is between {lower:.17g} and {alpha:.17g}"
+        return f"not converged within the budget: the truth is between {lower!r} and {alpha!r}"
     return ""

@@ -47,9 +47,10 @@ def check_problem(problem: Problem, *, budget: float = BUDGET, progress: Report 
     zeros, right = structure.zeros(agent, agents_B)
     rows = (
         nonlinearity.bound(agent, bound),
-        nonlinearity.reach(agent, everywhere=everywhere),
+        nonlinearity.reach(agent, graph, everywhere=everywhere),
         nonlinearity.centring(agent),
         nonlinearity.origin(agent),
+        nonlinearity.numbers(agent),
         structure.spanning_tree(graph),
         structure.row_sums(graph),
         controllable,

@@ -4,10 +4,10 @@ import casadi as ca
 import numpy as np
 
 from lockstep.model.agent import Agent
-from lockstep.model.assembly import arguments_text
+from lockstep.model.arguments import arguments_text
 from lockstep.model.bound import Bound, Box, prove_bound
 from lockstep.model.checks.report import Row
-from lockstep.model.domain import argument_box
+from lockstep.model.graph import Graph
 
 TIMES = np.concatenate([[0.0], np.linspace(-50.0, 50.0, 1001), np.geomspace(1e-3, 1e6, 200)])
 """Where an offset that depends on t is looked at."""
@@ -33,8 +33,8 @@ def bound(agent: Agent, proved: Bound) -> Row:
 
 def holds_everywhere(agent: Agent, proved: Bound, *, seconds: float) -> bool:
     """Whether alpha bounds phi outside of the domain too: a box that constrains nothing costs nothing."""
-    size = argument_box(agent.lure.H, agent.box).size
-    if agent.lure.is_linear or argument_box(agent.lure.H, agent.box) == Box.everywhere(size):
+    size = agent.argument_box.size
+    if agent.lure.is_linear or agent.argument_box == Box.everywhere(size):
         return proved.proved
     wide = prove_bound(
         agent.lure.phi,
@@ -47,22 +47,48 @@ def holds_everywhere(agent: Agent, proved: Bound, *, seconds: float) -> bool:
     return wide.proved
 
 
-def reach(agent: Agent, *, everywhere: bool) -> Row:
-    """Where the certificate holds: for every state, or only while all agents stay in the box."""
+def reach(agent: Agent, graph: Graph, *, everywhere: bool) -> Row:
+    """Where the certificate holds: for every state, or only while all agents stay in the box.
+
+    With a single root the certificate gives initial states from which they stay (`lockstep.lmi.local`).
+    """
     reason = "a bound on a box says nothing about trajectories that leave it"
     if everywhere:
         aside = "; the box of [agent.domain] is not needed for it" if agent.domain else ""
         return Row("where the bound holds", "ok", f"everywhere: the certificate is global{aside}", reason)
-    box = argument_box(agent.lure.H, agent.box)
+    box = agent.argument_box
     sides = ", ".join(
         f"{low:.4g} <= v{k} <= {high:.4g}"
         for k, (low, high) in enumerate(zip(box.lower, box.upper, strict=True), start=1)
     )
     figure = (
         f"on {sides} only ({arguments_text(agent)}): the certificate is local, true while every agent stays "
-        "there; that they do is not shown: agents in agreement may drift out of the box together"
+        f"there; {_staying(graph)}"
     )
     return Row("where the bound holds", "note", figure, reason)
+
+
+def _staying(graph: Graph) -> str:
+    if len(graph.roots) == 1:
+        return (
+            f"with agent {graph.roots[0]} leading, it gives initial states from which they stay, as long as the leader "
+            "keeps to a smaller box"
+        )
+    return (
+        "that they do cannot be shown without a leader: agents in agreement may drift out of the box together"
+    )
+
+
+def numbers(agent: Agent) -> Row:
+    """Whether A, B, C, G, H and phi hold the file's numbers exactly, as doubles, or some of them rounded once."""
+    reason = "what is proved is proved of these doubles: one rounding is 2^-53 of a coefficient at most"
+    rounded = agent.lure.rounded
+    if not rounded:
+        return Row(
+            "numbers", "ok", "none is rounded: the matrices are the terms of the file, as doubles", reason
+        )
+    shown = ", ".join(rounded[:8]) + (", ..." if len(rounded) > 8 else "")
+    return Row("numbers", "note", f"rounded once, as no double holds the sum of their terms: {shown}", reason)
 
 
 def centring(agent: Agent) -> Row:

@@ -83,7 +83,7 @@ def _pair(
         "the paper assumes it under (2); a mode that is lost cannot be brought to agreement unless it decays"
     )
     if holds:
-        near = f"{check.margin:.3g} from losing it, at s = {_number(check.eigenvalue)}"
+        near = f"{check.margin:.3g} from losing it at most, at s = {_number(check.eigenvalue)}"
         # Below this the figures of a design would be made of rounding.
         verdict: Verdict = "ok" if check.relative_margin > 1e-8 else "note"
         return Row(name, verdict, near, reason)

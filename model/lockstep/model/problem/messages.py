@@ -2,6 +2,7 @@
 
 import types
 from collections.abc import Iterator, Sequence
+from math import isinf
 from typing import Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -121,6 +122,8 @@ def _shown(value: Any) -> str:
             return f'"{shorten(value)}"'
         case int() if abs(value) >= 2**1024:
             return f"{shorten(hex(value), 20)}, a number too large for a double"
+        case float() if isinf(value):
+            return f"{value}, or a number too large for a double"
         case int() | float():
             return str(value)
         case dict():

@@ -55,8 +55,9 @@ def _check_equal(
     if (a == b).all():
         return
     i, j = np.argwhere(a != b)[0]
+    row = f"d/dt {states[i]}" if letter == "A" else f"output {i + 1}"
     raise ProblemError(
-        f"row {i + 1} of {letter} has {a[i, j]:.17g} for `{states[j]}`, and {b[i, j]:.17g} here",
+        f"{letter} differs: {row} has {float(a[i, j])!r}*{states[j]}, and {float(b[i, j])!r}*{states[j]} here",
         where=where,
         expected=_EXPECTED,
         remedy=_REMEDY,

@@ -1,0 +1,75 @@
+"""What an agent is built from, checked part by part: columns, symbols, names, equations, the domain."""
+
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+import numpy as np
+
+from lockstep.model.errors import ProblemError
+from lockstep.model.wording import nearest, shorten
+
+
+def stack(parts: Sequence[ca.SX]) -> ca.SX:
+    """Return a column of scalars; none at all give an empty one."""
+    return ca.vertcat(*parts) if parts else ca.SX(0, 1)
+
+
+def column_of(value: ca.SX, what: str) -> ca.SX:
+    """Return a dense column with at least one row, or refuse what is none."""
+    try:
+        column = ca.densify(ca.SX(value))
+    except (NotImplementedError, TypeError):
+        raise ProblemError(
+            f"the {what}s are a {type(value).__name__}", expected="a casadi.SX column"
+        ) from None
+    if column.shape[1] != 1 or column.shape[0] == 0:
+        raise ProblemError(
+            f"the {what}s have shape {column.shape[0]} x {column.shape[1]}",
+            expected=f"a column with at least one {what}",
+        )
+    return column
+
+
+def check_symbols(letter: str, column: ca.SX) -> None:
+    """Refuse a column that holds anything but symbols."""
+    for symbol in ca.vertsplit(column):
+        if not symbol.is_symbolic():
+            raise ProblemError(
+                f"`{letter}` contains `{shorten(str(symbol))}`", expected="symbols only (casadi.SX.sym)"
+            )
+
+
+def check_known(where: str, given: Mapping[str, object], known: Sequence[str]) -> None:
+    """Refuse a name that is none of the known ones."""
+    for name in given:
+        if name not in known:
+            raise ProblemError(
+                f"`{shorten(name)}` is unknown",
+                where=where,
+                expected=shorten(", ".join(known), 120),
+                remedy=nearest(name, known),
+            )
+
+
+def check_formulas(states: Sequence[str], dynamics: Mapping[str, str]) -> None:
+    """One equation per state, and none without a state."""
+    for state in states:
+        if state not in dynamics:
+            raise ProblemError(
+                f"no equation for the state `{state}`",
+                where="[agent.dynamics]",
+                expected=f'{state} = "its time derivative"',
+                remedy=nearest(state, [name for name in dynamics if name not in states]),
+            )
+    check_known("[agent.dynamics]", dynamics, states)
+
+
+def check_bounds(state: str, bounds: tuple[float, float]) -> None:
+    """Refuse a side of the domain without a lower bound below an upper one."""
+    low, high = bounds if len(bounds) == 2 else (np.nan, np.nan)
+    if not low < high or low == np.inf or high == -np.inf:
+        raise ProblemError(
+            f"`{state}` is from {low} to {high}",
+            where=f"[agent.domain] {state}",
+            expected="a lower bound below the upper bound",
+        )

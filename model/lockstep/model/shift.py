@@ -1,0 +1,77 @@
+"""Moving a linear part S v out of phi and into A without changing the agent, not even by a rounding.
+
+    A x + G phi(H x, t) = (A + G S H) x + G (phi(H x, t) - S H x)
+
+is kept exactly: an amount S_kj is taken only if every entry of A + G S H is a double, the exact sum; phi then loses
+S_kj v_j in one term, or in two if the amount is a sum of two doubles and none itself.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from fractions import Fraction
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.model.coefficients import is_double
+from lockstep.model.lure import Lure
+
+
+def shifted(lure: Lure, k: int, j: int, amount: Fraction) -> Lure | None:
+    """Return the agent with S_kj = amount moved from component k and argument j of phi into A.
+
+    None if a sum in A, or the amount itself, is no double (no sum of two).
+    """
+    A = _exact_sum(lure, k, j, amount)
+    if A is None or _two_doubles(amount) is None:
+        return None
+    return replace(lure, A=A, phi=without(lure.phi, k, j, amount))
+
+
+def fitting(lure: Lure, k: int, j: int, wish: Fraction) -> Iterator[Fraction]:
+    """Yield amounts next to the wish that make one entry of A a double: 0.1 + 0.5 is none, 0.6 is."""
+    for i, c, weight in _entries(lure, k, j):
+        old = Fraction(float(lure.A[i, c]))
+        amount = (Fraction(float(old + wish * weight)) - old) / weight
+        if _two_doubles(amount) is not None:
+            yield amount
+
+
+def without(phi: ca.Function, k: int, j: int, amount: Fraction) -> ca.Function:
+    """Return phi with amount v_j taken from component k, in two terms if the amount is no double."""
+    v, t = ca.SX.sym("v", phi.size1_in(0)), ca.SX.sym("t")
+    w = ca.densify(phi(v, t))
+    parts = _two_doubles(amount)
+    assert parts is not None
+    for part in parts:
+        if part:
+            w[k] -= part * v[j]
+    return ca.Function("phi", [v, t], [w], ["v", "t"], ["w"])
+
+
+def _entries(lure: Lure, k: int, j: int) -> list[tuple[int, int, Fraction]]:
+    """Return (i, l, G_ik H_jl) for the entries of A that a slope of component k by argument j belongs to."""
+    rows, columns = np.flatnonzero(lure.G[:, k]), np.flatnonzero(lure.H[j])
+    return [
+        (int(i), int(c), Fraction(float(lure.G[i, k])) * Fraction(float(lure.H[j, c])))
+        for i in rows
+        for c in columns
+    ]
+
+
+def _two_doubles(amount: Fraction) -> tuple[float, float] | None:
+    high = float(amount)
+    low = float(amount - Fraction(high))
+    return (high, low) if Fraction(high) + Fraction(low) == amount else None
+
+
+def _exact_sum(lure: Lure, k: int, j: int, amount: Fraction) -> Float[np.ndarray, "n n"] | None:
+    """Return A + amount G e_k e_j' H if all its entries are doubles."""
+    A = np.array(lure.A)
+    for i, c, weight in _entries(lure, k, j):
+        total = Fraction(float(A[i, c])) + amount * weight
+        if not is_double(total):
+            return None
+        A[i, c] = float(total)
+    return A
