@@ -1,10 +1,13 @@
 """`lockstep build`: from a problem file to a folder of proved, compiled and checked C, with a report."""
 
+import json
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Group
+from rich.text import Text
 
 from lockstep.cli.console import Answer, of_file, plain, progress_display, respond
 from lockstep.cli.files import DESIGN_NAME
@@ -13,6 +16,7 @@ from lockstep.cli.generate import generated_files
 if TYPE_CHECKING:
     from lockstep.codegen.verify import VerifyReport
     from lockstep.model.checks import CheckReport
+    from lockstep.report import Report
 
 VERIFY_STEPS = 10_000
 
@@ -21,42 +25,51 @@ VERIFY_TARGETS = ("host", "sanitizers", "cortex-m4f")
 
 
 def run(path: Path, output: Path, *, jobs: int | None, as_json: bool) -> None:
-    """Check, design, certify, generate, verify, report; write the folder last."""
+    """Check, design, certify, generate, verify, report; write the folder last.
+
+    C that differs from its reference is not written. C whose sampled, rounded loop is not proved is written, since the
+    continuous loop is, and its header, its report and the exit status say what is not.
+    """
     respond(as_json, lambda: _build(path, output, jobs))
 
 
 def _build(path: Path, output: Path, jobs: int | None) -> Answer:
-    from lockstep.cli.check import checked
-    from lockstep.cli.check import table_of as check_table
-    from lockstep.cli.design import summary
-    from lockstep.cli.verify import table_of as verify_table
-    from lockstep.codegen.bundle import bundle
-    from lockstep.codegen.folder import check_replaceable, write_folder
+    from lockstep.codegen.folder import check_replaceable
     from lockstep.lmi.document import parse
     from lockstep.model.problem import load_problem
 
     check_replaceable(output)
     problem = load_problem(path)
     with of_file(path):
-        checks = checked(problem)
+        checks = _checked(problem)
         content = _designed(problem, jobs)
     files = generated_files(content, parse(content, DESIGN_NAME))
+    content = json.loads(files[DESIGN_NAME])
     verified = _verified(files)
-    report = _report(content, checks, verified, files)
-    holds = verified.ok and checks.ok
-    if holds:
-        write_folder(bundle(files, {"report.md": report}), output)
-    document = {
-        "ok": holds,
-        "directory": str(output),
-        "check": checks.document(),
-        "design": content,
-        "verify": plain(verified.as_dict()),
-        "files": sorted([*files, "report.md"]) if holds else [],
-    }
-    return Answer(
-        document, Group(check_table(checks, problem.title), summary(content), verify_table(verified)), holds
-    )
+    wrong, open_claims = [*checks.problems, *verified.problems], unproved(content["sampled"])
+    written = [] if wrong else _written(files, _reported(files, content, checks, verified), output)
+    return _answer(output, problem.title, checks, content, verified, [*wrong, *open_claims], written)
+
+
+def unproved(sampled: Mapping[str, Any]) -> list[str]:
+    """Return what is not proved of the controllers as they ship, sampled and rounded; nothing if all is.
+
+    >>> unproved({"certified": True})
+    []
+    >>> unproved({"certified": False, "reason": "at 0.2 s the gain is 1.3", "max_period": 0.03})
+    ['the sampled controllers are not certified: at 0.2 s the gain is 1.3; they are up to a period of 0.03 s']
+    """
+    if sampled.get("certified") is True:
+        return []
+    longest = sampled.get("max_period")
+    reach = f"; they are up to a period of {longest:g} s" if longest else ""
+    return [f"the sampled controllers are not certified: {sampled.get('reason') or 'not looked at'}{reach}"]
+
+
+def _checked(problem: Any) -> "CheckReport":
+    from lockstep.cli.check import checked
+
+    return checked(problem)
 
 
 def _designed(problem: Any, jobs: int | None) -> dict[str, Any]:
@@ -77,9 +90,57 @@ def _verified(files: dict[str, str]) -> "VerifyReport":
         return verified(write_folder(files, Path(temporary) / "build"), VERIFY_STEPS, VERIFY_TARGETS)
 
 
-def _report(
-    content: dict[str, Any], checks: "CheckReport", verified: "VerifyReport", files: dict[str, str]
-) -> str:
-    from lockstep.codegen.rendering import render
+def _reported(
+    files: dict[str, str], content: dict[str, Any], checks: "CheckReport", verified: "VerifyReport"
+) -> "Report":
+    from lockstep.report import make_report
 
-    return render("report.md.j2", design=content, checks=checks, verify=verified, files=sorted(files))
+    with progress_display() as tell:
+        tell("drawing the report", 0.5)
+        return make_report(files, content, checks, verified)
+
+
+def _written(files: dict[str, str], report: "Report", output: Path) -> list[str]:
+    """Write everything, and return the names of the files."""
+    from lockstep.codegen.bundle import bundle
+    from lockstep.codegen.folder import write_folder
+
+    extras: dict[str, str | bytes] = {**report.texts, **report.figures}
+    whole = bundle(files, extras)
+    write_folder(whole, output)
+    return sorted(whole)
+
+
+def _answer(
+    output: Path,
+    title: str,
+    checks: "CheckReport",
+    content: dict[str, Any],
+    verified: "VerifyReport",
+    problems: list[str],
+    written: list[str],
+) -> Answer:
+    from lockstep.cli.check import table_of as check_table
+    from lockstep.cli.design import summary
+    from lockstep.cli.verify import table_of as verify_table
+    from lockstep.report.report import PAGE
+
+    holds = bool(written) and not problems
+    document = {
+        "ok": holds,
+        "directory": str(output),
+        "check": checks.document(),
+        "design": content,
+        "verify": plain(verified.as_dict()),
+        "files": written,
+        "report": PAGE if written else None,
+        "problems": problems,
+    }
+    said = [f"{output / PAGE}: the report" if written else "nothing is written", *problems]
+    parts = [
+        check_table(checks, title),
+        summary(content),
+        verify_table(verified),
+        Text("\n".join(said), style="bold"),
+    ]
+    return Answer(document, Group(*parts), holds)

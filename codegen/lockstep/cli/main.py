@@ -100,6 +100,67 @@ def verify(
 
 
 @app.command()
+def simulate(
+    design: DesignFile,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="Where to write the trajectory (CSV).", show_default=False),
+    ] = None,
+    controllers: Annotated[
+        str | None,
+        typer.Option(
+            help='"continuous", "sampled" (the arithmetic that ships), or "compiled" (a generated folder).',
+            show_default="sampled",
+        ),
+    ] = None,
+    horizon: Annotated[float | None, typer.Option(help="Seconds.", show_default="the problem's")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Of all that is random.", show_default="the problem's")
+    ] = None,
+    disturbance: Annotated[
+        str | None,
+        typer.Option(
+            help='"none", "noise", "sine", "step" or "worst" (searched for).', show_default="the problem's"
+        ),
+    ] = None,
+    perturbation: Annotated[
+        str | None,
+        typer.Option(
+            help='Gain errors of continuous controllers: "none", "paper", "paper_scaled" or "random".',
+            show_default="the problem's",
+        ),
+    ] = None,
+    integrator: Annotated[str, typer.Option(help='"rk4" or "adaptive".')] = "rk4",
+    plot: Annotated[bool, typer.Option("--plot", help="Plot in the terminal.")] = False,
+    campaign: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="So many random runs instead of one; `-o` is their folder.", show_default=False
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler for the campaign.", show_default=False)
+    ] = None,
+    replay: Annotated[
+        int | None,
+        typer.Option(min=0, help="This run of a campaign again, by its number.", show_default=False),
+    ] = None,
+    jobs: Jobs = None,
+    json: Json = False,
+) -> None:
+    """Simulate the nonlinear closed loop, against what is proved of it."""
+    from lockstep.cli.simulate import Many, Options, run, run_many
+
+    options = Options(controllers, horizon, seed, disturbance, integrator, plot, perturbation)
+
+    if campaign is not None or replay is not None:
+        many = Many(campaign, replay, output, scheduler, jobs)
+        run_many(design, many, options, as_json=json)
+        return
+    run(design, output, options, as_json=json)
+
+
+@app.command()
 def build(
     problem: ProblemFile,
     output: Annotated[Path, typer.Option("-o", "--output", help="The folder to write.", show_default=False)],
@@ -122,12 +183,20 @@ def reproduce(
         Path | None,
         typer.Option("-o", "--output", help="Where to write the page (Markdown).", show_default=False),
     ] = None,
+    figures: Annotated[
+        Path | None,
+        typer.Option(
+            help="Make Section 4's figures and table in this folder instead.",
+            metavar="DIR",
+            show_default=False,
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Settle the paper's claims, each with its verdict and the figure."""
     from lockstep.cli.reproduce import run
 
-    run(names or [], output, as_json=json)
+    run(names or [], output, figures, as_json=json)
 
 
 def main() -> None:

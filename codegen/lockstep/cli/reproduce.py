@@ -1,21 +1,68 @@
-"""`lockstep reproduce`: the paper's claims, each with its verdict."""
+"""`lockstep reproduce`: the paper's claims, each with its verdict; its figures and table with `--figures`."""
 
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich.markdown import Markdown
 from rich.table import Table
 
 from lockstep.cli.console import Answer, progress_display, respond, write_text
+from lockstep.cli.folders import check_folder, write_files
 
 if TYPE_CHECKING:
+    from lockstep.codegen.section4.runs import Runs
     from lockstep.lmi.claims.claim import Row
 
 
-def run(names: Sequence[str], output: Path | None, *, as_json: bool) -> None:
-    """Settle the claims, and write the page if asked."""
-    respond(as_json, lambda: _reproduce(names, output))
+def run(names: Sequence[str], output: Path | None, figures: Path | None = None, *, as_json: bool) -> None:
+    """Settle the claims, and write the page if asked; or make Section 4's figures and table in a folder."""
+    respond(
+        as_json, lambda: _reproduce(names, output) if figures is None else _section_4(names, output, figures)
+    )
+
+
+def _section_4(names: Sequence[str], output: Path | None, folder: Path) -> Answer:
+    from lockstep.codegen.section4.figures import figures
+    from lockstep.codegen.section4.runs import all_runs
+    from lockstep.codegen.section4.table import to_csv, to_markdown
+    from lockstep.model.errors import ProblemError
+
+    if names or output is not None:
+        raise ProblemError(
+            "`--figures` is given with claims or a page",
+            where="lockstep reproduce",
+            expected="`--figures` alone: it settles no claims",
+        )
+    check_folder(folder)
+    with progress_display() as tell:
+        runs = list(all_runs(tell))
+        tell("figures", 1.0)
+        drawn = figures(runs)
+    texts = {"table_2.csv": to_csv(runs), "table_2.md": to_markdown(runs)}
+    files = {**drawn, **{name: text.encode() for name, text in texts.items()}}
+    write_files(folder, files)
+    holds = all(one.agrees for one in runs)
+    document = {
+        "ok": holds,
+        "directory": str(folder),
+        "files": sorted(files),
+        "runs": [_run_document(one) for one in runs],
+    }
+    return Answer(document, Markdown(texts["table_2.md"]), holds)
+
+
+def _run_document(one: "Runs") -> dict[str, str | float | bool | None]:
+    d = one.quiet.disagreement()
+    return {
+        "name": one.contestant.key,
+        "disagreement_initial": float(d[0]),
+        "disagreement_final": float(d[-1]),
+        "agrees": one.agrees,
+        "gain": one.gain,
+        "rho": one.contestant.rho,
+    }
 
 
 def _reproduce(names: Sequence[str], output: Path | None) -> Answer:

@@ -11,8 +11,8 @@ from lockstep.codegen.manifest import FILE_NAME, load_manifest
 from lockstep.model.errors import ProblemError
 
 
-def write_folder(files: Mapping[str, str], directory: Path | str) -> Path:
-    """Write relative path -> text into `directory`, replacing a folder that Lockstep wrote before.
+def write_folder(files: Mapping[str, str] | Mapping[str, str | bytes], directory: Path | str) -> Path:
+    """Write relative path -> text or bytes into `directory`, replacing a folder that Lockstep wrote before.
 
     The files go to a temporary sibling first, which is then renamed. Raises `ProblemError` if something else
     is in the way, or if the folder holds files that Lockstep did not write there: they would be lost.
@@ -26,9 +26,9 @@ def write_folder(files: Mapping[str, str], directory: Path | str) -> Path:
         raise ProblemError(f"cannot be written ({error.strerror})", where=str(target)) from None
     try:
         fresh = staging / "new"
-        for path, text in files.items():
+        for path, content in files.items():
             (fresh / path).parent.mkdir(parents=True, exist_ok=True)
-            (fresh / path).write_text(text, encoding="utf-8", newline="\n")
+            (fresh / path).write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
         _exchange(fresh, target, staging / "old")
     except OSError as error:
         raise ProblemError(f"cannot be written ({error.strerror})", where=str(target)) from None

@@ -183,9 +183,9 @@ class Manifest(_Record):
         return self.model_dump(mode="json", exclude_none=False)
 
 
-def sha256(text: str) -> str:
-    """Hexadecimal SHA-256 of a file's text in UTF-8."""
-    return hashlib.sha256(text.encode()).hexdigest()
+def sha256(content: str | bytes) -> str:
+    """Hexadecimal SHA-256 of a file's bytes, or of its text in UTF-8."""
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
 
 
 def _digest(plain: Mapping[str, Any]) -> str:

@@ -166,7 +166,7 @@ def closed_loop(manifest: Manifest, plant: Any, y0: Float[np.ndarray, "N q"], st
         u = []
         for i, reference in enumerate(agents.values()):
             record[i][k] = y[i]
-            neighbours = np.array([y[j] for j in sources[i]], dtype).reshape(len(sources[i]), -1)
+            neighbours = np.array([y[j] for j in sources[i]], dtype).reshape(len(sources[i]), len(y[i]))
             u.append(reference.step(y[i], neighbours, 2 ** len(sources[i]) - 1)[1])
         with np.errstate(over="ignore", under="ignore"):
             y = [np.asarray(row).astype(dtype) for row in plant(u)]

@@ -150,8 +150,7 @@ class Problem:
 
         Raises:
             ProblemError: no spanning tree; (A, B_i) not controllable or (A, C) not observable, which the
-                paper
-                assumes under (2), with the mode that is lost, and whether it decays by itself.
+                paper assumes under (2), with the mode that is lost, and whether it decays by itself.
         """
         check_assumptions(self._graph, self._agent, self.agents_B())
 

@@ -46,7 +46,14 @@ def _interval(value: Any) -> Any:
 
 
 def _weight(value: Any) -> Any:
-    """Read a number, a list of numbers or a list of such lists, without converting anything."""
+    """Read a number, a list of numbers or a list of such lists; nothing but whole numbers is converted."""
+    try:
+        return _numbers(value)
+    except OverflowError:
+        raise PydanticCustomError("weight", "not a weight") from None
+
+
+def _numbers(value: Any) -> Any:
     if _is_number(value):
         return float(value)
     if isinstance(value, list | tuple) and value and all(_is_number(x) for x in value):
@@ -180,8 +187,9 @@ class ControllerTable(Table):
 class DisturbanceTable(Table):
     """[simulation.disturbance]: xi of (2), acting on each state of each agent on its own."""
 
-    kind: Literal["none", "noise", "sine", "step"] = Field(
-        default="none", description='"none", "noise" (Gaussian, held over a period), "sine" or "step"'
+    kind: Literal["none", "noise", "sine", "step", "worst"] = Field(
+        default="none",
+        description='"none", "noise" (Gaussian, held over a period), "sine", "step", or "worst" (searched for)',
     )
     amplitude: NotNegative = Field(
         default=1.0, description="a finite number, 0 or more (the standard deviation of noise)"
@@ -189,6 +197,34 @@ class DisturbanceTable(Table):
     frequency: Positive = Field(default=1.0, description="a finite number of Hz above 0")
     start: NotNegative = Field(default=0.0, description="a finite number of seconds, 0 or more")
     stop: Positive | None = Field(default=None, description="a finite number of seconds above 0")
+    intensity: NotNegative | None = Field(
+        default=None,
+        description="a finite number, 0 or more: of noise, its variance times the time it is held",
+    )
+
+
+class PerturbationTable(Table):
+    """[simulation.perturbation]: gain errors Delta(t) of (11), for continuous controllers."""
+
+    kind: Literal["none", "paper", "paper_scaled", "random"] = Field(
+        default="none",
+        description='"none", "paper" (Section 4 as printed), "paper_scaled" (cut to its bounds) or "random"'
+        " (at the bounds of [design.fragility])",
+    )
+    interval: Positive | None = Field(
+        default=None, description="a finite number of seconds above 0: draw random errors anew that often"
+    )
+
+
+class ChannelTable(Table):
+    """[simulation.channel]: what happens to messages between sampled controllers."""
+
+    delay: int = Field(default=0, ge=0, le=1000, description="a whole number of periods from 0 to 1000")
+    drop: float = Field(default=0.0, ge=0, le=1, description="a probability from 0 to 1")
+    bits: int | None = Field(default=None, ge=2, le=53, description="a whole number of bits from 2 to 53")
+    full_scale: Positive = Field(
+        default=10.0, description="a finite number above 0: the largest output the converter gives"
+    )
 
 
 class SimulationTable(Table):
@@ -205,6 +241,11 @@ class SimulationTable(Table):
     disturbance: DisturbanceTable = Field(
         default=DisturbanceTable(), description='a table, such as { kind = "noise" }'
     )
+    # Absent rather than filled in, so that a design file made before them reads and hashes as it did.
+    perturbation: PerturbationTable | None = Field(
+        default=None, description='a table, such as { kind = "random" }'
+    )
+    channel: ChannelTable | None = Field(default=None, description="a table, such as { drop = 0.1 }")
 
 
 class ProblemFile(Table):

@@ -1,0 +1,75 @@
+"""A trajectory in the terminal: the disagreement as a power of ten, and the inputs, drawn with characters."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from lockstep.model.errors import ProblemError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Float
+
+    from lockstep.model.simulation import Trajectory
+
+    Floats = Float[np.ndarray, " K"]
+
+WIDTH, HEIGHT = 96, 18
+
+POINTS = 600
+"""More points than a plot of this width can tell apart only cost time."""
+
+MARKERS = "123456789"
+"""What the agents' curves are drawn with: legible without colour; more agents than these are not drawn."""
+
+SMALLEST = 1e-16
+"""What is below this part of the largest is drawn there: a logarithm has no zero."""
+
+
+def terminal_plot(trajectory: "Trajectory", *, colour: bool) -> str:
+    """Return two plots, one above the other.
+
+    Args:
+        trajectory: what to plot.
+        colour: with the terminal's colour codes.
+
+    Raises:
+        ProblemError: plotext is not installed, or one before its version 6.
+    """
+    import numpy as np
+
+    few = slice(None, None, max(1, len(trajectory.t) // POINTS))
+    t, d = trajectory.t[few], trajectory.disagreement()[few]
+    powers = np.log10(np.maximum(d, max(float(d.max()), 1e-300) * SMALLEST))
+    upper = _plot("log10 of the disagreement |x_d|", t, {"braille": powers}, colour)
+    lower = [
+        _plot(
+            f"{name} of {trajectory.agent}1 (drawn with 1), {trajectory.agent}2 (with 2), ... over t in s",
+            t,
+            {MARKERS[i]: trajectory.u[few, i, k] for i in range(min(trajectory.N, len(MARKERS)))},
+            colour,
+        )
+        for k, name in enumerate(trajectory.input_names)
+    ]
+    return "\n".join([upper, *lower])
+
+
+def _plot(title: str, t: "Floats", curves: "Mapping[str, Floats]", colour: bool) -> str:
+    try:
+        import plotext
+
+        figure = plotext.figure
+    except (ImportError, AttributeError):
+        raise ProblemError(
+            "plotext 6 is not installed", where="--plot", remedy="pip install 'plotext>=6'"
+        ) from None
+    figure.clear()
+    figure.theme("simple" if colour else "colorless")
+    figure.plot_size(WIDTH, HEIGHT)
+    figure.title(title)
+    for marker, values in curves.items():
+        signal = figure.signal(list(t), list(values), marker=marker)
+        signal.lines(True)
+        figure.draw(signal)
+    figure.legend(active=False)
+    text = str(figure.build())
+    return text if colour else str(plotext.uncolorize(text))

@@ -1,0 +1,174 @@
+"""A simulated run against what is proved of its loop: which rho covers it, and whether the run keeps to it.
+
+The continuous rho covers (12) with gain errors within the certified delta; the sampled rho of a design file covers the
+sampled controllers with every message arriving, |z|^2 then counting the controllers' states as they are held. A
+certificate on a domain covers runs whose agents stay in it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.lmi.certify import certify
+from lockstep.lmi.document import Stored
+from lockstep.lmi.inequality import Certificate
+from lockstep.model.assembly import bound_of, network_of
+from lockstep.model.domain import argument_box
+from lockstep.model.network import Network
+from lockstep.model.numbers import as_floats
+from lockstep.model.simulation.perturbation import norms
+from lockstep.model.simulation.scenario import Scenario
+from lockstep.model.simulation.trajectory import Trajectory, Weights, energies
+
+Kind = Literal["continuous", "sampled", "compiled"]
+
+QUADRATURE = 1e-3
+"""Part by which the integrals of a record may be off (trapezoids): a ratio above 1 by less is no contradiction. What the
+sampled proof adds for the rounding of messages, some 1e-7 of their size, is far below it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Promise:
+    """What is proved of a loop: rho (None: nothing), its scope, the P of V where it is known, and why not."""
+
+    kind: Kind
+    rho: float | None
+    scope: str | None
+    P: Float[np.ndarray, "n_x n_x"] | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Measured:
+    """|z| and |xi_d| in L2, their ratio, and the promise it is held against.
+
+    ratio: the largest int |z|^2 / (V(0) + rho^2 int |xi_d|^2) over the run, its root; at most 1 where it is covered.
+    """
+
+    output: float
+    input: float
+    gain: float | None
+    rho: float | None
+    ratio: float | None
+    covered: bool
+    reason: str
+
+    @property
+    def holds(self) -> bool:
+        """Whether the run is within the promise, or none was made."""
+        return not self.covered or self.ratio is None or self.ratio <= 1 + QUADRATURE
+
+
+def promise(stored: Stored, content: Mapping[str, Any], kind: Kind) -> Promise:
+    """Return what is proved of a design's loop, by the checker, not by what the file says of itself."""
+    verdict = certify(stored)
+    if not verdict.certified:
+        return Promise(kind, None, None, None, f"the design is not certified: {verdict.reason}")
+    if kind == "continuous":
+        c = stored.certificate
+        P = c.P if isinstance(c, Certificate) else None
+        return Promise(kind, None if c is None else c.rho, verdict.scope, P, verdict.reason)
+    found = _sampled_rho(stored, content)
+    if found is None:
+        reason = "no rho of the sampled loop is proved in the design file"
+        return Promise(kind, None, verdict.scope, None, reason)
+    return Promise(kind, found[0], verdict.scope, found[1], "proved of the sampled loop in ball arithmetic")
+
+
+def network_of_design(stored: Stored) -> Network:
+    """Return the network of a design, with the scales its bound is proved with: those its P belongs to."""
+    return network_of(stored.problem, bound_of(stored.problem.agent(), alpha=stored.alpha))
+
+
+def weights_of_design(stored: Stored, network: Network) -> Weights:
+    """Return the weights that the design's rho is measured with."""
+    problem = stored.problem
+    R, Q = problem.state_weight(network.agent.n), problem.controller_weight(stored.gains.order)
+    return Weights.of(network.graph, R, Q, network.coordinates)
+
+
+def measured(
+    trajectory: Trajectory, scenario: Scenario, stored: Stored, network: Network, promised: Promise
+) -> Measured:
+    """Hold a run against what is proved of its loop."""
+    weights = weights_of_design(stored, network)
+    found = energies(trajectory, weights)
+    output, entered = float(np.sqrt(found.output[-1])), float(np.sqrt(found.input[-1]))
+    reason, storage = promised.reason, None
+    if promised.rho is not None:
+        reason = _uncovered(trajectory, scenario, stored, network, promised)
+        storage = _storage(trajectory, network, stored, promised)
+        if not reason and storage is None:
+            reason = "the run starts in disagreement, and the storage V(0) of this proof is not at hand"
+    if promised.rho is None or storage is None or reason:
+        return Measured(output, entered, found.gain, promised.rho, None, False, reason)
+    ratio = found.largest_ratio(promised.rho, storage)
+    root = None if ratio is None else float(np.sqrt(ratio))
+    return Measured(output, entered, found.gain, promised.rho, root, True, promised.reason)
+
+
+def _sampled_rho(
+    stored: Stored, content: Mapping[str, Any]
+) -> tuple[float, Float[np.ndarray, "n_xi n_xi"]] | None:
+    """Return the sampled rho of a design file, and the P of its V, if its witness proves it now."""
+    from lockstep.codegen.sampled_certificate import sampled_controllers, sampled_network
+    from lockstep.lmi.sampled import SampledRho
+    from lockstep.lmi.sampled import Weights as SampledWeights
+    from lockstep.lmi.sampled.inequality import Witness
+    from lockstep.lmi.sampled.loop import sampled_loop
+    from lockstep.lmi.sampled.performance import proves_rho
+
+    sampled = content.get("sampled")
+    if not isinstance(sampled, Mapping) or not isinstance(sampled.get("rho"), int | float):
+        return None
+    witness = Witness.from_document(sampled.get("rho_witness"))
+    if witness is None:
+        return None
+    problem = stored.problem
+    network = sampled_network(stored, problem.controller.period)
+    weights = SampledWeights(
+        problem.state_weight(problem.agent().n), problem.controller_weight(stored.gains.order)
+    )
+    loop = sampled_loop(network, sampled_controllers(stored, network.period))
+    found = SampledRho(float(sampled["rho"]), witness)
+    return (found.rho, witness.P) if proves_rho(loop, weights, found) else None
+
+
+def _uncovered(
+    trajectory: Trajectory, scenario: Scenario, stored: Stored, network: Network, promised: Promise
+) -> str:
+    """Return why the run is outside of what is proved; empty if it is inside."""
+    if promised.scope == "local" and not _inside(trajectory, network):
+        return "an agent left the domain that the certificate is for"
+    if not scenario.channel.is_ideal:
+        return "the certificate is for messages that all arrive at once, as they were sent"
+    if trajectory.faults:
+        return f"{trajectory.faults} steps reported a fault"
+    if scenario.perturbation is not None:
+        t = trajectory.t
+        found = norms(scenario.perturbation.at(t, t), stored.gains.order)
+        for letter, size in found.items():
+            if size > stored.fragility[letter] * (1 + 1e-9):
+                return f"|Delta {letter}| reaches {size:.4g}, and the certificate is for {stored.fragility[letter]:g}"
+    return ""
+
+
+def _inside(trajectory: Trajectory, network: Network) -> bool:
+    H = network.agent.lure.H
+    box = argument_box(H, network.agent.box)
+    v = trajectory.x @ H.T
+    return bool(((v >= np.asarray(box.lower)) & (v <= np.asarray(box.upper))).all())
+
+
+def _storage(trajectory: Trajectory, network: Network, stored: Stored, promised: Promise) -> float | None:
+    """Return V(0) = x_d' P_dd x_d, the controllers being at rest; None where P is not known."""
+    x = trajectory.x[0] - trajectory.x[0, :1]
+    if not x.any() and not trajectory.x_C[0].any():
+        return 0.0
+    if promised.P is None or trajectory.x_C[0].any():
+        return None
+    x_d = (as_floats(network.loop(stored.gains.order).d.T) @ x).ravel()
+    return float(x_d @ promised.P[: len(x_d), : len(x_d)] @ x_d)

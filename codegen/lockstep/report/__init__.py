@@ -1,0 +1,11 @@
+"""What a build shows for itself: one page that needs no network, its figures, and a short text for the terminal.
+
+figures   a network and its runs as matplotlib figures, for whoever has a `Trajectory`
+spectrum  poles and singular values, by python-control
+page      the page
+report    all of it for a folder about to be written
+"""
+
+from lockstep.report.report import Report, make_report
+
+__all__ = ["Report", "make_report"]

@@ -1,0 +1,221 @@
+"""Figures of a network and its runs: data in, a matplotlib `Figure` out. Nothing is written and nothing is shown.
+
+All of them are drawn for the width of a telephone; agents differ by colour and by dashes. matplotlib and networkx are
+imported when something is drawn.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.model.graph import Graph
+from lockstep.report.canvas import legend, logarithmic, panels, rows_of
+from lockstep.report.style import LIGHT, WIDTH, line, styled
+
+if TYPE_CHECKING:
+    import networkx as nx
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from lockstep.model.simulation.trajectory import Trajectory
+
+MOST_POINTS = 1200
+"""Of a drawn line: the width of a figure has fewer pixels than that on most screens."""
+
+MOST_NAMED = 8
+"""Agents with a colour and an entry in the legend; more of them are drawn alike."""
+
+LEGEND_COLUMNS = 4
+
+MOST_LABELLED = 40
+"""Agents with a number in the drawing of the graph."""
+
+BEND = 0.18
+"""How far two arrows between the same agents bow apart, as a part of their length."""
+
+MOST_ARROWS = 300
+"""Edges drawn as arrows; more of them are drawn as plain lines."""
+
+
+@styled
+def graph_figure(graph: Graph) -> "Figure":
+    """Draw who hears whom: an arrow runs from the source to its listener, the way the messages go.
+
+    Filled agents are those from which information reaches every other one. Weights that are not all 1 are written
+    at their arrows.
+    """
+    import networkx as nx
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, 2.6))
+    axes = figure.add_axes((0.02, 0.02, 0.96, 0.96))
+    flow = nx.DiGraph()
+    flow.add_nodes_from(range(1, graph.N + 1))
+    flow.add_edges_from((source, listener) for listener, source, _ in graph.edges)
+    places = {i: _on_circle(i, graph.N) for i in flow}
+    labelled, roots = graph.N <= MOST_LABELLED, set(graph.roots)
+    size = 520 if labelled else 18
+    nx.draw_networkx_nodes(
+        flow,
+        places,
+        ax=axes,
+        node_size=size,
+        node_color=[LIGHT["series-1"] if i in roots else LIGHT["paper"] for i in flow],
+        edgecolors=LIGHT["series-1"],
+        linewidths=1.4,
+    )
+    _draw_edges(flow, places, axes, size)
+    if labelled:
+        for i, (x, y) in places.items():
+            shade = LIGHT["paper" if i in roots else "ink"]
+            axes.text(x, y, str(i), ha="center", va="center_baseline", color=shade, weight="bold")
+    if labelled and any(weight != 1 for *_, weight in graph.edges):
+        _write_weights(graph, places, axes)
+    axes.set_aspect("equal")
+    axes.margins(0.18)
+    axes.set_axis_off()
+    return figure
+
+
+@styled
+def states_figure(
+    trajectory: "Trajectory", states: Sequence[str] = (), units: Mapping[str, str] | None = None
+) -> "Figure":
+    """Draw states of all agents against time, one panel per state.
+
+    Args:
+        trajectory: the run.
+        states: which of them; all by default.
+        units: unit by state.
+    """
+    chosen = tuple(states) or trajectory.state_names
+    figure, stack = panels(len(chosen), 1.15, rows=_rows(trajectory))
+    for axes, name in zip(stack, chosen, strict=True):
+        signals = trajectory.x[:, :, trajectory.state_names.index(name)]
+        _draw_agents(axes, trajectory, signals)
+        axes.set_title(_with_unit(name, units))
+    _finish(figure, stack, trajectory)
+    return figure
+
+
+@styled
+def effort_figure(trajectory: "Trajectory", units: Mapping[str, str] | None = None) -> "Figure":
+    """Draw what each controller asks for, u_i, against time, one panel per input; held values as steps."""
+    inputs = trajectory.input_names
+    figure, stack = panels(len(inputs), 1.8 if len(inputs) == 1 else 1.15, rows=_rows(trajectory))
+    for k, (axes, name) in enumerate(zip(stack, inputs, strict=True)):
+        _draw_agents(axes, trajectory, trajectory.u[:, :, k], held=trajectory.u_hold == "held")
+        axes.set_title(_with_unit(name, units))
+    _finish(figure, stack, trajectory)
+    return figure
+
+
+@styled
+def disagreement_figure(runs: Mapping[str, "Trajectory"]) -> "Figure":
+    """Draw |x_d| = (sum_i |x_i - mean|^2)^1/2 of one run or several against time, on a logarithmic axis."""
+    columns = min(len(runs), 3)
+    figure, (axes,) = panels(1, 1.8, rows=rows_of(len(runs), columns) if len(runs) > 1 else 0)
+    apart = False
+    for k, (name, run) in enumerate(runs.items()):
+        distance = run.disagreement()
+        apart = apart or bool((distance > 0).any())
+        t, values = thinned(run.t, np.where(distance > 0, distance, np.nan))
+        axes.plot(t, values, label=name, **line(k))
+    if apart:
+        axes.set_yscale("log")
+        logarithmic(axes.yaxis)
+    axes.set_title("|x_d|, distance from agreement")
+    axes.set_xlabel("t in s")
+    axes.margins(x=0)
+    if len(runs) > 1:
+        legend(figure, axes, columns)
+    return figure
+
+
+def thinned(t: Float[np.ndarray, " K"], values: Float[np.ndarray, " K"]) -> tuple[np.ndarray, np.ndarray]:
+    """Return a line with few points that looks the same: the least and the largest value of each stretch of time.
+
+    >>> t, values = thinned(np.arange(10_000.0), np.where(np.arange(10_000) == 4_321, 9.0, 0.0))
+    >>> len(t) <= 1_200, bool(values.max() == 9)
+    (True, True)
+    """
+    if len(t) <= MOST_POINTS:
+        return t, values
+    chosen = [0]
+    for stretch in np.array_split(np.arange(len(t)), MOST_POINTS // 2 - 1):
+        known = stretch[~np.isnan(values[stretch])]
+        if len(known):
+            chosen += [int(known[values[known].argmin()]), int(known[values[known].argmax()])]
+    chosen = sorted({*chosen, len(t) - 1})
+    return t[chosen], values[chosen]
+
+
+def _draw_agents(
+    axes: "Axes", trajectory: "Trajectory", signals: Float[np.ndarray, "K N"], *, held: bool = False
+) -> None:
+    named = trajectory.N <= MOST_NAMED
+    for i in range(trajectory.N):
+        look = line(i) if named else {"color": LIGHT["series-1"], "linewidth": 0.6, "alpha": 0.6}
+        label = f"{trajectory.agent}{i + 1}" if named else ""
+        t, values = thinned(trajectory.t, signals[:, i])
+        axes.plot(t, values, label=label, drawstyle="steps-post" if held else "default", **look)
+    axes.margins(x=0)
+
+
+def _finish(figure: "Figure", stack: "list[Axes]", trajectory: "Trajectory") -> None:
+    stack[-1].set_xlabel("t in s")
+    if trajectory.N <= MOST_NAMED:
+        legend(figure, stack[0], LEGEND_COLUMNS)
+
+
+def _rows(trajectory: "Trajectory") -> int:
+    return rows_of(trajectory.N, LEGEND_COLUMNS) if trajectory.N <= MOST_NAMED else 0
+
+
+def _with_unit(name: str, units: Mapping[str, str] | None) -> str:
+    unit = (units or {}).get(name)
+    return f"{name} in {unit}" if unit else name
+
+
+def _on_circle(i: int, N: int) -> tuple[float, float]:
+    """Agent 1 at the top, then clockwise."""
+    angle = np.pi / 2 - 2 * np.pi * (i - 1) / N
+    return float(np.cos(angle)), float(np.sin(angle))
+
+
+def _draw_edges(
+    flow: "nx.DiGraph", places: Mapping[int, tuple[float, float]], axes: "Axes", size: int
+) -> None:
+    import networkx as nx
+
+    look = {"ax": axes, "edge_color": LIGHT["ink"], "node_size": size}
+    if flow.number_of_edges() > MOST_ARROWS:
+        nx.draw_networkx_edges(flow, places, arrows=False, width=0.3, alpha=0.5, **look)
+        return
+    for mutual, bend in ((False, 0.0), (True, BEND)):
+        chosen = [(a, b) for a, b in flow.edges if flow.has_edge(b, a) is mutual]
+        nx.draw_networkx_edges(
+            flow,
+            places,
+            edgelist=chosen,
+            arrows=True,
+            arrowstyle="-|>",
+            arrowsize=13,
+            width=1.2,
+            connectionstyle=f"arc3,rad={bend}",
+            **look,
+        )
+
+
+def _write_weights(graph: Graph, places: Mapping[int, tuple[float, float]], axes: "Axes") -> None:
+    hears = {(listener, source) for listener, source, _ in graph.edges}
+    for listener, source, weight in graph.edges:
+        start, end = np.array(places[source]), np.array(places[listener])
+        bend = BEND if (source, listener) in hears else 0.0
+        across = np.array([end[1] - start[1], start[0] - end[0]])
+        control = (start + end) / 2 + bend * across
+        x, y = 0.4**2 * end + 2 * 0.4 * 0.6 * control + 0.6**2 * start
+        box = {"facecolor": LIGHT["paper"], "edgecolor": "none", "pad": 0.8}
+        axes.text(x, y, f"{weight:.3g}", ha="center", va="center", fontsize=8, bbox=box)

@@ -1,0 +1,22 @@
+"""The guarantee in three lines, as the C's headers and the manifest phrase it: what is proved, assumed, and left."""
+
+from collections.abc import Mapping
+
+from lockstep.codegen.emit import claims
+
+LINES = {"proved": "Proved", "covers": "Covered", "assumes": "Assumed", "remains": "What remains"}
+"""Keys of the manifest's certificate, which `lockstep.codegen.from_design` fills."""
+
+
+def lines_of(certificate: Mapping[str, str | float | bool | None]) -> list[tuple[str, str]]:
+    """Return (heading, sentence) of each line; of a design without a proof, that it has none.
+
+    >>> lines_of({"certified": True, "proof": "ball", "proved": "they agree", "rho": 3.0})
+    [('Proved', 'they agree')]
+    >>> lines_of({"certified": False, "proved": "they agree"})
+    [('NOT CERTIFIED', 'no proof covers these gains')]
+    """
+    if certificate.get("certified") is not True:
+        heading, _, sentence = claims(certificate)[0].partition(": ")
+        return [(heading, sentence)]
+    return [(heading, str(certificate[key])) for key, heading in LINES.items() if certificate.get(key)]

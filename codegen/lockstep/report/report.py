@@ -1,0 +1,57 @@
+"""The report of a build: report.html, report.md and figures/, as content; who calls it writes the files."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from lockstep.codegen.rendering import render
+from lockstep.codegen.verify import VerifyReport
+from lockstep.model.checks import CheckReport
+from lockstep.report.drawings import draw
+from lockstep.report.facts import gather
+from lockstep.report.guarantee import lines_of
+from lockstep.report.page import html
+from lockstep.report.spectrum import spectrum_of
+
+PAGE, TEXT = "report.html", "report.md"
+
+
+@dataclass(frozen=True)
+class Report:
+    """page: the HTML;  text: the same in short, for a terminal;  figures: relative path -> PNG or PDF."""
+
+    page: str
+    text: str
+    figures: Mapping[str, bytes]
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """Relative path -> text of the files that are text."""
+        return {PAGE: self.page, TEXT: self.text}
+
+
+def make_report(
+    files: Mapping[str, str], content: Mapping[str, Any], checks: CheckReport, verified: VerifyReport
+) -> Report:
+    """Return the report of a generated folder; the same input gives the same bytes.
+
+    Args:
+        files: the folder as it will be written, relative path -> text.
+        content: its design.json as JSON types.
+        checks, verified: what was found of them.
+    """
+    facts = gather(files, content, checks, verified)
+    problem, gains = facts.problem, facts.stored.gains
+    R, Q = problem.state_weight(problem.agent().n), problem.controller_weight(gains.order)
+    spectrum = spectrum_of(facts.network, gains, R, Q)
+    drawings = draw(facts, spectrum)
+    names = sorted([*files, PAGE, TEXT, *drawings.files])
+    text = render(
+        "report.md.j2",
+        title=problem.title,
+        guarantee=lines_of(facts.manifest.certificate),
+        design=content,
+        checks=checks,
+        verify=verified,
+    )
+    return Report(html(facts, spectrum, drawings, names), text, drawings.files)

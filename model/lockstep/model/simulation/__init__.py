@@ -1,0 +1,37 @@
+"""The nonlinear closed loop in time: `simulate(network, controllers, scenario)` gives a `Trajectory`."""
+
+from lockstep.model.simulation.channel import Channel
+from lockstep.model.simulation.disturbance import Quiet, Samples, Sines, Steps, Sum, noise
+from lockstep.model.simulation.divergence import Diverged
+from lockstep.model.simulation.indices import Indices, effort_indices, indices
+from lockstep.model.simulation.perturbation import HeldPerturbation, PaperPerturbation, random_perturbation
+from lockstep.model.simulation.run import simulate
+from lockstep.model.simulation.sampled import SampledControllers, exact_controllers
+from lockstep.model.simulation.scenario import Scenario
+from lockstep.model.simulation.trajectory import Energies, Trajectory, Weights, energies, l2_gain
+
+__all__ = [
+    "Channel",
+    "Diverged",
+    "Energies",
+    "HeldPerturbation",
+    "Indices",
+    "PaperPerturbation",
+    "Quiet",
+    "SampledControllers",
+    "Samples",
+    "Scenario",
+    "Sines",
+    "Steps",
+    "Sum",
+    "Trajectory",
+    "Weights",
+    "effort_indices",
+    "energies",
+    "exact_controllers",
+    "indices",
+    "l2_gain",
+    "noise",
+    "random_perturbation",
+    "simulate",
+]

@@ -1,0 +1,77 @@
+"""What happens to a message on its way, and to a measurement on its way into it: delay, loss and quantisation.
+
+A message of agent j, its output y_j sampled at t_k, arrives at a listener `delay` periods later, or not at all. The
+listener's own output is not delayed. What the listener does without a message is its own affair: the C code uses the
+last one again, and before the first one ever takes the term as zero.
+
+Quantisation is the converter's, so an agent hears of itself and of others in the same numbers: agents that agree then
+see r = 0.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from lockstep.model.errors import ProblemError
+
+
+@dataclass(frozen=True)
+class Channel:
+    """delay: whole periods;  drop: the probability that a message is lost, each by itself;  seed: of the losses.
+
+    bits, full_scale: outputs are rounded to multiples of full_scale / 2^(bits - 1) and clipped to +-full_scale, as a
+    converter of so many bits does;  real: outputs are rounded to this type first.
+    """
+
+    delay: int = 0
+    drop: float = 0.0
+    seed: int = 0
+    bits: int | None = None
+    full_scale: float = 10.0
+    real: Literal["float32", "float64"] = "float64"
+
+    def __post_init__(self) -> None:
+        where = "channel"
+        if self.delay < 0:
+            raise ProblemError(
+                f"a delay of {self.delay}", where=where, expected="a whole number of periods, 0 or more"
+            )
+        if not 0 <= self.drop <= 1:
+            raise ProblemError(f"`drop` is {self.drop}", where=where, expected="a probability from 0 to 1")
+        if self.bits is not None and not 2 <= self.bits <= 53:
+            raise ProblemError(f"`bits` is {self.bits}", where=where, expected="a whole number from 2 to 53")
+        if not (math.isfinite(self.full_scale) and self.full_scale > 0):
+            raise ProblemError(f"`full_scale` is {self.full_scale}", where=where, expected="a number above 0")
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether everything arrives at once, as it was sent."""
+        return not self.delay and not self.drop and self.bits is None and self.real == "float64"
+
+    def quantised(self, y: Float[np.ndarray, "N q"]) -> Float[np.ndarray, "N q"]:
+        """Return outputs as the converter gives them, ties to even.
+
+        >>> Channel(bits=4, full_scale=8.0).quantised(np.array([[0.6, 9.0]])).tolist()
+        [[1.0, 7.0]]
+        """
+        if self.real == "float32":
+            with np.errstate(over="ignore", under="ignore"):
+                y = y.astype(np.float32).astype(float)
+        if self.bits is None:
+            return y
+        quantum = self.full_scale / 2 ** (self.bits - 1)
+        return np.asarray(quantum * np.clip(np.rint(y / quantum), *self._codes))
+
+    def arrivals(self, steps: int, edges: int) -> Bool[np.ndarray, "steps edges"]:
+        """Return which messages arrive: one row per step, one column per edge."""
+        if not self.drop:
+            return np.ones((steps, edges), dtype=bool)
+        return np.random.default_rng(self.seed).random((steps, edges)) >= self.drop
+
+    @property
+    def _codes(self) -> tuple[int, int]:
+        assert self.bits is not None
+        return -(2 ** (self.bits - 1)), 2 ** (self.bits - 1) - 1

@@ -1,0 +1,168 @@
+"""The scenario of a problem file's [simulation], and what of it a caller may change."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lockstep.model.errors import ProblemError
+from lockstep.model.problem import Problem
+from lockstep.model.problem.schema import ChannelTable, DisturbanceTable, PerturbationTable, SimulationTable
+from lockstep.model.simulation.channel import Channel
+from lockstep.model.simulation.disturbance import Disturbance, Sines, Steps, noise
+from lockstep.model.simulation.integrate import Method
+from lockstep.model.simulation.perturbation import PaperPerturbation, Perturbation, random_perturbation
+from lockstep.model.simulation.scenario import Scenario
+
+FINEST = 0.005
+"""Longest step of a record in s: a longer period is recorded in whole parts."""
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What replaces the file's; None leaves it."""
+
+    horizon: float | None = None
+    seed: int | None = None
+    disturbance: str | None = None
+    method: Method = "rk4"
+    perturbation: str | None = None
+
+
+def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bool) -> Scenario:
+    """Return the run that [simulation] describes.
+
+    Noise is held for a period; sines get random phases and steps random signs from the seed, since what is the same
+    for all agents disturbs no agreement. The record has a whole number of steps per period.
+
+    Args:
+        problem: the problem.
+        changes: what to change.
+        sampled: whether the controllers are sampled: the channel is theirs, gain errors are the continuous ones'.
+
+    Raises:
+        ProblemError: `worst`, which takes a search (`lockstep.model.simulation.worst`), or tables that ask for
+            what these controllers cannot have.
+    """
+    changes, table = changes or Changes(), problem.simulation
+    horizon = table.horizon if changes.horizon is None else changes.horizon
+    seed = table.seed if changes.seed is None else changes.seed
+    period, N, n = problem.controller.period, problem.graph().N, problem.agent().n
+    step = period / np.ceil(period / FINEST - 1e-9)
+    given = (
+        table.disturbance if changes.disturbance is None else _of_kind(table.disturbance, changes.disturbance)
+    )
+    errors = (
+        table.perturbation if changes.perturbation is None else _errors_of_kind(table, changes.perturbation)
+    )
+    perturbation = _perturbation(errors, problem, seed, horizon)
+    channel = _channel(table.channel, seed)
+    if sampled and perturbation is not None:
+        raise ProblemError(
+            "gain errors, but the controllers are sampled",
+            where="[simulation.perturbation]",
+            expected="continuous controllers: (11) is about their gains",
+            remedy="use --controllers continuous",
+        )
+    if not sampled and not channel.is_ideal:
+        raise ProblemError(
+            "a channel, but the controllers are continuous",
+            where="[simulation.channel]",
+            expected="sampled controllers: they exchange messages",
+            remedy="use --controllers sampled",
+        )
+    return Scenario(
+        initial_states(problem, seed),
+        horizon,
+        float(step),
+        disturbance_of(given, N, n, period=period, horizon=horizon, seed=seed),
+        perturbation,
+        channel,
+        changes.method,
+    )
+
+
+def initial_states(problem: Problem, seed: int) -> np.ndarray:
+    """Return the file's initial states, or random ones of a seed."""
+    table = problem.simulation
+    if table.initial != "random":
+        return problem.initial_states()
+    shape = (problem.graph().N, problem.agent().n)
+    return np.asarray(table.spread * np.random.default_rng(seed).uniform(-1.0, 1.0, size=shape))
+
+
+def disturbance_of(
+    table: DisturbanceTable, N: int, n: int, *, period: float, horizon: float, seed: int
+) -> Disturbance | None:
+    """Return the disturbance of [simulation.disturbance] for N agents with n states."""
+    if table.intensity is not None and table.kind != "noise":
+        raise ProblemError(
+            f'`intensity` is given, but `kind` is "{table.kind}"',
+            where="[simulation.disturbance]",
+            expected='kind = "noise"',
+        )
+    stop = np.inf if table.stop is None else table.stop
+    generator = np.random.default_rng(seed)
+    if table.kind == "noise":
+        size = {"sigma": table.amplitude} if table.intensity is None else {"intensity": table.intensity}
+        whole = noise(N, n, interval=period, horizon=horizon, seed=seed, **size)
+        t = np.arange(len(whole.values)) * period
+        whole.values[(t < table.start - 1e-9) | (t >= stop - 1e-9)] = 0.0
+        return whole
+    if table.kind == "sine":
+        phases = generator.uniform(0, 2 * np.pi, size=(N, n))
+        return Sines(np.full((N, n), table.amplitude), phases, table.frequency, table.start, stop)
+    if table.kind == "step":
+        signs = generator.choice([-1.0, 1.0], size=(N, n))
+        return Steps(table.amplitude * signs, table.start, stop)
+    if table.kind == "worst":
+        raise ProblemError(
+            "the worst disturbance is the result of a search",
+            where="[simulation.disturbance]",
+            remedy="use `lockstep simulate --disturbance worst`, or worst_disturbance",
+        )
+    return None
+
+
+def _of_kind(table: DisturbanceTable, kind: str) -> DisturbanceTable:
+    kinds = ("none", "noise", "sine", "step", "worst")
+    if kind not in kinds:
+        raise ProblemError(f"`{kind}`", where="--disturbance", expected=", ".join(kinds))
+    return table.model_copy(update={"kind": kind})
+
+
+def _errors_of_kind(table: SimulationTable, kind: str) -> PerturbationTable:
+    kinds = ("none", "paper", "paper_scaled", "random")
+    if kind not in kinds:
+        raise ProblemError(f"`{kind}`", where="--perturbation", expected=", ".join(kinds))
+    return (table.perturbation or PerturbationTable()).model_copy(update={"kind": kind})
+
+
+def _perturbation(
+    table: PerturbationTable | None, problem: Problem, seed: int, horizon: float
+) -> Perturbation | None:
+    if table is None or table.kind == "none":
+        return None
+    agent, N, where = problem.agent(), problem.graph().N, "[simulation.perturbation]"
+    if table.kind == "random":
+        if not any(problem.fragility.values()):
+            raise ProblemError(
+                'kind = "random" without bounds',
+                where=where,
+                expected="[design.fragility] with bounds of (11)",
+            )
+        interval = np.inf if table.interval is None else table.interval
+        sizes = (problem.order, agent.m, agent.q)
+        return random_perturbation(N, sizes, problem.fragility, seed, interval=interval, horizon=horizon)
+    if (problem.order, agent.m) != (2, 1):
+        raise ProblemError(
+            f"controllers of order {problem.order} with {agent.m} outputs",
+            where=where,
+            expected="order 2 and one input of the agent: the paper's Delta(t) is for those",
+        )
+    return PaperPerturbation(N, agent.q, scaled=table.kind == "paper_scaled")
+
+
+def _channel(table: ChannelTable | None, seed: int) -> Channel:
+    if table is None:
+        return Channel()
+    return Channel(table.delay, table.drop, seed, table.bits, table.full_scale)

@@ -1,0 +1,202 @@
+"""The nonlinear closed loop in time: agents (2) under controllers (9), continuous or sampled, as a trajectory.
+
+    x_i' = A x_i + B_i u_i + G phi(H x_i, t) + offset(t) + xi_i
+
+Continuous controllers are integrated with the agents, Delta(t) of (11) included: (12). Sampled ones see y at the
+multiples of their period and hold u in between, and are whatever `Stepper` they are.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from lockstep.model.errors import ProblemError
+from lockstep.model.loop import Gains
+from lockstep.model.network import Network
+from lockstep.model.simulation.disturbance import Disturbance
+from lockstep.model.simulation.divergence import check_bounded
+from lockstep.model.simulation.equations import agents_alone, closed_loop, inputs_of
+from lockstep.model.simulation.integrate import integrator
+from lockstep.model.simulation.perturbation import check_sizes
+from lockstep.model.simulation.quadrature import Hold
+from lockstep.model.simulation.sampled import OK, SampledControllers
+from lockstep.model.simulation.scenario import Scenario, whole_number
+from lockstep.model.simulation.trajectory import Trajectory
+
+
+def simulate(network: Network, controllers: Gains | SampledControllers, scenario: Scenario) -> Trajectory:
+    """Run the loop.
+
+    Args:
+        network: the agents on their graph.
+        controllers: gains (9), or steppers with their period.
+        scenario: start, horizon, disturbance, gain errors, channel, integrator.
+
+    Raises:
+        ProblemError: parts that do not fit: a channel for continuous controllers, gain errors for sampled ones, a
+            period that is no whole number of steps, ...
+        Diverged: a state left all bounds; with time, agent and state.
+    """
+    if scenario.start.shape != (network.N, network.agent.n):
+        raise ProblemError(
+            f"`start` is {scenario.start.shape[0]} x {scenario.start.shape[1]}",
+            where="scenario",
+            expected=f"{network.N} x {network.agent.n}, one row per agent",
+        )
+    if controllers.N != network.N:
+        raise ProblemError(f"{controllers.N} controllers for {network.N} agents", where="simulate")
+    if isinstance(controllers, Gains):
+        return _continuous(network, controllers, scenario)
+    return _sampled(network, controllers, scenario)
+
+
+def _continuous(network: Network, gains: Gains, scenario: Scenario) -> Trajectory:
+    if not scenario.channel.is_ideal:
+        raise ProblemError(
+            "continuous controllers exchange no messages",
+            where="channel",
+            expected="no delay, drop or quantisation",
+            remedy="simulate sampled controllers",
+        )
+    t, xi, errors = scenario.instants, scenario.xi(), scenario.perturbation
+    if errors is not None:
+        check_sizes(errors, network.N, gains.blocks.shape[1:])
+    run = integrator(
+        closed_loop(network, gains, perturbed=errors is not None, pinned=scenario.pinned),
+        scenario.method,
+        substeps=scenario.substeps,
+        tolerance=scenario.tolerance,
+    )
+
+    def parameters(time: Float[np.ndarray, " M"], since: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M p"]:
+        given = [xi.at(time, since), *([errors.at(time, since)] if errors is not None else [])]
+        return np.hstack([part.reshape(len(time), -1) for part in given])
+
+    split = scenario.start.size
+    X = run(np.concatenate([scenario.start.ravel(), np.zeros(gains.N * gains.order)]), t, parameters)
+    x = X[:, :split].reshape(len(t), network.N, -1)
+    x_C = X[:, split:].reshape(len(t), gains.N, gains.order)
+    check_bounded(t, x, network.agent.states, network.agent.name)
+    blocks = np.broadcast_to(gains.blocks, (len(t), *gains.blocks.shape))
+    u = inputs_of(network, x, x_C, blocks if errors is None else blocks + errors.at(t, t))
+    return _record(network, t, x, x_C, u, xi.at(t, t), hold="smooth", xi_hold=xi.hold)
+
+
+def _sampled(network: Network, controllers: SampledControllers, scenario: Scenario) -> Trajectory:
+    if scenario.perturbation is not None:
+        raise ProblemError(
+            "gain errors of sampled controllers",
+            where="perturbation",
+            expected="continuous controllers: (11) is about their gains",
+            remedy="simulate the continuous controllers",
+        )
+    per = whole_number(controllers.period / scenario.step, "the period over `step`")
+    xi, N, m = scenario.xi(), network.N, network.agent.m
+    periods = int(np.ceil((len(scenario.instants) - 1) / per))
+    t = np.arange(periods * per + 1) * scenario.step
+    run = integrator(
+        agents_alone(network, pinned=scenario.pinned),
+        scenario.method,
+        substeps=scenario.substeps,
+        tolerance=scenario.tolerance,
+    )
+    program = _Program(network, controllers, scenario, periods)
+    x, u = np.empty((len(t), *scenario.start.shape)), np.zeros((len(t), N, m))
+    x_C = np.empty((len(t), N, len(controllers.steppers[0].memory)))
+    x[0] = scenario.start
+    for k in range(periods):
+        now = slice(k * per, (k + 1) * per + 1)
+        x_C[now] = program.memory
+        u[now] = applied = program.step(x[k * per])
+        states = run(x[k * per].ravel(), t[now], _Held(applied, xi))
+        x[now] = states.reshape(per + 1, *scenario.start.shape)
+        check_bounded(t[now], x[now], network.agent.states, network.agent.name)
+    x_C[-1] = program.memory
+    return _record(network, t, x, x_C, u, xi.at(t, t), hold="held", xi_hold=xi.hold, faults=program.faults)
+
+
+class _Held:
+    """p = (u, xi) of the agents alone, u held."""
+
+    def __init__(self, u: Float[np.ndarray, "N m"], xi: Disturbance) -> None:
+        self._u, self._xi = u.ravel(), xi
+
+    def __call__(
+        self, time: Float[np.ndarray, " M"], since: Float[np.ndarray, " M"]
+    ) -> Float[np.ndarray, "M p"]:
+        xi = self._xi.at(time, since).reshape(len(time), -1)
+        return np.hstack([np.broadcast_to(self._u, (len(time), len(self._u))), xi])
+
+
+class _Program:
+    """All agents' steppers with the channel between them."""
+
+    def __init__(
+        self, network: Network, controllers: SampledControllers, scenario: Scenario, periods: int
+    ) -> None:
+        controllers.init()
+        self._C, self._all, self._channel = network.agent.lure.C, controllers, scenario.channel
+        edges = sum(len(heard) for heard in controllers.sources)
+        self._arrivals = iter(self._channel.arrivals(periods, edges))
+        self._sent: list[np.ndarray] = []
+        self._pending = np.zeros((network.N, network.agent.m))
+        self.faults = 0
+
+    @property
+    def memory(self) -> Float[np.ndarray, "N n_C"]:
+        """What the controllers hold before the next step."""
+        return np.array([stepper.memory for stepper in self._all.steppers], dtype=float)
+
+    def step(self, x: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
+        """Sample, exchange, step; return the inputs that act from now on."""
+        real = np.dtype(self._all.real)
+        with np.errstate(over="ignore", under="ignore"):
+            y = self._channel.quantised(x @ self._C.T).astype(real)
+        self._sent = [*self._sent, y][-1 - self._channel.delay :]
+        # a message of `delay` periods ago: there is none in the first periods
+        heard = self._sent[0] if len(self._sent) > self._channel.delay else None
+        arrived, u, first = next(self._arrivals), [], 0
+        for i, sources in enumerate(self._all.sources):
+            here = arrived[first : first + len(sources)]
+            first += len(sources)
+            received = 0 if heard is None else _mask(here)
+            rows = np.zeros((len(sources), y.shape[1]), real) if heard is None else heard[list(sources)]
+            status, out = self._all.steppers[i].step(y[i], rows, received)
+            self.faults += status != OK
+            u.append(np.asarray(out, dtype=float))
+        fresh = np.array(u)
+        applied, self._pending = (self._pending, fresh) if self._all.delay else (fresh, fresh)
+        return applied
+
+
+def _mask(here: Bool[np.ndarray, " nn"]) -> int:
+    return sum(1 << j for j, there in enumerate(here) if there)
+
+
+def _record(
+    network: Network,
+    t: Float[np.ndarray, " K"],
+    x: Float[np.ndarray, "K N n"],
+    x_C: Float[np.ndarray, "K N n_C"],
+    u: Float[np.ndarray, "K N m"],
+    xi: Float[np.ndarray, "K N n"],
+    *,
+    hold: Hold,
+    xi_hold: Hold,
+    faults: int = 0,
+) -> Trajectory:
+    agent = network.agent
+    return Trajectory(
+        t,
+        x,
+        x_C,
+        u,
+        x @ agent.lure.C.T,
+        xi,
+        agent.states,
+        agent.inputs,
+        agent.outputs,
+        agent.name,
+        hold,
+        xi_hold,
+        faults,
+    )

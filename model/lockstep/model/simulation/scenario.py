@@ -1,0 +1,87 @@
+"""What a run starts from and what acts on it."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.model.errors import ProblemError
+from lockstep.model.simulation.channel import Channel
+from lockstep.model.simulation.disturbance import Disturbance, Quiet, Samples, Sum
+from lockstep.model.simulation.integrate import Method
+from lockstep.model.simulation.perturbation import Perturbation
+
+MOST_INSTANTS = 5_000_000
+"""Rows of a record: with ten agents of four states, about 2 GB of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """A run: from `start` for `horizon` seconds, recorded every `step` seconds.
+
+    Args:
+        start: (N, n), the agents' states; the controllers start at zero.
+        horizon: in s; it is rounded up to whole steps.
+        step: in s, between the instants; disturbances and gain errors that jump do so at instants only.
+        disturbance: xi; none by default.
+        perturbation: Delta(t) of (11), for continuous controllers; none by default.
+        channel: what happens to messages, for sampled controllers.
+        method: "rk4", `substeps` to a step, or "adaptive" with a relative `tolerance`.
+        pinned: a disturbance common to all agents keeps their mean where it starts. It has no part in xi_d, so it is
+            admitted, and it lets the disagreement meet the slopes of phi at any common state, stable or not. The
+            recorded xi is without it.
+
+    Raises:
+        ProblemError: a start that is no finite N x n matrix, or times that make no grid.
+    """
+
+    start: Float[np.ndarray, "N n"]
+    horizon: float
+    step: float = 0.005
+    disturbance: Disturbance | None = None
+    perturbation: Perturbation | None = None
+    channel: Channel = field(default_factory=Channel)
+    method: Method = "rk4"
+    substeps: int = 4
+    tolerance: float = 1e-10
+    pinned: bool = False
+
+    def __post_init__(self) -> None:
+        start = np.array(self.start, dtype=float)
+        if start.ndim != 2 or not np.isfinite(start).all():
+            raise ProblemError("`start` is no finite N x n matrix", where="scenario")
+        object.__setattr__(self, "start", start)
+        for name in ("horizon", "step"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise ProblemError(f"`{name}` is {value!r}", where="scenario", expected="seconds above 0")
+        if self.horizon / self.step > MOST_INSTANTS:
+            raise ProblemError(
+                f"{self.horizon / self.step:.3g} steps", where="scenario", expected=f"at most {MOST_INSTANTS}"
+            )
+        parts = self.disturbance.parts if isinstance(self.disturbance, Sum) else (self.disturbance,)
+        for part in parts:
+            if isinstance(part, Samples):
+                whole_number(part.interval / self.step, "the disturbance's interval over `step`")
+
+    @property
+    def instants(self) -> Float[np.ndarray, " K"]:
+        """The grid: k times the step, from 0 to the horizon or just beyond."""
+        return np.arange(math.ceil(self.horizon / self.step - 1e-9) + 1) * self.step
+
+    def xi(self) -> Disturbance:
+        """Return the disturbance."""
+        return self.disturbance or Quiet(*self.start.shape)
+
+
+def whole_number(ratio: float, what: str) -> int:
+    """Return a ratio that is to be a whole number of 1 or more, to rounding.
+
+    Raises:
+        ProblemError: it is not.
+    """
+    nearest = round(ratio)
+    if nearest < 1 or abs(ratio - nearest) > 1e-6 * nearest:
+        raise ProblemError(f"{what} is {ratio:.9g}", where="scenario", expected="a whole number, 1 or more")
+    return nearest

@@ -1,0 +1,211 @@
+"""`lockstep simulate` and `reproduce --figures`: what they print, write and refuse, and their exit status."""
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from lockstep.cli.main import app
+from lockstep.codegen.toolchain import host_compilers
+
+KEYS = {"ISE", "IAE", "ITSE", "ITAE"}
+
+
+@pytest.fixture(scope="module")
+def folder(root) -> Path:
+    return root / "generated" / "flexible_joint_arms"
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return lambda *words: CliRunner().invoke(app, ["simulate", *map(str, words)])
+
+
+def answer(result):
+    def refuse(name):
+        raise AssertionError(f"{name} is no JSON")
+
+    return json.loads(result.stdout, parse_constant=refuse)
+
+
+def changed(folder, place, change) -> Path:
+    content = json.loads((folder / "design.json").read_text())
+    change(content)
+    path = place / "changed.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+@pytest.mark.parametrize("controllers", ["continuous", "sampled"])
+def test_the_arms_agree_and_keep_to_their_rho(controllers, folder, run):
+    result = run(folder / "design.json", "--controllers", controllers, "--horizon", 16, "--json")
+    found = answer(result)
+    assert result.exit_code == 0, result.output
+    assert found["disagreement_final"] < 1e-3 * found["disagreement_initial"]
+    assert len(found["indices"]) == len(found["effort"]) == 3
+    assert all(set(one) == KEYS for one in found["indices"])
+    assert found["l2"]["covered"]
+    assert 0.1 < found["l2"]["ratio"] < 1
+    assert found["l2"]["rho"] == {"continuous": 3.344, "sampled": 3.449}[controllers]
+
+
+@pytest.mark.skipif(not host_compilers(), reason="no C compiler")
+def test_the_compiled_c_is_the_shipped_arithmetic(folder, run):
+    words = ("--horizon", 0.5, "--disturbance", "noise", "--json", "--controllers")
+    compiled, sampled = (answer(run(folder, *words, kind)) for kind in ("compiled", "sampled"))
+    assert compiled.pop("controllers") != sampled.pop("controllers")
+    assert compiled == sampled
+
+
+def test_the_worst_disturbance_comes_near_rho(folder, run):
+    words = ("--controllers", "continuous", "--disturbance", "worst", "--horizon", 12, "--json")
+    result = run(folder, *words)
+    found = answer(result)
+    assert result.exit_code == 0
+    assert found["disagreement_initial"] == 0
+    assert 0.9 < found["l2"]["ratio"] < 1
+    assert found["l2"]["gain"] == pytest.approx(found["l2"]["ratio"] * found["l2"]["rho"], rel=1e-2)
+
+
+def test_a_run_above_a_proved_rho_fails(folder, run, monkeypatch):
+    """No such run exists; a checker that said rho = 1 would be found out."""
+    from lockstep.codegen import measured
+
+    kept = measured.promise
+
+    def wrong(*given):
+        from dataclasses import replace
+
+        return replace(kept(*given), rho=1.0, P=None)
+
+    monkeypatch.setattr(measured, "promise", wrong)
+    words = ("--controllers", "continuous", "--disturbance", "worst", "--horizon", 12, "--json")
+    result = run(folder, *words)
+    found = answer(result)
+    assert result.exit_code == 1
+    assert not found["ok"]
+    assert found["error"]["figures"]["ratio"] > 3
+    assert "exceeds" in found["error"]["message"]
+
+
+def test_the_trajectory_is_written_whole(folder, run, tmp_path):
+    result = run(folder, "--horizon", 0.1, "-o", "t.csv", "--json")
+    assert result.exit_code == 0
+    rows = list(csv.reader((tmp_path / "t.csv").read_text().splitlines()))
+    assert rows[0][:3] == ["t", "disagreement", "arm1_theta_m"]
+    assert len(rows) == 1 + 21
+    assert float(rows[-1][1]) == answer(result)["disagreement_final"]
+    assert [path.name for path in tmp_path.iterdir()] == ["t.csv"]
+
+
+def test_what_diverges_is_reported_with_time_and_agent(folder, run, tmp_path):
+    def change(content):
+        for one in content["gains"]:
+            one["D"] = [[-x for x in row] for row in one["D"]]
+
+    result = run(changed(folder, tmp_path, change), "--json", "-o", "t.csv")
+    error = answer(result)["error"]
+    assert result.exit_code == 1
+    assert error["kind"] == "Diverged"
+    assert error["figures"]["agent"] in (1, 2, 3)
+    assert math.isfinite(error["figures"]["time"])
+    assert not (tmp_path / "t.csv").exists()
+
+
+def test_uncertified_gains_are_simulated_and_not_held_against_anything(folder, run, tmp_path):
+    def change(content):
+        content["certificate"] = None
+
+    result = run(changed(folder, tmp_path, change), "--horizon", 1, "--json")
+    found = answer(result)
+    assert result.exit_code == 0
+    assert found["l2"]["rho"] is None
+    assert not found["l2"]["covered"]
+    assert "not certified" in found["l2"]["reason"]
+
+
+def test_lost_messages_are_not_covered(folder, run, tmp_path):
+    def change(content):
+        content["problem"]["simulation"]["channel"] = {"drop": 0.2}
+
+    found = answer(run(changed(folder, tmp_path, change), "--horizon", 1, "--json"))
+    assert not found["l2"]["covered"]
+    assert "messages" in found["l2"]["reason"]
+
+
+def test_gain_errors_beyond_delta_are_not_covered(folder, run, tmp_path):
+    def change(content):
+        content["problem"]["simulation"]["perturbation"] = {"kind": "paper"}
+
+    path = changed(folder, tmp_path, change)
+    words = ("--horizon", 1, "--controllers", "continuous", "--json")
+    found = answer(run(path, *words))
+    assert (
+        found["disagreement_final"]
+        == answer(run(folder, *words, "--perturbation", "paper"))["disagreement_final"]
+    )
+    assert found["disagreement_final"] != answer(run(folder, *words))["disagreement_final"]
+    assert not found["l2"]["covered"]
+    assert "Delta" in found["l2"]["reason"]
+
+
+def test_the_plot_is_text(folder, run):
+    result = run(folder, "--horizon", 1, "--plot")
+    assert result.exit_code == 0
+    assert "disagreement |x_d|" in result.stdout
+    assert "\x1b" not in result.stdout, "no colours where there is no terminal"
+    beside = run(folder, "--horizon", 1, "--plot", "--json")
+    assert answer(beside)["ok"]
+    assert "disagreement |x_d|" in beside.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--controllers", "analogue"], "continuous or sampled or compiled"),
+        (["--disturbance", "rain"], "noise"),
+        (["--integrator", "euler"], "rk4"),
+        (["--horizon", "-1"], "horizon"),
+        (["--horizon", "nan"], "horizon"),
+        (["-o", "nowhere/t.csv"], "no such folder"),
+        (["--campaign", "5"], "FOLDER"),
+        (["--campaign", "5", "--plot"], "single run"),
+        (["--campaign", "5", "--controllers", "compiled"], "continuous or sampled"),
+        (["--perturbation", "random"], "[design.fragility]"),
+        (["--perturbation", "rain"], "paper_scaled"),
+    ],
+)
+def test_bad_input_is_one_message_and_nothing_written(words, said, folder, run, tmp_path):
+    result = run(
+        folder, *words, *([] if "-o" in words else ["-o", "t.csv"] if "--campaign" not in words else [])
+    )
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_design_file_has_no_c(folder, run):
+    result = run(folder / "design.json", "--controllers", "compiled")
+    assert result.exit_code == 2
+    assert "lockstep generate" in result.stderr
+
+
+def test_figures_are_made_alone(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, ["reproduce", "noise", "--figures", "here"])
+    assert result.exit_code == 2
+    assert not Path("here").exists()
+
+
+@pytest.mark.slow
+def test_section_4_in_one_command(tmp_path):
+    result = CliRunner().invoke(app, ["reproduce", "--figures", str(tmp_path / "figures"), "--json"])
+    found = answer(result)
+    assert result.exit_code == 0
+    assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == found["files"]
+    assert all(one["disagreement_final"] < 1e-3 * one["disagreement_initial"] for one in found["runs"])

@@ -1,0 +1,100 @@
+"""[simulation] of a problem file as a scenario."""
+
+import numpy as np
+import pytest
+
+from lockstep.model.errors import ProblemError
+from lockstep.model.problem import parse_problem
+from lockstep.model.simulation import PaperPerturbation, Samples, Sines, Steps
+from lockstep.model.simulation.from_problem import Changes, scenario_of
+
+HEAD = """
+[agent]
+states = ["p", "v"]
+inputs = ["f"]
+dynamics = { p = "v", v = "f - tanh(v)" }
+outputs = { y = "p" }
+[network]
+agents = 3
+topology = "cycle"
+[controller]
+period = 0.02
+"""
+
+
+def scenario(text="", *, sampled=False, **changes):
+    return scenario_of(parse_problem(HEAD + text), Changes(**changes), sampled=sampled)
+
+
+def test_the_record_divides_the_period():
+    assert scenario().step == pytest.approx(0.005)
+    assert scenario().horizon == 20.0
+
+
+def test_random_states_go_with_the_seed():
+    file = scenario("[simulation]\nseed = 4\nspread = 0.1")
+    assert np.array_equal(file.start, scenario("[simulation]\nspread = 0.1", seed=4).start)
+    assert not np.array_equal(file.start, scenario("[simulation]\nspread = 0.1", seed=5).start)
+    assert np.abs(file.start).max() <= 0.1
+
+
+def test_given_states_stay():
+    text = "[simulation]\ninitial = [[1.0, 0.0], [2.0, 0.0], [3.0, 0.0]]"
+    assert scenario(text, seed=9).start[:, 0].tolist() == [1, 2, 3]
+
+
+def test_noise_is_held_for_a_period_within_its_times():
+    text = '[simulation]\ndisturbance = { kind = "noise", intensity = 0.02, start = 5.0, stop = 10.0 }'
+    shaking = scenario(text).disturbance
+    assert isinstance(shaking, Samples)
+    assert shaking.interval == 0.02
+    assert not shaking.values[:250].any()
+    assert not shaking.values[500:].any()
+    # intensity 0.02 over 0.02 s: sigma = 1; 1500 numbers, 10 % is more than five sigma of their spread
+    assert shaking.values[250:500].std() == pytest.approx(1.0, rel=0.1)
+
+
+def test_sines_and_steps_are_not_the_same_for_all_agents():
+    sines = scenario("", disturbance="sine").disturbance
+    steps = scenario("", disturbance="step", seed=1).disturbance
+    assert isinstance(sines, Sines)
+    assert np.ptp(sines.phases, axis=0).min() > 0
+    assert isinstance(steps, Steps)
+    assert set(np.unique(steps.values)) == {-1.0, 1.0}
+
+
+def test_gain_errors_by_name():
+    paper = scenario('[simulation.perturbation]\nkind = "paper_scaled"').perturbation
+    assert paper == PaperPerturbation(3, 1, scaled=True)
+    text = '[design.fragility]\nA = 0.5\n[simulation.perturbation]\nkind = "random"\ninterval = 1.0'
+    assert scenario(text).perturbation.values.shape == (20, 3, 3, 3)
+    assert scenario("[simulation.perturbation]").perturbation is None
+
+
+@pytest.mark.parametrize(
+    ("text", "sampled", "said"),
+    [
+        ('[simulation.perturbation]\nkind = "random"', False, "without bounds"),
+        ('[simulation.perturbation]\nkind = "paper"', True, "sampled"),
+        ('[design]\norder = 1\n[simulation.perturbation]\nkind = "paper"', False, "order 1"),
+        ("[simulation.channel]\ndrop = 0.1", False, "continuous"),
+        ('[simulation]\ndisturbance = { kind = "worst" }', False, "search"),
+        ('[simulation]\ndisturbance = { kind = "sine", intensity = 1.0 }', False, "intensity"),
+        ("[simulation.channel]\ndrop = 1.5", True, "drop"),
+        ("[simulation.channel]\ndelays = 1", True, "delay"),
+    ],
+)
+def test_what_does_not_fit_is_refused(text, sampled, said):
+    with pytest.raises(ProblemError, match=said):
+        scenario(text, sampled=sampled)
+
+
+def test_a_channel_is_for_sampled_controllers():
+    channel = scenario("[simulation.channel]\ndrop = 0.1\ndelay = 2\nbits = 12", sampled=True, seed=3).channel
+    assert (channel.drop, channel.delay, channel.bits, channel.seed) == (0.1, 2, 12, 3)
+
+
+def test_files_made_before_these_tables_read_and_write_as_they_did():
+    document = parse_problem(HEAD).document()
+    assert set(document["simulation"]) == {"initial", "spread", "horizon", "seed", "disturbance"}
+    assert "intensity" not in document["simulation"]["disturbance"]

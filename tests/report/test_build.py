@@ -1,0 +1,87 @@
+"""`build` writes a report with what it proves, and says so, with exit status 1, where the C that ships is not proved."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+import lockstep.cli.build as build
+from lockstep.cli.main import app
+from lockstep.codegen.verify import VerifyReport
+
+KEYS = {"ok", "directory", "check", "design", "verify", "files", "report", "problems"}
+
+
+@pytest.fixture
+def quick(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(build, "VERIFY_STEPS", 50)
+    monkeypatch.setattr(build, "VERIFY_TARGETS", ("host",))
+    return lambda *words: CliRunner().invoke(app, ["build", *map(str, words), "--json"])
+
+
+@pytest.mark.slow
+def test_build_exits_1_where_the_sampled_controllers_are_not_proved(examples, quick, tmp_path):
+    # 0.2 s is six times the longest period that is certified for the published gains
+    text = (examples / "table_1.toml").read_text()
+    (tmp_path / "slow.toml").write_text(text.replace("period = 0.005", "period = 0.2"))
+    result = quick("slow.toml", "-o", "out")
+    answer = json.loads(result.stdout)
+    assert result.exit_code == 1
+    assert set(answer) == KEYS
+    assert not answer["ok"]
+    assert answer["design"]["certified"], "the continuous controllers are"
+    assert not answer["design"]["sampled"]["certified"]
+    (problem,) = answer["problems"]
+    assert "sampled controllers are not certified" in problem
+    assert "up to a period of" in problem
+    header = (tmp_path / "out" / "include" / "arm1.h").read_text()
+    assert "not covered" in header.lower()
+    page = (tmp_path / "out" / answer["report"]).read_text()
+    assert "not certified" in page
+
+
+@pytest.mark.slow
+def test_c_that_differs_from_its_reference_is_not_written(examples, quick, tmp_path, monkeypatch):
+    def wrong(*_):
+        return VerifyReport(False, (), (), ("arm1 differs in call 3",))
+
+    monkeypatch.setattr(build, "_verified", wrong)
+    result = quick(examples / "table_1.toml", "-o", "out")
+    answer = json.loads(result.stdout)
+    assert (result.exit_code, answer["files"], answer["report"]) == (1, [], None)
+    assert answer["problems"] == ["arm1 differs in call 3"]
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_build_writes_the_report_twice_the_same(examples, quick, tmp_path):
+    result = quick(examples / "table_1.toml", "-o", "out")
+    answer = json.loads(result.stdout)
+    assert result.exit_code == 0, result.output
+    assert set(answer) == KEYS
+    assert answer["problems"] == []
+    written = sorted(
+        p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()
+    )
+    assert answer["files"] == written
+    assert answer["report"] == "report.html"
+    assert answer["design"] == json.loads((tmp_path / "out" / "design.json").read_text())
+    first = {name: (tmp_path / "out" / name).read_bytes() for name in written}
+    assert quick(examples / "table_1.toml", "-o", "out").exit_code == 0
+    assert first == {name: (tmp_path / "out" / name).read_bytes() for name in written}
+
+
+@pytest.mark.parametrize(
+    ("sampled", "said"),
+    [
+        ({"certified": True}, []),
+        ({"certified": False, "reason": "why", "max_period": None}, ["not certified: why"]),
+        ({"certified": "yes"}, ["not looked at"]),
+        ({}, ["not looked at"]),
+    ],
+)
+def test_only_a_proof_counts_as_one(sampled, said):
+    found = build.unproved(sampled)
+    assert len(found) == len(said)
+    assert all(part in one for one, part in zip(found, said, strict=True))

@@ -1,0 +1,210 @@
+"""The page: complete, self-contained, the same every time, and honest about what does not hold."""
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from lockstep.model.problem import Problem
+from lockstep.report.facts import gather
+from lockstep.report.report import make_report
+
+VOID = {"meta", "link", "br", "img", "input", "hr"}
+
+
+class Page(HTMLParser):
+    """Elements of a page in order: (tag, attributes); raises for a tag that is closed and not open."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str]]] = []
+        self._open: list[str] = []
+        self.text = ""
+        self.feed(text)
+        assert not self._open, self._open
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self._open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self._open:
+            self.text += data
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+@pytest.fixture(scope="module")
+def page(report):
+    return Page(report.page)
+
+
+def test_the_same_facts_give_the_same_bytes(files, content, checks, verified, report):
+    assert make_report(files, content, checks, verified) == report
+
+
+def test_it_asks_for_nothing_from_anywhere(page, report):
+    for _, attributes in page.elements:
+        for key in ("src", "href", "xlink:href", "srcset", "action"):
+            assert attributes.get(key, "#").startswith(("#", "data:,")), attributes
+    assert not page.all("script")
+    # what is left are the names of XML's vocabularies, which nothing loads
+    assert set(re.findall(r"https?://[^\"'\s)]+", report.page)) <= {
+        "http://www.w3.org/2000/svg",
+        "http://www.w3.org/1999/xlink",
+    }
+    assert "@import" not in report.page
+    assert "default-src 'none'" in page.all("meta")[3]["content"]
+
+
+def test_it_is_small(report):
+    assert len(report.page.encode()) < 2_000_000
+    assert sum(map(len, report.figures.values())) < 2_000_000
+
+
+def test_no_place_and_no_date(page):
+    assert "/usr" not in page.text
+    assert "/tmp" not in page.text
+    assert not re.search(r"\b20\d\d-\d\d", page.text)
+    assert "they do not work with this compiler" in page.text, "the reason itself is there"
+
+
+def test_every_figure_has_words_and_files(page, report):
+    drawn = [a for a in page.all("svg") if "drawing" in a.get("class", "")]
+    assert len(drawn) == len(page.all("figure")) == 6
+    assert all(a["role"] == "img" and len(a["aria-label"]) > 20 for a in drawn)
+    assert set(report.figures) == {
+        f"figures/{name}.{kind}"
+        for name in ("graph", "states", "disagreement", "effort", "poles", "singular-values")
+        for kind in ("png", "pdf")
+    }
+    told = " ".join(a["aria-label"] for a in drawn)
+    assert "agent 1 hears agent 2; agent 2 hears agent 3; agent 3 hears agent 1" in told
+
+
+def test_ids_are_unique_and_links_lead_somewhere(page):
+    ids = [a["id"] for _, a in page.elements if "id" in a]
+    assert len(ids) == len(set(ids))
+    wanted = [a["href"][1:] for a in page.all("a")]
+    wanted += [name for _, a in page.elements for name in a.get("aria-labelledby", "").split()]
+    assert wanted
+    assert set(wanted) <= set(ids)
+
+
+def test_headings_and_tables_are_ordered_and_named(page):
+    levels = [int(tag[1]) for tag, _ in page.elements if re.fullmatch("h[1-6]", tag)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(after <= before + 1 for before, after in pairwise(levels))
+    assert all(a.get("scope") in ("row", "col") for a in page.all("th"))
+    assert all("aria-labelledby" in a for a in page.all("table"))
+    assert page.all("html")[0]["lang"] == "en"
+
+
+def test_the_three_lines_are_the_manifests(page, files, report):
+    certificate = json.loads(files["manifest.json"])["certificate"]
+    for key in ("proved", "assumes", "remains"):
+        assert certificate[key] in page.text
+        assert certificate[key] in report.text
+        assert certificate[key] in files["include/arm1.h"], "and the header's"
+
+
+def test_an_unstable_controller_is_said_to_be_one(page):
+    assert "unstable by itself" in page.text
+    assert re.search(r"itself:\s+arm2\.", page.text)
+
+
+def test_what_is_not_proved_is_not_called_proved(facts, page_of):
+    sampled = {**facts.content["sampled"], "certified": False, "rho": None, "reason": "the gain is 1.2"}
+    text = page_of(
+        manifest=facts.manifest.model_copy(update={"certificate": {"certified": False}}),
+        content={**facts.content, "sampled": sampled},
+    )
+    said = Page(text).text
+    assert "NOT CERTIFIED" in said
+    assert "not proved" in said
+    assert "the gain is 1.2" in said
+    assert "all agents come to agree" not in said
+    assert "all agents come to agree" in Page(page_of()).text
+
+
+def test_bits_that_differ_are_said_to_differ(page_of, failing):
+    said = Page(page_of(verified=failing)).text
+    assert "NOT EQUAL" in said
+    assert "NOT as claimed: host gcc -O2: 3 calls differ" in said
+    assert "Every bit is equal" not in said
+
+
+def test_a_bound_on_a_box_is_said_to_be_local(facts, page_of):
+    certificate = {**facts.manifest.certificate, "scope": "local"}
+    said = Page(page_of(manifest=facts.manifest.model_copy(update={"certificate": certificate}))).text
+    assert "nothing here proves that they do" in said
+    assert "nothing here proves that they do" not in Page(page_of()).text
+
+
+def test_text_of_the_problem_cannot_become_markup(facts, page_of):
+    document = {**facts.content["problem"], "title": "<script>alert(1)</script>"}
+    text = page_of(stored=replace(facts.stored, problem=Problem.from_document(document)))
+    assert "<script" not in text
+    assert "&lt;script&gt;" in text
+
+
+def test_a_run_that_diverges_is_reported_as_one(files, content, checks, verified, page_of, monkeypatch):
+    import lockstep.report.facts as module
+    from lockstep.model.simulation import Diverged
+
+    def diverges(*_):
+        raise Diverged("the loop diverges: theta_m of arm1 is beyond 1e+09 at t = 1 s")
+
+    monkeypatch.setattr(module, "run_shipped", diverges)
+    facts = gather(files, content, checks, verified)
+    assert facts.trajectory is None
+    said = Page(page_of(trajectory=None, no_run=facts.no_run)).text
+    assert "There is no run to show: the loop diverges" in said
+
+
+def test_the_run_is_that_of_the_c(facts, files):
+    """The first inputs by the header's own formula: x = 0, so u = D r with r = y - y_j, in float32."""
+    manifest = json.loads(files["manifest.json"])
+    y = np.array([[0.8, 0.0], [-0.5, 0.0], [0.2, 0.0]], np.float32)
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        D = np.array(manifest["agents"][i]["sampled"]["D"]["decimal"], np.float32)
+        r = y[i] - y[j]
+        expected = np.float32(D[0, 0] * r[0]) + np.float32(D[0, 1] * r[1])
+        assert facts.trajectory.u[0, i, 0] == expected
+
+
+def test_a_long_run_is_cut_short_and_says_so(files, checks, verified, content, page_of, monkeypatch):
+    import lockstep.report.facts as module
+
+    monkeypatch.setattr(module, "MOST_STEPS", 300)
+    short = gather(files, content, checks, verified).trajectory
+    assert short.t[-1] == pytest.approx(0.5)
+    assert "the beginning of what was asked for" in page_of(trajectory=short)
+    assert "the beginning of what was asked for" not in page_of()
+
+
+def test_gain_errors_and_a_searched_disturbance_are_left_out_of_the_run(facts):
+    from lockstep.report.facts import run_shipped
+
+    simulation = {
+        **facts.content["problem"]["simulation"],
+        "horizon": 0.05,
+        "disturbance": {"kind": "worst"},
+        "perturbation": {"kind": "paper"},
+    }
+    problem = Problem.from_document({**facts.content["problem"], "simulation": simulation})
+    run = run_shipped(problem, facts.manifest)
+    np.testing.assert_array_equal(run.x, facts.trajectory.x[: len(run.t)])

@@ -1,0 +1,81 @@
+"""Poles and singular values against matrices put together by hand."""
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag, null_space
+
+from lockstep.report.spectrum import poles_figure, singular_values_figure, spectrum_of
+
+
+def loop_by_hand(facts):
+    """(12) without phi, all states kept: x' = (I (x) A) x + B u, r = (L (x) C) x, and the controllers."""
+    network, gains = facts.network, facts.stored.gains
+    lure, L, N = network.agent.lure, network.graph.laplacian, network.N
+    B, r = block_diag(*network.B), np.kron(L, lure.C)
+    A_C, B_C, C_C, D_C = (block_diag(*getattr(gains, letter)) for letter in "ABCD")
+    return np.block([[np.kron(np.eye(N), lure.A) + B @ D_C @ r, B @ C_C], [B_C @ r, A_C]])
+
+
+def test_the_poles_are_those_of_the_whole_loop_but_for_the_agreement(facts, spectrum):
+    whole = np.linalg.eigvals(loop_by_hand(facts))
+    common = np.linalg.eigvals(facts.network.agent.lure.A)
+    together = np.concatenate([spectrum.loop, common])
+    # The disagreement and the agreement split the spectrum: each of the whole loop's eigenvalues is in one of them.
+    assert len(together) == len(whole)
+    far = [np.abs(together - pole).min() for pole in whole]
+    assert max(far) < 1e-5 * np.abs(whole).max()
+
+
+def test_the_largest_singular_value_is_that_of_the_hand_made_transfer_matrix(facts, spectrum):
+    n, N, n_C = 4, 3, facts.stored.gains.order
+    T = np.kron(null_space(np.ones((1, N))).T, np.eye(n))
+    A = loop_by_hand(facts)
+    weight = block_diag(T, np.sqrt(2.0) * np.eye(N * n_C))  # R = I, Q = 2 I
+    inward = np.vstack([T.T, np.zeros((N * n_C, T.shape[0]))])
+    for k in (0, 40, 130, 200):
+        G = weight @ np.linalg.solve(1j * spectrum.omega[k] * np.eye(len(A)) - A, inward)
+        assert spectrum.sigma[k, 0] == pytest.approx(np.linalg.norm(G, 2), rel=1e-6)
+
+
+def test_the_certified_rho_is_above_and_a_smaller_one_is_not(facts, spectrum):
+    peak, _ = spectrum.peak
+    assert peak < facts.content["rho"]
+    assert peak > 0.5 * facts.content["rho"], "a bound that is never approached would be worth little"
+
+
+def test_unstable_controllers_are_seen(spectrum):
+    # A_C2 of the committed design has a positive trace: 26.4863 + 14.8612
+    assert [bool((poles.real > 0).any()) for poles in spectrum.controllers] == [False, True, False]
+
+
+def test_the_figures_hold_them(spectrum):
+    poles = poles_figure(spectrum, "arm").axes[0]
+    crosses = next(d for d in poles.lines if d.get_label() == "the loop")
+    np.testing.assert_array_equal(crosses.get_xdata(), spectrum.loop.real)
+    values = singular_values_figure(spectrum, 3.344).axes[0]
+    assert "certified rho = 3.344" in [d.get_label() for d in values.lines]
+
+
+def test_a_loop_too_large_has_poles_only(facts, spectrum, monkeypatch):
+    import lockstep.report.spectrum as module
+
+    monkeypatch.setattr(module, "MOST_STATES", 3)
+    problem, gains = facts.problem, facts.stored.gains
+    few = spectrum_of(facts.network, gains, problem.state_weight(4), problem.controller_weight(gains.order))
+    assert few.sigma is None
+    assert few.peak is None
+    np.testing.assert_allclose(np.sort(few.loop), np.sort(spectrum.loop))
+    with pytest.raises(ValueError, match="no singular values"):
+        singular_values_figure(few, 1.0)
+
+
+def test_a_loop_far_too_large_has_the_controllers_poles_only(facts, monkeypatch):
+    import lockstep.report.spectrum as module
+
+    monkeypatch.setattr(module, "MOST_POLES", 3)
+    few = spectrum_of(facts.network, facts.stored.gains, np.eye(4), np.eye(2))
+    assert few.abscissa is None
+    assert few.peak is None
+    labels = {drawn.get_label() for drawn in poles_figure(few, "arm").axes[0].lines}
+    assert "the loop" not in labels
+    assert "arm1's controller" in labels
