@@ -209,3 +209,21 @@ def test_section_4_in_one_command(tmp_path):
     assert result.exit_code == 0
     assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == found["files"]
     assert all(one["disagreement_final"] < 1e-3 * one["disagreement_initial"] for one in found["runs"])
+
+
+def test_the_run_is_drawn(folder, run, tmp_path):
+    result = run(folder, "--horizon", 0.5, "--figures", "drawn", "--json")
+    assert result.exit_code == 0, result.output
+    kinds = {"png": b"\x89PNG", "pdf": b"%PDF"}
+    names = {f"{name}.{kind}" for name in ("states", "disagreement", "effort") for kind in kinds}
+    assert {path.name for path in (tmp_path / "drawn").iterdir()} == names
+    for path in (tmp_path / "drawn").iterdir():
+        assert path.read_bytes().startswith(kinds[path.suffix[1:]])
+
+
+def test_figures_need_a_place(folder, run, tmp_path):
+    (tmp_path / "drawn").write_text("in the way")
+    result = run(folder, "--figures", "drawn")
+    assert result.exit_code == 2
+    assert "a folder" in result.stderr
+    assert (tmp_path / "drawn").read_text() == "in the way"

@@ -38,11 +38,18 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
 
 
 @app.command()
-def check(problem: ProblemFile, json: Json = False) -> None:
+def check(
+    problem: ProblemFile,
+    budget: Annotated[
+        float | None,
+        typer.Option(min=0.01, help="Seconds for the bound; then the best enclosure so far.", show_default=False),
+    ] = None,
+    json: Json = False,
+) -> None:
     """Check a model symbolically: bound, structure, graph."""
     from lockstep.cli.check import run
 
-    run(problem, as_json=json)
+    run(problem, budget=budget, as_json=json)
 
 
 @app.command()
@@ -132,6 +139,10 @@ def simulate(
     ] = None,
     integrator: Annotated[str, typer.Option(help='"rk4" or "adaptive".')] = "rk4",
     plot: Annotated[bool, typer.Option("--plot", help="Plot in the terminal.")] = False,
+    figures: Annotated[
+        Path | None,
+        typer.Option(help="Draw the run as PNG and PDF in this folder.", metavar="DIR", show_default=False),
+    ] = None,
     campaign: Annotated[
         int | None,
         typer.Option(
@@ -151,8 +162,7 @@ def simulate(
     """Simulate the nonlinear closed loop, against what is proved of it."""
     from lockstep.cli.simulate import Many, Options, run, run_many
 
-    options = Options(controllers, horizon, seed, disturbance, integrator, plot, perturbation)
-
+    options = Options(controllers, horizon, seed, disturbance, integrator, plot, perturbation, figures)
     if campaign is not None or replay is not None:
         many = Many(campaign, replay, output, scheduler, jobs)
         run_many(design, many, options, as_json=json)

@@ -38,6 +38,7 @@ class Options:
     integrator: str = "rk4"
     plot: bool = False
     perturbation: str | None = None
+    figures: Path | None = None
 
 
 def run(path: Path, output: Path | None, options: Options, *, as_json: bool) -> None:
@@ -81,6 +82,7 @@ def _not_for_many(options: Options) -> ProblemError | None:
         "--disturbance": options.disturbance,
         "--perturbation": options.perturbation,
         "--plot": options.plot or None,
+        "--figures": options.figures,
         "--integrator": None if options.integrator == "rk4" else options.integrator,
     }
     for name, value in single.items():
@@ -98,11 +100,14 @@ def _refuse(error: ProblemError) -> Answer:
 
 
 def _simulate(path: Path, output: Path | None, options: Options, *, as_json: bool) -> Answer:
+    from lockstep.cli.folders import check_folder, write_files
     from lockstep.codegen.measured import measured, network_of_design, promise
     from lockstep.model.simulation import simulate
 
     kind, changes = _checked(options)
     check_writable(output)
+    if options.figures is not None:
+        check_folder(options.figures)
     content, stored = read_design(path)
     with of_file(path), progress_display() as tell:
         tell("what is proved", 0.1)
@@ -113,6 +118,9 @@ def _simulate(path: Path, output: Path | None, options: Options, *, as_json: boo
         with _controllers(path, stored, kind) as controllers:
             trajectory = simulate(network, controllers, scenario)
         found = measured(trajectory, scenario, stored, network, promised)
+    drawn = {} if options.figures is None else _drawn(trajectory, stored)
+    if options.figures is not None:
+        write_files(options.figures, drawn)
     if output is not None:
         from lockstep.model.simulation.table import to_csv
 
@@ -120,6 +128,21 @@ def _simulate(path: Path, output: Path | None, options: Options, *, as_json: boo
     document = _document(trajectory, scenario, found, kind, changes, stored)
     plot = _plotted(trajectory, as_json) if options.plot else ""
     return Answer(document, _tables(trajectory, found, kind, stored, plot), found.holds)
+
+
+def _drawn(trajectory: "Trajectory", stored: "Stored") -> dict[str, bytes]:
+    """Return the states, the disagreement and the effort as PNG and PDF."""
+    from lockstep.report.export import pdf, png
+    from lockstep.report.figures import disagreement_figure, effort_figure, states_figure
+
+    units = dict(stored.problem.agent().units)
+    figures = {
+        "states": states_figure(trajectory, units=units),
+        "disagreement": disagreement_figure({stored.problem.title: trajectory}),
+        "effort": effort_figure(trajectory, units=units),
+    }
+    ways = (("png", png), ("pdf", pdf))
+    return {f"{name}.{end}": way(figure, name) for name, figure in figures.items() for end, way in ways}
 
 
 def _plotted(trajectory: "Trajectory", as_json: bool) -> str:

@@ -1,0 +1,204 @@
+"""`lockstep simulate --campaign N`: network tests against the certificate, here or on a cluster."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich import box
+from rich.console import Group, RenderableType
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from lockstep.cli.console import Answer, errors, of_file, progress_display, respond, two_columns, write_text
+from lockstep.cli.files import DESIGN_NAME, check_writable, read_design
+from lockstep.model.errors import ProblemError
+
+if TYPE_CHECKING:
+    from lockstep.codegen.campaign import Campaign, Plan
+    from lockstep.codegen.campaign.guarantee import Controllers
+    from lockstep.lmi.document import Stored
+
+INTERRUPTED = 130
+
+OUTPUT = Path("campaign")
+HORIZON = 10.0
+"""Of each run, in s, unless another is asked for."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What fixes a campaign beside its design; None leaves the choice to the design.
+
+    controllers: "sampled" (the C that ships; "compiled" is the same) or "continuous" (the gains, with Delta at the
+    bound of (11)); by default what the design's fragility is about;  seed: of all draws;  horizon: in s.
+    """
+
+    controllers: str | None = None
+    seed: int | None = None
+    horizon: float | None = None
+
+
+def run(
+    path: Path,
+    runs: int,
+    output: Path | None,
+    scheduler: str | None,
+    jobs: int | None,
+    seed: int | None,
+    as_json: bool,
+    *,
+    controllers: str | None = None,
+    horizon: float | None = None,
+) -> None:
+    """Run a campaign, or what is left of it.
+
+    Args:
+        path: a certified design, or a folder that holds one.
+        runs: how many.
+        output: a folder, `campaign` by default; each campaign has one of its own in it.
+        scheduler: the address of a Dask scheduler; None for this machine.
+        jobs: threads; None for one per core.
+        as_json: print JSON.
+        seed, controllers, horizon: see `Options`.
+    """
+    options = Options(controllers, seed, horizon)
+    respond(as_json, lambda: _run(path, runs, output or OUTPUT, scheduler, jobs or _cores(), options))
+
+
+def run_replay(
+    path: Path,
+    index: int,
+    output: Path | None,
+    seed: int | None,
+    as_json: bool,
+    *,
+    controllers: str | None = None,
+    horizon: float | None = None,
+) -> None:
+    """Run one of a campaign's runs again, by its index, and write its trajectory (CSV) to `output`, if given.
+
+    Seed, controllers and horizon are to be the campaign's: they fix the run.
+    """
+    respond(as_json, lambda: _replay(path, index, output, Options(controllers, seed, horizon)))
+
+
+def planned(path: Path, options: Options) -> tuple["Plan", "Stored"]:
+    """Certify a design, emit its C, and return the campaign and the design.
+
+    Raises:
+        NotCertified: the checker refuses the design, or there is no rho to hold the runs against.
+        ProblemError: no such controllers.
+    """
+    import json
+
+    from lockstep.cli.generate import generated_files
+    from lockstep.codegen.campaign import plan_of
+
+    kind = _kind(options.controllers)
+    content, stored = read_design(path)
+    with of_file(path):
+        # Proved anew, here and in plan_of: what the file says of itself does not count.
+        files = generated_files(content, stored)
+        content = json.loads(files[DESIGN_NAME])
+        seed = stored.problem.simulation.seed if options.seed is None else options.seed
+        horizon = HORIZON if options.horizon is None else options.horizon
+        return plan_of(stored, content, files, controllers=kind, seed=seed, horizon=horizon), stored
+
+
+def _kind(controllers: str | None) -> "Controllers | None":
+    if controllers is None:
+        return None
+    if controllers == "continuous":
+        return "continuous"
+    if controllers in ("sampled", "compiled"):
+        return "sampled"
+    raise ProblemError(f"`{controllers}`", where="--controllers", expected='"sampled" or "continuous"')
+
+
+def _run(path: Path, runs: int, output: Path, scheduler: str | None, jobs: int, options: Options) -> Answer:
+    from lockstep.codegen.campaign import run_campaign
+
+    with progress_display() as tell:
+        tell("proving the design", 0.0)
+        plan, _ = planned(path, options)
+        try:
+            found = run_campaign(plan, runs, output, jobs=jobs, scheduler=scheduler, report=tell)
+        except KeyboardInterrupt:
+            errors.print("interrupted; the runs that are done are kept: the same command goes on from there")
+            raise SystemExit(INTERRUPTED) from None
+    return Answer(found.document(), table_of(found), found.ok)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def table_of(found: "Campaign") -> RenderableType:
+    """Return a campaign's figures for people."""
+    document = found.document()
+    covered, worst = document["covered"], document["worst_ratio"]
+    judged = (
+        f"all {covered} runs that the certificate covers are below it"
+        if not document["above"]
+        else f"{document['above']} of {covered} runs that the certificate covers are ABOVE it"
+    )
+    shown = "infinite" if worst is None else f"{worst:.4f}"
+    speed = f"{document['runs_per_second']:.0f} runs/s" if document["computed"] else "nothing was left to run"
+    rows = {
+        "runs": f"{document['runs']} of {document['horizon']:g} s each, {document['controllers']} controllers",
+        "certified rho": f"{document['rho']:g}",
+        "worst": f"{shown} of the bound, run {document['worst_run']}; {judged}",
+        "not covered": _not_covered(document),
+        "linear loop": f"{document['linear_gain']:.4f} is the largest gain of the linearised loop found",
+        "diverged": f"{document['diverged']} runs, {document['faults']} faulty controller steps",
+        "speed": f"{document['computed']} runs in {document['seconds']:.1f} s, {speed}",
+        "results": document["results"],
+    }
+    verdict = "as certified" if document["ok"] else "NOT as certified"
+    return Group(two_columns("Network tests", rows), _families(document), Text(verdict, style="bold"))
+
+
+def _not_covered(document: dict[str, Any]) -> str:
+    """Say what became of the runs that nothing is claimed of: lost messages, or an agent out of its domain."""
+    count, worst = document["runs"] - document["covered"], document["worst_ratio_not_covered"]
+    if not count:
+        return "no run"
+    shown = "" if worst is None else f"; the worst came to {worst:.4f} of the bound"
+    return f"{count} runs, of which nothing is claimed{shown}"
+
+
+def _families(document: dict[str, Any]) -> RenderableType:
+    table = RichTable(box=box.SIMPLE_HEAD)
+    for heading in ("family", "runs", "covered", "worst ratio", "diverged"):
+        table.add_column(heading, justify="left" if heading == "family" else "right")
+    for name, one in document["families"].items():
+        ratio = "-" if one["worst_ratio"] is None else f"{one['worst_ratio']:.4f}"
+        table.add_row(name, str(one["runs"]), str(one["covered"]), ratio, str(one["diverged"]))
+    return table
+
+
+def _replay(path: Path, index: int, output: Path | None, options: Options) -> Answer:
+    from lockstep.codegen.campaign import replay
+    from lockstep.codegen.campaign.draw import FAMILIES
+    from lockstep.model.simulation.table import to_csv
+
+    check_writable(output)
+    plan, stored = planned(path, options)
+    found = replay(plan, stored.problem.agent(), index)
+    if output is not None:
+        write_text(output, to_csv(found.trajectory))
+    figures: dict[str, float | bool] = {
+        name: found[name] for name in found.columns if name not in ("run", "family")
+    }
+    figures |= {name: bool(figures[name]) for name in ("covered", "diverged")}
+    document = {
+        "identity": plan.identity,
+        "run": index,
+        "family": FAMILIES[int(found["family"])],
+        **figures,
+        "trajectory": None if output is None else str(output),
+    }
+    rows = {name: f"{value}" for name, value in document.items() if not name.startswith("x_")}
+    holds = not figures["diverged"] and not (figures["covered"] and found["ratio"] > 1)
+    return Answer(document, two_columns(f"Run {index} again", rows), holds)

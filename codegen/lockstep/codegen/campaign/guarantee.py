@@ -1,0 +1,77 @@
+"""What a campaign's runs are held against, proved anew: rho, and V of the initial disagreement.
+
+For the continuous controllers the design's certificate, in exact arithmetic; for the sampled ones that of the very numbers
+in the emitted C, in balls. What the files say of themselves does not count.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.codegen.sampled_certificate import certify_texts, proved_rho, sampled_network
+from lockstep.lmi.certify import certify
+from lockstep.lmi.document import Stored
+from lockstep.lmi.inequality import Certificate
+from lockstep.model.disagreement import disagreement
+from lockstep.model.errors import NotCertified, ProblemError
+from lockstep.model.numbers import as_floats
+
+Controllers = Literal["sampled", "continuous"]
+
+
+@dataclass(frozen=True, eq=False)
+class Guarantee:
+    """rho and, in the coordinates T (N-1, N), the matrix P of V(x_d) = x_d' P x_d; None where V is not at hand."""
+
+    rho: float
+    T: Float[np.ndarray, "N-1 N"]
+    P: Float[np.ndarray, "n_d n_d"] | None
+
+    def stored(self, x: Float[np.ndarray, "runs states"]) -> Float[np.ndarray, " runs"]:
+        """Return V of initial states with the controllers at rest; NaN where it is unknown and not zero."""
+        N = self.T.shape[1]
+        x_d = np.einsum("ij,rjk->rik", self.T, x.reshape(len(x), N, -1)).reshape(len(x), -1)
+        if self.P is None:
+            return np.where((x_d == 0).all(axis=1), 0.0, np.nan)
+        return np.asarray(np.einsum("ri,ij,rj->r", x_d, self.P, x_d))
+
+
+def guarantee_of(
+    stored: Stored, content: Mapping[str, Any], files: Mapping[str, str] | None, kind: Controllers
+) -> Guarantee:
+    """Prove a design's rho and return it.
+
+    Args:
+        stored, content: the design, parsed and as JSON types: the witnesses in it are tried first.
+        files: the emitted folder, relative path -> text, for sampled controllers.
+        kind: of which controllers.
+
+    Raises:
+        NotCertified: there is no proof, and why.
+    """
+    problem = stored.problem
+    T = as_floats(disagreement(problem.graph(), problem.design.coordinates).T)
+    n_d = len(T) * problem.agent().n
+    if kind == "continuous":
+        verdict = certify(stored)
+        if not verdict.certified or stored.certificate is None:
+            raise NotCertified(f"there is no certified rho to hold a campaign against: {verdict.reason}")
+        certificate = stored.certificate
+        P = certificate.P[:n_d, :n_d] if isinstance(certificate, Certificate) else None
+        return Guarantee(certificate.rho, T, P)
+    if files is None:
+        raise ProblemError(
+            "no emitted C", where="campaign", expected="that of the design, for sampled controllers"
+        )
+    held, controllers = certify_texts(files, stored, content)
+    network = sampled_network(stored, held.period) if held.certified else None
+    found = proved_rho(stored, network, controllers, content) if network is not None else None
+    if found is None:
+        raise NotCertified(
+            "no rho of the sampled controllers is proved to hold a campaign against"
+            f" ({held.reason}): one of the continuous controllers can be run"
+        )
+    return Guarantee(found.rho, T, found.witness.P[:n_d, :n_d])
