@@ -1,5 +1,7 @@
 """`generated/` is what its committed design gives today, byte for byte; `--update` accepts a change."""
 
+import json
+
 import pytest
 
 from lockstep.cli.files import read_design
@@ -39,3 +41,13 @@ def test_no_date_and_no_path_in_it(root, name):
     text = (root / "generated" / "flexible_joint_arms" / name).read_text()
     assert str(root) not in text
     assert "/tmp" not in text
+
+
+@pytest.mark.parametrize(("key", "claimed"), [("rho", 3.0), ("max_period", 0.5)])
+def test_what_a_design_file_says_of_its_sampled_controllers_is_not_believed(root, key, claimed):
+    content, stored = read_design(root / "generated" / "flexible_joint_arms")
+    proved = content["sampled"][key]
+    content["sampled"][key] = claimed
+    said = json.loads(generated_files(content, stored)["design.json"])["sampled"][key]
+    assert said != claimed
+    assert said == pytest.approx(proved, rel=0.02)  # found anew, from other pair weights

@@ -107,3 +107,65 @@ def test_other_c_is_refused(folder):
     assert code == 1
     assert not answer["certified"]
     assert "src/arm2.c is not the C that is generated" in answer["error"]["message"]
+
+
+def certify_design(content: dict, folder: Path) -> tuple[int, dict]:
+    place = folder / "design.json"
+    place.write_text(json.dumps(content))
+    result = CliRunner().invoke(app, ["certify", str(place), "--json"])
+    return result.exit_code, json.loads(result.stdout)
+
+
+@pytest.fixture
+def design(root: Path) -> dict:
+    return json.loads((root / "generated" / "flexible_joint_arms" / "design.json").read_text())
+
+
+def test_a_design_file_alone_is_certified_as_it_will_ship(design, tmp_path):
+    code, answer = certify_design(design, tmp_path)
+    assert code == 0
+    assert answer["proof"] == "exact", "of the continuous controllers"
+    assert answer["sampled"]["certified"]
+    assert answer["sampled"]["proof"] == "ball"
+    assert answer["sampled"]["period"] == 0.005
+    assert 0.033 < answer["sampled"]["max_period"] < 0.0338
+
+
+def test_without_its_witnesses_they_are_found_anew_and_say_more_of_noise(design, tmp_path):
+    claims = {"certified": True, "period": 0.005, "max_period": None}
+    code, answer = certify_design({**design, "sampled": claims}, tmp_path)
+    assert code == 0
+    # At constant slopes the gain from the errors of all differences is 48.5, and these are up to 4.9 errors long.
+    assert 48.4 * 4.89 < answer["sampled"]["residual_rms_per_message_error"] < 400
+    assert answer["sampled"]["residual_per_message_error"] < 1500
+    assert answer["sampled"]["rho"] < 1.02 * answer["rho"]
+
+
+@pytest.mark.parametrize("claimed", [True, False])
+def test_a_period_too_long_fails_the_file_that_claims_it(design, tmp_path, claimed):
+    design["problem"]["controller"]["period"] = 0.1
+    design["sampled"]["certified"] = claimed
+    code, answer = certify_design(design, tmp_path)
+    assert code == (1 if claimed else 0)
+    assert answer["ok"] is not claimed
+    assert answer["certified"], "the continuous claim is untouched"
+    assert not answer["sampled"]["certified"]
+    assert answer["sampled"]["period"] == 0.1
+    assert 0.033 < answer["sampled"]["max_period"] < 0.0338
+    assert ("error" in answer) is claimed
+
+
+def test_a_smaller_sampled_rho_than_is_proved_is_refused(design, tmp_path):
+    design["sampled"]["rho"] = 3.3
+    code, answer = certify_design(design, tmp_path)
+    assert code == 1
+    assert "claims rho = 3.3 of the sampled loop" in answer["error"]["message"]
+    assert answer["sampled"]["rho"] > 3.344
+
+
+def test_gains_with_a_sign_flipped_fail_both(design, tmp_path):
+    design["gains"][0]["D"][0][0] *= -1
+    code, answer = certify_design(design, tmp_path)
+    assert code == 1
+    assert not answer["certified"]
+    assert not answer["sampled"]["certified"]

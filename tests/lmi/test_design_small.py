@@ -41,7 +41,11 @@ def checked(made: Design) -> Design:
     stored = parse(json.loads(json.dumps(document(made))), "memory")
     assert certify(stored).certified
     blocks = [{letter: getattr(made.gains, letter)[i] for letter in "ABCD"} for i in range(made.gains.N)]
-    assert Twin(made.network.plant, made.network.graph.adjacency, blocks).holds(made.claim, made.certificate)
+    if (
+        made.network.coordinates == "orthonormal"
+    ):  # the twin's metric: V and rho of rows of L are other numbers
+        twin = Twin(made.network.plant, made.network.graph.adjacency, blocks)
+        assert twin.holds(made.claim, made.certificate)
     if made.problem.design.method == "certified":
         assert max(made.gains.norms) <= made.problem.design.gain_limit
     floor = made.figures.get("floor")
@@ -68,10 +72,6 @@ def test_the_largest_alpha_of_the_scalar_loop() -> None:
     assert made.certificate.rho == 1.0
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="reported: `stabilise` gets stuck where the random start sits on the kink of its limit",
-)
 def test_a_gain_limit_that_is_too_small_says_how_far_it_reaches() -> None:
     """2 d = 0.6 < 1 = alpha: alpha up to 0.6 is reachable, and no further."""
     with pytest.raises(Infeasible) as error:

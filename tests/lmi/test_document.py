@@ -71,12 +71,6 @@ def judged(file: Any) -> Verdict | None:
         return None
 
 
-def known_to_fail(path: tuple[Any, ...], value: Any) -> bool:
-    """Reported: integers beyond the doubles in [design.weights]; ends of a domain so far out that 2 pi is lost there."""
-    number = isinstance(value, int | float) and not (isinstance(value, float) and not math.isfinite(value))
-    return number and abs(value) > 1e15 and ("weights" in path or "domain" in path)
-
-
 def test_the_file_itself_is_certified() -> None:
     verdict = judged(FILE)
     assert verdict is not None
@@ -86,7 +80,8 @@ def test_the_file_itself_is_certified() -> None:
 def test_the_round_trip_keeps_everything() -> None:
     stored = parse(FILE, "memory")
     again = parse(json.loads(json.dumps(FILE)), "memory")
-    assert stored.problem.document() == again.problem.document() == FILE["problem"]
+    asked = {**FILE["problem"], "design": {**FILE["problem"]["design"], "gains": FILE["gains"]}}
+    assert stored.problem.document() == again.problem.document() == asked
     assert stored.problem.document()["agent"]["domain"] == {"a": [-1.0, None]}
     assert stored.alpha == FILE["alpha"]
     assert dict(stored.fragility) == FILE["fragility"]
@@ -137,21 +132,17 @@ def test_a_file_without_a_certificate_is_read_and_not_certified() -> None:
 
 @settings(max_examples=80, deadline=None)
 @given(st.sampled_from(PLACES), st.sampled_from(BAD))
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # reported: 1e308 overflows in the filter of `definite`
 def test_any_value_anywhere_is_an_answer_and_never_another_exception(
     path: tuple[Any, ...], value: Any
 ) -> None:
-    if not known_to_fail(path, value):
-        judged(replaced(path, value))
+    judged(replaced(path, value))
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_every_value_everywhere() -> None:
     for path in PLACES:
         for value in BAD:
-            if not known_to_fail(path, value):
-                judged(replaced(path, value))
+            judged(replaced(path, value))
 
 
 @settings(max_examples=40, deadline=None)
@@ -232,9 +223,6 @@ def test_json_s_strangers_are_no_numbers(tmp_path: Path) -> None:
     assert read(path).alpha == FILE["alpha"]
 
 
-@pytest.mark.xfail(
-    strict=True, raises=ValueError, reason="reported: integers of more than 4300 digits end in a ValueError"
-)
 def test_an_integer_of_five_thousand_digits_is_bad_input(tmp_path: Path) -> None:
     path = tmp_path / "design.json"
     path.write_text('{"format": ' + "1" * 5000 + "}", encoding="utf-8")
@@ -242,13 +230,11 @@ def test_an_integer_of_five_thousand_digits_is_bad_input(tmp_path: Path) -> None
         load_json(path)
 
 
-@pytest.mark.xfail(strict=True, raises=OverflowError, reason="reported: `_weight` of the schema overflows")
 def test_a_weight_beyond_the_doubles_is_bad_input() -> None:
     with pytest.raises(ProblemError):
         parse(replaced(("problem", "design", "weights", "state"), 10**400), "here.json")
 
 
-@pytest.mark.xfail(strict=True, reason="reported: of two equal keys the last one counts, silently")
 def test_a_key_given_twice_is_bad_input(tmp_path: Path) -> None:
     path = tmp_path / "design.json"
     path.write_text(json.dumps(FILE)[:-1] + ', "rho": 1e9}', encoding="utf-8")
@@ -256,9 +242,6 @@ def test_a_key_given_twice_is_bad_input(tmp_path: Path) -> None:
         read(path)
 
 
-@pytest.mark.xfail(
-    strict=True, raises=ValueError, reason="reported: `reduce_to_period` keeps less than a period far from 0"
-)
 def test_a_domain_far_from_0_has_the_slopes_of_any_other() -> None:
     """cos takes every value in [-1, 1] on a >= 2^70, where the next double is 2^18 away: alpha = 1, not 0.06."""
     verdict = judged(replaced(("problem", "agent", "domain", "a", 0), 2.0**70))

@@ -163,9 +163,6 @@ def test_every_start_of_an_easy_problem_leads_somewhere() -> None:
     assert all(from_start(loop, weights, 10.0, 0, index).fraction > 0 for index in range(4))
 
 
-@pytest.mark.xfail(
-    strict=True, reason="reported: rounding to six digits may leave the gain limit, by up to 1e-5 of it"
-)
 def test_short_gains_stay_within_the_limit() -> None:
     for seed in range(50):
         K = np.random.default_rng(seed).standard_normal((2, 2, 3))

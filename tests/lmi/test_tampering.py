@@ -82,6 +82,9 @@ def twin_says(file: dict[str, Any]) -> bool:
         Q=np.eye(2) * weights["controller"],
         delta=[delta] * N,
     )
+    asked = table["design"].get("fragility", dict.fromkeys("ABCD", 0.0))
+    if any(own < asked[letter] for own, letter in zip(delta, "ABCD", strict=True)):
+        return False  # less than the file's own problem asks for
     found = file["certificate"]
     ways = N * sum(d > 0 for d in delta)
     if len(found["t"]) != ways:

@@ -1,4 +1,11 @@
-"""`lockstep certify`: the independent checker."""
+"""`lockstep certify`: the independent checker.
+
+Of a design file it proves the continuous controllers, and the sampled, rounded ones that would ship. The exit status is
+1 where a claim of the file fails: the continuous one, or the sampled one (that it is certified, its rho) if the file
+makes it; max_period is computed anew. A file that says itself that its sampled controllers are not certified claims
+nothing of them and keeps status 0, though the answer says it all the same. Of a folder it proves the C in it, which
+claims both: either failing is status 1.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -37,7 +44,45 @@ def _certify(path: Path) -> Answer:
         verdict = certify(stored)
         if is_generated(path):
             return _with_folder(path, content, stored, verdict)
-    return Answer(certificate_document(content, stored, verdict), _table(stored, verdict), verdict.certified)
+        return _with_design(content, stored, verdict)
+
+
+def _with_design(content: dict[str, Any], stored: "Stored", verdict: "Verdict") -> Answer:
+    """Certify a design file alone: its gains, and the controllers they are sampled and rounded to."""
+    from lockstep.codegen.sampled_certificate import certify_sampled_design
+
+    held = certify_sampled_design(stored, content)
+    sampled, document = held.document(), certificate_document(content, stored, verdict)
+    broken = broken_claim(content, sampled)
+    if verdict.certified and broken:
+        document |= _not_certified(broken, held.verdict.figures)
+    holds = verdict.certified and not broken
+    document |= {"ok": holds, "sampled": sampled}
+    return Answer(document, _table(stored, verdict, {"sampled": sampled_text(sampled)}), holds)
+
+
+def broken_claim(content: Mapping[str, Any], proved: Mapping[str, Any]) -> str | None:
+    """Say which claim of a design file about its sampled controllers does not hold; None if all do, or none is made.
+
+    >>> broken_claim({"sampled": {"certified": True, "rho": 2.0}}, {"certified": True, "rho": 3.0})
+    'the file claims rho = 2 of the sampled loop, but 3 is proved'
+    >>> broken_claim({"sampled": {"certified": False}}, {"certified": False})
+    """
+    claimed = content.get("sampled")
+    if not isinstance(claimed, Mapping) or claimed.get("certified") is not True:
+        return None
+    if not proved["certified"]:
+        return str(proved["reason"])
+    rho = claimed.get("rho")
+    if isinstance(rho, int | float) and (proved["rho"] is None or rho < proved["rho"]):
+        found = "none" if proved["rho"] is None else f"{proved['rho']:g}"
+        return f"the file claims rho = {rho:g} of the sampled loop, but {found} is proved"
+    return None
+
+
+def _not_certified(reason: str, figures: Mapping[str, Any]) -> dict[str, Any]:
+    error = {"kind": "NotCertified", "message": reason, "figures": dict(figures)}
+    return {"error": error, "reason": reason}
 
 
 def is_generated(path: Path) -> bool:
@@ -56,12 +101,7 @@ def _with_folder(path: Path, content: dict[str, Any], stored: "Stored", verdict:
     certified = verdict.certified and sampled.certified
     document = certificate_document(content, stored, verdict)
     if verdict.certified and not sampled.certified:
-        document["error"] = {
-            "kind": "NotCertified",
-            "message": sampled.reason,
-            "figures": dict(sampled.figures),
-        }
-        document["reason"] = sampled.reason
+        document |= _not_certified(sampled.reason, sampled.figures)
     document |= {
         "ok": verdict.certified and folder.ok,
         "certified": certified,
@@ -96,7 +136,6 @@ def certificate_document(content: dict[str, Any], stored: "Stored", verdict: "Ve
         "reason": verdict.reason,
         "scope": verdict.scope,
         "margin": verdict.margin,
-        "sampled": {"certified": False, "period": stored.problem.controller.period, "max_period": None},
         **claims,
     }
 

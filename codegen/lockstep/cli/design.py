@@ -1,6 +1,6 @@
 """`lockstep design`: gains and certificate."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,32 +23,56 @@ def _design(path: Path, output: Path | None, jobs: int | None) -> Answer:
     check_writable(output)
     problem = load_problem(path)
     with of_file(path), progress_display() as tell:
-        found = design(problem, jobs=jobs, progress=tell)
-        tell("proving the sampled controllers", 0.95)
-        content = sampled_too(document(found))
+        content = sampled_too(document(design(problem, jobs=jobs, progress=tell)), tell)
     if output is not None:
         write_text(output, to_json(content) + "\n")
     return Answer(content, summary(content))
 
 
-def sampled_too(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a design with what is proved of its controllers sampled and rounded, as a reader of the file sees it."""
+def sampled_too(
+    content: Mapping[str, Any], tell: Callable[[str, float], None] = lambda _what, _part: None
+) -> dict[str, Any]:
+    """Return a design with what is proved of its controllers sampled and rounded, as a reader of the file sees it.
+
+    Where the period is too long for the continuous design, or the problem asks for it, gains are designed for the
+    sampled loop instead; where that fails, the continuous design is kept and `sampled` says why.
+    """
     import json
 
     from lockstep.cli.files import DESIGN_NAME
+    from lockstep.codegen.for_the_period import designed_for_period, is_asked, obstacle
     from lockstep.codegen.sampled_certificate import with_sampled
     from lockstep.lmi.document import parse
+    from lockstep.model.errors import Infeasible
 
     plain: dict[str, Any] = json.loads(to_json(content))
-    return with_sampled(plain, parse(plain, DESIGN_NAME))
+    stored = parse(plain, DESIGN_NAME)
+    tell("proving the sampled controllers", 0.95)
+    plain = with_sampled(plain, stored)
+    if plain["sampled"]["certified"] and not is_asked(stored.problem):
+        return plain
+    found = obstacle(stored)
+    if found is None:
+        try:
+            made = designed_for_period(plain, stored, lambda part: tell("designing for the period", part))
+        except Infeasible as error:
+            found = str(error)
+        else:
+            again: dict[str, Any] = json.loads(to_json(made))
+            return again
+    return {**plain, "sampled": {**plain["sampled"], "not_designed_for_period": found}}
 
 
 def sampled_text(sampled: Mapping[str, Any]) -> str:
     """Return in a line what is proved of the sampled controllers."""
     longest = sampled.get("max_period")
     reach = f"; certified up to {longest:g} s" if longest else ""
+    failed = sampled.get("not_designed_for_period")
+    reach += f"; not designed for the period: {failed}" if failed else ""
     if sampled["certified"]:
-        return f"yes, every {sampled['period']:g} s, rounding included, proof: {sampled['proof']}{reach}"
+        gain = f", rho {sampled['rho']:.6g}" if sampled.get("rho") else ""
+        made = ", designed for it" if sampled.get("designed_for_period") else ""
+        return f"yes, every {sampled['period']:g} s{made}{gain}, rounding included, proof: {sampled['proof']}{reach}"
     return f"NO: {sampled.get('reason') or 'not looked at'}{reach}"
 
 

@@ -3,6 +3,7 @@
 Both sides meet here: `lockstep.lmi.sampled` proves and knows no C, this layer samples, rounds and reads.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +33,10 @@ from lockstep.lmi.sampled.inequality import Witness
 from lockstep.lmi.sampled.loop import sampled_loop
 from lockstep.lmi.sampled.performance import proves_rho
 from lockstep.model.assembly import bound_of, network_of
-from lockstep.model.errors import NotCertified, ProblemError
+from lockstep.model.errors import BoundNotProved, NotCertified, ProblemError
+
+FOR_PERIOD = "designed_for_period"
+"""Of `sampled`: that the gains were designed for the sampled loop, not for the continuous one."""
 
 
 @dataclass(frozen=True)
@@ -80,11 +84,12 @@ def certify_folder(folder: Path, stored: Stored, content: Mapping[str, Any]) -> 
         return FolderVerdict(refused, None, None, tuple(differences))
     differences += _differences(read, manifest, period)
     network, controllers = network.at(period), tuple(one.controller for one in read)
-    verdict = certify_sampled(network, controllers, _guess(stored), witness=witness_in(content))
+    guess = _guess(stored, content)
+    verdict = certify_sampled(network, controllers, guess, witness=witness_in(content))
     if not verdict.certified:
         return FolderVerdict(verdict, None, None, tuple(differences))
     rho = proved_rho(stored, network, controllers, content)
-    return FolderVerdict(verdict, longest_period(stored, network), rho, tuple(differences))
+    return FolderVerdict(verdict, longest_period(stored, network, guess), rho, tuple(differences))
 
 
 def certify_texts(
@@ -98,7 +103,8 @@ def certify_texts(
     ]
     controllers = tuple(one.controller for one in read)
     network = sampled_network(stored, _period(read, manifest))
-    return certify_sampled(network, controllers, _guess(stored), witness=witness_in(content)), controllers
+    guess = _guess(stored, content)
+    return certify_sampled(network, controllers, guess, witness=witness_in(content)), controllers
 
 
 def with_sampled(
@@ -109,38 +115,111 @@ def with_sampled(
 ) -> dict[str, Any]:
     """Return a design file's content with what is proved of its sampled controllers; as it was if it says so already.
 
+    Nothing that the file says of them is believed: its witnesses are put to the proof again, its longest period too.
+
     Args:
         content: the design as JSON types;  stored: the same, parsed.
         verdict: what is known of the controllers;  controllers: these; by default they are sampled, rounded and proved
             here.
     """
-    verdict = certify_design(stored, content) if verdict is None else verdict
-    before, now = witness_in(content), verdict.witness
-    if now is not None and before is not None and before.document() == now.document():
-        return dict(content)
-    network = sampled_network(stored, verdict.period)
-    rho = proved_rho(stored, network, controllers or sampled_controllers(stored, verdict.period), content)
-    rho = rho if verdict.certified else None
-    return {**content, "sampled": sampled_document(verdict, longest_period(stored, network), rho)}
-
-
-def certify_design(stored: Stored, content: Mapping[str, Any] | None = None) -> SampledVerdict:
-    """Prove what the C of a design will compute: its gains sampled and rounded as `emit` does.
-
-    The counts of roundings are those of full rows; C that skips zeros rounds less often.
-    """
     network = sampled_network(stored, stored.problem.controller.period)
-    controllers = sampled_controllers(stored, network.period)
-    return certify_sampled(network, controllers, _guess(stored), witness=witness_in(content or {}))
+    if verdict is None:
+        controllers = sampled_controllers(stored, network.period)
+        verdict = certify_sampled(network, controllers, _guess(stored, content), witness=witness_in(content))
+    network = network.at(verdict.period)
+    controllers = controllers or sampled_controllers(stored, verdict.period)
+    rho = proved_rho(stored, network, controllers, content) if verdict.certified else None
+    guess = _guess(stored, content)
+    longest = _longest_stated(stored, network, guess, content) or longest_period(stored, network, guess)
+    said = content.get("sampled")
+    kept = (
+        {key: value for key, value in said.items() if key == FOR_PERIOD} if isinstance(said, Mapping) else {}
+    )
+    return {**content, "sampled": {**sampled_document(verdict, longest, rho), **kept}}
 
 
-def longest_period(stored: Stored, network: Network) -> SampledVerdict | None:
+def _longest_stated(
+    stored: Stored, network: Network, guess: Any, content: Mapping[str, Any]
+) -> SampledVerdict | None:
+    """Return the verdict at the period that a design file states as its longest, if it is proved there."""
+    said = content.get("sampled")
+    period = said.get("max_period") if isinstance(said, Mapping) else None
+    if not isinstance(period, int | float) or not 0 < period < math.inf or witness_in(content) is None:
+        return None
+    try:
+        controllers = sampled_controllers(stored, float(period))
+    except ProblemError:
+        return None
+    verdict = certify_sampled(network.at(float(period)), controllers, guess, thorough=False)
+    return verdict if verdict.certified else None
+
+
+@dataclass(frozen=True)
+class HeldVerdict:
+    """What is proved of a design's gains as they would be sampled and rounded.
+
+    verdict: at the period asked for;  longest: at the largest period certified;  rho: the disturbance gain, if proved.
+    """
+
+    verdict: SampledVerdict
+    longest: SampledVerdict | None
+    rho: SampledRho | None
+
+    def document(self) -> dict[str, Any]:
+        """Return the contract's `sampled`, without witnesses."""
+        longest = None if self.longest is None else self.longest.period
+        return {
+            **self.verdict.document(),
+            "max_period": longest,
+            "rho": None if self.rho is None else self.rho.rho,
+        }
+
+
+def certify_sampled_design(stored: Stored, content: Mapping[str, Any]) -> HeldVerdict:
+    """Prove what the C of a design file will compute, with the witnesses in it or new ones.
+
+    Its gains are sampled and rounded as `emit` does. The counts of roundings are those of full rows; C that skips
+    zeros rounds less often.
+    """
+    period, delay = stored.problem.controller.period, stored.problem.controller.delay
+    try:
+        network = sampled_network(stored, period)
+    except BoundNotProved as error:
+        return HeldVerdict(SampledVerdict(False, str(error), period, delay), None, None)
+    return certify_held(stored, network, _guess(stored, content), content)
+
+
+def certify_held(
+    stored: Stored, network: Network, guess: Any, content: Mapping[str, Any] | None = None
+) -> HeldVerdict:
+    """Prove the sampled controllers of a design with pair weights to start from.
+
+    Args:
+        stored: the design;  network: its agents, at the period asked for.
+        guess: pair weights, in the scale that goes with rho.
+        content: the design as JSON types: its witnesses are tried first.
+    """
+    content = content or {}
+    try:
+        controllers = sampled_controllers(stored, network.period)
+    except ProblemError as error:
+        return HeldVerdict(SampledVerdict(False, str(error), network.period, network.delay), None, None)
+    verdict = certify_sampled(network, controllers, guess, witness=witness_in(content))
+    rho = proved_rho(stored, network, controllers, content, guess) if verdict.certified else None
+    return HeldVerdict(verdict, longest_period(stored, network, guess), rho)
+
+
+def longest_period(stored: Stored, network: Network, guess: Any) -> SampledVerdict | None:
     """Return the verdict at the largest period certified for a design's gains, or None."""
-    return max_period(network, lambda period: sampled_controllers(stored, period), _guess(stored))
+    return max_period(network, lambda period: sampled_controllers(stored, period), guess)
 
 
 def proved_rho(
-    stored: Stored, network: Network, controllers: tuple[HeldController, ...], content: Mapping[str, Any]
+    stored: Stored,
+    network: Network,
+    controllers: tuple[HeldController, ...],
+    content: Mapping[str, Any],
+    guess: Any = None,
 ) -> SampledRho | None:
     """Return a proved rho of the sampled loop: that of the design file if its witness holds, else a new one."""
     problem = stored.problem
@@ -148,7 +227,7 @@ def proved_rho(
     known = _rho_in(content)
     if known is not None and proves_rho(sampled_loop(network, controllers), weights, known):
         return known
-    return sampled_rho(network, controllers, weights, _guess(stored))
+    return sampled_rho(network, controllers, weights, _guess(stored, content) if guess is None else guess)
 
 
 def _rho_in(content: Mapping[str, Any]) -> SampledRho | None:
@@ -163,10 +242,15 @@ def _rho_in(content: Mapping[str, Any]) -> SampledRho | None:
 def sampled_document(
     verdict: SampledVerdict, longest: SampledVerdict | None, rho: SampledRho | None
 ) -> dict[str, Any]:
-    """Return the contract's `sampled`, with the witness: who reads it proves it again."""
+    """Return the contract's `sampled`, with the witness: who reads it proves it again.
+
+    Figures of the search (a spectral radius, a gain around phi) tell why a proof fails; beside one that holds they are
+    left out, being computed and not proved.
+    """
     witness = verdict.witness
+    searched = verdict.figures if verdict.certified else {}
     return {
-        **verdict.document(),
+        **{key: value for key, value in verdict.document().items() if key not in searched},
         "max_period": None if longest is None else longest.period,
         "rho": None if rho is None else rho.rho,
         "witness": None if witness is None else witness.document(),
@@ -212,7 +296,11 @@ def sampled_controllers(stored: Stored, period: float) -> tuple[HeldController, 
     return tuple(controllers)
 
 
-def _guess(stored: Stored) -> Any:
+def _guess(stored: Stored, content: Mapping[str, Any]) -> Any:
+    """Return pair weights to start from: those that proved rho of the sampled loop, else the continuous ones."""
+    known = _rho_in(content)
+    if known is not None and len(known.witness.m) == stored.gains.N * (stored.gains.N - 1) // 2:
+        return known.witness.m
     return stored.certificate.m if isinstance(stored.certificate, Certificate) else None
 
 

@@ -12,13 +12,13 @@
  *   input  u[0]      u in V
  *   neighbour 0      arm1, weight a = 1.0, bit 0x1 of `received`
  *   arithmetic       float32 (float), round to nearest, subnormals kept, no contraction
- *   design           9bc0fbd9dc38e85d92e66a34cea3cf109ad91751cf0606238c2994a3eab49f47
+ *   design           0e7f126af6e841d5ac7bbc78defcc4a0f5247fd66ca474cfda2295df3b5ff078
  *
  * WHAT IS CLAIMED
  *   certified (proof: ball)
  *   proved = all agents come to agree, between the samples too, under these float32 controllers stepped every 0.005 s with u held, every rounding of a step counted
  *   assumes = the agents obey their model with slopes up to alpha; all step at one instant; every message arrives; u acts at once and unclipped; no step overflows
- *   remains = at the sampling instants, in the end, a distance of the states from agreement of up to 2.4e+06 times the largest error of a message (root mean square: 7.7e+04 times); rounding a message to float32 errs by 6.0e-08 of its size
+ *   remains = at the sampling instants, in the end, a distance of the states from agreement of up to 1.1e+03 times the largest error of a message (root mean square: 3.1e+02 times); rounding a message to float32 errs by 6.0e-08 of its size
  *   scope = global
  *   rho = 3.344
  *   alpha = 3.33

@@ -2,29 +2,25 @@
 
 It imports no solver and believes nothing but the problem: the agent's matrices are derived again from its
 equations, alpha is proved again in interval arithmetic, the inequality is built again over the rationals, and
-an exact decision is made. What a reader has to trust is this file, `decide`, `inequality`, `definite`, for method
-`modal` `modes` and `symmetric`, and the model layer under them.
+an exact decision is made. What a reader has to trust is this file, `asked`, `scope`, `decide`, `inequality`,
+`definite`, for method `modal` `modes` and `symmetric`, and the model layer under them.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
+from lockstep.lmi.asked import shortfalls
 from lockstep.lmi.decide import decide
 from lockstep.lmi.definite import Definiteness
 from lockstep.lmi.document import Stored
 from lockstep.lmi.inequality import Claim
 from lockstep.lmi.modes import ModalCertificate, decide_modes
+from lockstep.lmi.scope import Scope, scope_of
 from lockstep.model.assembly import bound_of, network_of
-from lockstep.model.checks.nonlinearity import holds_everywhere
 from lockstep.model.errors import BoundNotProved
-
-Scope = Literal["global", "local"]
-
-SECONDS_FOR_SCOPE = 2.0
-"""How long it is tried to show that a bound proved on a box holds everywhere; without success the scope is local."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +67,11 @@ def certify(stored: Stored) -> Verdict:
         answer = decide(loop, stored.gains.blocks, claim, c)
     if not answer.positive:
         return _refused(answer)
-    scope: Scope = "global" if holds_everywhere(agent, bound, seconds=SECONDS_FOR_SCOPE) else "local"
-    return Verdict(True, f"P > 0 and F < 0, decided exactly ({answer.method})", scope, answer.margin)
+    short = list(shortfalls(stored))
+    if short:
+        return Verdict(False, f"the file claims less than its problem asks for: {'; '.join(short)}")
+    reason = f"P > 0 and F < 0, decided exactly ({answer.method})"
+    return Verdict(True, reason, scope_of(agent, bound), answer.margin)
 
 
 def _refused(answer: Definiteness) -> Verdict:

@@ -1,4 +1,10 @@
-"""The proof: whether P > 0, m >= 0, t >= 0 and F < 0, decided exactly for the numbers as they stand."""
+"""The proof: whether P > 0, m >= 0, t >= 0 and F < 0, decided exactly for the numbers as they stand.
+
+R and Q belong to the claim, and with an R that is not positive definite V' + x_d'R x_d < 0 says nothing of x_d: they
+are decided as well, not only looked at in doubles when the problem is read.
+"""
+
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +18,7 @@ from lockstep.model.numbers import exactly
 def decide(
     exact_loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim, certificate: Certificate
 ) -> Definiteness:
-    """Decide exactly whether P > 0, m >= 0, t >= 0 and F < 0: the whole proof, for these very numbers."""
+    """Decide exactly whether R > 0, Q > 0, P > 0, m >= 0, t >= 0 and F < 0: the whole proof, for these very numbers."""
     for weights in (certificate.m, certificate.t):
         if np.any(weights < 0):
             unit = -np.eye(len(weights))[int(np.argmin(weights))]
@@ -26,5 +32,8 @@ def decide(
         return Definiteness(
             False, f"P is not symmetric at ({i + 1}, {j + 1})", float("nan"), unit, float(skew[i, j])
         )
-    P = decide_positive_definite(exactly(certificate.P))
-    return P if not P.positive else decide_positive_definite(-F_matrix(exact_loop, gains, claim, certificate))
+    for name, matrix in (("R", claim.R), ("Q", claim.Q), ("P", certificate.P)):
+        answer = decide_positive_definite(exactly(matrix))
+        if not answer.positive:
+            return replace(answer, method=f"{answer.method}, M = {name}")
+    return decide_positive_definite(-F_matrix(exact_loop, gains, claim, certificate))

@@ -43,13 +43,15 @@ class Definiteness:
 
 
 def decide_positive_definite(matrix: Shaped[np.ndarray, "n n"]) -> Definiteness:
-    """Decide M > 0 for a symmetric object array of rationals.
+    """Decide M > 0 for a symmetric object array of rationals; a matrix without rows is.
 
     >>> decide_positive_definite(exactly(np.array([[2.0, 1.0], [1.0, 1.0]]))).positive
     True
     >>> decide_positive_definite(exactly(np.array([[1.0, 1.0], [1.0, 1.0]]))).positive
     False
     """
+    if not len(matrix):
+        return Definiteness(True, "no rows", np.inf)
     for i in range(len(matrix)):
         if matrix[i, i] <= 0:
             unit = np.eye(len(matrix))[i]

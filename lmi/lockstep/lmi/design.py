@@ -11,6 +11,7 @@ Whatever the method, gains count as certified only by the last step.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ import numpy as np
 from lockstep.lmi.inequality import Certificate, Claim
 from lockstep.lmi.modes import ModalCertificate
 from lockstep.lmi.rounding import prove, short_gains
+from lockstep.lmi.scope import Scope, scope_of
+from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import bound_of, network_of
 from lockstep.model.bound import Bound
 from lockstep.model.errors import NotCertified, ProblemError
@@ -50,6 +53,11 @@ class Design:
         """Whether a certificate was proved exactly."""
         return self.certificate is not None
 
+    @cached_property
+    def scope(self) -> Scope | None:
+        """Where the certificate holds: "global", or "local" where its bound was proved on [agent.domain] only."""
+        return scope_of(self.network.agent, self.bound) if self.certified else None
+
 
 def design(problem: Problem, *, jobs: int | None = None, progress: Progress | None = None) -> Design:
     """Design or take the gains of a problem and prove them.
@@ -65,7 +73,11 @@ def design(problem: Problem, *, jobs: int | None = None, progress: Progress | No
         Infeasible: no gains were found; the figures say how far the search came.
         NotCertified: the gains are there but not certified; the figures carry them and the audit.
     """
-    tell = progress or (lambda _what, _part: None)
+    with one_thread():
+        return _designed(problem, jobs, progress or (lambda _what, _part: None))
+
+
+def _designed(problem: Problem, jobs: int | None, tell: Progress) -> Design:
     problem.validate()
     tell("proving the bound of the nonlinearity", 0.0)
     bound = proved_bound(problem)

@@ -6,6 +6,7 @@ the IEEE double it denotes, and that double is taken exactly.
 
 import json
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ from lockstep.model.problem import Problem
 
 FORMAT = "lockstep-design/1"
 MODAL = "modal"
+GIVEN = "given"
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ def document(design: Design) -> dict[str, Any]:
         "proof": "exact" if design.certified else "none",
         "rho": None if c is None else c.rho,
         "alpha": design.claim.alpha,
+        "scope": design.scope,
         "fragility": design.problem.fragility,
         "coordinates": design.network.coordinates,
         "gains": [
@@ -55,8 +58,15 @@ def document(design: Design) -> dict[str, Any]:
         "certificate": None if c is None else _witnesses(c, design.network.graph.N),
         "sampled": {"certified": False, "period": design.problem.controller.period, "max_period": None},
         "figures": design.figures,
-        "problem": design.problem.document(),
+        "problem": _problem_part(design.problem),
     }
+
+
+def _problem_part(problem: Problem) -> dict[str, Any]:
+    """Return the problem; gains that are given are left to the `gains` of the file, where all gains are."""
+    table = problem.document()
+    table["design"].pop("gains", None)
+    return table
 
 
 def _witnesses(c: Certificate | ModalCertificate, N: int) -> dict[str, Any]:
@@ -96,7 +106,7 @@ def parse(content: Any, where: str) -> Stored:
             remedy="give a file written by `lockstep design`",
         )
     try:
-        problem = Problem.from_document(_part(content, "problem", dict))
+        problem = Problem.from_document(_with_given_gains(content))
     except ProblemError as error:
         raise error.within(where) from None
     try:
@@ -110,6 +120,15 @@ def parse(content: Any, where: str) -> Stored:
         )
     except ProblemError as error:
         raise error.within(where) from None
+
+
+def _with_given_gains(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the problem of a file, with the file's gains for a method that takes gains and does not repeat them."""
+    table: dict[str, Any] = _part(content, "problem", dict)
+    asked = table.get("design")
+    if not isinstance(asked, dict) or asked.get("method") != GIVEN or "gains" in asked:
+        return table
+    return {**table, "design": {**asked, "gains": _part(content, "gains", list)}}
 
 
 def _gains(content: Mapping[str, Any], problem: Problem) -> Gains:
@@ -136,17 +155,34 @@ def _fragility(content: Mapping[str, Any]) -> dict[str, float]:
 
 
 def load_json(path: Path) -> Any:
-    """Read a JSON file; NaN and infinities, which JSON does not have, are read as NaN and refused later."""
+    """Read a JSON file; NaN and infinities, which JSON does not have, are read as NaN and refused later.
+
+    Raises:
+        ProblemError: not there, not readable, not JSON, a key given twice, or a number of thousands of digits.
+    """
     try:
-        return json.loads(path.read_text(encoding="utf-8"), parse_constant=lambda _name: math.nan)
+        text = path.read_text(encoding="utf-8")
+        return json.loads(text, parse_constant=lambda _name: math.nan, object_pairs_hook=_object)
+    except ProblemError as error:
+        raise error.within(str(path)) from None
     except FileNotFoundError:
         raise ProblemError("there is no such file", where=str(path)) from None
     except (OSError, UnicodeDecodeError) as error:
         raise ProblemError(f"it cannot be read ({error})", where=str(path)) from None
-    except (json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
+        # Python refuses whole numbers of more than 4300 digits with a plain ValueError.
         raise ProblemError(
             f"it is not JSON ({error})", where=str(path), expected="a file written by `lockstep design`"
         ) from None
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object of JSON, each key of which is given once: of two values one would be ignored silently."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
+        raise ProblemError(f"the key `{twice}` is given twice", expected="each key once")
+    return found
 
 
 def _part(content: Mapping[str, Any], key: str, kind: type) -> Any:

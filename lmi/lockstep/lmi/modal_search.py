@@ -18,15 +18,15 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.bmi import (
-    BARRIER_START,
+from lockstep.lmi.factored import (
     FACTOR_FLOOR,
-    _diagonal,
-    _factor,
-    _factor_residual,
-    _symmetric,
-    _triangle,
-    _unit_diagonal,
+    diagonal,
+    factor,
+    factor_residual,
+    ipopt,
+    symmetric,
+    triangle,
+    unit_diagonal,
 )
 from lockstep.lmi.inequality import Claim
 from lockstep.lmi.modal_witness import Witness, witness
@@ -88,17 +88,17 @@ class ModalProgram:
         self.phi = int(modes.plant.G.shape[1])
         k, n_C = modes.size, modes.order
         sizes = {
-            "P": self.count * _triangle(k),
-            "P_mean": _triangle(n_C),
+            "P": self.count * triangle(k),
+            "P_mean": triangle(n_C),
             "K": self.shape[0] * self.shape[1],
             "mu": 1,
             "sigma": 1,
             "f": 1,
             "shift": 1,
-            "L_F": 2 * self.count * _triangle(k + self.phi),
-            "L_P": self.count * _triangle(k),
-            "L_m": 2 * _triangle(n_C),
-            "L_K": _triangle(min(self.shape)),
+            "L_F": 2 * self.count * triangle(k + self.phi),
+            "L_P": self.count * triangle(k),
+            "L_m": 2 * triangle(n_C),
+            "L_K": triangle(min(self.shape)),
         }
         self.s = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
         marks = np.cumsum([0, *sizes.values()])
@@ -133,10 +133,8 @@ class ModalProgram:
 
     @cached_property
     def _Ps(self) -> list[ca.SX]:
-        size = _triangle(self.modes.size)
-        return [
-            _symmetric(self.s["P"][i * size : (i + 1) * size], self.modes.size) for i in range(self.count)
-        ]
+        size = triangle(self.modes.size)
+        return [symmetric(self.s["P"][i * size : (i + 1) * size], self.modes.size) for i in range(self.count)]
 
     @cached_property
     def _conditions(self) -> list[ca.SX]:
@@ -157,7 +155,7 @@ class ModalProgram:
                 found.append(-top)
         found += self._Ps
         if modes.order:
-            P = _symmetric(s["P_mean"], modes.order)
+            P = symmetric(s["P_mean"], modes.order)
             A_C = self._K[: modes.order, : modes.order] - s["shift"] * ca.DM.eye(modes.order)
             found += [P, -(P @ A_C + A_C.T @ P + ca.DM(claim.Q))]
         square = self._K @ self._K.T if self.shape[0] <= self.shape[1] else self._K.T @ self._K
@@ -173,8 +171,8 @@ class ModalProgram:
             factors, scale = ca.vertcat(*[self.s[name] for name in ("L_F", "L_P", "L_m", "L_K")]), []
             residuals, place = [], 0
             for M in self._conditions:
-                D, size = ca.SX.sym("D", M.shape[0]), _triangle(M.shape[0])
-                residuals.append(_factor_residual(factors[place : place + size], ca.diag(D) @ M @ ca.diag(D)))
+                D, size = ca.SX.sym("D", M.shape[0]), triangle(M.shape[0])
+                residuals.append(factor_residual(factors[place : place + size], ca.diag(D) @ M @ ca.diag(D)))
                 scale.append(D)
                 place += size
             goals = {"rho": ca.log(self.s["sigma"]), "claim": -ca.log(self.s["f"]), "shift": self.s["shift"]}
@@ -184,17 +182,7 @@ class ModalProgram:
                 "g": ca.vertcat(*residuals),
                 "p": ca.vertcat(*scale),
             }
-            options: Any = {
-                "ipopt.max_iter": iterations,
-                "ipopt.print_level": 0,
-                "ipopt.sb": "yes",
-                "print_time": False,
-                "ipopt.mu_strategy": "monotone",
-                "ipopt.mu_init": BARRIER_START,
-                "ipopt.tol": 1e-5,
-                "ipopt.acceptable_tol": 1e-4,
-            }
-            self._solvers[aim, iterations] = ca.nlpsol("modal", "ipopt", program, options)
+            self._solvers[aim, iterations] = ipopt("modal", program, iterations)
         return self._solvers[aim, iterations]
 
     def _guess(self, point: "Point") -> tuple[Float[np.ndarray, " x"], Float[np.ndarray, " D"]]:
@@ -204,8 +192,8 @@ class ModalProgram:
         P_mean = start.P_mean[np.triu_indices(self.modes.order)]
         scalars = [max(start.mu, 1e-8), 1.1 * start.sigma, point.f, point.shift]
         values = [np.array(M) for M in _listed(self._values(P, P_mean, K.ravel(), *scalars))]
-        scales = [_unit_diagonal(M) for M in values]
-        factors = [_factor(M * np.outer(D, D)) for M, D in zip(values, scales, strict=True)]
+        scales = [unit_diagonal(M) for M in values]
+        factors = [factor(M * np.outer(D, D)) for M, D in zip(values, scales, strict=True)]
         return np.concatenate([P, P_mean, K.ravel(), scalars, *factors]), np.concatenate(scales)
 
     def _bounds(self, point: "Point", aim: Aim) -> tuple[Float[np.ndarray, " x"], Float[np.ndarray, " x"]]:
@@ -220,10 +208,10 @@ class ModalProgram:
             upper[self.place["sigma"]] = 100.0 * point.witness.sigma
         place = self.place["L_F"].start
         for k, M in enumerate(self._conditions):
-            lower[place + np.array(_diagonal(M.shape[0]), dtype=int)] = (
+            lower[place + np.array(diagonal(M.shape[0]), dtype=int)] = (
                 FACTOR_FLOOR if k < 2 * self.count else 1e-4
             )
-            place += _triangle(M.shape[0])
+            place += triangle(M.shape[0])
         return lower, upper
 
 

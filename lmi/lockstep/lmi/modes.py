@@ -19,7 +19,7 @@ rho^2 = sigma max w / min w.
 The matrix is affine in lambda: with one P on a segment its two ends suffice, whatever N is.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -178,7 +178,7 @@ def check_covered(network: Network, claim: Claim) -> Metric:
 
 
 def decide_modes(network: Network, gains: Gains, claim: Claim, certificate: ModalCertificate) -> Definiteness:
-    """Decide exactly whether a certificate proves its rho for identical gains: the whole proof.
+    """Decide exactly whether a certificate proves its rho for identical gains: the whole proof, R > 0 and Q > 0 included.
 
     Raises:
         ProblemError: the problem does not split into modes, or the gains differ.
@@ -190,6 +190,10 @@ def decide_modes(network: Network, gains: Gains, claim: Claim, certificate: Moda
         )
     if c.mu < 0:
         return Definiteness(False, "sign of mu", c.mu, value=c.mu)
+    for name, weight in (("R", claim.R), ("Q", claim.Q)):
+        answer = decide_positive_definite(exactly(weight))
+        if not answer.positive:
+            return replace(answer, method=f"{answer.method}, M = {name}")
     ends = c.ends
     answer = decide_spectrum(network.graph, known, ends[0], ends[-1])
     modes = Modes(network.plant.in_numbers(True), gains.order)

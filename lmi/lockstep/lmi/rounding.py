@@ -23,6 +23,13 @@ need be."""
 GAIN_DIGITS = 6
 """Significant decimals of designed gains: people read them, and a certificate is found for them as rounded."""
 
+ROOM_FOR_ROUNDING = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1)
+"""What is taken off a gain limit before rounding, the first that suffices: an entry moves by up to 5e-6 of the largest
+one, a norm by as much times the root of the number of entries."""
+
+NORM_ERROR = 1e-12
+"""Relative error of a norm in doubles, generously: the checker decides the limit exactly."""
+
 FEWEST_DIGITS, MOST_DIGITS = 3, 15
 
 
@@ -59,10 +66,18 @@ def short_gains(K: Float[np.ndarray, "N k l"], gain_limit: float) -> Float[np.nd
     """Round gains to short decimals, staying within the limit on each block's spectral norm."""
     largest = max(float(np.abs(K).max()), 1e-300)
     places = GAIN_DIGITS - 1 - math.floor(math.log10(largest))
-    room = gain_limit * (1 - 1e-6)
-    norms = [float(np.linalg.norm(block, 2)) for block in K]
-    within = [block * min(1.0, room / norm) if norm else block for block, norm in zip(K, norms, strict=True)]
-    return np.round(np.stack(within), places) + 0.0
+    return np.stack([_short_block(block, gain_limit, places) for block in K])
+
+
+def _short_block(K: Float[np.ndarray, "k l"], limit: float, places: int) -> Float[np.ndarray, "k l"]:
+    """Round one agent's gains; where rounding takes them beyond the limit, they are made smaller first."""
+    norm = float(np.linalg.norm(K, 2))
+    for part in ROOM_FOR_ROUNDING:
+        scale = min(1.0, limit * (1 - part) / norm) if norm else 1.0
+        short = np.round(K * scale, places) + 0.0
+        if np.linalg.norm(short, 2) <= limit * (1 - NORM_ERROR):
+            return np.asarray(short)
+    return np.zeros_like(K)
 
 
 def prove(network: Network, gains: Gains, claim: Claim, *, rho: float | None = None) -> Certificate:

@@ -6,6 +6,7 @@ from typing import Any
 
 from lockstep.lmi.inequality import Claim
 from lockstep.lmi.start import Outcome, from_start
+from lockstep.lmi.threads import one_thread
 from lockstep.model.loop import Loop
 
 
@@ -38,21 +39,17 @@ def search(
     tell = tell or (lambda _part: None)
     tell(0.0)
     tasks = (delayed(_single_threaded)(loop, claim, gain_limit, seed, index, rho) for index in range(starts))
-    best: Outcome | None = None
-    for done, outcome in enumerate(Parallel(n_jobs=workers, return_as="generator")(tasks), start=1):
-        tell(done / starts)
-        if best is None or _rank(outcome) < _rank(best):
-            best = outcome
-    if best is None:
+    outcomes: list[Outcome] = []
+    for outcome in Parallel(n_jobs=workers, return_as="generator")(tasks):
+        outcomes.append(outcome)
+        tell(len(outcomes) / starts)
+    if not outcomes:
         raise ValueError("a search needs at least one start")
-    return best
+    return min(outcomes, key=_rank)
 
 
 def _single_threaded(*arguments: Any) -> Outcome:
-    """Run a start with one thread of linear algebra: sums then have one order, whatever process they are in."""
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(1):
+    with one_thread():
         return from_start(*arguments)
 
 
@@ -60,4 +57,5 @@ def _rank(outcome: Outcome) -> tuple[float, float, float, float, int]:
     """Order outcomes from best to worst: the largest alpha where that was the aim, then rho, then how far it got."""
     certified = outcome.certificate is not None
     last = outcome.history[-1] if outcome.history else float("inf")
-    return (-outcome.alpha if certified else 0.0, outcome.rho, -outcome.fraction, last, outcome.index)
+    part = max(outcome.fraction, outcome.claimed)
+    return (-outcome.alpha if certified else 0.0, outcome.rho, -part, last, outcome.index)

@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 
 from lockstep.lmi.inequality import Certificate, Claim
+from lockstep.lmi.limits import SETTLED, largest_alpha_of_any_controller, static_gains_cannot_stabilise
+from lockstep.lmi.reach import largest_fraction
 from lockstep.lmi.rounding import prove, short_gains
 from lockstep.lmi.search import search
 from lockstep.lmi.start import Outcome
+from lockstep.lmi.threads import one_thread
 from lockstep.model.errors import Infeasible, NotCertified
-from lockstep.model.loop import Gains
+from lockstep.model.loop import Gains, Loop
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 
@@ -32,11 +35,14 @@ def searched(
     """Search, round, prove.
 
     Raises:
-        Infeasible: no start led to gains for the claim; the figures say what is reachable.
+        Infeasible: no gains exist, which some problems show without a search, or no start led to gains for the claim;
+            the figures say what is reachable.
         NotCertified: gains were found, and their certificate did not survive the exact check.
     """
     table = problem.design
     rho = table.rho if table.objective == "alpha" else None
+    tell("looking for limits of any controller", 0.0)
+    refuse_the_impossible(problem, network, claim)
     best = search(
         network.loop(problem.order),
         claim,
@@ -48,7 +54,8 @@ def searched(
         tell=lambda part: tell("searching for gains", part),
     )
     if best.K is None or best.certificate is None:
-        raise _nothing(problem, claim, best)
+        tell("looking for what is reachable", 1.0)
+        raise _nothing(problem, network.loop(problem.order), claim, best)
     tell("proving the certificate", 0.0)
     if rho is not None:
         # 0.01 % is left to rounding; the proved alpha of the agent itself stays below.
@@ -79,37 +86,74 @@ def without_idle_parts(gains: Gains, network: Network) -> Gains:
     return Gains.from_blocks(blocks, gains.order)
 
 
-def _nothing(problem: Problem, claim: Claim, best: Outcome) -> Infeasible:
+def refuse_the_impossible(problem: Problem, network: Network, claim: Claim) -> None:
+    """Refuse what no gains can do, before any search.
+
+    Raises:
+        Infeasible: a static gain that cannot stabilise, or an alpha beyond what any controller carries.
+    """
+    if problem.order == 0 and static_gains_cannot_stabilise(network):
+        bound = float(np.trace(network.plant.A)) / network.agent.n
+        raise Infeasible(
+            "no stabilising gains of order 0 exist: C B = 0, so none of them moves the mean of the modes from Re s ="
+            f" {bound:.3g}; raise [design] order to 1 or more, or measure more",
+            abscissa=bound,
+        )
+    most = largest_alpha_of_any_controller(network)
+    if claim.alpha > most * (1 + SETTLED):
+        raise Infeasible(
+            f"no controllers of any order, however connected, carry alpha = {claim.alpha:.6g}: {most:.6g} is the most"
+            " that one agent with a controller of its own full order carries; lower alpha (a smaller domain, centred"
+            " slopes), or measure or actuate more",
+            alpha=claim.alpha,
+            reachable_alpha=most,
+        )
+
+
+def _nothing(problem: Problem, loop: Loop, claim: Claim, best: Outcome) -> Infeasible:
     """Say what stands in the way, and what to relax."""
     table = problem.design
     asked = f"order {problem.order}, gain_limit {table.gain_limit:g}, {table.starts} starts"
     if best.fraction == 0:
-        if best.abscissa >= 0:
-            return Infeasible(
-                f"no stabilising gains were found ({asked}): the slowest mode of the best loop stays at Re s ="
-                f" {best.abscissa:.3g}; raise [design] order or gain_limit, or measure more",
-                abscissa=best.abscissa,
-            )
-        return Infeasible(
-            f"stable gains were found ({asked}) but none with a certificate, even for a thousandth of alpha ="
-            f" {claim.alpha:.6g}; raise [design] order, gain_limit or starts",
-            abscissa=best.abscissa,
-            alpha=claim.alpha,
-        )
-    if best.fraction < 1:
-        delta = " and delta" if claim.delta.any() else ""
-        return Infeasible(
-            f"no gains were found ({asked}) that carry alpha = {claim.alpha:.6g}; {best.fraction:.3g} of it{delta} is"
-            f" reachable: alpha = {best.fraction * claim.alpha:.6g}; lower alpha (a smaller domain, centred slopes), or"
-            " raise order, gain_limit or starts",
-            alpha=claim.alpha,
-            fraction=best.fraction,
-            reachable_alpha=best.fraction * claim.alpha,
-            reachable_delta=(best.fraction * claim.delta[0]).tolist(),
-        )
+        return _nothing_at_all(asked, claim, best)
+    if best.nearest is not None:
+        return _part_only(asked, loop, claim, best)
     reached = best.history[-1]
     return Infeasible(
         f"rho = {table.rho:g} was not reached ({asked}): {reached:.6g} was; raise rho, order, gain_limit or starts",
         rho=table.rho,
         reachable_rho=reached,
+    )
+
+
+def _nothing_at_all(asked: str, claim: Claim, best: Outcome) -> Infeasible:
+    if best.abscissa >= 0:
+        return Infeasible(
+            f"no stabilising gains were found ({asked}): the slowest mode of the best loop stays at Re s ="
+            f" {best.abscissa:.3g}; raise [design] order or gain_limit, or measure more",
+            abscissa=best.abscissa,
+        )
+    return Infeasible(
+        f"stable gains were found ({asked}) but none with a certificate, even for a thousandth of alpha ="
+        f" {claim.alpha:.6g}; raise [design] order, gain_limit or starts",
+        abscissa=best.abscissa,
+        alpha=claim.alpha,
+    )
+
+
+def _part_only(asked: str, loop: Loop, claim: Claim, best: Outcome) -> Infeasible:
+    """Certify how far the nearest gains carry."""
+    if best.nearest is None:
+        raise ValueError("the outcome has no gains")
+    with one_thread():
+        part = largest_fraction(loop, best.nearest, claim, best.fraction)
+    delta = " and delta" if claim.delta.any() else ""
+    return Infeasible(
+        f"no gains were found ({asked}) that carry alpha = {claim.alpha:.6g}; {part:.3g} of it{delta} is reachable:"
+        f" alpha = {part * claim.alpha:.6g}; lower alpha (a smaller domain, centred slopes), or raise order,"
+        " gain_limit or starts",
+        alpha=claim.alpha,
+        fraction=part,
+        reachable_alpha=part * claim.alpha,
+        reachable_delta=(part * claim.delta[0]).tolist(),
     )

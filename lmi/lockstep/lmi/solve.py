@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 SOLVED = ("optimal", "optimal_inaccurate")
 """Statuses that come with numbers worth checking; neither is believed."""
 
+REFUSED = ("infeasible", "infeasible_inaccurate")
+"""Statuses with a proof, to the solver's accuracy, that there is nothing to find."""
+
 UNITS = (1.0, 1e2, 1e4)
 """P grows like rho^2 as alpha comes near what the gains can carry; the solver wants numbers near one."""
 
@@ -87,8 +90,8 @@ def least_rho(loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim) -> Ce
     if balanced is None:
         return None
     for unit in UNITS:
-        found = _least(balanced, unit)
-        if found is not None:
+        found, refused = _least(balanced, unit)
+        if found is not None or refused:
             return found
     return None
 
@@ -175,21 +178,24 @@ def balance(form: AffineF) -> Balanced | None:
     )
 
 
-def _least(b: Balanced, unit: float) -> Certificate | None:
-    """Minimise rho^2 with P, w in multiples of `unit`: F is homogeneous in (P, w, F_0)."""
+def _least(b: Balanced, unit: float) -> tuple[Certificate | None, bool]:
+    """Minimise rho^2 with P, w in multiples of `unit`: F is homogeneous in (P, w, F_0).
+
+    Return the certificate, or None and whether the solver shows that there is none, so that no unit would help.
+    """
     import cvxpy as cp
 
     n_x = len(b.L)
     P, w = cp.Variable((n_x, n_x), symmetric=True), cp.Variable(len(b.norms))
     F = _expression(b, P, w, unit)
     conditions = [P >> 0, F << 0] + ([w[:-1] >= 0] if len(b.norms) > 1 else [])
-    if not run(cp.Problem(cp.Minimize(w[-1]), conditions)) or P.value is None or w.value is None:
-        return None
+    problem = cp.Problem(cp.Minimize(w[-1]), conditions)
+    if not run(problem) or P.value is None or w.value is None:
+        return None, problem.status in REFUSED
     if float(np.linalg.eigvalsh(F.value)[-1]) > ACCEPTED * max(1.0, np.abs(F.value).max()):
-        return None
-    return b.certificate(
-        unit * P.value, unit * w.value, float(np.sqrt(max(unit * w.value[-1] / b.norms[-1], 0.0)))
-    )
+        return None, False
+    rho = float(np.sqrt(max(unit * w.value[-1] / b.norms[-1], 0.0)))
+    return b.certificate(unit * P.value, unit * w.value, rho), False
 
 
 def _expression(b: Balanced, P: "cp.Variable", w: "cp.Variable", unit: float) -> "cp.Expression":

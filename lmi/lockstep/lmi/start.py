@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.bmi import BilinearProgram, Limits, Point
+from lockstep.lmi.bmi import BilinearProgram, Limits, Point, within
 from lockstep.lmi.inequality import Certificate, Claim
 from lockstep.lmi.inner import inner_step
-from lockstep.lmi.reach import largest_alpha, largest_fraction
+from lockstep.lmi.reach import largest_alpha
 from lockstep.lmi.solve import least_rho
 from lockstep.lmi.stabilise import abscissa as abscissa_of
 from lockstep.lmi.stabilise import stabilise
@@ -24,6 +24,9 @@ failed one."""
 STUCK = 1.2
 """A climb whose fractions do not grow by this factor in one run is given up."""
 
+UNPROVED = 1 - 1e-9
+"""The fraction of alpha^2 of gains that the nonlinear program says carry all of it, but no certificate does."""
+
 WORTHWHILE = 0.01
 """A run that lowers rho by less than this part of it is the last."""
 
@@ -33,7 +36,9 @@ class Outcome:
     """What one start came to: gains with an (unproved) certificate for the full claim, or how far it got.
 
     fraction: the part of alpha and delta that has a certificate, 1 for the full claim;  abscissa: of the stabilised
-    loop;  history: rho after each run;  alpha: the largest one reached, where that was the aim.
+    loop;  history: rho after each run;  alpha: the largest one reached, where that was the aim;  nearest: where the
+    full claim was not reached, the gains that came nearest, and `claimed` the part they carry by the nonlinear
+    program's own word: only the best start's is worth a certificate.
     """
 
     index: int
@@ -43,6 +48,8 @@ class Outcome:
     abscissa: float
     history: tuple[float, ...] = ()
     alpha: float = 0.0
+    nearest: Float[np.ndarray, "N k l"] | None = None
+    claimed: float = 0.0
 
     @property
     def rho(self) -> float:
@@ -64,9 +71,10 @@ def from_start(
     shape = (loop.d.N, loop.U[0].shape[1], loop.Y[0].shape[0])
     # The size of the start is drawn too: small gains suit loops that are nearly stable, larger ones those
     # that are not.
-    first = _within(generator.choice([0.5, 1.0, 2.0]) * generator.standard_normal(shape), 0.8 * gain_limit)
+    # Inside the limit of the descent, not on it: from a kink the slope of one side leads nowhere.
+    first = within(generator.choice([0.5, 1.0, 2.0]) * generator.standard_normal(shape), 0.5 * gain_limit)
     K, _ = stabilise(loop, first, 0.8 * gain_limit)
-    K = _within(K, 0.9 * gain_limit)
+    K = within(K, 0.9 * gain_limit)
     abscissa = abscissa_of(loop, K)[0]
     point = _first_point(loop, K, claim)
     if point is None:
@@ -74,16 +82,14 @@ def from_start(
     program = BilinearProgram(loop, claim, gain_limit)
     fraction = point.alpha_fraction**0.5
     if fraction < 1:
-        point, fraction = _climb(loop, claim, program, point)
-        if fraction < 1:
-            return Outcome(index, None, None, fraction, abscissa)
+        climbed = _climb(loop, claim, program, point)
+        if climbed.alpha_fraction < 1:
+            parts = [climbed.alpha_fraction, *([climbed.delta_fraction] if program.ways else [])]
+            claimed = min(parts) ** 0.5
+            return Outcome(index, None, None, fraction, abscissa, nearest=climbed.K, claimed=claimed)
+        point = climbed
     reached = _descend(loop, claim, program, point, index, abscissa, stop_at=rho)
     return reached if rho is None else _raise_alpha(loop, claim, program, reached, rho)
-
-
-def _within(K: Float[np.ndarray, "N k l"], limit: float) -> Float[np.ndarray, "N k l"]:
-    """Scale each agent's gains down to the limit."""
-    return np.stack([block * min(1.0, limit / max(float(np.linalg.norm(block, 2)), 1e-300)) for block in K])
 
 
 def _first_point(loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim) -> Point | None:
@@ -94,23 +100,21 @@ def _first_point(loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim) -> Poi
     return None
 
 
-def _climb(loop: Loop, claim: Claim, program: BilinearProgram, point: Point) -> tuple[Point, float]:
-    """Raise the fractions of alpha^2 and delta^2 to 1; return the point and the certified fraction."""
-    first, known = point, point.alpha_fraction**0.5
+def _climb(loop: Loop, claim: Claim, program: BilinearProgram, point: Point) -> Point:
+    """Raise the fractions of alpha^2 and delta^2 to 1; return where it ends: with fractions of 1 only if certified."""
     rho_most = 10.0 * point.certificate.rho
     for _ in range(CLIMBS):
         trial = program.improve(point, "claim", Limits(150, rho_most))
         found = least_rho(loop, trial.K, claim)
         if found is not None:
-            return Point(trial.K, found), 1.0
-        stuck = (
-            trial.alpha_fraction * trial.delta_fraction < STUCK * point.alpha_fraction * point.delta_fraction
-        )
-        point = trial
-        if stuck:
+            return Point(trial.K, found)
+        trial = replace(trial, alpha_fraction=min(trial.alpha_fraction, UNPROVED))
+        before, after = (p.alpha_fraction * p.delta_fraction for p in (point, trial))
+        if after > before:
+            point = trial
+        if after < STUCK * before:
             break
-    parts = [largest_fraction(loop, K, claim, known) for K in (first.K, point.K)]
-    return point, max(parts)
+    return point
 
 
 def _descend(
@@ -136,7 +140,7 @@ def _descend(
         history.append(point.certificate.rho)
         if point.certificate.rho > (1 - WORTHWHILE) * before or point.certificate.rho <= (stop_at or 0.0):
             break
-    return Outcome(index, point.K, point.certificate, 1.0, abscissa, tuple(history))
+    return Outcome(index, point.K, point.certificate, 1.0, abscissa, tuple(history), claimed=1.0)
 
 
 def _raise_alpha(loop: Loop, claim: Claim, program: BilinearProgram, reached: Outcome, rho: float) -> Outcome:

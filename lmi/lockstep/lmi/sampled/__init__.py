@@ -5,10 +5,15 @@ lifting      one period of the agents with their nonlinearity, as a matrix of th
 conjugate    why that matrix exists: no conjugate point within the period
 loop         the sampled loop in disagreement coordinates, with every way in for an error
 inequality   the dissipation inequality of that loop, in doubles or in balls
-search       witnesses for it, in doubles
+search       the multiplier under which the gain around the nonlinearity is small, in doubles
+storage      the inequality as a Riccati inequality in P, and the two ends of its solutions, in doubles
+candidates   witnesses for it, those that pass little noise on first, in doubles
 certify      the proof, and what it says
 performance  the same with a disturbance: rho of the sampled loop
 period       the largest period that is certified
+program      gains and both certificates, sampled and continuous, as a nonlinear program
+factors      definiteness as equations, for that program
+direct       design for the period: strides of it, and continuation in the period
 """
 
 from lockstep.lmi.sampled.certify import SampledVerdict, certify_sampled

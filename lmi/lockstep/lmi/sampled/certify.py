@@ -6,7 +6,7 @@
     proof       no conjugate point in the period, P > 0 and W > 0 for these very numbers, in ball arithmetic
 
 What a reader has to trust is this file, `inequality`, `loop`, `lifting`, `conjugate` and `balls`, the model layer under
-them, and FLINT; not `search`.
+them, and FLINT; not `search`, `storage` and `candidates`.
 """
 
 import math
@@ -19,12 +19,13 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.lmi.sampled import balls
+from lockstep.lmi.sampled.candidates import candidates
 from lockstep.lmi.sampled.conjugate import no_conjugate_point
 from lockstep.lmi.sampled.controller import HeldController, Network
 from lockstep.lmi.sampled.inequality import W_matrix, Witness, metric, multiplier
 from lockstep.lmi.sampled.lifting import Lifted, copies, lift
 from lockstep.lmi.sampled.loop import SampledLoop, sampled_loop
-from lockstep.lmi.sampled.search import best_multiplier, candidates, spectral_radius
+from lockstep.lmi.sampled.search import best_multiplier, spectral_radius
 from lockstep.model.disagreement import Disagreement
 from lockstep.model.loop import Plant
 from lockstep.model.numbers import as_floats, exactly
@@ -130,14 +131,18 @@ def first_guess(d: Disagreement, guess: Float[np.ndarray, " pairs"] | None) -> F
 
 def in_doubles(network: Network, controllers: tuple[HeldController, ...]) -> SampledLoop:
     """Return the loop in doubles, for the search."""
+    return sampled_loop(
+        Network(*plant_in_doubles(network), network.alpha, network.period, network.delay), controllers
+    )
+
+
+def plant_in_doubles(network: Network) -> tuple[Plant, Disagreement]:
+    """Return the agents and the coordinates in doubles."""
     p, d = network.plant, network.d
     plant = Plant(
         as_floats(p.A), tuple(as_floats(B) for B in p.B), as_floats(p.C), as_floats(p.G), as_floats(p.H)
     )
-    coordinates = Disagreement(*(as_floats(M) for M in (d.T, d.right, d.S, d.L, d.L_r)))
-    return sampled_loop(
-        Network(plant, coordinates, network.alpha, network.period, network.delay), controllers
-    )
+    return plant, Disagreement(*(as_floats(M) for M in (d.T, d.right, d.S, d.L, d.L_r)))
 
 
 def lifted_agent(loop: SampledLoop) -> Lifted:
@@ -170,7 +175,7 @@ def proves(exact_loop: SampledLoop, one: Lifted, witness: Witness) -> bool:
     """
     if not witness.fits(exact_loop) or np.any(witness.m < 0) or np.any(witness.t < 0):
         return False
-    if not (0 < witness.decay < 1 and witness.weight >= 0 and witness.kappa >= 0):
+    if not (0 < witness.decay < 1 and witness.weight >= 0 and min(witness.kappa, witness.kappa_mu) >= 0):
         return False
     if not np.array_equal(witness.P, witness.P.T) or not balls.is_positive_definite(exactly(witness.P)):
         return False
@@ -201,9 +206,8 @@ def _accepted(
 ) -> SampledVerdict:
     """State what follows, rounded up by far more than these few operations lose."""
     messages = ROUNDED_UP * math.hypot(*(one.message_noise(1.0) for one in controllers))
-    lost = math.hypot(
-        *(one.message_noise(0.0) for one in controllers), *(one.underflow for one in controllers)
-    )
+    lost = witness.ultimate * math.hypot(*(one.message_noise(0.0) for one in controllers))
+    lost += witness.ultimate_mu * math.hypot(*(one.underflow for one in controllers))
     return SampledVerdict(
         True,
         "no conjugate point in the period, P > 0 and W > 0, decided in ball arithmetic",
@@ -213,7 +217,7 @@ def _accepted(
         witness.decay,
         witness.ultimate * messages,
         witness.rms * messages,
-        ROUNDED_UP * witness.ultimate * lost,
+        ROUNDED_UP * lost,
         tuple(dict(one.deltas) for one in controllers),
         witness,
         figures,

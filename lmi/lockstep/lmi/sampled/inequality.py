@@ -4,12 +4,12 @@ With the matrices of `loop` on z = (xi, e) and one lifted period (A_d, S, Q) of 
 
     xi+ = N z + J w_d,    N = [A_d start; advanced],   J = [I; 0],
 
-    W = [ Z - start' Q start    N' P           ]      Z = diag(decay P - weight D, t_j I, kappa I)
+    W = [ Z - start' Q start    N' P           ]      Z = diag(decay P - weight D, t_j I, kappa I, kappa_mu I)
         [ P N                   P - P J S J' P ] > 0,     - sum_j t_j delta_j^2 Y_j' Y_j,
 
 P > 0, m >= 0, t >= 0 prove, for V = xi' P xi, every nonlinearity with incremental bound alpha and every Delta_j,
 
-    V(xi+) < decay V(xi) - weight x_d' (S (x) I) x_d + kappa (|nu|^2 + |mu|^2)
+    V(xi+) < decay V(xi) - weight x_d' (S (x) I) x_d + kappa |nu|^2 + kappa_mu |mu|^2
 
 from one sampling instant to the next, whenever z != 0; D = diag(S (x) I, 0), S here the metric of x_d.
 
@@ -34,14 +34,15 @@ from lockstep.lmi.sampled.loop import SampledLoop
 from lockstep.model.disagreement import Disagreement
 from lockstep.model.numbers import Matrix, Vector, converter, is_exact, zeros
 
-NUMBERS = ("decay", "kappa", "weight", "ratio")
+NUMBERS = ("decay", "kappa", "weight", "ratio", "kappa_mu")
 
 
 @dataclass(frozen=True, eq=False)
 class Witness:
-    """P (n_xi, n_xi), m >= 0 for each pair of agents, t >= 0 for each way, and the four numbers of the claim.
+    """P (n_xi, n_xi), m >= 0 for each pair of agents, t >= 0 for each way, and the numbers of the claim.
 
-    ratio: c with x_d' (S (x) I) x_d <= c V, which turns what is known of V into a distance from consensus.
+    kappa: what |nu|^2, the messages' noise, counts;  kappa_mu: what |mu|^2 does, that of underflow;  ratio: c with
+    x_d' (S (x) I) x_d <= c V, which turns what is known of V into a distance from consensus.
     """
 
     P: Float[np.ndarray, "n_xi n_xi"]
@@ -51,16 +52,22 @@ class Witness:
     kappa: float
     weight: float = 0.0
     ratio: float = math.inf
+    kappa_mu: float = math.inf
 
     @property
     def rms(self) -> float:
-        """The gain from the noise to the distance from consensus, both as root mean squares over all instants."""
+        """The gain from nu to the distance from consensus, both as root mean squares over all instants."""
         return math.sqrt(self.kappa / self.weight) if self.weight > 0 else math.inf
 
     @property
     def ultimate(self) -> float:
-        """The ultimate distance from consensus per length of the noise: sqrt(c kappa / (1 - decay))."""
+        """The ultimate distance from consensus per length of nu: sqrt(c kappa / (1 - decay))."""
         return math.sqrt(self.ratio * self.kappa / (1 - self.decay)) if self.decay < 1 else math.inf
+
+    @property
+    def ultimate_mu(self) -> float:
+        """The same per length of mu."""
+        return math.sqrt(self.ratio * self.kappa_mu / (1 - self.decay)) if self.decay < 1 else math.inf
 
     def document(self) -> dict[str, Any]:
         """Return the witness as plain JSON types."""
@@ -72,7 +79,9 @@ class Witness:
         """Return the witness that `document` wrote down; None for anything else: it is only ever a candidate."""
         try:
             P, m, t = (np.array(content[name], dtype=float) for name in ("P", "m", "t"))
-            witness = cls(P, m, t, *(float(content[name]) for name in NUMBERS))
+            # Files written before mu had a number of its own counted it like nu.
+            numbers = {"kappa_mu": content["kappa"], **content}
+            witness = cls(P, m, t, *(float(numbers[name]) for name in NUMBERS))
         except (TypeError, KeyError, ValueError, OverflowError):
             return None
         finite = all(np.isfinite(part).all() for part in (P, m, t, [getattr(witness, n) for n in NUMBERS]))
@@ -112,12 +121,15 @@ def stored_matrix(loop: SampledLoop, witness: Witness, running: Matrix | None = 
     """Return Z; `running` is a cost of z at each sampling instant, if there is one."""
     number = converter(is_exact(loop.held))
     P, t = number(witness.P), number(witness.t)
-    decay, kappa, weight = number(np.array([witness.decay, witness.kappa, witness.weight]))
+    decay, weight, kappa, kappa_mu = number(
+        np.array([witness.decay, witness.weight, witness.kappa, witness.kappa_mu])
+    )
     Z = zeros(loop.n_z, loop.n_z, loop.held)
     Z[: loop.n_xi, : loop.n_xi] = decay * P
     Z[: loop.n_d, : loop.n_d] = Z[: loop.n_d, : loop.n_d] - weight * metric(loop)
-    for k in range(loop.noise.start, loop.noise.stop):
-        Z[k, k] = kappa
+    for place, cost in ((loop.messages, kappa), (loop.underflows, kappa_mu)):
+        for k in range(place.start, place.stop):
+            Z[k, k] = cost
     for weight, way in zip(t, loop.ways, strict=True):
         delta = number(np.array([way.delta]))[0]
         for k in range(way.place.start, way.place.stop):

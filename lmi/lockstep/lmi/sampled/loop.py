@@ -38,7 +38,7 @@ class SampledLoop:
 
     n_d: length of x_d;  n_xi: length of xi;  into: (n, k), through which the inputs reach one agent;  held: what v
     of all copies is during the next period;  advanced: the rest of xi after it;  ways: the coefficient errors;
-    noise: the columns of nu and mu.
+    seen: (x_C, r) of each agent;  messages: the columns of nu;  underflows: those of mu, next to them.
     """
 
     network: Network
@@ -48,7 +48,14 @@ class SampledLoop:
     held: Matrix
     advanced: Matrix
     ways: tuple[Way, ...]
-    noise: slice
+    seen: tuple[Matrix, ...]
+    messages: slice
+    underflows: slice
+
+    @property
+    def noise(self) -> slice:
+        """The columns of nu and mu."""
+        return slice(self.messages.start, self.underflows.stop)
 
     @property
     def n_z(self) -> int:
@@ -85,7 +92,9 @@ def sampled_loop(network: Network, controllers: tuple[HeldController, ...]) -> S
         spread @ applied,
         np.vstack([states, u]) if network.delay else states,
         layout.ways,
-        slice(layout.first_noise, layout.n_z),
+        tuple(layout.received(i) for i in range(len(controllers))),
+        slice(layout.first_noise, layout.first_underflow),
+        slice(layout.first_underflow, layout.n_z),
     )
 
 
@@ -107,8 +116,11 @@ class _Layout:
         self.first_noise = place
         for i, one in enumerate(controllers):
             self.places[i, "nu"] = slice(place, place + q * len(one.sources))
-            self.places[i, "mu"] = slice(place + q * len(one.sources), place + q * len(one.sources) + n_C + m)
-            place += q * len(one.sources) + n_C + m
+            place += q * len(one.sources)
+        self.first_underflow = place
+        for i in range(N):
+            self.places[i, "mu"] = slice(place, place + n_C + m)
+            place += n_C + m
         self.n_z = place
         self.number = converter(is_exact(network.plant.A))
         self.ways = tuple(
@@ -148,14 +160,17 @@ class _Layout:
             rows[k * self.q : (k + 1) * self.q, : self.n_d] = np.kron(across[None, :], self.network.plant.C)
         return rows
 
+    def received(self, i: int) -> Matrix:
+        """Return (x_C, r) of agent i, r = sum_j d_ij."""
+        d, r = self.differences(i), zeros(self.q, self.n_z, self.network.plant.A)
+        for k in range(len(self.controllers[i].sources)):
+            r = r + d[k * self.q : (k + 1) * self.q]
+        return np.vstack([self._state(i), r])
+
     def agent_rows(self, i: int) -> Matrix:
         """Return (x_C+, u) of agent i."""
-        one, n_C = self.controllers[i], self.n_C
-        table, d = self.number(one.table), self.differences(i)
-        r = zeros(self.q, self.n_z, self.network.plant.A)
-        for k in range(len(one.sources)):
-            r = r + d[k * self.q : (k + 1) * self.q]
-        rows: Matrix = table @ np.vstack([self._state(i), r]) + self._select(self.places[i, "mu"])
+        n_C, table = self.n_C, self.number(self.controllers[i].table)
+        rows: Matrix = table @ self.received(i) + self._select(self.places[i, "mu"])
         for letter in LETTERS:
             if (i, letter) in self.places:
                 part = slice(0, n_C) if letter in "AB" else slice(n_C, None)

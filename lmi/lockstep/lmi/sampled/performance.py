@@ -20,26 +20,41 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.lmi.sampled import balls
+from lockstep.lmi.sampled.candidates import MU, ROUNDINGS
 from lockstep.lmi.sampled.certify import first_guess, in_doubles, squares
 from lockstep.lmi.sampled.conjugate import no_conjugate_point
 from lockstep.lmi.sampled.controller import HeldController, Network
-from lockstep.lmi.sampled.inequality import W_matrix, Witness, multiplier, step_matrix
+from lockstep.lmi.sampled.inequality import W_matrix, Witness, multiplier
 from lockstep.lmi.sampled.lifting import Lifted, lift
 from lockstep.lmi.sampled.loop import SampledLoop, sampled_loop
-from lockstep.lmi.sampled.riccati import smallest_storage
-from lockstep.lmi.sampled.search import Room, fitted, padded
+from lockstep.lmi.sampled.storage import (
+    StorageProblem,
+    distance_ratio,
+    holds_in_doubles,
+    in_exact_arithmetic,
+    no_prices,
+    rounding_prices,
+    storage_problem,
+)
 from lockstep.model.numbers import Matrix, converter, eye, is_exact, zeros
 
 EVALUATIONS = 40
 """Multipliers tried in the search for the least rho; those of the continuous certificate are a good start."""
 
-HALVINGS = 14
+RESOLUTION = 5e-5
+"""Of log10 rho."""
 
-SLACKS = (2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2, 0.5)
+SLACKS = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2, 0.5)
 """How far above the least rho found the proof is tried: what rounding needs depends on the gains."""
 
-ROOMS = tuple((a, b) for a in (1e-6, 1e-3, 1e-2, 0.1) for b in (1e-6, 1e-3, 1e-2, 0.1))
-"""What is left to the rounding: parts of the decay, and of a weight of one on every state."""
+ROOM = 1e-4
+"""The part of the running cost, and of the linear loop's decay, that is kept so that the inequality is strict."""
+
+SQUARE = 1e-9
+"""How far below zero, relatively, an eigenvalue of a square may come out in doubles."""
+
+PRICE = 1e8
+"""What the messages' noise counts in the search, relative to the lifted cost: as good as nothing gets in."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +67,7 @@ class Weights:
 
 @dataclass(frozen=True, eq=False)
 class SampledRho:
-    """A rho of the sampled loop that was proved in ball arithmetic, and its witness (decay 1, no weight, no ratio)."""
+    """A rho of the sampled loop that was proved in ball arithmetic, and its witness (decay 1, no weight)."""
 
     rho: float
     witness: Witness
@@ -79,13 +94,14 @@ def sampled_rho(
     m = first_guess(network.d, guess)
     if improve:
         m = _better(loop, weights, m)
-    least = _least_rho(loop, weights, m)
+    least = least_rho(loop, weights, m)
     if least is None:
         return None
     exact_loop = sampled_loop(network, controllers)
-    for slack, room in itertools.product(SLACKS, ROOMS):
+    for slack, dear in itertools.product(SLACKS, ROUNDINGS):
         rho = float(f"{least * (1 + slack):.4g}")
-        witness = _witness(loop, weights, m, rho, room)
+        period = _period(loop, weights, m, rho)
+        witness = None if period is None else period.witness(dear)
         if witness is not None and proves_rho(exact_loop, weights, SampledRho(rho, witness)):
             return SampledRho(rho, witness)
     return None
@@ -96,7 +112,9 @@ def proves_rho(exact_loop: SampledLoop, weights: Weights, found: SampledRho) -> 
     witness = found.witness
     if not witness.fits(exact_loop) or np.any(witness.m < 0) or np.any(witness.t < 0):
         return False
-    if not (witness.decay == 1 and witness.weight == 0 and witness.kappa >= 0 and found.rho > 0):
+    if not (witness.decay == 1 and witness.weight == 0 and found.rho > 0):
+        return False
+    if min(witness.kappa, witness.kappa_mu) < 0:
         return False
     with balls.working_precision():
         M = multiplier(exact_loop.network.d, converter(True)(witness.m))
@@ -138,48 +156,104 @@ def _ways(loop: SampledLoop, weights: Weights, M: Matrix, rho: float) -> tuple[M
     return EE, np.kron(M, HH) + np.kron(S, number(weights.R))
 
 
+def lifted_with_performance(loop: SampledLoop, weights: Weights, M: Matrix, rho: float) -> Lifted:
+    """Return one period of x_d with the disturbance and the weighted state, for a multiplier and a rho."""
+    return _lifted(loop, *_ways(loop, weights, M, rho))
+
+
 def _lifted(loop: SampledLoop, EE: Matrix, FF: Matrix) -> Lifted:
     unit = eye(loop.network.d.N - 1, loop.held)
     A, B = np.kron(unit, loop.network.plant.A), np.kron(unit, loop.into)
     return lift(A, B, EE, FF, loop.network.period)
 
 
-def _storage(
+@dataclass(frozen=True, eq=False)
+class _Period:
+    """One lifted period for a multiplier and a rho, and the prices of the noise."""
+
+    loop: SampledLoop
+    lifted: Lifted
+    m: Float[np.ndarray, " pairs"]
+    running: Float[np.ndarray, "n_z n_z"]
+
+    @property
+    def kappa(self) -> float:
+        return PRICE * float(np.abs(self.lifted.Q).max() or 1.0)
+
+    def prices(
+        self, t: Float[np.ndarray, " ways"], P: Float[np.ndarray, "n_xi n_xi"] | None = None
+    ) -> Witness:
+        """Return the prices, with P if there is one."""
+        ratio = 0.0 if P is None else distance_ratio(self.loop, P)
+        P = np.zeros((self.loop.n_xi, self.loop.n_xi)) if P is None else P
+        return Witness(P, self.m, t, 1.0, self.kappa, 0.0, ratio, MU * self.kappa)
+
+    def unrounded(self) -> StorageProblem | None:
+        """Return the inequality without rounding."""
+        return storage_problem(
+            in_exact_arithmetic(self.loop),
+            self.lifted,
+            self.prices(no_prices(self.loop)),
+            self.running + self.rest(0.01 * ROOM),
+        )
+
+    def rest(self, share: float) -> Float[np.ndarray, "n_z n_z"]:
+        """Return a small cost of every state, without which V may be zero in some direction."""
+        cost = np.zeros((self.loop.n_z, self.loop.n_z))
+        cost[: self.loop.n_xi, : self.loop.n_xi] = share * self.loop.network.period * np.eye(self.loop.n_xi)
+        return cost
+
+    def witness(self, dear: float) -> Witness | None:
+        """Return a witness with a little room in every direction, or None."""
+        loop, first = self.loop, self.unrounded()
+        P = None if first is None else first.smallest(1.0)
+        if first is None or P is None:
+            return None
+        prices = self.prices(rounding_prices(loop, self.lifted, P, dear))
+        problem = storage_problem(loop, self.lifted, prices, self.running + self.rest(ROOM))
+        spread = ROOM * (1 - float(np.abs(np.linalg.eigvals(first.A)).max()) ** 2)
+        P = None if problem is None or not 0 < spread < 1 else problem.smallest(1 - spread)
+        if P is None:
+            return None
+        witness = self.prices(prices.t, P)
+        return witness if holds_in_doubles(W_matrix(loop, self.lifted, witness, self.running)) else None
+
+
+def _period(
+    loop: SampledLoop, weights: Weights, m: Float[np.ndarray, " pairs"], rho: float
+) -> _Period | None:
+    """Lift a period, or return None where the period alone exceeds rho."""
+    try:
+        lifted = lifted_with_performance(loop, weights, multiplier(loop.network.d, m), rho)
+    except np.linalg.LinAlgError:
+        return None
+    if not all(np.isfinite(part).all() for part in (lifted.A_d, lifted.S, lifted.Q)):
+        return None
+    # Past a conjugate point the formulas go on and mean nothing: S or Q is then no longer a square.
+    if any(np.linalg.eigvalsh(part)[0] < -SQUARE * np.abs(part).max() for part in (lifted.S, lifted.Q)):
+        return None
+    return _Period(loop, lifted, m, running_cost(loop, weights))
+
+
+def least_rho(
     loop: SampledLoop,
     weights: Weights,
     m: Float[np.ndarray, " pairs"],
-    rho: float,
-    room: tuple[float, float] = ROOMS[0],
-) -> tuple[Lifted, Float[np.ndarray, "n_xi n_xi"], Float[np.ndarray, "n_xi n_xi"]] | None:
-    """Return the lifted period, the smallest V for a rho and the room kept in it, or None."""
-    n_xi = loop.n_xi
-    try:
-        lifted = _lifted(loop, *_ways(loop, weights, multiplier(loop.network.d, m), rho))
-    except np.linalg.LinAlgError:
-        return None
-    start = loop.start[:, :n_xi]
-    cost = start.T @ lifted.Q @ start + running_cost(loop, weights)[:n_xi, :n_xi]
-    if not np.isfinite(cost).all() or not np.isfinite(lifted.S).all():
-        return None
-    # A V that decays by `spread` of itself beyond what is asked leaves that much of itself as room, in every direction.
-    A = step_matrix(loop, lifted)[:, :n_xi]
-    spread = room[0] * (1 - float(np.abs(np.linalg.eigvals(A)).max()) ** 2)
-    if spread <= 0:
-        return None
-    rest = room[1] * loop.network.period * np.eye(n_xi)
-    P = smallest_storage(A / np.sqrt(1 - spread), padded(loop, lifted.S), (cost + rest) / (1 - spread))
-    return None if P is None else (lifted, P, spread * P + rest)
+    between: tuple[float, float] | None = None,
+) -> float | None:
+    """Bisect the least rho without rounding, in doubles; None if there is none in a range (1e-3 to 1e4 by default)."""
+    low, high = np.log10(between or (1e-3, 1e4))
 
+    def holds(exponent: float) -> bool:
+        period = _period(loop, weights, m, 10**exponent)
+        problem = None if period is None else period.unrounded()
+        return problem is not None and problem.smallest(1.0) is not None
 
-def _least_rho(loop: SampledLoop, weights: Weights, m: Float[np.ndarray, " pairs"]) -> float | None:
-    """Bisect rho between a thousandth and ten thousand."""
-    low, high = -3.0, 4.0
-    if _storage(loop, weights, m, 10**high) is None:
+    if not holds(high):
         return None
-    for _ in range(HALVINGS):
+    while high - low > RESOLUTION:
         middle = (low + high) / 2
-        holds = _storage(loop, weights, m, 10**middle) is not None
-        low, high = (low, middle) if holds else (middle, high)
+        low, high = (low, middle) if holds(middle) else (middle, high)
     return float(10**high)
 
 
@@ -191,20 +265,9 @@ def _better(
 
     start = np.log(np.maximum(m, 1e-9 * m.max()))
     found = minimize(
-        lambda logs: math.log(_least_rho(loop, weights, np.exp(np.clip(logs, -40, 40))) or 1e9),
+        lambda logs: math.log(least_rho(loop, weights, np.exp(np.clip(logs, -40, 40))) or 1e9),
         start,
         method="Nelder-Mead",
         options={"maxfev": EVALUATIONS, "adaptive": True},
     )
     return np.asarray(np.exp(np.clip(found.x, -40, 40)))
-
-
-def _witness(
-    loop: SampledLoop, weights: Weights, m: Float[np.ndarray, " pairs"], rho: float, room: tuple[float, float]
-) -> Witness | None:
-    """Return a witness for a rho, with the room left to the rounding."""
-    found = _storage(loop, weights, m, rho, room)
-    if found is None:
-        return None
-    lifted, P, slack = found
-    return fitted(loop, lifted, m, Room(P, slack / 2, 1.0, 0.0), running_cost(loop, weights))

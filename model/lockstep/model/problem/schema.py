@@ -170,6 +170,7 @@ class DesignTable(Table):
     coordinates: Literal["orthonormal", "laplacian_rows"] = Field(
         default="orthonormal", description='"orthonormal" or "laplacian_rows"'
     )
+    for_period: bool = Field(default=False, description="true or false")
     starts: int = Field(default=4, ge=1, le=10_000, description="a whole number from 1 to 10000")
     seed: int = Field(default=0, ge=0, le=2**63 - 1, description="a whole number, 0 or more")
     gains: Many[GainsTable] | None = Field(default=None, description="one [[design.gains]] table per agent")

@@ -1,0 +1,137 @@
+"""Witnesses for the inequality of the sampled loop, in doubles: nothing here is believed, it is proved elsewhere.
+
+P      the largest that a decay and a price of the messages' noise allow: it bounds what that noise can reach
+t      prices of the rounding errors, by what each of their directions weighs in P
+kappa  the price of the noise: dearer than the least by a factor
+
+The price of the noise against the multiplier, the decay, and the weight of the disagreement are free: they are
+scanned, and the witness that passes the least noise on is the first to be proved.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.lmi.sampled.inequality import W_matrix, Witness, multiplier, step_matrix
+from lockstep.lmi.sampled.lifting import Lifted, copies
+from lockstep.lmi.sampled.loop import SampledLoop
+from lockstep.lmi.sampled.storage import (
+    distance_ratio,
+    holds_in_doubles,
+    in_exact_arithmetic,
+    no_prices,
+    rounding_prices,
+    storage_problem,
+)
+
+RATES = (0.1, 0.3, 0.2, 0.4, 0.5, 0.03, 0.01, 0.003, 0.001, 1e-4)
+"""How fast V is asked to decay, as parts of how fast the linear loop does; likely ones first."""
+
+PRICES = (2.0, 8.0, 64.0)
+"""Prices of the noise tried, in multiples of the least."""
+
+RMS = (0.35, 0.45, 0.6, 0.8, 1.0)
+"""The root mean square asked for, as a part of the ultimate bound that goes without any weight."""
+
+ROUNDINGS = (1e6, 1e4, 1e8)
+"""Prices of rounding, relative to what its directions weigh in P."""
+
+CLAIMED = 0.98
+"""The part of the decay that is claimed: the rest is room, so that the inequality is strict."""
+
+HALVINGS = 9
+"""Of 24 decades: the least price to a tenth of a decade."""
+
+MU = 1e6
+"""What underflow counts relative to the messages' noise: it is some thirty decades smaller."""
+
+
+def candidates(
+    loop: SampledLoop, one: Lifted, m: Float[np.ndarray, " pairs"], *, thorough: bool = True
+) -> Iterator[Witness]:
+    """Yield witnesses with which W is positive definite in doubles; the one that passes the least noise on is first.
+
+    Unless thorough: then each as it is found.
+    """
+    lifted = copies(one, multiplier(loop.network.d, m))
+    radius = float(np.abs(np.linalg.eigvals(step_matrix(loop, lifted)[:, : loop.n_xi])).max())
+    if radius >= 1:
+        return
+    found = []
+    for rate in RATES:
+        for witness in _Search(loop, lifted, m, rate * (1 - radius**2)).witnesses():
+            if thorough:
+                found.append((witness.ultimate * witness.rms, witness))
+            else:
+                yield witness
+    yield from (witness for _, witness in sorted(found, key=lambda pair: pair[0]))
+
+
+class _Search:
+    """Witnesses whose V decays to 1 - spread of itself in each period."""
+
+    def __init__(
+        self, loop: SampledLoop, lifted: Lifted, m: Float[np.ndarray, " pairs"], spread: float
+    ) -> None:
+        self.loop, self.exact, self.lifted = loop, in_exact_arithmetic(loop), lifted
+        self.m, self.spread = m, spread
+
+    def witnesses(self) -> Iterator[Witness]:
+        """Yield one for each price of the noise, if any decays so fast."""
+        least = self._least_price()
+        for factor in PRICES if least is not None else ():
+            kappa = factor * (least or 0.0)
+            weight, P = self._weight(kappa)
+            trials = (self._witness(kappa, weight, P, dear) for dear in ROUNDINGS) if P is not None else ()
+            witness = next((trial for trial in trials if trial is not None), None)
+            if witness is not None:
+                yield witness
+
+    def _prices(self, kappa: float, weight: float, t: Float[np.ndarray, " ways"]) -> Witness:
+        nothing = np.zeros((self.loop.n_xi, self.loop.n_xi))
+        return Witness(nothing, self.m, t, 1 - self.spread, kappa, weight, kappa_mu=MU * kappa)
+
+    def _largest(self, loop: SampledLoop, prices: Witness) -> Float[np.ndarray, "n_xi n_xi"] | None:
+        problem = storage_problem(loop, self.lifted, prices)
+        return None if problem is None else problem.largest(1 - self.spread)
+
+    def _unrounded(self, kappa: float, weight: float) -> Float[np.ndarray, "n_xi n_xi"] | None:
+        return self._largest(self.exact, self._prices(kappa, weight, no_prices(self.loop)))
+
+    def _least_price(self) -> float | None:
+        """Bisect the least price of the noise at which V may decay so."""
+        middle = float(np.log10(np.abs(self.lifted.Q).max() or 1.0))
+        low, high = middle - 12, middle + 12
+        if self._unrounded(10**high, 0.0) is None:
+            return None
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            low, high = (middle, high) if self._unrounded(10**middle, 0.0) is None else (low, middle)
+        return float(10**high)
+
+    def _weight(self, kappa: float) -> tuple[float, Float[np.ndarray, "n_xi n_xi"] | None]:
+        """Return the largest weight of the disagreement tried that a price of the noise carries, and P with it."""
+        free = self._unrounded(kappa, 0.0)
+        if free is None:
+            return 0.0, None
+        square = distance_ratio(self.loop, free) * kappa / self.spread
+        for part in RMS:
+            weight = kappa / (part**2 * square)
+            P = self._unrounded(kappa, weight)
+            if P is not None:
+                return weight, P
+        return 0.0, free
+
+    def _witness(
+        self, kappa: float, weight: float, P: Float[np.ndarray, "n_xi n_xi"], dear: float
+    ) -> Witness | None:
+        """Return the witness that claims a little less than what P was found for."""
+        t = rounding_prices(self.loop, self.lifted, P, dear)
+        found = self._largest(self.loop, self._prices(kappa, weight, t))
+        if found is None:
+            return None
+        decay, ratio = 1 - CLAIMED * self.spread, distance_ratio(self.loop, found)
+        kappa = kappa / CLAIMED
+        witness = Witness(found, self.m, t, decay, kappa, weight, ratio, MU * kappa)
+        return witness if holds_in_doubles(W_matrix(self.loop, self.lifted, witness)) else None

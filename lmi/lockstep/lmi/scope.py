@@ -1,0 +1,17 @@
+"""Where a certificate holds: for every state, or only while all agents stay in the box their bound was proved on."""
+
+from typing import Literal
+
+from lockstep.model.agent import Agent
+from lockstep.model.bound import Bound
+from lockstep.model.checks.nonlinearity import holds_everywhere
+
+Scope = Literal["global", "local"]
+
+SECONDS = 2.0
+"""How long it is tried to show that a bound proved on a box holds everywhere; without success the scope is local."""
+
+
+def scope_of(agent: Agent, bound: Bound) -> Scope:
+    """Return "global" where the bound is proved for every state, else "local"."""
+    return "global" if holds_everywhere(agent, bound, seconds=SECONDS) else "local"

@@ -1,0 +1,50 @@
+"""One thread of linear algebra: sums then have one order, whatever process they are in and however many cores it has.
+
+A limit holds for the libraries that are loaded when it is set, and for those it knows: whatever a design uses is
+therefore loaded first, and the BLAS that CasADi brings for IPOPT, whose name threadpoolctl does not know, is named to it.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+
+CASADI_BLAS = ("libcasadi-tp-openblas",)
+"""How the file of that BLAS is called: an OpenBLAS under another name."""
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Run the body with one thread in every BLAS that a design uses.
+
+    >>> with one_thread():
+    ...     sorted({library["num_threads"] for library in threads()})
+    [1]
+    """
+    from threadpoolctl import threadpool_limits
+
+    _load()
+    with threadpool_limits(1):
+        yield
+
+
+def threads() -> list[dict[str, object]]:
+    """Return what is known of each library of threads that is loaded: its file and how many threads it would use."""
+    from threadpoolctl import threadpool_info
+
+    _load()
+    return list(threadpool_info())
+
+
+@cache
+def _load() -> None:
+    """Load SciPy's BLAS, which Clarabel uses too, and IPOPT with CasADi's; make the latter known."""
+    import casadi
+    import cvxpy  # noqa: F401
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import OpenBLASController, register
+
+    class CasadiBlas(OpenBLASController):  # type: ignore[misc]
+        filename_prefixes = CASADI_BLAS
+
+    casadi.load_nlpsol("ipopt")
+    register(CasadiBlas)
