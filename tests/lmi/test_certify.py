@@ -15,6 +15,7 @@ from lmi_cases import problem, table_1_problem
 from lockstep.lmi.certify import Verdict, certify
 from lockstep.lmi.design import design
 from lockstep.lmi.document import document, parse
+from lockstep.lmi.local import InitialSet
 from lockstep.model.errors import ProblemError
 from lockstep.model.problem import Problem
 
@@ -158,6 +159,43 @@ def test_a_local_certificate_is_called_local_wherever_a_reader_looks(tmp_path: P
         words = " ".join(printed.split())
         assert ("while every agent stays in its domain" in words) is (scope == "local")
         assert ("for every disturbance and every initial state" in words) is (scope == "global")
+
+
+def test_behind_a_leader_a_local_certificate_comes_with_initial_states() -> None:
+    """The path's two ends hear each other, so nothing can be said of their common motion; a leader moves by itself."""
+    agent = "centre = false\ndomain = { a = [1.0, 2.0] }"
+    both = file_of(pendulum(agent=agent))
+    assert both["initial_set"]["available"] is False
+    assert "hear each other" in both["initial_set"]["reason"]
+    posed = pendulum(D=-4.0, agent=agent).document()
+    posed["network"]["topology"] = "leader_path"
+    posed["design"]["gains"][0]["D"] = [[0.0, 0.0]]
+    led = file_of(Problem.from_document(posed))
+    answer = verdict(led)
+    assert answer.scope == "local"
+    assert isinstance(answer.initial, InitialSet)
+    assert answer.initial.document() == led["initial_set"], "the checker finds it again"
+    assert answer.initial.leader == 1
+    assert verdict(file_of(pendulum())).initial is None
+
+
+def test_the_scales_of_the_bound_are_in_the_file() -> None:
+    """Two independent nonlinearities: the certificate is about G D_w and D_v^-1 H, whatever a slower machine finds."""
+    gains = "\n".join("[[design.gains]]\nD = [[-9.0, -6.0]]" for _ in range(2))
+    posed = problem(
+        dynamics={"a": "b + 0.3*sin(a)", "b": "-a - 0.02*sin(5*b) + u"},
+        outputs={"y1": "a", "y2": "b"},
+        agent="centre = false",
+        network='agents = 2\ntopology = "path"',
+        design=f'method = "given"\n{gains}',
+    )
+    file = file_of(posed)
+    assert set(file["scales"]) == {"G", "H"}
+    assert verdict(file).certified
+    wrong = changed(file, ("scales", "G"), [d * 64 for d in file["scales"]["G"]])
+    assert not verdict(wrong).certified
+    with pytest.raises(ProblemError, match="above 0"):
+        verdict(changed(file, ("scales", "G"), [0.0] * len(file["scales"]["G"])))
 
 
 def test_a_box_that_is_not_needed_does_not_make_it_local() -> None:

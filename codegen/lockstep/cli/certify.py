@@ -26,7 +26,7 @@ MANIFEST_NAME = "manifest.json"
 
 COVERS = {
     "global": "the continuous controllers, for every disturbance and every initial state",
-    "local": "the continuous controllers, while every agent stays in its domain; that they do is not shown",
+    "local": "the continuous controllers, while every agent stays in its domain",
     None: "nothing",
 }
 
@@ -136,6 +136,7 @@ def certificate_document(content: dict[str, Any], stored: "Stored", verdict: "Ve
         "reason": verdict.reason,
         "scope": verdict.scope,
         "margin": verdict.margin,
+        **({} if verdict.initial is None else {"initial_set": verdict.initial.document()}),
         **claims,
     }
 
@@ -147,4 +148,7 @@ def _table(
     if stored.certificate:
         rows["rho"] = f"{stored.certificate.rho:.6g}"
     rows["alpha"] = f"{stored.alpha:.9g}"
-    return two_columns(stored.problem.title, {**rows, "covers": COVERS[verdict.scope], **more})
+    rows["covers"] = COVERS[verdict.scope]
+    if verdict.initial is not None:
+        rows["initial states"] = verdict.initial.text()
+    return two_columns(stored.problem.title, {**rows, **more})

@@ -76,6 +76,15 @@ def sampled_text(sampled: Mapping[str, Any]) -> str:
     return f"NO: {sampled.get('reason') or 'not looked at'}{reach}"
 
 
+def _where(content: Mapping[str, Any]) -> dict[str, str]:
+    if content.get("scope") != "local":
+        return {}
+    return {
+        "holds": "while every agent stays in its domain",
+        "initial states": content["initial_set"]["text"],
+    }
+
+
 def summary(content: Mapping[str, Any]) -> RenderableType:
     """Return what was designed and proved, for people."""
     figures = content["figures"]
@@ -90,6 +99,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             "rho": f"{content['rho']:.6g}{floor}",
             "alpha": f"{content['alpha']:.9g}",
             "gains may be off by": fragility or "nothing: certain controllers",
+            **_where(content),
             "gain norms": ", ".join(f"{norm:.4g}" for norm in figures["gain_norms"]),
             "sampled": sampled_text(content["sampled"]),
             "slowest pole": f"{figures['abscissa']:.4g} 1/s",

@@ -42,7 +42,9 @@ def check(
     problem: ProblemFile,
     budget: Annotated[
         float | None,
-        typer.Option(min=0.01, help="Seconds for the bound; then the best enclosure so far.", show_default=False),
+        typer.Option(
+            min=0.01, help="Seconds for the bound; then the best enclosure so far.", show_default=False
+        ),
     ] = None,
     json: Json = False,
 ) -> None:

@@ -103,10 +103,11 @@ def _continuous(stored: Stored, gains: Gains) -> Certificate:
     """Prove the new gains in continuous time."""
     from lockstep.lmi.design import claim_of
     from lockstep.lmi.rounding import prove
-    from lockstep.model.assembly import bound_of, network_of
+    from lockstep.lmi.stored_bound import bound_again
+    from lockstep.model.assembly import network_of
 
     problem = stored.problem
-    bound = bound_of(problem.agent(), alpha=stored.alpha).or_raise()
+    bound = bound_again(stored).or_raise()
     claim = replace(claim_of(problem, bound), alpha=stored.alpha)
     try:
         return prove(network_of(problem, bound), gains, claim, rho=problem.design.rho)

@@ -15,7 +15,8 @@ from jaxtyping import Float
 from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.inequality import Certificate
-from lockstep.model.assembly import bound_of, network_of
+from lockstep.lmi.stored_bound import bound_again
+from lockstep.model.assembly import network_of
 from lockstep.model.domain import argument_box
 from lockstep.model.network import Network
 from lockstep.model.numbers import as_floats
@@ -80,7 +81,7 @@ def promise(stored: Stored, content: Mapping[str, Any], kind: Kind) -> Promise:
 
 def network_of_design(stored: Stored) -> Network:
     """Return the network of a design, with the scales its bound is proved with: those its P belongs to."""
-    return network_of(stored.problem, bound_of(stored.problem.agent(), alpha=stored.alpha))
+    return network_of(stored.problem, bound_again(stored))
 
 
 def weights_of_design(stored: Stored, network: Network) -> Weights:

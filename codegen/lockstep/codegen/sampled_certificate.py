@@ -32,7 +32,8 @@ from lockstep.lmi.sampled.controller import PRECISIONS
 from lockstep.lmi.sampled.inequality import Witness
 from lockstep.lmi.sampled.loop import sampled_loop
 from lockstep.lmi.sampled.performance import proves_rho
-from lockstep.model.assembly import bound_of, network_of
+from lockstep.lmi.stored_bound import bound_again
+from lockstep.model.assembly import network_of
 from lockstep.model.errors import BoundNotProved, NotCertified, ProblemError
 
 FOR_PERIOD = "designed_for_period"
@@ -267,7 +268,7 @@ def witness_in(content: Mapping[str, Any]) -> Witness | None:
 def sampled_network(stored: Stored, period: float) -> Network:
     """Return the agents of a design in rationals, alpha being proved anew."""
     problem = stored.problem
-    bound = bound_of(problem.agent(), alpha=stored.alpha).or_raise()
+    bound = bound_again(stored).or_raise()
     loop = network_of(problem, bound).loop(stored.gains.order, exact_arithmetic=True)
     return Network(loop.plant, loop.d, stored.alpha, period, problem.controller.delay)
 

@@ -29,7 +29,8 @@ WARNINGS = (
 """What the generated C must pass without a word; contraction is off because each operation rounds once."""
 
 COMPILE_SECONDS = 180
-RUN_SECONDS = 120
+RUN_SECONDS = 600
+"""After so long code counts as hung. A watchdog, not a measure: twenty thousand steps take seconds, minutes if emulated."""
 
 
 @dataclass(frozen=True)

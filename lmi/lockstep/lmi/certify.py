@@ -2,8 +2,9 @@
 
 It imports no solver and believes nothing but the problem: the agent's matrices are derived again from its
 equations, alpha is proved again in interval arithmetic, the inequality is built again over the rationals, and
-an exact decision is made. What a reader has to trust is this file, `asked`, `scope`, `decide`, `inequality`,
-`definite`, for method `modal` `modes` and `symmetric`, and the model layer under them.
+an exact decision is made. What a reader has to trust is this file, `asked`, `stored_bound`, `scope`, `decide`,
+`inequality`, `definite`; `local` where the certificate is local; `modes` and `symmetric` for method `modal`; and the
+model layer under them.
 """
 
 from collections.abc import Mapping
@@ -17,9 +18,11 @@ from lockstep.lmi.decide import decide
 from lockstep.lmi.definite import Definiteness
 from lockstep.lmi.document import Stored
 from lockstep.lmi.inequality import Claim
+from lockstep.lmi.local import InitialSet, Unavailable, initial_set
 from lockstep.lmi.modes import ModalCertificate, decide_modes
 from lockstep.lmi.scope import Scope, scope_of
-from lockstep.model.assembly import bound_of, network_of
+from lockstep.lmi.stored_bound import bound_again
+from lockstep.model.assembly import network_of
 from lockstep.model.errors import BoundNotProved
 
 
@@ -28,6 +31,7 @@ class Verdict:
     """Whether a design is certified, and if not, which claim fails and by how much.
 
     scope: "global", or "local" where the bound holds on the agent's domain only, and with it all that is proved;
+    initial: where it is local, states from which the agents stay in their domain, or why none can be given;
     margin: the smallest eigenvalue of -F scaled to a unit diagonal, in doubles, for information.
     """
 
@@ -36,6 +40,7 @@ class Verdict:
     scope: Scope | None = None
     margin: float = float("nan")
     figures: Mapping[str, Any] = field(default_factory=dict)
+    initial: InitialSet | Unavailable | None = None
 
 
 def certify(stored: Stored) -> Verdict:
@@ -53,7 +58,7 @@ def certify(stored: Stored) -> Verdict:
     problem.validate()
     agent = problem.agent()
     try:
-        bound = bound_of(agent, alpha=stored.alpha)
+        bound = bound_again(stored)
     except BoundNotProved as error:
         return Verdict(False, str(error), figures=error.figures)
     network = network_of(problem, bound)
@@ -71,7 +76,9 @@ def certify(stored: Stored) -> Verdict:
     if short:
         return Verdict(False, f"the file claims less than its problem asks for: {'; '.join(short)}")
     reason = f"P > 0 and F < 0, decided exactly ({answer.method})"
-    return Verdict(True, reason, scope_of(agent, bound), answer.margin)
+    scope = scope_of(agent, bound)
+    initial = initial_set(network, c) if scope == "local" else None
+    return Verdict(True, reason, scope, answer.margin, initial=initial)
 
 
 def _refused(answer: Definiteness) -> Verdict:

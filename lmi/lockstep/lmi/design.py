@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from lockstep.lmi.inequality import Certificate, Claim
+from lockstep.lmi.local import InitialSet, Unavailable, initial_set
 from lockstep.lmi.modes import ModalCertificate
 from lockstep.lmi.rounding import prove, short_gains
 from lockstep.lmi.scope import Scope, scope_of
@@ -57,6 +58,13 @@ class Design:
     def scope(self) -> Scope | None:
         """Where the certificate holds: "global", or "local" where its bound was proved on [agent.domain] only."""
         return scope_of(self.network.agent, self.bound) if self.certified else None
+
+    @cached_property
+    def initial(self) -> InitialSet | Unavailable | None:
+        """Where the certificate is local: states from which the agents stay in their domain, or why none can be given."""
+        if self.certificate is None or self.scope != "local":
+            return None
+        return initial_set(self.network, self.certificate)
 
 
 def design(problem: Problem, *, jobs: int | None = None, progress: Progress | None = None) -> Design:

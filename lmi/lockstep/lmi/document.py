@@ -17,6 +17,7 @@ import numpy as np
 from lockstep.lmi.design import Design
 from lockstep.lmi.inequality import Certificate
 from lockstep.lmi.modes import ModalCertificate, Segment
+from lockstep.model.bound import Bound
 from lockstep.model.errors import ProblemError
 from lockstep.model.loop import Gains
 from lockstep.model.problem import Problem
@@ -28,13 +29,17 @@ GIVEN = "given"
 
 @dataclass(frozen=True)
 class Stored:
-    """What a design file says: the problem, the gains, and what is claimed of them."""
+    """What a design file says: the problem, the gains, and what is claimed of them.
+
+    scales: D_w and D_v of the bound that the certificate was proved with, where they are not all one.
+    """
 
     problem: Problem
     gains: Gains
     alpha: float
     fragility: Mapping[str, float]
     certificate: Certificate | ModalCertificate | None
+    scales: tuple[tuple[float, ...], tuple[float, ...]] | None = None
 
 
 def document(design: Design) -> dict[str, Any]:
@@ -56,10 +61,19 @@ def document(design: Design) -> dict[str, Any]:
             for i in range(design.gains.N)
         ],
         "certificate": None if c is None else _witnesses(c, design.network.graph.N),
+        **_stated_scales(design.bound),
+        **({} if design.initial is None else {"initial_set": design.initial.document()}),
         "sampled": {"certified": False, "period": design.problem.controller.period, "max_period": None},
         "figures": design.figures,
         "problem": _problem_part(design.problem),
     }
+
+
+def _stated_scales(bound: Bound) -> dict[str, Any]:
+    """Return D_w and D_v, which G and H are scaled with; nothing if they are all one."""
+    if set(bound.output_scale) | set(bound.input_scale) <= {1.0}:
+        return {}
+    return {"scales": {"G": list(bound.output_scale), "H": list(bound.input_scale)}}
 
 
 def _problem_part(problem: Problem) -> dict[str, Any]:
@@ -117,6 +131,7 @@ def parse(content: Any, where: str) -> Stored:
             _number(content.get("alpha"), "alpha"),
             delta,
             _certificate(content, problem, delta),
+            _scales(content),
         )
     except ProblemError as error:
         raise error.within(where) from None
@@ -129,6 +144,16 @@ def _with_given_gains(content: Mapping[str, Any]) -> dict[str, Any]:
     if not isinstance(asked, dict) or asked.get("method") != GIVEN or "gains" in asked:
         return table
     return {**table, "design": {**asked, "gains": _part(content, "gains", list)}}
+
+
+def _scales(content: Mapping[str, Any]) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    if "scales" not in content:
+        return None
+    both = _part(content, "scales", dict)
+    G, H = (tuple(_number(d, f"scales, `{key}`") for d in _part(both, key, list)) for key in "GH")
+    if min((*G, *H), default=1.0) <= 0:
+        raise ProblemError(f"`scales` is {both}", expected="numbers above 0")
+    return G, H
 
 
 def _gains(content: Mapping[str, Any], problem: Problem) -> Gains:

@@ -68,7 +68,7 @@ class Unavailable:
 
     def document(self) -> dict[str, Any]:
         """Return it as plain JSON types."""
-        return {"available": False, "reason": self.reason}
+        return {"available": False, "text": self.text(), "reason": self.reason}
 
 
 @dataclass(frozen=True)
@@ -107,6 +107,7 @@ class InitialSet:
         """Return it as plain JSON types; a side without a limit is None."""
         return {
             "available": True,
+            "text": self.text(),
             "leader": self.leader,
             "arguments": self.arguments,
             "inner": _sides(self.inner),

@@ -14,8 +14,9 @@ import numpy as np
 from lockstep.lmi.document import Stored
 from lockstep.lmi.inequality import Claim
 from lockstep.lmi.reach import largest_alpha, trade_off
+from lockstep.lmi.stored_bound import bound_again
 from lockstep.lmi.threads import one_thread
-from lockstep.model.assembly import bound_of, network_of
+from lockstep.model.assembly import network_of
 from lockstep.model.errors import ProblemError
 
 MARGIN = 1e-3
@@ -49,7 +50,7 @@ def curve(stored: Stored, points: int = 12) -> tuple[Point, ...]:
             "the agent is linear", where="the trade-off", expected="an agent with a nonlinearity"
         )
     with one_thread():
-        network = network_of(problem, bound_of(agent, alpha=stored.alpha))
+        network = network_of(problem, bound_again(stored))
         delta = np.tile([stored.fragility[letter] for letter in "ABCD"], (network.N, 1))
         weights = problem.state_weight(agent.n), problem.controller_weight(problem.order)
         claim, loop, K = (

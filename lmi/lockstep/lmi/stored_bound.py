@@ -1,0 +1,21 @@
+"""The bound of a design file, proved again: alpha, with the scales D_w and D_v that its certificate was proved with."""
+
+from lockstep.lmi.document import Stored
+from lockstep.model.assembly import bound_of, bound_with_scales
+from lockstep.model.bound import Bound
+
+
+def bound_again(stored: Stored) -> Bound:
+    """Return the file's alpha as a proved bound of its agent's nonlinearity.
+
+    With several independent components of phi the certificate is about G D_w and D_v^-1 H, and a file states the scales;
+    none are stated where they are all one, or in a file of an earlier version: then they are found again.
+
+    Raises:
+        BoundNotProved: alpha is too small, or could not be proved in time.
+        ProblemError: scales that do not fit phi.
+    """
+    agent = stored.problem.agent()
+    if stored.scales is None:
+        return bound_of(agent, alpha=stored.alpha)
+    return bound_with_scales(agent, stored.alpha, stored.scales)
