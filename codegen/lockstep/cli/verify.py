@@ -72,18 +72,15 @@ def table_of(report: "VerifyReport") -> RenderableType:
     table = Table(title="The compiled C against its reference", title_justify="left", box=box.SIMPLE_HEAD)
     for heading in ("target", "bitwise", "steps", "instr/step", "code B", "RAM B", "stack B"):
         table.add_column(heading, justify="left" if heading == "target" else "right", overflow="fold")
+    reasons = []
     for target in report.targets:
         said = (
             "skipped" if target.skipped else "failed" if target.error else "equal" if target.bitwise else "NO"
         )
         cells = (target.instructions_per_step, target.text_bytes, target.ram_bytes, target.stack_bytes)
-        name = (
-            f"{target.name}: {target.skipped or target.error}"
-            if said in ("skipped", "failed")
-            else target.name
-        )
-        table.add_row(
-            Text(name), said, str(target.steps), *["-" if cell is None else str(cell) for cell in cells]
-        )
+        if why := target.skipped or target.error:
+            reasons.append(f"{target.name}: {said}, {why}")
+        numbers = ["-" if cell is None else str(cell) for cell in cells]
+        table.add_row(Text(target.name), said, str(target.steps), *numbers)
     verdict = "every bit is equal" if report.ok else "NOT as claimed: " + "; ".join(report.problems)
-    return Group(table, Text(verdict, style="bold"))
+    return Group(table, *map(Text, reasons), Text(verdict, style="bold"))
