@@ -89,6 +89,57 @@ def test_c_of_another_form_is_refused(old, new):
         read(files, c=files["src/a1.c"].replace(old, new, 1))
 
 
+SMUGGLED = """#error "Floating-point/*
+#endif
+#define OK EVIL
+#if 0
+*/shortcuts"""
+"""Within a string there is no comment: compilers skip the line and take what follows for code."""
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('#error "Floating-point shortcuts', SMUGGLED),
+        ('#error "Floating-point shortcuts', '#error "Floating-point/* */shortcuts'),
+        ("#endif\n", "#endif\r"),
+        ("#endif\n", "#endif\f"),
+        ("#endif\n", "#endif\x85"),
+        ("#endif\n", "#endif\u2028"),
+    ],
+)
+def test_what_hides_code_from_either_reader_is_refused(old, new):
+    files = emit(spec())
+    assert old in files["src/a1.c"]
+    with pytest.raises(NotCertified):
+        read(files, c=files["src/a1.c"].replace(old, new, 1))
+
+
+@pytest.mark.parametrize("optimize", ["speed", "size"])
+@pytest.mark.parametrize("literal", ["010", "0x1p3", "10", "0x8", "1e5000"])
+def test_a_literal_that_is_no_decimal_fraction_is_refused(optimize, literal):
+    """`010 * x0` is 8 x0 in C."""
+    files = emit(spec(optimize, "float64"))
+    lines = files["src/a1.c"].splitlines()
+    mark = "* x0;" if optimize == "speed" else "    {"
+    line = next(line for line in lines if mark in line)
+    old = line.split("= ")[1].split(" *")[0] if optimize == "speed" else line.strip(" {},").split(", ")[0]
+    assert read(files, c=files["src/a1.c"].replace(old, "0.010", 1)).controller.table[0, 0] == 0.01
+    with pytest.raises(NotCertified):
+        read(files, c=files["src/a1.c"].replace(old, literal, 1))
+
+
+def test_an_octal_index_is_refused():
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((12, 12)) - 5 * np.eye(12)
+    agents = tuple(Controller(name, A, np.ones((12, 1)), np.ones((1, 12)), np.ones((1, 1))) for name in NAMES)
+    files = emit(CodegenSpec(agents, 0.01, "euler"))
+    source = files["src/a1.c"]
+    assert read(files).controller.order == 12
+    with pytest.raises(NotCertified):
+        read(files, c=source.replace("= x[10];", "= x[010];"))
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -18,10 +18,13 @@ from sampled_cases import (
 
 from lockstep.lmi.sampled import Weights, certify_sampled, max_period, sampled_rho
 from lockstep.lmi.sampled.certify import in_doubles, lifted_agent
-from lockstep.lmi.sampled.inequality import Witness
+from lockstep.lmi.sampled.inequality import Witness, metric
 from lockstep.lmi.sampled.loop import sampled_loop
 from lockstep.lmi.sampled.performance import SampledRho, proves_rho
 from lockstep.lmi.sampled.search import spectral_radius
+from lockstep.model.disagreement import disagreement
+from lockstep.model.graph import Graph
+from lockstep.model.numbers import as_floats
 
 EDGES = [(1, 2, 1.0), (2, 3, 1.0), (3, 1, 1.0)]
 
@@ -135,6 +138,28 @@ def test_noise_of_messages_is_bounded_tightly(delay):
     assert exists <= verdict.witness.rms <= 2.2 * exists
     # A peak may exceed a root mean square, and the smallest ellipsoid the peak.
     assert exists <= verdict.witness.ultimate <= 5 * exists
+
+
+def test_the_distance_from_consensus_is_the_same_in_the_paper_s_coordinates():
+    """Rows of L with small weights: |T x| is then a part of the distance, and a bound of it none of the distance."""
+    edges = [(i, j, 0.25) for i, j, _ in EDGES]
+    net, _ = oscillators(alpha=0.2)
+    table = [[0.9, 0.01, 0.02], [0.1, -1.0, -2.0]]
+    ones = controllers([table] * 3, 1, edges)
+    rows = disagreement(Graph.from_edges(3, edges), "laplacian_rows", exact_arithmetic=True)
+    paper = replace(net, d=rows)
+    verdicts = [certify_sampled(one, ones) for one in (net, paper)]
+    assert all(verdict.certified for verdict in verdicts)
+    exists = max(_message_gain(net, ones, slope * net.alpha) for slope in (-1.0, 0.0, 1.0))
+    for verdict in verdicts:
+        assert exists <= verdict.witness.rms
+        assert exists <= verdict.witness.ultimate
+    assert verdicts[1].residual == pytest.approx(verdicts[0].residual, rel=0.05)
+    assert verdicts[1].residual_rms == pytest.approx(verdicts[0].residual_rms, rel=0.05)
+    x = np.random.default_rng(3).standard_normal((3, 2))
+    x_d = np.kron(as_floats(rows.T), np.eye(2)) @ x.ravel()
+    form = as_floats(metric(sampled_loop(paper, ones)))
+    assert x_d @ form @ x_d == pytest.approx(np.sum((x - x.mean(axis=0)) ** 2), rel=1e-9)
 
 
 def _message_gain(net, ones, slope):

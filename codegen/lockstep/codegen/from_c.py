@@ -29,8 +29,11 @@ _CODE_ONLY = jinja2.Environment(
 )
 """The templates, with nothing where comments want to be filled. Code that is not filled differs, and is refused."""
 
-_LITERAL = re.compile(r"-?[0-9]+(?:\.[0-9]+)?(?:e[+-]?[0-9]+)?f?")
-_COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+# Without a point or an exponent it would be an integer, and octal after a leading 0.
+_LITERAL = re.compile(r"-?[0-9]+(?:\.[0-9]+(?:e[+-]?[0-9]{1,3})?|e[+-]?[0-9]{1,3})f?")
+_INDEX = "(0|[1-9][0-9]*)"
+_COMMENT_OR_STRING = re.compile(r'/\*.*?\*/|"[^"\n]*"|"', re.DOTALL)
+_CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f]")
 _SOURCE = re.compile(
     r"^ \* +neighbour ([0-9]+) +([A-Za-z][A-Za-z0-9_]*), weight a = ([^ ,]+), bit 0x[0-9a-f]+ of `received`$",
     re.MULTILINE,
@@ -78,6 +81,9 @@ def read_controller(name: str, header: str, source: str, names: list[str]) -> Re
         # A backslash at a line's end or a trigraph may change where a comment ends.
         if "\\" in text or "??" in text:
             raise _refusal(name, kind, "it holds a backslash or a trigraph")
+        # Python and C do not agree on which of these ends a line.
+        if found := _CONTROL.search(text):
+            raise _refusal(name, kind, f"it holds the control character {found[0]!r}")
     sizes = {key: int(_macro(name, header, key)) for key in ("ORDER", "OUTPUTS", "INPUTS", "NEIGHBOURS")}
     period_literal = _macro(name, header, "PERIOD_S")
     real = "float32" if period_literal.endswith("f") else "float64"
@@ -118,7 +124,7 @@ def _kernel(name: str, source: str, sizes: Mapping[str, int], real: str) -> _Ker
     )
     if not body:
         raise _refusal(name, "c", "there is neither a kernel of statements nor a table of gains")
-    lines = tuple(line.strip() for line in body[1].splitlines())
+    lines = tuple(line.strip(" ") for line in body[1].splitlines())
     statements = tuple(line for line in lines if not line.startswith("(void)"))
     return _interpreted(name, statements, sizes, real)
 
@@ -157,7 +163,7 @@ class _Machine:
         self.written: dict[tuple[str, int], Form] = {}
         c_real = "float" if real == "float32" else "double"
         self.definition = re.compile(rf"const {c_real} ([a-z]+[0-9]+) = (.+);")
-        self.output = re.compile(r"(x_next|u_next)\[([0-9]+)\] = (.+);")
+        self.output = re.compile(rf"(x_next|u_next)\[{_INDEX}\] = (.+);")
 
     def run(self, statement: str) -> None:
         if found := self.definition.fullmatch(statement):
@@ -173,7 +179,7 @@ class _Machine:
             raise self.refused(statement)
 
     def expression(self, text: str, statement: str, *, constant: bool = False) -> Form:
-        if found := re.fullmatch(r"(x|r)\[([0-9]+)\]", text):
+        if found := re.fullmatch(rf"(x|r)\[{_INDEX}\]", text):
             return {self.place(found[1], found[2], statement): (Fraction(1), 0)}
         if text in self.known:
             return self.known[text]
@@ -256,9 +262,11 @@ def _list(name: str, text: str) -> tuple[str, ...]:
 
 def _macro(name: str, header: str, key: str) -> str:
     found = re.findall(
-        rf"^#define {name.upper()}_{key} ([0-9][0-9.e+-]*f?)$", _COMMENT.sub("", header), re.MULTILINE
+        rf"^#define {name.upper()}_{key} ([0-9][0-9.e+-]*f?)$",
+        _without_comments(name, header, "h"),
+        re.MULTILINE,
     )
-    if len(found) != 1 or (key != "PERIOD_S" and not found[0].isdigit()):
+    if len(found) != 1 or (key != "PERIOD_S" and not re.fullmatch(_INDEX, found[0])):
         raise _refusal(name, "h", f"{name.upper()}_{key} is not defined once, as a number")
     if key == "PERIOD_S" and not (_LITERAL.fullmatch(found[0]) and float(found[0].rstrip("f")) > 0):
         raise _refusal(name, "h", f"the period is `{found[0]}`")
@@ -333,14 +341,30 @@ def _check_form(
         "optimize": "size" if view["table"] else "speed",
     }
     for text, template, kind in ((header, "header.h.j2", "h"), (source, "source.c.j2", "c")):
-        ours = _code(_CODE_ONLY.get_template(template).render(**context, a=view))
-        if difference := _first_difference(_code(text), ours):
+        ours = _code(name, _CODE_ONLY.get_template(template).render(**context, a=view), kind)
+        if difference := _first_difference(_code(name, text, kind), ours):
             raise _refusal(name, kind, difference)
 
 
-def _code(text: str) -> list[str]:
+def _code(name: str, text: str, kind: str) -> list[str]:
     """Return the lines that are left without comments and white space around them."""
-    return [line for line in (raw.strip() for raw in _COMMENT.sub(" ", text).splitlines()) if line]
+    bare = _without_comments(name, text, kind)
+    return [line for line in (raw.strip(" ") for raw in bare.split("\n")) if line]
+
+
+def _without_comments(name: str, text: str, kind: str) -> str:
+    """Replace each comment by a space, as a compiler does: what a string holds is none.
+
+    A string that does not end on its line is refused: in code that is skipped compilers take it for anything, and a
+    comment that begins in it may then be code.
+    """
+
+    def kept(found: re.Match[str]) -> str:
+        if found[0] == '"':
+            raise _refusal(name, kind, "a string does not end on its line")
+        return " " if found[0].startswith("/*") else found[0]
+
+    return _COMMENT_OR_STRING.sub(kept, text)
 
 
 def _first_difference(found: list[str], expected: list[str]) -> str:
@@ -361,7 +385,8 @@ def _refusal(name: str, kind: str, found: str) -> NotCertified:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        # A line's end may be CR LF; a CR alone ends no line in C, so it is left for `read_controller` to refuse.
+        return path.read_bytes().decode("utf-8").replace("\r\n", "\n")
     except FileNotFoundError:
         raise ProblemError(
             "there is no such file", where=str(path), remedy="generate the folder again"

@@ -75,8 +75,9 @@ def certify_folder(folder: Path, stored: Stored, content: Mapping[str, Any]) -> 
     manifest = load_manifest(folder)
     problem_fits(stored, manifest)
     differences = [f"{path} is not what manifest.json says it is" for path in changed_files(folder, manifest)]
-    network = sampled_network(stored, manifest.period)
     names = [agent.name for agent in manifest.agents]
+    differences += _misnamed(names, stored) + _strangers(folder, names)
+    network = sampled_network(stored, manifest.period)
     try:
         read = read_controllers(folder, names)
         period = _period(read, manifest)
@@ -236,7 +237,7 @@ def _rho_in(content: Mapping[str, Any]) -> SampledRho | None:
     if not isinstance(sampled, Mapping):
         return None
     rho, witness = sampled.get("rho"), Witness.from_document(sampled.get("rho_witness"))
-    usable = isinstance(rho, int | float) and witness is not None
+    usable = isinstance(rho, int | float) and 0 < rho < math.inf and witness is not None
     return SampledRho(float(rho), witness) if usable and witness is not None and rho is not None else None
 
 
@@ -313,6 +314,39 @@ def _period(read: list[ReadController], manifest: Manifest) -> float:
     (literal,) = literals
     same = nearest(literal, manifest.real) == float(manifest.real_type.dtype.type(manifest.period))
     return manifest.period if same else read[0].period
+
+
+def _misnamed(names: list[str], stored: Stored) -> list[str]:
+    """Say whether the agents are not in the design's order: each is proved with the inputs B of its place in it."""
+    expected = [f"{stored.problem.agent().name}{i}" for i in range(1, stored.gains.N + 1)]
+    if names == expected:
+        return []
+    return [
+        f"manifest.json lists the agents as {', '.join(names)}; in the design they are {', '.join(expected)}"
+    ]
+
+
+def _strangers(folder: Path, names: list[str]) -> list[str]:
+    """Return a line for each file that a compiler may read in place of a header that was proved.
+
+    With -Iinclude that is any other file there: include/stdint.h, or a precompiled include/arm1.h.gch; and a header
+    beside the source that includes it.
+    """
+    known = {f"{name}.h" for name in names}
+    found = [
+        path
+        for path in _files(folder / "include")
+        if path.relative_to(folder / "include").as_posix() not in known
+    ]
+    found += [path for path in _files(folder / "src") if ".h" in path.name]
+    return [
+        f"{path.relative_to(folder).as_posix()} was not generated, and a compiler may read it in place of what was"
+        for path in found
+    ]
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if not path.is_dir())
 
 
 def _differences(read: list[ReadController], manifest: Manifest, period: float) -> list[str]:

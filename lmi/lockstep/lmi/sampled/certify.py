@@ -169,7 +169,7 @@ def _holds(exact_loop: SampledLoop, trials: list[Witness]) -> Witness | None:
 
 
 def proves(exact_loop: SampledLoop, one: Lifted, witness: Witness) -> bool:
-    """Decide in balls whether P > 0, m >= 0, t >= 0, 0 < decay < 1, M > 0, W > 0 and c P > diag(S (x) I, 0).
+    """Decide in balls whether P > 0, m >= 0, t >= 0, 0 < decay < 1, M > 0, W > 0 and c P > diag((T T')^-1 (x) I, 0).
 
     That the period holds no conjugate point is to be shown apart.
     """

@@ -9,9 +9,10 @@ With the matrices of `loop` on z = (xi, e) and one lifted period (A_d, S, Q) of 
 
 P > 0, m >= 0, t >= 0 prove, for V = xi' P xi, every nonlinearity with incremental bound alpha and every Delta_j,
 
-    V(xi+) < decay V(xi) - weight x_d' (S (x) I) x_d + kappa |nu|^2 + kappa_mu |mu|^2
+    V(xi+) < decay V(xi) - weight x_d' ((T T')^-1 (x) I) x_d + kappa |nu|^2 + kappa_mu |mu|^2
 
-from one sampling instant to the next, whenever z != 0; D = diag(S (x) I, 0), S here the metric of x_d.
+from one sampling instant to the next, whenever z != 0; D = diag((T T')^-1 (x) I, 0): x_d' D x_d is the squared
+distance from consensus.
 
 Proof: by Schur's complement W > 0 is  max over w_d of V(N z + J w_d) - w_d' S^-1 w_d + a' Q a < z' Z z, and by
 lifting the left side is no less than V(xi+) + int (sum_ij m_ij (alpha^2 |H (x_i - x_j)|^2 - |phi_i - phi_j|^2))
@@ -32,7 +33,7 @@ from lockstep.lmi.sampled.balls import product
 from lockstep.lmi.sampled.lifting import Lifted
 from lockstep.lmi.sampled.loop import SampledLoop
 from lockstep.model.disagreement import Disagreement
-from lockstep.model.numbers import Matrix, Vector, converter, is_exact, zeros
+from lockstep.model.numbers import Matrix, Vector, converter, inverse, is_exact, zeros
 
 NUMBERS = ("decay", "kappa", "weight", "ratio", "kappa_mu")
 
@@ -42,7 +43,7 @@ class Witness:
     """P (n_xi, n_xi), m >= 0 for each pair of agents, t >= 0 for each way, and the numbers of the claim.
 
     kappa: what |nu|^2, the messages' noise, counts;  kappa_mu: what |mu|^2 does, that of underflow;  ratio: c with
-    x_d' (S (x) I) x_d <= c V, which turns what is known of V into a distance from consensus.
+    x_d' ((T T')^-1 (x) I) x_d <= c V, which turns what is known of V into a distance from consensus.
     """
 
     P: Float[np.ndarray, "n_xi n_xi"]
@@ -107,9 +108,13 @@ def multiplier(d: Disagreement, m: Vector) -> Matrix:
 
 
 def metric(loop: SampledLoop) -> Matrix:
-    """Return S (x) I: x_d' (S (x) I) x_d is the squared distance of the states from consensus."""
+    """Return D = (T T')^-1 (x) I: x_d' D x_d is the squared distance of the states from consensus.
+
+    In any coordinates: the S of `Disagreement`, in which rho is measured, is I in those of the paper.
+    """
     unit = converter(is_exact(loop.held))(np.eye(loop.network.plant.A.shape[0]))
-    return np.kron(loop.network.d.S, unit)
+    T = loop.network.d.T
+    return np.kron(inverse(T @ T.T), unit)
 
 
 def step_matrix(loop: SampledLoop, lifted: Lifted) -> Matrix:

@@ -122,7 +122,7 @@ def padded(loop: SampledLoop, S: Float[np.ndarray, "n_d n_d"]) -> Float[np.ndarr
 
 
 def distance_ratio(loop: SampledLoop, P: Float[np.ndarray, "n_xi n_xi"]) -> float:
-    """Return c with x_d' (S (x) I) x_d <= c V, a little above the least."""
+    """Return c with x_d' ((T T')^-1 (x) I) x_d <= c V, a little above the least."""
     L = np.linalg.cholesky(P)
     inner = np.linalg.solve(L, np.linalg.solve(L, metric_of(loop)).T)
     return float(1.001 * np.linalg.eigvalsh((inner + inner.T) / 2)[-1])
