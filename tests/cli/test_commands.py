@@ -36,6 +36,17 @@ def changed(table_1: Path, place: Path, change) -> Path:
     return path
 
 
+def test_the_trade_off_rises_with_alpha(examples, run, tmp_path):
+    result = run("design", examples / "table_1.toml", "--trade-off", "curve.csv", "--json")
+    assert result.exit_code == 0
+    heading, *rows = (tmp_path / "curve.csv").read_text().splitlines()
+    assert heading == "alpha,rho"
+    alpha, rho = zip(*(map(float, row.split(",")) for row in rows), strict=True)
+    assert alpha[0] == 0
+    assert alpha[-1] == pytest.approx(4.58, abs=0.02)  # the largest alpha of these gains (reference/paper.json)
+    assert list(rho) == sorted(rho)
+
+
 def test_the_published_gains_are_certified(table_1, run):
     # The 13.23 (12.15 for T = rows of L, reference/paper.json) is the least rho; rounding may cost 0.05 %.
     result = run("certify", table_1, "--json")

@@ -10,7 +10,7 @@ from rich.console import Group
 from rich.text import Text
 
 from lockstep.cli.console import Answer, of_file, plain, progress_display, respond
-from lockstep.cli.files import DESIGN_NAME
+from lockstep.cli.files import DESIGN_NAME, check_can_be_made
 from lockstep.cli.generate import generated_files
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ def _build(path: Path, output: Path, jobs: int | None) -> Answer:
     from lockstep.model.problem import load_problem
 
     check_replaceable(output)
+    check_can_be_made(output)
     problem = load_problem(path)
     with of_file(path):
         checks = _checked(problem)

@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from lockstep.cli.console import Answer, errors, of_file, progress_display, respond, two_columns, write_text
+from lockstep.cli.console import Answer, of_file, progress_display, respond, two_columns, write_text
 from lockstep.cli.files import DESIGN_NAME, check_writable, read_design
 from lockstep.model.errors import ProblemError
 
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from lockstep.codegen.campaign import Campaign, Plan
     from lockstep.codegen.campaign.guarantee import Controllers
     from lockstep.lmi.document import Stored
-
-INTERRUPTED = 130
 
 OUTPUT = Path("campaign")
 HORIZON = 10.0
@@ -125,8 +123,8 @@ def _run(path: Path, runs: int, output: Path, scheduler: str | None, jobs: int, 
         try:
             found = run_campaign(plan, runs, output, jobs=jobs, scheduler=scheduler, report=tell)
         except KeyboardInterrupt:
-            errors.print("interrupted; the runs that are done are kept: the same command goes on from there")
-            raise SystemExit(INTERRUPTED) from None
+            kept = "interrupted; the runs that are done are kept: the same command goes on from there"
+            raise KeyboardInterrupt(kept) from None
     return Answer(found.document(), table_of(found), found.ok)
 
 

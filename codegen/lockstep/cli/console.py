@@ -17,7 +17,7 @@ from rich.text import Text
 
 from lockstep.model.errors import ClaimError, ProblemError
 
-HOLDS, FAILS, BAD_INPUT = 0, 1, 2
+HOLDS, FAILS, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 errors = Console(stderr=True, soft_wrap=True, highlight=False)
 
@@ -40,9 +40,10 @@ def respond(as_json: bool, work: Callable[[], Answer]) -> None:
     except ClaimError as error:
         document = {"ok": False, "certified": False, **_partial(error), "error": _claim(error)}
         _leave(as_json, document, str(error), FAILS)
-    except KeyboardInterrupt:
-        errors.print("interrupted; nothing was written")
-        raise typer.Exit(130) from None
+    except KeyboardInterrupt as interrupt:
+        found = str(interrupt) or "interrupted; nothing was written"
+        document = {"ok": False, "error": {"kind": "interrupted", "message": found}}
+        _leave(as_json, document, found, INTERRUPTED)
     except Exception as error:
         if os.environ.get("LOCKSTEP_DEBUG"):
             raise
@@ -54,6 +55,17 @@ def respond(as_json: bool, work: Callable[[], Answer]) -> None:
         Console(highlight=False).print(answer.text)
     if not answer.holds:
         raise typer.Exit(FAILS)
+
+
+def misused(message: str) -> int:
+    """Answer a command line that no command understands with JSON, and return the exit status.
+
+    The keys are those of every other bad input; what was expected is in the message.
+    """
+    errors.print(f"lockstep: {message}", markup=False)
+    error = {"kind": "usage", "message": message, "found": message, "where": "command line"}
+    _print_json({"ok": False, "error": {**error, "expected": "", "remedy": "see `lockstep --help`"}})
+    return BAD_INPUT
 
 
 @contextmanager

@@ -10,23 +10,36 @@ from lockstep.cli.console import Answer, of_file, progress_display, respond, to_
 from lockstep.cli.files import check_writable
 
 
-def run(path: Path, output: Path | None, *, jobs: int | None, as_json: bool) -> None:
-    """Design, prove, and write the design file."""
-    respond(as_json, lambda: _design(path, output, jobs))
+def run(path: Path, output: Path | None, *, jobs: int | None, trade_off: Path | None, as_json: bool) -> None:
+    """Design, prove, and write the design file, and the curve of rho against alpha if asked for."""
+    respond(as_json, lambda: _design(path, output, jobs, trade_off))
 
 
-def _design(path: Path, output: Path | None, jobs: int | None) -> Answer:
+def _design(path: Path, output: Path | None, jobs: int | None, trade_off: Path | None) -> Answer:
     from lockstep.lmi.design import design
     from lockstep.lmi.document import document
     from lockstep.model.problem import load_problem
 
     check_writable(output)
+    check_writable(trade_off)
     problem = load_problem(path)
     with of_file(path), progress_display() as tell:
         content = sampled_too(document(design(problem, jobs=jobs, progress=tell)), tell)
+    curve = "" if trade_off is None else _trade_off(content)
     if output is not None:
         write_text(output, to_json(content) + "\n")
+    if trade_off is not None:
+        write_text(trade_off, curve)
     return Answer(content, summary(content))
+
+
+def _trade_off(content: Mapping[str, Any]) -> str:
+    """Return the least rho of the gains for each alpha, as CSV."""
+    from lockstep.cli.files import DESIGN_NAME
+    from lockstep.lmi.document import parse
+    from lockstep.lmi.trade import as_csv, curve
+
+    return as_csv(curve(parse(content, DESIGN_NAME)))
 
 
 def sampled_too(

@@ -1,6 +1,6 @@
 """Where designs are read from and outputs may go."""
 
-import os
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,24 @@ def check_writable(output: Path | None) -> None:
         raise ProblemError("it is a folder", where=str(output), expected="a file to write")
     if not output.parent.is_dir():
         raise ProblemError("there is no such folder", where=str(output.parent), remedy="make it first")
-    if not os.access(output.parent, os.W_OK):
-        raise ProblemError("the folder is not writable", where=str(output.parent))
+    check_takes_files(output.parent)
+
+
+def check_takes_files(folder: Path) -> None:
+    """Refuse a folder that takes no file, by making one: permissions do not tell of a file system that is read-only."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ProblemError(f"the folder takes no files ({error.strerror})", where=str(folder)) from None
+
+
+def check_can_be_made(folder: Path) -> None:
+    """Refuse a folder of results that could not be made, with the folders above it, before it is computed."""
+    above = next(path for path in folder.absolute().parents if path.exists() or path.is_symlink())
+    if not above.is_dir():
+        raise ProblemError("it is a file", where=str(above), expected="a folder")
+    check_takes_files(above)
 
 
 def read_design(path: Path) -> tuple[dict[str, Any], Any]:

@@ -4,6 +4,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
+from lockstep.cli.files import check_takes_files
 from lockstep.model.errors import ProblemError
 
 
@@ -14,8 +15,7 @@ def check_folder(folder: Path) -> None:
     parent = folder if folder.is_dir() else folder.parent
     if not parent.is_dir():
         raise ProblemError("there is no such folder", where=str(parent), remedy="make it first")
-    if not os.access(parent, os.W_OK):
-        raise ProblemError("the folder is not writable", where=str(parent))
+    check_takes_files(parent)
 
 
 def write_files(folder: Path, files: Mapping[str, bytes]) -> None:

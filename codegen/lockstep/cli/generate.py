@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from lockstep.cli.console import Answer, respond, to_json, two_columns
-from lockstep.cli.files import DESIGN_NAME, read_design
+from lockstep.cli.files import DESIGN_NAME, check_can_be_made, read_design
 from lockstep.model.errors import NotCertified, ProblemError
 
 
@@ -14,8 +14,10 @@ def run(path: Path, output: Path, *, optimize: str, as_json: bool) -> None:
 
 
 def _generate(path: Path, output: Path, optimize: str) -> Answer:
-    from lockstep.codegen.folder import write_folder
+    from lockstep.codegen.folder import check_replaceable, write_folder
 
+    check_replaceable(output)
+    check_can_be_made(output)
     content, stored = read_design(path)
     files = generated_files(content, stored, optimize)
     write_folder(files, output)

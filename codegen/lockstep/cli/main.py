@@ -1,5 +1,6 @@
 """The `lockstep` command. Each command's work is in a module of its own, imported when it is called."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -60,13 +61,17 @@ def design(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Where to write the design.", show_default=False)
     ] = None,
+    trade_off: Annotated[
+        Path | None,
+        typer.Option(help="Write the gains' least rho for each alpha (CSV).", show_default=False),
+    ] = None,
     jobs: Jobs = None,
     json: Json = False,
 ) -> None:
     """Design the gains, and prove the loop with those very gains."""
     from lockstep.cli.design import run
 
-    run(problem, output, jobs=jobs, as_json=json)
+    run(problem, output, jobs=jobs, trade_off=trade_off, as_json=json)
 
 
 @app.command()
@@ -122,7 +127,9 @@ def simulate(
             show_default="sampled",
         ),
     ] = None,
-    horizon: Annotated[float | None, typer.Option(help="Seconds.", show_default="the problem's")] = None,
+    horizon: Annotated[
+        float | None, typer.Option(help="Seconds.", show_default="the problem's; of a campaign 10")
+    ] = None,
     seed: Annotated[
         int | None, typer.Option(min=0, help="Of all that is random.", show_default="the problem's")
     ] = None,
@@ -212,5 +219,16 @@ def reproduce(
 
 
 def main() -> None:
-    """Run the command."""
-    app()
+    """Run the command; with `--json`, what is wrong with the command line itself is an object too."""
+    if "--json" not in sys.argv[1:]:
+        app()
+    try:
+        status = app(standalone_mode=False)
+    except Exception as error:
+        # Typer brings its own copy of click's exceptions, or click's, by version: known by what they can do.
+        if not hasattr(error, "format_message"):
+            raise
+        from lockstep.cli.console import misused
+
+        status = misused(str(error.format_message()))
+    sys.exit(status)

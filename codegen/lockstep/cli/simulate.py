@@ -63,8 +63,8 @@ def run_many(path: Path, many: Many, options: Options, *, as_json: bool) -> None
 
     if wrong := _not_for_many(options):
         respond(as_json, lambda: _refuse(wrong))
-    seed, horizon = options.seed or 0, 10.0 if options.horizon is None else options.horizon
-    found: dict[str, Any] = {"controllers": options.controllers, "horizon": horizon}
+    seed = options.seed
+    found: dict[str, Any] = {"controllers": options.controllers, "horizon": options.horizon}
     if many.replay is not None:
         campaign.run_replay(path, many.replay, many.output, seed, as_json, **found)
     elif many.campaign is not None and many.output is not None:
