@@ -43,7 +43,9 @@ def test_the_trade_off_rises_with_alpha(examples, run, tmp_path):
     assert heading == "alpha,rho"
     alpha, rho = zip(*(map(float, row.split(",")) for row in rows), strict=True)
     assert alpha[0] == 0
-    assert alpha[-1] == pytest.approx(4.58, abs=0.02)  # the largest alpha of these gains (reference/paper.json)
+    assert alpha[-1] == pytest.approx(4.58, abs=0.02), (
+        "the largest alpha of these gains: reference/paper.json"
+    )
     assert list(rho) == sorted(rho)
 
 
