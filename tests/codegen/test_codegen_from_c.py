@@ -1,14 +1,19 @@
 """Reading the numbers back from the C: all that is printed is read, and nothing else is taken for ours."""
 
+import shutil
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from lockstep.codegen import sampled_certificate
 from lockstep.codegen.emit import emit
 from lockstep.codegen.from_c import nearest, read_controller
-from lockstep.codegen.manifest import Manifest
+from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
+from lockstep.lmi.document import load_json, parse
+from lockstep.lmi.sampled import SampledVerdict
 from lockstep.model.errors import NotCertified
 
 NAMES = ["a1", "a2", "a3"]
@@ -166,3 +171,53 @@ def test_literals_are_rounded_once():
     assert nearest("1.0f", "float32") == 1.0
     exact = f"{int(tie * 10**24)}"
     assert nearest(f"{exact[0]}.{exact[1:]}f", "float32") == 1.0, "ties to even"
+
+
+GENERATED = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
+
+
+@pytest.fixture
+def differences(tmp_path, monkeypatch):
+    """What `certify_folder` says of a copy of the worked example that was changed; the proof itself is not asked for."""
+    refused = SampledVerdict(False, "not asked", 0.005, 0)
+    monkeypatch.setattr(sampled_certificate, "certify_sampled", lambda *_given, **_options: refused)
+
+    def of(change):
+        folder = tmp_path / "folder"
+        shutil.copytree(GENERATED, folder)
+        change(folder)
+        content = load_json(folder / "design.json")
+        return sampled_certificate.certify_folder(folder, parse(content, "design.json"), content).differences
+
+    return of
+
+
+def test_a_folder_as_it_was_generated_differs_in_nothing(differences):
+    assert differences(lambda _folder: None) == ()
+
+
+@pytest.mark.parametrize(
+    "path", ["src/arm1.h", "include/stdint.h", "include/bits/types.h", "include/arm1.h.gch"]
+)
+def test_a_header_that_shadows_one_that_was_read_is_told(differences, path):
+    """#include "arm1.h" looks beside the source first, <stdint.h> in include/ before the compiler's own."""
+
+    def add(folder):
+        (folder / path).parent.mkdir(exist_ok=True)
+        (folder / path).write_text("#define x_next x_now\n")
+
+    (line,) = differences(add)
+    assert line.startswith(f"{path} was not generated")
+
+
+def test_agents_in_another_order_are_told(differences):
+    """Each agent's C is proved with the inputs B of its place: the places are the design's."""
+
+    def swap(folder):
+        manifest = load_manifest(folder)
+        second, first, *others = manifest.agents
+        turned = manifest.model_copy(update={"agents": (first, second, *others)}).sealed()
+        (folder / "manifest.json").write_text(turned.text())
+
+    (line,) = differences(swap)
+    assert "arm2, arm1, arm3" in line

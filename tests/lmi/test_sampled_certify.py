@@ -16,7 +16,7 @@ from sampled_cases import (
     with_alpha,
 )
 
-from lockstep.lmi.sampled import Weights, certify_sampled, max_period, sampled_rho
+from lockstep.lmi.sampled import Weights, certify_sampled, max_period, sampled_rho, storage
 from lockstep.lmi.sampled.certify import in_doubles, lifted_agent
 from lockstep.lmi.sampled.inequality import Witness, metric
 from lockstep.lmi.sampled.loop import sampled_loop
@@ -160,6 +160,15 @@ def test_the_distance_from_consensus_is_the_same_in_the_paper_s_coordinates():
     x_d = np.kron(as_floats(rows.T), np.eye(2)) @ x.ravel()
     form = as_floats(metric(sampled_loop(paper, ones)))
     assert x_d @ form @ x_d == pytest.approx(np.sum((x - x.mean(axis=0)) ** 2), rel=1e-9)
+
+
+def test_a_storage_without_an_end_is_none_and_no_crash(monkeypatch):
+    """An X that Cholesky just takes for definite may still be singular to the inverse."""
+    unit = np.eye(2)
+    problem = storage.StorageProblem(0 * unit, np.diag([1.0, 1e-36]), 0 * unit)
+    np.testing.assert_allclose(problem.largest(0.9), np.diag([1.0, 1e36]))
+    monkeypatch.setattr(storage, "smallest_storage", lambda *_given: np.ones((2, 2)))
+    assert problem.largest(0.9) is None
 
 
 def _message_gain(net, ones, slope):

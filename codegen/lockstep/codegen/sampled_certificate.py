@@ -146,7 +146,7 @@ def _longest_stated(
     """Return the verdict at the period that a design file states as its longest, if it is proved there."""
     said = content.get("sampled")
     period = said.get("max_period") if isinstance(said, Mapping) else None
-    if not isinstance(period, int | float) or not 0 < period < math.inf or witness_in(content) is None:
+    if not isinstance(period, int | float) or not 0 < period < 1e300 or witness_in(content) is None:
         return None
     try:
         controllers = sampled_controllers(stored, float(period))
@@ -237,7 +237,7 @@ def _rho_in(content: Mapping[str, Any]) -> SampledRho | None:
     if not isinstance(sampled, Mapping):
         return None
     rho, witness = sampled.get("rho"), Witness.from_document(sampled.get("rho_witness"))
-    usable = isinstance(rho, int | float) and 0 < rho < math.inf and witness is not None
+    usable = isinstance(rho, int | float) and 0 < rho < 1e300 and witness is not None
     return SampledRho(float(rho), witness) if usable and witness is not None and rho is not None else None
 
 

@@ -46,7 +46,12 @@ class StorageProblem:
         X = smallest_storage(self.A.T / np.sqrt(decay), self.Q / decay, self.S)
         if X is None:
             return None
-        P = np.linalg.inv(X)
+        # Scaled: what underflow alone can reach is many orders of magnitude below what the messages can.
+        scale = 1 / np.sqrt(np.diag(X))
+        try:
+            P = np.linalg.inv(X * np.outer(scale, scale)) * np.outer(scale, scale)
+        except np.linalg.LinAlgError:
+            return None
         return np.asarray((P + P.T) / 2)
 
 
