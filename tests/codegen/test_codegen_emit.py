@@ -198,3 +198,12 @@ def test_a_gain_that_float32_cannot_hold_is_refused_and_float64_takes_it():
     with pytest.raises(ProblemError, match="float32"):
         emit(CodegenSpec(big, 0.1))
     assert emit(CodegenSpec(big, 0.1, real="float64"))
+
+
+def test_the_caller_is_told_when_u_acts():
+    """The certificate of a delayed loop is about u applied a period late, that of an undelayed one about u at once."""
+    late, prompt = (emit(arms(delay=delay))["include/arm1.h"] for delay in (1, 0))
+    assert "apply u one period later" in late
+    assert "apply u at once" in prompt
+    with pytest.raises(ProblemError, match="0 or 1"):
+        arms(delay=2)

@@ -190,7 +190,9 @@ def _replay(path: Path, index: int, output: Path | None, options: Options) -> An
         name: found[name] for name in found.columns if name not in ("run", "family")
     }
     figures |= {name: bool(figures[name]) for name in ("covered", "diverged")}
+    holds = not figures["diverged"] and not (figures["covered"] and found["ratio"] > 1)
     document = {
+        "ok": holds,
         "identity": plan.identity,
         "run": index,
         "family": FAMILIES[int(found["family"])],
@@ -198,5 +200,4 @@ def _replay(path: Path, index: int, output: Path | None, options: Options) -> An
         "trajectory": None if output is None else str(output),
     }
     rows = {name: f"{value}" for name, value in document.items() if not name.startswith("x_")}
-    holds = not figures["diverged"] and not (figures["covered"] and found["ratio"] > 1)
     return Answer(document, two_columns(f"Run {index} again", rows), holds)

@@ -61,7 +61,7 @@ def run_many(path: Path, many: Many, options: Options, *, as_json: bool) -> None
     """Run a campaign, or one of its runs again: see `lockstep.cli.campaign`."""
     from lockstep.cli import campaign
 
-    if wrong := _not_for_many(options):
+    if wrong := _not_for_many(options, many):
         respond(as_json, lambda: _refuse(wrong))
     seed = options.seed
     found: dict[str, Any] = {"controllers": options.controllers, "horizon": options.horizon}
@@ -76,8 +76,12 @@ def run_many(path: Path, many: Many, options: Options, *, as_json: bool) -> None
         respond(as_json, lambda: _refuse(found_none))
 
 
-def _not_for_many(options: Options) -> ProblemError | None:
+def _not_for_many(options: Options, many: Many) -> ProblemError | None:
     """Return why options do not go with a campaign, which draws its disturbances itself and runs an engine of its own."""
+    if many.campaign is not None and many.replay is not None:
+        return ProblemError(
+            "a campaign and one of its runs again", where="--replay", expected="one or the other"
+        )
     single = {
         "--disturbance": options.disturbance,
         "--perturbation": options.perturbation,
@@ -127,7 +131,8 @@ def _simulate(path: Path, output: Path | None, options: Options, *, as_json: boo
         write_text(output, to_csv(trajectory))
     document = _document(trajectory, scenario, found, kind, changes, stored)
     plot = _plotted(trajectory, as_json) if options.plot else ""
-    return Answer(document, _tables(trajectory, found, kind, stored, plot), found.holds)
+    disturbed = str(document["disturbance"])
+    return Answer(document, _tables(trajectory, found, kind, disturbed, stored, plot), found.holds)
 
 
 def _drawn(trajectory: "Trajectory", stored: "Stored") -> dict[str, bytes]:
@@ -287,7 +292,12 @@ def _document(
 
 
 def _tables(
-    trajectory: "Trajectory", found: "Measured", kind: "Kind", stored: "Stored", plot: str
+    trajectory: "Trajectory",
+    found: "Measured",
+    kind: "Kind",
+    disturbance: str,
+    stored: "Stored",
+    plot: str,
 ) -> "RenderableType":
     from rich import box
     from rich.console import Group
@@ -299,17 +309,21 @@ def _tables(
     d = trajectory.disagreement()
     rows = {
         "controllers": kind,
+        "disturbance": disturbance,
         "disagreement": f"{d[0]:.4g} at the start, {d[-1]:.4g} after {trajectory.horizon:g} s",
         "measured gain": _gain_text(found),
     }
-    table = Table(box=box.SIMPLE_HEAD)
+    if trajectory.faults:
+        rows["faults"] = f"{trajectory.faults} steps with a status other than OK"
+    # Three digits and folded cells: in 80 columns a figure that is cut says nothing.
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     headings = ("agent", "ISE", "IAE", "ITSE", "ITAE", "of u: ISE", "IAE", "ITSE", "ITAE")
     for heading in headings:
-        table.add_column(heading, justify="right")
+        table.add_column(heading, justify="right", overflow="fold")
     pairs = zip(indices(trajectory), effort_indices(trajectory), strict=True)
     for i, (error, effort) in enumerate(pairs, start=1):
         cells = [*error.document().values(), *effort.document().values()]
-        table.add_row(f"{trajectory.agent}{i}", *[f"{value:.4g}" for value in cells])
+        table.add_row(f"{trajectory.agent}{i}", *[f"{value:.3g}" for value in cells])
     parts: list[RenderableType] = [two_columns(stored.problem.title, rows), table]
     return Group(*parts, *([Text.from_ansi(plot)] if plot else []))
 

@@ -131,6 +131,7 @@ def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
         "discretization": spec.discretization,
         "rule": _RULES[spec.discretization],
         "period": repr(float(spec.period)),
+        "delay": spec.delay,
         "period_literal": real.literal(spec.period),
         "real_name": real.name,
         "c_real": real.c_name,

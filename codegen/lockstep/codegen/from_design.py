@@ -59,6 +59,7 @@ def specification(
     return CodegenSpec(
         agents=controllers,
         period=table.period,
+        delay=table.delay,
         discretization=table.discretization,
         real=table.real,
         optimize=optimize,
@@ -107,7 +108,7 @@ def signed_lines(sampled: SampledVerdict, stored: Stored) -> dict[str, str]:
         "assumes": f"the agents obey their model with slopes up to alpha; all step at one instant; every message"
         f" arrives; u acts {applied} and unclipped; no step overflows",
         "remains": "at the sampling instants, in the end, a distance of the states from agreement of up to"
-        f" {_two_digits(sampled.residual)} times the largest error of a message (root mean square:"
+        f" {_two_digits(sampled.residual)} times the largest error of a message or of an own reading (root mean square:"
         f" {_two_digits(sampled.residual_rms)} times);"
         f" rounding a message to {real} errs by {unit:.1e} of its size",
     }

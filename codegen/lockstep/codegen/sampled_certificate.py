@@ -3,7 +3,6 @@
 Both sides meet here: `lockstep.lmi.sampled` proves and knows no C, this layer samples, rounds and reads.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

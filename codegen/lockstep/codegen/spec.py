@@ -193,6 +193,7 @@ class CodegenSpec:
     interpreted,
                     except that anything but `certified: True` is printed as NOT CERTIFIED
     design_hash     identifies the design that the gains come from
+    delay           periods after its sample at which u acts, 0 or 1: what the caller is told to do
     plants          optional, one per agent: `verify` then closes the loop around the reference
     """
 
@@ -206,12 +207,15 @@ class CodegenSpec:
     certificate: Mapping[str, str | float | bool | None] = field(default_factory=dict)
     design_hash: str = ""
     plants: tuple[LinearPlant, ...] = ()
+    delay: int = 0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "agents", tuple(self.agents))
         object.__setattr__(self, "plants", tuple(self.plants))
         check_identifier(self.name, "name")
         check_period(self.period)
+        if self.delay not in (0, 1):
+            raise ProblemError(f"`{self.delay}`", where="delay", expected="0 or 1 periods")
         _choice(self.discretization, ("tustin", "zoh", "euler"), "discretization")
         _choice(self.real, ("float32", "float64"), "real")
         _choice(self.optimize, ("speed", "size"), "optimize")
