@@ -179,6 +179,21 @@ def test_behind_a_leader_a_local_certificate_comes_with_initial_states() -> None
     assert verdict(file_of(pendulum())).initial is None
 
 
+@pytest.mark.parametrize(
+    ("key", "claimed"), [("scope", "global"), ("initial_set", {"available": True, "radius": 9.0})]
+)
+def test_more_states_than_are_proved_are_a_broken_claim(key: str, claimed: Any, tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from lockstep.cli.main import app
+
+    local = file_of(pendulum(agent="centre = false\ndomain = { a = [1.0, 2.0] }"))
+    path = tmp_path / "design.json"
+    for content, status in ((local, 0), (changed(local, (key,), claimed), 1)):
+        path.write_text(json.dumps(content), encoding="utf-8")
+        assert CliRunner().invoke(app, ["certify", str(path), "--json"]).exit_code == status
+
+
 def test_the_scales_of_the_bound_are_in_the_file() -> None:
     """Two independent nonlinearities: the certificate is about G D_w and D_v^-1 H, whatever a slower machine finds."""
     gains = "\n".join("[[design.gains]]\nD = [[-9.0, -6.0]]" for _ in range(2))

@@ -8,6 +8,7 @@ claims both: either failing is status 1.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -42,6 +43,9 @@ def _certify(path: Path) -> Answer:
     content, stored = read_design(path)
     with of_file(path):
         verdict = certify(stored)
+        broken = broken_place(content, verdict) if verdict.certified else None
+        if broken:
+            verdict = replace(verdict, certified=False, reason=broken)
         if is_generated(path):
             return _with_folder(path, content, stored, verdict)
         return _with_design(content, stored, verdict)
@@ -77,6 +81,18 @@ def broken_claim(content: Mapping[str, Any], proved: Mapping[str, Any]) -> str |
     if isinstance(rho, int | float) and (proved["rho"] is None or rho < proved["rho"]):
         found = "none" if proved["rho"] is None else f"{proved['rho']:g}"
         return f"the file claims rho = {rho:g} of the sampled loop, but {found} is proved"
+    return None
+
+
+def broken_place(content: Mapping[str, Any], verdict: "Verdict") -> str | None:
+    """Say whether a file claims its certificate for more states than it is proved for; None if it does not."""
+    scope, claimed = content.get("scope"), content.get("initial_set")
+    if scope is not None and scope != verdict.scope:
+        return f"the file says that the certificate is {scope}, but {verdict.scope} is proved"
+    proved = None if verdict.initial is None else verdict.initial.document()
+    if claimed is not None and claimed != proved:
+        found = "none" if verdict.initial is None else verdict.initial.text()
+        return f"the file claims other initial states than are proved: {found}"
     return None
 
 

@@ -85,6 +85,9 @@ def _datasheet(
     delta = {f"delta_{letter}": value for letter, value in stored.fragility.items() if value}
     covered = sampled is not None and sampled.certified
     lines = signed_lines(sampled, stored) if covered and sampled else {"covers": CONTINUOUS_ONLY}
+    if verdict.scope == "local":
+        said = "assumes" if "assumes" in lines else "covers"
+        lines = {**lines, said: f"{lines[said]}; {_domain(stored)}"}
     return {
         "certified": True,
         "proof": "ball" if covered else "exact",
@@ -95,6 +98,14 @@ def _datasheet(
         **delta,
         **({"rho and delta are": "of the continuous controllers (proof: exact)"} if covered else {}),
     }
+
+
+def _domain(stored: Stored) -> str:
+    """Return the assumption of a local certificate, on the states of [agent.domain]."""
+    sides = ", ".join(
+        f"{low:g} <= {name} <= {high:g}" for name, (low, high) in stored.problem.agent().domain.items()
+    )
+    return f"every agent stays in its domain ({sides}), which is not proved of sampled controllers"
 
 
 def signed_lines(sampled: SampledVerdict, stored: Stored) -> dict[str, str]:
