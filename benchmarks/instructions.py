@@ -8,6 +8,7 @@ are fed the same closed-loop calls:
   speed   `optimize = "speed"`: unrolled, gains as literals
   size    `optimize = "size"`: loops over a constant table
   hand    hand_written.c.in: an engineer's loop over a constant table
+  loop    the same with -fno-unroll-loops, so that clang leaves it a loop
   casadi  CasADi's own C for the kernel (`casadi_real = float`, as emitted), inside our runtime
   data    the same with the gains as an argument instead of literals
 
@@ -19,7 +20,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from string import Template
 
@@ -38,7 +39,8 @@ from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.codegen.stimulus import closed_loop_calls, recorded_outputs, run_reference
 from lockstep.codegen.toolchain import Compiler, arm_gcc, zig
 
-VARIANTS = ("speed", "size", "hand", "casadi", "data")
+VARIANTS = ("speed", "size", "hand", "loop", "casadi", "data")
+BY_HAND = ("hand", "loop")
 ORDERS, OUTPUTS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12), (1, 2, 3, 4)
 STEPS = 25
 SPEED_FROM_4, SPEED_AT_2, SIZE = 0.6, 1.0, 1.1
@@ -74,12 +76,12 @@ def specification(orders: Sequence[int], outputs: Sequence[int], optimize: str) 
 
 def build(variant: str, orders: Sequence[int], outputs: Sequence[int], directory: Path) -> Path:
     """Write the folder of one variant: a generated one, its sources replaced where the variant is not ours."""
-    optimize = "size" if variant in ("size", "hand") else "speed"
+    optimize = "size" if variant in ("size", *BY_HAND) else "speed"
     folder = write_folder(emit(specification(orders, outputs, optimize)), directory / variant)
     manifest = load_manifest(folder)
     for agent in manifest.agents:
         source = folder / "src" / f"{agent.name}.c"
-        if variant == "hand":
+        if variant in BY_HAND:
             source.write_text(hand_written(agent, manifest), encoding="utf-8")
         elif variant in ("casadi", "data"):
             source.write_text(with_casadi(source.read_text(), agent, manifest, folder, variant), "utf-8")
@@ -164,8 +166,9 @@ def measure(
                     calls = closed_loop_calls(manifest, recorded_outputs(manifest, STEPS))
                     work = Path(temporary) / f"{compiler.name}{level}{variant}".replace(" ", "")
                     work.mkdir()
-                    strict = variant in ("speed", "size", "hand")
-                    runs = run_on_core(manifest, folder, calls, core, compiler, level, work, strict=strict)
+                    strict = variant in ("speed", "size", *BY_HAND)
+                    used = compiled_with(compiler, variant)
+                    runs = run_on_core(manifest, folder, calls, core, used, level, work, strict=strict)
                     for agent, run in runs:
                         expected = run_reference(Reference.of(agent, manifest), calls[agent.name])
                         yield Measured(
@@ -181,15 +184,25 @@ def measure(
                         )
 
 
+def compiled_with(compiler: Compiler, variant: str) -> Compiler:
+    """Return the compiler as a variant is compiled: all alike, but that `loop` is not unrolled."""
+    extra = ("-fno-unroll-loops",) if variant == "loop" else ()
+    return replace(compiler, command=(*compiler.command, *extra))
+
+
 @dataclass(frozen=True)
 class Verdict:
-    """The largest ratios at one compiler level, None where no such order was measured."""
+    """The largest ratios at one compiler level, None where no such order was measured.
+
+    The bounds are held against `hand`, unrolled or not as the compiler likes; `over_loop_from_order_4` is beside them.
+    """
 
     compiler: str
     level: str
     speed_from_order_4: float | None
     speed_at_order_2: float | None
     size: float
+    over_loop_from_order_4: float | None
 
     @property
     def holds(self) -> bool:
@@ -207,17 +220,29 @@ def verdicts(rows: Sequence[Measured]) -> list[Verdict]:
     for compiler, level in dict.fromkeys((r.compiler, r.level) for r in rows):
         by = {(r.order, r.outputs, r.variant): r for r in rows if (r.compiler, r.level) == (compiler, level)}
         shapes = sorted({(n, q) for n, q, _ in by})
-        speed = {s: by[*s, "speed"].instructions / by[*s, "hand"].instructions for s in shapes}
-        large = [ratio for (n, _), ratio in speed.items() if n >= 4]
+        speed, over_loop = (
+            {s: by[*s, "speed"].instructions / by[*s, other].instructions for s in shapes}
+            for other in BY_HAND
+        )
+        large, loops = ([r for (n, _), r in ratios.items() if n >= 4] for ratios in (speed, over_loop))
         second = [ratio for (n, _), ratio in speed.items() if n == 2]
         size = max(by[*s, "size"].bytes / by[*s, "hand"].bytes for s in shapes)
-        found.append(Verdict(compiler, level, max(large, default=None), max(second, default=None), size))
+        found.append(
+            Verdict(
+                compiler,
+                level,
+                max(large, default=None),
+                max(second, default=None),
+                size,
+                max(loops, default=None),
+            )
+        )
     return found
 
 
 def table(rows: Sequence[Measured]) -> str:
     """Markdown: instructions / bytes of each variant, and the two ratios."""
-    lines = []
+    lines: list[str] = []
     for compiler, level in dict.fromkeys((r.compiler, r.level) for r in rows):
         lines += [
             f"\n{compiler} {level}\n",
@@ -242,7 +267,7 @@ def main() -> int:
     chosen = parser.parse_args()
     compilers = [c for c in (zig(), arm_gcc()) if c]
     rows = list(measure(compilers, ("-O2", "-Os"), chosen.orders, chosen.outputs))
-    unequal = [r for r in rows if r.variant in ("speed", "size", "hand") and not r.equal]
+    unequal = [r for r in rows if r.variant in ("speed", "size", *BY_HAND) and not r.equal]
     found = verdicts(rows)
     if chosen.json:
         print(

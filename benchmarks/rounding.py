@@ -24,7 +24,7 @@ from scipy.linalg import expm
 
 from lockstep.codegen.from_c import read_controllers
 from lockstep.codegen.manifest import load_manifest
-from lockstep.codegen.sampled_certificate import sampled_network
+from lockstep.codegen.sampled_design import sampled_network
 from lockstep.lmi.document import read
 from lockstep.lmi.sampled import HeldController
 from lockstep.lmi.sampled.certify import plant_in_doubles

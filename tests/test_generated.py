@@ -51,3 +51,14 @@ def test_what_a_design_file_says_of_its_sampled_controllers_is_not_believed(root
     said = json.loads(generated_files(content, stored)["design.json"])["sampled"][key]
     assert said != claimed
     assert said == pytest.approx(proved, rel=0.02)  # found anew, from other pair weights
+
+
+def test_the_header_prints_both_rhos(root):
+    """The sampled one is of the C below it, the continuous one of the gains it was sampled from."""
+    folder = root / "generated" / "flexible_joint_arms"
+    design = json.loads((folder / "design.json").read_text())
+    header = (folder / "include" / "arm1.h").read_text()
+    assert f"rho = {design['rho']!r}\n" in header
+    assert f"rho_sampled = {design['sampled']['rho']!r}\n" in header
+    certificate = json.loads((folder / "manifest.json").read_text())["certificate"]
+    assert (certificate["rho"], certificate["rho_sampled"]) == (design["rho"], design["sampled"]["rho"])

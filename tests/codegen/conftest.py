@@ -1,6 +1,37 @@
-"""Makes `codegen_cases` importable: these tests are no package."""
+"""Makes the cases beside it importable, these tests being no package, and keeps the loops that several files run."""
 
 import sys
 from pathlib import Path
 
+import pytest
+
 sys.path.insert(0, str(Path(__file__).parent))
+
+
+@pytest.fixture(scope="session")
+def arms_network(examples):
+    from campaign_cases import arms_of
+
+    return arms_of(examples)
+
+
+@pytest.fixture(scope="session")
+def continuous(arms_network):
+    """The compiled loop with the continuous controllers, their gains uncertain."""
+    from campaign_cases import DELTA, continuous_loop
+
+    from lockstep.codegen.campaign import Engine, Features
+
+    features = Features(waves=True, noise=True, sequences=True, uncertain=True)
+    return Engine(continuous_loop(arms_network, features=features, fragility=DELTA))
+
+
+@pytest.fixture(scope="session")
+def sampled(arms_network):
+    """The compiled loop with the C that ships, messages being lost."""
+    from campaign_cases import emitted, sampled_loop
+
+    from lockstep.codegen.campaign import Engine, Features
+
+    features = Features(waves=True, noise=True, sequences=True, drops=True)
+    return Engine(sampled_loop(arms_network, emitted(arms_network.graph), features))

@@ -253,16 +253,18 @@ def test_the_continuous_controllers_with_their_delta(uncertain, tmp_path):
     assert (found.table["stored"][~starts] == 0).all()
 
 
-def test_what_cannot_be_held_against_anything_is_refused(root, plan, tmp_path):
+@pytest.fixture(scope="module")
+def files(root):
+    """The committed folder: relative path -> text."""
+    folder = root / DESIGN
+    return {path.relative_to(folder).as_posix(): path.read_text() for path in folder.rglob("*.*")}
+
+
+def test_what_cannot_be_held_against_anything_is_refused(root, plan, files, tmp_path):
     content = load_json(root / DESIGN / "design.json")
-    files = {
-        path.relative_to(root / DESIGN).as_posix(): path.read_text() for path in (root / DESIGN).rglob("*.*")
-    }
-    stored, period = (
-        parse(content, "design"),
-        {path: text.replace("0.005", "0.05") for path, text in files.items()},
-    )
-    with pytest.raises(NotCertified, match="no rho"):
+    stored = parse(content, "design")
+    period = {path: text.replace("0.005", "0.05") for path, text in files.items()}
+    with pytest.raises(NotCertified, match="no proved rho"):
         plan_of(stored, content, period, controllers="sampled")
     with pytest.raises(ProblemError, match="no emitted C"):
         plan_of(stored, content, None, controllers="sampled")
@@ -275,11 +277,8 @@ def test_what_cannot_be_held_against_anything_is_refused(root, plan, tmp_path):
         run_campaign(plan, 1, tmp_path / "file")
 
 
-def test_a_rho_that_a_file_claims_without_proof_does_not_count(root, plan):
+def test_a_rho_that_a_file_claims_without_proof_does_not_count(root, plan, files):
     content = load_json(root / DESIGN / "design.json")
-    files = {
-        path.relative_to(root / DESIGN).as_posix(): path.read_text() for path in (root / DESIGN).rglob("*.*")
-    }
     proved = content["sampled"]["rho"]
     assert plan.guarantee.rho == pytest.approx(proved, rel=1e-3)
     content["sampled"]["rho"] = claimed = 0.9 * proved

@@ -20,7 +20,9 @@ def benchmark(root):
     del sys.modules["instructions"]
 
 
-@pytest.mark.skipif(zig() is None or bool(missing_packages()), reason="the extra `emulator` is not installed")
+@pytest.mark.skipif(
+    zig() is None or bool(missing_packages()), reason="the extra `toolchain` is not installed"
+)
 def test_order_4_keeps_the_promises_at_os(benchmark):
     rows = list(benchmark.measure([zig()], ["-Os"], [4], [2]))
     assert {row.variant for row in rows} == set(benchmark.VARIANTS)

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lockstep.codegen import sampled_certificate
+from lockstep.codegen import c_certificate, sampled_design
+from lockstep.codegen.c_file import nearest
 from lockstep.codegen.emit import emit
-from lockstep.codegen.from_c import nearest, read_controller
+from lockstep.codegen.from_c import read_controller
 from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.lmi.document import load_json, parse
@@ -180,14 +181,14 @@ GENERATED = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
 def differences(tmp_path, monkeypatch):
     """What `certify_folder` says of a copy of the worked example that was changed; the proof itself is not asked for."""
     refused = SampledVerdict(False, "not asked", 0.005, 0)
-    monkeypatch.setattr(sampled_certificate, "certify_sampled", lambda *_given, **_options: refused)
+    monkeypatch.setattr(sampled_design, "certify_sampled", lambda *_given, **_options: refused)
 
     def of(change):
         folder = tmp_path / "folder"
         shutil.copytree(GENERATED, folder)
         change(folder)
         content = load_json(folder / "design.json")
-        return sampled_certificate.certify_folder(folder, parse(content, "design.json"), content).differences
+        return c_certificate.certify_folder(folder, parse(content, "design.json"), content).differences
 
     return of
 

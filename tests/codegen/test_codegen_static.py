@@ -63,6 +63,17 @@ def test_no_compiler_has_a_warning(folder, compiler):
     assert said([*command, *sources(folder)], folder)[0] != 0
 
 
+@pytest.mark.parametrize("compiler", [pytest.param(c, marks=needs(c)) for c in ("g++", "clang++")])
+def test_a_header_in_cpp_has_no_warning(folder, compiler):
+    flags = "-std=c++11 -Wall -Wextra -Wpedantic -Wconversion -Wold-style-cast -Wshadow -Werror".split()  # noqa: SIM905
+    unit = '#include "c122.h"\nstatic_assert(C122_ALL_RECEIVED == {}, "one bit per neighbour");\nc122_mask_t m = {};\n'
+    command = [compiler, *flags, "-fsyntax-only", "-Iinclude", "unit.cpp"]
+    (folder / "unit.cpp").write_text(unit.format("0x1", "C122_ALL_RECEIVED"))
+    assert said(command, folder) == (0, "")
+    (folder / "unit.cpp").write_text(unit.format("0x1", "(c122_mask_t)C122_ALL_RECEIVED"))
+    assert said(command, folder)[0] != 0
+
+
 @needs("clang-tidy")
 def test_clang_tidy_finds_nothing(folder):
     command = ["clang-tidy", "--quiet", "--warnings-as-errors=*", f"-checks={TIDY}"]

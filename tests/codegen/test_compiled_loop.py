@@ -89,8 +89,7 @@ def test_every_compiler_at_every_level(arms, compiler):
     short = replace(scenario, horizon=0.1)
     reference = simulate(network, reference_controllers(load_manifest(folder)), short)
     for level in ("-O0", "-O3"):
-        flags = (level, "-fno-sanitize=undefined") if compiler.is_zig else (level,)
-        with compiled_controllers(folder, compiler=compiler, flags=flags) as controllers:
+        with compiled_controllers(folder, compiler=compiler, flags=(level,)) as controllers:
             assert equal(simulate(network, controllers, short), reference)
 
 

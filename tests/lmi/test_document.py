@@ -54,12 +54,24 @@ BAD: list[Any] = [
 ]  # fmt: skip
 
 
-def replaced(path: tuple[Any, ...], value: Any) -> dict[str, Any]:
+def opened(path: tuple[Any, ...]) -> tuple[dict[str, Any], Any]:
+    """The file, and in it the table or list that holds the last key of a path."""
     file = deepcopy(FILE)
-    node = file
+    node: Any = file
     for key in path[:-1]:
         node = node[key]
+    return file, node
+
+
+def replaced(path: tuple[Any, ...], value: Any) -> dict[str, Any]:
+    file, node = opened(path)
     node[path[-1]] = value
+    return file
+
+
+def without(path: tuple[Any, ...]) -> dict[str, Any]:
+    file, node = opened(path)
+    del node[path[-1]]
     return file
 
 
@@ -113,13 +125,8 @@ def test_a_missing_key_is_bad_input(key: str) -> None:
     ],
 )
 def test_a_missing_part_is_bad_input(path: tuple[Any, ...]) -> None:
-    file = deepcopy(FILE)
-    node = file
-    for key in path[:-1]:
-        node = node[key]
-    del node[path[-1]]
     with pytest.raises(ProblemError, match=f"`?{path[-1]}`?"):
-        parse(file, "here.json")
+        parse(without(path), "here.json")
 
 
 def test_a_file_without_a_certificate_is_read_and_not_certified() -> None:
@@ -148,12 +155,7 @@ def test_every_value_everywhere() -> None:
 @settings(max_examples=40, deadline=None)
 @given(st.sampled_from(PLACES))
 def test_anything_left_out_is_an_answer(path: tuple[Any, ...]) -> None:
-    file = deepcopy(FILE)
-    node = file
-    for key in path[:-1]:
-        node = node[key]
-    del node[path[-1]]
-    judged(file)
+    judged(without(path))
 
 
 @pytest.mark.parametrize(

@@ -256,6 +256,16 @@ def test_rho_is_above_the_gain_of_the_frequency_response_and_near_it():
     assert not proves_rho(loop, Weights(np.eye(2), np.zeros((1, 1))), better)
 
 
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_rho_needs_no_pair_weights_in_the_right_scale(scale):
+    """R times scale^2 is z times scale, so rho times scale; the weights that prove it grow with R."""
+    net, ones = oscillators(period=0.01, alpha=0.2)
+    least = sampled_rho(net, ones, Weights(np.eye(2), np.zeros((1, 1)))).rho
+    scaled = sampled_rho(net, ones, Weights(scale**2 * np.eye(2), np.zeros((1, 1))))
+    # The scale is searched to 0.01 decades about a flat minimum, and rho is rounded to four digits.
+    assert scaled is not None and scaled.rho == pytest.approx(scale * least, rel=0.02)
+
+
 def _held_gain(net, ones, slope):
     """From held disturbances to the states at the start of each period, on a grid of frequencies: below the gain."""
     from scipy.linalg import expm

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sampled_cases import brute_force_radius
 
-from lockstep.codegen.sampled_certificate import longest_period, sampled_controllers, sampled_network
+from lockstep.codegen.sampled_design import longest_period, sampled_controllers, sampled_network
 from lockstep.lmi.design import given_gains
 from lockstep.lmi.document import parse
 from lockstep.lmi.sampled import Weights, certify_sampled, sampled_rho

@@ -53,10 +53,10 @@ def _certify(path: Path) -> Answer:
 
 def _with_design(content: dict[str, Any], stored: "Stored", verdict: "Verdict") -> Answer:
     """Certify a design file alone: its gains, and the controllers they are sampled and rounded to."""
-    from lockstep.codegen.sampled_certificate import certify_sampled_design
+    from lockstep.codegen.sampled_design import prove_design
 
-    held = certify_sampled_design(stored, content)
-    sampled, document = held.document(), certificate_document(content, stored, verdict)
+    held = prove_design(stored, content)
+    sampled, document = held.figures(), certificate_document(content, stored, verdict)
     broken = broken_claim(content, sampled)
     if verdict.certified and broken:
         document |= _not_certified(broken, held.verdict.figures)
@@ -108,27 +108,24 @@ def is_generated(path: Path) -> bool:
 
 def _with_folder(path: Path, content: dict[str, Any], stored: "Stored", verdict: "Verdict") -> Answer:
     """Certify the design and the C beside it: both must hold, and the C must be what its manifest says."""
-    from lockstep.codegen.sampled_certificate import certify_folder
+    from lockstep.codegen.c_certificate import certify_folder
 
     folder = certify_folder(path, stored, content)
-    sampled = folder.sampled
-    longest = None if folder.longest is None else folder.longest.period
-    rho = None if folder.rho is None else folder.rho.rho
-    certified = verdict.certified and sampled.certified
+    proved, sampled = folder.held.verdict, folder.held.figures()
+    certified = verdict.certified and proved.certified
     document = certificate_document(content, stored, verdict)
-    if verdict.certified and not sampled.certified:
-        document |= _not_certified(sampled.reason, sampled.figures)
+    if verdict.certified and not proved.certified:
+        document |= _not_certified(proved.reason, proved.figures)
     document |= {
         "ok": verdict.certified and folder.ok,
         "certified": certified,
         "proof": "ball" if certified else "none",
         "design": {"certified": verdict.certified, "proof": document["proof"]},
         "differences": list(folder.differences),
-        "sampled": {**sampled.document(), "max_period": longest, "rho": rho},
+        "sampled": sampled,
     }
     rows = {
-        "sampled C": sampled_text({**sampled.document(), "max_period": longest}),
-        "sampled rho": "none proved" if rho is None else f"{rho:.6g}",
+        "sampled C": sampled_text(sampled),
         "as generated": "; ".join(folder.differences) or "yes",
     }
     return Answer(document, _table(stored, verdict, rows), verdict.certified and folder.ok)

@@ -54,14 +54,14 @@ def sampled_too(
 
     from lockstep.cli.files import DESIGN_NAME
     from lockstep.codegen.for_the_period import designed_for_period, is_asked, obstacle
-    from lockstep.codegen.sampled_certificate import with_sampled
+    from lockstep.codegen.sampled_design import prove_design, with_sampled
     from lockstep.lmi.document import parse
     from lockstep.model.errors import Infeasible
 
     plain: dict[str, Any] = json.loads(to_json(content))
     stored = parse(plain, DESIGN_NAME)
     tell("proving the sampled controllers", 0.95)
-    plain = with_sampled(plain, stored)
+    plain = with_sampled(plain, prove_design(stored, plain))
     if plain["sampled"]["certified"] and not is_asked(stored.problem):
         return plain
     found = obstacle(stored)

@@ -4,7 +4,8 @@ from pathlib import Path
 from typing import Any
 
 from lockstep.cli.console import Answer, respond, to_json, two_columns
-from lockstep.cli.files import DESIGN_NAME, check_can_be_made, read_design
+from lockstep.cli.files import DESIGN_NAME, read_design
+from lockstep.cli.folders import check_generated
 from lockstep.model.errors import NotCertified, ProblemError
 
 
@@ -14,10 +15,9 @@ def run(path: Path, output: Path, *, optimize: str, as_json: bool) -> None:
 
 
 def _generate(path: Path, output: Path, optimize: str) -> Answer:
-    from lockstep.codegen.folder import check_replaceable, write_folder
+    from lockstep.codegen.folder import write_folder
 
-    check_replaceable(output)
-    check_can_be_made(output)
+    check_generated(output)
     content, stored = read_design(path)
     files = generated_files(content, stored, optimize)
     write_folder(files, output)
@@ -35,9 +35,10 @@ def generated_files(content: dict[str, Any], stored: Any, optimize: str = "speed
         NotCertified: the checker refuses the design: C is generated from proved designs only.
     """
     from lockstep.codegen.bundle import bundle
+    from lockstep.codegen.c_certificate import certify_texts
     from lockstep.codegen.emit import emit
     from lockstep.codegen.from_design import specification
-    from lockstep.codegen.sampled_certificate import certify_texts, with_sampled
+    from lockstep.codegen.sampled_design import with_sampled
     from lockstep.lmi.certify import certify
 
     if optimize not in ("speed", "size"):
@@ -49,7 +50,7 @@ def generated_files(content: dict[str, Any], stored: Any, optimize: str = "speed
         )
     # Printed twice: the numbers do not depend on what is said of them, and what is said is proved of the printed ones.
     draft = emit(specification(stored, verdict, content=content, optimize=optimize))  # type: ignore[arg-type]
-    sampled, controllers = certify_texts(draft, stored, content)
-    content = with_sampled(content, stored, sampled, controllers)
-    spec = specification(stored, verdict, content=content, optimize=optimize, sampled=sampled)  # type: ignore[arg-type]
+    held = certify_texts(draft, stored, content)
+    content = with_sampled(content, held)
+    spec = specification(stored, verdict, content=content, optimize=optimize, held=held)  # type: ignore[arg-type]
     return bundle(emit(spec), {DESIGN_NAME: to_json(content) + "\n"})

@@ -12,29 +12,44 @@ from lockstep.cli.console import Answer, progress_display, respond, write_text
 from lockstep.cli.folders import check_folder, write_files
 
 if TYPE_CHECKING:
-    from lockstep.codegen.section4.runs import Runs
     from lockstep.lmi.claims.claim import Row
+    from lockstep.report.section4.runs import Runs
 
 
 def run(names: Sequence[str], output: Path | None, figures: Path | None = None, *, as_json: bool) -> None:
     """Settle the claims, and write the page if asked; or make Section 4's figures and table in a folder."""
-    respond(
-        as_json, lambda: _reproduce(names, output) if figures is None else _section_4(names, output, figures)
+    respond(as_json, lambda: _answer(names, output, figures))
+
+
+def _answer(names: Sequence[str], output: Path | None, figures: Path | None) -> Answer:
+    if figures is None:
+        _check(
+            not (names and output is not None),
+            "some claims are named, and a page is to be written",
+            "names or `-o`, not both: the page holds all claims",
+        )
+        return _reproduce(names, output)
+    _check(
+        not names and output is None,
+        "`--figures` is given with claims or a page",
+        "`--figures` alone: it settles no claims",
     )
+    return _section_4(figures)
 
 
-def _section_4(names: Sequence[str], output: Path | None, folder: Path) -> Answer:
-    from lockstep.codegen.section4.figures import figures
-    from lockstep.codegen.section4.runs import all_runs
-    from lockstep.codegen.section4.table import to_csv, to_markdown
+def _check(agree: bool, found: str, expected: str) -> None:
+    """Refuse options that contradict each other."""
     from lockstep.model.errors import ProblemError
 
-    if names or output is not None:
-        raise ProblemError(
-            "`--figures` is given with claims or a page",
-            where="lockstep reproduce",
-            expected="`--figures` alone: it settles no claims",
-        )
+    if not agree:
+        raise ProblemError(found, where="lockstep reproduce", expected=expected)
+
+
+def _section_4(folder: Path) -> Answer:
+    from lockstep.report.section4.figures import figures
+    from lockstep.report.section4.runs import all_runs
+    from lockstep.report.section4.table import to_csv, to_markdown
+
     check_folder(folder)
     with progress_display() as tell:
         runs = list(all_runs(tell))
@@ -69,14 +84,7 @@ def _reproduce(names: Sequence[str], output: Path | None) -> Answer:
     from lockstep.cli.files import check_writable
     from lockstep.lmi.claims.ledger import reproduce
     from lockstep.lmi.claims.markdown import to_markdown
-    from lockstep.model.errors import ProblemError
 
-    if names and output is not None:
-        raise ProblemError(
-            "some claims are named, and a page is to be written",
-            where="lockstep reproduce",
-            expected="names or `-o`, not both: the page holds all claims",
-        )
     check_writable(output)
     with progress_display() as tell:
         rows = reproduce(names, tell)

@@ -6,13 +6,11 @@ process: a library that crashes takes the run with it, so it is built from folde
 """
 
 import ctypes
-import os
-import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -21,12 +19,11 @@ from lockstep.codegen.harness import layout, product_sources
 from lockstep.codegen.in_the_loop import sources_in
 from lockstep.codegen.manifest import Agent, Manifest, load_manifest
 from lockstep.codegen.rendering import render
-from lockstep.codegen.toolchain import COMPILE_SECONDS, WARNINGS, Compiler, host_compilers, run
+from lockstep.codegen.shared_library import build_library, loaded
+from lockstep.codegen.toolchain import WARNINGS, Compiler, first_compiler
 from lockstep.codegen.verify import changed_files
 from lockstep.model.errors import ProblemError
 from lockstep.model.simulation.sampled import SampledControllers
-
-LIBRARY = "controllers.so"
 
 
 class CompiledStepper:
@@ -108,56 +105,20 @@ def compiled_controllers(
             remedy="generate the folder again: changed C is not run inside this process",
         )
     with tempfile.TemporaryDirectory(prefix="lockstep-") as temporary:
-        path = _library(manifest, folder, compiler or _first_compiler(), flags, Path(temporary))
-        library = ctypes.CDLL(str(path))
-        steppers = [CompiledStepper(library, agent, manifest) for agent in manifest.agents]
-        try:
+        chosen = compiler or first_compiler("the compiled controllers")
+        library = _library(manifest, folder, chosen, flags, Path(temporary))
+        with loaded(library) as functions:
+            steppers = [CompiledStepper(functions, agent, manifest) for agent in manifest.agents]
             yield SampledControllers(steppers, sources_in(manifest), manifest.period, delay, manifest.real)
-        finally:
-            _close(library)
 
 
 def _library(
     manifest: Manifest, folder: Path, compiler: Compiler, flags: Sequence[str], directory: Path
 ) -> Path:
-    views: list[dict[str, Any]] = [layout(agent, manifest) for agent in manifest.agents]
+    views = [layout(agent, manifest) for agent in manifest.agents]
     glue = directory / "loop.c"
-    glue.write_text(
-        render("compiled_loop.c.j2", agents=views, c_real=manifest.real_type.c_name), encoding="utf-8"
-    )
-    sources = [str(path.resolve()) for path in product_sources(manifest, folder)]
-    include = f"-I{(folder / 'include').resolve()}"
-    library = directory / LIBRARY
-    shared = ["-shared", *(["-fPIC"] if os.name == "posix" else [])]
-    command = [
-        *compiler.command,
-        *WARNINGS,
-        *flags,
-        *shared,
-        include,
-        *sources,
-        str(glue),
-        "-o",
-        str(library),
-    ]
-    run(command, directory, "compiling the controllers", COMPILE_SECONDS)
-    return library
-
-
-def _first_compiler() -> Compiler:
-    found = host_compilers()
-    if not found:
-        raise ProblemError(
-            "there is no C compiler",
-            where="the compiled controllers",
-            remedy="set CC, install gcc or clang, or the extra `toolchain`",
-        )
-    return found[0]
-
-
-def _close(library: ctypes.CDLL) -> None:
-    """Unload, so that many folders can be simulated in one process."""
-    if sys.platform != "win32":
-        close = ctypes.CDLL(None).dlclose
-        close.argtypes = [ctypes.c_void_p]
-        close(library._handle)
+    text = render("compiled_loop.c.j2", agents=views, c_real=manifest.real_type.c_name)
+    glue.write_text(text, encoding="utf-8")
+    sources = [path.resolve() for path in product_sources(manifest, folder)]
+    flags = (*WARNINGS, *flags, f"-I{(folder / 'include').resolve()}")
+    return build_library(compiler, flags, [*sources, glue], directory, "the controllers")

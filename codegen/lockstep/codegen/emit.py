@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.codegen.agent_view import agent_view
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.budget import Shape, flash_budgets, stack_budgets, state_bytes
 from lockstep.codegen.cores import CORES
@@ -53,6 +54,12 @@ class Sampled:
     table: np.ndarray
     weights: np.ndarray
     kernel: Kernel
+
+    @property
+    def shape(self) -> Shape:
+        """nc, q, m, nn."""
+        inputs, outputs = self.controller.D.shape
+        return Shape(self.controller.order, outputs, inputs, len(self.controller.neighbours))
 
 
 def emit(spec: CodegenSpec) -> dict[str, str]:
@@ -142,33 +149,24 @@ def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
 
 
 def _agent_context(agent: Sampled, real: RealType, optimize: str) -> dict[str, Any]:
-    controller, M = agent.controller, agent.table
-    n, (m, q), nn = controller.order, controller.D.shape, len(controller.neighbours)
-    shape = Shape(n, q, m, nn)
-    mask_bits = 32 if nn <= 32 else 64
-    return {
-        "name": controller.name,
-        "NAME": controller.name.upper(),
-        "order": n,
-        "q": q,
-        "m": m,
-        "nn": nn,
-        "rows": n + m,
-        "columns": n + q,
+    """What the templates need: the C's own view, and what its comments say."""
+    controller, M, shape = agent.controller, agent.table, agent.shape
+    view = agent_view(
+        controller.name,
+        shape,
+        M,
+        agent.weights,
+        statements=agent.kernel.statements,
+        table=[[real.literal(v) for v in row] for row in M],
+        weight_literals=[real.literal(w) for w in agent.weights],
+    )
+    return view | {
         "outputs": [{"name": plain(s.name), "unit": plain(s.unit)} for s in controller.outputs],
         "inputs": [{"name": plain(s.name), "unit": plain(s.unit)} for s in controller.inputs],
         "neighbours": [
             {"source": plain(s.source), "weight": real.decimal(w)}
             for s, w in zip(controller.neighbours, agent.weights, strict=True)
         ],
-        "mask_bits": mask_bits,
-        "all_received": f"0x{2**nn - 1:x}u" + ("ll" if mask_bits == 64 else ""),
-        "weights": [real.literal(w) for w in agent.weights],
-        "unit_weights": bool((agent.weights == 1).all()),
-        "table": [[real.literal(v) for v in row] for row in M],
-        "statements": agent.kernel.statements,
-        "unread": [letter for letter, used in _reads(M, n).items() if not used],
-        "checked": _checked(M, n),
         "multiplications": agent.kernel.multiplications if optimize == "speed" else M.size,
         "additions": agent.kernel.additions if optimize == "speed" else M.size,
         "state_bytes": state_bytes(shape, real),
@@ -183,21 +181,6 @@ def _by_core(budgets: Mapping[str, int]) -> list[dict[str, Any]]:
     for group, size in budgets.items():
         titles.setdefault(size, []).append(CORES[group].title)
     return [{"bytes": size, "cores": ", ".join(names)} for size, names in sorted(titles.items())]
-
-
-def _reads(M: np.ndarray, order: int) -> dict[str, bool]:
-    parts = {"x": M[:, :order], "r": M[:, order:]}
-    return {letter: bool(part.any()) for letter, part in parts.items() if part.shape[1]}
-
-
-def _checked(M: np.ndarray, order: int) -> list[str]:
-    """What must be finite for a step to count: (x+, u), and each r_k that no row of the kernel reads.
-
-    A read r_k that is NaN or infinite makes its row NaN or infinite, so it needs no check of its own.
-    """
-    idle = [k for k in range(M.shape[1] - order) if not M[:, order + k].any()]
-    next_ = [f"x_next[{k}]" for k in range(order)] + [f"u_next[{k}]" for k in range(M.shape[0] - order)]
-    return [*next_, *(f"r[{k}]" for k in idle)]
 
 
 def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: Mapping[str, str]) -> Manifest:
@@ -223,9 +206,7 @@ def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: M
 
 
 def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None) -> Agent:
-    c, n = agent.controller, agent.controller.order
-    (m, q), M = c.D.shape, agent.table
-    shape = Shape(n, q, m, len(c.neighbours))
+    c, n, M, shape = agent.controller, agent.controller.order, agent.table, agent.shape
     blocks = {"A": M[:n, :n], "B": M[:n, n:], "C": M[n:, :n], "D": M[n:, n:]}
     return Agent(
         name=c.name,

@@ -12,13 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.codegen.sampled_certificate import (
-    FOR_PERIOD,
-    certify_held,
-    sampled_controllers,
-    sampled_document,
-    sampled_network,
-)
+from lockstep.codegen.sampled_design import FOR_PERIOD, prove_design, sampled_controllers, sampled_network
 from lockstep.lmi.document import Stored
 from lockstep.lmi.inequality import Certificate
 from lockstep.lmi.sampled import HeldController, Weights
@@ -61,8 +55,7 @@ def designed_for_period(content: Mapping[str, Any], stored: Stored, tell: Tell) 
     """
     found, m = _searched(stored, tell)
     proved = replace(stored, gains=found, certificate=_continuous(stored, found))
-    network = sampled_network(proved, stored.problem.controller.period)
-    sampled = certify_held(proved, network, m)
+    sampled = prove_design(proved, {}, m)
     before = content["sampled"].get("rho")
     if not sampled.verdict.certified or sampled.rho is None:
         raise Infeasible(f"gains were found for the period, but not proved: {sampled.verdict.reason}")
@@ -70,7 +63,7 @@ def designed_for_period(content: Mapping[str, Any], stored: Stored, tell: Tell) 
         raise Infeasible(
             f"no gains were found with a smaller rho of the sampled loop than {before:g}", rho=before
         )
-    return _rewritten(content, proved, sampled_document(sampled.verdict, sampled.longest, sampled.rho))
+    return _rewritten(content, proved, sampled.document())
 
 
 def _searched(stored: Stored, tell: Tell) -> tuple[Gains, Float[np.ndarray, " pairs"]]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.codegen.sampled_design import HeldVerdict
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Neighbour, Optimize, Signal
 from lockstep.lmi.certify import Verdict
 from lockstep.lmi.document import Stored
@@ -25,7 +26,7 @@ def specification(
     *,
     content: Mapping[str, Any],
     optimize: Optimize = "speed",
-    sampled: SampledVerdict | None = None,
+    held: HeldVerdict | None = None,
 ) -> CodegenSpec:
     """Return what to generate for a stored design.
 
@@ -34,7 +35,7 @@ def specification(
         verdict: what the checker says of it just now; what the file says of itself does not count.
         content: the design file as JSON types, for its hash.
         optimize: "speed" or "size".
-        sampled: what is proved of the numbers that will be printed, sampled and rounded; None: nothing.
+        held: what is proved of the numbers that will be printed, sampled and rounded; None: nothing.
     """
     problem, agent = stored.problem, stored.problem.agent()
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
@@ -65,7 +66,7 @@ def specification(
         optimize=optimize,
         name=f"{agent.name}_controllers",
         title=problem.title,
-        certificate=_datasheet(stored, verdict, sampled),
+        certificate=_datasheet(stored, verdict, held),
         design_hash=fingerprint(content),
         plants=plants,
     )
@@ -78,13 +79,13 @@ def fingerprint(content: Mapping[str, Any]) -> str:
 
 
 def _datasheet(
-    stored: Stored, verdict: Verdict, sampled: SampledVerdict | None
+    stored: Stored, verdict: Verdict, held: HeldVerdict | None
 ) -> dict[str, str | float | bool | None]:
     if not verdict.certified or stored.certificate is None:
         return {"certified": False}
     delta = {f"delta_{letter}": value for letter, value in stored.fragility.items() if value}
-    covered = sampled is not None and sampled.certified
-    lines = signed_lines(sampled, stored) if covered and sampled else {"covers": CONTINUOUS_ONLY}
+    covered = held is not None and held.verdict.certified
+    lines = signed_lines(held.verdict, stored) if held and covered else {"covers": CONTINUOUS_ONLY}
     if verdict.scope == "local":
         said = "assumes" if "assumes" in lines else "covers"
         lines = {**lines, said: f"{lines[said]}; {_domain(stored)}"}
@@ -94,6 +95,7 @@ def _datasheet(
         **lines,
         "scope": verdict.scope,
         "rho": stored.certificate.rho,
+        **({} if held is None or held.rho is None else {"rho_sampled": held.rho.rho}),
         "alpha": stored.alpha,
         **delta,
         **({"rho and delta are": "of the continuous controllers (proof: exact)"} if covered else {}),

@@ -51,7 +51,7 @@ def reference_controllers(manifest: Manifest, *, delay: Literal[0, 1] = 0) -> Sa
 
 def design_controllers(stored: Stored) -> SampledControllers:
     """Return the controllers that the C of a design would be: sampled, rounded, in the arithmetic of [controller]."""
-    from lockstep.codegen.sampled_certificate import sampled_controllers
+    from lockstep.codegen.sampled_design import sampled_controllers
 
     table = stored.problem.controller
     held = sampled_controllers(stored, table.period)

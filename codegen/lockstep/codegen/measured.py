@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.codegen.sampled_design import stated_rho
 from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.inequality import Certificate
@@ -72,11 +73,13 @@ def promise(stored: Stored, content: Mapping[str, Any], kind: Kind) -> Promise:
         c = stored.certificate
         P = c.P if isinstance(c, Certificate) else None
         return Promise(kind, None if c is None else c.rho, verdict.scope, P, verdict.reason)
-    found = _sampled_rho(stored, content)
+    found = stated_rho(stored, content)
     if found is None:
         reason = "no rho of the sampled loop is proved in the design file"
         return Promise(kind, None, verdict.scope, None, reason)
-    return Promise(kind, found[0], verdict.scope, found[1], "proved of the sampled loop in ball arithmetic")
+    return Promise(
+        kind, found.rho, verdict.scope, found.witness.P, "proved of the sampled loop in ball arithmetic"
+    )
 
 
 def network_of_design(stored: Stored) -> Network:
@@ -109,33 +112,6 @@ def measured(
     ratio = found.largest_ratio(promised.rho, storage)
     root = None if ratio is None else float(np.sqrt(ratio))
     return Measured(output, entered, found.gain, promised.rho, root, True, promised.reason)
-
-
-def _sampled_rho(
-    stored: Stored, content: Mapping[str, Any]
-) -> tuple[float, Float[np.ndarray, "n_xi n_xi"]] | None:
-    """Return the sampled rho of a design file, and the P of its V, if its witness proves it now."""
-    from lockstep.codegen.sampled_certificate import sampled_controllers, sampled_network
-    from lockstep.lmi.sampled import SampledRho
-    from lockstep.lmi.sampled import Weights as SampledWeights
-    from lockstep.lmi.sampled.inequality import Witness
-    from lockstep.lmi.sampled.loop import sampled_loop
-    from lockstep.lmi.sampled.performance import proves_rho
-
-    sampled = content.get("sampled")
-    if not isinstance(sampled, Mapping) or not isinstance(sampled.get("rho"), int | float):
-        return None
-    witness = Witness.from_document(sampled.get("rho_witness"))
-    if witness is None:
-        return None
-    problem = stored.problem
-    network = sampled_network(stored, problem.controller.period)
-    weights = SampledWeights(
-        problem.state_weight(problem.agent().n), problem.controller_weight(stored.gains.order)
-    )
-    loop = sampled_loop(network, sampled_controllers(stored, network.period))
-    found = SampledRho(float(sampled["rho"]), witness)
-    return (found.rho, witness.P) if proves_rho(loop, weights, found) else None
 
 
 def _uncovered(

@@ -11,7 +11,7 @@ from lockstep.codegen.emulator import missing_packages, run_on_core
 from lockstep.codegen.harness import Run, run_on_host
 from lockstep.codegen.manifest import Agent, Manifest
 from lockstep.codegen.stimulus import Calls
-from lockstep.codegen.toolchain import Compiler, arm_gcc, host_compilers, run, zig
+from lockstep.codegen.toolchain import TO_INSTALL, Compiler, arm_gcc, host_compilers, run, zig
 from lockstep.model.errors import ClaimError, ProblemError
 
 Runner = Callable[[Manifest, Path, Mapping[str, Calls], Path], Iterator[tuple[Agent, Run]]]
@@ -49,13 +49,10 @@ def targets_of(groups: Sequence[str], manifest: Manifest) -> list[Target]:
 def _host(_: Manifest) -> Iterator[Target]:
     compilers = host_compilers()
     for compiler in compilers:
-        plain = (
-            ("-fno-sanitize=undefined",) if compiler.is_zig else ()
-        )  # zig adds it at -O0 and links a library
         for level in LEVELS:
-            yield Target(f"host {compiler.name} {level}", _on_host(compiler, (level, *plain)))
+            yield Target(f"host {compiler.name} {level}", _on_host(compiler, (level,)))
     if not compilers:
-        yield _skipped("host", "no C compiler: set CC, install gcc or clang, or the extra `toolchain`")
+        yield _skipped("host", f"no C compiler: {TO_INSTALL}")
 
 
 def _sanitizers(_: Manifest) -> Iterator[Target]:
@@ -87,7 +84,7 @@ def _on_core(core: Core, _: Manifest) -> Iterator[Target]:
     compiler, gcc = zig(), arm_gcc() if core.gcc else None
     missing = missing_packages() + ([] if compiler or gcc else ["ziglang"])
     if missing:
-        yield _skipped(f"{core.title}, emulated", f"not installed: {', '.join(missing)} (extra `emulator`)")
+        yield _skipped(f"{core.title}, emulated", f"not installed: {', '.join(missing)} (extra `toolchain`)")
         return
     for found in filter(None, (compiler, gcc)):
         for level in CORE_LEVELS:

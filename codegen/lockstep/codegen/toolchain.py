@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 from lockstep.model.errors import ClaimError, ProblemError
@@ -27,6 +28,9 @@ WARNINGS = (
     *("-Wshadow", "-Werror", "-ffp-contract=off"),
 )
 """What the generated C must pass without a word; contraction is off because each operation rounds once."""
+
+TO_INSTALL = "set CC, install gcc or clang, or the extra `toolchain`"
+"""What to do where there is no compiler for this machine."""
 
 COMPILE_SECONDS = 180
 RUN_SECONDS = 600
@@ -46,7 +50,9 @@ def zig() -> Compiler | None:
     """The compiler of the `ziglang` package (extra `toolchain`), if it is installed."""
     if importlib.util.find_spec("ziglang") is None:
         return None
-    return Compiler("zig cc", (sys.executable, "-m", "ziglang", "cc"), is_zig=True)
+    # At -O0 it would add a sanitizer that needs a library.
+    command = (sys.executable, "-m", "ziglang", "cc", "-fno-sanitize=undefined")
+    return Compiler("zig cc", command, is_zig=True)
 
 
 def arm_gcc() -> Compiler | None:
@@ -75,25 +81,42 @@ def host_compilers() -> list[Compiler]:
     return list(found.values()) or ([fallback] if fallback else [])
 
 
+def first_compiler(where: str) -> Compiler:
+    """Return the first of `host_compilers`; raises `ProblemError` if there is none, saying where one is needed."""
+    found = host_compilers()
+    if not found:
+        raise ProblemError("there is no C compiler", where=where, remedy=TO_INSTALL)
+    return found[0]
+
+
 def environment() -> dict[str, str]:
-    """The environment for compilers: zig keeps its cache in the temporary directory unless told otherwise."""
+    """The environment for compilers: zig's cache outlives a run, since filling it takes about ten seconds."""
     values = dict(os.environ)
     if "ZIG_GLOBAL_CACHE_DIR" not in values:
-        values["ZIG_GLOBAL_CACHE_DIR"] = str(_zig_cache())
+        values["ZIG_GLOBAL_CACHE_DIR"] = str(own_folder("zig-cache"))
     return values
 
 
-def _zig_cache() -> Path:
-    """One cache per user that outlives a run: filling it takes zig about ten seconds."""
+def own_folder(name: str) -> Path:
+    """Return this user's own folder of a name in the temporary directory, made if need be.
+
+    What is read from it runs: a folder that others could write to is not used, a fresh one is taken instead.
+    """
     user = os.getuid() if hasattr(os, "getuid") else 0
-    cache = Path(tempfile.gettempdir()) / f"lockstep-zig-cache-{user}"
+    folder = Path(tempfile.gettempdir()) / f"lockstep-{name}-{user}"
     try:
-        cache.mkdir(mode=0o700, exist_ok=True)
-        status = cache.lstat()
+        folder.mkdir(mode=0o700, exist_ok=True)
+        status = folder.lstat()
         private = stat.S_ISDIR(status.st_mode) and status.st_uid == user and not status.st_mode & 0o022
     except OSError:
         private = False
-    return cache if private else Path(tempfile.mkdtemp(prefix="lockstep-zig-"))
+    return folder if private else _fresh_folder(name)
+
+
+@lru_cache
+def _fresh_folder(name: str) -> Path:
+    """One for as long as this process lasts."""
+    return Path(tempfile.mkdtemp(prefix=f"lockstep-{name}-"))
 
 
 def run(command: Sequence[str], directory: Path, what: str, seconds: float) -> str:

@@ -1,6 +1,6 @@
 """The figures of a report: drawn, described in words with their numbers, and written in three formats."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ from markupsafe import Markup
 from lockstep.model.graph import Graph
 from lockstep.model.simulation import Trajectory
 from lockstep.report import figures
-from lockstep.report.export import inline_svg, pdf, png
+from lockstep.report.export import as_files, inline_svg
 from lockstep.report.facts import Facts
 from lockstep.report.spectrum import Spectrum, poles_figure, singular_values_figure
 from lockstep.report.terms import up
@@ -65,14 +65,8 @@ def draw(facts: Facts, spectrum: Spectrum) -> Drawings:
 
 
 def _drawing(name: str, figure: "Figure", caption: str, description: str) -> Drawing:
-    files: dict[str, Callable[[Figure, str], bytes]] = {"png": png, "pdf": pdf}
-    return Drawing(
-        name,
-        caption,
-        description,
-        inline_svg(figure, name, description),
-        {kind: write(figure, name) for kind, write in files.items()},
-    )
+    svg = inline_svg(figure, name, description)
+    return Drawing(name, caption, description, svg, as_files(figure, name))
 
 
 def _graph(graph: Graph) -> Drawing:

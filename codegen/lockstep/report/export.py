@@ -62,6 +62,11 @@ def pdf(figure: "Figure", name: str) -> bytes:
     return _saved(figure, name, "pdf", dict.fromkeys(("CreationDate", "Creator", "Producer")))
 
 
+def as_files(figure: "Figure", name: str) -> dict[str, bytes]:
+    """Return what lies beside a page: content by extension."""
+    return {"png": png(figure, name), "pdf": pdf(figure, name)}
+
+
 def _saved(figure: "Figure", name: str, kind: str, metadata: dict[str, None]) -> bytes:
     memory = io.BytesIO()
     face = "white" if kind == "png" else "none"

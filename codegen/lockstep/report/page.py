@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import jinja2
 import numpy as np
 from jaxtyping import Complex
 from markupsafe import Markup
 
 from lockstep.codegen.cores import CORES
+from lockstep.codegen.rendering import templates
 from lockstep.model.simulation import effort_indices, indices
 from lockstep.report import formula
 from lockstep.report.drawings import Drawings
@@ -26,13 +26,7 @@ MOST_ENTRIES = 400
 
 MOST_POLES = 60
 
-_ENVIRONMENT = jinja2.Environment(
-    loader=jinja2.PackageLoader("lockstep.report", "templates"),
-    undefined=jinja2.StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    autoescape=True,
-)
+_TEMPLATES = templates("lockstep.report", autoescape=True, keep_trailing_newline=False)
 
 
 def html(facts: Facts, spectrum: Spectrum, drawings: Drawings, files: Sequence[str]) -> str:
@@ -45,7 +39,7 @@ def html(facts: Facts, spectrum: Spectrum, drawings: Drawings, files: Sequence[s
         files: the names of all files of the folder.
     """
     problem = facts.problem
-    return _ENVIRONMENT.get_template("report.html.j2").render(
+    return _TEMPLATES.get_template("report.html.j2").render(
         light=Markup(shades(LIGHT)),
         dark=Markup(shades(DARK)),
         problem=problem,

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.codegen.sampled_certificate import certify_texts, proved_rho, sampled_network
+from lockstep.codegen.c_certificate import certify_texts
 from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.inequality import Certificate
@@ -66,12 +66,12 @@ def guarantee_of(
         raise ProblemError(
             "no emitted C", where="campaign", expected="that of the design, for sampled controllers"
         )
-    held, controllers = certify_texts(files, stored, content)
-    network = sampled_network(stored, held.period) if held.certified else None
-    found = proved_rho(stored, network, controllers, content) if network is not None else None
-    if found is None:
+    held = certify_texts(files, stored, content, longest=False)
+    if held.rho is None:
+        why = "no rho was found beside their certificate" if held.verdict.certified else held.verdict.reason
         raise NotCertified(
-            "no rho of the sampled controllers is proved to hold a campaign against"
-            f" ({held.reason}): one of the continuous controllers can be run"
+            f"there is no proved rho of the sampled controllers to hold a campaign against: {why};"
+            " hold one of the continuous controllers against theirs (`--controllers continuous`), or shorten [controller]"
+            " period"
         )
-    return Guarantee(found.rho, T, found.witness.P[:n_d, :n_d])
+    return Guarantee(held.rho.rho, T, held.rho.witness.P[:n_d, :n_d])

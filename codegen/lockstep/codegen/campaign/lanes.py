@@ -1,28 +1,12 @@
-"""The arithmetic on lanes (`campaign-lanes.h`) and the templates of this package."""
+"""The arithmetic on lanes: `campaign-lanes.h`."""
 
 import math
-from typing import Any
-
-import jinja2
 
 from lockstep.codegen.campaign.statements import BY_LANE_1, BY_LANE_2
+from lockstep.codegen.rendering import render
 
 LANES = 8
 """Runs side by side: one AVX-512 register, two of AVX2, four of SSE2 or NEON."""
-
-_TEMPLATES = jinja2.Environment(
-    loader=jinja2.PackageLoader("lockstep.codegen.campaign", "templates"),
-    undefined=jinja2.StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    keep_trailing_newline=True,
-    autoescape=False,
-)
-
-
-def render(template: str, **values: Any) -> str:
-    """Fill a template of this package."""
-    return _TEMPLATES.get_template(template).render(**values)
 
 
 def lanes_header() -> str:
@@ -48,7 +32,7 @@ def lanes_header() -> str:
         return [repr((-1) ** (k // 2) / math.factorial(k)) for k in range(start, last + 1, 2)]
 
     return render(
-        "lanes.h.j2",
+        "campaign/lanes.h.j2",
         lanes=LANES,
         by_lane_1=BY_LANE_1,
         by_lane_2=BY_LANE_2,

@@ -2,9 +2,7 @@
 
 import ctypes
 import hashlib
-import os
 import platform
-import stat
 import tempfile
 from collections.abc import Callable
 from functools import lru_cache
@@ -12,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from lockstep.codegen.campaign.source import Source
-from lockstep.codegen.toolchain import COMPILE_SECONDS, Compiler, host_compilers, run
-from lockstep.model.errors import ClaimError, ProblemError
+from lockstep.codegen.shared_library import build_library
+from lockstep.codegen.toolchain import Compiler, first_compiler, own_folder
+from lockstep.model.errors import ClaimError
 
 FLAGS = (
     # Every operation rounds once, whatever the machine: the results are those of any other machine's.
-    *("-std=c99", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
+    *("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
     # Vectors wider than the machine's registers are passed in memory; nothing here is called from elsewhere.
     *("-Wall", "-Wextra", "-Wno-psabi", "-Wno-unknown-pragmas"),
 )
@@ -34,8 +33,8 @@ def compiled(source: Source, compiler: Compiler | None = None) -> Path:
         ProblemError: there is no C compiler.
         ClaimError: the compiler refuses the C, with what it says.
     """
-    compiler = compiler or _compiler()
-    library = cache_folder() / f"{_key(source, compiler)}.so"
+    compiler = compiler or first_compiler("campaign")
+    library = own_folder("campaign") / f"{_key(source, compiler)}.so"
     if library.is_file():
         return library
     with tempfile.TemporaryDirectory(prefix="build-", dir=library.parent) as temporary:
@@ -59,39 +58,6 @@ def function_in(library: Path) -> Callable[..., None]:
     function.restype = None
     found: Callable[..., None] = function
     return found
-
-
-def cache_folder() -> Path:
-    """Return this user's own folder for libraries in the temporary directory, made if need be.
-
-    What is loaded from it runs: a folder that others could write to is not used, a fresh one is taken instead.
-    """
-    user = os.getuid() if hasattr(os, "getuid") else 0
-    folder = Path(tempfile.gettempdir()) / f"lockstep-campaign-{user}"
-    try:
-        folder.mkdir(mode=0o700, exist_ok=True)
-        status = folder.lstat()
-        private = stat.S_ISDIR(status.st_mode) and status.st_uid == user and not status.st_mode & 0o022
-    except OSError:
-        private = False
-    return folder if private else _fresh_folder()
-
-
-@lru_cache(maxsize=1)
-def _fresh_folder() -> Path:
-    return Path(tempfile.mkdtemp(prefix="lockstep-campaign-"))
-
-
-def _compiler() -> Compiler:
-    found = host_compilers()
-    if not found:
-        raise ProblemError(
-            "there is no C compiler",
-            where="campaign",
-            expected="one: a campaign compiles the closed loop",
-            remedy="install gcc or clang, set CC, or install the extra `toolchain`",
-        )
-    return found[0]
 
 
 def _key(source: Source, compiler: Compiler) -> str:
@@ -118,16 +84,8 @@ def _processor() -> str:
 def _build(source: Source, compiler: Compiler, directory: Path) -> Path:
     for name, text in source.files:
         (directory / name).write_text(text, encoding="utf-8", newline="\n")
-    units = [name for name, _ in source.files if name.endswith(".c")]
-    target = directory / "library.so"
-    plain = ("-fno-sanitize=undefined",) if compiler.is_zig else ()
-
-    def attempt(machine: tuple[str, ...]) -> None:
-        command = [*compiler.command, *FLAGS, *machine, *plain, *units, "-o", str(target), "-lm"]
-        run(command, directory, "compiling the campaign's loop", COMPILE_SECONDS)
-
+    units, what = [name for name, _ in source.files if name.endswith(".c")], "the campaign's loop"
     try:
-        attempt(FOR_THIS_MACHINE)
+        return build_library(compiler, (*FLAGS, *FOR_THIS_MACHINE), units, directory, what)
     except ClaimError:
-        attempt(())
-    return target
+        return build_library(compiler, FLAGS, units, directory, what)

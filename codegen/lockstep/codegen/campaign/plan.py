@@ -19,7 +19,7 @@ from lockstep.codegen.campaign.layout import Features
 from lockstep.codegen.campaign.peaks import Peak, peaks
 from lockstep.codegen.campaign.response import Response, continuous_response, sampled_response
 from lockstep.codegen.campaign.source import Source, continuous_source, sampled_source
-from lockstep.codegen.sampled_certificate import sampled_controllers
+from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.lmi.document import Stored
 from lockstep.model.errors import ProblemError
 from lockstep.model.network import Network

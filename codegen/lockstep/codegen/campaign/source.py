@@ -24,10 +24,11 @@ from lockstep.codegen.campaign.functions import (
     monitors,
     sampled_functions,
 )
-from lockstep.codegen.campaign.lanes import lanes_header, render
+from lockstep.codegen.campaign.lanes import lanes_header
 from lockstep.codegen.campaign.layout import Features, Layout
 from lockstep.codegen.campaign.statements import LaneFunction
 from lockstep.codegen.manifest import FILE_NAME, Manifest
+from lockstep.codegen.rendering import render
 from lockstep.model.errors import ProblemError
 from lockstep.model.loop import Gains
 from lockstep.model.network import Network
@@ -148,7 +149,7 @@ def _source(
     agents = _agents(manifest, network.agent.n)
     q = network.agent.q
     text = render(
-        "loop.c.j2",
+        "campaign/loop.c.j2",
         title=network.agent.name,
         N=layout.N,
         h=repr(layout.step),

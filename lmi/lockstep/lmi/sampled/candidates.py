@@ -68,6 +68,32 @@ def candidates(
     yield from (witness for _, witness in sorted(found, key=lambda pair: pair[0]))
 
 
+def priced(
+    loop: SampledLoop,
+    m: Float[np.ndarray, " pairs"],
+    t: Float[np.ndarray, " ways"],
+    kappa: float,
+    *,
+    decay: float,
+    weight: float = 0.0,
+    P: Float[np.ndarray, "n_xi n_xi"] | None = None,
+) -> Witness:
+    """Return a witness whose underflow costs `MU` times what the messages' noise does; its prices alone without P."""
+    ratio = 0.0 if P is None else distance_ratio(loop, P)
+    P = np.zeros((loop.n_xi, loop.n_xi)) if P is None else P
+    return Witness(P, m, t, decay, kappa, weight, ratio, MU * kappa)
+
+
+def confirmed(
+    loop: SampledLoop,
+    lifted: Lifted,
+    witness: Witness,
+    running: Float[np.ndarray, "n_z n_z"] | None = None,
+) -> Witness | None:
+    """Return the witness if W is positive definite in doubles; running: a cost of z at each sampling instant."""
+    return witness if holds_in_doubles(W_matrix(loop, lifted, witness, running)) else None
+
+
 class _Search:
     """Witnesses whose V decays to 1 - spread of itself in each period."""
 
@@ -89,8 +115,7 @@ class _Search:
                 yield witness
 
     def _prices(self, kappa: float, weight: float, t: Float[np.ndarray, " ways"]) -> Witness:
-        nothing = np.zeros((self.loop.n_xi, self.loop.n_xi))
-        return Witness(nothing, self.m, t, 1 - self.spread, kappa, weight, kappa_mu=MU * kappa)
+        return priced(self.loop, self.m, t, kappa, decay=1 - self.spread, weight=weight)
 
     def _largest(self, loop: SampledLoop, prices: Witness) -> Float[np.ndarray, "n_xi n_xi"] | None:
         problem = storage_problem(loop, self.lifted, prices)
@@ -131,7 +156,6 @@ class _Search:
         found = self._largest(self.loop, self._prices(kappa, weight, t))
         if found is None:
             return None
-        decay, ratio = 1 - CLAIMED * self.spread, distance_ratio(self.loop, found)
-        kappa = kappa / CLAIMED
-        witness = Witness(found, self.m, t, decay, kappa, weight, ratio, MU * kappa)
-        return witness if holds_in_doubles(W_matrix(self.loop, self.lifted, witness)) else None
+        decay, kappa = 1 - CLAIMED * self.spread, kappa / CLAIMED
+        witness = priced(self.loop, self.m, t, kappa, decay=decay, weight=weight, P=found)
+        return confirmed(self.loop, self.lifted, witness)

@@ -20,17 +20,16 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.lmi.sampled import balls
-from lockstep.lmi.sampled.candidates import MU, ROUNDINGS
-from lockstep.lmi.sampled.certify import first_guess, in_doubles, squares
+from lockstep.lmi.sampled.candidates import ROUNDINGS, confirmed, priced
+from lockstep.lmi.sampled.certify import first_guess, in_doubles, lifted_agent, squares
 from lockstep.lmi.sampled.conjugate import no_conjugate_point
 from lockstep.lmi.sampled.controller import HeldController, Network
 from lockstep.lmi.sampled.inequality import W_matrix, Witness, multiplier
 from lockstep.lmi.sampled.lifting import Lifted, lift
 from lockstep.lmi.sampled.loop import SampledLoop, sampled_loop
+from lockstep.lmi.sampled.search import best_multiplier
 from lockstep.lmi.sampled.storage import (
     StorageProblem,
-    distance_ratio,
-    holds_in_doubles,
     in_exact_arithmetic,
     no_prices,
     rounding_prices,
@@ -38,11 +37,12 @@ from lockstep.lmi.sampled.storage import (
 )
 from lockstep.model.numbers import Matrix, converter, eye, is_exact, zeros
 
-EVALUATIONS = 40
-"""Multipliers tried in the search for the least rho; those of the continuous certificate are a good start."""
+SCALES = range(-6, 7)
+"""Powers of ten that pair weights are tried with where only their ratios are known."""
 
+LEAST, MOST = 1e-6, 1e6
 RESOLUTION = 5e-5
-"""Of log10 rho."""
+"""The range in which rho is searched, and how finely its logarithm."""
 
 SLACKS = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2, 0.5)
 """How far above the least rho found the proof is tried: what rounding needs depends on the gains."""
@@ -78,8 +78,6 @@ def sampled_rho(
     controllers: tuple[HeldController, ...],
     weights: Weights,
     guess: Float[np.ndarray, " pairs"] | None = None,
-    *,
-    improve: bool = False,
 ) -> SampledRho | None:
     """Find and prove a small rho; None if none is proved.
 
@@ -87,15 +85,13 @@ def sampled_rho(
         network: agents, coordinates, alpha, period, delay, the matrices exact.
         controllers: one per agent, with the coefficients of the code; all their rounding is covered.
         weights: R and Q.
-        guess: pair weights, in their own scale: those of the continuous certificate.
-        improve: look for better pair weights than those.
+        guess: pair weights, in their own scale: those of the continuous certificate. Without them the scale of those
+            that prove stability is searched.
     """
     loop = in_doubles(network, controllers)
-    m = first_guess(network.d, guess)
-    if improve:
-        m = _better(loop, weights, m)
-    least = least_rho(loop, weights, m)
-    if least is None:
+    m = _from_stability(loop, weights) if guess is None else first_guess(network.d, guess)
+    least = None if m is None else least_rho(loop, weights, m)
+    if m is None or least is None:
         return None
     exact_loop = sampled_loop(network, controllers)
     for slack, dear in itertools.product(SLACKS, ROUNDINGS):
@@ -175,6 +171,8 @@ class _Period:
     lifted: Lifted
     m: Float[np.ndarray, " pairs"]
     running: Float[np.ndarray, "n_z n_z"]
+    unit: float
+    """The largest eigenvalue of R: costs are small or large beside it."""
 
     @property
     def kappa(self) -> float:
@@ -184,9 +182,7 @@ class _Period:
         self, t: Float[np.ndarray, " ways"], P: Float[np.ndarray, "n_xi n_xi"] | None = None
     ) -> Witness:
         """Return the prices, with P if there is one."""
-        ratio = 0.0 if P is None else distance_ratio(self.loop, P)
-        P = np.zeros((self.loop.n_xi, self.loop.n_xi)) if P is None else P
-        return Witness(P, self.m, t, 1.0, self.kappa, 0.0, ratio, MU * self.kappa)
+        return priced(self.loop, self.m, t, self.kappa, decay=1.0, P=P)
 
     def unrounded(self) -> StorageProblem | None:
         """Return the inequality without rounding."""
@@ -200,7 +196,9 @@ class _Period:
     def rest(self, share: float) -> Float[np.ndarray, "n_z n_z"]:
         """Return a small cost of every state, without which V may be zero in some direction."""
         cost = np.zeros((self.loop.n_z, self.loop.n_z))
-        cost[: self.loop.n_xi, : self.loop.n_xi] = share * self.loop.network.period * np.eye(self.loop.n_xi)
+        cost[: self.loop.n_xi, : self.loop.n_xi] = (
+            share * self.unit * self.loop.network.period * np.eye(self.loop.n_xi)
+        )
         return cost
 
     def witness(self, dear: float) -> Witness | None:
@@ -213,10 +211,7 @@ class _Period:
         problem = storage_problem(loop, self.lifted, prices, self.running + self.rest(ROOM))
         spread = ROOM * (1 - float(np.abs(np.linalg.eigvals(first.A)).max()) ** 2)
         P = None if problem is None or not 0 < spread < 1 else problem.smallest(1 - spread)
-        if P is None:
-            return None
-        witness = self.prices(prices.t, P)
-        return witness if holds_in_doubles(W_matrix(loop, self.lifted, witness, self.running)) else None
+        return None if P is None else confirmed(loop, self.lifted, self.prices(prices.t, P), self.running)
 
 
 def _period(
@@ -232,7 +227,7 @@ def _period(
     # Past a conjugate point the formulas go on and mean nothing: S or Q is then no longer a square.
     if any(np.linalg.eigvalsh(part)[0] < -SQUARE * np.abs(part).max() for part in (lifted.S, lifted.Q)):
         return None
-    return _Period(loop, lifted, m, running_cost(loop, weights))
+    return _Period(loop, lifted, m, running_cost(loop, weights), float(np.linalg.norm(weights.R, 2)))
 
 
 def least_rho(
@@ -240,9 +235,11 @@ def least_rho(
     weights: Weights,
     m: Float[np.ndarray, " pairs"],
     between: tuple[float, float] | None = None,
+    *,
+    resolution: float = RESOLUTION,
 ) -> float | None:
-    """Bisect the least rho without rounding, in doubles; None if there is none in a range (1e-3 to 1e4 by default)."""
-    low, high = np.log10(between or (1e-3, 1e4))
+    """Bisect the least rho without rounding, in doubles; None if there is none in a range (1e-6 to 1e6 by default)."""
+    low, high = np.log10(between or (LEAST, MOST))
 
     def holds(exponent: float) -> bool:
         period = _period(loop, weights, m, 10**exponent)
@@ -251,23 +248,34 @@ def least_rho(
 
     if not holds(high):
         return None
-    while high - low > RESOLUTION:
+    while high - low > resolution:
         middle = (low + high) / 2
         low, high = (low, middle) if holds(middle) else (middle, high)
     return float(10**high)
 
 
-def _better(
-    loop: SampledLoop, weights: Weights, m: Float[np.ndarray, " pairs"]
-) -> Float[np.ndarray, " pairs"]:
-    """Return pair weights with a smaller rho; here their scale counts, unlike in the proof of stability."""
-    from scipy.optimize import minimize
+def _from_stability(loop: SampledLoop, weights: Weights) -> Float[np.ndarray, " pairs"] | None:
+    """Return pair weights to prove rho with where none are known: those that prove stability, in the best scale.
 
-    start = np.log(np.maximum(m, 1e-9 * m.max()))
-    found = minimize(
-        lambda logs: math.log(least_rho(loop, weights, np.exp(np.clip(logs, -40, 40))) or 1e9),
-        start,
-        method="Nelder-Mead",
-        options={"maxfev": EVALUATIONS, "adaptive": True},
+    The proof of stability does not depend on their scale, rho does: too small they do not hold the nonlinearity, and
+    far too large they let the disturbance through.
+    """
+    from scipy.optimize import minimize_scalar
+
+    m, _ = best_multiplier(loop, lifted_agent(loop), first_guess(loop.network.d, None))
+
+    def height(exponent: float, resolution: float) -> float:
+        least = least_rho(loop, weights, m * 10**exponent, resolution=resolution)
+        return math.inf if least is None else math.log10(least)
+
+    coarse = {scale: height(scale, 0.1) for scale in SCALES}
+    best = min(SCALES, key=lambda scale: coarse[scale])
+    if math.isinf(coarse[best]):
+        return None
+    found = minimize_scalar(
+        lambda scale: height(scale, 1e-3),
+        bounds=(best - 1, best + 1),
+        method="bounded",
+        options={"xatol": 0.02},
     )
-    return np.asarray(np.exp(np.clip(found.x, -40, 40)))
+    return m * 10 ** float(found.x)

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 
-from lockstep.codegen.section4.runs import AGREED, HORIZON, INTERVAL, SEED, SIGMA, START, Runs
 from lockstep.lmi.claims.example import INDICES, TABLE_2
 from lockstep.model.simulation import effort_indices, indices
+from lockstep.report.section4.runs import AGREED, HORIZON, INTERVAL, SEED, SIGMA, START, Runs
 
 PRINTED = {"theorem_1": "Theorem 1, as printed in Table 2", "reference_25": "[25], as printed in Table 2"}
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lockstep.codegen.section4.contestants import Contestant, contestants
 from lockstep.lmi.claims.example import claim
 from lockstep.model.disagreement import Coordinates
 from lockstep.model.simulation import Scenario, Trajectory, Weights, energies, noise, simulate
+from lockstep.report.section4.contestants import Contestant, contestants
 
 START = np.array([[0.8, 0.0, 0.8, 0.0], [-0.5, 0.0, -0.5, 0.0], [0.2, 0.0, 0.2, 0.0]])
 """Initial states in rad and rad/s, those of examples/flexible_joint_arms.toml: the paper gives none."""

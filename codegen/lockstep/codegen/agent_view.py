@@ -1,0 +1,63 @@
+"""What the templates of the C need to know of one agent, its comments aside.
+
+`emit` prints from it, and `from_c` prints again from what it has read: both fill the templates in one way.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.codegen.budget import Shape
+
+
+def agent_view(
+    name: str,
+    shape: Shape,
+    M: Float[np.ndarray, "rows cols"],
+    weights: Float[np.ndarray, " nn"],
+    *,
+    statements: Sequence[str],
+    table: Sequence[Sequence[str]],
+    weight_literals: Sequence[str],
+) -> dict[str, Any]:
+    """Return the view.
+
+    Args:
+        name: prefix of the C.
+        shape: nc, q, m, nn.
+        M: [A B; C D] in the target type;  weights: a_j.
+        statements: of the unrolled kernel;  table, weight_literals: M and a_j as C literals.
+    """
+    n, m, nn = shape.order, shape.inputs, shape.neighbours
+    mask_bits = 32 if nn <= 32 else 64
+    parts = {"x": M[:, :n], "r": M[:, n:]}
+    return {
+        "name": name,
+        "NAME": name.upper(),
+        "order": n,
+        "q": shape.outputs,
+        "m": m,
+        "nn": nn,
+        "rows": n + m,
+        "columns": n + shape.outputs,
+        "mask_bits": mask_bits,
+        "all_received": f"0x{2**nn - 1:x}u" + ("ll" if mask_bits == 64 else ""),
+        "weights": weight_literals,
+        "unit_weights": bool((weights == 1).all()),
+        "table": table,
+        "statements": statements,
+        "unread": [letter for letter, part in parts.items() if part.shape[1] and not part.any()],
+        "checked": _checked(M, n),
+    }
+
+
+def _checked(M: Float[np.ndarray, "rows cols"], order: int) -> list[str]:
+    """What must be finite for a step to count: (x+, u), and each r_k that no row of the kernel reads.
+
+    A read r_k that is NaN or infinite makes its row NaN or infinite, so it needs no check of its own.
+    """
+    idle = [k for k in range(M.shape[1] - order) if not M[:, order + k].any()]
+    next_ = [f"x_next[{k}]" for k in range(order)] + [f"u_next[{k}]" for k in range(M.shape[0] - order)]
+    return [*next_, *(f"r[{k}]" for k in idle)]

@@ -1,0 +1,50 @@
+"""What is random in a campaign: noise and lost messages, each of its seed."""
+
+import numpy as np
+import pytest
+from campaign_cases import HORIZON, SAME_MESSAGES
+
+from lockstep.codegen.campaign.disturbance import DROPS, NOISE, gaussians, random_unit
+from lockstep.codegen.campaign.engine import Batch
+
+
+def test_noise_is_of_its_seed(sampled):
+    layout, periods = sampled.layout, sampled.layout.periods(HORIZON)
+    seeds = np.array([7, 7, 8], np.uint64)
+    noisy = sampled.run(Batch.at_rest(layout, 3, seeds=seeds, sigma=0.3), HORIZON)
+    assert noisy.table[0].tobytes() == noisy.table[1].tobytes()
+    assert noisy.states[0] != pytest.approx(noisy.states[2], rel=1e-2)
+    given = 0.3 * gaussians(7, periods, 12)[None]
+    told = sampled.run(Batch.at_rest(layout, 1, sequences=given), HORIZON)
+    # NumPy's and C's logarithm may differ in the last bit.
+    assert noisy.states[0] == pytest.approx(told.states[0], rel=SAME_MESSAGES)
+    assert noisy["w_squared"][0] == pytest.approx(told["w_squared"][0], rel=1e-12)
+
+
+def test_the_noise_is_white_and_gaussian():
+    found = gaussians(3, 20_000, 5)
+    count = found.size
+    # Six standard errors: mean 1, variance 2, third moment 15, fourth 96 per sample.
+    assert abs(found.mean()) < 6 / np.sqrt(count)
+    assert abs(found.var() - 1) < 6 * np.sqrt(2 / count)
+    assert abs((found**3).mean()) < 6 * np.sqrt(15 / count)
+    assert abs((found**4).mean() - 3) < 6 * np.sqrt(96 / count)
+    correlation = np.corrcoef(np.hstack([found[:-1], found[1:]]).T) - np.eye(10)
+    assert np.abs(correlation).max() < 6 / np.sqrt(len(found))
+    place = np.arange(1000, dtype=np.uint64)
+    assert abs(np.corrcoef(random_unit(1, NOISE, place), random_unit(1, DROPS, place))[0, 1]) < 6 / np.sqrt(
+        1000
+    )
+
+
+def test_messages_that_do_not_arrive(sampled):
+    random = np.random.default_rng(2)
+    start = random.normal(size=12)
+    rates = [0.0, 0.0, 0.5, 0.5, 1.0]
+    seeds = np.array([1, 2, 1, 2, 1], np.uint64)
+    found = sampled.run(Batch.at_rest(sampled.layout, 5, x=start, seeds=seeds, drop=np.array(rates)), HORIZON)
+    assert found.table[0].tobytes() == found.table[1].tobytes(), "nothing is drawn of nothing"
+    assert found["disagreement_final"][2] != found["disagreement_final"][3]
+    # Nobody is ever heard: r = 0, and the controllers, which start at zero, do nothing.
+    assert found["effort_peak"][4] == 0
+    assert found["effort_peak"][0] > 0
