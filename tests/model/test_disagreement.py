@@ -82,7 +82,7 @@ def test_a_pair_multiplier_is_the_square_of_a_difference(coordinates: str, graph
 
 
 def test_all_pairs_weighted_by_one_over_N_give_S() -> None:
-    """sum_ij |x_i - x_j|^2 / N is the squared length of the projection: design.md, section 3."""
+    """sum_ij |x_i - x_j|^2 / N is |x_d|^2 for an orthonormal T: the squared length of the projection."""
     d = disagreement(Graph.topology("ring", 5))
     total = sum(d.pair_multiplier(i, j) for i, j in d.pairs()) / 5
     np.testing.assert_allclose(total, d.S, atol=1e-12)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lockstep.lmi.claims.example import arm
 from lockstep.model.agent import Agent
 from lockstep.model.errors import ProblemError
 from lockstep.model.graph import Graph
@@ -15,22 +16,6 @@ from lockstep.model.network import Network
 
 Reader = Callable[[np.ndarray], np.ndarray]
 CYCLE = Graph.topology("cycle", 3)
-
-
-def arm() -> Agent:
-    """(38)."""
-    return Agent.from_expressions(
-        "arm",
-        states=["theta_m", "omega_m", "theta_l", "omega_l"],
-        inputs=["u"],
-        outputs={"y1": "theta_m", "y2": "omega_m"},
-        dynamics={
-            "theta_m": "omega_m",
-            "omega_m": "-48.6*theta_m - 1.25*omega_m + 48.6*theta_l + 21.6*u",
-            "theta_l": "omega_l",
-            "omega_l": "19.5*theta_m - 19.5*theta_l - 3.33*sin(theta_l)",
-        },
-    )
 
 
 def two_by_two() -> Agent:

@@ -1,6 +1,6 @@
 """A problem: one agent, one graph, what is asked of the controllers, and how they will run."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,9 +14,11 @@ from lockstep.model.errors import ProblemError
 from lockstep.model.graph import Graph
 from lockstep.model.problem.assumptions import check_assumptions
 from lockstep.model.problem.build import build_agent, build_graph, build_variants
+from lockstep.model.problem.from_agent import plain, tables_of
 from lockstep.model.problem.gains import GivenGains, given_gains
 from lockstep.model.problem.load import parse_tables, parse_toml, read_text
 from lockstep.model.problem.schema import ControllerTable, DesignTable, ProblemFile, SimulationTable
+from lockstep.model.problem.toml_text import toml_text
 from lockstep.model.problem.weights import weight_matrix
 
 DEFAULT_ORDER = 2
@@ -50,6 +52,46 @@ class Problem:
     def from_document(cls, document: Mapping[str, Any]) -> "Problem":
         """Build a problem from the plain tables that `document` returns, or that a TOML parser does."""
         return cls(parse_tables(document))
+
+    @classmethod
+    def of(
+        cls,
+        agent: Agent,
+        graph: Graph,
+        *,
+        B: Sequence[Float[np.ndarray, "n m"]] = (),
+        title: str = "",
+        design: Mapping[str, Any] | None = None,
+        controller: Mapping[str, Any] | None = None,
+        simulation: Mapping[str, Any] | None = None,
+    ) -> "Problem":
+        """Build a problem from an agent and a graph made in Python; `toml` makes a file of it.
+
+        Args:
+            agent: its expressions become the formulas of [agent]: the same operations, digit by digit.
+            graph: who listens to whom.
+            B: the input matrix of each agent, as in `Network`; by default the agent's own for all.
+            title: for people.
+            design, controller, simulation: the tables of these names, with the keys of a problem file; matrices
+                may be NumPy's.
+
+        Raises:
+            ProblemError: an expression that the language of problem files cannot say, with the equation it is in,
+                or whatever a problem file with these tables is refused for.
+
+        >>> import casadi as ca
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> pendulum = Agent(name="pendulum", x=x, u=u, rhs=ca.vertcat(x[1], u - ca.sin(x[0])), y=x[0])
+        >>> Problem.of(pendulum, Graph.topology("ring", 4), design={"order": 1}).file.agent.dynamics
+        {'x_0': 'x_1', 'x_1': 'u - sin(x_0)'}
+        """
+        tables = {"design": design, "controller": controller, "simulation": simulation}
+        given = {name: plain(table) for name, table in tables.items() if table is not None}
+        return cls.from_document({"title": title, **tables_of(agent, graph, B), **given})
+
+    def toml(self) -> str:
+        """Return the text of a problem file that is this problem, without the keys that have their defaults."""
+        return toml_text(self.file)
 
     def document(self) -> dict[str, Any]:
         """Return the problem as plain JSON types, defaults filled in; `from_document` gives the same problem
