@@ -27,7 +27,7 @@ def test_the_arms(examples):
     found = designed(examples / "flexible_joint_arms.toml")
     assert found.claim.alpha >= 3.33
     assert max(np.linalg.norm(block, 2) for block in found.gains.blocks) <= 50.0
-    # The published gains give 13.23; the floor is 1.97 (design.md, section 3).
+    # The published gains give 13.23; no controllers at all, central and of full order, do better than 1.97.
     assert found.figures["floor"] == pytest.approx(1.97, rel=0.01)
     assert found.figures["floor"] < found.certificate.rho <= 3.5
 
@@ -47,7 +47,7 @@ def test_positions_only(examples):
 
 def test_the_largest_alpha_for_a_given_rho(examples):
     found = designed(examples / "flexible_joint_arms.toml", objective="alpha", rho=8.0, starts=1)
-    # The published Corollary 1 gains carry 4.58 at any rho (reference/paper.json).
+    # The published Corollary 1 gains carry 4.58 at any rho (measured apart from this code).
     assert found.certificate.rho <= 8.0
     assert found.claim.alpha > 4.58
 

@@ -1,6 +1,7 @@
 """Bad input: one clear message, exit status 2, no traceback, nothing written. One perturbation per test."""
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -19,16 +20,45 @@ BAD = {
     "a weight of the wrong shape": ("state = 1.0", "state = [1.0, 2.0]", "2 numbers for 4 states"),
     "order -1": ("order = 2", "order = -1", "`order` is -1"),
     "a period of 0": ("period = 0.005", "period = 0", "`period` is 0"),
+    "a period of next to nothing": ("period = 0.005", "period = 1e-300", "from 1e-06 to 100"),
+    "a period of ages": ("period = 0.005", "period = 1e300", "from 1e-06 to 100"),
     "no finite bound": ("gravity*sin(theta_l)", "theta_l**3", "no finite bound"),
     "an input that enters nonlinearly": ("21.6*u", "21.6*u**2", "the input `u` enters"),
     "no TOML": ("[agent]", "[agent", "not TOML"),
+    "a table twice": ("[network]", "[agent]\n[network]", "cannot declare [agent] twice"),
+    "a key twice": ('inputs = ["u"]', 'inputs = ["u"]\ninputs = ["u"]', "each key is given once"),
+    "a wrong type": ('inputs = ["u"]', 'inputs = "u"', '`inputs` is "u"; expected a list of names'),
+    "a huge exponent": ("gravity = 3.33", "gravity = 1e400", "too large for a double"),
+    "numbers that overflow": ("gravity*sin", "1e200*1e200*sin", "`1e200*1e200` is inf"),
+    "a word of C": ('name = "arm"', 'name = "while"', "is a word of C"),
+    "a name that is no ASCII": ('name = "arm"', 'name = "bras_\u00e9"', "not a C identifier"),
+    "an unknown function": ("sin(theta_l)", "sinus(theta_l)", "did you mean `sin`?"),
+    "a jump": ("gravity*sin(theta_l)", "sign(theta_l)", "no finite bound"),
+    "a self-loop": ("[[1, 2], ", "[[1, 1], [1, 2], ", "is a self loop"),
+    "an edge twice": ("[[1, 2], ", "[[1, 2], [1, 2], ", "is there twice"),
+    "an edge without weight": ("[[1, 2], ", "[[1, 2, 0.0], ", "has the weight 0.0"),
+    "weights that overflow": ("[[1, 2], ", "[[1, 3, 1e308], [1, 2, 1e308], ", "agent 1 listens with add up"),
+    "a singular weight": ("state = 1.0", "state = [1.0, 0.0, 1.0, 1.0]", "smallest eigenvalue is 0"),
+}
+
+LEGAL = {
+    "line ends of Windows": lambda text: text.replace("\n", "\r\n").encode(),
+    "a byte order mark": lambda text: text.encode("utf-8-sig"),
+    "a title in any letters": lambda text: text.replace("Three", "\u4e09 Dr\u00e4i").encode(),
+}
+
+ILLEGAL = {
+    "an empty file": (b"", "the key `agent` is missing"),
+    "bytes": (bytes(range(256)), "is not UTF-8"),
+    "UTF-16": ("[agent]".encode("utf-16"), "is not UTF-8"),
+    "a zero byte": (b"[agent]\0", "not TOML"),
 }
 
 
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
-    return lambda *words: CliRunner().invoke(app, list(words))
+    return lambda *words: CliRunner().invoke(app, list(map(str, words)))
 
 
 def perturbed(examples: Path, place: Path, old: str, new: str) -> str:
@@ -51,6 +81,73 @@ def test_bad_problem(name, command, examples, tmp_path, run):
     assert problem in result.stderr, "the message names the file"
     assert len(result.stderr.strip().splitlines()) == 1, "one message"
     assert sorted(path.name for path in tmp_path.iterdir()) == [problem], "nothing is written"
+
+
+@pytest.mark.parametrize("name", LEGAL)
+def test_how_a_file_is_stored_does_not_matter(name, examples, tmp_path, run):
+    text = (examples / "flexible_joint_arms.toml").read_text()
+    (tmp_path / "p.toml").write_bytes(LEGAL[name](text))
+    assert run("check", "p.toml").exit_code == 0
+
+
+@pytest.mark.parametrize("command", ["check", "design", "build"])
+@pytest.mark.parametrize("name", ILLEGAL)
+def test_what_is_no_problem_file(name, command, tmp_path, run):
+    content, expected = ILLEGAL[name]
+    (tmp_path / "p.toml").write_bytes(content)
+    result = run(command, "p.toml", *([] if command == "check" else ["-o", "out"]))
+    assert result.exit_code == 2
+    assert expected in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["p.toml"]
+
+
+@pytest.mark.parametrize("content", [b"", b"{}", b"[1]", b"\xff\xfe", b'{"a": 1, "a": 2}', b"[" * 100_000])
+@pytest.mark.parametrize("command", ["certify", "generate", "simulate"])
+def test_what_is_no_design_file(command, content, tmp_path, run):
+    (tmp_path / "d.json").write_bytes(content)
+    result = run(command, "d.json", *([] if command == "certify" else ["-o", "out"]))
+    assert result.exit_code == 2
+    assert "d.json" in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["d.json"]
+
+
+@pytest.mark.parametrize("command", ["check", "design", "certify", "simulate", "verify"])
+def test_what_is_no_plain_file_is_not_read(command, tmp_path, run):
+    os.mkfifo(tmp_path / "pipe")
+    result = run(command, "pipe")
+    assert result.exit_code == 2, "a read would never end"
+    assert "it is no" in result.stderr
+
+
+@pytest.mark.parametrize("command", ["check", "design", "certify", "simulate", "verify"])
+def test_a_name_no_file_can_have(command, run):
+    result = run(command, "x" * 300)
+    assert result.exit_code == 2
+    assert "name too long" in result.stderr.lower()
+
+
+def test_several_mistakes_are_told_each_with_its_place(tmp_path, run):
+    (tmp_path / "p.toml").write_text('titel = "x"\n[agent]\nname = "a"\n[network]\nagentz = 3\n')
+    said = run("check", "p.toml").stderr
+    # Misspelt keys first; `titel` stands before any table and has no place to name.
+    assert "p.toml, [network]: unknown key `agentz`; expected agents, edges" in said
+    assert (
+        "did you mean `agents`?; also unknown key `titel`; also [agent]: the key `states` is missing" in said
+    )
+    assert "; and 3 more" in said
+    (tmp_path / "p.toml").write_text("")
+    said = run("check", "p.toml").stderr
+    assert said.strip().endswith("expected the table [agent]; also the key `network` is missing")
+
+
+def test_the_output_may_not_be_a_device_or_a_pipe(examples, tmp_path, run):
+    os.mkfifo(tmp_path / "pipe")
+    result = run("design", examples / "flexible_joint_arms.toml", "-o", "pipe")
+    assert result.exit_code == 2
+    assert "no plain file" in result.stderr
+    assert (tmp_path / "pipe").is_fifo(), "it would be replaced"
 
 
 def test_json_answers_bad_input_too(examples, tmp_path, run):

@@ -44,13 +44,13 @@ def test_the_trade_off_rises_with_alpha(examples, run, tmp_path):
     alpha, rho = zip(*(map(float, row.split(",")) for row in rows), strict=True)
     assert alpha[0] == 0
     assert alpha[-1] == pytest.approx(4.58, abs=0.02), (
-        "the largest alpha of these gains: reference/paper.json"
+        "the largest alpha of these gains, measured apart from this code"
     )
     assert list(rho) == sorted(rho)
 
 
 def test_the_published_gains_are_certified(table_1, run):
-    # The 13.23 (12.15 for T = rows of L, reference/paper.json) is the least rho; rounding may cost 0.05 %.
+    # The 13.23 (12.15 for T = rows of L) is the least rho; rounding may cost 0.05 %.
     result = run("certify", table_1, "--json")
     answer = json.loads(result.stdout)
     assert result.exit_code == 0
@@ -101,7 +101,7 @@ def test_corollary_1_as_printed_is_not_certified(examples, run, tmp_path):
     assert result.exit_code == 1
     assert not answer["certified"]
     figures = answer["error"]["figures"]
-    # reference/paper.json: the recovered loop is unstable or as good as, and (22) keeps next to nothing of k_i.
+    # Measured apart from this code: the recovered loop is unstable or as good as, and (22) keeps next to nothing of k_i.
     assert figures["residual"] > 100
     assert figures["abscissa"] > -1e-3
     assert len(answer["gains"]) == 3, "the gains are there for study"

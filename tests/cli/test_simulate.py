@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from lockstep.cli.main import app
+from lockstep.cli.simulate_options import Many, Options, conflict
 from lockstep.codegen.toolchain import host_compilers
 
 KEYS = {"ISE", "IAE", "ITSE", "ITAE"}
@@ -165,6 +166,77 @@ def test_the_plot_is_text(folder, run):
     assert "disagreement |x_d|" in beside.stderr
 
 
+TOGETHER = [
+    (["--jobs", "2"], ["`--jobs`", "`--campaign`"]),
+    (["--scheduler", "tcp://host:1"], ["`--scheduler`", "`--campaign`"]),
+    (["--replay", "3", "--campaign", "5", "-o", "c"], ["`--replay`", "`--campaign`"]),
+    (["--replay", "3", "--jobs", "2"], ["`--jobs`", "`--replay`"]),
+    (["--replay", "3", "--scheduler", "tcp://host:1"], ["`--scheduler`", "`--replay`"]),
+    (["--campaign", "5", "-o", "c", "--jobs", "2", "--scheduler", "x"], ["`--jobs`", "`--scheduler`"]),
+    (["--campaign", "5"], ["`--campaign`", "`-o`"]),
+    *(
+        ([mode, "5", "-o", "c", *option], [f"`{mode}`", f"`{option[0]}`"])
+        for mode in ("--campaign", "--replay")
+        for option in (
+            ["--disturbance", "noise"],
+            ["--perturbation", "paper"],
+            ["--integrator", "adaptive"],
+            ["--figures", "drawn"],
+            ["--plot"],
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize(("words", "named"), TOGETHER, ids=[" ".join(words) for words, _ in TOGETHER])
+def test_options_that_would_be_passed_over_are_refused_by_name(words, named, folder, run, tmp_path):
+    result = run(folder, *words, "--json")
+    error = answer(result)["error"]
+    assert result.exit_code == 2
+    assert error["where"] == "lockstep simulate"
+    assert all(name in error["message"] for name in named), error["message"]
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("options", "many"),
+    [
+        (Options(plot=True, disturbance="sine", figures=Path("f")), Many()),
+        (Options("sampled", 3.0, 7), Many(campaign=5, output=Path("c"), jobs=2)),
+        (Options("continuous"), Many(campaign=5, output=Path("c"), scheduler="tcp://host:1")),
+        (Options(), Many(replay=0)),
+    ],
+)
+def test_what_goes_together_is_taken(options, many):
+    assert conflict(options, many) is None
+
+
+def test_a_campaign_longer_than_can_be_counted_is_refused(folder, run, tmp_path):
+    # 1e300 s are 2e302 periods; before, the count overflowed and every run ended at once, "below rho".
+    result = run(folder, "--campaign", "2", "-o", "c", "--horizon", "1e300")
+    assert result.exit_code == 2
+    assert "periods" in result.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_campaign_without_a_sampled_rho_says_why_and_what_to_do(folder, run, tmp_path):
+    def change(content):
+        content["problem"]["controller"]["period"] = 0.1
+
+    path = changed(folder, tmp_path, change)
+    result = run(path, "--campaign", "2", "-o", "c", "--json")
+    error = answer(result)["error"]
+    assert result.exit_code == 1
+    assert error["kind"] == "NotCertified"
+    assert "no proved rho of the sampled controllers" in error["message"]
+    assert "0.1 s" in error["message"], "why"
+    assert "--controllers continuous" in error["message"]
+    assert "period" in error["message"]
+    assert "decided in" not in error["message"], "the reason of a proof that succeeded"
+    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -174,6 +246,10 @@ def test_the_plot_is_text(folder, run):
         (["--horizon", "-1"], "horizon"),
         (["--horizon", "nan"], "horizon"),
         (["-o", "nowhere/t.csv"], "no such folder"),
+        (["-o", "/dev/null"], "no plain file"),
+        (["-o", "t" * 300], "name too long"),
+        (["--figures", "f" * 300], "name too long"),
+        (["--campaign", "5", "-o", "c", "--scheduler", "nobody"], "no address"),
         (["--campaign", "5"], "FOLDER"),
         (["--campaign", "5", "--plot"], "single run"),
         (["--campaign", "5", "--controllers", "compiled"], "continuous or sampled"),

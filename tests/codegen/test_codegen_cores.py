@@ -83,7 +83,7 @@ def test_many_neighbours_take_a_wide_mask(tmp_path, group):
 
 @needs_emulator
 @pytest.mark.slow
-@pytest.mark.parametrize("real", ["float32", "float64"])
+@pytest.mark.parametrize("real", ["float32", pytest.param("float64", marks=pytest.mark.by_hand)])
 @pytest.mark.parametrize("optimize", ["speed", "size"])
 @pytest.mark.parametrize("group", CORES)
 def test_all_shapes_10_000_steps(tmp_path, group, real, optimize):

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.lmi.claims.example import arm
 from lockstep.lmi.inequality import Claim
-from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.loop import Gains
 from lockstep.model.network import Network
@@ -54,22 +54,6 @@ TABLE_1: dict[str, dict[str, list[Any]]] = {
 def published(which: str = "corollary_1") -> Gains:
     """Return the gains of Table 1."""
     return Gains(*(tuple(np.array(block) for block in TABLE_1[which][letter]) for letter in "ABCD"))
-
-
-def arm() -> Agent:
-    """Return (38), phi = -3.33 sin(theta_l)."""
-    return Agent.from_expressions(
-        "arm",
-        states=["theta_m", "omega_m", "theta_l", "omega_l"],
-        inputs=["u"],
-        outputs={"y1": "theta_m", "y2": "omega_m"},
-        dynamics={
-            "theta_m": "omega_m",
-            "omega_m": "-48.6*theta_m - 1.25*omega_m + 48.6*theta_l + 21.6*u",
-            "theta_l": "omega_l",
-            "omega_l": "19.5*theta_m - 19.5*theta_l - 3.33*sin(theta_l)",
-        },
-    )
 
 
 def arms(**options: Any) -> Network:

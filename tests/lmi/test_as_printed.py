@@ -90,7 +90,7 @@ def test_the_abscissa_is_that_of_the_gains_returned() -> None:
 
 
 def test_order_0_on_the_arms_gives_D_alone() -> None:
-    """Remark 1. The dynamics were idle anyway: the objective stays where it was (design.md, section 3, c)."""
+    """Remark 1. The dynamics were idle anyway: the objective stays where it was (P = diag(P_S, P_C))."""
     audit = corollary_1(order=0)
     assert audit.gains.order == 0
     assert audit.gains.D[0].shape == (1, 2)

@@ -19,7 +19,7 @@ def network(dynamics: dict[str, str], outputs: dict[str, str], B: tuple[np.ndarr
 
 
 def test_the_floor_of_the_arms() -> None:
-    """design.md, section 3: 1.97, and issue 4; the published gains are far above it."""
+    """1.97, measured apart from this code; the published gains are far above it."""
     floor = floor_rho(arms(), ALPHA, np.eye(4))
     assert floor == pytest.approx(1.97, rel=0.01)
     least = least_rho(arms().loop(2), published().blocks, claim(arms(), 2, ALPHA))

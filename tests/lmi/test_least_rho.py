@@ -19,8 +19,8 @@ from lockstep.model.errors import NotCertified
 @pytest.mark.parametrize(
     ("which", "coordinates", "rho"),
     [
-        ("corollary_1", "orthonormal", 13.23),  # design.md, section 3
-        ("corollary_1", "laplacian_rows", 12.153),  # reference: rho_at_alpha_3.33_full_P
+        ("corollary_1", "orthonormal", 13.23),  # all three measured apart from this code
+        ("corollary_1", "laplacian_rows", 12.153),
         ("theorem_1", "laplacian_rows", 212.3),
     ],
 )

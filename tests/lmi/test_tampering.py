@@ -162,6 +162,7 @@ def test_tampered_files_are_accepted_exactly_when_the_twin_accepts_them(files: l
     assert min(answers[True], answers[False]) >= 5  # both kinds were met
 
 
+@pytest.mark.by_hand
 @pytest.mark.slow
 def test_a_thousand_tampered_files_of_either_kind(files: list[dict[str, Any]]) -> None:
     """Issue 4: none of 1000 that break the inequality is accepted, none of 1000 that do not is rejected."""

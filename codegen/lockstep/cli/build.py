@@ -10,7 +10,8 @@ from rich.console import Group
 from rich.text import Text
 
 from lockstep.cli.console import Answer, of_file, plain, progress_display, respond
-from lockstep.cli.files import DESIGN_NAME, check_can_be_made
+from lockstep.cli.files import DESIGN_NAME
+from lockstep.cli.folders import check_generated
 from lockstep.cli.generate import generated_files
 
 if TYPE_CHECKING:
@@ -24,26 +25,25 @@ VERIFY_TARGETS = ("host", "sanitizers", "cortex-m4f")
 """`lockstep verify` runs the other cores too; without floating-point hardware they take minutes to emulate."""
 
 
-def run(path: Path, output: Path, *, jobs: int | None, as_json: bool) -> None:
+def run(path: Path, output: Path, *, jobs: int | None, time_limit: float | None, as_json: bool) -> None:
     """Check, design, certify, generate, verify, report; write the folder last.
 
     C that differs from its reference is not written. C whose sampled, rounded loop is not proved is written, since the
     continuous loop is, and its header, its report and the exit status say what is not.
     """
-    respond(as_json, lambda: _build(path, output, jobs))
+    respond(as_json, lambda: _build(path, output, jobs, time_limit))
 
 
-def _build(path: Path, output: Path, jobs: int | None) -> Answer:
-    from lockstep.codegen.folder import check_replaceable
+def _build(path: Path, output: Path, jobs: int | None, time_limit: float | None) -> Answer:
+    from lockstep.cli.check import checked
     from lockstep.lmi.document import parse
     from lockstep.model.problem import load_problem
 
-    check_replaceable(output)
-    check_can_be_made(output)
+    check_generated(output)
     problem = load_problem(path)
     with of_file(path):
-        checks = _checked(problem)
-        content = _designed(problem, jobs)
+        checks = checked(problem)
+        content = _designed(problem, jobs, time_limit)
     files = generated_files(content, parse(content, DESIGN_NAME))
     content = json.loads(files[DESIGN_NAME])
     verified = _verified(files)
@@ -67,20 +67,15 @@ def unproved(sampled: Mapping[str, Any]) -> list[str]:
     return [f"the sampled controllers are not certified: {sampled.get('reason') or 'not looked at'}{reach}"]
 
 
-def _checked(problem: Any) -> "CheckReport":
-    from lockstep.cli.check import checked
-
-    return checked(problem)
-
-
-def _designed(problem: Any, jobs: int | None) -> dict[str, Any]:
+def _designed(problem: Any, jobs: int | None, time_limit: float | None) -> dict[str, Any]:
     """Design, and pass the result through JSON, so that what is generated from is what a reader of the file sees."""
     from lockstep.cli.design import sampled_too
     from lockstep.lmi.design import design
     from lockstep.lmi.document import document
 
     with progress_display() as tell:
-        return sampled_too(document(design(problem, jobs=jobs, progress=tell)))
+        made = design(problem, jobs=jobs, progress=tell, time_limit=time_limit)
+        return sampled_too(document(made), tell)
 
 
 def _verified(files: dict[str, str]) -> "VerifyReport":

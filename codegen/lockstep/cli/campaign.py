@@ -1,6 +1,6 @@
 """`lockstep simulate --campaign N`: network tests against the certificate, here or on a cluster."""
 
-import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,16 +12,20 @@ from rich.text import Text
 
 from lockstep.cli.console import Answer, of_file, progress_display, respond, two_columns, write_text
 from lockstep.cli.files import DESIGN_NAME, check_writable, read_design
+from lockstep.cli.folders import check_folder
 from lockstep.model.errors import ProblemError
+from lockstep.model.wording import shorten
 
 if TYPE_CHECKING:
     from lockstep.codegen.campaign import Campaign, Plan
     from lockstep.codegen.campaign.guarantee import Controllers
     from lockstep.lmi.document import Stored
 
-OUTPUT = Path("campaign")
 HORIZON = 10.0
 """Of each run, in s, unless another is asked for."""
+
+ADDRESS = r"inproc://.+|(\w+://)?[^/\s]+:\d+"
+"""Of a Dask scheduler: a host and a port, with or without a protocol."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ class Options:
 def run(
     path: Path,
     runs: int,
-    output: Path | None,
+    output: Path,
     scheduler: str | None,
     jobs: int | None,
     seed: int | None,
@@ -54,14 +58,14 @@ def run(
     Args:
         path: a certified design, or a folder that holds one.
         runs: how many.
-        output: a folder, `campaign` by default; each campaign has one of its own in it.
+        output: a folder; each campaign has one of its own in it.
         scheduler: the address of a Dask scheduler; None for this machine.
         jobs: threads; None for one per core.
         as_json: print JSON.
         seed, controllers, horizon: see `Options`.
     """
     options = Options(controllers, seed, horizon)
-    respond(as_json, lambda: _run(path, runs, output or OUTPUT, scheduler, jobs or _cores(), options))
+    respond(as_json, lambda: _run(path, runs, output, scheduler, jobs, options))
 
 
 def run_replay(
@@ -101,7 +105,24 @@ def planned(path: Path, options: Options) -> tuple["Plan", "Stored"]:
         content = json.loads(files[DESIGN_NAME])
         seed = stored.problem.simulation.seed if options.seed is None else options.seed
         horizon = HORIZON if options.horizon is None else options.horizon
+        _check_periods(horizon, stored.problem.controller.period)
         return plan_of(stored, content, files, controllers=kind, seed=seed, horizon=horizon), stored
+
+
+def _check_address(scheduler: str | None) -> None:
+    """Refuse what Dask would only refuse after the proof, with a traceback of its own."""
+    if scheduler is not None and not re.fullmatch(ADDRESS, scheduler):
+        expected = "the address of a running one, such as tcp://127.0.0.1:8786"
+        raise ProblemError(f"`{shorten(scheduler)}` is no address", where="--scheduler", expected=expected)
+
+
+def _check_periods(horizon: float, period: float) -> None:
+    """Refuse a run that is longer than any other: its periods are counted in a machine word."""
+    from lockstep.model.simulation.scenario import MOST_INSTANTS
+
+    if horizon / period > MOST_INSTANTS:
+        found = f"{horizon:g} s are {horizon / period:.3g} periods"
+        raise ProblemError(found, where="--horizon", expected=f"at most {MOST_INSTANTS}")
 
 
 def _kind(controllers: str | None) -> "Controllers | None":
@@ -114,22 +135,25 @@ def _kind(controllers: str | None) -> "Controllers | None":
     raise ProblemError(f"`{controllers}`", where="--controllers", expected='"sampled" or "continuous"')
 
 
-def _run(path: Path, runs: int, output: Path, scheduler: str | None, jobs: int, options: Options) -> Answer:
+def _run(
+    path: Path, runs: int, output: Path, scheduler: str | None, jobs: int | None, options: Options
+) -> Answer:
+    from joblib import cpu_count
+
     from lockstep.codegen.campaign import run_campaign
 
+    check_folder(output)
+    _check_address(scheduler)
+    threads = jobs or cpu_count()
     with progress_display() as tell:
         tell("proving the design", 0.0)
         plan, _ = planned(path, options)
         try:
-            found = run_campaign(plan, runs, output, jobs=jobs, scheduler=scheduler, report=tell)
+            found = run_campaign(plan, runs, output, jobs=threads, scheduler=scheduler, report=tell)
         except KeyboardInterrupt:
             kept = "interrupted; the runs that are done are kept: the same command goes on from there"
             raise KeyboardInterrupt(kept) from None
     return Answer(found.document(), table_of(found), found.ok)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def table_of(found: "Campaign") -> RenderableType:

@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
+from lockstep.cli.progress_lines import ProgressLines
 from lockstep.model.errors import ClaimError, ProblemError
 
 HOLDS, FAILS, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -79,12 +80,13 @@ def of_file(path: Path) -> Iterator[None]:
 
 @contextmanager
 def progress_display() -> Iterator[Callable[[str, float], None]]:
-    """Show a bar on standard error; the callable takes what is being done and the part of it that is done.
+    """Show progress on standard error; the callable takes what is being done and the part of it that is done.
 
-    Where standard error is no terminal, nothing is shown: a log has no use for a bar.
+    On a terminal it is a bar; elsewhere, in the log of a build server say, plain lines of a long run.
     """
     if not errors.is_terminal:
-        yield lambda _what, _part: None
+        with ProgressLines(lambda line: errors.print(line, markup=False)) as lines:
+            yield lines.tell
         return
     columns = (TextColumn("{task.description}"), BarColumn(bar_width=30), TimeElapsedColumn())
     with Progress(*columns, console=errors, transient=True) as bars:

@@ -10,12 +10,22 @@ from lockstep.cli.console import Answer, of_file, progress_display, respond, to_
 from lockstep.cli.files import check_writable
 
 
-def run(path: Path, output: Path | None, *, jobs: int | None, trade_off: Path | None, as_json: bool) -> None:
+def run(
+    path: Path,
+    output: Path | None,
+    *,
+    jobs: int | None,
+    trade_off: Path | None,
+    time_limit: float | None,
+    as_json: bool,
+) -> None:
     """Design, prove, and write the design file, and the curve of rho against alpha if asked for."""
-    respond(as_json, lambda: _design(path, output, jobs, trade_off))
+    respond(as_json, lambda: _design(path, output, jobs, trade_off, time_limit))
 
 
-def _design(path: Path, output: Path | None, jobs: int | None, trade_off: Path | None) -> Answer:
+def _design(
+    path: Path, output: Path | None, jobs: int | None, trade_off: Path | None, time_limit: float | None
+) -> Answer:
     from lockstep.lmi.design import design
     from lockstep.lmi.document import document
     from lockstep.model.problem import load_problem
@@ -24,7 +34,8 @@ def _design(path: Path, output: Path | None, jobs: int | None, trade_off: Path |
     check_writable(trade_off)
     problem = load_problem(path)
     with of_file(path), progress_display() as tell:
-        content = sampled_too(document(design(problem, jobs=jobs, progress=tell)), tell)
+        made = design(problem, jobs=jobs, progress=tell, time_limit=time_limit)
+        content = sampled_too(document(made), tell)
     curve = "" if trade_off is None else _trade_off(content)
     if output is not None:
         write_text(output, to_json(content) + "\n")
@@ -98,6 +109,15 @@ def _where(content: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
+def _cut(figures: Mapping[str, Any]) -> dict[str, str]:
+    limit = figures.get("time_limit")
+    if limit is None:
+        return {}
+    return {
+        "search": f"cut by the limit of {limit:g} s: which gains it had found by then depends on the machine"
+    }
+
+
 def summary(content: Mapping[str, Any]) -> RenderableType:
     """Return what was designed and proved, for people."""
     figures = content["figures"]
@@ -116,5 +136,6 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             "gain norms": ", ".join(f"{norm:.4g}" for norm in figures["gain_norms"]),
             "sampled": sampled_text(content["sampled"]),
             "slowest pole": f"{figures['abscissa']:.4g} 1/s",
+            **_cut(figures),
         },
     )

@@ -1,6 +1,8 @@
 """Where designs are read from and outputs may go."""
 
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,34 +15,46 @@ def check_writable(output: Path | None) -> None:
     """Refuse an output that could not be written, before hours are spent on what goes into it."""
     if output is None:
         return
-    if output.is_dir():
-        raise ProblemError("it is a folder", where=str(output), expected="a file to write")
-    if not output.parent.is_dir():
+    with seen(output):
+        there, plain, above = output.exists(), output.is_file(), output.parent.is_dir()
+    if there and not plain:
+        found = "it is a folder" if output.is_dir() else "it is no plain file"
+        raise ProblemError(found, where=str(output), expected="a file to write")
+    if not above:
         raise ProblemError("there is no such folder", where=str(output.parent), remedy="make it first")
-    check_takes_files(output.parent)
+    check_takes_files(output.parent, output.name)
 
 
-def check_takes_files(folder: Path) -> None:
-    """Refuse a folder that takes no file, by making one: permissions do not tell of a file system that is read-only."""
+def check_takes_files(folder: Path, name: str = "") -> None:
+    """Refuse a folder that takes no file of about this name, by making one.
+
+    Permissions do not tell of a file system that is read-only, nor of how long a name may be.
+    """
     try:
-        with tempfile.TemporaryFile(dir=folder):
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{name}.", suffix=".part"):
             pass
     except OSError as error:
         raise ProblemError(f"the folder takes no files ({error.strerror})", where=str(folder)) from None
 
 
-def check_can_be_made(folder: Path) -> None:
-    """Refuse a folder of results that could not be made, with the folders above it, before it is computed."""
-    above = next(path for path in folder.absolute().parents if path.exists() or path.is_symlink())
-    if not above.is_dir():
-        raise ProblemError("it is a file", where=str(above), expected="a folder")
-    check_takes_files(above)
+@contextmanager
+def seen(path: Path) -> Iterator[None]:
+    """Refuse a path that cannot even be looked at: a name too long, or a folder above it that is closed to us."""
+    try:
+        yield
+    except OSError as error:
+        raise ProblemError(f"it cannot be used ({error.strerror})", where=str(path)) from None
 
 
 def read_design(path: Path) -> tuple[dict[str, Any], Any]:
     """Return a design file's content and what it says, from the file or from a folder that holds it."""
     from lockstep.lmi.document import load_json, parse
 
-    place = path / DESIGN_NAME if path.is_dir() else path
+    with seen(path):
+        place = path / DESIGN_NAME if path.is_dir() else path
+        there, plain = place.exists(), place.is_file()
+    if there and not plain:
+        found = "it is no plain file"
+        raise ProblemError(found, where=str(place), expected="a file written by `lockstep design`")
     content = load_json(place)
     return content, parse(content, str(place))

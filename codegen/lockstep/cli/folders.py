@@ -1,28 +1,38 @@
-"""A folder of results that stand beside whatever is in it, such as figures."""
+"""Folders of results: whether they can be made, and files that stand beside whatever is in one, such as figures."""
 
 import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from lockstep.cli.files import check_takes_files
+from lockstep.cli.files import check_takes_files, seen
 from lockstep.model.errors import ProblemError
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse a folder that could not be made or written to."""
-    if folder.exists() and not folder.is_dir():
-        raise ProblemError("it is a file", where=str(folder), expected="a folder, or none yet")
-    parent = folder if folder.is_dir() else folder.parent
-    if not parent.is_dir():
-        raise ProblemError("there is no such folder", where=str(parent), remedy="make it first")
-    check_takes_files(parent)
+    """Refuse a folder that could not be made, with the folders above it, or written to, before anything is computed."""
+    whole = folder.absolute()
+    with seen(folder):
+        there = next(place for place in (whole, *whole.parents) if place.exists() or place.is_symlink())
+        if not there.is_dir():
+            raise ProblemError("it is no folder", where=str(there), expected="a folder, or none yet")
+    check_takes_files(there)
+
+
+def check_generated(folder: Path) -> None:
+    """Refuse a folder that could not be written and renamed as a whole, before anything is computed."""
+    from lockstep.codegen.folder import check_replaceable
+
+    with seen(folder):
+        check_replaceable(folder)
+    # It is written beside the folder and renamed: the folder above it is what takes files.
+    check_folder(folder.absolute().parent)
 
 
 def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write files into a folder, made if need be: all of them are there, beside the old ones, before any is replaced."""
     fresh: dict[Path, Path] = {}
     try:
-        folder.mkdir(exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
         for name, content in files.items():
             part = folder / f".{name}.{os.getpid()}.part"
             fresh[part] = folder / name

@@ -1,13 +1,54 @@
 """The `lockstep` command. Each command's work is in a module of its own, imported when it is called."""
 
 import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperGroup
+
+from lockstep.cli.interrupts import insistent_interrupts
+
+
+@contextmanager
+def _answered() -> Iterator[None]:
+    """Answer an interrupt that comes before the command's own work has begun, while it is loaded.
+
+    Raises:
+        typer.Exit: with the status of an interrupt.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        from lockstep.cli.console import respond
+
+        respond("--json" in sys.argv[1:], _interrupt)
+
+
+def _interrupt() -> NoReturn:
+    raise KeyboardInterrupt
+
+
+class Commands(TyperGroup):
+    """The commands, of which each is answered, even where Typer itself would leave without a word."""
+
+    def make_context(self, *given: Any, **named: Any) -> Any:
+        """Read the command line."""
+        with _answered():
+            return super().make_context(*given, **named)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        with _answered(), insistent_interrupts():
+            return super().invoke(ctx)
+
 
 app = typer.Typer(
     name="lockstep",
+    cls=Commands,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
@@ -15,6 +56,12 @@ app = typer.Typer(
     help="From nonlinear agents and a graph to certified H-infinity consensus controllers in embedded C.",
     epilog="Exit status: 0 every claim holds, 1 a claim does not hold, 2 the input is bad.",
 )
+
+LARGEST_SEED = 2**63 - 1
+"""As in a problem file."""
+
+MOST_RUNS = 2**31 - 1
+"""Runs are counted in a machine word."""
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
 ProblemFile = Annotated[
@@ -26,6 +73,15 @@ DesignFile = Annotated[
 ]
 Jobs = Annotated[
     int | None, typer.Option(min=1, help="Processes to search with.", show_default="one per core")
+]
+
+TimeLimit = Annotated[
+    float | None,
+    typer.Option(
+        min=0.01,
+        help="Seconds to search for gains; then the best certified ones so far, which depend on the machine.",
+        show_default=False,
+    ),
 ]
 
 
@@ -65,13 +121,14 @@ def design(
         Path | None,
         typer.Option(help="Write the gains' least rho for each alpha (CSV).", show_default=False),
     ] = None,
+    time_limit: TimeLimit = None,
     jobs: Jobs = None,
     json: Json = False,
 ) -> None:
     """Design the gains, and prove the loop with those very gains."""
     from lockstep.cli.design import run
 
-    run(problem, output, jobs=jobs, trade_off=trade_off, as_json=json)
+    run(problem, output, jobs=jobs, trade_off=trade_off, time_limit=time_limit, as_json=json)
 
 
 @app.command()
@@ -131,7 +188,8 @@ def simulate(
         float | None, typer.Option(help="Seconds.", show_default="the problem's; of a campaign 10")
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Of all that is random.", show_default="the problem's")
+        int | None,
+        typer.Option(min=0, max=LARGEST_SEED, help="Of all that is random.", show_default="the problem's"),
     ] = None,
     disturbance: Annotated[
         str | None,
@@ -155,7 +213,10 @@ def simulate(
     campaign: Annotated[
         int | None,
         typer.Option(
-            min=1, help="So many random runs instead of one; `-o` is their folder.", show_default=False
+            min=1,
+            max=MOST_RUNS,
+            help="So many random runs instead of one; `-o` is their folder.",
+            show_default=False,
         ),
     ] = None,
     scheduler: Annotated[
@@ -163,33 +224,35 @@ def simulate(
     ] = None,
     replay: Annotated[
         int | None,
-        typer.Option(min=0, help="This run of a campaign again, by its number.", show_default=False),
+        typer.Option(
+            min=0, max=MOST_RUNS, help="This run of a campaign again, by its number.", show_default=False
+        ),
     ] = None,
-    jobs: Jobs = None,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Threads of the campaign.", show_default="one per core")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Simulate the nonlinear closed loop, against what is proved of it."""
-    from lockstep.cli.simulate import Many, Options, run, run_many
+    from lockstep.cli.simulate import run
+    from lockstep.cli.simulate_options import Many, Options
 
     options = Options(controllers, horizon, seed, disturbance, integrator, plot, perturbation, figures)
-    if campaign is not None or replay is not None:
-        many = Many(campaign, replay, output, scheduler, jobs)
-        run_many(design, many, options, as_json=json)
-        return
-    run(design, output, options, as_json=json)
+    run(design, options, Many(campaign, replay, output, scheduler, jobs), as_json=json)
 
 
 @app.command()
 def build(
     problem: ProblemFile,
     output: Annotated[Path, typer.Option("-o", "--output", help="The folder to write.", show_default=False)],
+    time_limit: TimeLimit = None,
     jobs: Jobs = None,
     json: Json = False,
 ) -> None:
     """All of the above, and a report."""
     from lockstep.cli.build import run
 
-    run(problem, output, jobs=jobs, as_json=json)
+    run(problem, output, jobs=jobs, time_limit=time_limit, as_json=json)
 
 
 @app.command()
@@ -220,10 +283,15 @@ def reproduce(
 
 def main() -> None:
     """Run the command; with `--json`, what is wrong with the command line itself is an object too."""
-    if "--json" not in sys.argv[1:]:
-        app()
+    if not sys.warnoptions:
+        # What a library remarks in the middle of a computation is no answer; `python -W default` shows it.
+        warnings.simplefilter("ignore")
+    as_json = "--json" in sys.argv[1:]
     try:
-        status = app(standalone_mode=False)
+        with _answered():
+            status = app(standalone_mode=not as_json)
+    except typer.Exit as left:
+        status = left.exit_code
     except Exception as error:
         # Typer brings its own copy of click's exceptions, or click's, by version: known by what they can do.
         if not hasattr(error, "format_message"):

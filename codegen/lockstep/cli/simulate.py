@@ -3,12 +3,13 @@
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from lockstep.cli.console import Answer, errors, of_file, progress_display, respond, two_columns, write_text
 from lockstep.cli.files import check_writable, read_design
+from lockstep.cli.simulate_options import Many, Options, conflict
 from lockstep.model.errors import ProblemError
 
 if TYPE_CHECKING:
@@ -27,41 +28,12 @@ WORST_SAMPLES = 500
 """Samples of a disturbance that is searched for, at most about: enough for loops of some rad/s over tens of seconds."""
 
 
-@dataclass(frozen=True)
-class Options:
-    """What the command line asks for."""
-
-    controllers: str | None = None
-    horizon: float | None = None
-    seed: int | None = None
-    disturbance: str | None = None
-    integrator: str = "rk4"
-    plot: bool = False
-    perturbation: str | None = None
-    figures: Path | None = None
-
-
-def run(path: Path, output: Path | None, options: Options, *, as_json: bool) -> None:
-    """Simulate a design."""
-    respond(as_json, lambda: _simulate(path, output, options, as_json=as_json))
-
-
-@dataclass(frozen=True)
-class Many:
-    """A campaign of random runs, or one of them again."""
-
-    campaign: int | None
-    replay: int | None
-    output: Path | None
-    scheduler: str | None
-    jobs: int | None
-
-
-def run_many(path: Path, many: Many, options: Options, *, as_json: bool) -> None:
-    """Run a campaign, or one of its runs again: see `lockstep.cli.campaign`."""
+def run(path: Path, options: Options, many: Many, *, as_json: bool) -> None:
+    """Simulate a design: one run, or a campaign of them (see `lockstep.cli.campaign`)."""
     from lockstep.cli import campaign
 
-    if wrong := _not_for_many(options, many):
+    wrong = conflict(options, many)
+    if wrong is not None:
         respond(as_json, lambda: _refuse(wrong))
     seed = options.seed
     found: dict[str, Any] = {"controllers": options.controllers, "horizon": options.horizon}
@@ -70,33 +42,7 @@ def run_many(path: Path, many: Many, options: Options, *, as_json: bool) -> None
     elif many.campaign is not None and many.output is not None:
         campaign.run(path, many.campaign, many.output, many.scheduler, many.jobs, seed, as_json, **found)
     else:
-        found_none = ProblemError(
-            "a campaign without a folder", where="--campaign", expected="`-o FOLDER`, which keeps the results"
-        )
-        respond(as_json, lambda: _refuse(found_none))
-
-
-def _not_for_many(options: Options, many: Many) -> ProblemError | None:
-    """Return why options do not go with a campaign, which draws its disturbances itself and runs an engine of its own."""
-    if many.campaign is not None and many.replay is not None:
-        return ProblemError(
-            "a campaign and one of its runs again", where="--replay", expected="one or the other"
-        )
-    single = {
-        "--disturbance": options.disturbance,
-        "--perturbation": options.perturbation,
-        "--plot": options.plot or None,
-        "--figures": options.figures,
-        "--integrator": None if options.integrator == "rk4" else options.integrator,
-    }
-    for name, value in single.items():
-        if value is not None:
-            return ProblemError("it is for a single run", where=name, remedy="leave it out of a campaign")
-    if options.controllers not in (None, "continuous", "sampled"):
-        return ProblemError(
-            f"`{options.controllers}`", where="--controllers", expected="continuous or sampled in a campaign"
-        )
-    return None
+        respond(as_json, lambda: _simulate(path, many.output, options, as_json=as_json))
 
 
 def _refuse(error: ProblemError) -> Answer:
@@ -214,9 +160,9 @@ def _worst(stored: "Stored", network: "Network", quiet: "Scenario", changes: "Ch
 @contextmanager
 def _controllers(path: Path, stored: "Stored", kind: "Kind") -> "Iterator[Gains | SampledControllers]":
     from lockstep.cli.certify import is_generated
+    from lockstep.codegen.c_certificate import problem_fits
     from lockstep.codegen.in_the_loop import design_controllers, reference_controllers
     from lockstep.codegen.manifest import load_manifest
-    from lockstep.codegen.sampled_certificate import problem_fits
 
     if kind == "continuous":
         yield stored.gains

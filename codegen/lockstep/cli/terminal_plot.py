@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from lockstep.model.errors import ProblemError
-
 if TYPE_CHECKING:
     import numpy as np
     from jaxtyping import Float
@@ -31,9 +29,6 @@ def terminal_plot(trajectory: "Trajectory", *, colour: bool) -> str:
     Args:
         trajectory: what to plot.
         colour: with the terminal's colour codes.
-
-    Raises:
-        ProblemError: plotext is not installed, or one before its version 6.
     """
     import numpy as np
 
@@ -54,14 +49,9 @@ def terminal_plot(trajectory: "Trajectory", *, colour: bool) -> str:
 
 
 def _plot(title: str, t: "Floats", curves: "Mapping[str, Floats]", colour: bool) -> str:
-    try:
-        import plotext
+    import plotext
 
-        figure = plotext.figure
-    except (ImportError, AttributeError):
-        raise ProblemError(
-            "plotext 6 is not installed", where="--plot", remedy="pip install 'plotext>=6'"
-        ) from None
+    figure = plotext.figure
     figure.clear()
     figure.theme("simple" if colour else "colorless")
     figure.plot_size(WIDTH, HEIGHT)

@@ -11,6 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from lockstep.cli.console import Answer, plain, progress_display, respond
+from lockstep.cli.files import seen
+from lockstep.model.errors import ProblemError
 
 if TYPE_CHECKING:
     from lockstep.codegen.verify import VerifyReport
@@ -22,6 +24,11 @@ def run(folder: Path, *, steps: int, targets: Sequence[str], as_json: bool) -> N
 
 
 def _verify(folder: Path, steps: int, targets: Sequence[str]) -> Answer:
+    with seen(folder):
+        if folder.exists() and not folder.is_dir():
+            raise ProblemError(
+                "it is no folder", where=str(folder), expected="a folder that `lockstep generate` wrote"
+            )
     report = verified(folder, steps, targets or None)
     return Answer(plain(report.as_dict()), table_of(report), report.ok)
 

@@ -17,6 +17,7 @@ stable to the full claim.
 Nothing here is trusted: what comes out is a set of gains, and `rounding.prove` certifies them or does not.
 """
 
+import time
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -54,14 +55,21 @@ class Point:
 
 @dataclass(frozen=True)
 class Limits:
-    """How long IPOPT may work (a count: the same input gives the same answer), and the range of rho."""
+    """How long a run may take (a count: the same input gives the same answer), the range of rho, and a deadline.
+
+    deadline: of `time.monotonic`, or None; where it cuts a run, the answer depends on the machine.
+    """
 
     iterations: int = 400
     rho_most: float = 1e6
+    deadline: float | None = None
 
 
 class BilinearProgram:
     """The nonlinear program for one loop, claim and gain limit; built once, solved from many starts."""
+
+    descent = 400
+    """Iterations of a run that lowers rho."""
 
     def __init__(self, loop: Loop, claim: Claim, gain_limit: float) -> None:
         self.loop, self.claim, self.gain_limit = loop, claim, gain_limit
@@ -69,6 +77,7 @@ class BilinearProgram:
         self.pairs = len(loop.d.pairs()) if loop.plant.G.shape[1] else 0
         self._symbols = self._variables()
         self._solvers: dict[tuple[Aim, int], Any] = {}
+        self._programs: dict[Aim, dict[str, Any]] = {}
 
     @cached_property
     def shape_K(self) -> tuple[int, int, int]:
@@ -100,7 +109,8 @@ class BilinearProgram:
         guess, scale = self._guess(start)
         lower, upper = self._bounds(start, aim, limits)
         guess = np.clip(guess, lower, upper)
-        solution = self._solver(aim, limits.iterations)(x0=guess, lbx=lower, ubx=upper, lbg=0, ubg=0, p=scale)
+        solver = self._solver(aim, limits.iterations, limits.deadline)
+        solution = solver(x0=guess, lbx=lower, ubx=upper, lbg=0, ubg=0, p=scale)
         return self._point(np.array(solution["x"]).ravel())
 
     def _variables(self) -> dict[str, ca.SX]:
@@ -157,8 +167,16 @@ class BilinearProgram:
         side = P @ sparse(loop.E_G)
         return ca.blockcat([[top, side], [side.T, -ca.kron(M, ca.DM.eye(loop.plant.G.shape[1]))]])
 
-    def _solver(self, aim: Aim, iterations: int) -> Any:
+    def _solver(self, aim: Aim, iterations: int, deadline: float | None = None) -> Any:
+        if deadline is not None:
+            # IPOPT takes a limit when it is made, so that this one serves once.
+            return ipopt("bmi", self._program(aim), iterations, seconds=deadline - time.monotonic())
         if (aim, iterations) not in self._solvers:
+            self._solvers[aim, iterations] = ipopt("bmi", self._program(aim), iterations)
+        return self._solvers[aim, iterations]
+
+    def _program(self, aim: Aim) -> dict[str, Any]:
+        if aim not in self._programs:
             s, n_x = self._symbols, self.loop.n_x
             D_F, D_P = ca.SX.sym("D_F", self.n_F), ca.SX.sym("D_P", n_x)
             conditions = [
@@ -175,14 +193,13 @@ class BilinearProgram:
                 "alpha": -ca.log(s["f"][0]),
                 "claim": -ca.log(s["f"][0]) - ca.log(s["f"][1]),
             }[aim]
-            program = {
+            self._programs[aim] = {
                 "x": ca.vertcat(*s.values()),
                 "f": goal,
                 "g": ca.vertcat(*conditions),
                 "p": ca.vertcat(D_F, D_P),
             }
-            self._solvers[aim, iterations] = ipopt("bmi", program, iterations)
-        return self._solvers[aim, iterations]
+        return self._programs[aim]
 
     @cached_property
     def _value_of_F_r(self) -> ca.Function:

@@ -67,33 +67,49 @@ class Design:
         return initial_set(self.network, self.certificate)
 
 
-def design(problem: Problem, *, jobs: int | None = None, progress: Progress | None = None) -> Design:
+def design(
+    problem: Problem,
+    *,
+    jobs: int | None = None,
+    progress: Progress | None = None,
+    time_limit: float | None = None,
+) -> Design:
     """Design or take the gains of a problem and prove them.
 
     Args:
         problem: checked by `problem.validate()` first.
         jobs: processes to search with; by default one per core.
         progress: told what is going on.
+        time_limit: seconds for the search of method "certified", the proof afterwards not counted; where it cuts the
+            search, the design depends on the machine, and `figures["time_limit"]` says so.
 
     Raises:
         ProblemError: the problem cannot be posed (no spanning tree, no finite bound, a method not built yet).
         BoundNotProved: `[design] alpha` is below a slope the nonlinearity reaches.
         Infeasible: no gains were found; the figures say how far the search came.
+        OutOfTime: the time limit was over before any gains were certified.
         NotCertified: the gains are there but not certified; the figures carry them and the audit.
     """
     with one_thread():
-        return _designed(problem, jobs, progress or (lambda _what, _part: None))
+        return _designed(problem, jobs, progress or (lambda _what, _part: None), time_limit)
 
 
-def _designed(problem: Problem, jobs: int | None, tell: Progress) -> Design:
+def _designed(problem: Problem, jobs: int | None, tell: Progress, time_limit: float | None) -> Design:
     problem.validate()
+    if time_limit is not None and problem.design.method == "modal":
+        raise ProblemError(
+            'a time limit is given for method "modal"',
+            where="--time-limit",
+            expected='method = "certified", whose search can be cut',
+            remedy="lower [design] starts instead",
+        )
     tell("proving the bound of the nonlinearity", 0.0)
     bound = proved_bound(problem)
     network = network_of(problem, bound)
     claim = claim_of(problem, bound)
     match problem.design.method:
         case "certified":
-            return _searched(problem, network, bound, claim, jobs, tell)
+            return _searched(problem, network, bound, claim, jobs, tell, time_limit)
         case "given":
             return _given(problem, network, bound, claim, tell)
         case "theorem1" | "corollary1":
@@ -132,11 +148,17 @@ def given_gains(problem: Problem) -> Gains:
 
 
 def _searched(
-    problem: Problem, network: Network, bound: Bound, claim: Claim, jobs: int | None, tell: Progress
+    problem: Problem,
+    network: Network,
+    bound: Bound,
+    claim: Claim,
+    jobs: int | None,
+    tell: Progress,
+    time_limit: float | None,
 ) -> Design:
     from lockstep.lmi.searched import searched
 
-    found = searched(problem, network, claim, jobs, tell)
+    found = searched(problem, network, claim, jobs, tell, time_limit)
     figures = found.figures | _figures(network, found.gains) | _floor(problem, network, found.claim, tell)
     return Design(problem, network, bound, found.claim, found.gains, found.certificate, figures)
 

@@ -19,8 +19,15 @@ BARRIER_START = 1e-2
 of them, 1e-2 four (rho 3.34 to 3.79), 1e-4 three, the adaptive strategy two."""
 
 
-def ipopt(name: str, program: dict[str, Any], iterations: int) -> Any:
-    """Return IPOPT for a program in CasADi's terms, silent; a limit that is a count gives one answer for one input."""
+LEAST_SECONDS = 0.1
+"""The shortest time IPOPT is given: it refuses to be given none."""
+
+
+def ipopt(name: str, program: dict[str, Any], iterations: int, seconds: float | None = None) -> Any:
+    """Return IPOPT for a program in CasADi's terms, silent; a limit that is a count gives one answer for one input.
+
+    With `seconds`, a limit of wall-clock time as well: then the answer depends on the machine.
+    """
     options: Any = {
         "ipopt.max_iter": iterations,
         "ipopt.print_level": 0,
@@ -32,6 +39,8 @@ def ipopt(name: str, program: dict[str, Any], iterations: int) -> Any:
         "ipopt.tol": 1e-5,
         "ipopt.acceptable_tol": 1e-4,
     }
+    if seconds is not None:
+        options["ipopt.max_wall_time"] = max(seconds, LEAST_SECONDS)
     return ca.nlpsol(name, "ipopt", program, options)
 
 

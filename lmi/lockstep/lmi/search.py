@@ -2,11 +2,13 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from lockstep.lmi.inequality import Claim
 from lockstep.lmi.start import Outcome, from_start
 from lockstep.lmi.threads import one_thread
+from lockstep.lmi.workers import started_without_interrupts
 from lockstep.model.loop import Loop
 
 
@@ -20,9 +22,10 @@ def search(
     rho: float | None = None,
     jobs: int | None = None,
     tell: Callable[[float], None] | None = None,
+    deadline: float | None = None,
 ) -> Outcome:
     """Return the best outcome of `starts` random starts; the same seed gives the same outcome, whatever
-    `jobs` is.
+    `jobs` is, unless a deadline cuts the search: then the outcome says so.
 
     Args:
         loop: in doubles.
@@ -32,20 +35,27 @@ def search(
         rho: None to lower rho; a number to raise alpha with rho at most that.
         jobs: processes; by default as many as there are cores to run on.
         tell: told the part of the starts that are done.
+        deadline: of `time.monotonic`, which all processes of a machine share.
     """
     from joblib import Parallel, delayed
 
     workers = min(jobs or len(os.sched_getaffinity(0)), starts)
     tell = tell or (lambda _part: None)
     tell(0.0)
-    tasks = (delayed(_single_threaded)(loop, claim, gain_limit, seed, index, rho) for index in range(starts))
+    tasks = (
+        delayed(_single_threaded)(loop, claim, gain_limit, seed, index, rho, deadline)
+        for index in range(starts)
+    )
     outcomes: list[Outcome] = []
-    for outcome in Parallel(n_jobs=workers, return_as="generator")(tasks):
+    with started_without_interrupts():
+        found = Parallel(n_jobs=workers, return_as="generator")(tasks)
+    for outcome in found:
         outcomes.append(outcome)
         tell(len(outcomes) / starts)
     if not outcomes:
         raise ValueError("a search needs at least one start")
-    return min(outcomes, key=_rank)
+    best = min(outcomes, key=_rank)
+    return replace(best, cut=any(outcome.cut for outcome in outcomes))
 
 
 def _single_threaded(*arguments: Any) -> Outcome:

@@ -1,5 +1,6 @@
 """Method "certified": gains by search, in short decimals, and why there are none where there are none."""
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,12 +10,13 @@ import numpy as np
 from lockstep.lmi.inequality import Certificate, Claim
 from lockstep.lmi.limits import SETTLED, largest_alpha_of_any_controller, static_gains_cannot_stabilise
 from lockstep.lmi.reach import largest_fraction
+from lockstep.lmi.relax import hint, hint_of_stability
 from lockstep.lmi.rounding import prove, short_gains
 from lockstep.lmi.search import search
 from lockstep.lmi.start import Outcome
 from lockstep.lmi.threads import one_thread
-from lockstep.model.errors import Infeasible, NotCertified
-from lockstep.model.loop import Gains, Loop
+from lockstep.model.errors import Infeasible, NotCertified, OutOfTime
+from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 
@@ -30,15 +32,28 @@ class Found:
 
 
 def searched(
-    problem: Problem, network: Network, claim: Claim, jobs: int | None, tell: Callable[[str, float], None]
+    problem: Problem,
+    network: Network,
+    claim: Claim,
+    jobs: int | None,
+    tell: Callable[[str, float], None],
+    time_limit: float | None = None,
 ) -> Found:
     """Search, round, prove.
+
+    Args:
+        problem, network, claim: what is asked.
+        jobs: processes to search with.
+        tell: told what is going on.
+        time_limit: seconds for the search; then the best gains so far are taken.
 
     Raises:
         Infeasible: no gains exist, which some problems show without a search, or no start led to gains for the claim;
             the figures say what is reachable.
+        OutOfTime: the time limit was over before any start had gains for the claim.
         NotCertified: gains were found, and their certificate did not survive the exact check.
     """
+    deadline = None if time_limit is None else time.monotonic() + time_limit
     table = problem.design
     rho = table.rho if table.objective == "alpha" else None
     tell("looking for limits of any controller", 0.0)
@@ -52,23 +67,33 @@ def searched(
         rho=rho,
         jobs=jobs,
         tell=lambda part: tell("searching for gains", part),
+        deadline=deadline,
     )
     if best.K is None or best.certificate is None:
+        if best.cut and time_limit is not None:
+            raise _out_of_time(time_limit, claim, best)
         tell("looking for what is reachable", 1.0)
-        raise _nothing(problem, network.loop(problem.order), claim, best)
+        raise _nothing(problem, network, claim, best)
     tell("proving the certificate", 0.0)
     if rho is not None:
         # 0.01 % is left to rounding; the proved alpha of the agent itself stays below.
         claim = replace(claim, alpha=max(claim.alpha, float(f"{best.alpha * (1 - 1e-4):.6g}")))
     gains = Gains.from_blocks(short_gains(best.K, table.gain_limit), problem.order)
-    figures = {"history": list(best.history)}
+    figures: dict[str, Any] = {"history": list(best.history)}
+    if best.cut:
+        figures["time_limit"] = time_limit
     muted = without_idle_parts(gains, network)
     if muted is not gains:
         try:
             return Found(muted, claim, prove(network, muted, claim, rho=rho), figures)
         except NotCertified:
             pass
-    return Found(gains, claim, prove(network, gains, claim, rho=rho), figures)
+    try:
+        return Found(gains, claim, prove(network, gains, claim, rho=rho), figures)
+    except NotCertified as error:
+        tell("looking for what is in the way", 1.0)
+        said, why = hint(problem, network, claim)
+        raise NotCertified(f"{error}{said}", **error.figures, **why) from None
 
 
 def without_idle_parts(gains: Gains, network: Network) -> Gains:
@@ -110,14 +135,28 @@ def refuse_the_impossible(problem: Problem, network: Network, claim: Claim) -> N
         )
 
 
-def _nothing(problem: Problem, loop: Loop, claim: Claim, best: Outcome) -> Infeasible:
+def _out_of_time(time_limit: float, claim: Claim, best: Outcome) -> OutOfTime:
+    part = max(best.fraction, best.claimed)
+    came = (
+        f"the best start came to {part:.3g} of alpha = {claim.alpha:.6g}" if part else "no start had come far"
+    )
+    return OutOfTime(
+        f"the time limit of {time_limit:g} s was over before any gains were certified ({came}); allow more time, or ask"
+        " for less: fewer starts, a lower order, a smaller alpha or delta",
+        time_limit=time_limit,
+        fraction=part,
+        alpha=claim.alpha,
+    )
+
+
+def _nothing(problem: Problem, network: Network, claim: Claim, best: Outcome) -> Infeasible:
     """Say what stands in the way, and what to relax."""
     table = problem.design
     asked = f"order {problem.order}, gain_limit {table.gain_limit:g}, {table.starts} starts"
     if best.fraction == 0:
-        return _nothing_at_all(asked, claim, best)
+        return _nothing_at_all(problem, network, asked, claim, best)
     if best.nearest is not None:
-        return _part_only(asked, loop, claim, best)
+        return _part_only(problem, network, asked, claim, best)
     reached = best.history[-1]
     return Infeasible(
         f"rho = {table.rho:g} was not reached ({asked}): {reached:.6g} was; raise rho, order, gain_limit or starts",
@@ -126,34 +165,44 @@ def _nothing(problem: Problem, loop: Loop, claim: Claim, best: Outcome) -> Infea
     )
 
 
-def _nothing_at_all(asked: str, claim: Claim, best: Outcome) -> Infeasible:
+def _nothing_at_all(
+    problem: Problem, network: Network, asked: str, claim: Claim, best: Outcome
+) -> Infeasible:
     if best.abscissa >= 0:
+        said, why = hint_of_stability(problem, network, claim)
         return Infeasible(
             f"no stabilising gains were found ({asked}): the slowest mode of the best loop stays at Re s ="
-            f" {best.abscissa:.3g}; raise [design] order or gain_limit, or measure more",
+            f" {best.abscissa:.3g}{said or '; raise [design] order or gain_limit, or measure more'}",
             abscissa=best.abscissa,
+            **why,
         )
+    said, why = hint(problem, network, claim)
     return Infeasible(
         f"stable gains were found ({asked}) but none with a certificate, even for a thousandth of alpha ="
-        f" {claim.alpha:.6g}; raise [design] order, gain_limit or starts",
+        f" {claim.alpha:.6g}{said or '; raise [design] order, gain_limit or starts'}",
         abscissa=best.abscissa,
         alpha=claim.alpha,
+        **why,
     )
 
 
-def _part_only(asked: str, loop: Loop, claim: Claim, best: Outcome) -> Infeasible:
+def _part_only(problem: Problem, network: Network, asked: str, claim: Claim, best: Outcome) -> Infeasible:
     """Certify how far the nearest gains carry."""
     if best.nearest is None:
         raise ValueError("the outcome has no gains")
     with one_thread():
-        part = largest_fraction(loop, best.nearest, claim, best.fraction)
+        part = largest_fraction(network.loop(problem.order), best.nearest, claim, best.fraction)
+    said, why = hint(problem, network, claim)
     delta = " and delta" if claim.delta.any() else ""
+    relax = said or "; lower alpha (a smaller domain, centred slopes), or raise order, gain_limit or starts"
     return Infeasible(
         f"no gains were found ({asked}) that carry alpha = {claim.alpha:.6g}; {part:.3g} of it{delta} is reachable:"
-        f" alpha = {part * claim.alpha:.6g}; lower alpha (a smaller domain, centred slopes), or raise order,"
-        " gain_limit or starts",
-        alpha=claim.alpha,
-        fraction=part,
-        reachable_alpha=part * claim.alpha,
-        reachable_delta=(part * claim.delta[0]).tolist(),
+        f" alpha = {part * claim.alpha:.6g}{relax}",
+        **{
+            "alpha": claim.alpha,
+            "fraction": part,
+            "reachable_alpha": part * claim.alpha,
+            "reachable_delta": (part * claim.delta[0]).tolist(),
+            **why,
+        },
     )

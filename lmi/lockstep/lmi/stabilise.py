@@ -5,12 +5,12 @@ which hold on one side of a kink (Lewis and Overton, Nonsmooth optimization via 
 Program. 141, 2013).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 
-from lockstep.model.loop import Loop
+from lockstep.model.loop import Loop, Plant
 
 Objective = Callable[[Float[np.ndarray, " x"]], tuple[float, Float[np.ndarray, " x"]]]
 
@@ -52,15 +52,58 @@ def _excess(K: Float[np.ndarray, "N k l"], limit: float) -> tuple[float, Float[n
 def abscissa(loop: Loop, K: Float[np.ndarray, "N k l"]) -> tuple[float, Float[np.ndarray, "N k l"]]:
     """Return max Re lambda(A_cl) and its slope in K: for a simple eigenvalue with vectors l, r, Re(U_i' l r'
     Y_i' / l'r)."""
+    return _abscissa(loop.A_cl(K), loop.U, loop.Y)
+
+
+def _abscissa(
+    A: Float[np.ndarray, "n n"] | Complex[np.ndarray, "n n"],
+    left_of: Sequence[Float[np.ndarray, "n k"]],
+    right_of: Sequence[Float[np.ndarray, "l n"] | Complex[np.ndarray, "l n"]],
+) -> tuple[float, Float[np.ndarray, "N k l"]]:
     from scipy.linalg import eig
 
-    values, left, right = eig(loop.A_cl(K), left=True, right=True)
+    values, left, right = eig(A, left=True, right=True)
     worst = int(np.argmax(values.real))
     l, r = left[:, worst].conj(), right[:, worst]
     slope = np.stack(
-        [np.real(np.outer(U.T @ l, Y @ r) / (l @ r)) for U, Y in zip(loop.U, loop.Y, strict=True)]
+        [np.real(np.outer(U.T @ l, Y @ r) / (l @ r)) for U, Y in zip(left_of, right_of, strict=True)]
     )
     return float(values[worst].real), slope
+
+
+def stabilise_mode(
+    plant: Plant, eigenvalue: complex, order: int, limit: float, *, seed: int, starts: int
+) -> float:
+    """Return the least abscissa found of one mode of the graph with the same controller for all agents.
+
+    The mode of an eigenvalue lambda of L is A_0 + U K Y with A_0 = diag(A, 0), U = [0, B; I, 0], Y = [0, I; lambda C, 0].
+
+    Args:
+        plant: the agents; with B of the first.
+        eigenvalue: lambda, not 0.
+        order, limit: of the controller, and of the norm of its gains.
+        seed, starts: of the random starts.
+    """
+    n, m, q, _, _ = plant.sizes
+    A_0 = np.block([[plant.A, np.zeros((n, order))], [np.zeros((order, n + order))]])
+    U = np.block([[np.zeros((n, order)), plant.B[0]], [np.eye(order), np.zeros((order, m))]])
+    Y = np.block([[np.zeros((order, n)), np.eye(order)], [eigenvalue * plant.C, np.zeros((q, order))]])
+    shape = (1, order + m, order + q)
+
+    def objective(flat: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
+        K = flat.reshape(shape)
+        value, slope = _abscissa(A_0 + U @ K[0] @ Y, [U], [Y])
+        excess, pull = _excess(K, limit)
+        return value + EXCESS_WEIGHT * excess, (slope + EXCESS_WEIGHT * pull).ravel()
+
+    least = np.inf
+    for index in range(starts):
+        first = np.random.default_rng([seed, index]).standard_normal(shape)
+        first *= 0.5 * limit / max(float(np.linalg.norm(first[0], 2)), 1e-300)
+        K = descend(objective, first.ravel(), 100).reshape(shape)
+        K *= min(1.0, limit / max(float(np.linalg.norm(K[0], 2)), 1e-300))
+        least = min(least, _abscissa(A_0 + U @ K[0] @ Y, [U], [Y])[0])
+    return least
 
 
 def descend(objective: Objective, x: Float[np.ndarray, " x"], iterations: int) -> Float[np.ndarray, " x"]:

@@ -53,6 +53,10 @@ class Infeasible(ClaimError):
     """No gains were found that meet the request; the figures say what is reachable."""
 
 
+class OutOfTime(ClaimError):
+    """The time that was given was over before any gains were certified: nothing is known of whether there are some."""
+
+
 class NotCertified(ClaimError):
     """Gains are given, and no certificate for them was found or theirs does not prove what it claims."""
 

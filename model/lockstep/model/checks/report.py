@@ -66,7 +66,7 @@ class CheckReport:
         return [f"{row.name}: {row.figure}" for row in self.rows if row.verdict == "note"]
 
     def document(self) -> dict[str, Any]:
-        """Return the report as plain JSON types (design.md, section 2)."""
+        """Return the report as plain JSON types: what `lockstep check --json` prints."""
         return {
             "ok": self.ok,
             "bound": self._bound(),

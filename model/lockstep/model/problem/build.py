@@ -1,6 +1,6 @@
 """The agent, its variants and the graph that a problem file describes."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -89,7 +89,20 @@ def build_graph(table: NetworkTable) -> Graph:
         )
     if table.topology is not None:
         return Graph.topology(table.topology, table.agents)
-    return Graph.from_edges(table.agents, table.edges or ())
+    return _from_edges(table.agents, table.edges or ())
+
+
+def _from_edges(agents: int, edges: Sequence[Sequence[float]]) -> Graph:
+    graph = Graph.from_edges(agents, edges)
+    with np.errstate(over="ignore"):
+        finite = np.isfinite(graph.adjacency.sum(axis=1))
+    if not finite.all():
+        raise ProblemError(
+            f"the weights that agent {int(np.argmin(finite)) + 1} listens with add up to inf",
+            where="[network] edges",
+            expected="weights whose sum is a double: it stands on the diagonal of (1)",
+        )
+    return graph
 
 
 def _from_laplacian(rows: tuple[tuple[float, ...], ...], agents: int | None) -> Graph:

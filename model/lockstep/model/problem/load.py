@@ -59,7 +59,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         message = str(error)
         place = re.search(r"\(at (line \d+, column \d+|end of document)\)", message)
-        what = message[: place.start()].strip() if place else message
+        what = re.sub(r"\('.*?\)", _table_name, message[: place.start()].strip() if place else message)
         raise ProblemError(
             f"this is not TOML: {what[:1].lower()}{what[1:]}",
             where=place.group(1) if place else "",
@@ -70,6 +70,12 @@ def parse_toml(text: str) -> dict[str, Any]:
             "it is nested too deeply" if isinstance(error, RecursionError) else "a number has too many digits"
         )
         raise ProblemError(f"this is not TOML that can be read: {what}") from None
+
+
+def _table_name(found: re.Match[str]) -> str:
+    """Write the keys of a table, a tuple in Python's messages, as the file does: [agent.units]."""
+    keys = re.findall(r"'([^']*)'", found.group())
+    return f"[{'.'.join(keys)}]"
 
 
 def parse_tables(document: Any) -> ProblemFile:

@@ -26,15 +26,11 @@ def problem_error(error: ValidationError) -> ProblemError:
     if not rest:
         return first
     more = len(errors) - 1 - len(rest)
-    others = "; ".join(f"also {other.where}: {other.found}" for other in rest) + (
-        f"; and {more} more" if more else ""
-    )
-    return ProblemError(
-        first.found,
-        where=first.where,
-        expected=first.expected,
-        remedy="; ".join(filter(None, [first.remedy, others])),
-    )
+    others = [
+        f"also {other.where}: {other.found}" if other.where else f"also {other.found}" for other in rest
+    ]
+    remedy = "; ".join([first.remedy] * bool(first.remedy) + others + [f"and {more} more"] * bool(more))
+    return ProblemError(first.found, where=first.where, expected=first.expected, remedy=remedy)
 
 
 def toml_path(location: Location) -> str:

@@ -1,9 +1,7 @@
-"""The tables of a problem file (design.md, section 2) as pydantic models: which keys, which types, which
-ranges.
+"""The tables of a problem file as pydantic models: which keys, which types, which ranges. docs/problem.md says what they do.
 
-Strict: an unknown key is an error, text is no number, `true` is no 1, and nan and inf are refused, except
-    that a side of a box of the domain may be infinite. Each `description` completes the sentence "expected
-    ..." of a message.
+Strict: an unknown key is an error, text is no number, `true` is no 1, and nan and inf are refused, except that a side
+of a box of the domain may be infinite. Each `description` completes the sentence "expected ..." of a message.
 """
 
 from typing import Annotated, Any, Literal, TypeVar
@@ -21,6 +19,9 @@ Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 
 MOST_ORDER = 64
+
+SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 100.0
+"""In s. Beyond them a period is a slip of the pen: it is 0 in float32, or a run has more steps than fit into memory."""
 
 
 def _is_number(value: object) -> bool:
@@ -179,7 +180,12 @@ class DesignTable(Table):
 class ControllerTable(Table):
     """[controller]: how the controller runs on the target."""
 
-    period: Positive = Field(default=0.005, description="a finite number of seconds above 0")
+    period: float = Field(
+        default=0.005,
+        ge=SHORTEST_PERIOD,
+        le=LONGEST_PERIOD,
+        description=f"a number of seconds above 0, from {SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g}",
+    )
     discretization: Literal["tustin", "zoh"] = Field(default="tustin", description='"tustin" or "zoh"')
     real: Literal["float32", "float64"] = Field(default="float32", description='"float32" or "float64"')
     delay: Literal[0, 1] = Field(default=0, description="0 or 1 periods")

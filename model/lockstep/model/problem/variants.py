@@ -1,8 +1,7 @@
 """Agents with parameters of their own: `[network] parameters` may change B_i and nothing else.
 
-(2) has one A, one C and (see design.md, section 3) one h for all agents: only then is agreement, all x_i
-equal, something the uncoupled network keeps. Agents that differ in more drift apart from agreement by
-themselves.
+(2) has one A and one C, and its proof needs one h for all agents: only then is agreement, all x_i equal, something
+the uncoupled network keeps. Agents that differ in more drift apart from agreement by themselves.
 """
 
 from collections.abc import Sequence

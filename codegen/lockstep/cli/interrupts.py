@@ -1,0 +1,77 @@
+"""An interrupt from the keyboard that is not lost on the way.
+
+Where it comes while CasADi turns arrays into its own, the exception is dropped there, or turned into another. So it is
+raised elsewhere if it can be, and once more as long as nothing has come of it.
+"""
+
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+AGAIN = 0.05
+"""Seconds after which it is looked whether anything has come of the interrupt."""
+
+PATIENCE = 20
+"""So often it is put off for the sake of CasADi's conversions, which take microseconds; its solvers take longer."""
+
+DEAF = "casadi"
+"""The package whose Python functions are called back from C that drops what they raise."""
+
+
+@contextmanager
+def insistent_interrupts() -> Iterator[None]:
+    """Raise `KeyboardInterrupt` in the body upon an interrupt, until it is being handled.
+
+    Interrupts stay as they are in a thread other than the main one, where there are no timers, and where somebody has
+    decided about them already: a shell that starts a command in the background has them ignored.
+    """
+    settled = signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+    if (
+        settled
+        or threading.current_thread() is not threading.main_thread()
+        or not hasattr(signal, "setitimer")
+    ):
+        yield
+        return
+    patience = PATIENCE
+
+    def once_more(_number: int, frame: FrameType | None) -> None:
+        nonlocal patience
+        if _is_handled():
+            return
+        patience -= 1
+        if patience < 0 or not _in_deaf_code(frame):
+            raise KeyboardInterrupt
+
+    def first(number: int, frame: FrameType | None) -> None:
+        signal.setitimer(signal.ITIMER_REAL, AGAIN, AGAIN)
+        if _is_handled():  # a second one is meant for whatever the first one waits for
+            raise KeyboardInterrupt
+        once_more(number, frame)
+
+    before = signal.signal(signal.SIGINT, first), signal.signal(signal.SIGALRM, once_more)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGINT, before[0])
+        signal.signal(signal.SIGALRM, before[1])
+
+
+def _is_handled() -> bool:
+    """Tell whether the code that is running runs because of an interrupt."""
+    error = sys.exc_info()[1]
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error is not None
+
+
+def _in_deaf_code(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if str(frame.f_globals.get("__name__", "")).partition(".")[0] == DEAF:
+            return True
+        frame = frame.f_back
+    return False

@@ -1,0 +1,295 @@
+"""-log det(-F) in the gains and the certificate together: its value, slope and curvature, by linear algebra alone.
+
+With -F = C C', W = C^-1 and S = W'W, the barrier phi = -log det(-F) of `inequality`'s F has
+
+    d phi = tr(S dF),      d^2 phi = tr(S dF S dF) + tr(S d^2F).
+
+The first term is the square of |W dF W'|: never negative. F is bilinear, so the second one holds what couples P with K,
+f_a with m and f_d with t, and nothing else; it alone can be negative. An entry of P or K enters as He(u v') with u a
+column of W [I; 0] (of W P U_i for K) and v one of W Z' (of W Y_i'), and
+
+    <He(u v'), He(p q')> = 2 (u'p v'q + u'q v'p),
+
+so that the products of these columns with each other, a matrix of a few dozen rows, give all of the curvature.
+
+Everything is in the coordinates in which a given P is the identity.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.lmi.inequality import Certificate, Claim, channels, performance_weight
+from lockstep.model.loop import Loop
+
+Slopes = tuple[Float[np.ndarray, " x"], Float[np.ndarray, "x x"], Float[np.ndarray, "x x"]]
+"""A slope, the part of the curvature that is never negative, and the rest of it."""
+
+
+@dataclass(frozen=True)
+class BalancedF:
+    """F of a loop and claim as a function of x = (P, K, m, t, rho^2, f_a, f_d), with P = root P^ root'.
+
+    f_a and f_d scale alpha^2 and delta^2. P^ is kept as its upper triangle, row by row.
+    """
+
+    loop: Loop
+    claim: Claim
+    root: Float[np.ndarray, "n_x n_x"]
+
+    @cached_property
+    def place(self) -> dict[str, slice]:
+        """Where each unknown is in x."""
+        loop = self.loop
+        counts = {
+            "P": loop.n_x * (loop.n_x + 1) // 2,
+            "K": int(np.prod(self.shape_K)),
+            "m": len(loop.d.pairs()) if loop.plant.G.shape[1] else 0,
+            "t": len(self._ways),
+            "r2": 1,
+            "f_a": 1,
+            "f_d": 1,
+        }
+        ends = np.cumsum([0, *counts.values()])
+        return {name: slice(int(a), int(b)) for name, a, b in zip(counts, ends[:-1], ends[1:], strict=True)}
+
+    @property
+    def size(self) -> int:
+        """Length of x."""
+        return int(self.place["f_d"].stop)
+
+    @cached_property
+    def shape_K(self) -> tuple[int, int, int]:
+        """(N, n_C + m, n_C + q)."""
+        return self.loop.d.N, self.loop.U[0].shape[1], self.loop.Y[0].shape[0]
+
+    def pack(
+        self, K: Float[np.ndarray, "N k l"], c: Certificate, f_a: float, f_d: float
+    ) -> Float[np.ndarray, " x"]:
+        """Return x for gains, a certificate and the fractions; what the certificate has no multipliers for gets ones."""
+        inverse = np.linalg.inv(self.root)
+        P, m, t = (inverse @ c.P @ inverse.T)[self._upper], self.place["m"], self.place["t"]
+        ways = c.t if len(c.t) == t.stop - t.start else np.ones(t.stop - t.start)
+        return np.concatenate([P, K.ravel(), c.m[: m.stop - m.start], ways, [c.rho**2, f_a, f_d]])
+
+    def P(self, x: Float[np.ndarray, " x"]) -> Float[np.ndarray, "n_x n_x"]:
+        """Return P^."""
+        P = np.zeros((self.loop.n_x, self.loop.n_x))
+        P[self._upper] = x[self.place["P"]]
+        return P + np.triu(P, 1).T
+
+    def K(self, x: Float[np.ndarray, " x"]) -> Float[np.ndarray, "N k l"]:
+        """Return the gains."""
+        return np.asarray(x[self.place["K"]].reshape(self.shape_K))
+
+    def certificate(self, x: Float[np.ndarray, " x"]) -> Certificate:
+        """Return the witnesses, back in the coordinates of the loop."""
+        m = x[self.place["m"]] if self.loop.plant.G.shape[1] else np.zeros(len(self.loop.d.pairs()))
+        P = self.root @ self.P(x) @ self.root.T
+        return Certificate(float(np.sqrt(x[self.place["r2"]][0])), (P + P.T) / 2, m, x[self.place["t"]])
+
+    def F(self, x: Float[np.ndarray, " x"]) -> Float[np.ndarray, "n_F n_F"]:
+        """Return F, in the balanced coordinates of the state."""
+        n_x = self.loop.n_x
+        half = np.zeros((self._n_F, self._n_F))
+        half[:n_x] = self.P(x) @ self._Z(self.K(x))
+        constant, basis = self._weights, self._basis(x)
+        linear = np.concatenate([x[self.place["m"]], x[self.place["t"]], x[self.place["r2"]]])
+        return np.asarray(half + half.T + constant + np.tensordot(linear, basis, 1))
+
+    def slopes(self, x: Float[np.ndarray, " x"]) -> Slopes:
+        """Return the slope of -log det(-F) and the two parts of its curvature.
+
+        Raises:
+            numpy.linalg.LinAlgError: -F is not positive definite.
+        """
+        from scipy.linalg import solve_triangular
+
+        W = solve_triangular(np.linalg.cholesky(-self.F(x)), np.eye(self._n_F), lower=True)
+        slope, square = np.zeros(self.size), np.zeros((self.size, self.size))
+        left, right = self._columns(x, W)
+        self._of_P_and_K(left, right, slope, square)
+        self._of_the_rest(x, W, left, right, slope, square)
+        return slope, square, self._couplings(W)
+
+    @cached_property
+    def _ways(self) -> list[tuple[Float[np.ndarray, "n_x a"], Float[np.ndarray, "b n_x"], float]]:
+        return [(way.X, way.Y, way.delta) for way in channels(self.loop, self.claim.delta)]
+
+    @cached_property
+    def _upper(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
+        return np.triu_indices(self.loop.n_x)
+
+    @cached_property
+    def _inverse(self) -> Float[np.ndarray, "n_x n_x"]:
+        return np.asarray(np.linalg.inv(self.root))
+
+    @cached_property
+    def _U(self) -> list[Float[np.ndarray, "n_x k"]]:
+        return [self.root.T @ U for U in self.loop.U]
+
+    @cached_property
+    def _Y(self) -> list[Float[np.ndarray, "l n_x"]]:
+        return [Y @ self._inverse.T for Y in self.loop.Y]
+
+    @cached_property
+    def _in(self) -> Float[np.ndarray, "n_x w"]:
+        ways_in = np.hstack([self.loop.E, self.loop.E_G, *[X for X, _, _ in self._ways]])
+        return np.asarray(self.root.T @ ways_in)
+
+    @cached_property
+    def _n_F(self) -> int:
+        return self.loop.n_x + int(self._in.shape[1])
+
+    @cached_property
+    def _weights(self) -> Float[np.ndarray, "n_F n_F"]:
+        return self._on_state(performance_weight(self.loop, self.claim))
+
+    def _Z(self, K: Float[np.ndarray, "N k l"]) -> Float[np.ndarray, "n_x n_F"]:
+        A = self.root.T @ self.loop.A_0 @ self._inverse.T
+        for U, block, Y in zip(self._U, K, self._Y, strict=True):
+            A = A + U @ block @ Y
+        return np.hstack([A, self._in])
+
+    def _on_state(self, weight: Float[np.ndarray, "n_x n_x"]) -> Float[np.ndarray, "n_F n_F"]:
+        return self._block(self._inverse @ weight @ self._inverse.T, 0)
+
+    def _block(self, block: Float[np.ndarray, "a a"], at: int) -> Float[np.ndarray, "n_F n_F"]:
+        whole = np.zeros((self._n_F, self._n_F))
+        whole[at : at + len(block), at : at + len(block)] = block
+        return whole
+
+    @cached_property
+    def _diagonal(self) -> Float[np.ndarray, "w n_F n_F"]:
+        """What m, t and rho^2 multiply outside of F_11."""
+        loop, found = self.loop, []
+        at = loop.n_x + loop.n_d
+        r = loop.plant.G.shape[1]
+        if r:
+            found += [
+                self._block(-np.kron(loop.d.pair_multiplier(i, j), np.eye(r)), at) for i, j in loop.d.pairs()
+            ]
+        at += loop.E_G.shape[1]
+        for X, _, _ in self._ways:
+            found.append(self._block(-np.eye(X.shape[1]), at))
+            at += X.shape[1]
+        found.append(self._block(-np.kron(loop.d.S, np.eye(loop.plant.A.shape[0])), loop.n_x))
+        return np.stack(found)
+
+    @cached_property
+    def _bounds_a(self) -> Float[np.ndarray, "m n_F n_F"]:
+        """What f_a m_ij multiplies in F_11."""
+        loop = self.loop
+        square = self.claim.alpha**2 * loop.plant.H.T @ loop.plant.H
+        pairs = loop.d.pairs() if loop.plant.G.shape[1] else []
+        found = [
+            self._on_state(loop.on_disagreement(np.kron(loop.d.pair_multiplier(i, j), square)))
+            for i, j in pairs
+        ]
+        return np.stack(found) if found else np.zeros((0, self._n_F, self._n_F))
+
+    @cached_property
+    def _bounds_d(self) -> Float[np.ndarray, "t n_F n_F"]:
+        """What f_d t_j multiplies in F_11."""
+        found = [self._on_state(delta**2 * (Y.T @ Y)) for _, Y, delta in self._ways]
+        return np.stack(found) if found else np.zeros((0, self._n_F, self._n_F))
+
+    def _basis(self, x: Float[np.ndarray, " x"]) -> Float[np.ndarray, "w n_F n_F"]:
+        """Return what m, t and rho^2 multiply."""
+        basis, pairs = self._diagonal.copy(), len(self._bounds_a)
+        basis[:pairs] += x[self.place["f_a"]][0] * self._bounds_a
+        basis[pairs:-1] += x[self.place["f_d"]][0] * self._bounds_d
+        return basis
+
+    @cached_property
+    def _entries(self) -> tuple[Float[np.ndarray, " e"], ...]:
+        """For each entry of P and K its u and v, those of its mirror image, and whether it has one."""
+        n_x, (N, k, l) = self.loop.n_x, self.shape_K
+        a, b = self._upper
+        agent, row, column = (index.ravel() for index in np.indices((N, k, l)))
+        none = np.zeros(N * k * l, dtype=int)
+        return (
+            np.concatenate([a, n_x + agent * k + row]),
+            np.concatenate([b, n_x + agent * l + column]),
+            np.concatenate([b, none]),
+            np.concatenate([a, none]),
+            np.concatenate([1.0 * (a != b), 0.0 * none]),
+        )
+
+    def _columns(
+        self, x: Float[np.ndarray, " x"], W: Float[np.ndarray, "n_F n_F"]
+    ) -> tuple[Float[np.ndarray, "n_F u"], Float[np.ndarray, "n_F v"]]:
+        J, P = W[:, : self.loop.n_x], self.P(x)
+        left = np.hstack([J, *[J @ (P @ U) for U in self._U]])
+        return left, np.hstack([W @ self._Z(self.K(x)).T, *[J @ Y.T for Y in self._Y]])
+
+    def _of_P_and_K(
+        self,
+        left: Float[np.ndarray, "n_F u"],
+        right: Float[np.ndarray, "n_F v"],
+        slope: Float[np.ndarray, " x"],
+        square: Float[np.ndarray, "x x"],
+    ) -> None:
+        u, v, u2, v2, twice = self._entries
+        LL, RR, LR = left.T @ left, right.T @ right, left.T @ right
+
+        def products(i: slice, j: slice, mirror_i: bool, mirror_j: bool) -> Float[np.ndarray, "i j"]:
+            ui, vi = (u2[i], v2[i]) if mirror_i else (u[i], v[i])
+            uj, vj = (u2[j], v2[j]) if mirror_j else (u[j], v[j])
+            # take, one axis after the other: half the time of an index of both, and a fourth of a step's
+            total = LL.take(ui, 0).take(uj, 1)
+            total *= RR.take(vi, 0).take(vj, 1)
+            crossed = LR.take(ui, 0).take(vj, 1)
+            crossed *= LR.T.take(vi, 0).take(uj, 1)
+            total += crossed
+            return np.asarray(total)
+
+        every, of_P = slice(0, len(u)), self.place["P"]
+        total = products(every, every, False, False)
+        across = products(every, of_P, False, True) * twice[of_P]
+        total[:, of_P] += across
+        total[of_P] += across.T
+        total[of_P, of_P] += twice[of_P, None] * products(of_P, of_P, True, True) * twice[of_P]
+        slope[every] = 2 * (LR[u, v] + twice * LR[u2, v2])
+        square[every, every] = 2 * total
+
+    def _of_the_rest(
+        self,
+        x: Float[np.ndarray, " x"],
+        W: Float[np.ndarray, "n_F n_F"],
+        left: Float[np.ndarray, "n_F u"],
+        right: Float[np.ndarray, "n_F v"],
+        slope: Float[np.ndarray, " x"],
+        square: Float[np.ndarray, "x x"],
+    ) -> None:
+        u, v, u2, v2, twice = self._entries
+        m, t = x[self.place["m"]], x[self.place["t"]]
+        extra = [np.tensordot(m, self._bounds_a, 1), np.tensordot(t, self._bounds_d, 1)]
+        V = W @ np.concatenate([self._basis(x), np.stack(extra)]) @ W.T
+        rest, entries = slice(self.place["m"].start, self.size), slice(0, len(u))
+        flat = V.reshape(len(V), -1)
+        slope[rest] = np.trace(V, axis1=1, axis2=2)
+        square[rest, rest] = flat @ flat.T
+        G = left.T @ V @ right
+        square[rest, entries] = 2 * (G[:, u, v] + twice * G[:, u2, v2])
+        square[entries, rest] = square[rest, entries].T
+
+    def _couplings(self, W: Float[np.ndarray, "n_F n_F"]) -> Float[np.ndarray, "x x"]:
+        """Return tr(S d^2F): of P with K, of m with f_a, of t with f_d."""
+        n_x, found = self.loop.n_x, np.zeros((self.size, self.size))
+        S = W[:, :n_x].T @ W[:, :n_x]
+        a, b = self._upper
+        u, v, _, _, twice = self._entries
+        U, YS = np.hstack(self._U), np.vstack(self._Y) @ S
+        of_K, of_P = self.place["K"], self.place["P"]
+        c, d = u[of_K] - n_x, v[of_K] - n_x
+        found[of_P, of_K] = 2 * (
+            U[np.ix_(b, c)] * YS[np.ix_(d, a)].T + twice[of_P, None] * U[np.ix_(a, c)] * YS[np.ix_(d, b)].T
+        )
+        for linear, fraction, bounds in (("m", "f_a", self._bounds_a), ("t", "f_d", self._bounds_d)):
+            found[self.place[linear], self.place[fraction].start] = np.einsum(
+                "kij,ij->k", bounds[:, :n_x, :n_x], S
+            )
+        return found + found.T

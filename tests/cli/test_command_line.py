@@ -1,0 +1,213 @@
+"""The command as a process: what is wrong with the command line, an output that cannot be, an interrupt."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from lockstep.cli.interrupts import insistent_interrupts
+from lockstep.cli.main import app
+from lockstep.lmi.workers import started_without_interrupts
+
+LOCKSTEP = [sys.executable, "-c", "from lockstep.cli.main import main; main()"]
+
+
+def lockstep(*words: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*LOCKSTEP, *map(str, words)], capture_output=True, text=True, check=False)
+
+
+def only_object(text: str) -> dict:
+    answer, end = json.JSONDecoder().raw_decode(text)
+    assert not text[end:].strip(), "one object, and nothing after it"
+    return answer
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("check",), "Missing argument"),
+        (("check", "p.toml", "--no-such-option"), "--no-such-option"),
+        (("check", "p.toml", "q.toml"), "q.toml"),
+        (("design", "p.toml", "--jobs", "0"), "--jobs"),
+        (("simulate", "d.json", "--seed", str(2**63)), "--seed"),
+        (("no-such-command",), "no-such-command"),
+        ((), "--json"),
+    ],
+    ids=lambda part: " ".join(part) if isinstance(part, tuple) else "",
+)
+def test_a_wrong_command_line_is_answered_with_one_object(words, said):
+    done = lockstep(*words, "--json")
+    error = only_object(done.stdout)["error"]
+    assert done.returncode == 2
+    assert error["kind"] == "usage"
+    assert said in error["message"]
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="no folder that takes no files")
+def test_a_folder_that_cannot_be_made_is_refused_before_the_design(examples):
+    begun = time.monotonic()
+    done = lockstep("build", examples / "flexible_joint_arms.toml", "-o", "/proc/x", "--json")
+    error = only_object(done.stdout)["error"]
+    assert done.returncode == 2
+    assert error["where"] == "/proc"
+    assert "takes no files" in error["found"]
+    assert "Traceback" not in done.stderr
+    # The design takes a minute on a machine of its own; reading the problem alone, which comes later, a second.
+    assert time.monotonic() - begun < 20
+
+
+def interrupted(words: list[str], ready) -> tuple[int, str, str]:
+    """Run a command in a group of its own, and interrupt the whole group, as a terminal does, once it is ready."""
+    started = subprocess.Popen(
+        [*LOCKSTEP, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        until = time.monotonic() + 60
+        while not ready(started.pid) and time.monotonic() < until:
+            time.sleep(0.02)
+        os.killpg(started.pid, signal.SIGINT)
+        out, err = started.communicate(timeout=60)
+    finally:
+        if started.poll() is None:
+            os.killpg(started.pid, signal.SIGKILL)
+    return started.returncode, out, err
+
+
+def after(seconds: float):
+    """Be ready so long after being asked for the first time."""
+    begun: list[float] = []
+
+    def ready(_pid: int) -> bool:
+        begun.append(time.monotonic())
+        return begun[-1] > begun[0] + seconds
+
+    return ready
+
+
+def has_workers(group: int) -> bool:
+    """Tell whether a process of the group has just started as a worker, and is still importing."""
+    for place in Path("/proc").glob("[0-9]*"):
+        try:
+            ours = os.getpgid(int(place.name)) == group
+            if ours and b"popen_loky_posix" in (place / "cmdline").read_bytes():
+                return True
+        except OSError:
+            continue
+    return False
+
+
+def is_answered(code: int, out: str, err: str) -> None:
+    assert code == 130
+    assert only_object(out)["error"]["kind"] == "interrupted"
+    assert err.strip().splitlines() == ["lockstep: interrupted; nothing was written"]
+
+
+def test_an_interrupt_is_answered_with_one_object(examples):
+    is_answered(*interrupted(["check", str(examples / "flexible_joint_arms.toml"), "--json"], loads_numpy))
+
+
+def loads_numpy(pid: int) -> bool:
+    """Tell whether a process has come to its own work: the command line is read without NumPy."""
+    return "numpy" in Path(f"/proc/{pid}/maps").read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "ready", [has_workers, after(2.0), after(8.0), after(16.0)], ids=["workers", "2", "8", "16"]
+)
+def test_an_interrupted_design_is_answered_by_one_process_only(ready, examples, tmp_path):
+    words = ["design", str(examples / "flexible_joint_arms.toml"), "-o", str(tmp_path / "d.json"), "--json"]
+    is_answered(*interrupted(words, ready))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("where", ["make_context", "invoke"])
+@pytest.mark.parametrize("as_json", [True, False])
+def test_an_interrupt_while_a_command_is_loaded_is_answered(where, as_json, monkeypatch):
+    from typer.core import TyperGroup
+
+    def interrupt(*_given, **_named):
+        raise KeyboardInterrupt
+
+    words = ["check", "p.toml", *(["--json"] if as_json else [])]
+    monkeypatch.setattr(sys, "argv", ["lockstep", *words])
+    monkeypatch.setattr(TyperGroup, where, interrupt)
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 130
+    assert result.stderr.strip() == "lockstep: interrupted; nothing was written"
+    assert (only_object(result.stdout)["error"]["kind"] == "interrupted") if as_json else not result.stdout
+
+
+def swallowed_once() -> int:
+    """Interrupt ourselves where the first exception is dropped, as CasADi drops it; return how often it came."""
+    came = 0
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(5)
+    except KeyboardInterrupt:
+        came += 1
+    try:
+        time.sleep(5)
+    except KeyboardInterrupt:
+        came += 1
+    return came
+
+
+def test_an_interrupt_that_is_dropped_comes_again():
+    before = signal.getsignal(signal.SIGINT)
+    with insistent_interrupts():
+        assert swallowed_once() == 2
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_an_interrupt_that_is_handled_does_not_come_again():
+    with insistent_interrupts():
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        except KeyboardInterrupt:
+            time.sleep(0.3)  # cleaning up takes longer than the time after which it would come again
+
+
+def test_an_ignored_interrupt_stays_ignored():
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with insistent_interrupts():
+            os.kill(os.getpid(), signal.SIGINT)
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_processes_started_under_the_shield_keep_it():
+    script = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
+    with started_without_interrupts():
+        shielded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    bare = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert (shielded.stdout.strip(), bare.stdout.strip()) == ("True", "False")
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+def interrupted_under_the_shield(done: list[str]) -> None:
+    with started_without_interrupts():
+        # Taken by another thread, which does not block it, or by the main one once it is unblocked.
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.05)
+        done.append("started")
+
+
+def test_an_interrupt_under_the_shield_comes_after_it():
+    done: list[str] = []
+    with pytest.raises(KeyboardInterrupt):
+        interrupted_under_the_shield(done)
+    assert done == ["started"]
