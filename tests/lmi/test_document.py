@@ -193,8 +193,18 @@ def test_shapes_are_those_of_the_problem() -> None:
     "content", [None, [], "text", 3.0, {}, {"format": "lockstep-design/2"}, {"format": ["lockstep-design/1"]}]
 )
 def test_what_is_no_design_file_is_bad_input(content: Any) -> None:
-    with pytest.raises(ProblemError, match="format"):
+    with pytest.raises(
+        ProblemError, match="format" if isinstance(content, dict) else "not an object"
+    ) as caught:
         parse(content, "here.json")
+    assert "written by `lockstep design`" in str(caught.value)
+
+
+def test_a_binary_file_is_bad_input(tmp_path: Path) -> None:
+    path = tmp_path / "here.json"
+    path.write_bytes(b"{\xff\x00}")
+    with pytest.raises(ProblemError, match=r"here\.json: it is not text: byte 2 is 0xff; expected a file"):
+        load_json(path)
 
 
 @pytest.mark.parametrize(

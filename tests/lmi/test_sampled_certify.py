@@ -229,6 +229,13 @@ def test_what_is_certified_survives_slopes_that_switch(seed):
     assert verdict.certified == (seed not in (0, 6, 8, 9)), "both answers occur"
 
 
+def test_slopes_that_overflow_are_refused():
+    net, ones = oscillators()
+    verdict = certify_sampled(replace(net, alpha=1e300), ones)
+    assert not verdict.certified
+    assert "overflows in doubles" in verdict.reason
+
+
 def test_the_largest_period_is_confirmed_from_both_sides():
     net, ones = oscillators()
     longest = max_period(net, lambda _period: ones)

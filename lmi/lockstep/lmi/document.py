@@ -27,6 +27,9 @@ MODAL = "modal"
 GIVEN = "given"
 
 
+_A_DESIGN = "a file written by `lockstep design`"
+
+
 @dataclass(frozen=True)
 class Stored:
     """What a design file says: the problem, the gains, and what is claimed of them.
@@ -111,13 +114,17 @@ def read(path: Path) -> Stored:
 
 def parse(content: Any, where: str) -> Stored:
     """Check what a design file holds and return it."""
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        found = content.get("format") if isinstance(content, dict) else type(content).__name__
+    if not isinstance(content, dict):
+        raise ProblemError(
+            f"it holds a JSON {type(content).__name__}, not an object", where=where, expected=_A_DESIGN
+        )
+    found = content.get("format")
+    if found != FORMAT:
         raise ProblemError(
             f"`format` is {found!r}",
             where=where,
             expected=repr(FORMAT),
-            remedy="give a file written by `lockstep design`",
+            remedy=f"give {_A_DESIGN}",
         )
     try:
         problem = Problem.from_document(_with_given_gains(content))
@@ -191,14 +198,18 @@ def load_json(path: Path) -> Any:
     except ProblemError as error:
         raise error.within(str(path)) from None
     except FileNotFoundError:
-        raise ProblemError("there is no such file", where=str(path)) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ProblemError(f"it cannot be read ({error})", where=str(path)) from None
+        raise ProblemError("there is no such file", where=str(path), expected=_A_DESIGN) from None
+    except UnicodeDecodeError as error:
+        raise ProblemError(
+            f"it is not text: byte {error.start + 1} is 0x{error.object[error.start]:02x}",
+            where=str(path),
+            expected=_A_DESIGN,
+        ) from None
+    except OSError as error:
+        raise ProblemError(f"it cannot be read ({error.strerror})", where=str(path)) from None
     except (ValueError, RecursionError) as error:
         # Python refuses whole numbers of more than 4300 digits with a plain ValueError.
-        raise ProblemError(
-            f"it is not JSON ({error})", where=str(path), expected="a file written by `lockstep design`"
-        ) from None
+        raise ProblemError(f"it is not JSON ({error})", where=str(path), expected=_A_DESIGN) from None
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

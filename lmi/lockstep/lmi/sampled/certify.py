@@ -103,9 +103,11 @@ def certify_sampled(
         if witness is not None and _holds(exact_loop, [witness]):
             return _accepted(network, controllers, witness, {})
     loop = in_doubles(network, controllers)
-    one = lifted_agent(loop)
+    one, at = period_in_doubles(loop), f"at {network.period:g} s"
+    if one is None:
+        said = f"{at} a period of the agents with slopes up to {network.alpha:g} overflows in doubles"
+        return _refused(network, controllers, said, {})
     figures: dict[str, Any] = {"spectral_radius": spectral_radius(loop, one)}
-    at = f"at {network.period:g} s"
     if not figures["spectral_radius"] < 1:
         said = f"{at} the sampled linear loop has the spectral radius {figures['spectral_radius']:.6g}, not below 1"
         return _refused(network, controllers, said, figures)
@@ -149,6 +151,16 @@ def lifted_agent(loop: SampledLoop) -> Lifted:
     """Return one period of one agent, w = phi and z = alpha H x, in the kind of number of the loop."""
     plant = loop.network.plant
     return lift(plant.A, loop.into, *squares(loop), loop.network.period)
+
+
+def period_in_doubles(loop: SampledLoop) -> Lifted | None:
+    """Return `lifted_agent` of a loop in doubles, or None where it overflows."""
+    with np.errstate(all="ignore"):
+        try:
+            one = lifted_agent(loop)
+        except (np.linalg.LinAlgError, ValueError, OverflowError):
+            return None
+    return one if all(np.isfinite(part).all() for part in (one.A_d, one.S, one.Q)) else None
 
 
 def squares(loop: SampledLoop) -> tuple[Any, Any]:

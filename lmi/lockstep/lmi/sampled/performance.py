@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from lockstep.lmi.sampled import balls
 from lockstep.lmi.sampled.candidates import ROUNDINGS, confirmed, priced
-from lockstep.lmi.sampled.certify import first_guess, in_doubles, lifted_agent, squares
+from lockstep.lmi.sampled.certify import first_guess, in_doubles, period_in_doubles, squares
 from lockstep.lmi.sampled.conjugate import no_conjugate_point
 from lockstep.lmi.sampled.controller import HeldController, Network
 from lockstep.lmi.sampled.inequality import W_matrix, Witness, multiplier
@@ -262,7 +262,10 @@ def _from_stability(loop: SampledLoop, weights: Weights) -> Float[np.ndarray, " 
     """
     from scipy.optimize import minimize_scalar
 
-    m, _ = best_multiplier(loop, lifted_agent(loop), first_guess(loop.network.d, None))
+    one = period_in_doubles(loop)
+    if one is None:
+        return None
+    m, _ = best_multiplier(loop, one, first_guess(loop.network.d, None))
 
     def height(exponent: float, resolution: float) -> float:
         least = least_rho(loop, weights, m * 10**exponent, resolution=resolution)

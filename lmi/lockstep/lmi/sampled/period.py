@@ -17,7 +17,7 @@ from lockstep.lmi.sampled.certify import (
     certify_sampled,
     first_guess,
     in_doubles,
-    lifted_agent,
+    period_in_doubles,
 )
 from lockstep.lmi.sampled.controller import HeldController, Network
 from lockstep.lmi.sampled.search import best_multiplier
@@ -83,11 +83,12 @@ def _seems_to_hold(
 ) -> bool:
     try:
         loop = in_doubles(network, controllers_at(network.period))
+        one = period_in_doubles(loop)
         with np.errstate(all="ignore"):
-            one = lifted_agent(loop)
-            if not (np.isfinite(one.A_d).all() and np.isfinite(one.S).all() and np.isfinite(one.Q).all()):
-                return False
-            return best_multiplier(loop, one, first_guess(network.d, guess), enough=0.999)[1] < 1
+            return (
+                one is not None
+                and best_multiplier(loop, one, first_guess(network.d, guess), enough=0.999)[1] < 1
+            )
     except (ProblemError, np.linalg.LinAlgError, ValueError):
         return False
 

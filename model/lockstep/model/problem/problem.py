@@ -43,6 +43,7 @@ class Problem:
     def __post_init__(self) -> None:
         self._check_objective()
         self._check_method()
+        self._check_disturbance()
         _ = self._agent, self._graph, self._variants, self.gains
         self.state_weight(self._agent.n)
         self.controller_weight(self.order)
@@ -236,6 +237,16 @@ class Problem:
                 f'there are gains, but `method` is "{self.design.method}"',
                 where="[[design.gains]]",
                 expected='method = "given", or no gains',
+            )
+
+
+    def _check_disturbance(self) -> None:
+        table = self.simulation.disturbance
+        if table.intensity is not None and table.kind != "noise":
+            raise ProblemError(
+                f'`intensity` is given, but `kind` is "{table.kind}"',
+                where="[simulation.disturbance]",
+                expected='kind = "noise"',
             )
 
 

@@ -94,12 +94,6 @@ def disturbance_of(
     table: DisturbanceTable, N: int, n: int, *, period: float, horizon: float, seed: int
 ) -> Disturbance | None:
     """Return the disturbance of [simulation.disturbance] for N agents with n states."""
-    if table.intensity is not None and table.kind != "noise":
-        raise ProblemError(
-            f'`intensity` is given, but `kind` is "{table.kind}"',
-            where="[simulation.disturbance]",
-            expected='kind = "noise"',
-        )
     stop = np.inf if table.stop is None else table.stop
     generator = np.random.default_rng(seed)
     if table.kind == "noise":
