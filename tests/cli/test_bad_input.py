@@ -199,3 +199,21 @@ def test_a_common_offset_is_no_error(examples, tmp_path, run):
     assert answer["ok"]
     assert answer["bound"]["alpha"] == 3.33
     assert any("(3) fails at the origin" in note and "incremental bound" in note for note in answer["notes"])
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("design", "p.toml", "-o", "p.toml"),
+        ("design", "p.toml", "-o", "out.json", "--trade-off", "./out.json"),
+        ("design", "p.toml", "--trade-off", "p.toml"),
+    ],
+)
+def test_nothing_that_is_read_or_written_is_overwritten(examples, run, tmp_path, words):
+    text = (examples / "carts.toml").read_bytes()
+    (tmp_path / "p.toml").write_bytes(text)
+    result = run(*words)
+    assert result.exit_code == 2
+    assert "is named twice" in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["p.toml"]
+    assert (tmp_path / "p.toml").read_bytes() == text

@@ -205,7 +205,7 @@ def _replay(path: Path, index: int, output: Path | None, options: Options) -> An
     from lockstep.codegen.campaign.draw import FAMILIES
     from lockstep.model.simulation.table import to_csv
 
-    check_writable(output)
+    check_writable(output, path)
     plan, stored = planned(path, options)
     found = replay(plan, stored.problem.agent(), index)
     if output is not None:

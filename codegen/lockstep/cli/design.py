@@ -30,8 +30,8 @@ def _design(
     from lockstep.lmi.document import document
     from lockstep.model.problem import load_problem
 
-    check_writable(output)
-    check_writable(trade_off)
+    check_writable(output, path)
+    check_writable(trade_off, path, output)
     problem = load_problem(path)
     with of_file(path), progress_display() as tell:
         made = design(problem, jobs=jobs, progress=tell, time_limit=time_limit)

@@ -11,12 +11,22 @@ from lockstep.model.errors import ProblemError
 DESIGN_NAME = "design.json"
 
 
-def check_writable(output: Path | None) -> None:
-    """Refuse an output that could not be written, before hours are spent on what goes into it."""
+def check_writable(output: Path | None, *others: Path | None) -> None:
+    """Refuse an output that could not be written, before hours are spent on what goes into it.
+
+    Args:
+        output: the file, or None.
+        others: what is read, and what else is written: none of them is to be overwritten.
+    """
     if output is None:
         return
     with seen(output):
+        twice = any(other is not None and other.resolve() == output.resolve() for other in others)
         there, plain, above = output.exists(), output.is_file(), output.parent.is_dir()
+    if twice:
+        raise ProblemError(
+            "it is named twice, and one would overwrite the other", where=str(output), expected="another file"
+        )
     if there and not plain:
         found = "it is a folder" if output.is_dir() else "it is no plain file"
         raise ProblemError(found, where=str(output), expected="a file to write")

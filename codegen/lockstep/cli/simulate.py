@@ -55,7 +55,7 @@ def _simulate(path: Path, output: Path | None, options: Options, *, as_json: boo
     from lockstep.model.simulation import simulate
 
     kind, changes = _checked(options)
-    check_writable(output)
+    check_writable(output, path)
     if options.figures is not None:
         check_folder(options.figures)
     content, stored = read_design(path)
