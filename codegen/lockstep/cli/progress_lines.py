@@ -27,7 +27,7 @@ class ProgressLines:
     ) -> None:
         self._write, self._patience, self._interval = write, patience, interval
         self._began = self._wrote = time.monotonic()
-        self._what, self._part, self._written = "starting", 0.0, ""
+        self._what, self._part, self._written = "", 0.0, ""
         self._lock, self._ended = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._keep_time, name="progress", daemon=True)
 
@@ -50,13 +50,13 @@ class ProgressLines:
             self._say_if_due()
 
     def _keep_time(self) -> None:
-        while not self._ended.wait(min(self._interval, self._patience) / 5):
+        while not self._ended.wait(self._interval / 10):
             with self._lock:
                 self._say_if_due()
 
     def _say_if_due(self) -> None:
         now = time.monotonic()
-        if now - self._began < self._patience:
+        if not self._what or now - self._began < self._patience:
             return
         if self._what == self._written and now - self._wrote < self._interval:
             return

@@ -8,14 +8,13 @@ for a falling mu, l being the gain limit. The curvature of F is indefinite, so e
 much as makes the whole positive definite: steps are then long where the barrier is flat, whatever the units of x are.
 
 A step costs the products of matrices with as many rows as F, where `bmi` factors a system with a row for every entry of P
-and of its three factors: ten times less for four agents of order 4, twenty times for five. `bmi` needs fewer steps, because
-its iterates may leave the feasible set, and stays the better one for small loops. Measured on the row of arms, one start on
-one core:
+and of its three factors: eight times less for four agents of order 4, twenty times less for five. `bmi` needs fewer steps,
+because its iterates may leave the feasible set. Measured on the row of arms, the first start, seconds of one core:
 
-    agents   rows of F_r   bmi: per step, start      here: per step, start
-    3        16            0.015 s, 9 s, rho 3.37    0.006 s, 3.4 s, rho 3.45
-    4        23            0.11 s, 72 s, rho 5.04    0.013 s, 8 s, rho 5.12
-    5        30            0.73 s, none in 280 s     0.04 s, 20 s
+    agents   rows of F_r   bmi: a step, the start     here: a step, the start
+    3        16            0.015, 9, rho 3.374        0.006, 8, rho 3.351
+    4        23            0.11, 72, rho 5.042        0.013, 27, rho 5.071
+    5        30            0.73, not seen to end      0.03, 70, rho 6.675
 
 As with `bmi`, nothing here is trusted: `rounding.prove` certifies the gains that come out, or does not.
 """

@@ -110,7 +110,9 @@ def _modes(problem: Problem, network: Network) -> Hint:
     for value in eigenvalues:
         if value.imag < 0:
             continue
-        worst = stabilise_mode(plant, value, problem.order, limit, seed=problem.design.seed, starts=STARTS)
+        worst = stabilise_mode(
+            plant, complex(value), problem.order, limit, seed=problem.design.seed, starts=STARTS
+        )
         if worst >= 0:
             blocking.append((complex(value), worst))
     if not blocking:

@@ -21,8 +21,8 @@ FRACTIONS, FEW_FRACTIONS = (1.0, 0.3, 0.1, 0.03, 0.01, 1e-3), (0.1, 1e-3)
 each try takes seconds and the climb from there does not."""
 
 LARGE = 20
-"""Rows of F_r from which on a loop is `interior`'s: the arms have 16 with three agents and 23 with four, where a start takes
-a fourth of `bmi`'s time to a smaller rho; with 16 it takes as long."""
+"""Rows of F_r from which on a loop is `interior`'s: with 16 of them, the three arms, it takes as long as `bmi`, with 23 a
+third of the time."""
 
 CLIMBS, DESCENTS, CREEPS = 6, 4, 3
 """At most so many runs towards the full claim, so many that lower rho, and so many inner steps after a

@@ -1,0 +1,76 @@
+"""Progress where there is no terminal: lines for a long run, none for a short one; and the time limit of the command."""
+
+import json
+import time
+
+from typer.testing import CliRunner
+
+from lockstep.cli.main import app
+from lockstep.cli.progress_lines import ProgressLines
+
+
+def test_a_short_run_says_nothing() -> None:
+    said: list[str] = []
+    with ProgressLines(said.append) as lines:
+        lines.tell("searching", 0.5)
+    assert said == []
+
+
+def test_a_new_phase_is_a_line_and_the_same_one_is_not() -> None:
+    said: list[str] = []
+    with ProgressLines(said.append, patience=0.0, interval=60.0) as lines:
+        for what, part in (("searching", 0.0), ("searching", 0.25), ("proving", 0.0)):
+            lines.tell(what, part)
+    assert [line.rpartition(",")[0] for line in said] == ["lockstep: searching", "lockstep: proving"]
+
+
+def test_a_phase_that_says_nothing_is_alive() -> None:
+    said: list[str] = []
+    with ProgressLines(said.append, patience=0.02, interval=0.05) as lines:
+        lines.tell("searching", 0.25)
+        time.sleep(0.5)
+    assert 3 <= len(said) <= 11
+    assert all(line.startswith("lockstep: searching, 25% done, ") for line in said)
+    count = len(said)
+    time.sleep(0.2)
+    assert len(said) == count, "nothing is said after the end"
+
+
+PROBLEM = """
+[agent]
+states = ["x"]
+inputs = ["u"]
+dynamics = { x = "sin(x) + u" }
+outputs = { y = "x" }
+[network]
+agents = 2
+topology = "path"
+[design]
+order = 0
+starts = 2
+"""
+
+
+def test_a_time_limit_that_is_over_at_once_leaves_one_object_and_status_1(tmp_path) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text(PROBLEM)
+    result = CliRunner().invoke(
+        app,
+        [
+            "design",
+            str(path),
+            "--time-limit",
+            "0.01",
+            "--jobs",
+            "1",
+            "-o",
+            str(tmp_path / "d.json"),
+            "--json",
+        ],
+    )
+    assert result.exit_code == 1
+    error = json.loads(result.stdout)["error"]
+    assert error["kind"] == "OutOfTime"
+    assert error["figures"]["time_limit"] == 0.01
+    assert "allow more time" in error["message"]
+    assert not (tmp_path / "d.json").exists()
