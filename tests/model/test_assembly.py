@@ -148,3 +148,28 @@ def test_a_stored_bound_is_proved_again_with_its_own_scales() -> None:
         bound_with_scales(body, bound.alpha, (tuple(w / 2 for w in scales[0]), scales[1]), budget=60.0)
     with pytest.raises(ProblemError, match="output_scale"):
         bound_with_scales(body, bound.alpha, (scales[0][:1], scales[1]))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_bound_of_several_components_is_proved_again_by_who_checks_it(seed: int) -> None:
+    """Components that share one alpha by their scales touch it: nothing may be lost between two enclosures of it."""
+    a, b, c = np.random.default_rng(seed).uniform(0.05, 2.0, 3).round(2)
+    mover = Agent.from_expressions(
+        "mover",
+        states=["px", "vx", "py", "vy"],
+        inputs=["fx", "fy"],
+        outputs={"x": "px", "y": "py"},
+        dynamics={
+            "px": "vx",
+            "vx": f"fx - {a}*tanh(vx) + 0.2*vy",
+            "py": "vy",
+            "vy": f"fy - {b}*tanh(vy) + {c}*sin(px)",
+        },
+        centre=True,
+    )
+    bound = bound_of(mover)
+    scales = (bound.output_scale, bound.input_scale)
+    assert bound_with_scales(mover, bound.alpha, scales).proved
+    assert bound_of(mover, alpha=bound.alpha).proved
+    with pytest.raises(BoundNotProved):
+        bound_with_scales(mover, 0.999 * bound.lower, scales)

@@ -18,6 +18,7 @@ from lockstep.model import ProblemError, load_problem, parse_problem
         ('title = "small"', "period = 1", ["unknown key `period`", "belongs in [controller]"]),
         ('title = "small"', "", []),
         ("[design]\n", "[design]\ngainlimit = 3\n", ["[design]", "did you mean `gain_limit`?"]),
+        ("[design]\n", "[design]\nstart = 3\n", ["[design]", "did you mean `starts`?", "`start` belongs in"]),
         ("[design]\n", "[design]\nperiod = 3\n", ["[design]", "belongs in [controller]"]),
         ("[design]\n", "[desing]\n", ["unknown key `desing`", "did you mean `design`?"]),
         ("[design]\n", "[design]\nweights = { stat = 1 }\n", ["[design.weights]", "did you mean `state`?"]),

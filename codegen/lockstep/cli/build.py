@@ -60,10 +60,13 @@ def unproved(sampled: Mapping[str, Any]) -> list[str]:
     >>> unproved({"certified": False, "reason": "at 0.2 s the gain is 1.3", "max_period": 0.03})
     ['the sampled controllers are not certified: at 0.2 s the gain is 1.3; they are up to a period of 0.03 s']
     """
+    from lockstep.codegen.sampled_design import NOT_FOR_PERIOD
+
     if sampled.get("certified") is True:
         return []
-    longest = sampled.get("max_period")
+    longest, failed = sampled.get("max_period"), sampled.get(NOT_FOR_PERIOD)
     reach = f"; they are up to a period of {longest:g} s" if longest else ""
+    reach += f"; no gains were designed for the period: {failed}" if failed else ""
     return [f"the sampled controllers are not certified: {sampled.get('reason') or 'not looked at'}{reach}"]
 
 

@@ -65,12 +65,16 @@ def sampled_too(
 
     from lockstep.cli.files import DESIGN_NAME
     from lockstep.codegen.for_the_period import designed_for_period, is_asked, obstacle
-    from lockstep.codegen.sampled_design import prove_design, with_sampled
+    from lockstep.codegen.sampled_design import NOT_FOR_PERIOD, prove_design, with_sampled
+    from lockstep.lmi.certify import certify
     from lockstep.lmi.document import parse
-    from lockstep.model.errors import Infeasible
+    from lockstep.model.errors import Infeasible, NotCertified
 
     plain: dict[str, Any] = json.loads(to_json(content))
     stored = parse(plain, DESIGN_NAME)
+    verdict = certify(stored)
+    if plain["certified"] and not verdict.certified:
+        raise NotCertified(f"the checker refuses the design: {verdict.reason}", **verdict.figures)
     tell("proving the sampled controllers", 0.95)
     plain = with_sampled(plain, prove_design(stored, plain))
     if plain["sampled"]["certified"] and not is_asked(stored.problem):
@@ -84,7 +88,7 @@ def sampled_too(
         else:
             again: dict[str, Any] = json.loads(to_json(made))
             return again
-    return {**plain, "sampled": {**plain["sampled"], "not_designed_for_period": found}}
+    return {**plain, "sampled": {**plain["sampled"], NOT_FOR_PERIOD: found}}
 
 
 def sampled_text(sampled: Mapping[str, Any]) -> str:

@@ -95,7 +95,7 @@ def _datasheet(
         **lines,
         "scope": verdict.scope,
         "rho": stored.certificate.rho,
-        **({} if held is None or held.rho is None else {"rho_sampled": held.rho.rho}),
+        **({"rho_sampled": held.rho.rho if held.rho else "not proved"} if held and covered else {}),
         "alpha": stored.alpha,
         **delta,
         **({"rho and delta are": "of the continuous controllers (proof: exact)"} if covered else {}),

@@ -33,8 +33,8 @@ from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
 from lockstep.model.errors import BoundNotProved, ProblemError
 
-FOR_PERIOD = "designed_for_period"
-"""Of `sampled`: that the gains were designed for the sampled loop, not for the continuous one."""
+FOR_PERIOD, NOT_FOR_PERIOD = "designed_for_period", "not_designed_for_period"
+"""Of `sampled`: that the gains were designed for the sampled loop, not for the continuous one; or why they were not."""
 
 PairWeights = Float[np.ndarray, " pairs"]
 
@@ -118,21 +118,19 @@ def prove_controllers(
         rho = _stated_rho(network, controllers, weights, content) or sampled_rho(
             network, controllers, weights, guess
         )
-    reach = (
-        _longest_stated(stored, network, guess, content) or longest_period(stored, network, guess)
-        if longest
-        else None
-    )
+    reach = None
+    if longest:
+        reach = _longest_stated(stored, network, guess, content) or longest_period(stored, network, guess)
+        if verdict.certified and (reach is None or reach.period < verdict.period):
+            reach = verdict
     return HeldVerdict(verdict, reach, rho)
 
 
 def with_sampled(content: Mapping[str, Any], held: HeldVerdict) -> dict[str, Any]:
     """Return a design file's content with what is proved of its sampled controllers."""
-    said = content.get("sampled")
-    kept = (
-        {key: value for key, value in said.items() if key == FOR_PERIOD} if isinstance(said, Mapping) else {}
-    )
-    return {**content, "sampled": {**held.document(), **kept}}
+    said = _said(content)
+    design = {key: said[key] for key in (FOR_PERIOD, NOT_FOR_PERIOD) if key in said}
+    return {**content, "sampled": {**held.document(), **design}}
 
 
 def stated_rho(stored: Stored, content: Mapping[str, Any]) -> SampledRho | None:

@@ -14,6 +14,7 @@ M and S do not commute, so all of x_d is lifted at once, and anew for each M and
 
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,15 +86,23 @@ def sampled_rho(
         network: agents, coordinates, alpha, period, delay, the matrices exact.
         controllers: one per agent, with the coefficients of the code; all their rounding is covered.
         weights: R and Q.
-        guess: pair weights, in their own scale: those of the continuous certificate. Without them the scale of those
-            that prove stability is searched.
+        guess: pair weights, in their own scale: those of the continuous certificate. Where they prove nothing, or
+            there are none, those that prove stability are tried in their best scale.
     """
-    loop = in_doubles(network, controllers)
-    m = _from_stability(loop, weights) if guess is None else first_guess(network.d, guess)
-    least = None if m is None else least_rho(loop, weights, m)
-    if m is None or least is None:
+    loop, exact_loop = in_doubles(network, controllers), sampled_loop(network, controllers)
+    for m in _pair_weights(loop, weights, guess):
+        found = _proved_with(loop, exact_loop, weights, m)
+        if found is not None:
+            return found
+    return None
+
+
+def _proved_with(
+    loop: SampledLoop, exact_loop: SampledLoop, weights: Weights, m: Float[np.ndarray, " pairs"]
+) -> SampledRho | None:
+    least = least_rho(loop, weights, m)
+    if least is None:
         return None
-    exact_loop = sampled_loop(network, controllers)
     for slack, dear in itertools.product(SLACKS, ROUNDINGS):
         rho = float(f"{least * (1 + slack):.4g}")
         period = _period(loop, weights, m, rho)
@@ -254,18 +263,28 @@ def least_rho(
     return float(10**high)
 
 
-def _from_stability(loop: SampledLoop, weights: Weights) -> Float[np.ndarray, " pairs"] | None:
-    """Return pair weights to prove rho with where none are known: those that prove stability, in the best scale.
+def _pair_weights(
+    loop: SampledLoop, weights: Weights, guess: Float[np.ndarray, " pairs"] | None
+) -> Iterator[Float[np.ndarray, " pairs"]]:
+    """Yield pair weights to prove rho with: those known, then those that prove stability, then the known ones scaled.
 
-    The proof of stability does not depend on their scale, rho does: too small they do not hold the nonlinearity, and
-    far too large they let the disturbance through.
+    The proof of stability does not depend on the scale of its weights, rho does: too small they do not hold the
+    nonlinearity, and far too large they let the disturbance through.
     """
-    from scipy.optimize import minimize_scalar
-
+    if guess is not None:
+        yield first_guess(loop.network.d, guess)
     one = period_in_doubles(loop)
-    if one is None:
-        return None
-    m, _ = best_multiplier(loop, one, first_guess(loop.network.d, None))
+    stable = None if one is None else best_multiplier(loop, one, first_guess(loop.network.d, guess))[0]
+    for m in (stable, guess):
+        scaled = None if m is None else _in_the_best_scale(loop, weights, m)
+        if scaled is not None:
+            yield scaled
+
+
+def _in_the_best_scale(
+    loop: SampledLoop, weights: Weights, m: Float[np.ndarray, " pairs"]
+) -> Float[np.ndarray, " pairs"] | None:
+    from scipy.optimize import minimize_scalar
 
     def height(exponent: float, resolution: float) -> float:
         least = least_rho(loop, weights, m * 10**exponent, resolution=resolution)

@@ -32,8 +32,8 @@ DOUBLINGS = 12
 RESOLUTION = 1e-3
 """How far apart, relatively, the largest period that holds and one that fails end up."""
 
-BACK_OFF = (0.999, 0.998, 0.995, 0.98, 0.95)
-"""The edge is where doubles see it: a proof needs some room before it."""
+BACK_OFF = (0.999, 0.998, 0.995, 0.98, 0.95, 0.85, 0.7, 0.4, 0.2, 0.1, 0.03, 0.01)
+"""The edge is where doubles see it: a proof needs some room before it, and far more where its numbers are large."""
 
 
 def max_period(

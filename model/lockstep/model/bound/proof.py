@@ -243,11 +243,18 @@ def _needs(objective: Objective) -> list[Node]:
     return [n for c in objective.conditions.conditions for n in (c.guard, *c.args)]
 
 
+LITTLE = Fraction(1, 2**45)
+
+
 def _share(scaled: float, own: float, alpha: float) -> float:
-    """Return d own/alpha rounded up: a larger D_w makes the scaled slope smaller, the bound stays proved."""
+    """Return d own/alpha and a little more: a larger D_w makes the scaled slope smaller, the bound stays proved.
+
+    The little more is for who proves it again with these scales: a scaled slope is enclosed a few units in the last
+    place above itself, and must not be above alpha for it.
+    """
     if own == alpha or own == 0.0:
         return scaled
-    exact = Fraction(scaled) * Fraction(own) / Fraction(alpha)
+    exact = Fraction(scaled) * Fraction(own) / Fraction(alpha) * (1 + LITTLE)
     nearest = float(exact)
     return nearest if Fraction(nearest) >= exact else math.nextafter(nearest, math.inf)
 

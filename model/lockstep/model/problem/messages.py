@@ -98,10 +98,10 @@ def _unknown(location: Location) -> ProblemError:
     model = _model(tuple(table)) or ProblemFile
     known = list(model.model_fields)
     elsewhere = [toml_path((*place, "x"))[:-2] for place, other in _tables() if key in other.model_fields]
+    remedy = nearest(str(key), known)
     if elsewhere:
-        remedy = f"`{key}` belongs in {elsewhere[0] or 'the first lines, before any table'}"
-    else:
-        remedy = nearest(str(key), known)
+        there = f"`{key}` belongs in {elsewhere[0] or 'the first lines, before any table'}"
+        remedy = f"{remedy} {there}" if remedy else there
     return ProblemError(
         f"unknown key `{shorten(str(key))}`",
         where=_table_path(tuple(table)),

@@ -239,7 +239,6 @@ class Problem:
                 expected='method = "given", or no gains',
             )
 
-
     def _check_disturbance(self) -> None:
         table = self.simulation.disturbance
         if table.intensity is not None and table.kind != "noise":
