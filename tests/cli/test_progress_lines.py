@@ -18,15 +18,23 @@ def test_a_short_run_says_nothing() -> None:
 
 def test_a_new_phase_is_a_line_and_the_same_one_is_not() -> None:
     said: list[str] = []
-    with ProgressLines(said.append, patience=0.0, interval=60.0) as lines:
+    with ProgressLines(said.append, patience=0.0, interval=60.0, pause=0.0) as lines:
         for what, part in (("searching", 0.0), ("searching", 0.25), ("proving", 0.0)):
             lines.tell(what, part)
     assert [line.rpartition(",")[0] for line in said] == ["lockstep: searching", "lockstep: proving"]
 
 
+def test_short_phases_are_not_a_line_each() -> None:
+    said: list[str] = []
+    with ProgressLines(said.append, patience=0.0, interval=60.0, pause=60.0) as lines:
+        for agent in range(30):
+            lines.tell(f"comparing arm{agent}", 0.0)
+    assert [line.rpartition(",")[0] for line in said] == ["lockstep: comparing arm0"]
+
+
 def test_a_phase_that_says_nothing_is_alive() -> None:
     said: list[str] = []
-    with ProgressLines(said.append, patience=0.02, interval=0.05) as lines:
+    with ProgressLines(said.append, patience=0.02, interval=0.05, pause=0.0) as lines:
         lines.tell("searching", 0.25)
         time.sleep(0.5)
     assert 3 <= len(said) <= 11

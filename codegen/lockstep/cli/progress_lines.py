@@ -11,22 +11,31 @@ PATIENCE = 5.0
 INTERVAL = 10.0
 """Seconds between two lines while nothing new is being done."""
 
+PAUSE = 3.0
+"""Seconds between two lines in any case: a run of short phases is one thing to a reader of a log."""
+
 
 class ProgressLines:
-    """Write a line when something else is being done, and every `INTERVAL` seconds while it is not.
+    """Write a line when something else is being done, not more often than every `PAUSE` seconds; every `INTERVAL` else.
 
     A thread of its own keeps the time: whoever works may say nothing for minutes.
 
     Args:
         write: takes a line.
-        patience, interval: seconds before the first line, and between lines.
+        patience, interval, pause: seconds before the first line, between lines, and at least between them.
     """
 
     def __init__(
-        self, write: Callable[[str], None], *, patience: float = PATIENCE, interval: float = INTERVAL
+        self,
+        write: Callable[[str], None],
+        *,
+        patience: float = PATIENCE,
+        interval: float = INTERVAL,
+        pause: float = PAUSE,
     ) -> None:
-        self._write, self._patience, self._interval = write, patience, interval
-        self._began = self._wrote = time.monotonic()
+        self._write, self._patience, self._interval, self._pause = write, patience, interval, pause
+        self._began = time.monotonic()
+        self._wrote = self._began - pause
         self._what, self._part, self._written = "", 0.0, ""
         self._lock, self._ended = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._keep_time, name="progress", daemon=True)
@@ -58,7 +67,7 @@ class ProgressLines:
         now = time.monotonic()
         if not self._what or now - self._began < self._patience:
             return
-        if self._what == self._written and now - self._wrote < self._interval:
+        if now - self._wrote < (self._interval if self._what == self._written else self._pause):
             return
         self._written, self._wrote = self._what, now
         done = f", {self._part:.0%} done" if self._part > 0 else ""
