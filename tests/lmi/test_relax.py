@@ -88,6 +88,12 @@ def test_enough_time_changes_nothing_and_says_nothing() -> None:
     assert "time_limit" not in limited.figures
 
 
+@pytest.mark.parametrize("limit", [0.0, -1.0, float("nan")])
+def test_a_limit_that_is_no_time_is_bad_input(limit: float) -> None:
+    with pytest.raises(ProblemError, match="seconds above 0"):
+        design(softened("gain_limit = 10.0"), time_limit=limit)
+
+
 def test_a_modal_search_cannot_be_cut() -> None:
     with pytest.raises(ProblemError, match="modal"):
         design(unstable('gain_limit = 10.0\nmethod = "modal"'), time_limit=5.0)

@@ -16,7 +16,7 @@ from sampled_cases import (
     with_alpha,
 )
 
-from lockstep.lmi.sampled import Weights, certify_sampled, max_period, sampled_rho, storage
+from lockstep.lmi.sampled import SampledVerdict, Weights, certify_sampled, max_period, sampled_rho, storage
 from lockstep.lmi.sampled.certify import in_doubles, lifted_agent
 from lockstep.lmi.sampled.inequality import Witness, metric
 from lockstep.lmi.sampled.loop import sampled_loop
@@ -245,6 +245,18 @@ def test_the_largest_period_is_confirmed_from_both_sides():
     assert brute_force_radius(net.at(1.5 * longest.period), ones) > 1
 
 
+def test_where_the_edge_is_not_proved_a_shorter_period_is(monkeypatch):
+    """A proof may need far more room than doubles see: the longest period is then a shorter one, not none."""
+    net, ones = oscillators()
+    edge = max_period(net, lambda _period: ones).period
+
+    def proved_below(network, *_given, **_named):
+        return SampledVerdict(network.period < 0.5 * edge, "as far as this goes", network.period, 0)
+
+    monkeypatch.setattr("lockstep.lmi.sampled.period.certify_sampled", proved_below)
+    assert 0.3 * edge < max_period(net, lambda _period: ones).period < 0.5 * edge
+
+
 def test_rho_is_above_the_gain_of_the_frequency_response_and_near_it():
     """A disturbance held over each period, at a constant slope, has a gain that no rho can lie below."""
     net, ones = oscillators(period=0.01, alpha=0.2)
@@ -271,6 +283,14 @@ def test_rho_needs_no_pair_weights_in_the_right_scale(scale):
     scaled = sampled_rho(net, ones, Weights(scale**2 * np.eye(2), np.zeros((1, 1))))
     # The scale is searched to 0.01 decades about a flat minimum, and rho is rounded to four digits.
     assert scaled is not None and scaled.rho == pytest.approx(scale * least, rel=0.02)
+
+
+def test_rho_is_found_where_the_weights_at_hand_prove_nothing():
+    """A millionth of what holds the nonlinearity: no rho goes with these, and others are looked for."""
+    net, ones = oscillators(period=0.01, alpha=0.2)
+    weights = Weights(np.eye(2), np.zeros((1, 1)))
+    least = sampled_rho(net, ones, weights).rho
+    assert sampled_rho(net, ones, weights, np.full(3, 1e-6)).rho == pytest.approx(least, rel=0.02)
 
 
 def _held_gain(net, ones, slope):

@@ -96,6 +96,8 @@ def design(
 
 def _designed(problem: Problem, jobs: int | None, tell: Progress, time_limit: float | None) -> Design:
     problem.validate()
+    if time_limit is not None and not time_limit > 0:
+        raise ProblemError(f"{time_limit} s", where="--time-limit", expected="a number of seconds above 0")
     if time_limit is not None and problem.design.method == "modal":
         raise ProblemError(
             'a time limit is given for method "modal"',

@@ -110,8 +110,15 @@ class BalancedF:
         W = solve_triangular(np.linalg.cholesky(-self.F(x)), np.eye(self._n_F), lower=True)
         slope, square = np.zeros(self.size), np.zeros((self.size, self.size))
         left, right = self._columns(x, W)
-        self._of_P_and_K(left, right, slope, square)
-        self._of_the_rest(x, W, left, right, slope, square)
+        entries = slice(0, self.place["K"].stop)
+        rest = slice(entries.stop, self.size)
+        slope[entries], square[entries, entries] = self._of_P_and_K(left, right)
+        V = self._of_the_rest(x, W)
+        slope[rest] = np.trace(V, axis1=1, axis2=2)
+        flat = V.reshape(len(V), -1)
+        square[rest, rest] = flat @ flat.T
+        square[rest, entries] = self._across(left.T @ V @ right)
+        square[entries, rest] = square[rest, entries].T
         return slope, square, self._couplings(W)
 
     @cached_property
@@ -226,12 +233,8 @@ class BalancedF:
         return left, np.hstack([W @ self._Z(self.K(x)).T, *[J @ Y.T for Y in self._Y]])
 
     def _of_P_and_K(
-        self,
-        left: Float[np.ndarray, "n_F u"],
-        right: Float[np.ndarray, "n_F v"],
-        slope: Float[np.ndarray, " x"],
-        square: Float[np.ndarray, "x x"],
-    ) -> None:
+        self, left: Float[np.ndarray, "n_F u"], right: Float[np.ndarray, "n_F v"]
+    ) -> tuple[Float[np.ndarray, " e"], Float[np.ndarray, "e e"]]:
         u, v, u2, v2, twice = self._entries
         LL, RR, LR = left.T @ left, right.T @ right, left.T @ right
 
@@ -252,29 +255,19 @@ class BalancedF:
         total[:, of_P] += across
         total[of_P] += across.T
         total[of_P, of_P] += twice[of_P, None] * products(of_P, of_P, True, True) * twice[of_P]
-        slope[every] = 2 * (LR[u, v] + twice * LR[u2, v2])
-        square[every, every] = 2 * total
+        return 2 * (LR[u, v] + twice * LR[u2, v2]), 2 * total
 
     def _of_the_rest(
-        self,
-        x: Float[np.ndarray, " x"],
-        W: Float[np.ndarray, "n_F n_F"],
-        left: Float[np.ndarray, "n_F u"],
-        right: Float[np.ndarray, "n_F v"],
-        slope: Float[np.ndarray, " x"],
-        square: Float[np.ndarray, "x x"],
-    ) -> None:
-        u, v, u2, v2, twice = self._entries
+        self, x: Float[np.ndarray, " x"], W: Float[np.ndarray, "n_F n_F"]
+    ) -> Float[np.ndarray, "w n_F n_F"]:
+        """Return W dF W' for each of m, t, rho^2, f_a and f_d."""
         m, t = x[self.place["m"]], x[self.place["t"]]
         extra = [np.tensordot(m, self._bounds_a, 1), np.tensordot(t, self._bounds_d, 1)]
-        V = W @ np.concatenate([self._basis(x), np.stack(extra)]) @ W.T
-        rest, entries = slice(self.place["m"].start, self.size), slice(0, len(u))
-        flat = V.reshape(len(V), -1)
-        slope[rest] = np.trace(V, axis1=1, axis2=2)
-        square[rest, rest] = flat @ flat.T
-        G = left.T @ V @ right
-        square[rest, entries] = 2 * (G[:, u, v] + twice * G[:, u2, v2])
-        square[entries, rest] = square[rest, entries].T
+        return np.asarray(W @ np.concatenate([self._basis(x), np.stack(extra)]) @ W.T)
+
+    def _across(self, G: Float[np.ndarray, "w u v"]) -> Float[np.ndarray, "w e"]:
+        u, v, u2, v2, twice = self._entries
+        return np.asarray(2 * (G[:, u, v] + twice * G[:, u2, v2]))
 
     def _couplings(self, W: Float[np.ndarray, "n_F n_F"]) -> Float[np.ndarray, "x x"]:
         """Return tr(S d^2F): of P with K, of m with f_a, of t with f_d."""

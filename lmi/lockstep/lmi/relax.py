@@ -128,8 +128,8 @@ def _modes(problem: Problem, network: Network) -> Hint:
         "; a larger weight on the links of the graph, or more of them, moves it away from 0" if few else ""
     )
     return (
-        f"; looked at one by one, the modes A + lambda B K C of {which} are not stabilised by gains within"
-        f" gain_limit = {limit:g}{remedy}",
+        f"; looked at one by one, no gains within gain_limit = {limit:g} were found that stabilise the modes"
+        f" A + lambda B K C of {which}{remedy}",
         {"blocking_eigenvalues": [[value.real, value.imag] for value, _ in blocking]},
     )
 

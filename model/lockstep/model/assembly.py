@@ -163,14 +163,8 @@ def _tightened(bound: Bound, lure: Lure, box: Box, seconds: float) -> Bound:
     best, end = bound, time.monotonic() + max(seconds, 0.0)
     low = bound.lower
     while best.alpha > ALLOWED_GAP * low and (left := end - time.monotonic()) > 0:
-        tried = prove_bound(
-            lure.phi,
-            box,
-            math.sqrt(best.alpha * max(low, best.alpha / 4)),
-            input_scale=bound.input_scale,
-            output_scale=bound.output_scale,
-            seconds=left / 2,
-        )
+        alpha = math.sqrt(best.alpha * max(low, best.alpha / 4))
+        tried = _with_scales_of(bound, lure, box, alpha, left / 2)
         low = max(low, tried.lower)
         if tried.proved:
             best = replace(tried, asked=None, tolerance=bound.tolerance)
@@ -189,15 +183,7 @@ def _confirmed(bound: Bound, lure: Lure, box: Box, seconds: float) -> Bound:
     """
     for room in ROOMS:
         alpha = bound.alpha * (1 + room)
-        again = prove_bound(
-            lure.phi,
-            box,
-            alpha,
-            input_scale=bound.input_scale,
-            output_scale=bound.output_scale,
-            seconds=seconds,
-        )
-        if again.proved:
+        if _with_scales_of(bound, lure, box, alpha, seconds).proved:
             return replace(bound, alpha=alpha)
     raise _out_of_time(bound)
 
@@ -205,13 +191,20 @@ def _confirmed(bound: Bound, lure: Lure, box: Box, seconds: float) -> Bound:
 def _asked(bound: Bound, lure: Lure, box: Box, alpha: float, budget: float, progress: Report | None) -> Bound:
     if bound.alpha <= alpha:
         return replace(bound, asked=alpha)
+    return _with_scales_of(bound, lure, box, alpha, budget, progress)
+
+
+def _with_scales_of(
+    bound: Bound, lure: Lure, box: Box, alpha: float, seconds: float, progress: Report | None = None
+) -> Bound:
+    """Decide another alpha with the scales of a bound."""
     return prove_bound(
         lure.phi,
         box,
         alpha,
         input_scale=bound.input_scale,
         output_scale=bound.output_scale,
-        seconds=budget,
+        seconds=seconds,
         progress=progress,
     )
 
