@@ -1,10 +1,21 @@
-"""Shared by all tests: where the repository's files are, and `--update` for files that are kept in the repository."""
+"""Shared by all tests: where the repository's files are, `--update` for files that are kept in the repository, and chance.
+
+Property tests draw the same examples on every machine and in every run. `--hypothesis-profile=random` draws others; a failure
+then prints how to repeat it (`@reproduce_failure`), as does `--hypothesis-seed`.
+"""
 
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).parents[1]
+
+# What is slow on one machine is not wrong.
+ANYWHERE = settings(deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("fixed", ANYWHERE, derandomize=True)
+settings.register_profile("random", ANYWHERE, derandomize=False, print_blob=True)
+settings.load_profile("fixed")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -1,6 +1,9 @@
-"""The pages keep to the code: extras that exist, every key of a problem file with its default, examples that load."""
+"""The pages keep to the code: extras that exist, every key of a problem file with its default, examples that load and run."""
 
+import io
 import re
+import shutil
+import tokenize
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +12,11 @@ from typing import get_args
 import pytest
 from pydantic import BaseModel
 
-from lockstep.model.problem import load_problem
+from lockstep.lmi.design import Design, claim_of
+from lockstep.lmi.document import read
+from lockstep.lmi.stored_bound import bound_again
+from lockstep.model import network_of
+from lockstep.model.problem import Problem, load_problem
 from lockstep.model.problem.schema import ProblemFile
 
 ROOT = Path(__file__).parents[1]
@@ -136,3 +143,72 @@ def test_what_is_shown_as_toml_is_toml_and_loads_where_it_is_whole(page, block, 
         problem = load_problem(tmp_path / page)
         problem.validate()
         assert problem.order == content["design"].get("order", FOUND_LATER["order"])
+
+
+def python_blocks(path: Path) -> list[str]:
+    return re.findall(r"^```python\n(.*?)^```", path.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+WITH_PYTHON = [path for path in PAGES if python_blocks(path)]
+DESIGN = ROOT / "generated" / "flexible_joint_arms" / "design.json"
+
+
+def run_blocks(blocks: list[str], name: str) -> dict[str, object]:
+    """Run the blocks of a page one after the other, as a reader would, and return what they leave."""
+    names: dict[str, object] = {}
+    for number, block in enumerate(blocks, start=1):
+        exec(compile(block, f"{name}, block {number}", "exec"), names)
+    return names
+
+
+@pytest.fixture
+def checkout(tmp_path, monkeypatch) -> None:
+    """A folder with what the pages speak of: the examples, and a design file."""
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    shutil.copy(DESIGN, tmp_path)
+    monkeypatch.chdir(tmp_path)
+
+
+def kept_design(_problem: Problem) -> Design:
+    """A design without a search: the committed one, with all that a design has."""
+    stored = read(DESIGN)
+    bound = bound_again(stored)
+    network, claim = network_of(stored.problem, bound), claim_of(stored.problem, bound)
+    return Design(stored.problem, network, bound, claim, stored.gains, stored.certificate)
+
+
+@pytest.mark.usefixtures("checkout")
+@pytest.mark.parametrize("path", WITH_PYTHON, ids=lambda path: path.name)
+def test_every_python_block_of_a_page_runs(path, monkeypatch):
+    monkeypatch.setattr("lockstep.lmi.design.design", kept_design)
+    assert run_blocks(python_blocks(path), path.name)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("checkout")
+@pytest.mark.parametrize("path", WITH_PYTHON, ids=lambda path: path.name)
+def test_every_python_block_of_a_page_runs_with_its_own_design(path):
+    names = run_blocks(python_blocks(path), path.name)
+    if path.name == "problem.md":
+        # The position and the speed that all carts share: a double pole at 0, off by the root of a rounding.
+        assert sorted(abs(names["linear"].poles()))[:2] == pytest.approx([0, 0], abs=1e-4)
+        assert names["found"].certified
+
+
+@pytest.mark.usefixtures("checkout")
+def test_a_block_that_does_not_run_is_told():
+    good, bad = python_blocks(ROOT / "docs" / "problem.md"), "stored.network.to_control()\n"
+    with pytest.raises(AttributeError, match="network"):
+        run_blocks([good[1], bad], "a page")
+
+
+def code_in_comments(block: str) -> list[str]:
+    """Comments that hold a call: code that is shown and that nothing runs."""
+    tokens = tokenize.generate_tokens(io.StringIO(block).readline)
+    return [t.string for t in tokens if t.type == tokenize.COMMENT and re.search(r"\w\(", t.string)]
+
+
+@pytest.mark.parametrize("path", WITH_PYTHON, ids=lambda path: path.name)
+def test_no_code_hides_in_a_comment(path):
+    assert [code_in_comments(block) for block in python_blocks(path)] == [[]] * len(python_blocks(path))
+    assert code_in_comments('x = f()  # or, of a file: parse(load_json(y), "y")\n') != []

@@ -28,8 +28,9 @@ def test_the_arms(examples):
     assert found.claim.alpha >= 3.33
     assert max(np.linalg.norm(block, 2) for block in found.gains.blocks) <= 50.0
     # The published gains give 13.23; no controllers at all, central and of full order, do better than 1.97.
-    assert found.figures["floor"] == pytest.approx(1.97, rel=0.01)
-    assert found.figures["floor"] < found.certificate.rho <= 3.5
+    assert found.floor is not None
+    assert found.floor.rho == pytest.approx(1.97, rel=0.01)
+    assert found.floor.rho < found.certificate.rho <= 3.5
 
 
 def test_the_arms_with_the_full_delta_of_the_paper(examples):

@@ -15,7 +15,7 @@ BAD = {
     "an unknown symbol": ("gravity*sin", "gravty*sin", "did you mean `gravity`?"),
     "code": ("gravity*sin(theta_l)", "__import__('os')", "`__import__`"),
     "no spanning tree": ("edges = [[1, 2], [2, 3], [3, 1]]", "edges = [[1, 2]]", "no spanning tree"),
-    "an uncontrollable agent": ("+ 21.6*u", "+ 0*u", "not controllable"),
+    "an uncontrollable agent": ("+ 21.6*u", "+ 0*u", "not stabilisable"),
     "NaN in a weight": ("state = 1.0", "state = nan", "not a finite number"),
     "a weight of the wrong shape": ("state = 1.0", "state = [1.0, 2.0]", "2 numbers for 4 states"),
     "order -1": ("order = 2", "order = -1", "`order` is -1"),

@@ -36,32 +36,17 @@ def test_a_phase_that_says_nothing_is_alive() -> None:
     said: list[str] = []
     with ProgressLines(said.append, patience=0.02, interval=0.05, pause=0.0) as lines:
         lines.tell("searching", 0.25)
-        time.sleep(0.5)
-    assert 3 <= len(said) <= 11
+        while len(said) < 3:
+            time.sleep(0.05)
     assert all(line.startswith("lockstep: searching, 25% done, ") for line in said)
     count = len(said)
     time.sleep(0.2)
     assert len(said) == count, "nothing is said after the end"
 
 
-PROBLEM = """
-[agent]
-states = ["x"]
-inputs = ["u"]
-dynamics = { x = "sin(x) + u" }
-outputs = { y = "x" }
-[network]
-agents = 2
-topology = "path"
-[design]
-order = 0
-starts = 2
-"""
-
-
-def test_a_time_limit_that_is_over_at_once_leaves_one_object_and_status_1(tmp_path) -> None:
-    path = tmp_path / "p.toml"
-    path.write_text(PROBLEM)
+def test_a_time_limit_that_is_over_at_once_leaves_one_object_and_status_1(examples, tmp_path) -> None:
+    # The least limit; writing down the program of this problem alone takes longer on any machine.
+    path = examples / "flexible_joint_arms.toml"
     result = CliRunner().invoke(
         app,
         [

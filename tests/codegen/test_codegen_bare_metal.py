@@ -17,6 +17,8 @@ pytestmark = pytest.mark.skipif(
 )
 CORE = CORES["cortex-m4f"]
 BOARD, SYSTICK, CPACR, RETURN = 0x4000_0000, 0xE000_E010, 0xE000_ED88, 0x0800_0000
+HANGS = 600_000_000
+"""Microseconds after which the emulator is held to hang, on any machine."""
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +62,7 @@ class Board:
         self.core.reg_write(self.names.sp, self.stack)
         main = self.image.symbols["main"] & ~1
         asleep = next(a for a in range(main, main + 400, 2) if self.core.mem_read(a, 2) == b"\x30\xbf")
-        self.core.emu_start(self.vectors[0], asleep, timeout=10_000_000)
+        self.core.emu_start(self.vectors[0], asleep, timeout=HANGS)
         assert self.core.reg_read(self.names.pc) & ~1 == asleep
 
     def tick(self, y, radio, received):
@@ -68,7 +70,7 @@ class Board:
         self.core.mem_write(BOARD, struct.pack("<2f", *y))
         self.core.mem_write(BOARD + 16, struct.pack("<2fI", *radio, received))
         self.core.reg_write(self.names.link, RETURN | 1)
-        self.core.emu_start(self.vectors[14], RETURN, timeout=10_000_000)
+        self.core.emu_start(self.vectors[14], RETURN, timeout=HANGS)
         assert self.core.reg_read(self.names.pc) & ~1 == RETURN
         return np.frombuffer(self.core.mem_read(BOARD + 8, 4), np.float32)[0]
 

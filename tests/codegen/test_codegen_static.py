@@ -43,7 +43,7 @@ def sources(folder):
 def said(command, folder):
     place = {**os.environ, "PWD": str(folder)}  # Frama-C believes PWD
     done = subprocess.run(
-        command, cwd=folder, env=place, capture_output=True, text=True, timeout=300, check=False
+        command, cwd=folder, env=place, capture_output=True, text=True, timeout=600, check=False
     )
     return done.returncode, done.stdout + done.stderr
 

@@ -35,7 +35,7 @@ def consensus(root, tmp_path_factory):
 
 def outcome(consensus, *arguments):
     done = subprocess.run(
-        [consensus, *map(str, arguments)], capture_output=True, text=True, timeout=60, check=False
+        [consensus, *map(str, arguments)], capture_output=True, text=True, timeout=600, check=False
     )
     return done.returncode, json.loads(done.stdout), done.stderr
 

@@ -5,9 +5,11 @@ quantity follows from the agents' equations (2), (9), and F is the matrix of the
 
     2 x_cl' P x_cl' + sum_i (x_i - mean)' R (x_i - mean) + sum_i x_Ci' Q x_Ci
       + sum_ij m_ij (alpha^2 |H (x_i - x_j)|^2 - |phi_i - phi_j|^2) - rho^2 sum_i |xi_i - mean|^2
+      + sum_kl sum_ij m_kl,ij (r_kl^2 (H_l (x_i - x_j))^2 - (w_kl,ij)^2)
       + sum_j t_j (delta_j^2 |Y_j x_cl|^2 - |w_j|^2)
 
-in z = (x_d, x_C, xi_d, phi_d, w). No T, no right inverse, no Kronecker product, no metric S is formed. Whether -F is positive
+in z = (x_d, x_C, xi_d, phi_d, w_kl, w), the last of the w_kl,ij of a component k and a pair being what the others leave of
+phi_k,i - phi_k,j. No T, no right inverse, no Kronecker product, no metric S is formed. Whether -F is positive
 definite is then decided by the signs of its leading minors (Sylvester), computed in integers by Bareiss' elimination.
 """
 
@@ -69,17 +71,25 @@ class Twin:
         self.n_C = len(self.gains[0]["A"])
 
     def F(self, claim: Any, certificate: Any) -> Form:
-        """Return F for a claim (alpha, R, Q, delta) and a certificate (rho, P, m, t)."""
+        """Return F for a claim (alpha, R, Q, delta, entries) and a certificate (rho, P, m, t, m_entries)."""
         N, n, n_C, r = self.N, self.n, self.n_C, self.r
         gaps = [(i, k) for i in range(N) for k in range(4) if claim.delta[i][k] > 0 and all(self._gap(i, k))]
+        pairs = [(i, j) for i in range(N) for j in range(i + 1, N)]
+        split = [c for c, one in enumerate(claim.entries) if c not in _last_of_each(claim.entries)]
         sizes = (
-            [n] * (N - 1) + [n_C] * N + [n] * (N - 1) + [r] * (N - 1) + [self._gap(i, k)[0] for i, k in gaps]
+            [n] * (N - 1)
+            + [n_C] * N
+            + [n] * (N - 1)
+            + [r] * (N - 1)
+            + [1] * (len(split) * len(pairs))
+            + [self._gap(i, k)[0] for i, k in gaps]
         )
         blocks = _unknowns(sizes)
         nothing = [[Fraction(0)] * sum(sizes) for _ in range(max(n, r, 1))]
         x, x_C = [*blocks[: N - 1], nothing[:n]], blocks[N - 1 : 2 * N - 1]
         xi, phi = [*blocks[2 * N - 1 : 3 * N - 2], nothing[:n]], [*blocks[3 * N - 2 : 4 * N - 3], nothing[:r]]
-        errors = dict(zip(gaps, blocks[4 * N - 3 :], strict=True))
+        parts = dict(zip([(c, pair) for c in split for pair in pairs], blocks[4 * N - 3 :], strict=False))
+        errors = dict(zip(gaps, blocks[4 * N - 3 + len(parts) :], strict=True))
         dx, dx_C, seen = self._rates(x, x_C, xi, phi, errors)
         state = [row for block in (*x[:-1], *x_C) for row in block]
         rate = [row for block in (*[_minus(d, dx[-1]) for d in dx[:-1]], *dx_C) for row in block]
@@ -92,7 +102,20 @@ class Twin:
                 _add_square(F, part, weight)
         for part in x_C:
             _add_square(F, part, Q)
-        pairs = [(i, j) for i in range(N) for j in range(i + 1, N)]
+        for c, entry in enumerate(claim.entries):
+            for m, (i, j) in zip(certificate.m_entries[c], pairs, strict=True):
+                m, own = Fraction(float(m)), parts.get((c, (i, j)))
+                if own is None:
+                    k = entry.component
+                    taken = [
+                        s
+                        for (o, pair), s in parts.items()
+                        if pair == (i, j) and claim.entries[o].component == k
+                    ]
+                    own = plus([_minus(phi[i], phi[j])[k]], *[scaled(-1, one) for one in taken])
+                seen_l = [times(self.H, _minus(x[i], x[j]))[entry.argument]]
+                _add_square(F, seen_l, [[m * Fraction(float(entry.bound)) ** 2]])
+                _add_square(F, own, [[-m]])
         for m, (i, j) in zip(certificate.m, pairs, strict=True):
             if r:
                 _add_square(
@@ -108,8 +131,9 @@ class Twin:
         return F
 
     def holds(self, claim: Any, certificate: Any) -> bool:
-        """Tell whether rho > 0, m >= 0, t >= 0, P > 0 and F < 0."""
-        if not certificate.rho > 0 or min([*certificate.m, *certificate.t], default=0) < 0:
+        """Tell whether rho > 0, m >= 0 (of alpha and the entries), t >= 0, P > 0 and F < 0."""
+        weights = [*certificate.m, *certificate.t, *[m for row in certificate.m_entries for m in row]]
+        if not certificate.rho > 0 or min(weights, default=0) < 0:
             return False
         if not positive_definite(fractions(certificate.P)):
             return False
@@ -158,6 +182,10 @@ def positive_definite(matrix: Form) -> bool:
                 work[j][i] = (work[j][i] * pivot - work[i][k] * work[j][k]) // previous
         previous = pivot
     return True
+
+
+def _last_of_each(entries: Sequence[Any]) -> set[int]:
+    return {max(c for c, other in enumerate(entries) if other.component == one.component) for one in entries}
 
 
 def _unknowns(sizes: Sequence[int]) -> list[Form]:

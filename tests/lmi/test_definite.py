@@ -78,7 +78,7 @@ def inverse_corner(n: int) -> Fraction:
 small = st.integers(-4, 4).map(float)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(hnp.arrays(float, st.integers(1, 5).map(lambda n: (n, n)), elements=small), st.integers(-300, 300))
 def test_small_integers_agree_with_the_leading_minors(half: np.ndarray, exponent: int) -> None:
     """Integers from -4 to 4 make a third of the cases singular; powers of two as scales are exact."""
@@ -91,7 +91,7 @@ def test_small_integers_agree_with_the_leading_minors(half: np.ndarray, exponent
         assert form(matrix, answer.vector) <= Fraction(np.abs(matrix).max()) * Fraction(1, 10**28)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(hnp.arrays(float, st.integers(2, 6).map(lambda n: (n, n)), elements=small), st.integers(-60, 0))
 def test_a_shift_of_a_gram_matrix_flips_the_answer(half: np.ndarray, exponent: int) -> None:
     """A A' of rank below n is singular; plus any 2^-k I it is definite, minus it is not, however small."""
@@ -105,7 +105,7 @@ def test_a_shift_of_a_gram_matrix_flips_the_answer(half: np.ndarray, exponent: i
     assert not decide_positive_definite(down).positive
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.integers(-400, 400), min_size=2, max_size=6), st.integers(0, 2**32))
 def test_congruence_by_extreme_powers_of_two_changes_nothing(exponents: list[int], seed: int) -> None:
     generator = np.random.default_rng(seed)

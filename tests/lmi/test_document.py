@@ -137,7 +137,7 @@ def test_a_file_without_a_certificate_is_read_and_not_certified() -> None:
         assert "without a certificate" in verdict.reason
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(st.sampled_from(PLACES), st.sampled_from(BAD))
 def test_any_value_anywhere_is_an_answer_and_never_another_exception(
     path: tuple[Any, ...], value: Any
@@ -152,7 +152,7 @@ def test_every_value_everywhere() -> None:
             judged(replaced(path, value))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.sampled_from(PLACES))
 def test_anything_left_out_is_an_answer(path: tuple[Any, ...]) -> None:
     judged(without(path))

@@ -1,6 +1,6 @@
 """The barrier of the larger loops: its F against the trusted one, its slopes against differences, what a run gains."""
 
-import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,18 +11,25 @@ from lockstep.lmi.design import claim_of, proved_bound
 from lockstep.lmi.inequality import F_matrix
 from lockstep.lmi.interior import InteriorProgram
 from lockstep.lmi.logdet import BalancedF
-from lockstep.lmi.search import search
+from lockstep.lmi.search import Search, search_gains
+from lockstep.lmi.search.start import begin
 from lockstep.lmi.solve import least_rho
-from lockstep.lmi.start import from_start, program_for
 from lockstep.model.assembly import network_of
+from lockstep.model.bound import Entry
 
 DELTAS = [(0.0,) * 4, (0.3, 0.2, 0.1, 0.2)]
 
 
-def somewhere(delta: tuple[float, ...], seed: int = 0) -> tuple[BalancedF, np.ndarray, np.random.Generator]:
-    """Return F of the arms and a point near their published gains; F < 0 need not hold there."""
+def somewhere(
+    delta: tuple[float, ...], entries: int = 0, seed: int = 0
+) -> tuple[BalancedF, np.ndarray, np.random.Generator]:
+    """Return F of the arms and a point near their published gains; F < 0 need not hold there.
+
+    Entries of its one slope make no sense for the arm, and for F they are entries as any others.
+    """
     network, gains, generator = arms(), published(), np.random.default_rng(seed)
     loop, weights = network.loop(2), claim(network, 2, ALPHA, delta=delta)
+    weights = replace(weights, entries=tuple(Entry(0, 0, ALPHA * (k + 1)) for k in range(entries)))
     found = least_rho(loop, gains.blocks, weights.at(fraction_of_delta=0.0))
     assert found is not None
     F = BalancedF(loop, weights, np.linalg.cholesky(found.P))
@@ -30,9 +37,10 @@ def somewhere(delta: tuple[float, ...], seed: int = 0) -> tuple[BalancedF, np.nd
     return F, x + 1e-3 * generator.standard_normal(F.size), generator
 
 
+@pytest.mark.parametrize("entries", [0, 2])
 @pytest.mark.parametrize("delta", DELTAS)
-def test_F_is_the_one_that_is_proved_in_other_coordinates(delta: tuple[float, ...]) -> None:
-    F, x, _ = somewhere(delta)
+def test_F_is_the_one_that_is_proved_in_other_coordinates(delta: tuple[float, ...], entries: int) -> None:
+    F, x, _ = somewhere(delta, entries)
     at_full = x.copy()
     at_full[F.place["f_a"]] = at_full[F.place["f_d"]] = 1.0
     trusted = F_matrix(F.loop, F.K(at_full), F.claim, F.certificate(at_full))
@@ -54,9 +62,10 @@ def inside(F: BalancedF, x: np.ndarray) -> np.ndarray:
     return x
 
 
+@pytest.mark.parametrize("entries", [0, 2])
 @pytest.mark.parametrize("delta", DELTAS)
-def test_slope_and_curvature_are_those_of_differences(delta: tuple[float, ...]) -> None:
-    F, x, generator = somewhere(delta)
+def test_slope_and_curvature_are_those_of_differences(delta: tuple[float, ...], entries: int) -> None:
+    F, x, generator = somewhere(delta, entries)
     x = inside(F, x)
     value = lambda at: -np.linalg.slogdet(-F.F(at))[1]  # noqa: E731
     slope, square, rest = F.slopes(x)
@@ -114,8 +123,8 @@ def test_what_cannot_be_got_inside_comes_back_as_it_was() -> None:
 def test_small_loops_keep_their_program_and_large_ones_get_this_one() -> None:
     network = arms()
     weights = claim(network, 2, ALPHA)
-    assert isinstance(program_for(network.loop(2), weights, 50.0), BilinearProgram)
-    assert isinstance(program_for(network.loop(4), claim(network, 4, ALPHA), 50.0), InteriorProgram)
+    assert isinstance(Search.of(network.loop(2), weights, 50.0).program, BilinearProgram)
+    assert isinstance(Search.of(network.loop(4), claim(network, 4, ALPHA), 50.0).program, InteriorProgram)
 
 
 def eight_carts() -> tuple:
@@ -131,15 +140,15 @@ def eight_carts() -> tuple:
 
 @pytest.mark.slow
 def test_a_large_search_does_not_depend_on_the_number_of_processes() -> None:
-    loop, weights = eight_carts()
-    one, two = (search(loop, weights, 10.0, starts=2, seed=0, jobs=jobs) for jobs in (1, 2))
-    assert one.K is not None
+    search = Search.of(*eight_carts(), 10.0)
+    one, two = (search_gains(search, starts=2, seed=0, jobs=jobs).outcomes[0] for jobs in (1, 2))
     np.testing.assert_array_equal(one.K, two.K)
     assert one.history == two.history
 
 
 def test_a_start_whose_time_is_over_says_so() -> None:
-    loop, weights = eight_carts()
-    cut = from_start(loop, weights, 10.0, 0, 0, deadline=time.monotonic() - 1.0)
+    search = Search.of(*eight_carts(), 10.0)
+    cut = begin(search, None, 0, 0, deadline=float("-inf"))
     assert cut.cut
-    assert cut.certificate is None
+    assert not np.isfinite(cut.at.rho)
+    assert search_gains(search, starts=1, seed=0, jobs=1, deadline=float("-inf")).cut

@@ -117,7 +117,7 @@ def test_the_largest_alpha_of_the_published_gains(which: str, largest: float, be
         prove(network, gains, claim(network, 2, beyond))
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.integers(0, 2**32))
 def test_the_affine_form_is_F(seed: int) -> None:
     """What the solver is given, at random unknowns, against F assembled from them."""

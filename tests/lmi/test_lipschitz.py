@@ -107,7 +107,7 @@ def test_arms_are_certified_and_the_checker_agrees():
     assert content["proof"] == "exact"
     assert content["figures"]["protocol"]["connectivity"] == pytest.approx(1.5)
     # 3.225 measured; with the whole state no controller certifies less than the floor, 1.67.
-    assert content["figures"]["floor"] < content["rho"] < 3.5
+    assert content["floor"] < content["rho"] < 3.5
     assert certify(parse(content, "design")).certified
     content["gains"][0]["D"][0][0] *= -1
     assert not certify(parse(content, "design")).certified

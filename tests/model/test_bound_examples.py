@@ -2,13 +2,12 @@
 
 import math
 import re
-import time
 
 import casadi as ca
 import numpy as np
 import pytest
 
-from lockstep.model.bound import Box, prove_bound, smallest_bound
+from lockstep.model.bound import BOXES, Box, prove_bound, smallest_bound
 from lockstep.model.errors import BoundNotProved, ProblemError
 
 INF = math.inf
@@ -40,12 +39,8 @@ def assert_tight(bound, sampled):
 
 def test_the_arms_have_exactly_their_constant():
     phi = function_of(lambda v, _: -3.33 * ca.sin(v))
-    durations = []
-    for _ in range(5):  # the best of five: the machine may be busy
-        start = time.perf_counter()
-        bound = smallest_bound(phi, Box.everywhere(1))
-        durations.append(time.perf_counter() - start)
-    assert min(durations) < 0.05
+    bound = smallest_bound(phi, Box.everywhere(1))
+    assert bound.boxes <= 16, "two ends of a period: nothing to search"
     assert bound.alpha == 3.33
     assert bound.converged
     assert bound.or_raise() is bound
@@ -123,7 +118,7 @@ def test_a_quadrotor_attitude_row_on_a_box():
     assert_tight(bound, sampled_slope(slope, box.lower, box.upper))
 
 
-def test_six_variables_in_under_ten_seconds():
+def test_six_variables_with_half_of_the_budget():
     """Roll moment of an aircraft: inertia coupling, dihedral, damping with airspeed, and a spin term."""
 
     def moment(v, _):
@@ -146,9 +141,8 @@ def test_six_variables_in_under_ten_seconds():
         )
 
     box = Box((-0.6, -0.5, -1.5, -1.5, -1.0, -1.0), (0.6, 0.5, 1.5, 1.5, 1.0, 2.0))
-    start = time.perf_counter()
     bound = smallest_bound(function_of(moment, 6), box)
-    assert time.perf_counter() - start < 10
+    assert bound.boxes < BOXES / 2
     sampled = sampled_slope(slope, box.lower, box.upper)
     assert bound.proved
     assert bound.gap <= 0.01
@@ -156,9 +150,8 @@ def test_six_variables_in_under_ten_seconds():
 
 
 def test_the_cube_everywhere_is_refused_at_once():
-    start = time.perf_counter()
     bound = smallest_bound(function_of(lambda v, _: v**3), Box.everywhere(1))
-    assert time.perf_counter() - start < 5
+    assert bound.boxes < BOXES / 100
     assert not bound.proved
     assert bound.alpha == INF
     assert "without bound" in bound.reason
@@ -314,7 +307,9 @@ def test_a_coupled_vector_is_bounded_in_its_scaled_norm():
 def test_the_budget_ends_in_an_honest_enclosure():
     phi = function_of(lambda v, _: ca.sin(3 * v[0] * v[1]) * ca.exp(v[2]) + v[3] * ca.cos(v[0] * v[2]), 4)
     seen = []
-    bound = smallest_bound(phi, Box((-2.0,) * 4, (2.0,) * 4), boxes=400, tolerance=1e-9, progress=seen.append)
+    bound = smallest_bound(
+        phi, Box((-2.0,) * 4, (2.0,) * 4), boxes=1000, tolerance=1e-9, progress=seen.append
+    )
     assert not bound.converged
     assert bound.lower < bound.alpha < INF
     assert "the truth is between" in bound.reason

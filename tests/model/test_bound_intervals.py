@@ -140,7 +140,7 @@ def test_a_whole_power_is_enclosed(exponent):
         )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(FLOATS, FLOATS, FLOATS, FLOATS)
 def test_sums_and_products_of_any_doubles_are_enclosed(a, b, c, d):
     x, y = np.array(sorted((a, b))), np.array(sorted((c, d)))

@@ -180,7 +180,7 @@ def test_all_agents_stay_equal_but_for_b() -> None:
     assert problem.agent().lure.A.item() == -0.5
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     a=st.floats(-5, 5, allow_nan=False, allow_subnormal=False),
     g=st.floats(0.01, 50, allow_nan=False),

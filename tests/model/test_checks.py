@@ -1,6 +1,7 @@
 """The checks: the arms pass, and each thing that can be wrong is named with its figure."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from lockstep.model import Agent, BoundNotProved, Graph, Problem, ProblemError, load_problem, parse_problem
 from lockstep.model.checks import CheckReport, Row, check_problem, nonlinearity, structure
+from lockstep.model.checks.nonlinearity import holds_everywhere
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ARMS = (EXAMPLES / "flexible_joint_arms.toml").read_text(encoding="utf-8")
@@ -96,7 +98,7 @@ def test_a_box_that_constrains_nothing_leaves_the_certificate_global() -> None:
 def test_a_budget_that_is_too_short_is_no_proof() -> None:
     force = "f + sin(p*v)*exp(-p**2)*v/(1 + v**2) + cos(p + v)/(1 + (p*v)**2)"
     with pytest.raises(BoundNotProved) as raised:
-        check_problem(cart(force), budget=1e-4)
+        check_problem(cart(force), boxes=1)
     assert raised.value.figures["boxes"] >= 0
 
 
@@ -157,10 +159,10 @@ def test_roots_are_named() -> None:
     ("problem", "says"),
     [
         (lambda: cart(network="[network]\nagents = 4\nedges = [[2, 1], [4, 3]]"), "spanning tree"),
-        (lambda: parse_problem(cart_text('y1 = "v"').replace("2*sin(p)", "v - 2*sin(v)")), "not observable"),
+        (lambda: parse_problem(cart_text('y1 = "v"').replace("2*sin(p)", "v - 2*sin(v)")), "not detectable"),
         (
             lambda: cart("-p - 2*sin(p) + b*f", network=CYCLE + "parameters = [{b = 1.0}, {b = 0.0}, {}]"),
-            "not controllable",
+            r"\(A, B_2\) is not stabilisable",
         ),
     ],
 )
@@ -178,15 +180,30 @@ def test_rows_fail_where_validate_would_refuse() -> None:
         "cart", states=["p", "v"], inputs=["f"], outputs={"y": "v"}, dynamics={"p": "v", "v": "f"}
     )
     seen, observed = structure.observable(blind)
-    assert (seen.verdict, observed) == ("fails", False)
+    assert (seen.verdict, observed.observable, observed.detectable) == ("fails", False, False)
     assert "not detectable" in seen.figure
     decaying = Agent.from_expressions(
         "cart", states=["p", "v"], inputs=["f"], outputs={"y": "v"}, dynamics={"p": "v - p", "v": "f"}
     )
-    assert ": detectable" in structure.observable(decaying)[0].figure
+    seen, observed = structure.observable(decaying)
+    assert (seen.verdict, observed.observable, observed.detectable) == ("note", False, True)
+    assert ": detectable" in seen.figure
+    assert "s = -1" in seen.figure
     lost, controlled = structure.controllable(decaying, [decaying.lure.B, 0 * decaying.lure.B])
-    assert (lost.verdict, controlled) == ("fails", False)
+    assert (lost.verdict, controlled.controllable, controlled.stabilisable) == ("fails", False, False)
     assert structure.controllable(decaying, [decaying.lure.B])[0].verdict == "ok"
+
+
+def test_modes_that_are_lost_and_decay_are_reported_and_no_failure() -> None:
+    """w' = -w, which no input moves, and z' = p - 2 z, which no output shows."""
+    text = cart_text('y = "p"').replace('["p", "v"]', '["p", "v", "w", "z"]')
+    report = check_problem(parse_problem(text.replace('v = "f', 'w = "-w", z = "p - 2*z", v = "w + f')))
+    answer = report.document()
+    assert (answer["ok"], answer["problems"]) == (True, [])
+    assert (answer["controllable"], answer["stabilisable"]) == (False, True)
+    assert (answer["observable"], answer["detectable"]) == (False, True)
+    assert "s = -1: stabilisable" in row(report, "controllable").figure
+    assert "s = -2: detectable" in row(report, "observable").figure
 
 
 def test_a_failing_row_makes_the_report_not_ok() -> None:
@@ -245,7 +262,7 @@ def test_holds_everywhere_is_not_said_of_a_box_only_bound() -> None:
     )
     from lockstep.model.assembly import bound_of
 
-    assert not nonlinearity.holds_everywhere(agent, bound_of(agent), seconds=2.0)
+    assert not nonlinearity.holds_everywhere(agent, bound_of(agent))
 
 
 def test_a_leader_is_named_where_the_bound_is_local() -> None:
@@ -270,11 +287,34 @@ def test_a_budget_ends_in_the_best_enclosure_labelled_as_such() -> None:
     {CYCLE}
     """
     seen = []
-    report = check_problem(parse_problem(text), budget=0.3, progress=seen.append)
+    report = check_problem(parse_problem(text), boxes=1000, progress=seen.append)
     bound = row(report, "bound")
     assert bound.verdict == "note"
     assert "not shown to be the smallest" in bound.figure
     assert report.bound.lower < report.bound.alpha
     assert seen
     assert seen[-1].lower <= seen[-1].upper
+    assert seen[-1].part == 1.0
     assert report.ok
+
+
+def test_slopes_with_bounds_of_their_own_are_reported() -> None:
+    """-tanh(v) is centred to slopes within 1/2; alpha = sqrt(4 + 1/4) is that of both arguments together."""
+    report = check_problem(cart("f - tanh(v) - 2*sin(p)"))
+    found = report.document()["bound"]["entries"]
+    assert [(one["component"], one["argument"]) for one in found] == [(1, 1), (1, 2)]
+    assert [one["bound"] for one in found] == pytest.approx([2.0, 0.5])
+    assert report.bound.alpha == pytest.approx(4.25**0.5)
+    figure = row(report, "entries").figure
+    assert "|d phi1 / d v1| <= 2," in figure
+    assert check_problem(cart("f - 2*sin(p)")).document()["bound"]["entries"] == []
+
+
+def test_a_box_that_only_an_entry_needs_makes_the_certificate_local() -> None:
+    """The slope of sqrt(1 + p^2 + v^2) has a length below 1 everywhere; p / sqrt(...) is below 0.41 for |p| <= 1, v >= 2."""
+    box = "centre = false\n    domain = { p = [-1.0, 1.0], v = [2.0, inf] }"
+    posed = cart("f + sqrt(1 + p**2 + v**2)", agent=box)
+    agent, bound = posed.agent(), check_problem(posed).bound
+    assert [one.bound for one in bound.entries] == pytest.approx([6**-0.5, 1.0], rel=1e-3)
+    assert holds_everywhere(agent, replace(bound, entries=(), alpha=10.0))
+    assert not holds_everywhere(agent, replace(bound, alpha=10.0))

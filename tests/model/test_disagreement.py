@@ -27,7 +27,7 @@ def graphs(draw: st.DrawFn) -> Graph:
 
 @pytest.mark.parametrize("coordinates", COORDINATES)
 @pytest.mark.parametrize("exact_arithmetic", [False, True])
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(graph=graphs())
 def test_the_defining_identities(coordinates: str, exact_arithmetic: bool, graph: Graph) -> None:
     d = disagreement(graph, coordinates, exact_arithmetic=exact_arithmetic)
@@ -43,7 +43,7 @@ def test_the_defining_identities(coordinates: str, exact_arithmetic: bool, graph
     np.testing.assert_allclose(T @ right, np.eye(graph.N - 1), atol=1e-9)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(graph=graphs(), seed=st.integers(0, 2**32))
 def test_S_measures_the_projection_off_the_agreement(graph: Graph, seed: int) -> None:
     """x_d' S x_d = |x - mean(x) 1|^2: by hand, with no matrix of the module."""
@@ -67,7 +67,7 @@ def test_the_metric_of_the_paper_s_rows_is_the_identity_and_not_that_length() ->
 
 
 @pytest.mark.parametrize("coordinates", COORDINATES)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(graph=graphs(), seed=st.integers(0, 2**32))
 def test_a_pair_multiplier_is_the_square_of_a_difference(coordinates: str, graph: Graph, seed: int) -> None:
     generator = np.random.default_rng(seed)

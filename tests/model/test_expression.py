@@ -100,7 +100,7 @@ def _texts() -> st.SearchStrategy[str]:
 
 
 @given(_texts(), st.floats(-3, 3), st.floats(-3, 3))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_random_expressions_mean_what_python_means(text: str, x: float, y: float) -> None:
     names = {**PYTHON, "x": x, "y": y, "t": 0.25}
     expected = float(eval(text, {"__builtins__": {}}, names))
@@ -248,7 +248,7 @@ def test_a_deep_caller_gets_the_same_answer() -> None:
 
 
 @given(st.text(max_size=40))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_any_text_parses_or_is_a_problem(text: str) -> None:
     try:
         parsed = parse_expression(text, SYMBOLS)
@@ -258,7 +258,7 @@ def test_any_text_parses_or_is_a_problem(text: str) -> None:
 
 
 @given(st.text(alphabet="xykt0159.e+-*/(), <>=sincoif_lmn", max_size=24))
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=500)
 def test_any_nearly_right_text_parses_or_is_a_problem(text: str) -> None:
     with contextlib.suppress(ProblemError):
         parse_expression(text, SYMBOLS)

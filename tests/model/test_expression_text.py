@@ -154,9 +154,7 @@ def expressions(draw: st.DrawFn, *, truths: bool = False) -> ca.SX:
 
 
 POINTS = st.tuples(*[st.floats(-3, 3) | st.sampled_from([0.0, -0.0, 1.0, 0.5])] * 3)
-SLOW_STARTS = settings(
-    deadline=None, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow]
-)
+SLOW_STARTS = settings(suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
 
 
 def text_of(value: ca.SX) -> str:

@@ -54,7 +54,7 @@ def assert_same_agent(agent: Agent, plain: Agent) -> None:
     np.testing.assert_array_equal(lure.H, old.H)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     a=st.floats(-50, 50, allow_nan=False, allow_subnormal=False),
     g=st.floats(0.01, 50),

@@ -65,7 +65,7 @@ def orthonormal_loop(plant: Plant, L: np.ndarray, gains: Gains) -> np.ndarray:
 
 
 @pytest.mark.parametrize("coordinates", ["orthonormal", "laplacian_rows"])
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     seed=st.integers(0, 2**32),
     N=st.integers(2, 4),
@@ -86,7 +86,7 @@ def test_the_reduced_loop_is_the_disagreement_of_the_full_one(
     )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32), N=st.integers(2, 4), order=st.integers(0, 2), q=st.integers(1, 2))
 def test_exact_and_float_loops_are_the_same(seed: int, N: int, order: int, q: int) -> None:
     plant, graph, gains = random_case(seed, N, 2, 1, q, order)

@@ -1,7 +1,6 @@
 """The agents the project names, as a user writes them: each bound against the slopes that function values alone show."""
 
 import math
-import time
 
 import numpy as np
 import pytest
@@ -118,15 +117,11 @@ def test_a_named_agent_has_a_bound_that_samples_nearly_reach(name, centre):
             bound_of(plant, alpha=AGENTS[name]["alpha"] * 0.99)
 
 
-def test_the_arms_to_a_billionth_and_in_time():
+def test_the_arms_to_a_billionth_and_at_once():
     arm = agent("arm")
-    durations = []
-    for _ in range(5):  # the best of five: the machine may be busy
-        start = time.perf_counter()
-        bound = bound_of(arm)
-        durations.append(time.perf_counter() - start)
+    bound = bound_of(arm)
     assert abs(bound.alpha - 3.33) <= 1e-9 * 3.33
-    assert min(durations) < 0.05
+    assert bound.boxes <= 16
     with pytest.raises(BoundNotProved, match=r"a slope of 3\.33 is reached, above 3\.32") as refused:
         bound_of(arm, alpha=3.32)
     assert 3.33 * abs(math.cos(refused.value.figures["witness"][0])) > 3.32

@@ -46,7 +46,7 @@ def nonlinearity(agent: Agent, t: float) -> Reader:
 
 @pytest.mark.parametrize("coordinates", ["orthonormal", "laplacian_rows"])
 @pytest.mark.parametrize("make", [arm, two_by_two])
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 2**32), order=st.integers(0, 2))
 def test_the_reduced_loop_is_the_disagreement_of_the_nonlinear_one(
     coordinates: str, make: Callable[[], Agent], seed: int, order: int

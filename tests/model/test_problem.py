@@ -64,7 +64,7 @@ def test_agents_may_differ_in_B() -> None:
         ("[{}, {}, { kk = 1 }]", ["entry 3", "`kk` is no parameter", "did you mean `k`?"]),
         ("[{}, {}, { b = nan }]", ["nan", "finite"]),
         ("[{}, {}, { b = true }]", ["true", "entry 3"]),
-        ("[{}, {}, { b = 0.0 }]", ["not controllable", "(A, B_3)"]),
+        ("[{}, {}, { b = 0.0 }]", ["(A, B_3) is not stabilisable"]),
     ],
 )
 def test_agents_may_differ_in_nothing_else(given: str, says: list) -> None:

@@ -58,7 +58,7 @@ PLACES = _places(parse_problem(GIVEN + 3 * GAINS).document())
 
 
 @given(st.sampled_from(PLACES), _JSON)
-@settings(max_examples=250, deadline=None)
+@settings(max_examples=250)
 def test_any_value_anywhere_is_a_problem_or_a_problem_error(place: tuple, value: object) -> None:
     document = parse_problem(GIVEN + 3 * GAINS).document()
     inner = document

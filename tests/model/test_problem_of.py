@@ -191,7 +191,7 @@ def test_any_file_can_be_written_again(text: str) -> None:
     ),
     st.integers(0, 2**63 - 1),
 )
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 def test_every_text_and_every_double_survives(title, weights, initial, seed) -> None:
     problem = parse_problem(SMALL)
     document = problem.document() | {"title": title}

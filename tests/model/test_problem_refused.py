@@ -216,3 +216,97 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         load_problem(tmp_path / "digits.toml")
     (tmp_path / "bom.toml").write_text(SMALL, encoding="utf-8-sig")
     load_problem(tmp_path / "bom.toml")
+
+
+TABLES = [
+    "",
+    "[agent]",
+    "[network]",
+    "[design]",
+    "[design.weights]",
+    "[controller]",
+    "[simulation]",
+    "[simulation.disturbance]",
+    "[simulation.perturbation]",
+    "[simulation.channel]",
+]
+
+
+def with_key(table: str, line: str) -> str:
+    """SMALL with one more line in a table, which is added where it is not there."""
+    if not table:
+        return f"{line}\n{SMALL}"
+    if f"{table}\n" in SMALL:
+        return changed(f"{table}\n", f"{table}\n{line}\n")
+    return f"{SMALL}\n{table}\n{line}\n"
+
+
+@pytest.mark.parametrize("value", ["1.0", "[[1.0]]", '"x"', "{ x = 1 }"])
+@pytest.mark.parametrize("key", ["A", "B", "C", "D"])
+@pytest.mark.parametrize("table", TABLES)
+def test_a_key_of_the_gains_is_unknown_in_every_other_table(table: str, key: str, value: str) -> None:
+    with pytest.raises(ProblemError) as error:
+        parse_problem(with_key(table, f"{key} = {value}"))
+    message = str(error.value)
+    assert f"unknown key `{key}`" in message
+    assert message.startswith(table)
+    assert f"`{key}` belongs in [design.fragility] or [[design.gains]]" in message
+
+
+@pytest.mark.parametrize(
+    ("table", "line"),
+    [
+        ("[agent.parameters]", "{0} = 2.0"),
+        ("[agent]", 'units = {{ p = "{0}" }}'),
+        ("[design.fragility]", "{0} = 0.1"),
+    ],
+)
+@pytest.mark.parametrize("key", ["A", "B", "C", "D"])
+def test_a_key_of_the_gains_is_welcome_where_names_are_free(table: str, line: str, key: str) -> None:
+    text = SMALL.replace("parameters = { k = 2.0, b = 3.0, c = 1.0 }", "").replace(
+        "[agent.dynamics]", "[agent.parameters]\nk = 2.0\nb = 3.0\nc = 1.0\n[agent.dynamics]"
+    )
+    line = line.format(key)
+    parse_problem(
+        text.replace(f"{table}\n", f"{table}\n{line}\n") if table in text else f"{text}{table}\n{line}"
+    )
+
+
+@pytest.mark.parametrize(("state", "input_", "output"), [("A", "B", "C"), ("D", "C", "B"), ("B", "A", "D")])
+def test_states_inputs_and_outputs_may_be_named_as_matrices(state: str, input_: str, output: str) -> None:
+    agent = f'''
+[agent]
+states = ["{state}"]
+inputs = ["{input_}"]
+units = {{ {state} = "m" }}
+domain = {{ {state} = [-1.0, 1.0] }}
+dynamics = {{ {state} = "{input_} - sin({state})" }}
+outputs = {{ {output} = "{state}" }}
+'''
+    problem = parse_problem(agent + '[network]\nagents = 2\ntopology = "path"\n')
+    problem.validate()
+    assert problem.agent().outputs == (output,)
+
+
+@pytest.mark.parametrize(
+    "table", ["agent.parameters", "agent.dynamics", "agent.outputs", "agent.domain", "agent.units"]
+)
+@pytest.mark.parametrize("key", ["A", "literal[x]", "tuple[x]"])
+def test_a_wrong_value_of_a_name_of_the_user_is_told_with_its_place(table: str, key: str) -> None:
+    text = "\n".join(line for line in SMALL.splitlines() if not line.startswith("parameters"))
+    head = f"[{table}]\n"
+    line = f'"{key}" = [[]]\n'
+    with pytest.raises(ProblemError) as error:
+        parse_problem(text.replace(head, head + line) if head in text else f"{text}\n{head}{line}")
+    assert f"[{table}] {key}" in str(error.value)
+
+
+def test_a_key_of_several_tables_is_told_with_all_of_them() -> None:
+    with pytest.raises(ProblemError) as error:
+        parse_problem(with_key("[network]", "controller = 1.0"))
+    assert "`controller` belongs in the first lines, before any table or [design.weights]" in str(error.value)
+
+
+def test_gains_that_are_one_table_are_told_as_such() -> None:
+    with pytest.raises(ProblemError, match=r"\[design\] gains: `gains` is a table"):
+        parse_problem(f"{SMALL}\n[design.gains]\nD = [[1.0]]\n")

@@ -56,7 +56,7 @@ def test_held_inputs_are_integrated_exactly():
     assert smooth.IAE != 10.0
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1), N=st.integers(2, 6))
 def test_the_disagreement_is_the_orthonormal_x_d(seed, N):
     """sum_i |x_i - mean|^2 = |F T x|^2, F'F = (T T')^-1: two ways to the same number."""

@@ -89,7 +89,7 @@ def test_units_do_not_matter() -> None:
     np.testing.assert_allclose(found.values, [2000.0, -3000.0], rtol=1e-8)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(n=st.integers(0, 6), m=st.integers(1, 3), q=st.integers(1, 3), seed=st.integers(0, 10_000))
 def test_the_rank_drops_at_every_zero_of_a_random_system(n: int, m: int, q: int, seed: int) -> None:
     """A generic system has n - m zeros if it is square (C B is invertible), and none if it is not."""

@@ -12,7 +12,8 @@ from pathlib import Path
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
-SECONDS = 120
+SECONDS = 600
+"""After which the browser is held to hang, on any machine."""
 
 HARNESS = """<!DOCTYPE html><html><head><meta charset="utf-8"></head><body>{frames}<pre id="found"></pre><script>
 const found = {{}};

@@ -4,7 +4,7 @@ import re
 from xml.etree import ElementTree
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lockstep.report.formula import equation, inline, symbol
@@ -52,7 +52,6 @@ def _read(node) -> str:
 
 
 @given(FORMULAS)
-@settings(deadline=None)
 def test_what_is_typeset_means_what_is_written(text):
     from math import cos
 

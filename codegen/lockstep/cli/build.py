@@ -72,13 +72,14 @@ def unproved(sampled: Mapping[str, Any]) -> list[str]:
 
 def _designed(problem: Any, jobs: int | None, time_limit: float | None) -> dict[str, Any]:
     """Design, and pass the result through JSON, so that what is generated from is what a reader of the file sees."""
-    from lockstep.cli.design import sampled_too
+    from lockstep.codegen.for_the_period import as_shipped
     from lockstep.lmi.design import design
     from lockstep.lmi.document import document
 
     with progress_display() as tell:
         made = design(problem, jobs=jobs, progress=tell, time_limit=time_limit)
-        return sampled_too(document(made), tell)
+        designed: dict[str, Any] = plain(as_shipped(plain(document(made)), tell, made.others))
+        return designed
 
 
 def _verified(files: dict[str, str]) -> "VerifyReport":

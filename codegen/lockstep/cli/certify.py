@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 
 from lockstep.cli.console import Answer, of_file, respond, two_columns
-from lockstep.cli.design import sampled_text
+from lockstep.cli.design import floor_row, sampled_text, single_slopes
 from lockstep.cli.files import read_design
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def _with_design(content: dict[str, Any], stored: "Stored", verdict: "Verdict") 
         document |= _not_certified(broken, held.verdict.figures)
     holds = verdict.certified and not broken
     document |= {"ok": holds, "sampled": sampled}
-    return Answer(document, _table(stored, verdict, {"sampled": sampled_text(sampled)}), holds)
+    return Answer(document, _table(content, stored, verdict, {"sampled": sampled_text(sampled)}), holds)
 
 
 def broken_claim(content: Mapping[str, Any], proved: Mapping[str, Any]) -> str | None:
@@ -128,12 +128,13 @@ def _with_folder(path: Path, content: dict[str, Any], stored: "Stored", verdict:
         "sampled C": sampled_text(sampled),
         "as generated": "; ".join(folder.differences) or "yes",
     }
-    return Answer(document, _table(stored, verdict, rows), verdict.certified and folder.ok)
+    return Answer(document, _table(content, stored, verdict, rows), verdict.certified and folder.ok)
 
 
 def certificate_document(content: dict[str, Any], stored: "Stored", verdict: "Verdict") -> dict[str, Any]:
     """Return the contract's keys for a verdict."""
     rho = stored.certificate.rho if stored.certificate else None
+    floor = stored.floor.rho if stored.floor and verdict.certified else None
     claims = (
         {}
         if verdict.certified
@@ -143,7 +144,10 @@ def certificate_document(content: dict[str, Any], stored: "Stored", verdict: "Ve
         "certified": verdict.certified,
         "proof": "exact" if verdict.certified else "none",
         "rho": rho,
+        "floor": floor,
+        "floor_proof": "none" if floor is None else "exact",
         "alpha": stored.alpha,
+        **({"entries": content["entries"]} if stored.entries else {}),
         "fragility": dict(stored.fragility),
         "gains": content["gains"],
         "reason": verdict.reason,
@@ -155,12 +159,18 @@ def certificate_document(content: dict[str, Any], stored: "Stored", verdict: "Ve
 
 
 def _table(
-    stored: "Stored", verdict: "Verdict", more: Mapping[str, str] = MappingProxyType({})
+    content: dict[str, Any],
+    stored: "Stored",
+    verdict: "Verdict",
+    more: Mapping[str, str] = MappingProxyType({}),
 ) -> RenderableType:
     rows = {"certified": "yes" if verdict.certified else "NO", "because": verdict.reason}
     if stored.certificate:
         rows["rho"] = f"{stored.certificate.rho:.6g}"
+    if stored.floor and verdict.certified:
+        rows |= floor_row(stored.floor.rho)
     rows["alpha"] = f"{stored.alpha:.9g}"
+    rows |= single_slopes(content)
     rows["covers"] = COVERS[verdict.scope]
     if verdict.initial is not None:
         rows["initial states"] = verdict.initial.text()

@@ -1,7 +1,6 @@
 """`lockstep check`: the symbolic model checks."""
 
 import math
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,32 +19,31 @@ if TYPE_CHECKING:
 STYLES = {"ok": "green", "note": "yellow", "fails": "bold red"}
 
 
-def run(path: Path, *, as_json: bool, budget: float | None = None) -> None:
-    """Check a problem file; `budget` is in seconds, for the proof of the bound."""
-    respond(as_json, lambda: _check(path, budget))
+def run(path: Path, *, as_json: bool, boxes: int | None = None) -> None:
+    """Check a problem file; `boxes` is the budget of the search that proves the bound."""
+    respond(as_json, lambda: _check(path, boxes))
 
 
-def _check(path: Path, budget: float | None) -> Answer:
+def _check(path: Path, boxes: int | None) -> Answer:
     from lockstep.model.problem import load_problem
 
     problem = load_problem(path)
     with of_file(path):
-        report = checked(problem, budget)
+        report = checked(problem, boxes)
     return Answer(report.document(), table_of(report, problem.title), report.ok)
 
 
-def checked(problem: "Problem", budget: float | None = None) -> "CheckReport":
+def checked(problem: "Problem", boxes: int | None = None) -> "CheckReport":
     """Check a problem with a progress display: the enclosure of the bound so far, and the budget spent."""
-    from lockstep.model.assembly import BUDGET
+    from lockstep.model.bound import BOXES
     from lockstep.model.checks import check_problem
 
-    seconds, start = BUDGET if budget is None else budget, time.monotonic()
     with progress_display() as tell:
         tell("checking the model", 0.0)
         return check_problem(
             problem,
-            budget=seconds,
-            progress=lambda p: tell(enclosure(p), (time.monotonic() - start) / seconds),
+            boxes=BOXES if boxes is None else boxes,
+            progress=lambda p: tell(enclosure(p), p.part),
         )
 
 
@@ -53,7 +51,7 @@ def enclosure(progress: "Progress") -> str:
     """Return where a proof of a bound stands.
 
     >>> from lockstep.model.bound import Progress
-    >>> enclosure(Progress(512, 3.0, 4.5))
+    >>> enclosure(Progress(512, 3.0, 4.5, 0.1))
     'bound: between 3 and 4.5 after 512 boxes'
     """
     upper = f"and {progress.upper:.5g}" if math.isfinite(progress.upper) else "and no limit yet"

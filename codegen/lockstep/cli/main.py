@@ -97,10 +97,12 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
 @app.command()
 def check(
     problem: ProblemFile,
-    budget: Annotated[
-        float | None,
+    boxes: Annotated[
+        int | None,
         typer.Option(
-            min=0.01, help="Seconds for the bound; then the best enclosure so far.", show_default=False
+            min=1,
+            help="Budget of the proof of the bound, in boxes; then the best enclosure so far.",
+            show_default=False,
         ),
     ] = None,
     json: Json = False,
@@ -108,7 +110,7 @@ def check(
     """Check a model symbolically: bound, structure, graph."""
     from lockstep.cli.check import run
 
-    run(problem, budget=budget, as_json=json)
+    run(problem, boxes=boxes, as_json=json)
 
 
 @app.command()

@@ -5,26 +5,82 @@ controllers are what is designed, and these gains are their image under the inve
 continuous certificate is that of the new gains, and `certify` and `generate` read the file as any other.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
-from lockstep.codegen.sampled_design import FOR_PERIOD, prove_design, sampled_controllers, sampled_network
-from lockstep.lmi.document import Stored
+from lockstep.codegen.sampled_design import (
+    FOR_PERIOD,
+    NOT_FOR_PERIOD,
+    PairWeights,
+    pair_weights,
+    prove_design,
+    sampled_network,
+    weights_of,
+    with_sampled,
+)
+from lockstep.lmi.certify import certify
+from lockstep.lmi.document import Stored, parse
 from lockstep.lmi.inequality import Certificate
-from lockstep.lmi.sampled import HeldController, Weights
 from lockstep.lmi.sampled.certify import plant_in_doubles
-from lockstep.model.errors import ClaimError, Infeasible
+from lockstep.lmi.sampled.improve import Start
+from lockstep.lmi.threads import one_thread
+from lockstep.model.errors import ClaimError, Infeasible, NotCertified
 from lockstep.model.loop import Gains, build_loop
 from lockstep.model.problem import Problem
 
-MOST_STATES = 40
-"""Of the sampled loop: the nonlinear program grows with the fourth power of their number."""
+NEAR = 1.05
+"""A sampled loop whose rho is above the continuous one by more is designed for its period."""
+
+MOST_STATES = 80
+"""Of the sampled loop: a step of the descent grows with the third power of their number, its unknowns with it too."""
 
 Tell = Callable[[float], None]
+
+
+def as_shipped(
+    content: Mapping[str, Any],
+    tell: Callable[[str, float], None] = lambda _what, _part: None,
+    others: Sequence[Start] = (),
+) -> dict[str, Any]:
+    """Return a design file with what is proved of its controllers sampled and rounded, as a reader of the file sees it.
+
+    Where the period is too long for the continuous design, or costs more than 5 % of the least rho known, or the
+    problem asks for it, gains are designed for the sampled loop; where that fails, the continuous design is kept and
+    `sampled` says why.
+
+    Args:
+        content: the design file, made of JSON types only.
+        tell: called with what is being done and the part of it that is done.
+        others: gains to start a design for the period from, besides those of the file.
+
+    Raises:
+        NotCertified: the file says that the design is certified, and the checker refuses it.
+    """
+    with one_thread():
+        stored = parse(content, "the design")
+        verdict = certify(stored)
+        if content["certified"] and not verdict.certified:
+            raise NotCertified(f"the checker refuses the design: {verdict.reason}", **verdict.figures)
+        tell("proving the sampled controllers", 0.95)
+        content = with_sampled(content, prove_design(stored, content))
+        asked = is_asked(stored.problem) or not content["sampled"]["certified"]
+        enough = NEAR * min([content["rho"] or np.inf, *(one.rho for one in others)])
+        if not asked and (content["sampled"].get("rho") or np.inf) <= enough:
+            return content
+        found = obstacle(stored)
+        if found is None:
+            try:
+                return designed_for_period(
+                    content, stored, lambda part: tell("designing for the period", part), others
+                )
+            except Infeasible as error:
+                found = str(error)
+        if not asked:
+            return content
+        return {**content, "sampled": {**content["sampled"], NOT_FOR_PERIOD: found}}
 
 
 def is_asked(problem: Problem) -> bool:
@@ -47,13 +103,20 @@ def obstacle(stored: Stored) -> str | None:
     return f"the loop has {states} states, more than {MOST_STATES}" if states > MOST_STATES else None
 
 
-def designed_for_period(content: Mapping[str, Any], stored: Stored, tell: Tell) -> dict[str, Any]:
+def designed_for_period(
+    content: Mapping[str, Any], stored: Stored, tell: Tell, others: Sequence[Start] = ()
+) -> dict[str, Any]:
     """Return the design file with gains made for its period, both certificates proved anew.
+
+    Args:
+        content, stored: the design file, as JSON types and typed.
+        tell: called with the part that is done.
+        others: gains to start from besides those of the file.
 
     Raises:
         Infeasible: no gains survive the period, or none with both certificates, or none that are better.
     """
-    found, m = _searched(stored, tell)
+    found, m = _searched(stored, tell, others)
     proved = replace(stored, gains=found, certificate=_continuous(stored, found))
     sampled = prove_design(proved, {}, m)
     before = content["sampled"].get("rho")
@@ -66,29 +129,23 @@ def designed_for_period(content: Mapping[str, Any], stored: Stored, tell: Tell) 
     return _rewritten(content, proved, sampled.document())
 
 
-def _searched(stored: Stored, tell: Tell) -> tuple[Gains, Float[np.ndarray, " pairs"]]:
+def _searched(stored: Stored, tell: Tell, others: Sequence[Start]) -> tuple[Gains, PairWeights]:
     from lockstep.lmi.rounding import short_gains
-    from lockstep.lmi.sampled.direct import design_for_period
-    from lockstep.lmi.sampled.program import Direct
+    from lockstep.lmi.sampled.improve import AtPeriod, improved
 
     problem, c, order = stored.problem, stored.certificate, stored.gains.order
-    if not isinstance(c, Certificate):
+    m = pair_weights(stored)
+    if not isinstance(c, Certificate) or m is None:
         raise Infeasible("there is no continuous certificate to start from")
-
-    def controllers_of(K: Float[np.ndarray, "N k l"], period: float) -> tuple[HeldController, ...]:
-        return sampled_controllers(replace(stored, gains=Gains.from_blocks(K, order)), period)
-
-    weights = Weights(problem.state_weight(problem.agent().n), problem.controller_weight(order))
-    limit = problem.design.gain_limit
-    found = design_for_period(
-        sampled_network(stored, problem.controller.period),
-        controllers_of,
-        weights,
-        Direct(stored.gains.blocks, c.m, c.rho, c),
-        limit,
-        rho_most=problem.design.rho,
-        tell=tell,
-    )
+    limit, period = problem.design.gain_limit, problem.controller.period
+    at = AtPeriod(sampled_network(stored, period), problem.graph().edges, weights_of(stored), order, limit)
+    starts = [Start(stored.gains.blocks, m, c.rho), *others]
+    enough = NEAR * min(one.rho for one in starts)
+    found = improved(at, starts, rho_most=problem.design.rho, enough=enough, tell=tell)
+    if found is None:
+        raise Infeasible(
+            f"no gains were found whose sampled loop is certified at {period:g} s", period=period
+        )
     return Gains.from_blocks(short_gains(found.K, limit), order), found.m
 
 
@@ -111,7 +168,8 @@ def _continuous(stored: Stored, gains: Gains) -> Certificate:
 
 
 def _rewritten(content: Mapping[str, Any], proved: Stored, sampled: dict[str, Any]) -> dict[str, Any]:
-    """Return the file with the new gains and what is proved of them; the old ones' figures are kept under `replaced`."""
+    """Return the file with the new gains and what is proved of them; the old ones' figures are kept under
+    `replaced`."""
     c, gains = proved.certificate, proved.gains
     if not isinstance(c, Certificate):
         raise TypeError("proved without a certificate")
@@ -126,6 +184,7 @@ def _rewritten(content: Mapping[str, Any], proved: Stored, sampled: dict[str, An
             "P": c.P.tolist(),
             "m": c.m.tolist(),
             "t": c.t.tolist(),
+            **({"m_entries": c.m_entries.tolist()} if len(c.m_entries) else {}),
         },
         "sampled": {**sampled, FOR_PERIOD: True},
         "figures": {

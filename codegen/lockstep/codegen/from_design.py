@@ -118,13 +118,17 @@ def signed_lines(sampled: SampledVerdict, stored: Stored) -> dict[str, str]:
     return {
         "proved": f"all agents come to agree, between the samples too, under these {real} controllers stepped every"
         f" {sampled.period!r} s with u held, every rounding of a step counted",
-        "assumes": f"the agents obey their model with slopes up to alpha; all step at one instant; every message"
+        "assumes": f"the agents obey their model with slopes up to {_slopes(stored)}; all step at one instant; every message"
         f" arrives; u acts {applied} and unclipped; no step overflows",
         "remains": "at the sampling instants, in the end, a distance of the states from agreement of up to"
         f" {_two_digits(sampled.residual)} times the largest error of a message or of an own reading (root mean square:"
         f" {_two_digits(sampled.residual_rms)} times);"
         f" rounding a message to {real} errs by {unit:.1e} of its size",
     }
+
+
+def _slopes(stored: Stored) -> str:
+    return "alpha, and each single slope up to its bound" if stored.entries else "alpha"
 
 
 def _two_digits(value: float) -> str:

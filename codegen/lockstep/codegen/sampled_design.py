@@ -15,6 +15,7 @@ from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.discretize import discretize
 from lockstep.lmi.document import Stored
 from lockstep.lmi.inequality import Certificate
+from lockstep.lmi.modes import ModalCertificate
 from lockstep.lmi.sampled import (
     HeldController,
     Network,
@@ -29,6 +30,7 @@ from lockstep.lmi.sampled.controller import PRECISIONS
 from lockstep.lmi.sampled.inequality import Witness
 from lockstep.lmi.sampled.loop import sampled_loop
 from lockstep.lmi.sampled.performance import proves_rho
+from lockstep.lmi.sampled.sector import Sector, common_pair_weights, common_sector
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
 from lockstep.model.errors import BoundNotProved, ProblemError
@@ -114,7 +116,7 @@ def prove_controllers(
     verdict = certify_sampled(network, controllers, guess, witness=_witness_in(content))
     rho = None
     if verdict.certified:
-        weights = _weights(stored)
+        weights = weights_of(stored)
         rho = _stated_rho(network, controllers, weights, content) or sampled_rho(
             network, controllers, weights, guess
         )
@@ -136,7 +138,7 @@ def with_sampled(content: Mapping[str, Any], held: HeldVerdict) -> dict[str, Any
 def stated_rho(stored: Stored, content: Mapping[str, Any]) -> SampledRho | None:
     """Return the sampled rho of a design file with its witness, if that proves it now."""
     network = sampled_network(stored, stored.problem.controller.period)
-    return _stated_rho(network, sampled_controllers(stored, network.period), _weights(stored), content)
+    return _stated_rho(network, sampled_controllers(stored, network.period), weights_of(stored), content)
 
 
 def longest_period(stored: Stored, network: Network, guess: PairWeights | None) -> SampledVerdict | None:
@@ -145,15 +147,27 @@ def longest_period(stored: Stored, network: Network, guess: PairWeights | None) 
 
 
 def sampled_network(stored: Stored, period: float) -> Network:
-    """Return the agents of a design in rationals, alpha being proved anew.
+    """Return the agents of a design in rationals, alpha and the entries being proved anew.
 
     Raises:
-        BoundNotProved: alpha does not bound the nonlinearity.
+        BoundNotProved: alpha does not bound the nonlinearity, or an entry does not bound its slope.
     """
     problem = stored.problem
     bound = bound_again(stored).or_raise()
     loop = network_of(problem, bound).loop(stored.gains.order, exact_arithmetic=True)
-    return Network(loop.plant, loop.d, stored.alpha, period, problem.controller.delay)
+    return Network(loop.plant, loop.d, stored.alpha, period, problem.controller.delay, _sector(stored))
+
+
+def _sector(stored: Stored) -> Sector | None:
+    """Return the sector that takes the place of alpha where the continuous certificate uses entries."""
+    c, lure = stored.certificate, stored.problem.agent().lure
+    if not stored.entries or c is None:
+        return None
+    if isinstance(c, ModalCertificate):
+        m, m_entries = np.array([c.mu]), np.array(c.mu_entries)[:, None]
+    else:
+        m, m_entries = c.m, c.m_entries
+    return common_sector(stored.alpha, stored.entries, m, m_entries, lure.G.shape[1], lure.H.shape[0])
 
 
 def sampled_controllers(stored: Stored, period: float) -> tuple[HeldController, ...]:
@@ -184,7 +198,7 @@ def sampled_controllers(stored: Stored, period: float) -> tuple[HeldController, 
     return tuple(controllers)
 
 
-def _weights(stored: Stored) -> Weights:
+def weights_of(stored: Stored) -> Weights:
     """Return R and Q of the design, for its rho."""
     problem = stored.problem
     return Weights(problem.state_weight(problem.agent().n), problem.controller_weight(stored.gains.order))
@@ -229,9 +243,17 @@ def _rho_in(content: Mapping[str, Any]) -> SampledRho | None:
     return SampledRho(float(rho), witness)
 
 
+def pair_weights(stored: Stored) -> PairWeights | None:
+    """Return those of the continuous certificate, as far as one weight for each pair can stand for them."""
+    c, sector = stored.certificate, _sector(stored)
+    if not isinstance(c, Certificate):
+        return None
+    return c.m if sector is None else common_pair_weights(stored.entries, c, sector)
+
+
 def _guess(stored: Stored, content: Mapping[str, Any]) -> PairWeights | None:
     """Return pair weights to start from: those that proved rho of the sampled loop, else the continuous ones."""
     known = _rho_in(content)
     if known is not None and len(known.witness.m) == stored.gains.N * (stored.gains.N - 1) // 2:
         return known.witness.m
-    return stored.certificate.m if isinstance(stored.certificate, Certificate) else None
+    return pair_weights(stored)

@@ -45,12 +45,12 @@ def _continuous(facts: Facts) -> Iterator[Term]:
         "gain from the disagreement of the disturbances to the weighted disagreement of the states, continuous"
         " controllers",
     )
-    if facts.content["figures"].get("floor"):
+    if content.get("floor") is not None:
         yield Term(
             "floor of ρ",
-            f"{facts.content['figures']['floor']:.4g}",
-            DOUBLES,
-            "no controllers whatever can certify less for these agents and this graph",
+            f"{content['floor']:.10g}",
+            EXACT,
+            "no controllers of any order, however connected, can certify less in this form of certificate",
         )
     linear = facts.problem.agent().lure.is_linear
     reached = f"a slope of {bound.lower:.6g} is reached"
@@ -60,6 +60,13 @@ def _continuous(facts: Facts) -> Iterator[Term]:
         "proved, interval arithmetic" if not linear else "by the form of the equations",
         f"incremental bound of the nonlinearity; {'the agents here are linear' if linear else reached}",
     )
+    for one in content.get("entries", ()):
+        yield Term(
+            f"r of φ{one['component']} by v{one['argument']}",
+            f"{one['bound']:.9g}",
+            "proved, interval arithmetic",
+            "bound of this slope of the nonlinearity, in the scales of G and H",
+        )
     for letter, delta in content["fragility"].items():
         if delta:
             yield Term(

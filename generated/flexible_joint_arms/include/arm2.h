@@ -12,7 +12,7 @@
  *   input  u[0]      u in V
  *   neighbour 0      arm3, weight a = 1.0, bit 0x1 of `received`
  *   arithmetic       float32 (float), round to nearest, subnormals kept, no contraction
- *   design           0e7f126af6e841d5ac7bbc78defcc4a0f5247fd66ca474cfda2295df3b5ff078
+ *   design           b8baffa69e5b1418363578645a757628efd3244f93971776f79ecd648cb59e4e
  *
  * WHAT IS CLAIMED
  *   certified (proof: ball)

@@ -1,7 +1,8 @@
 """Whether a design file claims at least what its own problem asks for.
 
 A proof of less than was asked is a proof, but not of this design: a smaller alpha or delta than the problem's, a larger
-rho, gains other than the given ones or beyond the gain limit. Decided exactly, from the file alone.
+rho, a proof for one phi where it is asked for all that have alpha, gains other than the given ones or beyond the gain
+limit. Decided exactly, from the file alone.
 """
 
 import math
@@ -23,6 +24,8 @@ def shortfalls(stored: Stored) -> Iterator[str]:
     asked = stored.problem.design
     if asked.alpha is not None and stored.alpha < asked.alpha:
         yield f"`alpha` is {stored.alpha:.10g}, but [design] alpha asks for {asked.alpha:.10g}"
+    if stored.entries and (asked.alpha is not None or asked.objective == "alpha"):
+        yield "`entries` are used, but [design] asks for every nonlinearity that has alpha"
     for letter, delta in stored.problem.fragility.items():
         if stored.fragility[letter] < delta:
             yield f"`fragility` {letter} is {stored.fragility[letter]:g}, but [design.fragility] asks for {delta:g}"

@@ -7,6 +7,8 @@ eliminated (Schur), F < 0 is the smaller
             + P (E (S (x) I)^-1 E' / rho^2 + sum_j X_j X_j' / t_j) P                          P E_G   ]
           [                                        *                                          -M (x) I ]  < 0,
 
+(written for alpha alone: each entry of the claim adds its sector and signals as in `inequality`, its bound scaled alike)
+
 and each semidefinite condition becomes smooth by a factor of its own:  -D F_r D = L_F L_F',  D_P P D_P = L_P
 L_P', I - K_i K_i' / gain_limit^2 = L_K L_K', with lower triangular factors whose diagonals are bounded away
 from 0. CasADi differentiates it and IPOPT's interior point solves it. An iterate may leave the feasible set
@@ -37,7 +39,15 @@ from lockstep.lmi.factored import (
     triangle,
     unit_diagonal,
 )
-from lockstep.lmi.inequality import Certificate, Claim, channels, performance_weight
+from lockstep.lmi.inequality import (
+    Certificate,
+    Claim,
+    channels,
+    entry_signals,
+    performance_weight,
+    sectors,
+    split,
+)
 from lockstep.model.loop import Loop
 
 Aim = Literal["rho", "alpha", "claim"]
@@ -74,7 +84,8 @@ class BilinearProgram:
     def __init__(self, loop: Loop, claim: Claim, gain_limit: float) -> None:
         self.loop, self.claim, self.gain_limit = loop, claim, gain_limit
         self.ways = channels(loop, claim.delta)
-        self.pairs = len(loop.d.pairs()) if loop.plant.G.shape[1] else 0
+        self.sectors = sectors(loop, claim)
+        self.pairs = len(loop.d.pairs()) * len(self.sectors)
         self._symbols = self._variables()
         self._solvers: dict[tuple[Aim, int], Any] = {}
         self._programs: dict[Aim, dict[str, Any]] = {}
@@ -87,7 +98,12 @@ class BilinearProgram:
     @cached_property
     def n_F(self) -> int:
         """Rows of F_r."""
-        return self.loop.n_x + int(self.loop.E_G.shape[1])
+        return self.loop.n_x + self._n_w
+
+    @cached_property
+    def _n_w(self) -> int:
+        """Signals of phi and the entries."""
+        return int(self.loop.E_G.shape[1]) + entry_signals(self.claim, len(self.loop.d.pairs()))
 
     @cached_property
     def n_K(self) -> int:
@@ -152,20 +168,22 @@ class BilinearProgram:
         top = half + half.T + ca.DM(performance_weight(loop, claim))
         metric = np.linalg.inv(np.kron(loop.d.S, np.eye(loop.plant.A.shape[0])))
         entering = sparse(loop.E @ metric @ loop.E.T) / s["r2"]
-        M = ca.SX(loop.d.N - 1, loop.d.N - 1)
-        for k, (i, j) in enumerate(loop.d.pairs()[: self.pairs]):
-            basis = loop.d.pair_multiplier(i, j)
-            M = M + s["m"][k] * sparse(basis)
-            bound = claim.alpha**2 * np.kron(basis, loop.plant.H.T @ loop.plant.H)
+        signals, pairs = ca.SX(self._n_w, self._n_w), loop.d.pairs()
+        for k in range(self.pairs):
+            sector, (i, j) = self.sectors[k // len(pairs)], pairs[k % len(pairs)]
+            W, square = sector.W[k % len(pairs)], sector.bound**2 * sector.H.T @ sector.H
+            bound = np.kron(loop.d.pair_multiplier(i, j), square)
             top = top + s["f"][0] * s["m"][k] * sparse(loop.on_disagreement(bound))
+            signals = signals + s["m"][k] * sparse(W.T @ W)
         for k, way in enumerate(self.ways):
             top = top + s["f"][1] * s["t"][k] * way.delta**2 * sparse(way.Y.T @ way.Y)
             entering = entering + sparse(way.X @ way.X.T) / s["t"][k]
         top = top + ca.mtimes([P, entering, P])
         if not self.pairs:
             return top
-        side = P @ sparse(loop.E_G)
-        return ca.blockcat([[top, side], [side.T, -ca.kron(M, ca.DM.eye(loop.plant.G.shape[1]))]])
+        none = np.zeros((loop.n_x, self._n_w - loop.E_G.shape[1]))
+        side = P @ sparse(np.hstack([loop.E_G, none]))
+        return ca.blockcat([[top, side], [side.T, -signals]])
 
     def _solver(self, aim: Aim, iterations: int, deadline: float | None = None) -> Any:
         if deadline is not None:
@@ -211,7 +229,7 @@ class BilinearProgram:
         c = start.certificate
         P = c.P
         # A multiplier of zero has no logarithmic room to grow in: start it above, relative to the others.
-        m = np.maximum(c.m[: self.pairs], 1e-6 * max(c.m.max(initial=0.0), 1.0))
+        m = np.maximum(c.pair_weights[: self.pairs], 1e-6 * max(c.m.max(initial=0.0), 1.0))
         t = (
             np.maximum(c.t, 1e-6 * max(c.t.max(initial=0.0), 1.0))
             if len(c.t) == len(self.ways)
@@ -262,10 +280,10 @@ class BilinearProgram:
         part = {name: x[place] for name, place in self._place.items()}
         upper = np.zeros((self.loop.n_x, self.loop.n_x))
         upper[np.triu_indices(self.loop.n_x)] = part["P"]
-        m = part["m"] if self.pairs else np.zeros(len(self.loop.d.pairs()))
+        m, m_entries = split(self.loop, self.claim, part["m"])
         # IPOPT may stop outside of its bounds, or nowhere.
         rho = float(np.sqrt(np.maximum(part["r2"][0], 0.0)))
-        witnesses = Certificate(rho, upper + np.triu(upper, 1).T, m, part["t"])
+        witnesses = Certificate(rho, upper + np.triu(upper, 1).T, m, part["t"], m_entries)
         # Where IPOPT stops short, the limit need not hold.
         K = within(part["K"].reshape(self.shape_K), self.gain_limit)
         return Point(K, witnesses, float(part["f"][0]), float(part["f"][1]))

@@ -3,8 +3,8 @@
 It imports no solver and believes nothing but the problem: the agent's matrices are derived again from its
 equations, alpha is proved again in interval arithmetic, the inequality is built again over the rationals, and
 an exact decision is made. What a reader has to trust is this file, `asked`, `stored_bound`, `scope`, `decide`,
-`inequality`, `definite`; `local` where the certificate is local; `modes` and `symmetric` for method `modal`; and the
-model layer under them.
+`inequality`, `definite`; `local` where the certificate is local; `modes` and `symmetric` for method `modal`;
+`floor.projected` and `floor.witness` for a floor of rho; and the model layer under them.
 """
 
 from collections.abc import Mapping
@@ -17,6 +17,7 @@ from lockstep.lmi.asked import shortfalls
 from lockstep.lmi.decide import decide
 from lockstep.lmi.definite import Definiteness
 from lockstep.lmi.document import Stored
+from lockstep.lmi.floor.witness import proves_floor
 from lockstep.lmi.inequality import Claim
 from lockstep.lmi.local import InitialSet, Unavailable, initial_set
 from lockstep.lmi.modes import ModalCertificate, decide_modes
@@ -64,7 +65,7 @@ def certify(stored: Stored) -> Verdict:
     network = network_of(problem, bound)
     delta = np.tile([stored.fragility[letter] for letter in "ABCD"], (network.N, 1))
     weights = problem.state_weight(agent.n), problem.controller_weight(problem.order)
-    claim = Claim(stored.alpha, *weights, delta)
+    claim = Claim(stored.alpha, *weights, delta, stored.entries)
     if isinstance(c, ModalCertificate):
         answer = decide_modes(network, stored.gains, claim, c)
     else:
@@ -75,6 +76,9 @@ def certify(stored: Stored) -> Verdict:
     short = list(shortfalls(stored))
     if short:
         return Verdict(False, f"the file claims less than its problem asks for: {'; '.join(short)}")
+    if stored.floor is not None and not proves_floor(network, claim.alpha_of_floor, claim.R, stored.floor):
+        said = f"the file claims that no controllers certify a rho below {stored.floor.rho:.10g}"
+        return Verdict(False, f"{said}, but its floor_witness does not prove it")
     reason = f"P > 0 and F < 0, decided exactly ({answer.method})"
     scope = scope_of(agent, bound)
     initial = initial_set(network, c) if scope == "local" else None

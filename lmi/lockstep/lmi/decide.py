@@ -1,4 +1,4 @@
-"""The proof: whether P > 0, m >= 0, t >= 0 and F < 0, decided exactly for the numbers as they stand.
+"""The proof: whether P > 0, m >= 0 (of every sector), t >= 0 and F < 0, decided exactly for the numbers as they stand.
 
 R and Q belong to the claim, and with an R that is not positive definite V' + x_d'R x_d < 0 says nothing of x_d: they
 are decided as well, not only looked at in doubles when the problem is read.
@@ -19,7 +19,7 @@ def decide(
     exact_loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim, certificate: Certificate
 ) -> Definiteness:
     """Decide exactly whether R > 0, Q > 0, P > 0, m >= 0, t >= 0 and F < 0: the whole proof, for these very numbers."""
-    for weights in (certificate.m, certificate.t):
+    for weights in (certificate.m, certificate.t, certificate.m_entries.ravel()):
         if np.any(weights < 0):
             unit = -np.eye(len(weights))[int(np.argmin(weights))]
             return Definiteness(

@@ -16,10 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.lmi.floor.witness import FloorWitness
 from lockstep.lmi.inequality import Certificate, Claim
 from lockstep.lmi.local import InitialSet, Unavailable, initial_set
 from lockstep.lmi.modes import ModalCertificate
 from lockstep.lmi.rounding import prove, short_gains
+from lockstep.lmi.sampled.improve import Start
 from lockstep.lmi.scope import Scope, scope_of
 from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import bound_of, network_of
@@ -37,8 +39,9 @@ Progress = Callable[[str, float], None]
 class Design:
     """Gains, what is claimed of the loop with them, and the certificate, if one was proved.
 
-    figures: what else is known: floor, abscissa, gain norms, the history of the search, the audit of a
-    theorem.
+    figures: what else is known: abscissa, gain norms, the history of the search, the audit of a
+    theorem;  floor: a rho below which no controllers can certify, with its proof, where it was looked for and found;
+    others: other gains that the search came to, from which a design for the period may start.
     """
 
     problem: Problem
@@ -48,6 +51,8 @@ class Design:
     gains: Gains
     certificate: Certificate | ModalCertificate | None
     figures: dict[str, Any] = field(default_factory=dict)
+    floor: FloorWitness | None = None
+    others: tuple[Start, ...] = ()
 
     @property
     def certified(self) -> bool:
@@ -132,13 +137,20 @@ def proved_bound(problem: Problem) -> Bound:
 
 
 def claim_of(problem: Problem, bound: Bound) -> Claim:
-    """Return what is to be certified: alpha as given or as proved, R, Q and delta of the problem."""
+    """Return what is to be certified: alpha as given or as proved, R, Q and delta of the problem.
+
+    The bounds of single slopes count where alpha is the proved one of this phi. An alpha that is given, or to be raised,
+    stands for every phi that has it.
+    """
     alpha = problem.design.alpha if problem.design.alpha is not None else bound.alpha
     fragility = problem.fragility
     delta = np.tile([fragility[letter] for letter in "ABCD"], (problem.graph().N, 1))
-    return Claim(
-        float(alpha), problem.state_weight(problem.agent().n), problem.controller_weight(problem.order), delta
+    table, weights = (
+        problem.design,
+        (problem.state_weight(problem.agent().n), problem.controller_weight(problem.order)),
     )
+    of_this_phi = table.alpha is None and table.objective == "rho"
+    return Claim(float(alpha), *weights, delta, bound.entries if of_this_phi else ())
 
 
 def given_gains(problem: Problem) -> Gains:
@@ -158,11 +170,16 @@ def _searched(
     tell: Progress,
     time_limit: float | None,
 ) -> Design:
+    from lockstep.lmi.sampled.score import SampledScore
     from lockstep.lmi.searched import searched
 
-    found = searched(problem, network, claim, jobs, tell, time_limit)
-    figures = found.figures | _figures(network, found.gains) | _floor(problem, network, found.claim, tell)
-    return Design(problem, network, bound, found.claim, found.gains, found.certificate, figures)
+    score = SampledScore.of(problem, network, claim)
+    found = searched(problem, network, claim, jobs, tell, time_limit, score)
+    figures = found.figures | _figures(network, found.gains)
+    floor = _floor(network, found.claim, found.certificate.rho, tell)
+    return Design(
+        problem, network, bound, found.claim, found.gains, found.certificate, figures, floor, found.others
+    )
 
 
 def _given(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Design:
@@ -222,9 +239,9 @@ def _protocol(problem: Problem, network: Network, bound: Bound, claim: Claim, te
             "connectivity": protocol.connectivity,
             "decay": protocol.decay,
         },
-        **_floor(problem, network, claim, tell),
     }
-    return Design(problem, network, bound, claim, gains, certificate, figures)
+    floor = _floor(network, claim, certificate.rho, tell)
+    return Design(problem, network, bound, claim, gains, certificate, figures, floor)
 
 
 def _modal(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Design:
@@ -247,9 +264,9 @@ def _modal(problem: Problem, network: Network, bound: Bound, claim: Claim, tell:
             "spectrum": [certificate.lower, certificate.ends[-1]],
             "segments": len(certificate.segments),
         },
-        **_floor(problem, network, claim, tell),
     }
-    return Design(problem, network, bound, claim, gains, certificate, figures)
+    floor = _floor(network, claim, certificate.rho, tell)
+    return Design(problem, network, bound, claim, gains, certificate, figures, floor)
 
 
 def _figures(network: Network, gains: Gains) -> dict[str, Any]:
@@ -257,11 +274,9 @@ def _figures(network: Network, gains: Gains) -> dict[str, Any]:
     return {"abscissa": float(poles.real.max()), "gain_norms": gains.norms}
 
 
-def _floor(problem: Problem, network: Network, claim: Claim, tell: Progress) -> dict[str, Any]:
-    """Return the floor where it is comparable: in orthonormal coordinates."""
-    if problem.design.coordinates != "orthonormal":
-        return {}
-    from lockstep.lmi.floor import floor_rho
+def _floor(network: Network, claim: Claim, rho: float, tell: Progress) -> FloorWitness | None:
+    """Return the largest floor that is proved, in any coordinates and for any method; None where none is."""
+    from lockstep.lmi.floor.bisection import largest_floor
 
-    tell("computing the floor", 0.0)
-    return {"floor": floor_rho(network, claim.alpha, claim.R)}
+    tell("proving a floor of rho", 0.0)
+    return largest_floor(network, claim.alpha_of_floor, claim.R, certified=rho)

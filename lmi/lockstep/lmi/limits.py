@@ -4,12 +4,13 @@ Order 0: A_cl = A_0 + sum_i U_i D_i Y_i has the trace (N - 1) tr A + sum_i l_ii 
 agent that hears somebody, no D_i moves it, and with tr A >= 0 some mode never decays. This is decided in rationals.
 
 Any order: the disagreement is N - 1 copies of one agent, so a certificate for any controllers, however connected, is
-one for a single agent with a full-order controller (see `floor`): with V' >= 0 otherwise,
+one for a single agent with a full-order controller (see `floor.projected`): with V' >= 0 otherwise,
 
     N_C' (A'X + X A) N_C, X G, H' bordered by -gamma diag(I, I)   < 0,
     N_B' (A Y + Y A') N_B, Y H', G  bordered by -gamma diag(I, I) < 0,      [X I; I Y] >= 0,
 
-and the largest alpha is 1 / gamma for the least gamma (Gahinet and Apkarian 1994). This figure comes from a solver.
+and the largest alpha is 1 / gamma for the least gamma (Gahinet and Apkarian 1994). This figure comes from a solver: a
+problem is refused only where `floor.bisection.proves_that_none_carries` its alpha.
 """
 
 from typing import Any
@@ -26,8 +27,7 @@ SIZES = (1e4, 1e6)
 """Traces that X and Y may have. Where gamma has no positive lower bound it falls with them, and there is no limit."""
 
 SETTLED = 1e-2
-"""By how much the gammas of the two sizes may differ, relative to them, and still count as a limit; and by how much an
-alpha has to exceed that limit to be refused."""
+"""By how much the gammas of the two sizes may differ, relative to them, and still count as a limit."""
 
 
 def static_gains_cannot_stabilise(network: Network) -> bool:
@@ -48,7 +48,7 @@ def static_gains_cannot_stabilise(network: Network) -> bool:
 
 
 def largest_alpha_of_any_controller(network: Network) -> float:
-    """Return the largest alpha that a centralised controller of full order carries; infinite where there is no limit."""
+    """Return about the largest alpha that any controllers can certify, computed; infinite where no limit is seen."""
     plant = network.plant
     if not plant.G.shape[1] or not plant.H.shape[0]:
         return float("inf")

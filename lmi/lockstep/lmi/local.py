@@ -16,8 +16,9 @@ times the energy of xi_d stays within c and v_r, now disturbed, stays in the inn
 
 **Proof.** Continue phi outside of the box by its value at the nearest point of the box, phi~(v, t) = phi(clip(v), t).
 Clipping brings no two components further apart, so phi~ has the bound alpha everywhere, in the scaled norm as well, and
-the certificate inequality applies at every state of the loop with phi~: V' <= rho^2 |xi_d|^2, and V' < 0 where xi_d = 0
-and x_cl != 0. Its trajectories therefore keep V <= c. The root's controller hears r_root = 0 and stays at rest, errors of
+the bounds of its entries, |phi~_k(a) - phi~_k(b)| <= sum_l r_kl |a_l - b_l|, which is all that is used of them. So the
+certificate inequality applies at every state of the loop with phi~: V' <= rho^2 |xi_d|^2, and V' < 0 where xi_d = 0 and
+x_cl != 0. Its trajectories therefore keep V <= c. The root's controller hears r_root = 0 and stays at rest, errors of
 the gains included (they multiply x_C and r), so x_cl lives in the subspace on which V is P_0, and there
 |H_j (x_i - x_r)|^2 <= w_ij' P_0^-1 w_ij V <= d_j^2 (Cauchy and Schwarz in the metric P_0). The root stays in the inner
 box by assumption (phi~ is phi there, and a Lipschitz equation has one solution), hence every v_i stays in the box. There

@@ -21,7 +21,16 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.inequality import Certificate, Claim, channels, performance_weight
+from lockstep.lmi.inequality import (
+    Certificate,
+    Claim,
+    Sector,
+    channels,
+    incoming,
+    performance_weight,
+    sectors,
+    split,
+)
 from lockstep.model.loop import Loop
 
 Slopes = tuple[Float[np.ndarray, " x"], Float[np.ndarray, "x x"], Float[np.ndarray, "x x"]]
@@ -32,7 +41,8 @@ Slopes = tuple[Float[np.ndarray, " x"], Float[np.ndarray, "x x"], Float[np.ndarr
 class BalancedF:
     """F of a loop and claim as a function of x = (P, K, m, t, rho^2, f_a, f_d), with P = root P^ root'.
 
-    f_a and f_d scale alpha^2 and delta^2. P^ is kept as its upper triangle, row by row.
+    m: the pair weights of alpha and of each entry;  f_a and f_d scale alpha^2, the entries with it, and delta^2;
+    P^ is kept as its upper triangle, row by row.
     """
 
     loop: Loop
@@ -46,7 +56,7 @@ class BalancedF:
         counts = {
             "P": loop.n_x * (loop.n_x + 1) // 2,
             "K": int(np.prod(self.shape_K)),
-            "m": len(loop.d.pairs()) if loop.plant.G.shape[1] else 0,
+            "m": len(loop.d.pairs()) * len(self._sectors),
             "t": len(self._ways),
             "r2": 1,
             "f_a": 1,
@@ -72,7 +82,7 @@ class BalancedF:
         inverse = np.linalg.inv(self.root)
         P, m, t = (inverse @ c.P @ inverse.T)[self._upper], self.place["m"], self.place["t"]
         ways = c.t if len(c.t) == t.stop - t.start else np.ones(t.stop - t.start)
-        return np.concatenate([P, K.ravel(), c.m[: m.stop - m.start], ways, [c.rho**2, f_a, f_d]])
+        return np.concatenate([P, K.ravel(), c.pair_weights[: m.stop - m.start], ways, [c.rho**2, f_a, f_d]])
 
     def P(self, x: Float[np.ndarray, " x"]) -> Float[np.ndarray, "n_x n_x"]:
         """Return P^."""
@@ -86,9 +96,9 @@ class BalancedF:
 
     def certificate(self, x: Float[np.ndarray, " x"]) -> Certificate:
         """Return the witnesses, back in the coordinates of the loop."""
-        m = x[self.place["m"]] if self.loop.plant.G.shape[1] else np.zeros(len(self.loop.d.pairs()))
-        P = self.root @ self.P(x) @ self.root.T
-        return Certificate(float(np.sqrt(x[self.place["r2"]][0])), (P + P.T) / 2, m, x[self.place["t"]])
+        m, m_entries = split(self.loop, self.claim, x[self.place["m"]])
+        P, rho = self.root @ self.P(x) @ self.root.T, float(np.sqrt(x[self.place["r2"]][0]))
+        return Certificate(rho, (P + P.T) / 2, m, x[self.place["t"]], m_entries)
 
     def F(self, x: Float[np.ndarray, " x"]) -> Float[np.ndarray, "n_F n_F"]:
         """Return F, in the balanced coordinates of the state."""
@@ -126,6 +136,10 @@ class BalancedF:
         return [(way.X, way.Y, way.delta) for way in channels(self.loop, self.claim.delta)]
 
     @cached_property
+    def _sectors(self) -> list[Sector]:
+        return sectors(self.loop, self.claim)
+
+    @cached_property
     def _upper(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
         return np.triu_indices(self.loop.n_x)
 
@@ -143,8 +157,7 @@ class BalancedF:
 
     @cached_property
     def _in(self) -> Float[np.ndarray, "n_x w"]:
-        ways_in = np.hstack([self.loop.E, self.loop.E_G, *[X for X, _, _ in self._ways]])
-        return np.asarray(self.root.T @ ways_in)
+        return np.asarray(self.root.T @ incoming(self.loop, self.claim))
 
     @cached_property
     def _n_F(self) -> int:
@@ -173,12 +186,9 @@ class BalancedF:
         """What m, t and rho^2 multiply outside of F_11."""
         loop, found = self.loop, []
         at = loop.n_x + loop.n_d
-        r = loop.plant.G.shape[1]
-        if r:
-            found += [
-                self._block(-np.kron(loop.d.pair_multiplier(i, j), np.eye(r)), at) for i, j in loop.d.pairs()
-            ]
-        at += loop.E_G.shape[1]
+        for sector in self._sectors:
+            found += [self._block(-(W.T @ W), at) for W in sector.W]
+        at += self._in.shape[1] - loop.n_d - sum(X.shape[1] for X, _, _ in self._ways)
         for X, _, _ in self._ways:
             found.append(self._block(-np.eye(X.shape[1]), at))
             at += X.shape[1]
@@ -188,13 +198,13 @@ class BalancedF:
     @cached_property
     def _bounds_a(self) -> Float[np.ndarray, "m n_F n_F"]:
         """What f_a m_ij multiplies in F_11."""
-        loop = self.loop
-        square = self.claim.alpha**2 * loop.plant.H.T @ loop.plant.H
-        pairs = loop.d.pairs() if loop.plant.G.shape[1] else []
-        found = [
-            self._on_state(loop.on_disagreement(np.kron(loop.d.pair_multiplier(i, j), square)))
-            for i, j in pairs
-        ]
+        loop, found = self.loop, []
+        for sector in self._sectors:
+            square = sector.bound**2 * sector.H.T @ sector.H
+            found += [
+                self._on_state(loop.on_disagreement(np.kron(loop.d.pair_multiplier(i, j), square)))
+                for i, j in loop.d.pairs()
+            ]
         return np.stack(found) if found else np.zeros((0, self._n_F, self._n_F))
 
     @cached_property

@@ -85,13 +85,13 @@ class ModalProgram:
         m, q = modes.plant.B[0].shape[1], modes.plant.C.shape[0]
         self.shape = (modes.order + m, modes.order + q)
         self.count = len(ends) - 1
-        self.phi = int(modes.plant.G.shape[1])
+        self.phi = int(modes.E_G(claim).shape[1])
         k, n_C = modes.size, modes.order
         sizes = {
             "P": self.count * triangle(k),
             "P_mean": triangle(n_C),
             "K": self.shape[0] * self.shape[1],
-            "mu": 1,
+            "mu": 1 + len(claim.entries),
             "sigma": 1,
             "f": 1,
             "shift": 1,
@@ -140,7 +140,7 @@ class ModalProgram:
     def _conditions(self) -> list[ca.SX]:
         """All that is to be positive definite: -F_r by vertex, P by segment, P_mean and its decay, the limit."""
         modes, claim, s = self.modes, self.claim, self.s
-        E, E_G = ca.DM(modes.E()), ca.DM(modes.E_G())
+        E, E_G, sectors = ca.DM(modes.E()), ca.DM(modes.E_G(claim)), modes.sectors(claim)
         found = []
         for P, pair in zip(self._Ps, zip(self.ends[:-1], self.ends[1:], strict=True), strict=True):
             for value in pair:
@@ -150,8 +150,11 @@ class ModalProgram:
                 )
                 top = half + half.T + ca.DM(modes.weight(claim)) + ca.mtimes([P, E, E.T, P]) / s["sigma"]
                 if self.phi:
-                    top = top + s["f"] * s["mu"] * claim.alpha**2 * ca.sparsify(ca.DM(modes.bound()))
-                    top = ca.blockcat([[top, P @ E_G], [(P @ E_G).T, -s["mu"] * ca.DM.eye(self.phi)]])
+                    signals = ca.SX(self.phi, self.phi)
+                    for c, (bound, HH, WW) in enumerate(sectors):
+                        top = top + s["f"] * s["mu"][c] * bound**2 * ca.sparsify(ca.DM(HH))
+                        signals = signals + s["mu"][c] * ca.sparsify(ca.DM(WW))
+                    top = ca.blockcat([[top, P @ E_G], [(P @ E_G).T, -signals]])
                 found.append(-top)
         found += self._Ps
         if modes.order:
@@ -190,11 +193,11 @@ class ModalProgram:
         upper = np.triu_indices(self.modes.size)
         P = np.concatenate([one[upper] for one in start.P])
         P_mean = start.P_mean[np.triu_indices(self.modes.order)]
-        scalars = [max(start.mu, 1e-8), 1.1 * start.sigma, point.f, point.shift]
-        values = [np.array(M) for M in _listed(self._values(P, P_mean, K.ravel(), *scalars))]
+        mu, scalars = np.maximum(start.mu, 1e-8), [1.1 * start.sigma, point.f, point.shift]
+        values = [np.array(M) for M in _listed(self._values(P, P_mean, K.ravel(), mu, *scalars))]
         scales = [unit_diagonal(M) for M in values]
         factors = [factor(M * np.outer(D, D)) for M, D in zip(values, scales, strict=True)]
-        return np.concatenate([P, P_mean, K.ravel(), scalars, *factors]), np.concatenate(scales)
+        return np.concatenate([P, P_mean, K.ravel(), mu, scalars, *factors]), np.concatenate(scales)
 
     def _bounds(self, point: "Point", aim: Aim) -> tuple[Float[np.ndarray, " x"], Float[np.ndarray, " x"]]:
         total = self.place["L_K"].stop

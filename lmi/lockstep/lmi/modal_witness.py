@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Witness:
-    """P of each segment, mu, sigma and P_mean, in doubles."""
+    """P of each segment, mu of each sector, sigma and P_mean, in doubles."""
 
     P: tuple[Float[np.ndarray, "k k"], ...]
-    mu: float
+    mu: Float[np.ndarray, " sectors"]
     sigma: float
     P_mean: Float[np.ndarray, "n_C n_C"]
 
@@ -45,7 +45,7 @@ def witness(
         return None
     L = [base for base in bases if base is not None]
     unit = max(float(np.linalg.norm(base, 2)) for base in L) ** 2
-    mu, s2, room = cp.Variable(), cp.Variable(), cp.Variable()
+    mu, s2, room = cp.Variable(1 + len(claim.entries)), cp.Variable(), cp.Variable()
     P = [cp.Variable((modes.size, modes.size), symmetric=True) for _ in segments]
     conditions = [mu >= 0, s2 >= 0]
     for one, base, pair in zip(P, L, segments, strict=True):
@@ -60,8 +60,8 @@ def witness(
     if not run(problem) or s2.value is None or (sigma is not None and float(room.value) <= 0):
         return None
     found = tuple(base @ (one.value + one.value.T) @ base.T / 2 for one, base in zip(P, L, strict=True))
-    weight = max(float(mu.value), 0.0) * unit if modes.plant.G.shape[1] else 0.0
-    return Witness(found, weight, float(s2.value) * unit if sigma is None else sigma, P_mean)
+    weights = np.maximum(mu.value, 0.0) * unit if modes.plant.G.shape[1] else np.zeros(1)
+    return Witness(found, weights, float(s2.value) * unit if sigma is None else sigma, P_mean)
 
 
 def _basis(
@@ -111,12 +111,14 @@ def _balanced(
     inverse = np.linalg.inv(L)
     A = L.T @ (modes.A_0 + modes.U @ K @ modes.Y(value)) @ inverse.T
     top = P @ A + A.T @ P + inverse @ modes.weight(claim) @ inverse.T
-    n, r = modes.plant.A.shape[0], modes.plant.G.shape[1]
+    n, E_G = modes.plant.A.shape[0], modes.E_G(claim)
     sides, squares = [P @ (L.T @ modes.E() / unit**0.5)], [s2 * np.eye(n)]
-    if r:
-        top = top + (mu * unit * claim.alpha**2) * (inverse @ modes.bound() @ inverse.T)
-        sides.append(P @ (L.T @ modes.E_G() / unit**0.5))
-        squares.append(mu * np.eye(r))
+    if E_G.shape[1]:
+        sectors = modes.sectors(claim)
+        for c, (bound, HH, _) in enumerate(sectors):
+            top = top + (mu[c] * unit * bound**2) * (inverse @ HH @ inverse.T)
+        sides.append(P @ (L.T @ E_G / unit**0.5))
+        squares.append(sum(mu[c] * WW for c, (_, _, WW) in enumerate(sectors)))
     rows = [[top, *sides]]
     for i, (side, square) in enumerate(zip(sides, squares, strict=True)):
         blanks = [np.zeros((square.shape[0], other.shape[0])) for other in squares]

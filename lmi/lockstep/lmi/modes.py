@@ -13,12 +13,14 @@ w-mean, is the pair multiplier with m_ij = mu w_i w_j / sum w. So if for every l
     [                        *                                -sigma I     0     ]   < 0,
     [                        *                                  *         -mu I  ]
 
+(entries of the claim add their sectors and signals as in `inequality`, with a number mu of their own each)
 and some P_mean > 0 has He(P_mean A_C) + Q < 0, then V = the sum of the modes' x_k'P x_k proves, in the metric W, the
 bound sigma = rho_W^2; without the metric, |x|^2 <= |x|_W^2 / min w and |xi|_W^2 <= max w |xi|^2, so
 rho^2 = sigma max w / min w.
 The matrix is affine in lambda: with one P on a segment its two ends suffice, whatever N is.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -27,7 +29,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.lmi.definite import Definiteness, decide_positive_definite
-from lockstep.lmi.inequality import Claim
+from lockstep.lmi.inequality import Claim, entry_signals, sectors_of
 from lockstep.lmi.symmetric import REMEDY, Metric, decide_spectrum, metric
 from lockstep.model.errors import ProblemError
 from lockstep.model.loop import Gains, Plant
@@ -45,13 +47,14 @@ class Segment:
 
 @dataclass(frozen=True)
 class ModalCertificate:
-    """The witnesses: rho, where the spectrum begins, segments that cover it, mu, and P_mean."""
+    """The witnesses: rho, where the spectrum begins, segments that cover it, mu, P_mean, and a mu for each entry."""
 
     rho: float
     lower: float
     segments: tuple[Segment, ...]
     mu: float
     P_mean: Float[np.ndarray, "n_C n_C"]
+    mu_entries: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that the segments follow each other."""
@@ -115,10 +118,10 @@ class Modes:
         E: Matrix = eye(self.size, self.plant.A)[:, : self.plant.A.shape[0]]
         return E
 
-    def E_G(self) -> Matrix:
-        """[G; 0]: how phi enters."""
-        E_G: Matrix = self.E() @ self.plant.G
-        return E_G
+    def E_G(self, claim: Claim) -> Matrix:
+        """[G, 0; 0, 0]: how phi enters, and that the signals of the entries do not."""
+        none = zeros(self.size, entry_signals(claim, 1), self.plant.A)
+        return np.hstack([self.E() @ self.plant.G, none])
 
     def weight(self, claim: Claim) -> Matrix:
         """diag(R, Q)."""
@@ -127,28 +130,33 @@ class Modes:
         weight[:n, :n], weight[n:, n:] = number(claim.R), number(claim.Q)
         return weight
 
-    def bound(self) -> Matrix:
-        """diag(H'H, 0)."""
-        E = self.E()
-        bound: Matrix = E @ (self.plant.H.T @ self.plant.H) @ E.T
-        return bound
+    def sectors(self, claim: Claim) -> list[tuple[float, Matrix, Matrix]]:
+        """Return the bound, diag(H_c'H_c, 0) and W_c'W_c of each sector, for one mode."""
+        E, one = self.E(), eye(1, self.plant.A)[0]
+        found = sectors_of(self.plant, claim, [one])
+        return [(c.bound, E @ (c.H.T @ c.H) @ E.T, c.W[0].T @ c.W[0]) for c in found]
 
 
 def mode_matrix(
-    modes: Modes, K: Matrix, claim: Claim, value: float, P: Matrix, mu: float, sigma: Any
+    modes: Modes, K: Matrix, claim: Claim, value: float, P: Matrix, mu: Sequence[float], sigma: Any
 ) -> Matrix:
-    """Assemble the matrix of one mode, in the kind of number of the plant; sigma is a number of that kind."""
+    """Assemble the matrix of one mode, in the kind of number of the plant; sigma is a number of that kind.
+
+    mu: one for each sector: alpha, then the entries.
+    """
     number = converter(is_exact(modes.plant.A))
-    alpha, weight = number(np.array([claim.alpha, mu]))
     half = P @ (modes.A_0 + modes.U @ K @ modes.Y(value))
-    top = half + half.T + modes.weight(claim) + weight * alpha * alpha * modes.bound()
-    n, r = modes.plant.A.shape[0], modes.plant.G.shape[1]
-    side = np.hstack([P @ modes.E(), P @ modes.E_G()])
-    k = modes.size
-    F = zeros(k + n + r, k + n + r, modes.plant.A)
-    F[:k, :k], F[:k, k:], F[k:, :k] = top, side, side.T
+    E_G = modes.E_G(claim)
+    k, n, n_w = modes.size, modes.plant.A.shape[0], E_G.shape[1]
+    F = zeros(k + n + n_w, k + n + n_w, modes.plant.A)
+    F[:k, :k] = half + half.T + modes.weight(claim)
+    F[:k, k:] = np.hstack([P @ modes.E(), P @ E_G])
+    F[k:, :k] = F[:k, k:].T
     F[k : k + n, k : k + n] = -sigma * eye(n, P)
-    F[k + n :, k + n :] = -weight * eye(r, P)
+    for (bound, HH, WW), own in zip(modes.sectors(claim), mu, strict=False):
+        r_c, weight = number(np.array([bound, own]))
+        F[:k, :k] = F[:k, :k] + weight * r_c * r_c * HH
+        F[k + n :, k + n :] = F[k + n :, k + n :] - weight * WW
     return F
 
 
@@ -188,8 +196,15 @@ def decide_modes(network: Network, gains: Gains, claim: Claim, certificate: Moda
         raise ProblemError(
             "they differ", where="gains", expected='the same for all agents, with a "modal" certificate'
         )
-    if c.mu < 0:
-        return Definiteness(False, "sign of mu", c.mu, value=c.mu)
+    mu = (c.mu, *c.mu_entries)
+    if len(c.mu_entries) != len(claim.entries):
+        raise ProblemError(
+            f"{len(c.mu_entries)} numbers mu",
+            where="certificate",
+            expected=f"{len(claim.entries)}, one an entry",
+        )
+    if min(mu) < 0:
+        return Definiteness(False, "sign of mu", min(mu), value=min(mu))
     for name, weight in (("R", claim.R), ("Q", claim.Q)):
         answer = decide_positive_definite(exactly(weight))
         if not answer.positive:
@@ -207,7 +222,7 @@ def decide_modes(network: Network, gains: Gains, claim: Claim, certificate: Moda
         answer = decide_positive_definite(P)
         for value in (start, segment.upper):
             if answer.positive:
-                answer = decide_positive_definite(-mode_matrix(modes, K, claim, value, P, c.mu, sigma))
+                answer = decide_positive_definite(-mode_matrix(modes, K, claim, value, P, mu, sigma))
     if answer.positive and gains.order:
         P, A_C = exactly(c.P_mean), K[: gains.order, : gains.order]
         answer = decide_positive_definite(P)

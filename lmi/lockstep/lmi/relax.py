@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 
 from lockstep.lmi.inequality import Claim
-from lockstep.lmi.interior import InteriorProgram
 from lockstep.lmi.rounding import prove, short_gains
+from lockstep.lmi.search.start import Search, begin, climb
 from lockstep.lmi.stabilise import stabilise_mode
-from lockstep.lmi.start import climb, first_point, stable_gains
 from lockstep.lmi.threads import one_thread
 from lockstep.model.errors import NotCertified
 from lockstep.model.loop import Gains
@@ -54,18 +53,15 @@ def hint_of_stability(problem: Problem, network: Network, claim: Claim) -> Hint:
 
 def is_designed(problem: Problem, network: Network, claim: Claim, gain_limit: float) -> bool:
     """Tell whether a short search finds gains for the whole claim and their certificate is proved."""
-    loop, order = network.loop(problem.order), problem.order
+    search = Search.of(network.loop(problem.order), claim, gain_limit)
     for index in range(STARTS):
-        K, abscissa = stable_gains(loop, gain_limit, problem.design.seed, index)
-        point = first_point(loop, K, claim) if abscissa < 0 else None
-        if point is None:
+        start = begin(search, None, problem.design.seed, index)
+        reached = climb(search, start.at.K) if start.abscissa < 0 else None
+        if reached is None or reached.certified < 1:
             continue
-        program = InteriorProgram(loop, claim, gain_limit)
-        reached = point if point.alpha_fraction == 1.0 else climb(loop, claim, program, point)
-        if reached.alpha_fraction < 1.0:
-            continue
+        gains = Gains.from_blocks(short_gains(reached.point.K, gain_limit), problem.order)
         try:
-            prove(network, Gains.from_blocks(short_gains(reached.K, gain_limit), order), claim)
+            prove(network, gains, claim)
         except NotCertified:
             continue
         return True

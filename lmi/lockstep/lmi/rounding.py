@@ -4,13 +4,17 @@ A certificate is a witness: any P, m, t that prove the inequality will do, so th
 prove it are taken. They are doubles, and the proof is about those doubles.
 """
 
+import itertools
 import math
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from lockstep.lmi.decide import decide
 from lockstep.lmi.inequality import Certificate, Claim, F_matrix
+from lockstep.lmi.search.units import Units, scaled
 from lockstep.lmi.solve import least_rho, tight
 from lockstep.model.errors import NotCertified
 from lockstep.model.loop import Gains, Loop
@@ -55,11 +59,12 @@ def rounded(certificate: Certificate, digits: int) -> Certificate:
         np.round(P, min(places, 300)),
         _significant(certificate.m, digits),
         _significant(certificate.t, digits),
+        _significant(certificate.m_entries, digits),
     )
 
 
-def _significant(values: Float[np.ndarray, " k"], digits: int) -> Float[np.ndarray, " k"]:
-    return np.array([float(f"{value:.{digits}g}") for value in values])
+def _significant(values: Float[np.ndarray, "..."], digits: int) -> Float[np.ndarray, "..."]:
+    return np.array([float(f"{value:.{digits}g}") for value in values.ravel()]).reshape(values.shape)
 
 
 def short_gains(K: Float[np.ndarray, "N k l"], gain_limit: float) -> Float[np.ndarray, "N k l"]:
@@ -94,24 +99,50 @@ def prove(network: Network, gains: Gains, claim: Claim, *, rho: float | None = N
     """
     loop, exact_loop = network.loop(gains.order), network.loop(gains.order, exact_arithmetic=True)
     K = gains.blocks
-    least = least_rho(loop, K, claim)
-    if least is None:
+    asked = _in_both_units(loop, claim)
+    found = [(least_rho(one.loop, K, one.claim), one.units) for one in asked]
+    rhos = [c.rho * units.rho for c, units in found if c is not None]
+    if not rhos:
         raise NotCertified(
             f"no certificate was found for these gains at alpha = {claim.alpha:.6g}",
             alpha=claim.alpha,
             abscissa=float(np.linalg.eigvals(loop.A_cl(K)).real.max()),
         )
-    levels = [rho] if rho is not None else [round_up(least.rho * (1 + slack)) for slack in SLACKS]
-    for level in levels:
-        candidate = tight(loop, K, claim, level)
-        proved = None if candidate is None else shortest_that_proves(loop, exact_loop, K, claim, candidate)
+    levels = [rho] if rho is not None else [round_up(min(rhos) * (1 + slack)) for slack in SLACKS]
+    for level, one in itertools.product(levels, asked):
+        candidate = tight(one.loop, K, one.claim, level / one.units.rho)
+        if candidate is None:
+            continue
+        here = replace(one.units.certificate(candidate), rho=level)
+        proved = shortest_that_proves(loop, exact_loop, K, claim, here)
         if proved is not None:
             return proved
     raise NotCertified(
-        f"the solver's candidate at rho = {least.rho:.6g} did not survive the exact check",
-        rho=least.rho,
+        f"the solver's candidate at rho = {min(rhos):.6g} did not survive the exact check",
+        rho=min(rhos),
         alpha=claim.alpha,
     )
+
+
+class _Asked(NamedTuple):
+    """What the solver is asked, and the units it is in."""
+
+    loop: Loop
+    claim: Claim
+    units: Units
+
+
+def _in_both_units(loop: Loop, claim: Claim) -> list[_Asked]:
+    """Return the problem as it is, and in units in which its numbers are near one.
+
+    The solver's accuracy decides which serves: the first for numbers that were near one already, the second for time
+    constants of hours. Powers of two bring its answer back exactly.
+    """
+    ones = np.ones((loop.U[0].shape[1], loop.Y[0].shape[0]))
+    return [
+        _Asked(loop, claim, Units(ones, np.ones(loop.n_x), 1.0, 1.0, 1.0, 1.0)),
+        _Asked(*scaled(loop, claim)),
+    ]
 
 
 def shortest_that_proves(

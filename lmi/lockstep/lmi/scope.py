@@ -8,10 +8,7 @@ from lockstep.model.checks.nonlinearity import holds_everywhere
 
 Scope = Literal["global", "local"]
 
-SECONDS = 2.0
-"""How long it is tried to show that a bound proved on a box holds everywhere; without success the scope is local."""
-
 
 def scope_of(agent: Agent, bound: Bound) -> Scope:
     """Return "global" where the bound is proved for every state, else "local"."""
-    return "global" if holds_everywhere(agent, bound, seconds=SECONDS) else "local"
+    return "global" if holds_everywhere(agent, bound) else "local"

@@ -6,14 +6,14 @@ it exactly.
 """
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.inequality import Certificate, Claim, F_matrix, channels, incoming
+from lockstep.lmi.inequality import Certificate, Claim, F_matrix, channels, incoming, split
 from lockstep.model.loop import Loop
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ ACCEPTED = 1e-6
 class AffineF:
     """F for given gains, affine in the unknowns: F = J P Z + (J P Z)' + F_0 + sum_k w_k F_k.
 
-    J = [I; 0], Z = [A_cl, E, E_G, X], and w = (m, t, rho^2) in this order.
+    J = [I; 0], Z = [A_cl, E, E_G, 0, X], and w = (m, m_entries, t, rho^2) in this order, each 0 or above.
     """
 
     loop: Loop
@@ -48,8 +48,9 @@ class AffineF:
 
     @cached_property
     def pairs(self) -> int:
-        """How many pair weights m there are; none without a nonlinearity."""
-        return len(self.loop.d.pairs()) if self.loop.plant.G.shape[1] else 0
+        """How many pair weights there are, those of alpha and of each entry; none without a nonlinearity."""
+        each = len(self.loop.d.pairs()) if self.loop.plant.G.shape[1] else 0
+        return each * (1 + len(self.claim.entries))
 
     @cached_property
     def ways(self) -> int:
@@ -58,10 +59,8 @@ class AffineF:
 
     @cached_property
     def Z(self) -> Float[np.ndarray, "n_x n_F"]:
-        """[A_cl, E, E_G, X]."""
-        return np.hstack(
-            [self.loop.A_cl(self.gains), incoming(self.loop, channels(self.loop, self.claim.delta))]
-        )
+        """[A_cl, E, E_G, 0, X]."""
+        return np.hstack([self.loop.A_cl(self.gains), incoming(self.loop, self.claim)])
 
     @cached_property
     def constant(self) -> Float[np.ndarray, "n_F n_F"]:
@@ -70,14 +69,14 @@ class AffineF:
 
     @cached_property
     def slopes(self) -> Float[np.ndarray, "w n_F n_F"]:
-        """F_k for each of (m, t, rho^2)."""
+        """F_k for each of (m, m_entries, t, rho^2)."""
         return np.stack([self._at(row) - self.constant for row in np.eye(self.pairs + self.ways + 1)])
 
     def certificate(self, P: Float[np.ndarray, "n_x n_x"], w: Float[np.ndarray, " w"]) -> Certificate:
         """Return the unknowns as a certificate."""
-        m = np.maximum(w[: self.pairs], 0.0) if self.pairs else np.zeros(len(self.loop.d.pairs()))
+        m, m_entries = split(self.loop, self.claim, np.maximum(w[: self.pairs], 0.0))
         t = np.maximum(w[self.pairs : self.pairs + self.ways], 0.0)
-        return Certificate(float(np.sqrt(max(w[-1], 0.0))), (P + P.T) / 2, m, t)
+        return Certificate(float(np.sqrt(max(w[-1], 0.0))), (P + P.T) / 2, m, t, m_entries)
 
     def _at(self, w: Float[np.ndarray, " w"]) -> Float[np.ndarray, "n_F n_F"]:
         zero = np.zeros((self.loop.n_x, self.loop.n_x))
@@ -149,7 +148,7 @@ class Balanced:
     ) -> Certificate:
         """Return the unknowns, back in the coordinates of the loop, as a certificate for a given rho."""
         found = self.form.certificate(self.L @ P @ self.L.T, w / self.norms)
-        return Certificate(rho, found.P, found.m, found.t)
+        return replace(found, rho=rho)
 
 
 def balance(form: AffineF) -> Balanced | None:

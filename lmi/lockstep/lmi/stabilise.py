@@ -22,18 +22,32 @@ EXCESS_WEIGHT = 1e3
 
 
 def stabilise(
-    loop: Loop, K: Float[np.ndarray, "N k l"], limit: float = np.inf, iterations: int = 100
+    loop: Loop,
+    K: Float[np.ndarray, "N k l"],
+    limit: float = np.inf,
+    iterations: int = 100,
+    *,
+    units: Float[np.ndarray, "k l"] | float = 1.0,
 ) -> tuple[Float[np.ndarray, "N k l"], float]:
-    """Return gains with a smaller abscissa than K's and norms of about `limit` at most, and that abscissa."""
+    """Return gains with a smaller abscissa than K's and norms of about `limit` at most, and that abscissa.
+
+    Args:
+        loop: in doubles.
+        K: where the descent starts.
+        limit: on the spectral norm of each agent's gains.
+        iterations: of the quasi-Newton method.
+        units: the size of an entry of the gains: the descent moves K / units.
+    """
 
     def objective(flat: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
-        blocks = flat.reshape(K.shape)
+        blocks = flat.reshape(K.shape) * units
         value, slope = abscissa(loop, blocks)
         excess, pull = _excess(blocks, limit)
         value += GAIN_WEIGHT * float(np.mean(flat**2)) + EXCESS_WEIGHT * excess
-        return value, (slope + EXCESS_WEIGHT * pull).ravel() + 2 * GAIN_WEIGHT * flat / flat.size
+        total = (slope + EXCESS_WEIGHT * pull) * units
+        return value, total.ravel() + 2 * GAIN_WEIGHT * flat / flat.size
 
-    found = descend(objective, K.ravel(), iterations).reshape(K.shape)
+    found = descend(objective, (K / units).ravel(), iterations).reshape(K.shape) * units
     return found, abscissa(loop, found)[0]
 
 
@@ -106,13 +120,22 @@ def stabilise_mode(
     return least
 
 
-def descend(objective: Objective, x: Float[np.ndarray, " x"], iterations: int) -> Float[np.ndarray, " x"]:
-    """Minimise by BFGS with a weak Wolfe line search; stop where no step of it improves."""
+def descend(
+    objective: Objective, x: Float[np.ndarray, " x"], iterations: int, settled: float = 0.0
+) -> Float[np.ndarray, " x"]:
+    """Minimise by BFGS with a weak Wolfe line search; stop where no step of it improves.
+
+    Args:
+        objective: its value and slope, infinite outside of its domain.
+        x: where to start.
+        iterations: at most so many.
+        settled: stop where the slope along the next step is no more than this.
+    """
     value, slope = objective(x)
     inverse_hessian = np.eye(len(x)) * 0.1 / max(float(np.linalg.norm(slope)), 1e-12)
     for _ in range(iterations):
         direction = -inverse_hessian @ slope
-        if slope @ direction >= 0:
+        if slope @ direction >= -settled:
             return x
         step = _weak_wolfe(objective, x, value, slope, direction)
         if step is None:

@@ -6,16 +6,17 @@ from lockstep.model.bound import Bound
 
 
 def bound_again(stored: Stored) -> Bound:
-    """Return the file's alpha as a proved bound of its agent's nonlinearity.
+    """Return the file's alpha as a proved bound of its agent's nonlinearity, and its entries as proved bounds of slopes.
 
     With several independent components of phi the certificate is about G D_w and D_v^-1 H, and a file states the scales;
     none are stated where they are all one, or in a file of an earlier version: then they are found again.
 
     Raises:
-        BoundNotProved: alpha is too small, or could not be proved in time.
+        BoundNotProved: alpha or an entry is too small, or could not be proved, or an entry is missing.
         ProblemError: scales that do not fit phi.
     """
     agent = stored.problem.agent()
-    if stored.scales is None:
+    if stored.scales is None and not stored.entries:
         return bound_of(agent, alpha=stored.alpha)
-    return bound_with_scales(agent, stored.alpha, stored.scales)
+    ones = (1.0,) * agent.lure.G.shape[1], (1.0,) * agent.lure.H.shape[0]
+    return bound_with_scales(agent, stored.alpha, stored.scales or ones, stored.entries)

@@ -1,5 +1,7 @@
 """The trade-off of a design: the least rho of its gains for each alpha, up to the largest alpha they carry.
 
+The bounds of single slopes, where the design uses them, are scaled as alpha is.
+
     from lockstep.lmi.trade import as_csv, curve
     print(as_csv(curve(read(Path("design.json")))))
 
@@ -54,7 +56,7 @@ def curve(stored: Stored, points: int = 12) -> tuple[Point, ...]:
         delta = np.tile([stored.fragility[letter] for letter in "ABCD"], (network.N, 1))
         weights = problem.state_weight(agent.n), problem.controller_weight(problem.order)
         claim, loop, K = (
-            Claim(stored.alpha, *weights, delta),
+            Claim(stored.alpha, *weights, delta, stored.entries),
             network.loop(problem.order),
             stored.gains.blocks,
         )

@@ -6,7 +6,6 @@ exactly: the certificate is then about the agent itself and not about a rounded 
 """
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
@@ -16,7 +15,18 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.model.agent import Agent
-from lockstep.model.bound import Bound, Box, Progress, prove_bound, smallest_bound
+from lockstep.model.bound import (
+    BOXES,
+    UNFINISHED,
+    Bound,
+    Box,
+    Entry,
+    Progress,
+    entries_hold,
+    entry_bounds,
+    prove_bound,
+    smallest_bound,
+)
 from lockstep.model.coefficients import is_double
 from lockstep.model.errors import BoundNotProved
 from lockstep.model.lure import Lure
@@ -24,29 +34,28 @@ from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 from lockstep.model.unbounded import no_bound
 
-BUDGET = 20.0
-"""Seconds for the proof of a bound: a six-variable box takes ten."""
-
 ALLOWED_GAP = 1.02
 """Scales rounded to exact ones may cost this factor of alpha before a smaller one is looked for."""
 
-Report = Callable[[Progress], None]
+TIGHTENINGS = 12
+"""Alphas tried for that: each halves the gap, or ends the search."""
 
+Report = Callable[[Progress], None]
 
 ROOMS = (0.0, 1e-15, 1e-14, 1e-12, 1e-9, 1e-6)
 """By which part alpha is raised, tried in this order, until its proof with the final scales succeeds."""
 
 
 def bound_of(
-    agent: Agent, *, budget: float = BUDGET, alpha: float | None = None, progress: Report | None = None
+    agent: Agent, *, boxes: int = BOXES, alpha: float | None = None, progress: Report | None = None
 ) -> Bound:
     """Return the proved bound of an agent's nonlinearity on its domain, with scales exact for G and H.
 
     Args:
         agent: the agent; its box is mapped through H.
-        budget: seconds for the proof.
+        boxes: the budget of each branch and bound search, a count.
         alpha: a bound to prove instead of the smallest one; with more than one component in phi it refers to
-            the scales of the smallest one.
+            the scales of the smallest one. Every phi with that bound is then meant, so no slope has one of its own.
         progress: called with the state of the search now and then.
 
     Raises:
@@ -60,41 +69,44 @@ def bound_of(
     (2.0, 3.0)
     """
     phi, box = agent.lure.phi, agent.argument_box
-    start = time.monotonic()
     if alpha is not None and phi.size1_out(0) <= 1:
         # One component is not scaled, so alpha means the same whatever the smallest bound is.
-        return _decided(prove_bound(phi, box, alpha, seconds=budget, progress=progress), alpha)
-    found = smallest_bound(phi, box, seconds=budget, progress=progress)
+        return _decided(prove_bound(phi, box, alpha, boxes=boxes, progress=progress), alpha)
+    found = smallest_bound(phi, box, boxes=boxes, progress=progress)
     if not math.isfinite(found.alpha):
-        if time.monotonic() - start >= budget:
-            raise _out_of_time(found)
+        if found.reason == UNFINISHED:
+            raise _undecided(found)
         raise no_bound(found, agent)
     exact = _with_exact_scales(found, agent.lure)
     if exact.alpha > ALLOWED_GAP * exact.lower:
-        exact = _tightened(exact, agent.lure, box, budget - (time.monotonic() - start))
+        exact = _tightened(exact, agent.lure, box, boxes)
     if phi.size1_out(0) > 1:
-        exact = _confirmed(exact, agent.lure, box, budget)
+        exact = _confirmed(exact, agent.lure, box, boxes)
     if alpha is None:
-        return exact
-    return _decided(_asked(exact, agent.lure, box, alpha, budget, progress), alpha)
+        return _with_entries(exact, agent.lure, box, boxes)
+    return _decided(_asked(exact, agent.lure, box, alpha, boxes, progress), alpha)
 
 
 def bound_with_scales(
     agent: Agent,
     alpha: float,
     scales: tuple[Sequence[float], Sequence[float]],
+    entries: Sequence[Entry] = (),
     *,
-    budget: float = BUDGET,
+    boxes: int = BOXES,
     progress: Report | None = None,
 ) -> Bound:
     """Return alpha as a proved bound with given scales (D_w, D_v), those of a bound that was proved before.
 
-    The scales of `bound_of` follow from the enclosures it had when its time was up; a slower machine may come to
-    others, and a certificate is about G D_w and D_v^-1 H.
+    With entries, these are proved as well: the bounds of single slopes in the same scales.
+
+    The scales of `bound_of` follow from the enclosures that its search came to; a later version may come to others, and a
+    certificate is about G D_w and D_v^-1 H.
 
     Raises:
         ProblemError: scales that do not fit phi.
-        BoundNotProved: alpha is too small with these scales, or the budget was spent without an answer.
+        BoundNotProved: alpha or an entry is too small with these scales, an entry is missing, or the budget was spent
+            without an answer.
 
     >>> pair = Agent.from_expressions("pair", states=["a", "b"], inputs=["f"], outputs={"y1": "a"},
     ...                               dynamics={"a": "sin(a) + f", "b": "3*sin(b) + a"})
@@ -109,10 +121,19 @@ def bound_with_scales(
         alpha,
         input_scale=D_v,
         output_scale=D_w,
-        seconds=budget,
+        boxes=boxes,
         progress=progress,
     )
-    return _decided(found, alpha)
+    proved = _decided(found, alpha)
+    if entries and not entries_hold(
+        agent.lure.phi, agent.argument_box, entries, input_scale=D_v, output_scale=D_w, boxes=boxes
+    ):
+        raise BoundNotProved(
+            "the bounds of the single slopes could not be proved: one of them is too small, or one is missing",
+            alpha=alpha,
+            entries=[one.bound for one in entries],
+        )
+    return replace(proved, entries=tuple(entries))
 
 
 def network_of(problem: Problem, bound: Bound) -> Network:
@@ -158,13 +179,14 @@ def _short_above(scale: float, column: Float[np.ndarray, " n"]) -> float:
     return math.ldexp(1.0, exponent)
 
 
-def _tightened(bound: Bound, lure: Lure, box: Box, seconds: float) -> Bound:
+def _tightened(bound: Bound, lure: Lure, box: Box, boxes: int) -> Bound:
     """Look for a smaller alpha with the scales as they are, by halving the gap."""
-    best, end = bound, time.monotonic() + max(seconds, 0.0)
-    low = bound.lower
-    while best.alpha > ALLOWED_GAP * low and (left := end - time.monotonic()) > 0:
+    best, low = bound, bound.lower
+    for _ in range(TIGHTENINGS):
+        if best.alpha <= ALLOWED_GAP * low:
+            break
         alpha = math.sqrt(best.alpha * max(low, best.alpha / 4))
-        tried = _with_scales_of(bound, lure, box, alpha, left / 2)
+        tried = _with_scales_of(bound, lure, box, alpha, boxes)
         low = max(low, tried.lower)
         if tried.proved:
             best = replace(tried, asked=None, tolerance=bound.tolerance)
@@ -175,7 +197,7 @@ def _tightened(bound: Bound, lure: Lure, box: Box, seconds: float) -> Bound:
     return replace(best, converged=bound.converged and converged)
 
 
-def _confirmed(bound: Bound, lure: Lure, box: Box, seconds: float) -> Bound:
+def _confirmed(bound: Bound, lure: Lure, box: Box, boxes: int) -> Bound:
     """Return the bound with the least of a few alphas that the checker's own proof, with these scales, arrives at.
 
     Several independent components share alpha by their scales, with equality: their slopes, scaled, are enclosed a few
@@ -183,19 +205,27 @@ def _confirmed(bound: Bound, lure: Lure, box: Box, seconds: float) -> Bound:
     """
     for room in ROOMS:
         alpha = bound.alpha * (1 + room)
-        if _with_scales_of(bound, lure, box, alpha, seconds).proved:
+        if _with_scales_of(bound, lure, box, alpha, boxes).proved:
             return replace(bound, alpha=alpha)
-    raise _out_of_time(bound)
+    raise _undecided(bound)
 
 
-def _asked(bound: Bound, lure: Lure, box: Box, alpha: float, budget: float, progress: Report | None) -> Bound:
+def _with_entries(bound: Bound, lure: Lure, box: Box, boxes: int) -> Bound:
+    """Add a bound for each single slope, where some component of phi has several arguments."""
+    found = entry_bounds(
+        lure.phi, box, input_scale=bound.input_scale, output_scale=bound.output_scale, boxes=boxes
+    )
+    return replace(bound, entries=found)
+
+
+def _asked(bound: Bound, lure: Lure, box: Box, alpha: float, boxes: int, progress: Report | None) -> Bound:
     if bound.alpha <= alpha:
         return replace(bound, asked=alpha)
-    return _with_scales_of(bound, lure, box, alpha, budget, progress)
+    return _with_scales_of(bound, lure, box, alpha, boxes, progress)
 
 
 def _with_scales_of(
-    bound: Bound, lure: Lure, box: Box, alpha: float, seconds: float, progress: Report | None = None
+    bound: Bound, lure: Lure, box: Box, alpha: float, boxes: int, progress: Report | None = None
 ) -> Bound:
     """Decide another alpha with the scales of a bound."""
     return prove_bound(
@@ -204,7 +234,7 @@ def _with_scales_of(
         alpha,
         input_scale=bound.input_scale,
         output_scale=bound.output_scale,
-        seconds=seconds,
+        boxes=boxes,
         progress=progress,
     )
 
@@ -224,9 +254,9 @@ def _decided(bound: Bound, alpha: float) -> Bound:
     raise BoundNotProved(f"[design] alpha = {alpha:g} {what}: {bound.reason}", **figures)
 
 
-def _out_of_time(bound: Bound) -> BoundNotProved:
+def _undecided(bound: Bound) -> BoundNotProved:
     return BoundNotProved(
-        f"no bound of the nonlinearity was found in the time given: {bound.reason}",
+        f"no bound of the nonlinearity was found: {bound.reason or 'the proof with exact scales does not come to an end'}",
         lower=bound.lower,
         boxes=bound.boxes,
     )

@@ -11,9 +11,12 @@ candidates   witnesses for it, those that pass little noise on first, in doubles
 certify      the proof, and what it says
 performance  the same with a disturbance: rho of the sampled loop
 period       the largest period that is certified
-program      gains and both certificates, sampled and continuous, as a nonlinear program
-factors      definiteness as equations, for that program
-direct       design for the period: strides of it, and continuation in the period
+tustin       the discrete controllers as functions of the gains
+slopes       one lifted period, with its slopes
+response     a loop's frequency response as one smooth number, with its slopes
+objective    both loops, sampled and continuous, as functions of gains, multiplier and rho
+descent      descent on rho of the sampled loop
+improve      design for the period: the best of what descents reach from several starts
 """
 
 from lockstep.lmi.sampled.certify import SampledVerdict, certify_sampled

@@ -40,6 +40,10 @@ ROUNDINGS = (1e6, 1e4, 1e8)
 CLAIMED = 0.98
 """The part of the decay that is claimed: the rest is room, so that the inequality is strict."""
 
+REACHES = (0.0, 1e-9, 1e-12, 1e-6)
+"""What is added to S in every direction, in multiples of its size. A direction that neither the nonlinearity nor an error
+reaches, as in a mode that no input moves, has an X of zero and a P without end; a little reach gives it one."""
+
 HALVINGS = 9
 """Of 24 decades: the least price to a tenth of a decade."""
 
@@ -101,7 +105,7 @@ class _Search:
         self, loop: SampledLoop, lifted: Lifted, m: Float[np.ndarray, " pairs"], spread: float
     ) -> None:
         self.loop, self.exact, self.lifted = loop, in_exact_arithmetic(loop), lifted
-        self.m, self.spread = m, spread
+        self.m, self.spread, self.reach = m, spread, 0.0
 
     def witnesses(self) -> Iterator[Witness]:
         """Yield one for each price of the noise, if any decays so fast."""
@@ -119,7 +123,7 @@ class _Search:
 
     def _largest(self, loop: SampledLoop, prices: Witness) -> Float[np.ndarray, "n_xi n_xi"] | None:
         problem = storage_problem(loop, self.lifted, prices)
-        return None if problem is None else problem.largest(1 - self.spread)
+        return None if problem is None else problem.reaching(self.reach).largest(1 - self.spread)
 
     def _unrounded(self, kappa: float, weight: float) -> Float[np.ndarray, "n_xi n_xi"] | None:
         return self._largest(self.exact, self._prices(kappa, weight, no_prices(self.loop)))
@@ -128,12 +132,21 @@ class _Search:
         """Bisect the least price of the noise at which V may decay so."""
         middle = float(np.log10(np.abs(self.lifted.Q).max() or 1.0))
         low, high = middle - 12, middle + 12
-        if self._unrounded(10**high, 0.0) is None:
+        if not self._has_an_end(10**high):
             return None
         for _ in range(HALVINGS):
             middle = (low + high) / 2
             low, high = (middle, high) if self._unrounded(10**middle, 0.0) is None else (low, middle)
         return float(10**high)
+
+    def _has_an_end(self, kappa: float) -> bool:
+        """Tell whether there is a largest P at a price of the noise, with the least reach that gives it an end."""
+        size = float(np.abs(self.lifted.S).max(initial=0.0)) or 1.0
+        for part in REACHES:
+            self.reach = part * size
+            if self._unrounded(kappa, 0.0) is not None:
+                return True
+        return False
 
     def _weight(self, kappa: float) -> tuple[float, Float[np.ndarray, "n_xi n_xi"] | None]:
         """Return the largest weight of the disagreement tried that a price of the noise carries, and P with it."""

@@ -10,9 +10,9 @@ them, and FLINT; not `search`, `storage` and `candidates`.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from itertools import islice
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import chain, islice
 from typing import Any, Literal
 
 import numpy as np
@@ -25,7 +25,7 @@ from lockstep.lmi.sampled.controller import HeldController, Network
 from lockstep.lmi.sampled.inequality import W_matrix, Witness, metric, multiplier
 from lockstep.lmi.sampled.lifting import Lifted, copies, lift
 from lockstep.lmi.sampled.loop import SampledLoop, sampled_loop
-from lockstep.lmi.sampled.search import best_multiplier, spectral_radius
+from lockstep.lmi.sampled.search import best_multiplier, gain, spectral_radius
 from lockstep.model.disagreement import Disagreement
 from lockstep.model.loop import Plant
 from lockstep.model.numbers import as_floats, exactly
@@ -111,17 +111,24 @@ def certify_sampled(
     if not figures["spectral_radius"] < 1:
         said = f"{at} the sampled linear loop has the spectral radius {figures['spectral_radius']:.6g}, not below 1"
         return _refused(network, controllers, said, figures)
-    m, figures["gain"] = best_multiplier(loop, one, first_guess(network.d, guess))
+    first = first_guess(network.d, guess)
+    m, figures["gain"] = best_multiplier(loop, one, first)
     if figures["gain"] >= 1:
         said = f"{at} the gain around the nonlinearity is {figures['gain']:.6g}, not below 1"
         return _refused(network, controllers, said, figures)
-    trials = list(islice(candidates(loop, one, m, thorough=thorough), TRIES))
-    with balls.working_precision():
-        found = _holds(exact_loop, trials)
-    if found is None:
-        said = f"{at} {'no candidate survived the proof' if trials else 'no certificate was found'}"
-        return _refused(network, controllers, said, figures)
-    return _accepted(network, controllers, found, figures)
+    said = f"{at} no certificate was found"
+    # The weights of the least gain may be so unequal that no doubles hold a witness: the guess is tried as well.
+    for weights in (m, first) if gain(loop, one, first) < 1 else (m,):
+        trials = islice(candidates(loop, one, weights, thorough=thorough), TRIES)
+        best = next(trials, None)
+        if best is None:
+            continue
+        with balls.working_precision():
+            found = _holds(exact_loop, chain([best], trials))
+        if found is not None:
+            return _accepted(network, controllers, found, figures)
+        said = f"{at} no candidate survived the proof"
+    return _refused(network, controllers, said, figures)
 
 
 def first_guess(d: Disagreement, guess: Float[np.ndarray, " pairs"] | None) -> Float[np.ndarray, " pairs"]:
@@ -133,9 +140,8 @@ def first_guess(d: Disagreement, guess: Float[np.ndarray, " pairs"] | None) -> F
 
 def in_doubles(network: Network, controllers: tuple[HeldController, ...]) -> SampledLoop:
     """Return the loop in doubles, for the search."""
-    return sampled_loop(
-        Network(*plant_in_doubles(network), network.alpha, network.period, network.delay), controllers
-    )
+    plant, d = plant_in_doubles(network)
+    return sampled_loop(replace(network, plant=plant, d=d), controllers)
 
 
 def plant_in_doubles(network: Network) -> tuple[Plant, Disagreement]:
@@ -148,9 +154,8 @@ def plant_in_doubles(network: Network) -> tuple[Plant, Disagreement]:
 
 
 def lifted_agent(loop: SampledLoop) -> Lifted:
-    """Return one period of one agent, w = phi and z = alpha H x, in the kind of number of the loop."""
-    plant = loop.network.plant
-    return lift(plant.A, loop.into, *squares(loop), loop.network.period)
+    """Return one period of one agent, w = phi and z = alpha H x or those of a sector, in the kind of number of the loop."""
+    return lift(loop.network.plant.A, loop.into, *loop.network.squares, loop.network.period)
 
 
 def period_in_doubles(loop: SampledLoop) -> Lifted | None:
@@ -163,18 +168,10 @@ def period_in_doubles(loop: SampledLoop) -> Lifted | None:
     return one if all(np.isfinite(part).all() for part in (one.A_d, one.S, one.Q)) else None
 
 
-def squares(loop: SampledLoop) -> tuple[Any, Any]:
-    """Return G G' and alpha^2 H'H of one agent."""
-    plant = loop.network.plant
-    alpha = exactly(np.array([loop.network.alpha]))[0] if plant.A.dtype == object else loop.network.alpha
-    return plant.G @ plant.G.T, alpha * alpha * (plant.H.T @ plant.H)
-
-
-def _holds(exact_loop: SampledLoop, trials: list[Witness]) -> Witness | None:
-    """Return the first witness that is proved, with the period, or None."""
-    if not trials or not no_conjugate_point(
-        exact_loop.network.plant.A, *squares(exact_loop), exact_loop.network.period
-    ):
+def _holds(exact_loop: SampledLoop, trials: Iterable[Witness]) -> Witness | None:
+    """Return the first witness that is proved, with the period, or None; those after it are not even looked for."""
+    network = exact_loop.network
+    if not no_conjugate_point(network.plant.A, *network.squares, network.period):
         return None
     one = lifted_agent(exact_loop)
     return next((trial for trial in trials if proves(exact_loop, one, trial)), None)

@@ -13,7 +13,7 @@ is not relative to anything: it is bounded apart, as is the error of the message
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -21,10 +21,11 @@ import numpy as np
 from flint import fmpq
 from jaxtyping import Float, Int, Shaped
 
+from lockstep.lmi.sampled.sector import Sector
 from lockstep.model.disagreement import Disagreement
 from lockstep.model.errors import ProblemError
 from lockstep.model.loop import Plant
-from lockstep.model.numbers import as_floats, exactly
+from lockstep.model.numbers import Matrix, as_floats, converter, exactly, is_exact, zeros
 
 
 class Precision(NamedTuple):
@@ -152,7 +153,8 @@ class Network:
     """What the controllers are in a loop with: the agents' matrices, the coordinates, alpha, period and delay.
 
     plant, d: in rationals, as `lockstep.model.network.Network.loop(order, exact_arithmetic=True)` has them;  alpha:
-    the incremental bound of phi;  period: T in s;  delay: periods between sampling y and applying u, 0 or 1.
+    the incremental bound of phi;  period: T in s;  delay: periods between sampling y and applying u, 0 or 1;  sector: what
+    takes the place of alpha where single slopes have bounds of their own.
     """
 
     plant: Plant
@@ -160,6 +162,7 @@ class Network:
     alpha: float
     period: float
     delay: int = 0
+    sector: Sector | None = None
 
     def __post_init__(self) -> None:
         """Refuse a period or a delay that means nothing."""
@@ -170,7 +173,22 @@ class Network:
 
     def at(self, period: float) -> "Network":
         """Return the same with another period."""
-        return Network(self.plant, self.d, self.alpha, period, self.delay)
+        return replace(self, period=period)
+
+    @property
+    def squares(self) -> tuple[Matrix, Matrix]:
+        """G Q^-1 G' and H'W H of one agent, in the kind of number of the plant; without a sector Q = I, W = alpha^2 I.
+
+        Both are 0 where alpha is: phi is then the same for all agents, and no part of the disagreement.
+        """
+        A, G, H = self.plant.A, self.plant.G, self.plant.H
+        number = converter(is_exact(A))
+        if self.sector is not None:
+            return (G / number(self.sector.Q)) @ G.T, (H.T * number(self.sector.W)) @ H
+        if self.alpha == 0:
+            return zeros(len(A), len(A), A), zeros(len(A), len(A), A)
+        alpha = number(np.array([self.alpha]))[0]
+        return G @ G.T, alpha * alpha * (H.T @ H)
 
 
 def gamma(k: int, u: float) -> fmpq:

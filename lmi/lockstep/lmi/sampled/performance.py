@@ -22,7 +22,7 @@ from jaxtyping import Float
 
 from lockstep.lmi.sampled import balls
 from lockstep.lmi.sampled.candidates import ROUNDINGS, confirmed, priced
-from lockstep.lmi.sampled.certify import first_guess, in_doubles, period_in_doubles, squares
+from lockstep.lmi.sampled.certify import first_guess, in_doubles, period_in_doubles
 from lockstep.lmi.sampled.conjugate import no_conjugate_point
 from lockstep.lmi.sampled.controller import HeldController, Network
 from lockstep.lmi.sampled.inequality import W_matrix, Witness, multiplier
@@ -155,7 +155,7 @@ def _ways(loop: SampledLoop, weights: Weights, M: Matrix, rho: float) -> tuple[M
     """Return E E' and F'F."""
     number, S = converter(is_exact(loop.held)), loop.network.d.S
     square = number(np.array([[rho]]))[0, 0] ** 2
-    GG, HH = squares(loop)
+    GG, HH = loop.network.squares
     unit = eye(len(GG), M)
     EE = np.kron(balls.inverse(M), GG) + np.kron(balls.inverse(S), unit) / square
     return EE, np.kron(M, HH) + np.kron(S, number(weights.R))

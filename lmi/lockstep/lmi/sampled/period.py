@@ -46,51 +46,59 @@ def max_period(
         controllers_at: gives the controllers for a period; a `ProblemError` says that there are none.
         guess: pair weights to start from.
     """
-    low, high = _bracket(network, controllers_at, guess)
+    edge = _Edge(network, controllers_at, guess)
+    low, high = edge.bracket()
     if low is None:
         return None
     while high is not None and high > low * (1 + RESOLUTION):
         middle = math.sqrt(low * high)
-        low, high = (
-            (middle, high) if _seems_to_hold(network.at(middle), controllers_at, guess) else (low, middle)
-        )
+        low, high = (middle, high) if edge.seems_to_hold(middle) else (low, middle)
     for factor in BACK_OFF:
         period = _down(low * factor)
-        verdict = certify_sampled(network.at(period), controllers_at(period), guess, thorough=False)
+        verdict = certify_sampled(network.at(period), controllers_at(period), edge.guess, thorough=False)
         if verdict.certified:
             return verdict
     return None
 
 
-def _bracket(
-    network: Network, controllers_at: ControllersAt, guess: Float[np.ndarray, " pairs"] | None
-) -> tuple[float | None, float | None]:
-    """Return a period that seems to hold and, twice as long, one that does not."""
-    start = network.period
-    if _seems_to_hold(network, controllers_at, guess):
+class _Edge:
+    """Where the loop stops to hold, in doubles; the multiplier that held last is the first guess for the next period."""
+
+    def __init__(
+        self,
+        network: Network,
+        controllers_at: ControllersAt,
+        guess: Float[np.ndarray, " pairs"] | None,
+    ) -> None:
+        self.network, self.controllers_at, self.guess = network, controllers_at, guess
+
+    def bracket(self) -> tuple[float | None, float | None]:
+        """Return a period that seems to hold and, twice as long, one that does not."""
+        start = self.network.period
+        if self.seems_to_hold(start):
+            for k in range(1, DOUBLINGS + 1):
+                if not self.seems_to_hold(start * 2**k):
+                    return start * 2 ** (k - 1), start * 2**k
+            return start * 2**DOUBLINGS, None
         for k in range(1, DOUBLINGS + 1):
-            if not _seems_to_hold(network.at(start * 2**k), controllers_at, guess):
-                return start * 2 ** (k - 1), start * 2**k
-        return start * 2**DOUBLINGS, None
-    for k in range(1, DOUBLINGS + 1):
-        if _seems_to_hold(network.at(start / 2**k), controllers_at, guess):
-            return start / 2**k, start / 2 ** (k - 1)
-    return None, None
+            if self.seems_to_hold(start / 2**k):
+                return start / 2**k, start / 2 ** (k - 1)
+        return None, None
 
-
-def _seems_to_hold(
-    network: Network, controllers_at: ControllersAt, guess: Float[np.ndarray, " pairs"] | None
-) -> bool:
-    try:
-        loop = in_doubles(network, controllers_at(network.period))
-        one = period_in_doubles(loop)
-        with np.errstate(all="ignore"):
-            return (
-                one is not None
-                and best_multiplier(loop, one, first_guess(network.d, guess), enough=0.999)[1] < 1
-            )
-    except (ProblemError, np.linalg.LinAlgError, ValueError):
-        return False
+    def seems_to_hold(self, period: float) -> bool:
+        """Tell whether some multiplier makes the gain around the nonlinearity less than 1."""
+        network = self.network.at(period)
+        try:
+            loop = in_doubles(network, self.controllers_at(period))
+            one = period_in_doubles(loop)
+            with np.errstate(all="ignore"):
+                if one is None:
+                    return False
+                m, gain = best_multiplier(loop, one, first_guess(network.d, self.guess), enough=0.999)
+        except (ProblemError, np.linalg.LinAlgError, ValueError):
+            return False
+        self.guess = m if gain < 1 else self.guess
+        return gain < 1
 
 
 def _down(period: float) -> float:

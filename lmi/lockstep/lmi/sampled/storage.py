@@ -29,6 +29,10 @@ PRICE_OF_ROUNDING = 1e6
 thousands. What t adds on the other side is as much less as delta^2 is small."""
 
 
+UNREACHED = 1e-13
+"""An eigenvalue of X, scaled to a unit diagonal, that may be rounding alone: some hundred units in the last place."""
+
+
 @dataclass(frozen=True, eq=False)
 class StorageProblem:
     """A, S and Q of the inequality."""
@@ -36,6 +40,10 @@ class StorageProblem:
     A: Float[np.ndarray, "n_xi n_xi"]
     S: Float[np.ndarray, "n_xi n_xi"]
     Q: Float[np.ndarray, "n_xi n_xi"]
+
+    def reaching(self, room: float) -> "StorageProblem":
+        """Return the problem with S + room I: what solves it solves this one too, and strictly where room > 0."""
+        return replace(self, S=self.S + room * np.eye(len(self.S))) if room else self
 
     def smallest(self, decay: float) -> Float[np.ndarray, "n_xi n_xi"] | None:
         """Return the smallest P, or None."""
@@ -48,10 +56,10 @@ class StorageProblem:
             return None
         # Scaled: what underflow alone can reach is many orders of magnitude below what the messages can.
         scale = 1 / np.sqrt(np.diag(X))
-        try:
-            P = np.linalg.inv(X * np.outer(scale, scale)) * np.outer(scale, scale)
-        except np.linalg.LinAlgError:
+        unit = X * np.outer(scale, scale)
+        if np.linalg.eigvalsh(unit)[0] <= UNREACHED:
             return None
+        P = np.linalg.inv(unit) * np.outer(scale, scale)
         return np.asarray((P + P.T) / 2)
 
 

@@ -7,8 +7,22 @@ is differentiable.
 """
 
 from lockstep.model.bound.box import EVERY_TIME, Box
-from lockstep.model.bound.proof import prove_bound, smallest_bound
-from lockstep.model.bound.result import Bound, Witness
-from lockstep.model.bound.search import Progress
+from lockstep.model.bound.entries import entries_hold, entry_bounds
+from lockstep.model.bound.proof import BOXES, prove_bound, smallest_bound
+from lockstep.model.bound.result import Bound, Entry, Witness
+from lockstep.model.bound.search import UNFINISHED, Progress
 
-__all__ = ["EVERY_TIME", "Bound", "Box", "Progress", "Witness", "prove_bound", "smallest_bound"]
+__all__ = [
+    "BOXES",
+    "EVERY_TIME",
+    "UNFINISHED",
+    "Bound",
+    "Box",
+    "Entry",
+    "Progress",
+    "Witness",
+    "entries_hold",
+    "entry_bounds",
+    "prove_bound",
+    "smallest_bound",
+]

@@ -26,8 +26,10 @@ from lockstep.model.bound.scaling import choose_scaling
 from lockstep.model.bound.search import Limits, Outcome, Progress, Search
 from lockstep.model.errors import ProblemError
 
-SECONDS = 20.0
-BOXES = 400_000
+BOXES = 250_000
+"""The budget. A core examines about ten thousand a second, so that a domain in six variables that takes all of them is done
+in half a minute."""
+
 # A box in many variables costs what its curvature costs: ask for what can be had.
 TOLERANCES = {0: 1e-9, 1: 1e-9, 2: 1e-6, 3: 1e-4}
 LOOSEST = 5e-3
@@ -36,7 +38,7 @@ Report = Callable[[Progress], None]
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
+class Task:
     """phi read and settled, its slopes, and the domain of (v, t)."""
 
     graph: Graph
@@ -56,7 +58,6 @@ def smallest_bound(
     time: tuple[float, float] = EVERY_TIME,
     *,
     tolerance: float | None = None,
-    seconds: float = SECONDS,
     boxes: int = BOXES,
     progress: Report | None = None,
 ) -> Bound:
@@ -70,8 +71,8 @@ def smallest_bound(
         box: the domain of v, convex and possibly unbounded.
         time: the range of t.
         tolerance: the relative gap to close; by default 1e-9 in one variable and less in more.
-        seconds: the budget, after which the best enclosure found is the answer.
-        boxes: the same in boxes, which makes the answer independent of the machine's speed.
+        boxes: the budget, after which the best enclosure found is the answer: a count, so that the answer is the same
+            on every machine.
         progress: called with the state of the search now and then.
 
     Raises:
@@ -82,18 +83,16 @@ def smallest_bound(
     3.33
 
     """
-    task = _prepare(phi, box, time)
+    task = prepare(phi, box, time)
     if task.empty:
         return _nothing(task, box, None)
     parts = blocks(task.jacobian) or [([0], [0])]
-    limits = Limits(
-        _tolerance(tolerance, task), seconds / len(parts), max(1, boxes // len(parts)), None, progress
-    )
+    limits = Limits(_tolerance(tolerance, task), max(1, boxes // len(parts)), None, progress)
     outcomes, D_w, D_v = [], np.ones(len(task.jacobian)), np.ones(box.size)
     for rows, columns in parts:
         own_w, own_v = _scaling(task, rows, columns)
         D_w[rows], D_v[columns] = own_w, own_v
-        outcomes.append(_search(task, rows, columns, D_w, D_v, limits))
+        outcomes.append(search_block(task, rows, columns, D_w, D_v, limits))
     alpha = max(o.upper for o in outcomes)
     if len(task.jacobian) > 1 and 0 < alpha < math.inf:
         for (rows, _), outcome in zip(parts, outcomes, strict=True):
@@ -109,7 +108,6 @@ def prove_bound(
     *,
     input_scale: Sequence[float] | None = None,
     output_scale: Sequence[float] | None = None,
-    seconds: float = SECONDS,
     boxes: int = BOXES,
     progress: Report | None = None,
 ) -> Bound:
@@ -127,18 +125,19 @@ def prove_bound(
         raise ProblemError(
             f"alpha is {alpha}", where="the bound to decide", expected="a finite number from 0 up"
         )
-    task = _prepare(phi, box, time)
-    D_w = _scale_given(output_scale, len(task.jacobian), "output_scale")
-    D_v = _scale_given(input_scale, box.size, "input_scale")
+    task = prepare(phi, box, time)
+    D_w = scale_given(output_scale, len(task.jacobian), "output_scale")
+    D_v = scale_given(input_scale, box.size, "input_scale")
     if task.empty:
         return _nothing(task, box, float(alpha))
     parts = blocks(task.jacobian) or [([0], [0])]
-    limits = Limits(0.0, seconds / len(parts), max(1, boxes // len(parts)), float(alpha), progress)
-    outcomes = [_search(task, rows, columns, D_w, D_v, limits) for rows, columns in parts]
+    limits = Limits(0.0, max(1, boxes // len(parts)), float(alpha), progress)
+    outcomes = [search_block(task, rows, columns, D_w, D_v, limits) for rows, columns in parts]
     return _bound(outcomes, limits, D_w, D_v)
 
 
-def _prepare(phi: ca.Function, box: Box, time: tuple[float, float]) -> _Task:
+def prepare(phi: ca.Function, box: Box, time: tuple[float, float]) -> Task:
+    """Return phi read, settled and differentiated, with its domain."""
     graph = read(phi)
     if box.size != graph.inputs:
         raise ProblemError(
@@ -151,10 +150,10 @@ def _prepare(phi: ca.Function, box: Box, time: tuple[float, float]) -> _Task:
     graph = settle(graph, lower[:, None], upper[:, None])
     columns = [derivative(graph.outputs, k) for k in range(graph.inputs)]
     rows = [[column[i] for column in columns] for i in range(len(graph.outputs))]
-    return _Task(graph, rows, lower, upper)
+    return Task(graph, rows, lower, upper)
 
 
-def _nothing(task: _Task, box: Box, asked: float | None) -> Bound:
+def _nothing(task: Task, box: Box, asked: float | None) -> Bound:
     """The bound of a linear agent, whose phi has no components, or of one that depends on t only."""
     return Bound(
         alpha=0.0,
@@ -172,7 +171,7 @@ def _nothing(task: _Task, box: Box, asked: float | None) -> Bound:
     )
 
 
-def _tolerance(tolerance: float | None, task: _Task) -> float:
+def _tolerance(tolerance: float | None, task: Task) -> float:
     if tolerance is None:
         used = frozenset[int]().union(*(x.variables for row in task.jacobian for x in row))
         angles = max((min(len(r), len(c)) - 1 for r, c in blocks(task.jacobian)), default=0)
@@ -184,7 +183,8 @@ def _tolerance(tolerance: float | None, task: _Task) -> float:
     return float(tolerance)
 
 
-def _scale_given(scales: Sequence[float] | None, size: int, name: str) -> Float[np.ndarray, " scales"]:
+def scale_given(scales: Sequence[float] | None, size: int, name: str) -> Float[np.ndarray, " scales"]:
+    """Return given scales, or ones; refuse what is none."""
     given = np.ones(size) if scales is None else np.asarray(scales, dtype=np.float64)
     if given.shape != (size,) or not (np.isfinite(given).all() and (given > 0).all()):
         raise ProblemError(f"`{name}` is {scales}", where="the bound", expected=f"{size} positive numbers")
@@ -192,7 +192,7 @@ def _scale_given(scales: Sequence[float] | None, size: int, name: str) -> Float[
 
 
 def _objective(
-    task: _Task, rows: list[int], columns: list[int], D_w: np.ndarray, D_v: np.ndarray
+    task: Task, rows: list[int], columns: list[int], D_w: np.ndarray, D_v: np.ndarray
 ) -> Objective:
     """Return the block of D_w^-1 J D_v, scaled exactly."""
     slopes = tuple(
@@ -202,7 +202,7 @@ def _objective(
     return Objective(slopes, Conditions(task.graph.conditions), task.graph.inputs + 1)
 
 
-def _scaling(task: _Task, rows: list[int], columns: list[int]) -> tuple[list[float], list[float]]:
+def _scaling(task: Task, rows: list[int], columns: list[int]) -> tuple[list[float], list[float]]:
     ones_w, ones_v = np.ones(len(task.jacobian)), np.ones(task.graph.inputs)
     if len(rows) == 1:
         return [1.0], [1.0] * len(columns)
@@ -210,9 +210,10 @@ def _scaling(task: _Task, rows: list[int], columns: list[int]) -> tuple[list[flo
     return choose_scaling(plain, sample_points(plain, task.lower, task.upper, [], polish=False))
 
 
-def _search(
-    task: _Task, rows: list[int], columns: list[int], D_w: np.ndarray, D_v: np.ndarray, limits: Limits
+def search_block(
+    task: Task, rows: list[int], columns: list[int], D_w: np.ndarray, D_v: np.ndarray, limits: Limits
 ) -> Outcome:
+    """Search the largest modulus of one block of D_w^-1 J D_v."""
     objective = _objective(task, rows, columns, D_w, D_v)
     lower, upper = reduce_to_period([objective.value, *_needs(objective)], task.lower, task.upper)
     relaxed = _relaxed(objective, lower, upper, limits)
@@ -220,7 +221,7 @@ def _search(
         return Search(
             objective, *_with_angles(objective, lower, upper), limits, (task.lower, task.upper)
         ).run()
-    direct = replace(limits, ceiling=relaxed.upper, seconds=limits.seconds / 2)
+    direct = replace(limits, ceiling=relaxed.upper, boxes=_half(limits))
     return Search(objective, *_with_angles(objective, lower, upper), direct, (task.lower, task.upper)).run()
 
 
@@ -229,9 +230,13 @@ def _relaxed(objective: Objective, lower: np.ndarray, upper: np.ndarray, limits:
     found = relax(objective, lower, upper)
     if found is None:
         return None
-    own = replace(limits, asked=None, tolerance=max(limits.tolerance / 4, 1e-10), seconds=limits.seconds / 2)
+    own = replace(limits, asked=None, tolerance=max(limits.tolerance / 4, 1e-10), boxes=_half(limits))
     ends = _with_angles(*found)
     return Search(found[0], *ends, own, (found[1], found[2])).run()
+
+
+def _half(limits: Limits) -> int:
+    return max(1, limits.boxes // 2)
 
 
 def _with_angles(objective: Objective, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,6 +18,22 @@ class Witness:
 
 
 @dataclass(frozen=True)
+class Entry:
+    """A proved bound of one slope: |d phi_k / d v_l| D_v,l / D_w,k <= bound on the box, with the scales of a `Bound`.
+
+    component: k;  argument: l, both from 0;  bound: a double, 0 or above.
+    """
+
+    component: int
+    argument: int
+    bound: float
+
+    def __post_init__(self) -> None:
+        if min(self.component, self.argument) < 0 or not 0 <= self.bound < math.inf:
+            raise ValueError(f"an impossible entry: {self}")
+
+
+@dataclass(frozen=True)
 class Bound:
     """|D_w^-1 (phi(a, t) - phi(b, t))| <= alpha |D_v^-1 (a - b)| for all a, b in the box and t in its range.
 
@@ -33,6 +49,7 @@ class Bound:
         tolerance: the relative gap asked for.
         boxes: how many boxes were examined.
         input_scale, output_scale: the diagonals of D_v and D_w.
+        entries: where some component has several arguments, a bound of its own for each slope that is not 0.
 
     """
 
@@ -48,6 +65,7 @@ class Bound:
     boxes: int
     input_scale: tuple[float, ...]
     output_scale: tuple[float, ...]
+    entries: tuple[Entry, ...] = ()
 
     def __post_init__(self) -> None:
         enough = self.alpha < math.inf if self.asked is None else self.alpha <= self.asked

@@ -10,7 +10,6 @@ deepest first, so that a slope without bound or an undefined operation is found 
 from __future__ import annotations
 
 import math
-import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -30,24 +29,29 @@ from lockstep.model.bound.tails import Pattern
 
 BATCH = 256
 NEARLY = 1.01  # a bound this close to a slope reached, over an unbounded domain, is not searched further
+UNFINISHED = "the budget was spent before every part of the domain had a finite enclosure"
 HALVINGS = 40  # a box 2^-40 of its domain in every direction without an enclosure has none to be found
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a search stands: boxes examined, the slope reached and the bound proved so far."""
+    """Where a search stands: boxes examined, the slope reached and the bound proved so far, the part of the budget spent."""
 
     boxes: int
     lower: float
     upper: float
+    part: float
 
 
 @dataclass(frozen=True)
 class Limits:
-    """When to stop: the relative gap, or a bound to decide, or a budget."""
+    """When to stop: the relative gap, or a bound to decide, or a budget.
+
+    boxes: the budget, a count, so that no answer depends on a clock. A batch counts as `BATCH` boxes at least: it takes
+    half as long with a few boxes as it does when it is full.
+    """
 
     tolerance: float
-    seconds: float
     boxes: int
     asked: float | None = None
     progress: Callable[[Progress], None] | None = None
@@ -77,12 +81,12 @@ class Search:
     original: tuple[Float[np.ndarray, " plain"], Float[np.ndarray, " plain"]]
     done: float = 0.0
     boxes: int = 0
+    spent: int = 0
     pools: dict[Pattern, Pool] = field(default_factory=dict)
     charts: dict[Pattern, Chart] = field(default_factory=dict)
 
     def run(self) -> Outcome:
         """Return the enclosure of the largest slope."""
-        start = clock.monotonic()
         self._prepare()
         self._examine(self._root_pattern, self.root_lower[:, None], self.root_upper[:, None], np.zeros(1))
         if self._remaining():
@@ -91,13 +95,13 @@ class Search:
         if self.limits.ceiling <= max(self.cutoff, self.reach.slope * NEARLY):
             return self._outcome(None)
         while self._remaining() and not self._decided():
-            spent = clock.monotonic() - start > self.limits.seconds or self.boxes >= self.limits.boxes
             hopeless = self._hopeless()
-            if hopeless is not None or spent:
+            if hopeless is not None or self.spent >= self.limits.boxes:
                 return self._outcome(hopeless)
             self._step()
             if self.limits.progress is not None:
-                self.limits.progress(Progress(self.boxes, max(self.reach.slope, 0.0), self._upper()))
+                part = min(1.0, self.spent / self.limits.boxes)
+                self.limits.progress(Progress(self.boxes, max(self.reach.slope, 0.0), self._upper(), part))
         return self._outcome(None)
 
     def _prepare(self) -> None:
@@ -136,6 +140,7 @@ class Search:
         """Enclose new boxes, shrink them, and keep those that are not done."""
         chart = self._chart(pattern)
         self.boxes += lower.shape[1]
+        self.spent += max(lower.shape[1], BATCH)
         lower, upper = lower.copy(), upper.copy()
         found = chart.enclose(lower, upper)
         self._try_middles(pattern, found)
@@ -272,7 +277,7 @@ class Search:
             reason = explain(self._chart(pattern), pool.lower, pool.upper, self.objective.variables, lower)
             upper = INF
         elif upper == INF:
-            reason = "the budget was spent before every part of the domain had a finite enclosure"
+            reason = UNFINISHED
         # A rounding above the cutoff is what a single point's enclosure costs.
         slack = 1.0 + 1e-12 if self.limits.asked is None else 1.0
         converged = self._decided() or upper <= self.cutoff * slack

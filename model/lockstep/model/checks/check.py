@@ -1,23 +1,22 @@
 """All symbolic checks of a problem, in the order in which they are worth reading."""
 
-import time
-
-from lockstep.model.assembly import BUDGET, Report, bound_of, network_of
+from lockstep.model.assembly import Report, bound_of, network_of
+from lockstep.model.bound import BOXES
 from lockstep.model.checks import nonlinearity, structure
 from lockstep.model.checks.report import CheckReport
 from lockstep.model.problem import Problem
 
 
-def check_problem(problem: Problem, *, budget: float = BUDGET, progress: Report | None = None) -> CheckReport:
+def check_problem(problem: Problem, *, boxes: int = BOXES, progress: Report | None = None) -> CheckReport:
     """Check what the certificate will rest on, and report it row by row.
 
     Args:
         problem: the problem.
-        budget: seconds for the proof of the bound.
+        boxes: the budget of the search that proves the bound, a count.
         progress: called with the state of that proof now and then.
 
     Raises:
-        ProblemError: no spanning tree, a pair that is not controllable or observable, or no finite bound: the
+        ProblemError: no spanning tree, a pair that is not stabilisable or detectable, or no finite bound: the
             input is bad, and the message says what to change.
         BoundNotProved: [design] alpha is given and does not bound the nonlinearity (with a witness), or could
             not be proved within the budget.
@@ -38,15 +37,14 @@ def check_problem(problem: Problem, *, budget: float = BUDGET, progress: Report 
     """
     problem.validate()
     agent, graph, agents_B = problem.agent(), problem.graph(), problem.agents_B()
-    start = time.monotonic()
-    bound = bound_of(agent, budget=budget, alpha=problem.design.alpha, progress=progress)
-    left = max(0.0, budget - (time.monotonic() - start))
-    everywhere = nonlinearity.holds_everywhere(agent, bound, seconds=min(left, 2.0))
-    controllable, is_controllable = structure.controllable(agent, agents_B)
-    observable, is_observable = structure.observable(agent)
+    bound = bound_of(agent, boxes=boxes, alpha=problem.design.alpha, progress=progress)
+    everywhere = nonlinearity.holds_everywhere(agent, bound)
+    controllable, inputs = structure.controllable(agent, agents_B)
+    observable, outputs = structure.observable(agent)
     zeros, right = structure.zeros(agent, agents_B)
     rows = (
         nonlinearity.bound(agent, bound),
+        *([nonlinearity.entries(agent, bound)] if bound.entries else []),
         nonlinearity.reach(agent, graph, everywhere=everywhere),
         nonlinearity.centring(agent),
         nonlinearity.origin(agent),
@@ -62,8 +60,10 @@ def check_problem(problem: Problem, *, budget: float = BUDGET, progress: Report 
         bound=bound,
         plant=network_of(problem, bound).plant,
         roots=graph.roots,
-        controllable=is_controllable,
-        observable=is_observable,
+        controllable=inputs.controllable,
+        stabilisable=inputs.stabilisable,
+        observable=outputs.observable,
+        detectable=outputs.detectable,
         everywhere=everywhere,
         zeros=right,
     )

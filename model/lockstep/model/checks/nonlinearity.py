@@ -5,7 +5,7 @@ import numpy as np
 
 from lockstep.model.agent import Agent
 from lockstep.model.arguments import arguments_text
-from lockstep.model.bound import Bound, Box, prove_bound
+from lockstep.model.bound import BOXES, Bound, Box, entries_hold, prove_bound
 from lockstep.model.checks.report import Row
 from lockstep.model.graph import Graph
 
@@ -31,8 +31,12 @@ def bound(agent: Agent, proved: Bound) -> Row:
     return Row(name, "ok", f"{head} proved, {proved.lower:.10g} is reached ({where})", reason)
 
 
-def holds_everywhere(agent: Agent, proved: Bound, *, seconds: float) -> bool:
-    """Whether alpha bounds phi outside of the domain too: a box that constrains nothing costs nothing."""
+EVERYWHERE = BOXES // 10
+"""Boxes spent on showing that a bound proved on a box holds everywhere; without success the certificate is local."""
+
+
+def holds_everywhere(agent: Agent, proved: Bound) -> bool:
+    """Whether alpha and the entries bound phi outside of the domain too: a box that constrains nothing costs nothing."""
     size = agent.argument_box.size
     if agent.lure.is_linear or agent.argument_box == Box.everywhere(size):
         return proved.proved
@@ -42,9 +46,36 @@ def holds_everywhere(agent: Agent, proved: Bound, *, seconds: float) -> bool:
         proved.alpha,
         input_scale=proved.input_scale,
         output_scale=proved.output_scale,
-        seconds=seconds,
+        boxes=EVERYWHERE,
     )
-    return wide.proved
+    return wide.proved and (not proved.entries or _entries_hold_everywhere(agent, proved))
+
+
+def _entries_hold_everywhere(agent: Agent, proved: Bound) -> bool:
+    return entries_hold(
+        agent.lure.phi,
+        Box.everywhere(agent.argument_box.size),
+        proved.entries,
+        input_scale=proved.input_scale,
+        output_scale=proved.output_scale,
+        boxes=EVERYWHERE,
+    )
+
+
+def entries(agent: Agent, proved: Bound) -> Row:
+    """A bound of its own for each slope d phi_k / d v_l, where a component of phi has several arguments."""
+    reason = "one number alpha for all arguments grants the largest slope to each of them"
+    shown = ", ".join(
+        f"|d phi{one.component + 1} / d v{one.argument + 1}| <= {slope:.6g}"
+        for one, slope in zip(proved.entries, slopes_of(proved), strict=True)
+    )
+    return Row("entries of the slope", "ok", f"proved: {shown} ({arguments_text(agent)})", reason)
+
+
+def slopes_of(proved: Bound) -> tuple[float, ...]:
+    """Return the entries' bounds without the scales, of d phi_k / d v_l themselves, rounded up by a little."""
+    ratios = (proved.output_scale[one.component] / proved.input_scale[one.argument] for one in proved.entries)
+    return tuple(one.bound * ratio * (1 + 2**-50) for one, ratio in zip(proved.entries, ratios, strict=True))
 
 
 def reach(agent: Agent, graph: Graph, *, everywhere: bool) -> Row:

@@ -36,7 +36,8 @@ class CheckReport:
         bound: the bound of phi, for the scales with which `plant` has its G and H.
         plant: the matrices of (2), G and H scaled.
         roots: the agents that reach all others, from 1; empty without a spanning tree.
-        controllable, observable: whether (A, B_i) is for every i, and (A, C).
+        controllable, stabilisable: whether (A, B_i) is for every i.
+        observable, detectable: whether (A, C) is.
         everywhere: whether the bound holds for every state, so that the certificate is global.
         zeros: per agent, the zeros from u to y with Re s > 0.
     """
@@ -46,7 +47,9 @@ class CheckReport:
     plant: Plant
     roots: tuple[int, ...]
     controllable: bool
+    stabilisable: bool
     observable: bool
+    detectable: bool
     everywhere: bool
     zeros: tuple[tuple[complex, ...], ...]
 
@@ -71,7 +74,9 @@ class CheckReport:
             "ok": self.ok,
             "bound": self._bound(),
             "controllable": self.controllable,
+            "stabilisable": self.stabilisable,
             "observable": self.observable,
+            "detectable": self.detectable,
             "graph": {"spanning_tree": bool(self.roots), "roots": list(self.roots)},
             "zeros": [[[z.real, z.imag] for z in zeros] for zeros in self.zeros],
             "problems": self.problems,
@@ -94,4 +99,8 @@ class CheckReport:
             "G": self.plant.G.tolist(),
             "H": self.plant.H.tolist(),
             "scales": {"G": list(bound.output_scale), "H": list(bound.input_scale)},
+            "entries": [
+                {"component": one.component + 1, "argument": one.argument + 1, "bound": one.bound}
+                for one in bound.entries
+            ],
         }

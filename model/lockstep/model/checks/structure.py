@@ -39,23 +39,22 @@ def row_sums(graph: Graph) -> Row:
     return Row("L 1 = 0", "ok", figure, reason)
 
 
-def controllable(agent: Agent, agents_B: Matrices) -> tuple[Row, bool]:
-    """(A, B_i) for every agent."""
+def controllable(agent: Agent, agents_B: Matrices) -> tuple[Row, Controllability]:
+    """(A, B_i) of the agent that has the least of it: controllable, stabilisable at least, or neither."""
     checks = [controllability(agent.lure.A, B) for B in _distinct(agents_B)]
     worst = min(checks, key=lambda check: (check.controllable, check.stabilisable, check.margin))
     name = "(A, B_i) controllable" if len(checks) > 1 else "(A, B) controllable"
-    return _pair(name, worst, worst.controllable, worst.stabilisable, "stabilisable", "no input moves"), (
-        worst.controllable
-    )
+    row = _pair(name, worst, worst.controllable, worst.stabilisable, "stabilisable", "no input moves")
+    return row, worst
 
 
-def observable(agent: Agent) -> tuple[Row, bool]:
-    """(A, C)."""
+def observable(agent: Agent) -> tuple[Row, Observability]:
+    """(A, C): observable, detectable at least, or neither."""
     check = agent.observability()
     row = _pair(
         "(A, C) observable", check, check.observable, check.detectable, "detectable", "no output shows"
     )
-    return row, check.observable
+    return row, check
 
 
 def zeros(agent: Agent, agents_B: Matrices) -> tuple[Row, tuple[tuple[complex, ...], ...]]:
@@ -79,17 +78,17 @@ def _no_right(zeros: Zeros) -> str:
 def _pair(
     name: str, check: Controllability | Observability, holds: bool, enough: bool, weaker: str, what: str
 ) -> Row:
-    reason = (
-        "the paper assumes it under (2); a mode that is lost cannot be brought to agreement unless it decays"
-    )
+    reason = "the paper assumes it under (2); a mode that is lost cannot be brought to agreement, and agrees if it decays"
     if holds:
         near = f"{check.margin:.3g} from losing it at most, at s = {_number(check.eigenvalue)}"
         # Below this the figures of a design would be made of rounding.
         verdict: Verdict = "ok" if check.relative_margin > 1e-8 else "note"
         return Row(name, verdict, near, reason)
     lost = check.unstable_eigenvalue if check.unstable_eigenvalue is not None else check.eigenvalue
-    state = f"{weaker}, the mode decays by itself" if enough else f"not {weaker} either"
-    return Row(name, "fails", f"{what} the mode at s = {_number(lost)}: {state}", reason)
+    state = f"{weaker}, the mode decays by itself, which is enough" if enough else f"not {weaker} either"
+    return Row(
+        name, "note" if enough else "fails", f"{what} the mode at s = {_number(lost)}: {state}", reason
+    )
 
 
 def _distinct(matrices: Matrices) -> list[Float[np.ndarray, "n m"]]:

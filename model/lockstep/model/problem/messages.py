@@ -19,7 +19,7 @@ _MOST = 3
 
 def problem_error(error: ValidationError) -> ProblemError:
     """Join the errors of a validation into one; misspelt keys first, for they are why others are missing."""
-    details = [d for d in error.errors(include_url=False) if not _is_echo(d["loc"])]
+    details = [d for d in error.errors(include_url=False) if not _is_second_opinion(d["loc"])]
     details.sort(key=lambda d: d["type"] != "extra_forbidden")
     errors = [_one(*_place(d)) for d in details]
     first, rest = errors[0], errors[1:_MOST]
@@ -42,7 +42,7 @@ def toml_path(location: Location) -> str:
     '[agent] states, entry 1'
     """
     if location[:2] == ("design", "gains") and len(location) > 2:
-        return ", ".join(["[[design.gains]] " + str(int(location[2]) + 1), *_tail(location[3:])])
+        return _gains_path(location[2:])
     split = next((k for k, part in enumerate(location) if isinstance(part, int)), len(location))
     names, tail = [shorten(str(part)) for part in location[:split]], location[split:]
     if not names:
@@ -56,11 +56,19 @@ def toml_path(location: Location) -> str:
     return ", ".join([f"[{'.'.join(names[:-1])}] {names[-1]}", *_tail(tail)])
 
 
+def _gains_path(location: Location) -> str:
+    """Write a place from [[design.gains]] on: in one of these tables, or in whichever of them."""
+    first, *rest = location
+    which = str(first + 1) if isinstance(first, int) else shorten(first)
+    return ", ".join([f"[[design.gains]] {which}", *_tail(rest)])
+
+
 def _table_path(location: Location) -> str:
     """Write the head of a table as the file does: [design.weights], or nothing for the first lines."""
     if not location or any(isinstance(part, int) for part in location):
         return toml_path(location)
-    return f"[{'.'.join(str(part) for part in location)}]"
+    head = f"[{'.'.join(str(part) for part in location)}]"
+    return f"[{head}]" if location == ("design", "gains") else head
 
 
 def _tail(parts: Sequence[int | str]) -> Iterator[str]:
@@ -97,10 +105,14 @@ def _unknown(location: Location) -> ProblemError:
     *table, key = location
     model = _model(tuple(table)) or ProblemFile
     known = list(model.model_fields)
-    elsewhere = [toml_path((*place, "x"))[:-2] for place, other in _tables() if key in other.model_fields]
+    elsewhere = [
+        _table_path(place) or "the first lines, before any table"
+        for place, other in _tables()
+        if key in other.model_fields
+    ]
     remedy = nearest(str(key), known)
     if elsewhere:
-        there = f"`{key}` belongs in {elsewhere[0] or 'the first lines, before any table'}"
+        there = f"`{key}` belongs in {' or '.join(elsewhere)}"
         remedy = f"{remedy} {there}" if remedy else there
     return ProblemError(
         f"unknown key `{shorten(str(key))}`",
@@ -133,16 +145,23 @@ def _shown(value: Any) -> str:
             return shorten(str(value), 40)
 
 
-def _is_echo(location: Location) -> bool:
-    """Tell pydantic's second opinion apart: of `initial`, a list or "random", it reports both as failed."""
-    return any(isinstance(part, str) and part.startswith("literal[") for part in location)
+def _is_second_opinion(location: Location) -> bool:
+    """Tell apart: of `initial`, a list or "random", pydantic reports both as failed."""
+    return any(_is_type(location, k) and str(part).startswith("literal[") for k, part in enumerate(location))
 
 
 def _known(location: Location) -> Location:
     """Drop the parts that name a type of a union, not a place in the file."""
-    return tuple(
-        part for part in location if not (isinstance(part, str) and part.startswith(("tuple[", "literal[")))
-    )
+    return tuple(part for k, part in enumerate(location) if not _is_type(location, k))
+
+
+def _is_type(location: Location, k: int) -> bool:
+    """Tell whether part k names the type that was tried: it follows a key that may hold several types."""
+    model = _model(location[: k - 1]) if k else None
+    field = model.model_fields.get(str(location[k - 1])) if model else None
+    if field is None or get_origin(field.annotation) not in (Union, types.UnionType):
+        return False
+    return len([t for t in get_args(field.annotation) if t is not types.NoneType]) > 1
 
 
 def _description(location: Location) -> str:

@@ -192,8 +192,7 @@ class Problem:
         """Refuse a network that cannot agree, or that the method's assumptions do not cover.
 
         Raises:
-            ProblemError: no spanning tree; (A, B_i) not controllable or (A, C) not observable, which the
-                paper assumes under (2), with the mode that is lost, and whether it decays by itself.
+            ProblemError: no spanning tree; (A, B_i) not stabilisable or (A, C) not detectable, with the mode.
         """
         check_assumptions(self._graph, self._agent, self.agents_B())
 

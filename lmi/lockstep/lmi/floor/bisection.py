@@ -1,0 +1,214 @@
+"""The largest floor that can be proved: bisection in rho, and at each rho pieces that cover all mu.
+
+A dual point is sought in doubles by `program` and accepted by the exact decision of `witness` alone, so that what comes out
+is proved, and what is missed is missed on the low side. For one mu the problem is convex, without a gap: where no point is
+found for a single mu, that rho is given up. Where an interval of mu has none, it is cut where mu stands in the way.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.lmi.floor.program import Found, Program, Scales, largest_margin
+from lockstep.lmi.floor.projected import Projected, without_rho
+from lockstep.lmi.floor.witness import FloorWitness, Piece, exact_agent, excludes, of_piece
+from lockstep.model.network import Network
+
+STEP = 4.0
+"""By how much rho is lowered or raised until it is between one that is proved and one that is not."""
+
+MOST_STEPS = 10
+"""Lower than so many steps below a certified rho, or below a first guess, a floor says nothing; so high, it says all."""
+
+TOLERANCE = 2e-3
+"""How near to each other the rho that is proved and the one that is not are brought, relative to them."""
+
+DIGITS = (5, 7, 9, 12, 17)
+"""Significant decimals that a witness is stored with: the first that prove it."""
+
+FLOOR_DIGITS = 4
+"""Significant decimals of the floor itself, rounded down."""
+
+SOLVED = 1e-9
+"""The margin of a point may fall short of 0 by this, which the solver leaves open, and is still decided exactly."""
+
+TURNS = 3
+"""How often a point is sought, each time in the scales of the one before."""
+
+MOST_TRIED = 60
+"""Intervals tried at one rho; near the least rho a piece is as narrow as the root of the distance from it."""
+
+NEAR_AN_END = 0.15
+"""An interval is cut no nearer to an end than this part of its length in logarithms."""
+
+FIRST_CUT = 10.0
+"""An interval to 0 or to infinity is cut at least this factor from its other end."""
+
+
+def largest_floor(
+    network: Network, alpha: float, R: Float[np.ndarray, "n n"], *, certified: float | None = None
+) -> FloorWitness | None:
+    """Return the largest rho for which it is proved that no controllers certify less; None where no proof is found.
+
+    Args:
+        network: the agents; of the graph only that it has a spanning tree is used.
+        alpha: the incremental bound of phi.
+        R: (n, n) weight of the disagreement.
+        certified: a rho that is certified, above which there is nothing to look for.
+    """
+    proved: dict[float, tuple[Piece, ...]] = {}
+
+    def is_proved(rho: float) -> bool:
+        pieces = _Cover(network, alpha, R, rho).pieces()
+        if pieces is not None:
+            proved[rho] = pieces
+        return pieces is not None
+
+    low, high = _bracket(is_proved, certified, _guess(network, R))
+    if low is None:
+        return None
+    while high is not None and high / low > 1 + TOLERANCE:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if is_proved(middle) else (low, middle)
+    short = rounded_down(low)
+    rho = short if short in proved or is_proved(short) else low
+    return _shortened(network, alpha, R, FloorWitness(rho, proved[rho]))
+
+
+def proves_that_none_carries(network: Network, alpha: float) -> bool:
+    """Tell whether a proof is found that no controllers certify alpha, with whatever rho and R.
+
+    Such a proof needs phi to reach, and to be reached from, all that the controllers cannot move: else none is found here.
+    """
+    plant, slope = exact_agent(network, alpha)
+    if not plant.G.shape[1]:
+        return False
+    stated = without_rho(plant, slope)
+    return _point(Program(stated), stated, 1.0, 1.0)[1]
+
+
+def _guess(network: Network, R: Float[np.ndarray, "n n"]) -> float:
+    """Return what rho is of the size of: that of x' = -|A| x + xi."""
+    fastest = float(np.abs(np.linalg.eigvals(network.plant.A)).max())
+    return math.sqrt(float(np.linalg.norm(R, 2))) / (fastest or 1.0)
+
+
+def _bracket(
+    is_proved: Callable[[float], bool], certified: float | None, guess: float
+) -> tuple[float | None, float | None]:
+    """Return a rho that is proved and one that is not, at most `STEP` apart, each None where there is none in reach."""
+    high, rho = certified, guess if certified is None else certified / STEP
+    low: float | None = None
+    for _ in range(MOST_STEPS):
+        if is_proved(rho):
+            low = rho
+        else:
+            high = rho
+        if low is not None and high is not None:
+            break
+        rho = rho * STEP if high is None else rho / STEP
+    return low, high
+
+
+def rounded_down(rho: float) -> float:
+    """Return rho in short decimals, no larger.
+
+    >>> rounded_down(1.95668), rounded_down(1.9566), rounded_down(12503.0)
+    (1.956, 1.956, 12500.0)
+    """
+    unit = 10.0 ** (math.floor(math.log10(rho)) - FLOOR_DIGITS + 1)
+    short = float(f"{math.floor(rho / unit) * unit:.{FLOOR_DIGITS}g}")
+    return short if short <= rho else float(f"{short - unit:.{FLOOR_DIGITS}g}")
+
+
+@dataclass
+class _Cover:
+    """The pieces for one rho, and the programs they come from."""
+
+    network: Network
+    alpha: float
+    R: Float[np.ndarray, "n n"]
+    rho: float
+    tried: int = 0
+    programs: dict[tuple[bool, bool], tuple[Projected, Program]] = field(default_factory=dict)
+
+    def pieces(self) -> tuple[Piece, ...] | None:
+        """Return proved pieces that cover all mu > 0, or None where some mu stands in the way."""
+        return self._between(0.0, math.inf)
+
+    def _between(self, lower: float, upper: float) -> tuple[Piece, ...] | None:
+        self.tried += 1
+        if self.tried > MOST_TRIED:
+            return None
+        found, proved = self._point(lower, upper)
+        if found is None or proved:
+            return None if found is None else (found.piece,)
+        mu = cut(lower, upper, found.mu)
+        if not lower < mu < upper or not self._point(mu, mu)[1]:
+            return None
+        left = self._between(lower, mu)
+        right = None if left is None else self._between(mu, upper)
+        return None if left is None or right is None else (*left, *right)
+
+    def _point(self, lower: float, upper: float) -> tuple[Found | None, bool]:
+        key = lower == 0, math.isinf(upper)
+        if key not in self.programs:
+            stated = of_piece(self.network, self.alpha, self.R, self.rho, lower, upper)
+            self.programs[key] = stated, Program(stated)
+        stated, program = self.programs[key]
+        return _point(program, stated, lower, upper)
+
+
+def _point(program: Program, stated: Projected, lower: float, upper: float) -> tuple[Found | None, bool]:
+    """Return the dual point of the last turn, and whether it is proved; None where there is nothing to find."""
+    scales, found = Scales.ones(stated), None
+    for _ in range(TURNS if program.count else 0):
+        turn = largest_margin(program, scales, lower, upper)
+        if turn is None:
+            break
+        if turn.t > -SOLVED and excludes(stated, turn.piece, lower):
+            return turn, True
+        found, scales = turn, turn.scales
+    return found, False
+
+
+def cut(lower: float, upper: float, mu: float) -> float:
+    """Return where to cut [lower, upper], near mu, which may be none.
+
+    >>> cut(0.0, math.inf, 2.0), cut(1.0, math.inf, 2.0), cut(0.0, 1.0, 0.05), cut(1.0, 100.0, math.nan)
+    (2.0, 10.0, 0.05, 10.0)
+    """
+    known = math.isfinite(mu) and mu > 0
+    if lower == 0:
+        if math.isinf(upper):
+            return mu if known else 1.0
+        return min(mu, upper / FIRST_CUT) if known else upper / FIRST_CUT
+    if math.isinf(upper):
+        return max(mu, lower * FIRST_CUT) if known else lower * FIRST_CUT
+    part = math.log(mu / lower) / math.log(upper / lower) if known else 0.5
+    return float(lower * (upper / lower) ** min(max(part, NEAR_AN_END), 1 - NEAR_AN_END))
+
+
+def _shortened(
+    network: Network, alpha: float, R: Float[np.ndarray, "n n"], witness: FloorWitness
+) -> FloorWitness:
+    """Return the witness in the fewest of `DIGITS`, piece by piece."""
+    ends = [0.0, *(piece.upper for piece in witness.pieces)]
+    pieces = []
+    for lower, piece in zip(ends, witness.pieces, strict=False):
+        stated = of_piece(network, alpha, R, witness.rho, lower, piece.upper)
+        shorter = (in_digits(piece, digits) for digits in DIGITS)
+        pieces.append(next((one for one in shorter if excludes(stated, one, lower)), piece))
+    return replace(witness, pieces=tuple(pieces))
+
+
+def in_digits(piece: Piece, digits: int) -> Piece:
+    """Return a piece whose numbers have so many significant decimals."""
+    Z, Z_dual, k = (
+        np.array([float(f"{entry:.{digits}g}") for entry in M.ravel()]).reshape(M.shape)
+        for M in (piece.Z, piece.Z_dual, piece.k)
+    )
+    return Piece(piece.upper, Z, Z_dual, k)

@@ -1,0 +1,134 @@
+"""A JSON file and typed access to its parts: each is there, of its kind, finite and of its shape, or is refused by name."""
+
+import json
+import math
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lockstep.model.errors import ProblemError
+
+A_DESIGN = "a file written by `lockstep design`"
+
+
+def load_json(path: Path) -> Any:
+    """Read a JSON file; NaN and infinities, which JSON does not have, are read as NaN and refused later.
+
+    Raises:
+        ProblemError: not there, not readable, not JSON, a key given twice, or a number of thousands of digits.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        return json.loads(text, parse_constant=lambda _name: math.nan, object_pairs_hook=_object)
+    except ProblemError as error:
+        raise error.within(str(path)) from None
+    except FileNotFoundError:
+        raise ProblemError("there is no such file", where=str(path), expected=A_DESIGN) from None
+    except UnicodeDecodeError as error:
+        raise ProblemError(
+            f"it is not text: byte {error.start + 1} is 0x{error.object[error.start]:02x}",
+            where=str(path),
+            expected=A_DESIGN,
+        ) from None
+    except OSError as error:
+        raise ProblemError(f"it cannot be read ({error.strerror})", where=str(path)) from None
+    except (ValueError, RecursionError) as error:
+        # Python refuses whole numbers of more than 4300 digits with a plain ValueError.
+        raise ProblemError(f"it is not JSON ({error})", where=str(path), expected=A_DESIGN) from None
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object of JSON, each key of which is given once: of two values one would be ignored silently."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
+        raise ProblemError(f"the key `{twice}` is given twice", expected="each key once")
+    return found
+
+
+def part(content: Mapping[str, Any], key: str, kind: type) -> Any:
+    """Return what an object holds under a key, of the kind it has to be."""
+    value = content.get(key)
+    if not isinstance(value, kind):
+        raise ProblemError(
+            f"`{key}` is {'missing' if value is None else 'a ' + type(value).__name__}",
+            expected=f"a {kind.__name__}",
+        )
+    return value
+
+
+def number(value: Any, where: str) -> float:
+    """Return a number as a finite double."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ProblemError(f"{value!r}", where=where, expected="a finite number")
+    try:
+        found = float(value)
+    except OverflowError:
+        found = math.inf
+    if not math.isfinite(found):
+        raise ProblemError(f"{found!r}", where=where, expected="a finite number")
+    return found
+
+
+def position(value: Any, where: str) -> int:
+    """Return a position that is counted from 1, counted from 0."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise ProblemError(f"{value!r}", where=where, expected="a whole number from 1")
+    return value - 1
+
+
+def not_negative(value: Any, where: str) -> float:
+    """Return a finite double from 0 up."""
+    found = number(value, where)
+    if found < 0:
+        raise ProblemError(f"{found!r}", where=where, expected="a number from 0 up")
+    return found
+
+
+def item(one: Any, key: str, where: str) -> Any:
+    """Return what a nested object holds under a key, or None."""
+    if not isinstance(one, dict):
+        raise ProblemError(f"a {type(one).__name__}", where=where, expected="an object")
+    return one.get(key)
+
+
+def matrix(content: Any, key: str, where: str, shape: tuple[int, int]) -> Any:
+    """Return the matrix that an object holds under a key."""
+    rows = content.get(key) if isinstance(content, dict) else None
+    place = f"{where}, `{key}`"
+    if (
+        not isinstance(rows, list)
+        or len(rows) != shape[0]
+        or any(not isinstance(row, list) or len(row) != shape[1] for row in rows)
+    ):
+        raise ProblemError(
+            "it is missing or has another shape",
+            where=place,
+            expected=f"{shape[0]} rows of {shape[1]} numbers",
+        )
+    return np.array([[number(value, place) for value in row] for row in rows], dtype=float).reshape(shape)
+
+
+def rows_or_none(stored: Mapping[str, Any], key: str, shape: tuple[int, int]) -> Any:
+    """Return a matrix that a file need not hold where it has no rows."""
+    return matrix({key: [], **stored}, key, "certificate", shape)
+
+
+def symmetric(P: Any, where: str) -> Any:
+    """Return a matrix that is its own transpose, exactly."""
+    if not np.array_equal(P, P.T):
+        raise ProblemError("it is not symmetric", where=where, expected="P = P'")
+    return P
+
+
+def vector(content: Mapping[str, Any], key: str, size: int) -> Any:
+    """Return the vector that a certificate holds under a key."""
+    values = content.get(key)
+    if not isinstance(values, list) or len(values) != size:
+        raise ProblemError(
+            "it is missing or has another length", where=f"certificate, `{key}`", expected=f"{size} numbers"
+        )
+    return np.array([number(value, f"certificate, `{key}`") for value in values], dtype=float)

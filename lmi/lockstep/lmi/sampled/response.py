@@ -1,0 +1,141 @@
+"""The frequency response of a loop as one smooth number, and its slopes in the loop's matrices: in doubles, for the search.
+
+For x+ = N x + J w (or x' = N x + J w) with a disturbance that is measured by w' S^-1 w and enters the first n_d states,
+S >= 0, and a cost x' Q x, the loop has a gain of at most 1 exactly if no eigenvalue of
+
+    X(s) = L' J' Phi(s)* Q Phi(s) J L,    S = L L',    Phi(s) = (s I - N)^-1,    |s| = 1 (or Re s = 0)
+
+exceeds 1. The largest of them is not smooth in N, S and Q; the power mean
+
+    g_p = 1/p log( mean_s sum_k lambda_k(X(s))^p )
+
+over points s is, and tends to the logarithm of the largest one on the points as p grows. With
+d lambda = v' dX v it has the slopes, V = L (sum_k c_k v_k v_k') L', c_k = lambda_k^(p-1) / sum lambda^p,
+
+    dg/dQ = Re sum Phi_d V Phi_d*,    dg/dN = 2 Re sum (Phi_d V Phi_d* Q Phi)',
+    dg/dS = Re sum H L (sum_k c_k / lambda_k v_k v_k') L' H,    H = Phi_d* Q Phi_d,    Phi_d = Phi J.
+
+Between the points a narrow peak goes unseen. The trace of the loop's Gramian W, W = N W N' + I (or N W + W N' + I = 0),
+sees every pole that comes near the edge of stability.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+NEGLIGIBLE = 1e-13
+"""What the points that are left out may add to the sum."""
+
+WORST = 1e9
+"""Condition of the eigenvectors beyond which they are not used."""
+
+
+class Mean(NamedTuple):
+    """g_p and its slopes in N, S and Q."""
+
+    value: float
+    N: Float[np.ndarray, "n n"]
+    S: Float[np.ndarray, "n_d n_d"]
+    Q: Float[np.ndarray, "n n"]
+
+
+@dataclass(frozen=True, eq=False)
+class Poles:
+    """A loop by its eigenvalues: N (n, n) of x+ = N x, or of x' = N x where `continuous`."""
+
+    N: Float[np.ndarray, "n n"]
+    continuous: bool
+
+    @cached_property
+    def _eig(
+        self,
+    ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, "n n"], Complex[np.ndarray, "n n"] | None]:
+        poles, vectors = np.linalg.eig(self.N)
+        poles, vectors = poles.astype(complex), vectors.astype(complex)
+        return poles, vectors, np.linalg.inv(vectors) if np.linalg.cond(vectors) < WORST else None
+
+    @property
+    def stable(self) -> bool:
+        """Whether all of them are inside."""
+        poles = self._eig[0]
+        return bool(poles.real.max() < 0 if self.continuous else np.abs(poles).max() < 1)
+
+    def resolvents(self, points: Complex[np.ndarray, " s"]) -> Complex[np.ndarray, "s n n"]:
+        """Return (s I - N)^-1 for each point."""
+        poles, vectors, inverse = self._eig
+        n = len(poles)
+        if inverse is None:
+            return np.linalg.inv(points[:, None, None] * np.eye(n) - self.N)
+        left = vectors / (points[:, None] - poles)[:, None, :]
+        return np.asarray((left.reshape(-1, n) @ inverse).reshape(left.shape))
+
+    def log_gramian(self) -> tuple[float, Float[np.ndarray, "n n"]]:
+        """Return log tr W and its slope in N: 2 Z N W / tr W with Z = N' Z N + I (2 Z W / tr W where continuous)."""
+        W, Z = self._gramian(self.N), self._gramian(self.N.T)
+        slope = Z @ W if self.continuous else Z @ self.N @ W
+        return float(np.log(np.trace(W))), 2 * slope / np.trace(W)
+
+    def _gramian(self, N: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+        from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
+
+        poles, vectors, inverse = self._eig
+        if inverse is None:
+            unit = np.eye(len(N))
+            solve = solve_continuous_lyapunov if self.continuous else solve_discrete_lyapunov
+            return np.asarray(solve(N, -unit if self.continuous else unit))
+        if N is not self.N:
+            vectors, inverse = inverse.T, vectors.T
+        pairs = (
+            -np.add.outer(poles, poles.conj())
+            if self.continuous
+            else 1 - np.multiply.outer(poles, poles.conj())
+        )
+        return np.asarray((vectors @ (inverse @ inverse.conj().T / pairs) @ vectors.conj().T).real)
+
+
+def power_mean(
+    poles: Poles,
+    S: Float[np.ndarray, "n_d n_d"],
+    Q: Float[np.ndarray, "n n"],
+    points: Complex[np.ndarray, " s"],
+    p: float,
+) -> Mean:
+    """Return g_p on the points; p is 2 or more.
+
+    >>> one = np.ones((1, 1))
+    >>> mean = power_mean(Poles(0.5 * one, False), one, one, np.array([1.0 + 0j]), 4)
+    >>> round(float(np.exp(mean.value)), 9)  # |1 / (1 - 0.5)|^2
+    4.0
+    """
+    n_d, L = len(S), root(S)
+    Phi = poles.resolvents(points)
+    Phi_d = Phi[:, :, :n_d]
+    H = Phi_d.conj().swapaxes(1, 2) @ (Q @ Phi_d)
+    X = L.T @ H @ L
+    sizes = np.trace(X, axis1=1, axis2=2).real
+    seen = sizes > NEGLIGIBLE ** (1 / p) * sizes.max() / n_d
+    Phi, Phi_d, H = Phi[seen], Phi_d[seen], H[seen]
+    values, vectors = np.linalg.eigh(X[seen])
+    top = max(float(values.max()), 1e-300)
+    relative = np.maximum(values, 0.0) / top
+    total = float((relative**p).sum())
+    tilted = L @ vectors
+    spread = Phi_d @ ((tilted * (relative ** (p - 1))[:, None, :]) @ tilted.conj().swapaxes(1, 2))
+    across = spread @ (Q @ Phi_d).conj().swapaxes(1, 2)
+    back = H @ tilted
+    by_S = np.tensordot(back * (relative ** (p - 2))[:, None, :], back.conj(), ((0, 2), (0, 2))).real
+    return Mean(
+        float(np.log(top) + np.log(total / len(points)) / p),
+        2 / (total * top) * np.tensordot(Phi, across, ((0, 1), (0, 2))).real,
+        by_S / (total * top**2),
+        np.tensordot(spread, Phi_d.conj(), ((0, 2), (0, 2))).real / (total * top),
+    )
+
+
+def root(square: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """Return L with L L' = a positive semidefinite matrix."""
+    values, vectors = np.linalg.eigh((square + square.T) / 2)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

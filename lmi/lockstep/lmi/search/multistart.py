@@ -1,0 +1,146 @@
+"""Many starts, the promising ones pursued side by side over the cores, ranked by what ships."""
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.lmi.search.polish import Outcome, polished, reached
+from lockstep.lmi.search.start import Climbed, Score, Search, begin, climb, go_on
+from lockstep.lmi.threads import one_thread
+from lockstep.lmi.workers import started_without_interrupts
+
+DRAWN, KEPT, DRAWN_OF_LARGE = 4, 2, 2
+"""Starts drawn for each one that is polished, and how many of these are taken further: most of a search is spent on
+few of them (successive halving; Jamieson and Talwalkar 2016). Of large loops fewer are drawn: each takes a minute."""
+
+SETTLED = 0.002
+"""The part of rho that a stride has to gain when the best outcome is polished to its end."""
+
+Tell = Callable[[float], None]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """What a search found: outcomes from best to worst, or how near the nearest gains came.
+
+    outcomes: with a certificate for the whole claim, in doubles;  abscissa: the least of any start;  nearest: the
+    gains that carry most of the claim, if any carry some of it;  least_rho: the smallest one reached for the whole
+    claim;  cut: whether a deadline cut the search.
+    """
+
+    outcomes: tuple[Outcome, ...]
+    abscissa: float
+    nearest: Climbed | None
+    least_rho: float
+    cut: bool
+
+
+def search_gains(
+    search: Search,
+    *,
+    starts: int,
+    seed: int,
+    score: Score | None = None,
+    rho: float | None = None,
+    jobs: int | None = None,
+    tell: Tell | None = None,
+    deadline: float | None = None,
+) -> SearchResult:
+    """Return what the most promising of many starts came to; the same seed gives the same, whatever `jobs` is.
+
+    Args:
+        search: loop, claim and gain limit.
+        starts, seed: how many starts are pursued to the end, and from which seed they are drawn.
+        score: of the sampled loop; None to rank by rho alone.
+        rho: None to lower rho; a number to raise alpha with rho at most that.
+        jobs: processes; by default as many as there are cores to run on.
+        tell: told the part that is done.
+        deadline: of `time.monotonic`, which all processes of a machine share; what it cuts depends on the machine.
+    """
+    if starts < 1:
+        raise ValueError("a search needs at least one start")
+    cores = _Cores(jobs or len(os.sched_getaffinity(0)), tell or (lambda _part: None))
+    count = (DRAWN_OF_LARGE if search.is_large else DRAWN) * starts
+    drawn = cores.run((0.0, 0.4), begin, [(search, score, seed, index, deadline) for index in range(count)])
+    drawn.sort(key=lambda one: one.rank)
+    promising = [one for one in drawn if np.isfinite(one.at.rho)][: KEPT * starts]
+    further = cores.run((0.4, 0.6), go_on, [(search, score, one, deadline) for one in promising])
+    further.sort(key=lambda one: one.rank)
+    pursued = (further or [one for one in drawn if one.abscissa < 0])[:starts]
+    ends = cores.run(
+        (0.6, 0.9), _pursue, [(search, score, one.index, one.at.K, rho, deadline) for one in pursued]
+    )
+    outcomes = sorted((outcome for _, outcome in ends if outcome is not None), key=lambda one: one.rank)
+    least = min((one.rho for one in outcomes), default=np.inf)
+    if rho is not None:
+        outcomes = [one for one in outcomes if one.alpha]
+    elif outcomes:
+        outcomes[0] = _settled(search, outcomes[0], score, deadline)
+    cores.tell(1.0)
+    return SearchResult(
+        tuple(outcomes),
+        min(one.abscissa for one in drawn),
+        max((one for one, _ in ends if one), key=lambda one: (one.certified, one.claimed), default=None),
+        float(least),
+        any([one.cut for one in drawn] + [one.cut for one in outcomes] + [one.cut for one, _ in ends if one]),
+    )
+
+
+def _pursue(
+    search: Search,
+    score: Score | None,
+    index: int,
+    K: Float[np.ndarray, "N k l"],
+    rho: float | None,
+    deadline: float | None,
+) -> tuple[Climbed | None, Outcome | None]:
+    """Take gains to the whole claim, and polish them there."""
+    climbed = climb(search, K, deadline)
+    if climbed is None or climbed.certified < 1:
+        return climbed, None
+    start = reached(search, index, climbed.point, score)
+    return climbed, polished(search, start, score, rho=rho, deadline=deadline)
+
+
+def _settled(search: Search, best: Outcome, score: Score | None, deadline: float | None) -> Outcome:
+    """Polish the best outcome until hardly anything is gained."""
+    with one_thread():
+        found = polished(search, best, score, worthwhile=SETTLED, deadline=deadline)
+    return min(found, best, key=lambda one: one.rank)
+
+
+@dataclass(frozen=True)
+class _Cores:
+    """Runs a function on many arguments, over the cores, and tells which part of the whole is done."""
+
+    count: int
+    tell: Tell
+
+    def run(
+        self, part: tuple[float, float], function: Callable[..., T], arguments: Sequence[tuple[Any, ...]]
+    ) -> list[T]:
+        """Return the results in the order of the arguments."""
+        from joblib import Parallel, delayed
+
+        self.tell(part[0])
+        if not arguments:
+            return []
+        found: list[T] = []
+        with started_without_interrupts():
+            results = Parallel(n_jobs=min(self.count, len(arguments)), return_as="generator")(
+                delayed(_single_threaded)(function, *one) for one in arguments
+            )
+        for result in results:
+            found.append(result)
+            self.tell(part[0] + (part[1] - part[0]) * len(found) / len(arguments))
+        return found
+
+
+def _single_threaded(function: Callable[..., T], *arguments: Any) -> T:
+    with one_thread():
+        return function(*arguments)

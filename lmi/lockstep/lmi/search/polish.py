@@ -1,0 +1,158 @@
+"""Gains and certificate together, by strides of a nonlinear program, as long as a stride pays.
+
+A stride may end in gains with a smaller rho that the sampled loop does not survive: two kinds of minima are often a
+few per cent of rho apart. So the gains after every stride are held against the sampled loop, and the best of them are
+kept, not the last.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.lmi.bmi import Limits, Point
+from lockstep.lmi.inequality import Certificate
+from lockstep.lmi.inner import inner_step
+from lockstep.lmi.reach import largest_alpha
+from lockstep.lmi.search.start import Score, Search, over
+from lockstep.lmi.solve import least_rho
+
+STRIDES = 12
+"""At most so many; one that does not pay ends it before."""
+
+SHORT, LONG = 100, 400
+"""Iterations of the first stride and the longest, each being twice the one before."""
+
+CREEPS, RAISES = 3, 14
+"""Inner steps after a stride without a certificate, for loops whose semidefinite programs take no minute; runs that
+raise alpha."""
+
+WORTHWHILE = 0.01
+"""A stride that lowers rho by less than this part of it, the second after which it ends."""
+
+WORSE = 1.05
+"""A stride after which the sampled loop is this much worse than it was at best ends it."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Gains with an (unproved) certificate for the whole claim.
+
+    index: of the start;  K: in the units of the file;  certificate: in those of the search;  rho: in those of the
+    file;  sampled: the larger of rho and that of the sampled loop in doubles, which knows no gain errors;  history:
+    the least rho after each stride;  alpha: the largest one reached, where that was the aim;  cut: whether the
+    deadline ended it.
+    """
+
+    index: int
+    K: Float[np.ndarray, "N k l"]
+    certificate: Certificate
+    rho: float
+    sampled: float
+    history: tuple[float, ...]
+    alpha: float = 0.0
+    cut: bool = False
+
+    @property
+    def rank(self) -> tuple[float, float, float, int]:
+        """From best to worst: the largest alpha where that was the aim, then what ships, then rho."""
+        return -self.alpha, self.sampled, self.rho, self.index
+
+
+def reached(search: Search, index: int, point: Point, score: Score | None) -> Outcome:
+    """Return gains with a certificate for the whole claim, in the units of the search, as an outcome."""
+    return _outcome(search, index, point, score, ())
+
+
+def polished(
+    search: Search,
+    start: Outcome,
+    score: Score | None = None,
+    *,
+    rho: float | None = None,
+    worthwhile: float = WORTHWHILE,
+    deadline: float | None = None,
+) -> Outcome:
+    """Lower rho from an outcome, and return the one on the way that ships best.
+
+    Args:
+        search: what is searched.
+        start: where it begins.
+        score: of the sampled loop; None to count rho alone.
+        rho: None to lower rho; a number to raise alpha with rho at most that.
+        worthwhile: the part of rho that a stride has to gain.
+        deadline: of `time.monotonic`.
+    """
+    point, best, idle = Point(start.K, start.certificate), start, 0
+    length = SHORT
+    for _ in range(STRIDES):
+        if over(deadline) or (rho is not None and best.rho <= rho):
+            break
+        before = point.certificate.rho
+        point = _stride(search, point, length, deadline)
+        new = _outcome(search, start.index, point, score, best.history)
+        best = replace(min(best, new, key=lambda one: one.rank), history=new.history)
+        gained = 1 - point.certificate.rho / before
+        idle = 0 if gained >= worthwhile else idle + 1
+        if idle == 2 or gained == 0 or new.sampled > WORSE * best.sampled:
+            break
+        length = min(2 * length, LONG)
+    best = replace(best, cut=over(deadline))
+    return best if rho is None else _with_alpha_raised(search, best, rho, deadline)
+
+
+def _outcome(
+    search: Search, index: int, point: Point, score: Score | None, history: tuple[float, ...]
+) -> Outcome:
+    c = search.units.certificate(point.certificate)
+    sampled = c.rho if score is None else max(c.rho, score(point.K, c.pair_weights))
+    return Outcome(index, point.K, point.certificate, c.rho, sampled, (*history, min([c.rho, *history])))
+
+
+def _stride(search: Search, point: Point, length: int, deadline: float | None) -> Point:
+    """Take one run of the nonlinear program; where what it finds has no certificate, creep a few certified steps
+    instead."""
+    program = search.program
+    trial = program.improve(point, "rho", Limits(min(length, program.descent), deadline=deadline))
+    found = least_rho(search.loop, trial.K, search.claim)
+    if found is not None and found.rho < point.certificate.rho:
+        return Point(trial.K, found)
+    return point if search.is_large or over(deadline) else creep(search, point, CREEPS)
+
+
+def creep(search: Search, point: Point, steps: int) -> Point:
+    """Take inner convex steps: each keeps a certificate, and rho never rises."""
+    for _ in range(steps):
+        step = inner_step(search.loop, point.K, search.claim, point.certificate, search.gain_limit)
+        found = None if step is None else least_rho(search.loop, step[0], search.claim)
+        if step is None or found is None or found.rho >= point.certificate.rho:
+            return point
+        point = Point(step[0], found)
+    return point
+
+
+def _with_alpha_raised(search: Search, best: Outcome, rho: float, deadline: float | None) -> Outcome:
+    """Raise alpha with rho at most the one given; alpha stays 0 where rho itself was not reached."""
+    if best.rho > rho:
+        return best
+    loop, claim, program = search.loop, search.claim, search.program
+    most = rho * best.certificate.rho / best.rho  # rho in the units of the search
+    K, alpha = best.K, largest_alpha(loop, best.K, claim, rho=most)
+    for _ in range(RAISES):
+        start = None if over(deadline) else least_rho(loop, K, claim.at(alpha=alpha))
+        if start is None:
+            break
+        part = (alpha / claim.alpha) ** 2
+        trial = program.improve(
+            Point(K, replace(start, rho=most), part), "alpha", Limits(program.descent, deadline=deadline)
+        ).K
+        higher = largest_alpha(loop, trial, claim, rho=most, from_alpha=alpha)
+        if higher <= alpha:
+            break
+        gained, K, alpha = higher / alpha - 1, trial, higher
+        if gained < WORTHWHILE:
+            break
+    certificate = least_rho(loop, K, claim.at(alpha=alpha))
+    if certificate is None:
+        return best
+    return replace(best, K=K, certificate=certificate, alpha=alpha, cut=over(deadline))

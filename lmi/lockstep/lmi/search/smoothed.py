@@ -1,0 +1,315 @@
+"""A smooth stand-in for the H-infinity norm of the loop, as a function of the gains and the multipliers alone.
+
+Eliminate P from F < 0 of `inequality` (the Kalman-Yakubovich-Popov lemma): for a stable loop there is a P if and only
+if at every frequency, with X(omega) = (j omega I - A_cl)^-1 [E_G, X, E], W = sum_k w_k W_k and D = sum_k w_k D_k of
+the multipliers w,
+
+    x^H (diag(R, Q) + W) x - v^H D v < rho^2 |xi|^2,      x = X(omega) (v, xi),
+
+that is, rho^2 exceeds the largest eigenvalue lambda of Psi_xx + Psi_xv (D - Psi_vv)^-1 Psi_vx, where Psi =
+X^H (diag(R, Q) + W) X, and D > Psi_vv. Where even that fails, the gain of the whole loop is lowered first: the largest
+eigenvalue of Psi against diag(D, rho_0^2 I) for a rho_0 that is generous, which is below one where rho_0 has a
+certificate. The maximum over the frequencies and eigenvalues is not smooth and a descent on it stalls at its kinks, so
+what is lowered is
+
+    log [ sum_omega sum_i lambda_i(omega)^p / n_omega ] / p - (b / p) sum_i log det(I - K_i K_i' / l^2)
+
+with p growing and the gain limit l inside: a p-norm of the eigenvalues and a barrier. Its slope costs one pass back
+through the resolvent. From random stable gains it comes within a few tenths of the least rho in a second, where a
+program that moves P along takes minutes, and it prefers gains that are well damped at all frequencies, because every
+one of them counts.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from lockstep.lmi.inequality import Claim
+from lockstep.lmi.solve import AffineF
+from lockstep.lmi.stabilise import descend
+from lockstep.model.loop import Loop
+
+Stages = tuple[tuple[int, int], ...]
+"""p and the number of steps of each stage; the frequencies are chosen anew before each."""
+
+TO_A_CERTIFICATE: Stages = ((4, 30), (4, 30), (8, 30), (12, 60), (24, 60), (60, 60))
+TO_SMALL_RHO: Stages = ((4, 60), (4, 60), (12, 60))
+ON_TO_THE_MAXIMUM: Stages = ((12, 100), (32, 100), (100, 100))
+"""From stable gains to ones with some rho; from there to a small rho, which tells promising gains from others; and on
+from those."""
+
+ENOUGH = 0.5
+"""The square of the gain at rho_0 below which rho itself is lowered: less than one, with room."""
+
+SETTLED = 1e-6
+"""A descent ends where a step promises to lower the logarithm of rho^2 by less."""
+
+GENEROUS = 100.0
+"""By how much W exceeds what R and Q need to begin with, and rho_0^2 what the disturbance needs."""
+
+BARRIER = 0.25
+"""b, the weight of the barrier: the larger p, the nearer the gains may come to their limit."""
+
+SCALES = np.logspace(-6, 2, 17)
+"""What the multipliers are scaled by once there is a certificate: they began generous."""
+
+GRID = 40
+"""Frequencies over the range of the poles, besides those at the poles."""
+
+AROUND = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
+"""Frequencies about each resonance, in half widths of it."""
+
+RETRIES = 3
+"""How often a stage is repeated with more frequencies where its gain turned out to lie between the chosen ones."""
+
+MARGIN = 1e-9
+"""The part of the largest pole by which a loop is inside the stable region at least: less is rounding."""
+
+LARGEST = 60.0
+"""Bound on the logarithm of a multiplier: beyond it doubles overflow where they are squared."""
+
+Vector = Float[np.ndarray, " x"]
+
+
+@dataclass(frozen=True)
+class Descended:
+    """Gains and multipliers after a descent, at the last frequencies; infinite where there is none.
+
+    gain: the square of the gain at rho_0;  rho: in the units of the loop.
+    """
+
+    K: Float[np.ndarray, "N k l"]
+    w: Float[np.ndarray, " w"]
+    gain: float
+    rho: float
+
+
+class _Response(NamedTuple):
+    """The resolvent by the modes of A_cl, the states X it makes of the signals, and the eigenvalues with theirs."""
+
+    modes: Complex[np.ndarray, "n n"]
+    back: Complex[np.ndarray, "n n"]
+    resolvent: Complex[np.ndarray, "f n"]
+    X: Complex[np.ndarray, "f n s"]
+    W: Float[np.ndarray, "n n"]
+    values: Float[np.ndarray, "f d"]
+    signals: Complex[np.ndarray, "f s d"]
+
+
+class SmoothedNorm:
+    """The p-norm for one loop and claim, as a function of x = (K / units, log w).
+
+    Args:
+        loop: in units in which its numbers are near one.
+        claim: alpha, R, Q and delta.
+        gain_limit: on the spectral norm of each agent's gains.
+        units: the size of an entry of the gains.
+    """
+
+    def __init__(self, loop: Loop, claim: Claim, gain_limit: float, units: Float[np.ndarray, "k l"]) -> None:
+        self.loop, self.gain_limit, self.units = loop, gain_limit, units
+        self.U, self.Y = np.stack(loop.U), np.stack(loop.Y)
+        self.shape = len(loop.U), loop.U[0].shape[1], loop.Y[0].shape[0]
+        form = AffineF(loop, np.zeros(self.shape), claim)
+        n, inner = loop.n_x, loop.n_x + loop.n_d
+        metric = -form.slopes[-1][n:inner, n:inner]
+        self.n_v = form.Z.shape[1] - inner
+        self.into = np.hstack([form.Z[:, inner:], loop.E @ np.linalg.inv(np.linalg.cholesky(metric)).T])
+        self.weight, self.W = form.constant[:n, :n], form.slopes[:-1, :n, :n]
+        self.D = -form.slopes[:-1, inner:, inner:]
+
+    def pack(self, K: Float[np.ndarray, "N k l"], w: Float[np.ndarray, " w"]) -> Vector:
+        """Return x of gains and multipliers."""
+        return np.concatenate([(K / self.units).ravel(), np.log(w)])
+
+    def unpack(self, x: Vector) -> tuple[Float[np.ndarray, "N k l"], Float[np.ndarray, " w"]]:
+        """Return the gains and the multipliers of x."""
+        size = int(np.prod(self.shape))
+        return x[:size].reshape(self.shape) * self.units, np.exp(np.clip(x[size:], -LARGEST, LARGEST))
+
+    def frequencies(self, x: Vector) -> Float[np.ndarray, " f"]:
+        """Return frequencies at which the response of x is looked at: over the range of its poles, and about each."""
+        poles = np.linalg.eigvals(self.loop.A_cl(self.unpack(x)[0]))
+        sizes = np.maximum(np.abs(poles), MARGIN * np.abs(poles).max())
+        slowest, fastest = float(sizes.min()), float(sizes.max())
+        swinging = poles[poles.imag > 0]
+        near = swinging.imag[:, None] + np.outer(swinging.real, AROUND)
+        grid = np.geomspace(1e-2 * slowest, 10 * fastest, GRID)
+        found = np.concatenate([[0.0], grid, sizes, swinging.imag, near[near > 0]])
+        return np.unique(found)
+
+    def value(
+        self, x: Vector, rho_0: float | None, p: int, frequencies: Float[np.ndarray, " f"]
+    ) -> tuple[float, Vector]:
+        """Return the smoothed logarithm of rho^2, or of the square of the gain at rho_0, and its slope.
+
+        It is infinite where the loop is not stable, or the gains exceed their limit, or there is no rho.
+        """
+        K, w = self.unpack(x)
+        barrier, here = self._barrier(K, BARRIER / p), self._response(K, w, rho_0, frequencies)
+        if barrier is None or here is None:
+            return np.inf, np.zeros_like(x)
+        top = float(here.values.max())
+        powers = (np.maximum(here.values, 0.0) / top) ** p
+        total = float(powers.sum())
+        shares = np.sqrt(powers / np.maximum(here.values, 1e-300) / total)[:, None, :]
+        signals = here.signals * shares
+        states = here.X @ signals
+        adjoint = (
+            ((here.W @ states).conj().swapaxes(1, 2) @ here.modes) * here.resolvent[:, None, :] @ here.back
+        )
+        turn = np.tensordot(adjoint, states, ([0, 1], [0, 2])).real
+        of_K = 2 * np.einsum("ina,nm,ilm->ial", self.U, turn, self.Y) + barrier[1]
+        v = signals[:, : self.n_v]
+        if rho_0 is not None:
+            v = v * np.sqrt(np.maximum(here.values, 0.0))[:, None, :]
+        of_w = np.tensordot(self.W, _gram(states), 2) - np.tensordot(self.D, _gram(v), 2)
+        value = np.log(top) + np.log(total / len(frequencies)) / p + barrier[0]
+        return float(value), np.concatenate([(of_K * self.units).ravel(), w * of_w])
+
+    def level(self, x: Vector, rho_0: float | None, frequencies: Float[np.ndarray, " f"]) -> float:
+        """Return the largest eigenvalue itself at the frequencies: rho^2, or the square of the gain at rho_0."""
+        here = self._response(*self.unpack(x), rho_0, frequencies)
+        return np.inf if here is None else float(here.values.max())
+
+    def _response(
+        self,
+        K: Float[np.ndarray, "N k l"],
+        w: Float[np.ndarray, " w"],
+        rho_0: float | None,
+        frequencies: Float[np.ndarray, " f"],
+    ) -> "_Response | None":
+        """Return the response at the frequencies; None where the loop is not stable or there is no rho."""
+        poles, modes = np.linalg.eig(self.loop.A_cl(K))
+        if poles.real.max() >= -MARGIN * np.abs(poles).max():
+            return None
+        resolvent = 1 / (1j * frequencies[:, None] - poles)
+        W, D = self.weight + np.tensordot(w, self.W, 1), np.tensordot(w, self.D, 1)
+        try:
+            back = np.linalg.inv(modes)
+            X = modes @ (resolvent[:, :, None] * (back @ self.into))
+            Psi = X.conj().swapaxes(1, 2) @ (W @ X)
+            values, signals = self._rho(Psi, D) if rho_0 is None else self._gain(Psi, D, rho_0)
+        except np.linalg.LinAlgError:
+            return None
+        if not 0 < values.max() < np.inf:
+            return None
+        return _Response(modes, back, resolvent, X, W, values, signals)
+
+    def worst(
+        self, K: Float[np.ndarray, "N k l"], w: Float[np.ndarray, " w"], frequencies: Float[np.ndarray, " f"]
+    ) -> tuple[float, float]:
+        """Return the largest eigenvalues of Psi_vv against D of ones, and of Psi_xx, over the frequencies."""
+        X = np.linalg.solve(
+            1j * frequencies[:, None, None] * np.eye(self.loop.n_x) - self.loop.A_cl(K), self.into
+        )
+        Psi = X.conj().swapaxes(1, 2) @ ((self.weight + np.tensordot(w, self.W, 1)) @ X)
+        vv, xx = Psi[:, : self.n_v, : self.n_v], Psi[:, self.n_v :, self.n_v :]
+        root = np.linalg.inv(np.linalg.cholesky(self.D.sum(axis=0)))
+        return float(np.linalg.eigvalsh(root @ vv @ root.T).max()), float(np.linalg.eigvalsh(xx).max())
+
+    def _rho(
+        self, Psi: Complex[np.ndarray, "f s s"], D: Float[np.ndarray, "v v"]
+    ) -> tuple[Float[np.ndarray, "f d"], Complex[np.ndarray, "f s d"]]:
+        """Return the eigenvalues of rho^2 at each frequency, and the signals (v, xi) of each."""
+        n_v = self.n_v
+        if not n_v:
+            return np.linalg.eigh(Psi)
+        room = D - Psi[:, :n_v, :n_v]
+        np.linalg.cholesky(room)
+        answer = np.linalg.solve(room, Psi[:, :n_v, n_v:])
+        values, xi = np.linalg.eigh(Psi[:, n_v:, n_v:] + Psi[:, n_v:, :n_v] @ answer)
+        return values, np.concatenate([answer @ xi, xi], axis=1)
+
+    def _gain(
+        self, Psi: Complex[np.ndarray, "f s s"], D: Float[np.ndarray, "v v"], rho_0: float
+    ) -> tuple[Float[np.ndarray, "f s"], Complex[np.ndarray, "f s s"]]:
+        """Return the eigenvalues of Psi against diag(D, rho_0^2 I) at each frequency, and the signals of each."""
+        root = np.eye(Psi.shape[1]) / rho_0
+        root[: self.n_v, : self.n_v] = np.linalg.inv(np.linalg.cholesky(D)).T
+        values, vectors = np.linalg.eigh(root.T @ Psi @ root)
+        return values, root @ vectors
+
+    def _barrier(
+        self, K: Float[np.ndarray, "N k l"], weight: float
+    ) -> tuple[float, Float[np.ndarray, "N k l"]] | None:
+        """Return -weight sum_i log det(I - K_i K_i' / l^2) and its slope; None outside."""
+        limit = self.gain_limit**2
+        room = np.eye(K.shape[1]) - K @ K.swapaxes(1, 2) / limit
+        try:
+            root = np.linalg.cholesky(room)
+        except np.linalg.LinAlgError:
+            return None
+        value = -2 * weight * float(np.log(np.diagonal(root, axis1=1, axis2=2)).sum())
+        return value, 2 * weight / limit * np.linalg.solve(room, K)
+
+
+def descended(norm: SmoothedNorm, K: Float[np.ndarray, "N k l"]) -> Descended:
+    """Take stable gains down to some rho, then down to a small one.
+
+    Args:
+        norm: of the loop.
+        K: gains inside the limit, with which the loop is stable.
+    """
+    x, gain = norm.pack(K, np.ones(len(norm.W))), 0.0
+    if norm.n_v:
+        x, rho_0 = _generous(norm, x)
+        x, gain = _through(norm, x, rho_0, TO_A_CERTIFICATE, ENOUGH)
+        if gain >= 1:
+            return Descended(*norm.unpack(x), gain, np.inf)
+        x = _with_multipliers_scaled(norm, x)
+    x, square = _through(norm, x, None, TO_SMALL_RHO)
+    return Descended(*norm.unpack(x), gain, float(np.sqrt(square)))
+
+
+def refined(norm: SmoothedNorm, start: Descended) -> Descended:
+    """Take gains that have a rho on, with p so large that the p-norm is next to the maximum."""
+    x, square = _through(norm, norm.pack(start.K, start.w), None, ON_TO_THE_MAXIMUM)
+    return Descended(*norm.unpack(x), start.gain, float(np.sqrt(square)))
+
+
+def _through(
+    norm: SmoothedNorm, x: Vector, rho_0: float | None, stages: Stages, enough: float = 0.0
+) -> tuple[Vector, float]:
+    level = np.inf
+    for p, steps in stages:
+        x, level = _stage(norm, x, rho_0, p, steps)
+        if level < enough or not np.isfinite(level):
+            break
+    return x, level
+
+
+def _stage(norm: SmoothedNorm, x: Vector, rho_0: float | None, p: int, steps: int) -> tuple[Vector, float]:
+    """Lower the p-norm; where the new x peaks between the frequencies, start again with those of the new x too."""
+    frequencies = norm.frequencies(x)
+    before = norm.level(x, rho_0, frequencies)
+    for _ in range(RETRIES):
+        trial = descend(lambda at: norm.value(at, rho_0, p, frequencies), x, steps, SETTLED)  # noqa: B023
+        seen = np.union1d(frequencies, norm.frequencies(trial))
+        level = norm.level(trial, rho_0, seen)
+        if level <= before:
+            return trial, level
+        frequencies = seen
+    return x, before
+
+
+def _generous(norm: SmoothedNorm, x: Vector) -> tuple[Vector, float]:
+    """Return x with multipliers that outweigh R and Q, and a rho_0 that the disturbance does not come near."""
+    K, w = norm.unpack(x)
+    w = w * GENEROUS * max(norm.worst(K, 0.0 * w, norm.frequencies(x))[0], 1e-300)
+    return norm.pack(K, w), float(np.sqrt(GENEROUS * norm.worst(K, w, norm.frequencies(x))[1]))
+
+
+def _with_multipliers_scaled(norm: SmoothedNorm, x: Vector) -> Vector:
+    """Return x with all multipliers scaled alike, so that rho is least."""
+    K, w = norm.unpack(x)
+    frequencies = norm.frequencies(x)
+    trials = [norm.pack(K, scale * w) for scale in SCALES]
+    return min(trials, key=lambda trial: norm.level(trial, None, frequencies))
+
+
+def _gram(signals: Complex[np.ndarray, "f n s"]) -> Float[np.ndarray, "n n"]:
+    """Return the real part of sum s s^H."""
+    return np.tensordot(signals, signals.conj(), ([0, 2], [0, 2])).real

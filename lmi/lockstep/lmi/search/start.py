@@ -1,0 +1,233 @@
+"""A start: random gains that make the loop stable, taken to a certificate, and to a small rho, without a nonlinear
+program.
+
+Small gains suit loops that are nearly stable, large ones those that are not, and the same gains for all agents those
+whose graph is what makes them hard; so the size is drawn too, and every other start has equal gains. A start that the
+smoothed norm does not bring to a certificate of the whole claim is brought to one of a part of it; the nonlinear
+program climbs from there.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.lmi.bmi import BilinearProgram, Limits, Point, within
+from lockstep.lmi.inequality import Claim
+from lockstep.lmi.interior import InteriorProgram
+from lockstep.lmi.search.smoothed import Descended, SmoothedNorm, descended, refined
+from lockstep.lmi.search.units import Units, scaled
+from lockstep.lmi.solve import AffineF, least_rho
+from lockstep.lmi.stabilise import abscissa as abscissa_of
+from lockstep.lmi.stabilise import stabilise
+from lockstep.model.loop import Loop
+
+SIZES = (0.3, 1.0, 3.0)
+"""Standard deviations of the gains drawn, in the units of the search."""
+
+DRAWS = 4
+"""Draws for one start, until one of them becomes stable."""
+
+DRAWN, STABLE, INSIDE = 0.5, 0.8, 0.9
+"""Parts of the gain limit: gains are drawn within the first and made stable within the second, because from the limit
+itself the slope of one side leads nowhere, and what comes out is inside the third."""
+
+FRACTIONS, FEW_FRACTIONS = (0.3, 0.1, 0.03, 0.01, 1e-3), (0.1, 1e-3)
+"""Parts of alpha and delta tried, largest first, for a first certificate of gains that are merely stable; the few where
+each try takes seconds and the climb from there does not."""
+
+LARGE = 20
+"""Rows of F_r from which on a loop is `interior`'s: with 16 of them, the three arms, it takes as long as `bmi`, with
+23 a third of the time."""
+
+CLIMBS = 6
+"""At most so many runs towards the full claim."""
+
+STUCK = 1.2
+"""A climb whose fractions do not grow by this factor in one run is given up."""
+
+UNPROVED = 1 - 1e-9
+"""The fraction of alpha^2 of gains that the nonlinear program says carry all of it, but no certificate does."""
+
+Program = BilinearProgram | InteriorProgram
+
+
+@dataclass(frozen=True)
+class Search:
+    """What is searched: loop and claim in the units of the search, the gains in those of the file.
+
+    gain_limit: on the spectral norm of each agent's gains.
+    """
+
+    loop: Loop
+    claim: Claim
+    units: Units
+    gain_limit: float
+
+    @classmethod
+    def of(cls, loop: Loop, claim: Claim, gain_limit: float) -> "Search":
+        """Return the search for a loop and a claim in the units of the file."""
+        return cls(*scaled(loop, claim), gain_limit)
+
+    def __reduce__(self) -> tuple[type["Search"], tuple[Loop, Claim, Units, float]]:
+        """Leave what is built from these behind: symbolic expressions do not travel to another process."""
+        return Search, (self.loop, self.claim, self.units, self.gain_limit)
+
+    @property
+    def is_large(self) -> bool:
+        """Whether the loop is one for `interior`."""
+        return self.loop.n_x + int(self.loop.E_G.shape[1]) >= LARGE
+
+    @cached_property
+    def program(self) -> Program:
+        """The nonlinear program that suits the size of the loop."""
+        kind = InteriorProgram if self.is_large else BilinearProgram
+        return kind(self.loop, self.claim, self.gain_limit)
+
+    @cached_property
+    def norm(self) -> SmoothedNorm:
+        """The smoothed norm of the loop."""
+        return SmoothedNorm(self.loop, self.claim, self.gain_limit, self.units.gains)
+
+
+Score = Callable[[Float[np.ndarray, "N k l"], Float[np.ndarray, " weights"]], float]
+"""rho of the sampled loop for gains and pair weights (of alpha, then of each entry) in the units of the file, in
+doubles; infinite where it has none."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """What one start came to.
+
+    index: which one;  abscissa: of its loop;  at: its gains, with rho in the units of the search where the whole
+    claim seems within reach;  sampled: the larger of rho and that of the sampled loop, in the units of the file;
+    cut: whether a deadline kept it from beginning.
+    """
+
+    index: int
+    abscissa: float
+    at: Descended
+    sampled: float = np.inf
+    cut: bool = False
+
+    @property
+    def rank(self) -> tuple[float, float, float, float, int]:
+        """From best to worst: what ships, then rho, then the gain around the nonlinearity, then the abscissa."""
+        return self.sampled, self.at.rho, self.at.gain, self.abscissa, self.index
+
+
+def begin(search: Search, score: Score | None, seed: int, index: int, deadline: float | None = None) -> Start:
+    """Return one start; the same arguments give the same one.
+
+    Args:
+        search: what is searched.
+        score: of the sampled loop; None to rank by rho alone.
+        seed, index: of the random gains.
+        deadline: of `time.monotonic`; a start that is over it is not begun.
+    """
+    if over(deadline):
+        nowhere = Descended(np.zeros(search.norm.shape), np.ones(0), np.inf, np.inf)
+        return Start(index, np.inf, nowhere, cut=True)
+    K, abscissa = stable_gains(search, seed, index)
+    if abscissa >= 0:
+        return Start(index, abscissa, Descended(K, np.ones(len(search.norm.W)), np.inf, np.inf))
+    return _scored(search, score, Start(index, abscissa, descended(search.norm, K)))
+
+
+def go_on(search: Search, score: Score | None, start: Start, deadline: float | None = None) -> Start:
+    """Return a start with its gains taken further, or as it is where that made what ships worse."""
+    if over(deadline):
+        return start
+    return min(
+        start,
+        _scored(search, score, replace(start, at=refined(search.norm, start.at))),
+        key=lambda one: one.rank,
+    )
+
+
+def _scored(search: Search, score: Score | None, start: Start) -> Start:
+    if score is None or not np.isfinite(start.at.rho):
+        return replace(start, sampled=search.units.rho * start.at.rho)
+    pairs = AffineF(search.loop, start.at.K, search.claim).pairs
+    weights = search.units.cost * search.units.multiplier * start.at.w[:pairs]
+    return replace(start, sampled=max(search.units.rho * start.at.rho, score(start.at.K, weights)))
+
+
+def over(deadline: float | None) -> bool:
+    """Tell whether a deadline of `time.monotonic` has passed; None never does."""
+    return deadline is not None and time.monotonic() >= deadline
+
+
+def stable_gains(search: Search, seed: int, index: int) -> tuple[Float[np.ndarray, "N k l"], float]:
+    """Return gains within the limit whose loop is stable, if a descent from random ones finds such, and its
+    abscissa."""
+    generator, limit = np.random.default_rng([seed, index]), search.gain_limit
+    shape, units = search.norm.shape, search.units.gains
+    best = np.zeros(shape), np.inf
+    for _ in range(DRAWS):
+        drawn = generator.choice(SIZES) * generator.standard_normal(shape)
+        if index % 2:
+            drawn[:] = drawn[0]
+        first = within(drawn * units, DRAWN * limit)
+        K = within(stabilise(search.loop, first, STABLE * limit, units=units)[0], INSIDE * limit)
+        abscissa = abscissa_of(search.loop, K)[0]
+        best = min(best, (K, abscissa), key=lambda found: found[1])
+        if abscissa < 0:
+            break
+    return best
+
+
+def first_point(search: Search, K: Float[np.ndarray, "N k l"]) -> Point | None:
+    """Return gains with a certificate for some part of the claim, or None where not even the least part has one."""
+    claim = search.claim
+    for fraction in FEW_FRACTIONS if search.is_large else FRACTIONS:
+        part = claim.at(alpha=fraction * claim.alpha, fraction_of_delta=fraction)
+        found = least_rho(search.loop, K, part)
+        if found is not None:
+            return Point(K, found, fraction**2, fraction**2)
+    return None
+
+
+@dataclass(frozen=True)
+class Climbed:
+    """How much of a claim gains carry.
+
+    point: with a certificate, for the whole claim where its fractions are 1;  certified: the part of alpha and delta
+    with a certificate;  claimed: the part that the nonlinear program says they carry;  cut: whether a deadline ended
+    the climb.
+    """
+
+    point: Point
+    certified: float
+    claimed: float
+    cut: bool = False
+
+
+def climb(search: Search, K: Float[np.ndarray, "N k l"], deadline: float | None = None) -> Climbed | None:
+    """Find the part of a claim that gains carry, and raise it with the nonlinear program; None where they carry
+    none."""
+    found = least_rho(search.loop, K, search.claim)
+    if found is not None:
+        return Climbed(Point(K, found), 1.0, 1.0)
+    point, program = first_point(search, K), search.program
+    if point is None:
+        return None
+    certified, rho_most = point.alpha_fraction**0.5, 10.0 * point.certificate.rho
+    for _ in range(CLIMBS):
+        if over(deadline):
+            break
+        trial = program.improve(point, "claim", Limits(150, rho_most, deadline))
+        found = least_rho(search.loop, trial.K, search.claim)
+        if found is not None:
+            return Climbed(Point(trial.K, found), 1.0, 1.0)
+        trial = replace(trial, alpha_fraction=min(trial.alpha_fraction, UNPROVED))
+        before, after = (p.alpha_fraction * p.delta_fraction for p in (point, trial))
+        if after > before:
+            point = trial
+        if after < STUCK * before:
+            break
+    parts = [point.alpha_fraction, *([point.delta_fraction] if program.ways else [])]
+    return Climbed(point, certified, min(parts) ** 0.5, over(deadline))

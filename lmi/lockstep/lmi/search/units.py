@@ -1,0 +1,131 @@
+"""A loop in units in which its numbers are near one: time, states, inputs, outputs and the nonlinearity by powers of
+two.
+
+With x = X^-1 x^, t = tau t^, u = S_u u^, y^ = S_y y, phi^ = g phi and xi^ = e xi, each scale a power of two,
+
+    A^ = tau X A X^-1,   B^ = tau X B S_u,   C^ = S_y C X^-1,   G^ = tau X G / g,   H^ = g H X^-1,   E^ = tau X E / e.
+
+The scales are those that bring the entries nearest to one, by least squares on their logarithms (Curtis and Reid, On
+the automatic scaling of matrices for Gaussian elimination, 1972). A power of two changes no bit of a fraction, so the
+scaled loop is the same loop. The gains stay in the units of the file, where their limit is; `Units.gains` is the size
+of theirs.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.lmi.inequality import Certificate, Claim
+from lockstep.model.loop import Loop
+
+WEAK = 1e-2
+"""The weight of the wish that R be near one in the least squares: it decides what the entries leave open."""
+
+
+@dataclass(frozen=True)
+class Units:
+    """Units of a search beside those of the file.
+
+    gains: (n_C + m, n_C + q), the size that an entry of each agent's gains has where it is one in the units of the
+    search; state: (n_x,), X;  time: tau;  multiplier: g^2, by which pair weights grow;  cost: what R and Q were
+    divided by; disturbance: e.
+    """
+
+    gains: Float[np.ndarray, "k l"]
+    state: Float[np.ndarray, " n_x"]
+    time: float
+    multiplier: float
+    cost: float
+    disturbance: float
+
+    @property
+    def rho(self) -> float:
+        """What a rho of the scaled loop is multiplied by."""
+        return float(np.sqrt(self.cost)) * self.disturbance
+
+    def certificate(self, found: Certificate) -> Certificate:
+        """Return a certificate of the scaled loop as one of the loop of the file."""
+        weights = self.cost * self.multiplier
+        return Certificate(
+            self.rho * found.rho,
+            self.cost * self.time * self.state[:, None] * found.P * self.state,
+            weights * found.m,
+            self.cost * found.t,
+            weights * found.m_entries,
+        )
+
+
+def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
+    """Return the loop and the claim in units of the search, for gains in the units of the file.
+
+    Args:
+        loop: in doubles.
+        claim: alpha, R, Q and delta.
+    """
+    plant, order, N = loop.plant, loop.order, loop.d.N
+    S, inputs, outputs, time, g = _exponents(loop, claim)
+    S_C = 2.0 ** np.round(np.log2(np.maximum(np.diag(claim.Q), 1e-300)) / 2) if order else np.ones(0)
+    state = np.concatenate([np.tile(S, N - 1), np.tile(S_C, N)])
+    e = float(2.0 ** np.round(np.log2(time * S).mean()))
+    R, Q = claim.R / np.outer(S, S), claim.Q / np.outer(S_C, S_C)
+    cost = float(4.0 ** np.round(np.log2(max(np.diag(R).max(initial=0.0), np.diag(Q).max(initial=0.0))) / 2))
+    new = replace(
+        loop,
+        plant=replace(
+            plant,
+            A=time * S[:, None] * plant.A / S,
+            B=tuple(time * S[:, None] * B for B in plant.B),
+            C=plant.C / S,
+            G=time * S[:, None] * plant.G / g,
+            H=g * plant.H / S,
+        ),
+        A_0=time * state[:, None] * loop.A_0 / state,
+        U=tuple(time * state[:, None] * U for U in loop.U),
+        Y=tuple(Y / state for Y in loop.Y),
+        E=time * state[:, None] * loop.E / e,
+        E_G=time * state[:, None] * loop.E_G / g,
+    )
+    gains = np.outer(np.concatenate([1 / (time * S_C), inputs]), np.concatenate([S_C, outputs]))
+    return new, replace(claim, R=R / cost, Q=Q / cost), Units(gains, state, time, g * g, cost, e)
+
+
+def _exponents(
+    loop: Loop, claim: Claim
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " m"], Float[np.ndarray, " q"], float, float]:
+    """Return X, S_u, S_y, tau and g, powers of two."""
+    plant = loop.plant
+    n, m, q, r, _ = plant.sizes
+    state, inputs, outputs = range(n), range(n, n + m), range(n + m, n + m + q)
+    time, g = n + m + q, n + m + q + 1
+    rows: list[tuple[dict[int, float], float, float]] = []
+
+    def near_one(size: float, *signs: tuple[int, int], weight: float = 1.0) -> None:
+        """Ask for |size| 2^(sum of sign times exponent) near one."""
+        if size:
+            row: dict[int, float] = {}
+            for place, sign in signs:
+                row[place] = row.get(place, 0.0) + sign
+            rows.append((row, -float(np.log2(abs(size))), weight))
+
+    for i in range(n):
+        for j in range(n):
+            near_one(float(plant.A[i, j]), (time, 1), (state[i], 1), (state[j], -1))
+        for B in plant.B:
+            for k in range(m):
+                near_one(float(B[i, k]), (time, 1), (state[i], 1), (inputs[k], 1))
+        for k in range(q):
+            near_one(float(plant.C[k, i]), (outputs[k], 1), (state[i], -1))
+        for k in range(r):
+            near_one(float(claim.alpha * plant.G[i, k]), (time, 1), (state[i], 1), (g, -1))
+        for k in range(len(plant.H)):
+            near_one(float(plant.H[k, i]), (g, 1), (state[i], -1))
+        near_one(float(np.sqrt(claim.R[i, i])), (state[i], -1), weight=WEAK)
+    matrix, wanted = np.zeros((len(rows), g + 1)), np.zeros(len(rows))
+    for k, (row, value, weight) in enumerate(rows):
+        wanted[k] = weight * value
+        for place, sign in row.items():
+            matrix[k, place] = weight * sign
+    found = 2.0 ** np.round(np.linalg.lstsq(matrix, wanted, rcond=None)[0])
+    ends = found[: n + m + q]
+    return ends[:n], ends[n : n + m], ends[n + m :], float(found[time]), float(found[g])

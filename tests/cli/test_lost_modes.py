@@ -1,0 +1,100 @@
+"""Modes that no input moves or no output shows: designed for and proved where they decay, refused where they do not.
+
+Each agent is a pendulum with one mode more. The proofs are the checker's, of the design file, the sampled loop included.
+"""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from lockstep.cli.main import app
+
+PENDULUM = {"a": "b", "b": "u - 0.5*sin(a)"}
+BOTH, ANGLE = ("a", "b"), ("a",)
+
+# dynamics, outputs, the order of the controllers, (controllable, observable)
+DECAYING = {
+    "an input filter that nobody drives": (PENDULUM | {"b": "u + w - 0.5*sin(a)", "w": "-w"}, BOTH, 0, (False, True)),
+    "a temperature that nobody measures": (PENDULUM | {"w": "a - w"}, BOTH, 0, (True, False)),
+    "two tanks filled alike": ({"p": "u - p", "q": "u - q + 0.1*sin(q)"}, ("p + q",), 0, (False, False)),
+    "two linear tanks filled alike": ({"p": "u - p", "q": "u - q"}, ("p + q",), 0, (False, False)),
+    "a part of its own": (PENDULUM | {"w": "-w"}, BOTH, 0, (False, False)),
+    "both, the angle alone measured": (
+        PENDULUM | {"a": "b + w", "w": "-w", "z": "b - 2*z"}, ANGLE, 1, (False, False)
+    ),
+}  # fmt: skip
+
+STAYING = {
+    "a disturbance that stays": (
+        PENDULUM | {"b": "u + w", "w": "0*w"},
+        BOTH,
+        "(A, B) is not stabilisable",
+        "0",
+    ),
+    "a disturbance that grows": (
+        PENDULUM | {"b": "u + w", "w": "0.1*w"},
+        BOTH,
+        "(A, B) is not stabilisable",
+        "0.1",
+    ),
+    "an oscillation": (PENDULUM | {"w": "4*z", "z": "-w + u"}, BOTH, "(A, C) is not detectable", "0 +- 2i"),
+    "a position that nobody measures": (PENDULUM, ("b",), "(A, C) is not detectable", "0"),
+}
+
+
+def text(dynamics: dict[str, str], outputs: tuple[str, ...], order: int) -> str:
+    return "\n".join(
+        [
+            "[agent]",
+            f"states = {json.dumps(list(dynamics))}",
+            'inputs = ["u"]',
+            "[agent.dynamics]",
+            *[f"{state} = {json.dumps(formula)}" for state, formula in dynamics.items()],
+            "[agent.outputs]",
+            *[f"y{k} = {json.dumps(formula)}" for k, formula in enumerate(outputs, start=1)],
+            '[network]\nagents = 2\ntopology = "path"',
+            f"[design]\norder = {order}\nstarts = 2\ngain_limit = 20.0",
+            "[controller]\nperiod = 0.01",
+        ]
+    )
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """Write a problem file and run a command on it, or on what a command before has written."""
+    monkeypatch.chdir(tmp_path)
+
+    def command(*words: str, problem: str = "") -> tuple[int, dict]:
+        if problem:
+            (tmp_path / "problem.toml").write_text(problem, encoding="utf-8")
+        result = CliRunner().invoke(app, [*words, "--json"])
+        return result.exit_code, json.loads(result.stdout)
+
+    return command
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", DECAYING)
+def test_a_lost_mode_that_decays_is_designed_for_and_proved(name, run):
+    dynamics, outputs, order, (controllable, observable) = DECAYING[name]
+    status, found = run("check", "problem.toml", problem=text(dynamics, outputs, order))
+    assert (status, found["ok"]) == (0, True)
+    assert (found["controllable"], found["stabilisable"]) == (controllable, True)
+    assert (found["observable"], found["detectable"]) == (observable, True)
+    run("design", "problem.toml", "-o", "design.json")
+    status, proved = run("certify", "design.json")
+    assert (status, proved["certified"], proved["proof"]) == (0, True, "exact")
+    assert proved["sampled"]["certified"]
+
+
+@pytest.mark.parametrize("name", STAYING)
+@pytest.mark.parametrize("command", [("check",), ("design", "-o", "design.json")])
+def test_a_lost_mode_that_does_not_decay_is_refused(name, command, run, tmp_path):
+    dynamics, outputs, says, mode = STAYING[name]
+    first, *rest = command
+    status, answer = run(first, "problem.toml", *rest, problem=text(dynamics, outputs, 0))
+    assert status == 2
+    assert says in answer["error"]["found"]
+    assert f"the eigenvalue {mode} of A, which does not decay by itself" in answer["error"]["found"]
+    assert not (tmp_path / "design.json").exists()

@@ -1,0 +1,81 @@
+"""From a design to one whose sampled controllers are proved, or that says by how much they are not."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from lockstep.cli.main import app
+
+LINEAR = """
+title = "Two carts, linear"
+
+[agent]
+name = "cart"
+states = ["p", "v"]
+inputs = ["f"]
+
+[agent.dynamics]
+p = "v"
+v = "f"
+
+[agent.outputs]
+y1 = "p"
+y2 = "v"
+
+[network]
+agents = 2
+edges = [[1, 2], [2, 1]]
+
+[design]
+method = "METHOD"
+order = 0
+gain_limit = 20.0
+starts = 1
+GAINS
+
+[controller]
+period = PERIOD
+"""
+
+FAST = "\n[[design.gains]]\nD = [[-6.0, -6.0]]\n" * 2
+"""The difference of the carts obeys e'' = -12 e - 12 e': certified, and unstable when they are held for half a second: of
+e+ = M e with held inputs, det M = 1 - 12 T + 6 T^2 is -3.5 at T = 0.5."""
+
+
+def designed(tmp_path, monkeypatch, text):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "p.toml").write_text(text)
+    result = CliRunner().invoke(app, ["design", "p.toml", "-o", "d.json", "--json"])
+    return result.exit_code, json.loads(result.stdout)
+
+
+def problem(method, period, gains=""):
+    text = LINEAR.replace("METHOD", method).replace("PERIOD", period)
+    return text.replace("GAINS", "") + gains
+
+
+def test_given_gains_that_their_period_breaks_exit_1_and_say_by_how_much(tmp_path, monkeypatch):
+    code, answer = designed(tmp_path, monkeypatch, problem("given", "0.5", FAST))
+    assert answer["certified"], "the continuous controllers are"
+    sampled = answer["sampled"]
+    assert (code, sampled["certified"]) == (1, False)
+    assert sampled["spectral_radius"] > 1
+    assert "spectral radius" in sampled["reason"]
+    assert 0 < sampled["max_period"] < 0.5
+    assert "given" in sampled["not_designed_for_period"]
+    assert (tmp_path / "d.json").exists(), "a continuous certificate is worth keeping"
+
+
+def test_the_same_gains_at_a_short_period_exit_0(tmp_path, monkeypatch):
+    code, answer = designed(tmp_path, monkeypatch, problem("given", "0.005", FAST))
+    assert (code, answer["sampled"]["certified"]) == (0, True)
+    assert answer["sampled"]["rho"] > 0
+
+
+@pytest.mark.slow
+def test_a_linear_agent_is_designed_for_its_period(tmp_path, monkeypatch):
+    code, answer = designed(tmp_path, monkeypatch, problem("certified", "0.5"))
+    assert (code, answer["sampled"]["certified"]) == (0, True)
+    assert answer["sampled"]["designed_for_period"]
+    assert not answer["figures"]["replaced"]["sampled_rho"], "the continuous design breaks there"

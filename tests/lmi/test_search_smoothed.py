@@ -1,0 +1,111 @@
+"""The smoothed norm: its slope against differences, its level against what decides, and what a descent reaches."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lmi_cases import ALPHA, arms, claim, published
+
+from lockstep.lmi.search import Search
+from lockstep.lmi.search.smoothed import SmoothedNorm, descended, refined
+from lockstep.lmi.solve import least_rho
+
+DELTAS = [(0.0,) * 4, (0.02, 0.0, 0.01, 0.02)]
+
+
+def search(delta: tuple[float, ...] = (0.0,) * 4) -> Search:
+    """The arms with controllers of order 2 and gains up to 50."""
+    network = arms()
+    return Search.of(network.loop(2), claim(network, 2, ALPHA, delta=delta), 50.0)
+
+
+def with_multipliers(norm: SmoothedNorm, what: Search) -> np.ndarray:
+    """Return x of the published gains, with the multipliers of their least rho and a little more of each."""
+    found = least_rho(what.loop, published().blocks, what.claim)
+    assert found is not None
+    return norm.pack(published().blocks, 1.05 * np.concatenate([found.m, found.t]) + 1e-6)
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    st.integers(0, 2**31),
+    st.sampled_from(DELTAS),
+    st.sampled_from([None, 30.0]),
+    st.sampled_from([4, 12, 60]),
+)
+def test_the_slope_is_that_of_differences(
+    seed: int, delta: tuple[float, ...], rho_0: float | None, p: int
+) -> None:
+    what, generator = search(delta), np.random.default_rng(seed)
+    norm = what.norm
+    x = with_multipliers(norm, what)
+    frequencies = norm.frequencies(x)
+    value, slope = norm.value(x, rho_0, p, frequencies)
+    assert np.isfinite(value)
+    step = 1e-6 * generator.standard_normal(len(x))
+    forth, back = (norm.value(x + sign * step, rho_0, p, frequencies)[0] for sign in (1, -1))
+    assert slope @ step == pytest.approx((forth - back) / 2, rel=1e-3, abs=1e-10)
+
+
+@pytest.mark.parametrize("delta", DELTAS)
+def test_the_level_is_the_rho_that_the_inequality_has(delta: tuple[float, ...]) -> None:
+    """By the Kalman-Yakubovich-Popov lemma, for the same multipliers; the certificate's own are the best ones."""
+    what = search(delta)
+    norm, found = what.norm, least_rho(what.loop, published().blocks, what.claim)
+    assert found is not None
+    x = norm.pack(published().blocks, np.concatenate([found.m, found.t]) * (1 + 1e-6))
+    frequencies = np.union1d(norm.frequencies(x), np.geomspace(1e-3, 1e3, 4000))
+    level = np.sqrt(norm.level(x, None, frequencies))
+    assert level == pytest.approx(found.rho, rel=2e-3)
+    # The must-fail beside it: a rho_0 below has a gain above one, and one above has a gain below.
+    assert norm.level(x, 0.98 * level, frequencies) > 1 > norm.level(x, 1.02 * level, frequencies)
+
+
+def test_without_multipliers_the_level_is_the_norm_that_python_control_computes() -> None:
+    """A linear loop: the H-infinity norm from xi to (R^1/2 x_d, Q^1/2 x_C) of orthonormal coordinates."""
+    import control
+
+    network, K = arms(), published().blocks
+    weights = claim(network, 2, 0.0)
+    what = Search.of(network.loop(2), weights, 50.0)
+    norm = what.norm
+    x = norm.pack(K, np.full(len(norm.W), 1e9))
+    level = np.sqrt(norm.level(x, None, np.geomspace(1e-4, 1e3, 20000)))
+    loop = network.loop(2)
+    out = np.linalg.cholesky(np.kron(loop.d.S, weights.R))
+    C = np.zeros((loop.n_x, loop.n_x))
+    C[: loop.n_d, : loop.n_d] = out.T
+    C[loop.n_d :, loop.n_d :] = np.kron(np.eye(3), np.linalg.cholesky(weights.Q).T)
+    B = loop.E @ np.linalg.inv(np.linalg.cholesky(np.kron(loop.d.S, np.eye(4)))).T
+    system = control.ss(loop.A_cl(K), B, C, np.zeros((loop.n_x, loop.n_d)))
+    worst = max(np.linalg.norm(system(1j * w), 2) for w in np.geomspace(1e-4, 1e3, 4000))
+    scale = what.units.disturbance * np.sqrt(what.units.cost)
+    assert scale * level == pytest.approx(worst, rel=1e-3)
+
+
+def test_outside_the_norm_is_infinite() -> None:
+    """A loop that is not stable, gains beyond the limit, a nonlinearity that the multipliers do not hold."""
+    what = search()
+    norm = what.norm
+    x = with_multipliers(norm, what)
+    K, w = norm.unpack(x)
+    frequencies = norm.frequencies(x)
+    assert np.isfinite(norm.value(x, None, 4, frequencies)[0])
+    assert norm.value(norm.pack(-10 * K, w), None, 4, frequencies)[0] == np.inf
+    assert norm.value(norm.pack(K * 1e4, w), None, 4, frequencies)[0] == np.inf
+    assert norm.value(norm.pack(K, 1e-6 * w), None, 4, frequencies)[0] == np.inf
+
+
+def test_a_descent_from_the_published_gains_more_than_halves_their_rho() -> None:
+    """13.24 is certified for the gains of Corollary 1 (reference: 12.15 in other coordinates)."""
+    what = search()
+    start = least_rho(what.loop, published().blocks, what.claim)
+    assert start is not None
+    found = descended(what.norm, published().blocks)
+    further = refined(what.norm, found)
+    assert further.rho <= found.rho < 0.5 * start.rho
+    certified = least_rho(what.loop, further.K, what.claim)
+    assert certified is not None
+    # The certificate chooses its multipliers itself; the level is what a peak between the frequencies may exceed by 1 %.
+    assert certified.rho < 1.01 * further.rho
+    assert max(np.linalg.norm(block, 2) for block in further.K) < 50.0
