@@ -14,7 +14,7 @@ from lockstep.lmi.rounding import short_gains
 from lockstep.lmi.search import Search, search_gains
 from lockstep.lmi.search.start import begin, climb
 from lockstep.lmi.solve import least_rho
-from lockstep.lmi.stabilise import abscissa, descend, stabilise
+from lockstep.lmi.stabilise import _abscissa, abscissa, descend, stabilise
 from lockstep.model.assembly import network_of
 from lockstep.model.loop import Loop
 
@@ -206,3 +206,12 @@ def test_short_gains_are_short_and_near() -> None:
     short = short_gains(K, 50.0)
     np.testing.assert_allclose(short, K, atol=1e-5 * np.abs(K).max())
     assert all(len(f"{abs(x):g}".replace(".", "").lstrip("0")) <= 6 for x in short.ravel())
+
+
+def test_a_defective_eigenvalue_has_a_slope_that_is_a_number() -> None:
+    """A_cl = [0, 1; 0, 0] has one eigenvector, left and right at right angles: the slope of the abscissa is infinite."""
+    A, B = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
+    value, slope = _abscissa(A, [B], [np.eye(2)])
+    assert value == 0.0
+    assert np.isfinite(slope).all()
+    assert np.linalg.norm(slope) > 1e6

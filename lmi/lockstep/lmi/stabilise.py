@@ -20,6 +20,9 @@ GAIN_WEIGHT = 1e-3
 EXCESS_WEIGHT = 1e3
 """Weight of what the gains' norms exceed the limit by, relative to it: more than any abscissa is worth."""
 
+DEFECTIVE = 1e-8
+"""The least |l'r| of unit vectors l, r that is told from 0: about the root of the machine's precision."""
+
 
 def stabilise(
     loop: Loop,
@@ -79,8 +82,10 @@ def _abscissa(
     values, left, right = eig(A, left=True, right=True)
     worst = int(np.argmax(values.real))
     l, r = left[:, worst].conj(), right[:, worst]
+    # At a defective eigenvalue l'r = 0 and the slope is infinite: a long step in its direction is what the descent gets.
+    product = l @ r if abs(l @ r) > DEFECTIVE else DEFECTIVE
     slope = np.stack(
-        [np.real(np.outer(U.T @ l, Y @ r) / (l @ r)) for U, Y in zip(left_of, right_of, strict=True)]
+        [np.real(np.outer(U.T @ l, Y @ r) / product) for U, Y in zip(left_of, right_of, strict=True)]
     )
     return float(values[worst].real), slope
 
