@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from lockstep.check.errors import Infeasible
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
 from lockstep.lmi.document import document, parse
-from lockstep.model.errors import Infeasible
 from lockstep.model.problem import load_problem, parse_problem
 
 pytestmark = pytest.mark.slow

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from codegen_cases import TABLE_1
 
+from lockstep.check.loop import Gains
 from lockstep.codegen.campaign.engine import Batch, Engine
 from lockstep.codegen.campaign.functions import Weights
 from lockstep.codegen.campaign.layout import Features
@@ -15,7 +16,6 @@ from lockstep.codegen.in_the_loop import reference_controllers
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.model.graph import Graph
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.problem import load_problem
 from lockstep.model.simulation.disturbance import Samples, Sines, Steps, Sum

@@ -3,11 +3,11 @@
 import pytest
 from campaign_cases import HORIZON, STEP, continuous_loop, some_runs
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen import toolchain
 from lockstep.codegen.campaign import library
 from lockstep.codegen.campaign.lanes import LANES
 from lockstep.codegen.toolchain import host_compilers
-from lockstep.model.errors import ProblemError
 
 
 def test_every_compiler_gives_the_same_bits(sampled, monkeypatch):

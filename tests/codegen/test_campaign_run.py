@@ -11,6 +11,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.cli import campaign as command
 from lockstep.cli.campaign import Options, planned
 from lockstep.codegen.campaign import Guarantee, Table, compute, run_campaign
@@ -21,7 +22,6 @@ from lockstep.codegen.campaign.plan import CHUNK, plan_of
 from lockstep.codegen.campaign.replay import replay
 from lockstep.codegen.campaign.store import Store
 from lockstep.lmi.document import load_json, parse
-from lockstep.model.errors import NotCertified, ProblemError
 from lockstep.model.simulation.indices import indices
 
 DESIGN = Path("generated") / "flexible_joint_arms"

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from codegen_cases import arms, random_controller, shapes
 
+from lockstep.check.errors import ClaimError
 from lockstep.codegen import targets
 from lockstep.codegen.cores import CORES
 from lockstep.codegen.emit import emit
@@ -14,7 +15,6 @@ from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller
 from lockstep.codegen.toolchain import zig
 from lockstep.codegen.verify import verify_folder
-from lockstep.model.errors import ClaimError
 
 needs_emulator = pytest.mark.skipif(
     zig() is None or bool(missing_packages()), reason="ziglang, unicorn or pyelftools is not installed"

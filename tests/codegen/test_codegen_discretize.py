@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import scipy.signal
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.discretize import discretize
-from lockstep.model.errors import ProblemError
 
 SCIPY = {"tustin": "bilinear", "zoh": "zoh", "euler": "euler"}
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from codegen_cases import TABLE_1, arms, shapes
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.emit import emit
 from lockstep.codegen.kernel import kernel_function
 from lockstep.codegen.manifest import Manifest, manifest_is_intact
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Neighbour, Signal
-from lockstep.model.errors import ProblemError
 
 
 def code(text):

@@ -5,10 +5,10 @@ import os
 import pytest
 from codegen_cases import arms
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import load_manifest
-from lockstep.model.errors import ProblemError
 
 
 def tree(folder):

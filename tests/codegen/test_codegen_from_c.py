@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lockstep.check.errors import NotCertified
 from lockstep.codegen import c_certificate, sampled_design
 from lockstep.codegen.c_file import nearest
 from lockstep.codegen.emit import emit
@@ -15,7 +16,6 @@ from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.lmi.document import load_json, parse
 from lockstep.lmi.sampled import SampledVerdict
-from lockstep.model.errors import NotCertified
 
 NAMES = ["a1", "a2", "a3"]
 

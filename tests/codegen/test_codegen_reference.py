@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from codegen_cases import arms, shapes
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.emit import emit
 from lockstep.codegen.manifest import Manifest
 from lockstep.codegen.reference import NOT_FINITE, OK, OVERFLOW, Reference, closed_loop
 from lockstep.codegen.stimulus import recorded_outputs
-from lockstep.model.errors import ProblemError
 
 
 def manifest_of(spec):

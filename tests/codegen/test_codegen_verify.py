@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from codegen_cases import arms, random_controller, shapes
 
+from lockstep.check.errors import Mismatch, ProblemError
 from lockstep.codegen import targets, toolchain
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import Manifest
 from lockstep.codegen.toolchain import Compiler, host_compilers
 from lockstep.codegen.verify import verify_folder
-from lockstep.model.errors import Mismatch, ProblemError
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
 QUICK = {"steps": 200, "adversarial_steps": 800}

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from codegen_cases import random_controller
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.compiled_loop import compiled_controllers
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder import write_folder
@@ -15,7 +16,6 @@ from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.spec import CodegenSpec, Neighbour
 from lockstep.codegen.toolchain import host_compilers
 from lockstep.lmi.document import read
-from lockstep.model.errors import ProblemError
 from lockstep.model.network import Network
 from lockstep.model.simulation import Channel, simulate
 from lockstep.model.simulation.from_problem import Changes, scenario_of

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.inequality import Claim
+from lockstep.check.loop import Gains
 from lockstep.lmi.claims.example import arm
-from lockstep.lmi.inequality import Claim
 from lockstep.model.graph import Graph
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem, parse_problem
 

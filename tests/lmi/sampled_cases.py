@@ -4,11 +4,11 @@ formulas."""
 import numpy as np
 from scipy.linalg import block_diag, expm
 
+from lockstep.check.disagreement import disagreement
+from lockstep.check.loop import Plant
+from lockstep.check.numbers import as_floats
 from lockstep.lmi.sampled import HeldController, Network
-from lockstep.model.disagreement import disagreement
 from lockstep.model.graph import Graph
-from lockstep.model.loop import Plant
-from lockstep.model.numbers import as_floats
 
 SLOPES = np.linspace(-1, 1, 9)
 """Constant slopes tried, as parts of alpha: both ends, and zero."""

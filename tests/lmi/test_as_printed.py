@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from lmi_cases import ALPHA, arms, claim, table_1_problem
 
+from lockstep.check.errors import Infeasible, NotCertified
 from lockstep.lmi.design import design
 from lockstep.lmi.paper import Audit, solve_as_printed
 from lockstep.lmi.rounding import prove
 from lockstep.model.agent import Agent
-from lockstep.model.errors import Infeasible, NotCertified
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem

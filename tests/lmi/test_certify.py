@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from lmi_cases import problem, table_1_problem
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.local import InitialSet
 from lockstep.lmi.certify import Verdict, certify
 from lockstep.lmi.design import design
 from lockstep.lmi.document import document, parse
-from lockstep.lmi.local import InitialSet
-from lockstep.model.errors import ProblemError
 from lockstep.model.problem import Problem
 
 
@@ -224,7 +224,7 @@ def test_the_checker_imports_no_solver() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=_environment()
     )
     loaded = set(found.stdout.split())
-    assert "lockstep.lmi.decide" in loaded
+    assert "lockstep.check.decide" in loaded
     assert not loaded & {"cvxpy", "clarabel", "scipy.optimize", "scipy.linalg", "joblib"}
     solving = subprocess.run(
         [sys.executable, "-c", code.replace("lockstep.lmi.certify", "cvxpy")],

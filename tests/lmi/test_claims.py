@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from lockstep.check.errors import ProblemError
 from lockstep.cli.main import app
 from lockstep.lmi.claims import example
 from lockstep.lmi.claims.claim import Measured, PaperClaim, settle
 from lockstep.lmi.claims.fragility import PLACES, destabilising
 from lockstep.lmi.claims.ledger import all_claims, reproduce
 from lockstep.lmi.claims.markdown import to_markdown
-from lockstep.model.errors import ProblemError
 
 ROOT = Path(__file__).parents[2]
 

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from lockstep.lmi.definite import Definiteness, decide_positive_definite
-from lockstep.model.numbers import exactly
+from lockstep.check.numbers import exactly
+from lockstep.check.psd import Definiteness, decide_positive_definite
 
 
 def decided(matrix: object) -> Definiteness:

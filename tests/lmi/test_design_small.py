@@ -11,10 +11,10 @@ import pytest
 from exact_twin import Twin
 from lmi_cases import DOUBLE_INTEGRATOR, problem
 
+from lockstep.check.errors import BoundNotProved, Infeasible, NotCertified, ProblemError
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import Design, design
 from lockstep.lmi.document import document, parse
-from lockstep.model.errors import BoundNotProved, Infeasible, NotCertified, ProblemError
 from lockstep.model.problem import Problem
 
 PATH_2 = 'agents = 2\ntopology = "path"'

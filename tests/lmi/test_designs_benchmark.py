@@ -8,8 +8,8 @@ from types import ModuleType
 
 import pytest
 
+from lockstep.check.errors import ProblemError
 from lockstep.model.checks import check_problem
-from lockstep.model.errors import ProblemError
 from lockstep.model.problem import load_problem
 
 ROOT = Path(__file__).parents[2]

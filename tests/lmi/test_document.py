@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lmi_cases import problem
 
+from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.lmi.certify import Verdict, certify
 from lockstep.lmi.design import design
 from lockstep.lmi.document import document, load_json, parse, read
-from lockstep.model.errors import ClaimError, ProblemError
 
 GAINS = "\n".join(
     "[[design.gains]]\nA = [[-1.0]]\nB = [[0.0, 0.0]]\nC = [[0.0]]\nD = [[-1.5, -2.0]]" for _ in range(2)

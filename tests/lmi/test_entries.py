@@ -14,23 +14,23 @@ import pytest
 from lmi_cases import EXAMPLES, problem
 from test_soundness import h_infinity
 
+from lockstep.check.decide import decide
+from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.check.inequality import Claim, F_matrix
+from lockstep.check.loop import Gains
+from lockstep.check.modes import ModalCertificate, decide_modes
 from lockstep.lmi.bmi import BilinearProgram, Point
 from lockstep.lmi.certify import certify
-from lockstep.lmi.decide import decide
 from lockstep.lmi.design import claim_of, design, proved_bound
 from lockstep.lmi.document import document, parse
 from lockstep.lmi.floor.bisection import largest_floor
-from lockstep.lmi.inequality import Claim, F_matrix
 from lockstep.lmi.interior import InteriorProgram
 from lockstep.lmi.limits import largest_alpha_of_any_controller
 from lockstep.lmi.modal import prove_modes
-from lockstep.lmi.modes import ModalCertificate, decide_modes
 from lockstep.lmi.rounding import prove
 from lockstep.lmi.solve import AffineF, least_rho
 from lockstep.model.assembly import network_of
-from lockstep.model.errors import NotCertified, ProblemError
 from lockstep.model.graph import Graph
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem, load_problem
 

@@ -12,22 +12,22 @@ from flint import fmpq
 from floor_cases import floor, quarters
 from lmi_cases import ALPHA, arms, claim, published, table_1_problem
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.floor.projected import with_rho
+from lockstep.check.floor.witness import FloorWitness, bound, coupled, not_negative, proves_floor, restored
+from lockstep.check.inequality import Certificate, Claim
+from lockstep.check.loop import Gains, Plant
+from lockstep.check.numbers import as_floats, exactly
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
 from lockstep.lmi.document import document, parse
 from lockstep.lmi.floor.bisection import largest_floor, proves_that_none_carries, rounded_down
-from lockstep.lmi.floor.projected import with_rho
 from lockstep.lmi.floor.stored import floor_keys, floor_of
-from lockstep.lmi.floor.witness import FloorWitness, bound, coupled, not_negative, proves_floor, restored
-from lockstep.lmi.inequality import Certificate, Claim
 from lockstep.lmi.rounding import prove
 from lockstep.lmi.solve import least_rho
 from lockstep.model.agent import Agent
-from lockstep.model.errors import ProblemError
 from lockstep.model.graph import Graph
-from lockstep.model.loop import Gains, Plant
 from lockstep.model.network import Network
-from lockstep.model.numbers import as_floats, exactly
 
 BELOW = 5e-3
 """How far below a closed form a floor may stay: bisection and four digits leave 0.3 %."""

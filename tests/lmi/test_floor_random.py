@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from floor_cases import best_found, floor, random_problem
 
+from lockstep.check.errors import NotCertified
+from lockstep.check.loop import Gains
 from lockstep.lmi.rounding import prove
 from lockstep.lmi.solve import least_rho
-from lockstep.model.errors import NotCertified
-from lockstep.model.loop import Gains
 
 
 def holds_against_what_is_found(seed: int) -> tuple[float | None, float]:

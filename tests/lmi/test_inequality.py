@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lmi_cases import ALPHA, TABLE_1, arms, claim, published
 
-from lockstep.lmi.decide import decide
-from lockstep.lmi.inequality import Certificate, Claim, F_matrix, channels, multiplier, performance_weight
+from lockstep.check.decide import decide
+from lockstep.check.disagreement import disagreement
+from lockstep.check.inequality import Certificate, Claim, F_matrix, channels, multiplier, performance_weight
+from lockstep.check.loop import Loop, Plant, build_loop
 from lockstep.model.bound import Entry
-from lockstep.model.disagreement import disagreement
 from lockstep.model.graph import Graph
-from lockstep.model.loop import Loop, Plant, build_loop
 
 Case = tuple[Loop, Twin, np.ndarray, Claim, Certificate]
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, arms, claim, problem, published
 
+from lockstep.check.inequality import F_matrix
 from lockstep.lmi.bmi import BilinearProgram, Limits, Point
 from lockstep.lmi.design import claim_of, proved_bound
-from lockstep.lmi.inequality import F_matrix
 from lockstep.lmi.interior import InteriorProgram
 from lockstep.lmi.logdet import BalancedF
 from lockstep.lmi.search import Search, search_gains

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lmi_cases import ALPHA, arms, claim, published
 
-from lockstep.lmi.decide import decide
-from lockstep.lmi.inequality import Certificate, F_matrix
+from lockstep.check.decide import decide
+from lockstep.check.errors import NotCertified
+from lockstep.check.inequality import Certificate, F_matrix
 from lockstep.lmi.rounding import SLACKS, prove, round_up, rounded
 from lockstep.lmi.solve import AffineF, least_rho
-from lockstep.model.errors import NotCertified
 
 
 @pytest.mark.parametrize(

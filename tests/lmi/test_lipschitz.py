@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lockstep.check.errors import Infeasible, ProblemError
+from lockstep.check.loop import Plant
 from lockstep.lmi.certify import certify
 from lockstep.lmi.connectivity import connectivity
 from lockstep.lmi.design import design
 from lockstep.lmi.document import document, parse
 from lockstep.lmi.lipschitz import FirstStep, Protocol, design_protocol, first_step, step_1_matrix
-from lockstep.model.errors import Infeasible, ProblemError
 from lockstep.model.graph import Graph
-from lockstep.model.loop import Plant
 from lockstep.model.problem import Problem, parse_problem
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -153,7 +153,7 @@ def test_infeasible_says_what_is_reachable():
 def test_step_1_without_a_solution_reports_the_largest_alpha():
     from dataclasses import replace
 
-    from lockstep.lmi.inequality import Claim
+    from lockstep.check.inequality import Claim
     from lockstep.model.network import Network
 
     # An input that does not reach the unstable part: no alpha helps, and no protocol exists.

@@ -6,19 +6,19 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from lockstep.lmi.inequality import Certificate, Claim
-from lockstep.lmi.local import InitialSet, Unavailable, _ratio_above, initial_set
-from lockstep.lmi.modes import ModalCertificate, Segment
+from lockstep.check.disagreement import disagreement
+from lockstep.check.errors import ProblemError
+from lockstep.check.inequality import Certificate, Claim
+from lockstep.check.local import InitialSet, Unavailable, _ratio_above, initial_set
+from lockstep.check.loop import Gains
+from lockstep.check.modes import ModalCertificate, Segment
+from lockstep.check.numbers import as_floats, exactly
 from lockstep.lmi.rounding import prove
 from lockstep.model.agent import Agent
 from lockstep.model.assembly import bound_of
 from lockstep.model.bound import Box
-from lockstep.model.disagreement import disagreement
-from lockstep.model.errors import ProblemError
 from lockstep.model.graph import Graph
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
-from lockstep.model.numbers import as_floats, exactly
 
 N, ORDER, SIDE = 3, 1, 1.2
 GAINS = Gains(

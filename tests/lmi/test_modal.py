@@ -7,19 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lockstep.check.errors import Infeasible, NotCertified, ProblemError
+from lockstep.check.inequality import Certificate, Claim, F_matrix
+from lockstep.check.modes import Modes, mode_matrix
+from lockstep.check.numbers import as_floats
+from lockstep.check.spectrum import decide_spectrum, metric, spectrum_bounds
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
 from lockstep.lmi.document import document, parse
-from lockstep.lmi.inequality import Certificate, Claim, F_matrix
 from lockstep.lmi.modal import prove_modes, segment_ends, shared_gains
 from lockstep.lmi.modal_witness import witness
-from lockstep.lmi.modes import Modes, mode_matrix
 from lockstep.lmi.solve import least_rho
-from lockstep.lmi.symmetric import decide_spectrum, metric, spectrum_bounds
-from lockstep.model.errors import Infeasible, NotCertified, ProblemError
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network
-from lockstep.model.numbers import as_floats
 from lockstep.model.problem import parse_problem
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

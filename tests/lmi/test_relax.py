@@ -3,10 +3,10 @@
 import pytest
 from lmi_cases import problem
 
+from lockstep.check.errors import Infeasible, OutOfTime, ProblemError
 from lockstep.lmi.design import claim_of, design, proved_bound
 from lockstep.lmi.relax import hint
 from lockstep.model.assembly import network_of
-from lockstep.model.errors import Infeasible, OutOfTime, ProblemError
 from lockstep.model.problem import Problem
 
 STATIC = "order = 0\nstarts = 1\n"

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from flint import arb, fmpq
 
-from lockstep.lmi.sampled.balls import is_positive_definite, product, working_precision
-from lockstep.model.numbers import exactly
+from lockstep.check.numbers import exactly
+from lockstep.check.sampled.balls import is_positive_definite, product, working_precision
 
 
 def with_least_eigenvalue(value: fmpq, n: int = 6) -> np.ndarray:

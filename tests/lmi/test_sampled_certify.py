@@ -16,15 +16,15 @@ from sampled_cases import (
     with_alpha,
 )
 
+from lockstep.check.disagreement import disagreement
+from lockstep.check.numbers import as_floats
+from lockstep.check.sampled.inequality import Witness, metric
+from lockstep.check.sampled.loop import sampled_loop
 from lockstep.lmi.sampled import SampledVerdict, Weights, certify_sampled, max_period, sampled_rho, storage
 from lockstep.lmi.sampled.certify import in_doubles, lifted_agent
-from lockstep.lmi.sampled.inequality import Witness, metric
-from lockstep.lmi.sampled.loop import sampled_loop
 from lockstep.lmi.sampled.performance import SampledRho, proves_rho
 from lockstep.lmi.sampled.search import spectral_radius
-from lockstep.model.disagreement import disagreement
 from lockstep.model.graph import Graph
-from lockstep.model.numbers import as_floats
 
 EDGES = [(1, 2, 1.0), (2, 3, 1.0), (3, 1, 1.0)]
 

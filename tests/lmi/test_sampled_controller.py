@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.sampled.controller import PRECISIONS
 from lockstep.lmi.sampled import HeldController
-from lockstep.lmi.sampled.controller import PRECISIONS
-from lockstep.model.errors import ProblemError
 
 # Agent 1 of the arms at 5 ms, as it is emitted.
 ARM_1 = np.array(

@@ -8,10 +8,10 @@ import pytest
 from flint import arb
 from scipy.linalg import expm
 
-from lockstep.lmi.sampled import balls
-from lockstep.lmi.sampled.conjugate import no_conjugate_point
-from lockstep.lmi.sampled.lifting import copies, lift
-from lockstep.model.numbers import exactly
+from lockstep.check.numbers import exactly
+from lockstep.check.sampled import balls
+from lockstep.check.sampled.conjugate import no_conjugate_point
+from lockstep.check.sampled.lifting import copies, lift
 
 
 def agent(rng):

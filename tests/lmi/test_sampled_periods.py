@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from sampled_cases import brute_force_radius
 
+from lockstep.check.loop import Gains
 from lockstep.codegen.sampled_design import longest_period, sampled_controllers, sampled_network
 from lockstep.lmi.design import given_gains
 from lockstep.lmi.document import parse
 from lockstep.lmi.sampled import Weights, certify_sampled, sampled_rho
-from lockstep.model.loop import Gains
 from lockstep.model.problem import load_problem
 
 FOR_20_MS = np.array(

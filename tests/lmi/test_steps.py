@@ -6,9 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, arms, claim, problem, published
 
+from lockstep.check.inequality import Certificate, Claim, F_matrix
+from lockstep.check.loop import Loop
 from lockstep.lmi.bmi import BilinearProgram, Limits, Point
 from lockstep.lmi.design import claim_of, proved_bound
-from lockstep.lmi.inequality import Certificate, Claim, F_matrix
 from lockstep.lmi.inner import inner_step
 from lockstep.lmi.rounding import short_gains
 from lockstep.lmi.search import Search, search_gains
@@ -16,7 +17,6 @@ from lockstep.lmi.search.start import begin, climb
 from lockstep.lmi.solve import least_rho
 from lockstep.lmi.stabilise import _abscissa, abscissa, descend, stabilise
 from lockstep.model.assembly import network_of
-from lockstep.model.loop import Loop
 
 PENDULUM = {"a": "b", "b": "-a - sin(a) + u"}
 

@@ -17,10 +17,10 @@ import pytest
 from exact_twin import Twin
 from lmi_cases import table_1_problem
 
+from lockstep.check.errors import ProblemError
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
 from lockstep.lmi.document import document, parse
-from lockstep.model.errors import ProblemError
 from lockstep.model.problem import Problem
 
 FACTORS = (

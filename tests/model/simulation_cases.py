@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from lockstep.check.loop import Gains
 from lockstep.lmi.claims.example import TABLE_1, network
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 
 ARMS = network()

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lockstep.check.errors import ProblemError
 from lockstep.model.affine import NormalForms
 from lockstep.model.agent import Agent
-from lockstep.model.errors import ProblemError
 from lockstep.model.expression import parse_expression
 from lockstep.model.lure import Lure, solve
 

@@ -4,8 +4,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from lockstep.check.errors import ProblemError
 from lockstep.model.agent import Agent
-from lockstep.model.errors import ProblemError
 from lockstep.model.pbh import controllability, observability
 
 ARM = {

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from lockstep.check.errors import ProblemError
 from lockstep.model.bound import Box, Entry, entries_hold, entry_bounds
-from lockstep.model.errors import ProblemError
 
 
 def phi(*terms: object, v: ca.SX, t: ca.SX | None = None) -> ca.Function:

@@ -7,8 +7,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from lockstep.check.errors import BoundNotProved, ProblemError
 from lockstep.model.bound import BOXES, Box, prove_bound, smallest_bound
-from lockstep.model.errors import BoundNotProved, ProblemError
 
 INF = math.inf
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lockstep.model.bound import functions, rounding
-from lockstep.model.bound.rounding import INF
+from lockstep.check.bound import functions, rounding
+from lockstep.check.bound.rounding import INF
 
 POINTS = 60
 FLOATS = st.floats(allow_nan=False, allow_infinity=False)

@@ -7,8 +7,8 @@ import numpy as np
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
+from lockstep.check.errors import ProblemError
 from lockstep.model.bound import Box, smallest_bound
-from lockstep.model.errors import ProblemError
 
 SMOOTH = {
     "sin": ca.sin,

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.loop import Gains
+from lockstep.check.numbers import as_floats
 from lockstep.model.agent import Agent
 from lockstep.model.bridge import agent_from_control, controllers_to_control
-from lockstep.model.errors import ProblemError
 from lockstep.model.graph import Graph
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
-from lockstep.model.numbers import as_floats
 from lockstep.model.simulation import Scenario, Sines, simulate
 
 GAINS = Gains(

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lockstep.model.disagreement import Disagreement, disagreement, orthonormal_factor
+from lockstep.check.disagreement import Disagreement, disagreement, orthonormal_factor
+from lockstep.check.numbers import as_floats, exactly
 from lockstep.model.graph import Graph
-from lockstep.model.numbers import as_floats, exactly
 
 COORDINATES = ("orthonormal", "laplacian_rows")
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 from lockstep.model.expression import FUNCTIONS, parse_expression
 
 X, Y, T = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("t")

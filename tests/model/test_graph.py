@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 from lockstep.model.graph import Graph
 
 CYCLE = [[1, -1, 0], [0, 1, -1], [-1, 0, 1]]

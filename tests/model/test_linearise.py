@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lockstep.check.loop import Gains
 from lockstep.model.affine import NormalForms
 from lockstep.model.agent import Agent
 from lockstep.model.checks import nonlinearity
 from lockstep.model.graph import Graph
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 
 

@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import block_diag, null_space
 
-from lockstep.model.disagreement import disagreement
-from lockstep.model.errors import ProblemError
+from lockstep.check.disagreement import disagreement
+from lockstep.check.errors import ProblemError
+from lockstep.check.loop import Gains, Loop, Plant, build_loop
+from lockstep.check.numbers import as_floats, converter
 from lockstep.model.graph import Graph
-from lockstep.model.loop import Gains, Loop, Plant, build_loop
-from lockstep.model.numbers import as_floats, converter
 
 ARM = Plant(
     A=np.array([[0, 1, 0, 0], [-48.6, -1.25, 48.6, 0], [0, 0, 0, 1], [19.5, 0, -19.5, 0]]),  # (38)

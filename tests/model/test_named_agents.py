@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from lockstep.check.errors import BoundNotProved, ProblemError
 from lockstep.model.agent import Agent
 from lockstep.model.assembly import bound_of
-from lockstep.model.errors import BoundNotProved, ProblemError
 
 AGENTS = {
     "arm": {

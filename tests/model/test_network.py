@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.loop import Gains
 from lockstep.lmi.claims.example import arm
 from lockstep.model.agent import Agent
-from lockstep.model.errors import ProblemError
 from lockstep.model.graph import Graph
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 
 Reader = Callable[[np.ndarray], np.ndarray]

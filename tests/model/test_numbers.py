@@ -8,7 +8,7 @@ from flint import fmpq
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lockstep.model.numbers import as_floats, converter, exact, exactly, eye, inverse, is_exact, zeros
+from lockstep.check.numbers import as_floats, converter, exact, exactly, eye, inverse, is_exact, zeros
 
 doubles = st.floats(allow_nan=False, allow_infinity=False)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 from lockstep.model.problem import parse_problem
 from lockstep.model.simulation import PaperPerturbation, Samples, Sines, Steps
 from lockstep.model.simulation.from_problem import Changes, scenario_of

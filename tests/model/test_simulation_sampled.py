@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 from simulation_cases import ARMS, COROLLARY_1, START, cart_gains, carts
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 from lockstep.model.simulation import Channel, PaperPerturbation, Scenario, exact_controllers, noise, simulate
 
 CARTS, PERIOD = carts(), 0.1

@@ -6,9 +6,9 @@ import io
 import numpy as np
 import pytest
 
+from lockstep.check.loop import Gains
 from lockstep.lmi.claims.example import TABLE_1, TABLE_2, arm, cycle
 from lockstep.lmi.document import read
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 from lockstep.report.section4.contestants import CERTIFIED, CERTIFIED_UNCERTAIN, Contestant
 from lockstep.report.section4.figures import figures

@@ -10,11 +10,11 @@ from rich.console import Group, RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.wording import shorten
 from lockstep.cli.console import Answer, of_file, progress_display, respond, two_columns, write_text
 from lockstep.cli.files import DESIGN_NAME, check_writable, read_design
 from lockstep.cli.folders import check_folder
-from lockstep.model.errors import ProblemError
-from lockstep.model.wording import shorten
 
 if TYPE_CHECKING:
     from lockstep.codegen.campaign import Campaign, Plan

@@ -15,8 +15,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
+from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.cli.progress_lines import ProgressLines
-from lockstep.model.errors import ClaimError, ProblemError
 
 HOLDS, FAILS, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 

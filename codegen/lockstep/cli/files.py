@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 
 DESIGN_NAME = "design.json"
 

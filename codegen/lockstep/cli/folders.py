@@ -4,8 +4,8 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
+from lockstep.check.errors import ProblemError
 from lockstep.cli.files import check_takes_files, seen
-from lockstep.model.errors import ProblemError
 
 
 def check_folder(folder: Path) -> None:

@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any
 
+from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.cli.console import Answer, respond, to_json, two_columns
 from lockstep.cli.files import DESIGN_NAME, read_design
 from lockstep.cli.folders import check_generated
-from lockstep.model.errors import NotCertified, ProblemError
 
 
 def run(path: Path, output: Path, *, optimize: str, as_json: bool) -> None:

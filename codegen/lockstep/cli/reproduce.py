@@ -39,7 +39,7 @@ def _answer(names: Sequence[str], output: Path | None, figures: Path | None) -> 
 
 def _check(agree: bool, found: str, expected: str) -> None:
     """Refuse options that contradict each other."""
-    from lockstep.model.errors import ProblemError
+    from lockstep.check.errors import ProblemError
 
     if not agree:
         raise ProblemError(found, where="lockstep reproduce", expected=expected)

@@ -7,17 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
+from lockstep.check.errors import ProblemError
 from lockstep.cli.console import Answer, errors, of_file, progress_display, respond, two_columns, write_text
 from lockstep.cli.files import check_writable, read_design
 from lockstep.cli.simulate_options import Many, Options, conflict
-from lockstep.model.errors import ProblemError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from lockstep.check.loop import Gains
     from lockstep.codegen.measured import Kind, Measured
     from lockstep.lmi.document import Stored
-    from lockstep.model.loop import Gains
     from lockstep.model.network import Network
     from lockstep.model.simulation import SampledControllers, Scenario, Trajectory
     from lockstep.model.simulation.from_problem import Changes

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 
 COMMAND = "lockstep simulate"
 

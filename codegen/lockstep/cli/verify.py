@@ -10,9 +10,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from lockstep.check.errors import ProblemError
 from lockstep.cli.console import Answer, plain, progress_display, respond
 from lockstep.cli.files import seen
-from lockstep.model.errors import ProblemError
 
 if TYPE_CHECKING:
     from lockstep.codegen.verify import VerifyReport

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.spec import Real
-from lockstep.model.errors import ProblemError
 
 
 @dataclass(frozen=True)

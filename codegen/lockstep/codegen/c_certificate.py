@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.codegen.c_file import nearest
 from lockstep.codegen.from_c import ReadController, read_controller, read_controllers
 from lockstep.codegen.manifest import FILE_NAME, Manifest, load_manifest
@@ -17,7 +18,6 @@ from lockstep.codegen.sampled_design import HeldVerdict, prove_controllers, samp
 from lockstep.codegen.verify import changed_files
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import SampledVerdict
-from lockstep.model.errors import NotCertified, ProblemError
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from lockstep.model.errors import NotCertified, ProblemError
+from lockstep.check.errors import NotCertified, ProblemError
 
 # Without a point or an exponent it would be an integer, and octal after a leading 0.
 LITERAL = re.compile(r"-?[0-9]+(?:\.[0-9]+(?:e[+-]?[0-9]{1,3})?|e[+-]?[0-9]{1,3})f?")

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.harness import layout, product_sources
 from lockstep.codegen.in_the_loop import sources_in
 from lockstep.codegen.manifest import Agent, Manifest, load_manifest
@@ -22,7 +23,6 @@ from lockstep.codegen.rendering import render
 from lockstep.codegen.shared_library import build_library, loaded
 from lockstep.codegen.toolchain import WARNINGS, Compiler, first_compiler
 from lockstep.codegen.verify import changed_files
-from lockstep.model.errors import ProblemError
 from lockstep.model.simulation.sampled import SampledControllers
 
 

@@ -25,8 +25,8 @@ import flint
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.spec import Discretization, check_period
-from lockstep.model.errors import ProblemError
 
 _PRECISIONS = (192, 768, 3072)
 """Bits tried for e^(A T); more are needed only where entries cancel or lie next to a rounding boundary."""

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.errors import ClaimError
 from lockstep.codegen.cores import Core, Registers, emulated, registers_of
 from lockstep.codegen.harness import Run, inputs, output_arrays, outputs, text_bytes
 from lockstep.codegen.image import Image, build_image, load_image
 from lockstep.codegen.manifest import Agent, Manifest
 from lockstep.codegen.stimulus import Calls
 from lockstep.codegen.toolchain import RUN_SECONDS, Compiler
-from lockstep.model.errors import ClaimError
 
 _RETURN, _ARRAYS, _STACK = 0x0000_1000, 0x2100_0000, 0x3000_0000
 _STACK_BYTES = 0x1_0000

@@ -7,8 +7,8 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.manifest import FILE_NAME, load_manifest
-from lockstep.model.errors import ProblemError
 
 
 def write_folder(files: Mapping[str, str] | Mapping[str, str | bytes], directory: Path | str) -> Path:

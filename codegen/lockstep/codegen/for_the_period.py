@@ -11,6 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.errors import ClaimError, Infeasible, NotCertified
+from lockstep.check.inequality import Certificate
+from lockstep.check.loop import Gains, build_loop
 from lockstep.codegen.sampled_design import (
     FOR_PERIOD,
     NOT_FOR_PERIOD,
@@ -23,12 +26,9 @@ from lockstep.codegen.sampled_design import (
 )
 from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored, parse
-from lockstep.lmi.inequality import Certificate
 from lockstep.lmi.sampled.certify import plant_in_doubles
 from lockstep.lmi.sampled.improve import Start
 from lockstep.lmi.threads import one_thread
-from lockstep.model.errors import ClaimError, Infeasible, NotCertified
-from lockstep.model.loop import Gains, build_loop
 from lockstep.model.problem import Problem
 
 NEAR = 1.05

@@ -15,13 +15,13 @@ import jinja2
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.sampled.controller import PRECISIONS, HeldController
 from lockstep.codegen.agent_view import agent_view
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.budget import Shape
 from lockstep.codegen.c_file import INDEX, LITERAL, CFile
 from lockstep.codegen.kernel_reader import read_kernel
 from lockstep.codegen.rendering import templates
-from lockstep.lmi.sampled.controller import PRECISIONS, HeldController
 
 _CODE_ONLY = templates("lockstep.codegen", undefined=jinja2.ChainableUndefined)
 """The templates, with nothing where comments want to be filled. Code that is not filled differs, and is refused."""

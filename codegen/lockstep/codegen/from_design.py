@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.sampled.controller import PRECISIONS
 from lockstep.codegen.sampled_design import HeldVerdict
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Neighbour, Optimize, Signal
 from lockstep.lmi.certify import Verdict
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import SampledVerdict
-from lockstep.lmi.sampled.controller import PRECISIONS
 
 CONTINUOUS_ONLY = (
     "the continuous controller in real arithmetic; the sampled, rounded one of this folder is not covered yet"

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.errors import ClaimError
 from lockstep.codegen.manifest import Agent, Manifest
 from lockstep.codegen.rendering import render
 from lockstep.codegen.stimulus import Calls, Trace
 from lockstep.codegen.toolchain import COMPILE_SECONDS, RUN_SECONDS, WARNINGS, Compiler, run
-from lockstep.model.errors import ClaimError
 
 
 @dataclass(frozen=True, eq=False)

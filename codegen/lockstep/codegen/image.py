@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lockstep.check.errors import ClaimError
 from lockstep.codegen.cores import Core
 from lockstep.codegen.harness import compile_objects, product_sources, write_harness
 from lockstep.codegen.manifest import Manifest
 from lockstep.codegen.rendering import render
 from lockstep.codegen.spec import Real
 from lockstep.codegen.toolchain import COMPILE_SECONDS, Compiler, run
-from lockstep.model.errors import ClaimError
 
 CODE, DATA = 0x0001_0000, 0x2000_0000
 IMAGE_BYTES = 0x100_0000

@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.codegen.reference import Reference, references
 from lockstep.lmi.document import Stored
-from lockstep.model.errors import ProblemError
 from lockstep.model.simulation.sampled import SampledControllers
 
 

@@ -11,10 +11,10 @@ from fractions import Fraction
 import numpy as np
 from jaxtyping import Float, Int
 
+from lockstep.check.errors import NotCertified
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.budget import Shape
 from lockstep.codegen.c_file import INDEX, LITERAL, CFile
-from lockstep.model.errors import NotCertified
 
 Form = dict[tuple[str, int], tuple[Fraction, int]]
 """A linear form: (letter, index) -> (coefficient, roundings it has passed through)."""

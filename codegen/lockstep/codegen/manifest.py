@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.spec import MAX_NEIGHBOURS, Discretization, Optimize, Real, check_identifier
-from lockstep.model.errors import ProblemError
 
 FORMAT = "lockstep-controllers/1"
 FILE_NAME = "manifest.json"

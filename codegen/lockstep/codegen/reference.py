@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Float32, Float64
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.manifest import Agent, Manifest
-from lockstep.model.errors import ProblemError
 
 OK, NOT_FINITE, OVERFLOW = 0, 1, 2
 _SATURATED = 2**32 - 1

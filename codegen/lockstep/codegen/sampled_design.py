@@ -11,11 +11,16 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import BoundNotProved, ProblemError
+from lockstep.check.inequality import Certificate
+from lockstep.check.modes import ModalCertificate
+from lockstep.check.sampled.controller import PRECISIONS
+from lockstep.check.sampled.inequality import Witness
+from lockstep.check.sampled.loop import sampled_loop
+from lockstep.check.sampled.sector import Sector, common_pair_weights, common_sector
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.discretize import discretize
 from lockstep.lmi.document import Stored
-from lockstep.lmi.inequality import Certificate
-from lockstep.lmi.modes import ModalCertificate
 from lockstep.lmi.sampled import (
     HeldController,
     Network,
@@ -26,14 +31,9 @@ from lockstep.lmi.sampled import (
     max_period,
     sampled_rho,
 )
-from lockstep.lmi.sampled.controller import PRECISIONS
-from lockstep.lmi.sampled.inequality import Witness
-from lockstep.lmi.sampled.loop import sampled_loop
 from lockstep.lmi.sampled.performance import proves_rho
-from lockstep.lmi.sampled.sector import Sector, common_pair_weights, common_sector
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
-from lockstep.model.errors import BoundNotProved, ProblemError
 
 FOR_PERIOD, NOT_FOR_PERIOD = "designed_for_period", "not_designed_for_period"
 """Of `sampled`: that the gains were designed for the sampled loop, not for the continuous one; or why they were not."""

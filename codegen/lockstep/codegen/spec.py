@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 
 Discretization = Literal["tustin", "zoh", "euler"]
 Real = Literal["float32", "float64"]
@@ -36,7 +36,7 @@ def check_identifier(name: str, where: str) -> None:
 
     >>> check_identifier("arm 1", "agent")
     Traceback (most recent call last):
-    lockstep.model.errors.ProblemError: agent: `arm 1` is no C identifier; expected a letter, then ...
+    lockstep.check.errors.ProblemError: agent: `arm 1` is no C identifier; expected a letter, then ...
     """
     if not _IDENTIFIER.fullmatch(name) or name in _KEYWORDS:
         raise ProblemError(

@@ -10,9 +10,9 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Float, Int, UInt
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.manifest import Agent, Manifest, Plant
 from lockstep.codegen.reference import Reference, closed_loop
-from lockstep.model.errors import ProblemError
 
 STEP, STEP_RELATIVE, RESET, STEP_ALIASED = 0, 1, 2, 3
 """Operations; STEP_ALIASED passes one buffer as y and as u, and must give the same as STEP."""

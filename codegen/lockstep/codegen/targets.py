@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.codegen.cores import CORES, Core
 from lockstep.codegen.emulator import missing_packages, run_on_core
 from lockstep.codegen.harness import Run, run_on_host
 from lockstep.codegen.manifest import Agent, Manifest
 from lockstep.codegen.stimulus import Calls
 from lockstep.codegen.toolchain import TO_INSTALL, Compiler, arm_gcc, host_compilers, run, zig
-from lockstep.model.errors import ClaimError, ProblemError
 
 Runner = Callable[[Manifest, Path, Mapping[str, Calls], Path], Iterator[tuple[Agent, Run]]]
 

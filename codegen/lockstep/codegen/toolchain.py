@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from lockstep.model.errors import ClaimError, ProblemError
+from lockstep.check.errors import ClaimError, ProblemError
 
 WARNINGS = (
     *(

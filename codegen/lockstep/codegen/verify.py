@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.errors import ClaimError, Mismatch, ProblemError
 from lockstep.codegen.comparison import Difference, compare
 from lockstep.codegen.harness import Run
 from lockstep.codegen.manifest import FILE_NAME, Agent, Manifest, load_manifest, manifest_is_intact
@@ -27,7 +28,6 @@ from lockstep.codegen.stimulus import (
     run_reference,
 )
 from lockstep.codegen.targets import GROUPS, Target, targets_of
-from lockstep.model.errors import ClaimError, Mismatch, ProblemError
 
 Progress = Callable[[str, int, int], None]
 """Called as progress(what is being done, steps done, steps in all)."""

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.definite import decide_positive_definite
+from lockstep.check.numbers import exactly, eye
+from lockstep.check.psd import decide_positive_definite
 from lockstep.lmi.document import Stored
-from lockstep.model.numbers import exactly, eye
 
 LIMITED = ("certified", "modal", "lipschitz")
 """Methods whose gains keep to `gain_limit`; those printed in the paper and those given are what they are."""

@@ -28,6 +28,16 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.inequality import (
+    Certificate,
+    Claim,
+    channels,
+    entry_signals,
+    performance_weight,
+    sectors,
+    split,
+)
+from lockstep.check.loop import Loop
 from lockstep.lmi.factored import (
     FACTOR_FLOOR,
     diagonal,
@@ -39,16 +49,6 @@ from lockstep.lmi.factored import (
     triangle,
     unit_diagonal,
 )
-from lockstep.lmi.inequality import (
-    Certificate,
-    Claim,
-    channels,
-    entry_signals,
-    performance_weight,
-    sectors,
-    split,
-)
-from lockstep.model.loop import Loop
 
 Aim = Literal["rho", "alpha", "claim"]
 

@@ -13,18 +13,18 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.decide import decide
+from lockstep.check.errors import BoundNotProved
+from lockstep.check.floor.witness import proves_floor
+from lockstep.check.inequality import Claim
+from lockstep.check.local import InitialSet, Unavailable, initial_set
+from lockstep.check.modes import ModalCertificate, decide_modes
+from lockstep.check.psd import Definiteness
 from lockstep.lmi.asked import shortfalls
-from lockstep.lmi.decide import decide
-from lockstep.lmi.definite import Definiteness
 from lockstep.lmi.document import Stored
-from lockstep.lmi.floor.witness import proves_floor
-from lockstep.lmi.inequality import Claim
-from lockstep.lmi.local import InitialSet, Unavailable, initial_set
-from lockstep.lmi.modes import ModalCertificate, decide_modes
 from lockstep.lmi.scope import Scope, scope_of
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
-from lockstep.model.errors import BoundNotProved
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ refused.
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 from lockstep.model.graph import Graph
 
 

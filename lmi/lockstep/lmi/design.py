@@ -16,18 +16,18 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.lmi.floor.witness import FloorWitness
-from lockstep.lmi.inequality import Certificate, Claim
-from lockstep.lmi.local import InitialSet, Unavailable, initial_set
-from lockstep.lmi.modes import ModalCertificate
+from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.check.floor.witness import FloorWitness
+from lockstep.check.inequality import Certificate, Claim
+from lockstep.check.local import InitialSet, Unavailable, initial_set
+from lockstep.check.loop import Gains
+from lockstep.check.modes import ModalCertificate
 from lockstep.lmi.rounding import prove, short_gains
 from lockstep.lmi.sampled.improve import Start
 from lockstep.lmi.scope import Scope, scope_of
 from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import bound_of, network_of
 from lockstep.model.bound import Bound
-from lockstep.model.errors import NotCertified, ProblemError
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 

@@ -9,10 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.floor.witness import FloorWitness
+from lockstep.check.inequality import Certificate, Claim
+from lockstep.check.loop import Gains
+from lockstep.check.modes import ModalCertificate, Segment
 from lockstep.lmi.design import Design
 from lockstep.lmi.floor.stored import floor_keys, floor_of
-from lockstep.lmi.floor.witness import FloorWitness
-from lockstep.lmi.inequality import Certificate, Claim
 from lockstep.lmi.json_parts import (
     A_DESIGN,
     item,
@@ -26,10 +29,7 @@ from lockstep.lmi.json_parts import (
     vector,
 )
 from lockstep.lmi.json_parts import load_json as load_json
-from lockstep.lmi.modes import ModalCertificate, Segment
 from lockstep.model.bound import Bound, Entry
-from lockstep.model.errors import ProblemError
-from lockstep.model.loop import Gains
 from lockstep.model.problem import Problem
 
 FORMAT = "lockstep-design/1"

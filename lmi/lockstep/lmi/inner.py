@@ -13,9 +13,9 @@ comes back carries a certificate. It creeps where `bmi` strides, but it cannot b
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.inequality import Certificate, Claim
+from lockstep.check.inequality import Certificate, Claim
+from lockstep.check.loop import Loop
 from lockstep.lmi.solve import AffineF, run
-from lockstep.model.loop import Loop
 
 
 def inner_step(

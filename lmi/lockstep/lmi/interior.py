@@ -27,10 +27,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.inequality import Claim, channels
+from lockstep.check.loop import Loop
 from lockstep.lmi.bmi import Aim, Limits, Point
-from lockstep.lmi.inequality import Claim, channels
 from lockstep.lmi.logdet import BalancedF
-from lockstep.model.loop import Loop
 
 WEIGHTS = (6e-3, 2e-3, 5e-4)
 """mu, one after the other. F has a few dozen rows, and a goal of log rho^2 outweighs what -log det(-F) gains by scaling P

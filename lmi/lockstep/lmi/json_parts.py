@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 
 A_DESIGN = "a file written by `lockstep design`"
 

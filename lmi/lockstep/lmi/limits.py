@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.loop import Plant
+from lockstep.check.numbers import exactly
 from lockstep.lmi.solve import run
-from lockstep.model.loop import Plant
 from lockstep.model.network import Network
-from lockstep.model.numbers import exactly
 
 SIZES = (1e4, 1e6)
 """Traces that X and Y may have. Where gamma has no positive lower bound it falls with them, and there is no limit."""

@@ -23,11 +23,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import Infeasible, ProblemError
+from lockstep.check.inequality import Claim
+from lockstep.check.loop import Gains, Plant
 from lockstep.lmi.connectivity import connectivity
-from lockstep.lmi.inequality import Claim
 from lockstep.lmi.solve import least_rho, run
-from lockstep.model.errors import Infeasible, ProblemError
-from lockstep.model.loop import Gains, Plant
 from lockstep.model.network import Network
 
 DECAYS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)

@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.inequality import (
+from lockstep.check.inequality import (
     Certificate,
     Claim,
     Sector,
@@ -31,7 +31,7 @@ from lockstep.lmi.inequality import (
     sectors,
     split,
 )
-from lockstep.model.loop import Loop
+from lockstep.check.loop import Loop
 
 Slopes = tuple[Float[np.ndarray, " x"], Float[np.ndarray, "x x"], Float[np.ndarray, "x x"]]
 """A slope, the part of the curvature that is never negative, and the rest of it."""

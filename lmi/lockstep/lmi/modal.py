@@ -14,16 +14,16 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.inequality import Claim
+from lockstep.check.errors import Infeasible, NotCertified
+from lockstep.check.inequality import Claim
+from lockstep.check.loop import Gains
+from lockstep.check.modes import ModalCertificate, Modes, Segment, check_covered, decide_modes
+from lockstep.check.numbers import as_floats
+from lockstep.check.spectrum import Metric, spectrum_bounds
 from lockstep.lmi.modal_search import Found, ModalProgram, from_start
 from lockstep.lmi.modal_witness import Witness, witness
-from lockstep.lmi.modes import ModalCertificate, Modes, Segment, check_covered, decide_modes
 from lockstep.lmi.rounding import round_up
-from lockstep.lmi.symmetric import Metric, spectrum_bounds
-from lockstep.model.errors import Infeasible, NotCertified
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
-from lockstep.model.numbers import as_floats
 
 RATIO = 4.0
 """How far apart the ends of a segment may be while gains are searched for: finer ones cost time."""

@@ -18,6 +18,8 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.inequality import Claim
+from lockstep.check.modes import Modes
 from lockstep.lmi.factored import (
     FACTOR_FLOOR,
     diagonal,
@@ -28,9 +30,7 @@ from lockstep.lmi.factored import (
     triangle,
     unit_diagonal,
 )
-from lockstep.lmi.inequality import Claim
 from lockstep.lmi.modal_witness import Witness, witness
-from lockstep.lmi.modes import Modes
 from lockstep.lmi.stabilise import descend
 
 FRACTIONS = (1.0, 0.3, 0.1, 0.03, 0.01, 1e-3)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.inequality import Claim
-from lockstep.lmi.modes import Modes
+from lockstep.check.inequality import Claim
+from lockstep.check.modes import Modes
 from lockstep.lmi.solve import run
 
 if TYPE_CHECKING:

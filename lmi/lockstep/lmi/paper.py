@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.disagreement import disagreement
+from lockstep.check.errors import Infeasible
+from lockstep.check.loop import Gains
 from lockstep.lmi.solve import run
-from lockstep.model.disagreement import disagreement
-from lockstep.model.errors import Infeasible
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.inequality import Claim
+from lockstep.check.inequality import Claim
+from lockstep.check.loop import Loop
 from lockstep.lmi.solve import least_rho
-from lockstep.model.loop import Loop
 
 DOUBLINGS, HALVINGS = 20, 10
 """At most so many doublings of alpha to bracket the largest one, and halvings of the bracket: to 0.1 %."""

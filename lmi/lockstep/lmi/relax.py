@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.lmi.inequality import Claim
+from lockstep.check.errors import NotCertified
+from lockstep.check.inequality import Claim
+from lockstep.check.loop import Gains
 from lockstep.lmi.rounding import prove, short_gains
 from lockstep.lmi.search.start import Search, begin, climb
 from lockstep.lmi.stabilise import stabilise_mode
 from lockstep.lmi.threads import one_thread
-from lockstep.model.errors import NotCertified
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 

@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.decide import decide
-from lockstep.lmi.inequality import Certificate, Claim, F_matrix
+from lockstep.check.decide import decide
+from lockstep.check.errors import NotCertified
+from lockstep.check.inequality import Certificate, Claim, F_matrix
+from lockstep.check.loop import Gains, Loop
 from lockstep.lmi.search.units import Units, scaled
 from lockstep.lmi.solve import least_rho, tight
-from lockstep.model.errors import NotCertified
-from lockstep.model.loop import Gains, Loop
 from lockstep.model.network import Network
 
 SLACKS = (5e-4, 2e-3, 1e-2, 5e-2)

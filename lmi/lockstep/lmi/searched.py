@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.errors import Infeasible, NotCertified, OutOfTime
+from lockstep.check.inequality import Certificate, Claim
+from lockstep.check.loop import Gains
 from lockstep.lmi.floor.bisection import proves_that_none_carries
-from lockstep.lmi.inequality import Certificate, Claim
 from lockstep.lmi.limits import largest_alpha_of_any_controller, static_gains_cannot_stabilise
 from lockstep.lmi.reach import largest_fraction
 from lockstep.lmi.relax import hint, hint_of_stability
@@ -17,8 +19,6 @@ from lockstep.lmi.sampled.improve import Start
 from lockstep.lmi.search import Outcome, Score, Search, SearchResult, search_gains
 from lockstep.lmi.search.start import Climbed
 from lockstep.lmi.threads import one_thread
-from lockstep.model.errors import Infeasible, NotCertified, OutOfTime
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 

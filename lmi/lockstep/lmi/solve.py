@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.inequality import Certificate, Claim, F_matrix, channels, incoming, split
-from lockstep.model.loop import Loop
+from lockstep.check.inequality import Certificate, Claim, F_matrix, channels, incoming, split
+from lockstep.check.loop import Loop
 
 if TYPE_CHECKING:
     import cvxpy as cp

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.inequality import Claim
 from lockstep.lmi.document import Stored
-from lockstep.lmi.inequality import Claim
 from lockstep.lmi.reach import largest_alpha, trade_off
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import network_of
-from lockstep.model.errors import ProblemError
 
 MARGIN = 1e-3
 """How far below the largest alpha the curve ends: there rho grows without bound."""

@@ -4,10 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from lockstep.model.agent import Agent
-    from lockstep.model.assembly import bound_of, network_of
-    from lockstep.model.checks import CheckReport, check_problem
-    from lockstep.model.errors import (
+    from lockstep.check.errors import (
         BoundNotProved,
         ClaimError,
         Infeasible,
@@ -15,8 +12,11 @@ if TYPE_CHECKING:
         NotCertified,
         ProblemError,
     )
+    from lockstep.check.loop import Gains
+    from lockstep.model.agent import Agent
+    from lockstep.model.assembly import bound_of, network_of
+    from lockstep.model.checks import CheckReport, check_problem
     from lockstep.model.graph import Graph
-    from lockstep.model.loop import Gains
     from lockstep.model.lure import Lure
     from lockstep.model.network import Network
     from lockstep.model.problem import Problem, load_problem, parse_problem
@@ -43,18 +43,18 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Agent": "agent",
-    "CheckReport": "checks",
-    "Gains": "loop",
-    "Graph": "graph",
-    "Lure": "lure",
-    "Network": "network",
-    "Problem": "problem",
-    "bound_of": "assembly",
-    "check_problem": "checks",
-    "load_problem": "problem",
-    "network_of": "assembly",
-    "parse_problem": "problem",
+    "Agent": "lockstep.model.agent",
+    "CheckReport": "lockstep.model.checks",
+    "Gains": "lockstep.check.loop",
+    "Graph": "lockstep.model.graph",
+    "Lure": "lockstep.model.lure",
+    "Network": "lockstep.model.network",
+    "Problem": "lockstep.model.problem",
+    "bound_of": "lockstep.model.assembly",
+    "check_problem": "lockstep.model.checks",
+    "load_problem": "lockstep.model.problem",
+    "network_of": "lockstep.model.assembly",
+    "parse_problem": "lockstep.model.problem",
 }
 
 
@@ -62,4 +62,4 @@ def __getattr__(name: str) -> Any:
     """Import CasADi only for those who use it (PEP 562): `lockstep --help` answers at once."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES.get(name, 'errors')}"), name)
+    return getattr(import_module(_HOMES.get(name, "lockstep.check.errors")), name)

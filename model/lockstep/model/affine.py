@@ -20,9 +20,9 @@ from fractions import Fraction
 
 import casadi as ca
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.wording import as_written
 from lockstep.model.coefficients import fraction, is_double, is_exact, scaled, to_double
-from lockstep.model.errors import ProblemError
-from lockstep.model.wording import as_written
 
 Row = tuple[tuple[int, Fraction], ...]
 """A linear form in the variables: (index, coefficient) pairs by increasing index, no zeros."""

@@ -10,6 +10,8 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.wording import shorten
 from lockstep.model.affine import Affine, NormalForms
 from lockstep.model.agent_parts import (
     check_bounds,
@@ -22,14 +24,12 @@ from lockstep.model.agent_parts import (
 from lockstep.model.bound import Box
 from lockstep.model.centring import Centring, centred
 from lockstep.model.domain import argument_box
-from lockstep.model.errors import ProblemError
 from lockstep.model.expression import parse_expression
 from lockstep.model.linearise import linearised
 from lockstep.model.lure import Lure, lure_form
 from lockstep.model.names import check_agent_name, check_names
 from lockstep.model.outputs import output_rows
 from lockstep.model.pbh import Controllability, Observability, controllability, observability
-from lockstep.model.wording import shorten
 
 Split = Literal["terms", "jacobian"]
 UNBOUNDED = (-np.inf, np.inf)

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 import casadi as ca
 import numpy as np
 
-from lockstep.model.errors import ProblemError
-from lockstep.model.wording import nearest, shorten
+from lockstep.check.errors import ProblemError
+from lockstep.check.wording import nearest, shorten
 
 
 def stack(parts: Sequence[ca.SX]) -> ca.SX:

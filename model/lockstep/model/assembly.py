@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import BoundNotProved
 from lockstep.model.agent import Agent
 from lockstep.model.bound import (
     BOXES,
@@ -28,7 +29,6 @@ from lockstep.model.bound import (
     smallest_bound,
 )
 from lockstep.model.coefficients import is_double
-from lockstep.model.errors import BoundNotProved
 from lockstep.model.lure import Lure
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem

@@ -16,11 +16,11 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.disagreement import orthonormal_factor
+from lockstep.check.errors import ProblemError
+from lockstep.check.loop import Gains
+from lockstep.check.numbers import as_floats
 from lockstep.model.agent import Agent
-from lockstep.model.disagreement import orthonormal_factor
-from lockstep.model.errors import ProblemError
-from lockstep.model.loop import Gains
-from lockstep.model.numbers import as_floats
 
 if TYPE_CHECKING:
     from lockstep.model.network import Network

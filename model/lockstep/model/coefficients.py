@@ -5,7 +5,7 @@ from math import isfinite
 
 import casadi as ca
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 
 
 def scaled(value: ca.SX, coefficient: Fraction) -> ca.SX:

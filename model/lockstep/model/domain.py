@@ -6,9 +6,9 @@ from math import inf, isfinite
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.numbers import rounded_down
 from lockstep.model.bound import Box
-from lockstep.model.errors import ProblemError
-from lockstep.model.numbers import rounded_down
 
 
 def argument_box(H: Float[np.ndarray, "v n"], states: Float[np.ndarray, "n 2"]) -> Box:
@@ -30,7 +30,7 @@ def argument_box(H: Float[np.ndarray, "v n"], states: Float[np.ndarray, "n 2"]) 
 
 
 def inner_box(box: Box, fraction: float) -> Box:
-    """Return the box with `fraction` of its size around its middle: what is left to a leader (`lockstep.lmi.local`).
+    """Return the box with `fraction` of its size around its middle: what is left to a leader (`lockstep.check.local`).
 
     A side without an opposite one moves towards 0 as if its opposite were -side, and by 1 - fraction if it is 0.
 

@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from lockstep.model.errors import ProblemError
-from lockstep.model.tokens import DEEPEST, Source, check_neighbours, tokens
-from lockstep.model.wording import nearest, shorten
+from lockstep.check.errors import ProblemError
+from lockstep.check.tokens import DEEPEST, Source, check_neighbours, tokens
+from lockstep.check.wording import nearest, shorten
 
 
 class Function(NamedTuple):
@@ -92,7 +92,7 @@ def parse_expression(text: str, symbols: Mapping[str, ca.SX | float], *, where: 
     SX(((-2*sin(x))+((!(x<0))?sq(x):0)))
     >>> parse_expression("2*y", {"x": x})
     Traceback (most recent call last):
-    lockstep.model.errors.ProblemError: unknown symbol `y` at column 3 of `2*y`; expected x, t, pi or a
+    lockstep.check.errors.ProblemError: unknown symbol `y` at column 3 of `2*y`; expected x, t, pi or a
     function ...
     """
     if not isinstance(text, str):

@@ -16,11 +16,11 @@ from math import isfinite
 
 import casadi as ca
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.wording import shorten
 from lockstep.model.affine import apply
-from lockstep.model.errors import ProblemError
 from lockstep.model.expression import parse_expression
 from lockstep.model.expression_writer import ARITY, COMPARISONS, REPEATED, Step, write
-from lockstep.model.wording import shorten
 
 _TRUTHS = frozenset({*COMPARISONS, ca.OP_NOT})
 _NAMES: Mapping[int, str] = {
@@ -60,7 +60,7 @@ def expression_text(value: ca.SX, symbols: Mapping[str, ca.SX], *, where: str = 
     'v*(1 - x**2) - min(2*x, 1.5) + if_else(0 < x, -v, 0.1)'
     >>> expression_text(ca.erf(x), {"x": x})
     Traceback (most recent call last):
-    lockstep.model.errors.ProblemError: the operation `erf` of CasADi; expected one that a formula in a problem
+    lockstep.check.errors.ProblemError: the operation `erf` of CasADi; expected one that a formula in a problem
     file has
     """
     steps = _steps(_checked(value, symbols, where), symbols, where)

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from lockstep.model.errors import ProblemError
-from lockstep.model.tokens import LONGEST
+from lockstep.check.errors import ProblemError
+from lockstep.check.tokens import LONGEST
 
 FUNCTIONS: Mapping[int, str] = {
     ca.OP_SIN: "sin",

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 
 Topology = Literal["cycle", "path", "ring", "complete", "star", "leader_path"]
 MOST_AGENTS = 2_000

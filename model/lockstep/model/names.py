@@ -4,9 +4,9 @@ import keyword
 import re
 from collections.abc import Sequence
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
+from lockstep.check.wording import shorten
 from lockstep.model.expression import CONSTANTS, FUNCTIONS, RESERVED
-from lockstep.model.wording import shorten
 
 LONGEST_AGENT_NAME = 20
 """C99 tells external names apart by 31 characters (5.2.4.1), and the agent's number and `_step` follow."""
@@ -28,7 +28,7 @@ def check_agent_name(name: str) -> None:
 
     >>> check_agent_name("float")
     Traceback (most recent call last):
-    lockstep.model.errors.ProblemError: [agent] name: `float` is a word of C; expected a name of your own,
+    lockstep.check.errors.ProblemError: [agent] name: `float` is a word of C; expected a name of your own,
     such as `arm`
     """
     where = "[agent] name"

@@ -13,12 +13,12 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.disagreement import Coordinates, disagreement
+from lockstep.check.errors import ProblemError
+from lockstep.check.loop import Gains, Loop, Plant, build_loop
+from lockstep.check.numbers import exactly
 from lockstep.model.agent import Agent
-from lockstep.model.disagreement import Coordinates, disagreement
-from lockstep.model.errors import ProblemError
 from lockstep.model.graph import Graph
-from lockstep.model.loop import Gains, Loop, Plant, build_loop
-from lockstep.model.numbers import exactly
 
 if TYPE_CHECKING:
     from lockstep.model.bound import Bound

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import casadi as ca
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.wording import shorten
 from lockstep.model.affine import Affine, NormalForms, Row
-from lockstep.model.errors import ProblemError
-from lockstep.model.wording import shorten
 
 _EXPECTED = "a sum of states with constant coefficients, y = C x as in (2)"
 

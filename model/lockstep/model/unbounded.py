@@ -4,10 +4,10 @@ import re
 
 import numpy as np
 
+from lockstep.check.errors import ProblemError
 from lockstep.model.agent import Agent
 from lockstep.model.arguments import argument_texts
 from lockstep.model.bound import Bound
-from lockstep.model.errors import ProblemError
 
 
 def no_bound(bound: Bound, agent: Agent) -> ProblemError:

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.campaign.compute import Table, chunks, compute
 from lockstep.codegen.campaign.draw import FAMILIES, draw
 from lockstep.codegen.campaign.library import load
 from lockstep.codegen.campaign.plan import FORMAT, Plan
 from lockstep.codegen.campaign.store import Store
-from lockstep.model.errors import ProblemError
 
 QUANTILES = (0.5, 0.9, 0.99, 1.0)
 WORST = 10

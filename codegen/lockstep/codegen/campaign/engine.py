@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int64, UInt64
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.campaign.lanes import LANES
 from lockstep.codegen.campaign.layout import INDICES, Layout
 from lockstep.codegen.campaign.library import load
 from lockstep.codegen.campaign.source import Source
-from lockstep.model.errors import ProblemError
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.loop import Gains
+from lockstep.check.numbers import as_floats
 from lockstep.codegen.campaign.statements import DOUBLE, LaneFunction, lane_function
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
-from lockstep.model.numbers import as_floats
 
 LETTERS = "ABCD"
 

@@ -11,13 +11,13 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.disagreement import disagreement
+from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.check.inequality import Certificate
+from lockstep.check.numbers import as_floats
 from lockstep.codegen.c_certificate import certify_texts
 from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored
-from lockstep.lmi.inequality import Certificate
-from lockstep.model.disagreement import disagreement
-from lockstep.model.errors import NotCertified, ProblemError
-from lockstep.model.numbers import as_floats
 
 Controllers = Literal["sampled", "continuous"]
 

@@ -9,10 +9,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from lockstep.check.errors import ClaimError
 from lockstep.codegen.campaign.source import Source
 from lockstep.codegen.shared_library import build_library
 from lockstep.codegen.toolchain import Compiler, first_compiler, own_folder
-from lockstep.model.errors import ClaimError
 
 FLAGS = (
     # Every operation rounds once, whatever the machine: the results are those of any other machine's.

@@ -13,10 +13,10 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Complex, Float
 
+from lockstep.check.disagreement import orthonormal_factor
+from lockstep.check.numbers import as_floats
 from lockstep.codegen.campaign.response import Response
-from lockstep.model.disagreement import orthonormal_factor
 from lockstep.model.network import Network
-from lockstep.model.numbers import as_floats
 
 REACH = np.pi
 """Operating points are within this of 0 in every state, and in the domain: all slopes of a sine are met."""

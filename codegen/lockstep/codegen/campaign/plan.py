@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.campaign.functions import LETTERS, Weights
 from lockstep.codegen.campaign.guarantee import Controllers, Guarantee, guarantee_of
 from lockstep.codegen.campaign.layout import Features
@@ -21,7 +22,6 @@ from lockstep.codegen.campaign.response import Response, continuous_response, sa
 from lockstep.codegen.campaign.source import Source, continuous_source, sampled_source
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.lmi.document import Stored
-from lockstep.model.errors import ProblemError
 from lockstep.model.network import Network
 
 FORMAT = "lockstep-campaign/1"

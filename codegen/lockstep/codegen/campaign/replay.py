@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.campaign.compute import columns_of, compute
 from lockstep.codegen.campaign.disturbance import disturbance
 from lockstep.codegen.campaign.draw import draw
 from lockstep.codegen.campaign.engine import Engine
 from lockstep.codegen.campaign.plan import Plan
 from lockstep.model.agent import Agent
-from lockstep.model.errors import ProblemError
 from lockstep.model.simulation.trajectory import Trajectory
 
 

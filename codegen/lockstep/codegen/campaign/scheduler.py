@@ -6,10 +6,10 @@ written once more over itself. Files are written here, by one process, so nothin
 
 from typing import Any
 
+from lockstep.check.errors import ClaimError, LockstepError, ProblemError
 from lockstep.codegen.campaign.campaign import Keep
 from lockstep.codegen.campaign.compute import compute
 from lockstep.codegen.campaign.plan import Plan
-from lockstep.model.errors import ClaimError, LockstepError, ProblemError
 
 CONNECT_SECONDS = 10
 RETRIES = 5

@@ -16,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.loop import Gains
 from lockstep.codegen.campaign.functions import (
     LETTERS,
     Weights,
@@ -29,8 +31,6 @@ from lockstep.codegen.campaign.layout import Features, Layout
 from lockstep.codegen.campaign.statements import LaneFunction
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.codegen.rendering import render
-from lockstep.model.errors import ProblemError
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 
 DIVERGED = 1e6

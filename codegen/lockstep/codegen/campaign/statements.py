@@ -12,8 +12,8 @@ from typing import Any
 
 import casadi as ca
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.arithmetic import RealType
-from lockstep.model.errors import ProblemError
 
 DOUBLE = RealType("float64")
 

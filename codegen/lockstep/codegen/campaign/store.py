@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.campaign.compute import Table, chunks, columns_of
 from lockstep.codegen.campaign.draw import FAMILIES
 from lockstep.codegen.campaign.plan import Plan
-from lockstep.model.errors import ProblemError
 
 SHORT = 16
 _WHOLE_NUMBERS = ("run", "outside", "faults")

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lockstep.check.errors import ClaimError
+from lockstep.check.loop import Gains
 from lockstep.lmi.claims.example import TABLE_1, arm, claim, cycle
 from lockstep.model.agent import Agent
-from lockstep.model.errors import ClaimError
-from lockstep.model.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.simulation.perturbation import PaperPerturbation, Perturbation
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lockstep.check.disagreement import Coordinates
 from lockstep.lmi.claims.example import claim
-from lockstep.model.disagreement import Coordinates
 from lockstep.model.simulation import Scenario, Trajectory, Weights, energies, noise, simulate
 from lockstep.report.section4.contestants import Contestant, contestants
 

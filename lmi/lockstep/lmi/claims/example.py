@@ -9,11 +9,11 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.inequality import Claim
+from lockstep.check.disagreement import Coordinates, disagreement
+from lockstep.check.inequality import Claim
+from lockstep.check.loop import Gains, Loop, Plant, build_loop
 from lockstep.model.agent import Agent
-from lockstep.model.disagreement import Coordinates, disagreement
 from lockstep.model.graph import Graph
-from lockstep.model.loop import Gains, Loop, Plant, build_loop
 from lockstep.model.network import Network
 
 Source = Literal["theorem_1", "corollary_1"]

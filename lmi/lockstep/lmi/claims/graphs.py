@@ -4,10 +4,10 @@ import numpy as np
 from flint import fmpq_mat
 from jaxtyping import Float
 
+from lockstep.check.numbers import exactly
 from lockstep.lmi.claims.claim import Measured, PaperClaim
 from lockstep.lmi.claims.example import cycle
 from lockstep.model.graph import Graph
-from lockstep.model.numbers import exactly
 
 
 def _rank(matrix: Float[np.ndarray, "a b"]) -> int:

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 from functools import cache
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.wording import nearest
 from lockstep.lmi.claims.claim import PaperClaim, Row, settle
-from lockstep.model.errors import ProblemError
-from lockstep.model.wording import nearest
 
 
 @cache

@@ -11,7 +11,7 @@ from lockstep.model.assembly import bound_of
 def _controllable() -> Measured:
     from flint import fmpq_mat
 
-    from lockstep.model.numbers import exactly
+    from lockstep.check.numbers import exactly
 
     reach = exactly(B)
     seen = exactly(C)

@@ -3,12 +3,12 @@
 import numpy as np
 from jaxtyping import Float, Shaped
 
+from lockstep.check.disagreement import Disagreement
+from lockstep.check.loop import Loop, build_loop
+from lockstep.check.numbers import Matrix, exactly, eye, inverse
 from lockstep.lmi.claims.claim import Measured, PaperClaim
 from lockstep.lmi.claims.example import TABLE_1, A, B, C, claim, cycle, loop
 from lockstep.lmi.solve import AffineF, least_rho, run
-from lockstep.model.disagreement import Disagreement
-from lockstep.model.loop import Loop, build_loop
-from lockstep.model.numbers import Matrix, exactly, eye, inverse
 
 
 def _lemmas() -> Measured:

@@ -3,9 +3,9 @@
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.loop import Plant
 from lockstep.lmi.claims.claim import Measured, PaperClaim
 from lockstep.lmi.claims.example import ALPHA, TABLE_1, TABLE_2, A, B, C, G, H, cycle, loop
-from lockstep.model.loop import Plant
 
 HOLDS = (1e-3, 1e-2)
 """Two sampling periods of the noise, s."""

@@ -5,12 +5,12 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.inequality import Claim
+from lockstep.check.numbers import exactly, inverse
 from lockstep.lmi.claims.claim import Measured, PaperClaim
 from lockstep.lmi.claims.example import ALPHA, DELTA, TABLE_1, A, B, Source, claim, loop, network
-from lockstep.lmi.inequality import Claim
 from lockstep.lmi.paper import Audit, _Printed, solve_as_printed
 from lockstep.lmi.solve import least_rho, run
-from lockstep.model.numbers import exactly, inverse
 
 LOST = 1e2
 """The recovery is called lost where |k - p_s B D| is this many times |k|: solvers differ in how far they go (10^3 to
@@ -216,8 +216,8 @@ def _static_as_printed() -> Measured:
 
 
 def _static_certified() -> Measured:
+    from lockstep.check.loop import Gains
     from lockstep.lmi.rounding import prove
-    from lockstep.model.loop import Gains
 
     D = TABLE_1["corollary_1"].D
     empty = np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0))

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.floor.projected import Projected, without_rho
+from lockstep.check.floor.witness import FloorWitness, Piece, exact_agent, excludes, of_piece
 from lockstep.lmi.floor.program import Found, Program, Scales, largest_margin
-from lockstep.lmi.floor.projected import Projected, without_rho
-from lockstep.lmi.floor.witness import FloorWitness, Piece, exact_agent, excludes, of_piece
 from lockstep.model.network import Network
 
 STEP = 4.0

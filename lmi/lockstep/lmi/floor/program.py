@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.floor.projected import Projected, Side, left_inverse
-from lockstep.lmi.floor.witness import Piece
-from lockstep.model.numbers import as_floats
+from lockstep.check.floor.projected import Projected, Side, left_inverse
+from lockstep.check.floor.witness import Piece
+from lockstep.check.numbers import as_floats
 
 LEAST_PART = 1e-14
 """The part of the largest diagonal entry that every other is taken to have."""

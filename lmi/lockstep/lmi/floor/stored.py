@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.floor.witness import FloorWitness, Piece
+from lockstep.check.errors import ProblemError
+from lockstep.check.floor.witness import FloorWitness, Piece
 from lockstep.lmi.json_parts import number
-from lockstep.model.errors import ProblemError
 
 EXACT, NONE = "exact", "none"
 

@@ -13,9 +13,9 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.sampled.inequality import W_matrix, Witness, multiplier, step_matrix
-from lockstep.lmi.sampled.lifting import Lifted, copies
-from lockstep.lmi.sampled.loop import SampledLoop
+from lockstep.check.sampled.inequality import W_matrix, Witness, multiplier, step_matrix
+from lockstep.check.sampled.lifting import Lifted, copies
+from lockstep.check.sampled.loop import SampledLoop
 from lockstep.lmi.sampled.storage import (
     distance_ratio,
     holds_in_doubles,

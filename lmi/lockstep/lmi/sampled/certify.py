@@ -18,17 +18,17 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.sampled import balls
+from lockstep.check.disagreement import Disagreement
+from lockstep.check.loop import Plant
+from lockstep.check.numbers import as_floats, exactly
+from lockstep.check.sampled import balls
+from lockstep.check.sampled.conjugate import no_conjugate_point
+from lockstep.check.sampled.controller import HeldController, Network
+from lockstep.check.sampled.inequality import W_matrix, Witness, metric, multiplier
+from lockstep.check.sampled.lifting import Lifted, copies, lift
+from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.lmi.sampled.candidates import candidates
-from lockstep.lmi.sampled.conjugate import no_conjugate_point
-from lockstep.lmi.sampled.controller import HeldController, Network
-from lockstep.lmi.sampled.inequality import W_matrix, Witness, metric, multiplier
-from lockstep.lmi.sampled.lifting import Lifted, copies, lift
-from lockstep.lmi.sampled.loop import SampledLoop, sampled_loop
 from lockstep.lmi.sampled.search import best_multiplier, gain, spectral_radius
-from lockstep.model.disagreement import Disagreement
-from lockstep.model.loop import Plant
-from lockstep.model.numbers import as_floats, exactly
 
 ROUNDED_UP = 1 + 1e-9
 """Some ten operations in doubles lose less than 1e-14."""

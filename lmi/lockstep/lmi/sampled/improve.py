@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.sampled.controller import PRECISIONS, HeldController
+from lockstep.check.sampled.controller import Network as SampledNetwork
 from lockstep.lmi.sampled.certify import in_doubles
-from lockstep.lmi.sampled.controller import PRECISIONS, HeldController
-from lockstep.lmi.sampled.controller import Network as SampledNetwork
 from lockstep.lmi.sampled.descent import Descent, Point, within
 from lockstep.lmi.sampled.objective import Objective
 from lockstep.lmi.sampled.performance import Weights, least_rho

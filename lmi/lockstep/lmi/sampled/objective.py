@@ -15,13 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
-from lockstep.lmi.sampled.loop import SampledLoop
+from lockstep.check.loop import build_loop
+from lockstep.check.numbers import as_floats
+from lockstep.check.sampled.loop import SampledLoop
 from lockstep.lmi.sampled.performance import Weights, running_cost
 from lockstep.lmi.sampled.response import Poles, power_mean
 from lockstep.lmi.sampled.slopes import lifted_period
 from lockstep.lmi.sampled.tustin import pulled_back, tustin
-from lockstep.model.loop import build_loop
-from lockstep.model.numbers import as_floats
 
 PENALTY = 10.0
 """What the square of the continuous loop's g_p counts where it exceeds 0."""

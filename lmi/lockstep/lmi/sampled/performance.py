@@ -20,14 +20,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.sampled import balls
+from lockstep.check.numbers import Matrix, converter, eye, is_exact, zeros
+from lockstep.check.sampled import balls
+from lockstep.check.sampled.conjugate import no_conjugate_point
+from lockstep.check.sampled.controller import HeldController, Network
+from lockstep.check.sampled.inequality import W_matrix, Witness, multiplier
+from lockstep.check.sampled.lifting import Lifted, lift
+from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.lmi.sampled.candidates import ROUNDINGS, confirmed, priced
 from lockstep.lmi.sampled.certify import first_guess, in_doubles, period_in_doubles
-from lockstep.lmi.sampled.conjugate import no_conjugate_point
-from lockstep.lmi.sampled.controller import HeldController, Network
-from lockstep.lmi.sampled.inequality import W_matrix, Witness, multiplier
-from lockstep.lmi.sampled.lifting import Lifted, lift
-from lockstep.lmi.sampled.loop import SampledLoop, sampled_loop
 from lockstep.lmi.sampled.search import best_multiplier
 from lockstep.lmi.sampled.storage import (
     StorageProblem,
@@ -36,7 +37,6 @@ from lockstep.lmi.sampled.storage import (
     rounding_prices,
     storage_problem,
 )
-from lockstep.model.numbers import Matrix, converter, eye, is_exact, zeros
 
 SCALES = range(-6, 7)
 """Powers of ten that pair weights are tried with where only their ratios are known."""

@@ -12,6 +12,8 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.sampled.controller import HeldController, Network
 from lockstep.lmi.sampled.certify import (
     SampledVerdict,
     certify_sampled,
@@ -19,9 +21,7 @@ from lockstep.lmi.sampled.certify import (
     in_doubles,
     period_in_doubles,
 )
-from lockstep.lmi.sampled.controller import HeldController, Network
 from lockstep.lmi.sampled.search import best_multiplier
-from lockstep.model.errors import ProblemError
 
 ControllersAt = Callable[[float], tuple[HeldController, ...]]
 """The controllers of every agent, sampled with a period in s."""

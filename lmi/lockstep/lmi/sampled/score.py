@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.inequality import Certificate, Claim, split
+from lockstep.check.inequality import Certificate, Claim, split
+from lockstep.check.loop import Loop
+from lockstep.check.sampled.controller import PRECISIONS, HeldController, Network
+from lockstep.check.sampled.sector import common_pair_weights, common_sector
 from lockstep.lmi.sampled.certify import in_doubles
-from lockstep.lmi.sampled.controller import PRECISIONS, HeldController, Network
 from lockstep.lmi.sampled.improve import usable
 from lockstep.lmi.sampled.performance import Weights, least_rho
-from lockstep.lmi.sampled.sector import common_pair_weights, common_sector
 from lockstep.lmi.sampled.tustin import tustin
-from lockstep.model.loop import Loop
 from lockstep.model.network import Network as Agents
 from lockstep.model.problem import Problem
 

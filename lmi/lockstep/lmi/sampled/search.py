@@ -6,9 +6,9 @@ Nothing here is believed: what is found is proved elsewhere.
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.sampled.inequality import multiplier
-from lockstep.lmi.sampled.lifting import Lifted
-from lockstep.lmi.sampled.loop import SampledLoop
+from lockstep.check.sampled.inequality import multiplier
+from lockstep.check.sampled.lifting import Lifted
+from lockstep.check.sampled.loop import SampledLoop
 
 FREQUENCIES = np.concatenate([[0.0], np.geomspace(1e-4, np.pi, 160)])
 """In rad per period. A peak between two of them only makes the multiplier a little worse."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.sampled.lifting import Lifted
+from lockstep.check.sampled.lifting import Lifted
 
 SQUARE = 1e-9
 """How far below zero, relatively, an eigenvalue of a square may come out in doubles."""

@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.sampled.inequality import Witness, metric, step_matrix, stored_matrix
-from lockstep.lmi.sampled.lifting import Lifted
-from lockstep.lmi.sampled.loop import SampledLoop
+from lockstep.check.sampled.inequality import Witness, metric, step_matrix, stored_matrix
+from lockstep.check.sampled.lifting import Lifted
+from lockstep.check.sampled.loop import SampledLoop
 from lockstep.lmi.sampled.riccati import smallest_storage
 
 PRICE_OF_ROUNDING = 1e6

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.inequality import Certificate
 from lockstep.lmi.bmi import Limits, Point
-from lockstep.lmi.inequality import Certificate
 from lockstep.lmi.inner import inner_step
 from lockstep.lmi.reach import largest_alpha
 from lockstep.lmi.search.start import Score, Search, over

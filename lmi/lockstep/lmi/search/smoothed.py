@@ -26,10 +26,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
-from lockstep.lmi.inequality import Claim
+from lockstep.check.inequality import Claim
+from lockstep.check.loop import Loop
 from lockstep.lmi.solve import AffineF
 from lockstep.lmi.stabilise import descend
-from lockstep.model.loop import Loop
 
 Stages = tuple[tuple[int, int], ...]
 """p and the number of steps of each stage; the frequencies are chosen anew before each."""

@@ -6,10 +6,10 @@ and bound search. A locally Lipschitz phi on a convex box has the constant sup |
 is differentiable.
 """
 
-from lockstep.model.bound.box import EVERY_TIME, Box
+from lockstep.check.bound.box import EVERY_TIME, Box
+from lockstep.check.bound.result import Bound, Entry, Witness
 from lockstep.model.bound.entries import entries_hold, entry_bounds
 from lockstep.model.bound.proof import BOXES, prove_bound, smallest_bound
-from lockstep.model.bound.result import Bound, Entry, Witness
 from lockstep.model.bound.search import UNFINISHED, Progress
 
 __all__ = [

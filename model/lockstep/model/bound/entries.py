@@ -15,8 +15,10 @@ from dataclasses import replace
 
 import casadi as ca
 
-from lockstep.model.bound.box import EVERY_TIME, Box
-from lockstep.model.bound.expression import ZERO
+from lockstep.check.bound.box import EVERY_TIME, Box
+from lockstep.check.bound.expression import ZERO
+from lockstep.check.bound.result import Entry
+from lockstep.check.errors import ProblemError
 from lockstep.model.bound.proof import (
     BOXES,
     LOOSEST,
@@ -26,9 +28,7 @@ from lockstep.model.bound.proof import (
     scale_given,
     search_block,
 )
-from lockstep.model.bound.result import Entry
 from lockstep.model.bound.search import Limits
-from lockstep.model.errors import ProblemError
 
 ROOMS = (0.0, 1e-12, 1e-9, 1e-6, 1e-4)
 """By which part a bound is raised, tried in this order, until it is decided as the checker decides it."""

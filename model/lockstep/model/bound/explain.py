@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from lockstep.model.bound.charts import Chart
-from lockstep.model.bound.conditions import Condition
-from lockstep.model.bound.expression import Node
-from lockstep.model.bound.program import Boxes, Program
-from lockstep.model.bound.rounding import Interval
+from lockstep.check.bound.charts import Chart
+from lockstep.check.bound.conditions import Condition
+from lockstep.check.bound.expression import Node
+from lockstep.check.bound.program import Boxes, Program
+from lockstep.check.bound.rounding import Interval
 
 LARGE = 1e6
 NEAR = 1e-6

@@ -9,11 +9,11 @@ from math import isfinite
 
 import casadi as ca
 
-from lockstep.model.bound.conditions import Condition
-from lockstep.model.bound.expression import ZERO, Node, Undefined, constant, variable
+from lockstep.check.bound.conditions import Condition
+from lockstep.check.bound.expression import ZERO, Node, Undefined, constant, variable
+from lockstep.check.bound.switches import FALSE, TRUE, both, either
+from lockstep.check.errors import ProblemError
 from lockstep.model.bound.operations import ARITY, NAMES, RULES, as_condition, as_number
-from lockstep.model.bound.switches import FALSE, TRUE, both, either
-from lockstep.model.errors import ProblemError
 
 
 @dataclass(frozen=True)

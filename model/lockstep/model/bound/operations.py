@@ -5,7 +5,7 @@ from typing import Protocol, runtime_checkable
 
 import casadi as ca
 
-from lockstep.model.bound.expression import (
+from lockstep.check.bound.expression import (
     ONE,
     ZERO,
     Node,
@@ -22,7 +22,7 @@ from lockstep.model.bound.expression import (
     scale,
     subtract,
 )
-from lockstep.model.bound.switches import both, choose, either, negate, positive, zero
+from lockstep.check.bound.switches import both, choose, either, negate, positive, zero
 
 NAMES = {getattr(ca, key): key[3:].lower() for key in dir(ca) if key.startswith("OP_")}
 LARGEST_WHOLE_POWER = 1024

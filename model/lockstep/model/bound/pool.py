@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from lockstep.model.bound.program import Boxes
-from lockstep.model.bound.rounding import INF
-from lockstep.model.bound.tails import Pattern
+from lockstep.check.bound.program import Boxes
+from lockstep.check.bound.rounding import INF
+from lockstep.check.bound.tails import Pattern
 
 
 @dataclass

@@ -11,20 +11,20 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.bound.box import EVERY_TIME, Box, check_time
-from lockstep.model.bound.conditions import Conditions
-from lockstep.model.bound.continuity import settle
-from lockstep.model.bound.derivative import derivative
-from lockstep.model.bound.expression import Node, scale
+from lockstep.check.bound.box import EVERY_TIME, Box, check_time
+from lockstep.check.bound.conditions import Conditions
+from lockstep.check.bound.continuity import settle
+from lockstep.check.bound.derivative import derivative
+from lockstep.check.bound.expression import Node, scale
+from lockstep.check.bound.objective import Objective, blocks
+from lockstep.check.bound.period import reduce_to_period
+from lockstep.check.bound.relaxation import relax
+from lockstep.check.bound.result import Bound, Witness
+from lockstep.check.errors import ProblemError
 from lockstep.model.bound.graph import Graph, read
-from lockstep.model.bound.objective import Objective, blocks
-from lockstep.model.bound.period import reduce_to_period
-from lockstep.model.bound.relaxation import relax
-from lockstep.model.bound.result import Bound, Witness
 from lockstep.model.bound.sampling import sample_points
 from lockstep.model.bound.scaling import choose_scaling
 from lockstep.model.bound.search import Limits, Outcome, Progress, Search
-from lockstep.model.errors import ProblemError
 
 BOXES = 250_000
 """The budget. A core examines about ten thousand a second, so that a domain in six variables that takes all of them is done

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.bound.objective import Objective
+from lockstep.check.bound.objective import Objective
 from lockstep.model.bound.sampling import sample_points
 
 

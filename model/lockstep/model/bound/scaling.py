@@ -8,8 +8,8 @@ proved afterwards for the scaling chosen.
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.bound.objective import Objective
-from lockstep.model.bound.program import Program
+from lockstep.check.bound.objective import Objective
+from lockstep.check.bound.program import Program
 from lockstep.model.bound.sampling import Points
 
 LARGEST_RATIO = 16.0

@@ -16,16 +16,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.bound import rounding
-from lockstep.model.bound.charts import Chart, Enclosure, to_v
+from lockstep.check.bound import rounding
+from lockstep.check.bound.charts import Chart, Enclosure, to_v
+from lockstep.check.bound.objective import Objective
+from lockstep.check.bound.program import Boxes
+from lockstep.check.bound.rounding import INF
+from lockstep.check.bound.tails import Pattern
 from lockstep.model.bound.explain import explain
-from lockstep.model.bound.objective import Objective
 from lockstep.model.bound.pool import Cutter, Pool, splittable
-from lockstep.model.bound.program import Boxes
 from lockstep.model.bound.reach import Reach
-from lockstep.model.bound.rounding import INF
 from lockstep.model.bound.sampling import breakpoints
-from lockstep.model.bound.tails import Pattern
 
 BATCH = 256
 NEARLY = 1.01  # a bound this close to a slope reached, over an unbounded domain, is not searched further

@@ -81,7 +81,7 @@ def slopes_of(proved: Bound) -> tuple[float, ...]:
 def reach(agent: Agent, graph: Graph, *, everywhere: bool) -> Row:
     """Where the certificate holds: for every state, or only while all agents stay in the box.
 
-    With a single root the certificate gives initial states from which they stay (`lockstep.lmi.local`).
+    With a single root the certificate gives initial states from which they stay (`lockstep.check.local`).
     """
     reason = "a bound on a box says nothing about trajectories that leave it"
     if everywhere:

@@ -5,8 +5,8 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from lockstep.check.loop import Plant
 from lockstep.model.bound import Bound
-from lockstep.model.loop import Plant
 
 Verdict = Literal["ok", "fails", "note"]
 

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import ProblemError
 from lockstep.model.agent import Agent
-from lockstep.model.errors import ProblemError
 from lockstep.model.graph import Graph
 from lockstep.model.pbh import controllability
 

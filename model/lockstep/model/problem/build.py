@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.wording import nearest, shorten
 from lockstep.model.agent import Agent
-from lockstep.model.errors import ProblemError
 from lockstep.model.graph import Graph
 from lockstep.model.problem.schema import AgentTable, NetworkTable, ProblemFile
 from lockstep.model.problem.variants import check_same_but_B
-from lockstep.model.wording import nearest, shorten
 
 
 def build_agent(table: AgentTable, parameters: Mapping[str, float] | None = None) -> Agent:

@@ -8,8 +8,8 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import ProblemError
 from lockstep.model.agent import Agent
-from lockstep.model.errors import ProblemError
 from lockstep.model.expression import RESERVED
 from lockstep.model.expression_text import expression_text
 from lockstep.model.graph import Graph

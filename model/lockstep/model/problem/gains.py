@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 from lockstep.model.problem.schema import GainsTable, Matrix
 
 

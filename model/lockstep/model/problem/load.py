@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 from lockstep.model.problem.messages import problem_error
 from lockstep.model.problem.schema import ProblemFile
 

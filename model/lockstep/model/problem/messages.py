@@ -8,9 +8,9 @@ from typing import Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
+from lockstep.check.wording import nearest, shorten
 from lockstep.model.problem.schema import ProblemFile
-from lockstep.model.wording import nearest, shorten
 
 Location = tuple[int | str, ...]
 _MOST = 3

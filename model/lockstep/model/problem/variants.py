@@ -9,10 +9,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import ProblemError
+from lockstep.check.wording import shorten
 from lockstep.model.affine import Affine, NormalForms
 from lockstep.model.agent import Agent
-from lockstep.model.errors import ProblemError
-from lockstep.model.wording import shorten
 
 _EXPECTED = "agents that differ in B only: (2) has one A, one C and one h for all, or agreement does not last"
 

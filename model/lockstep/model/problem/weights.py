@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 
 Weight = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
 

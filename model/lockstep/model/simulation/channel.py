@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 from lockstep.model.simulation.quadrature import Hold
 
 _ROUNDING = 1e-9

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.errors import ClaimError
+from lockstep.check.errors import ClaimError
 
 BEYOND = 1e9
 """A state past this, in its own unit, counts as gone; infinite and NaN do so too."""

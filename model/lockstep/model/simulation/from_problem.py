@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 from lockstep.model.problem import Problem
 from lockstep.model.problem.schema import ChannelTable, DisturbanceTable, PerturbationTable, SimulationTable
 from lockstep.model.simulation.channel import Channel

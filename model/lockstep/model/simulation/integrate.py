@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.errors import ClaimError, ProblemError
+from lockstep.check.errors import ClaimError, ProblemError
 
 Method = Literal["rk4", "adaptive"]
 

@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 
 PAPER_DELTA: Mapping[str, float] = {"A": 0.5, "B": 0.2, "C": 0.2, "D": 0.2}
 """(delta_A, delta_B, delta_C, delta_D) of Section 4."""

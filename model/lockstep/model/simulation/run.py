@@ -9,8 +9,8 @@ multiples of their period and hold u in between, and are whatever `Stepper` they
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lockstep.model.errors import ProblemError
-from lockstep.model.loop import Gains
+from lockstep.check.errors import ProblemError
+from lockstep.check.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.simulation.disturbance import Disturbance
 from lockstep.model.simulation.divergence import check_bounded

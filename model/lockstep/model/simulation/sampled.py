@@ -14,9 +14,9 @@ from typing import Literal, Protocol
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
+from lockstep.check.loop import Gains
 from lockstep.model.graph import Graph
-from lockstep.model.loop import Gains
 
 OK = 0
 

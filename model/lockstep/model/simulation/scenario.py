@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.errors import ProblemError
+from lockstep.check.errors import ProblemError
 from lockstep.model.simulation.channel import Channel
 from lockstep.model.simulation.disturbance import Disturbance, Quiet, Samples, Sum
 from lockstep.model.simulation.integrate import Method

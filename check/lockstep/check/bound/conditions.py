@@ -1,0 +1,110 @@
+"""What must hold on a box before a slope there means anything: operations defined, no value that jumps.
+
+A condition carries a guard, the `if_else` branches that lead to its operation: where the guard is false on
+the whole box the operation is not used there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from lockstep.check.bound import functions
+from lockstep.check.bound.expression import Node
+from lockstep.check.bound.program import Boxes, Program
+from lockstep.check.bound.rounding import Interval
+from lockstep.check.bound.switches import TRUE, both
+
+Verdict = Annotated[np.ndarray, " boxes"]
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One operation's need: `kind` of the test, its arguments, when it applies, and how to say it."""
+
+    kind: str
+    args: tuple[Node, ...]
+    name: str
+    guard: Node = TRUE
+
+    def under(self, guard: Node) -> Condition:
+        """Return the condition with one more guard."""
+        return Condition(self.kind, self.args, self.name, both(guard, self.guard))
+
+    @property
+    def text(self) -> str:
+        """Say what the operation needs."""
+        return f"{self.name} {_TEXT[self.kind]}"
+
+    @property
+    def jumps(self) -> bool:
+        """Tell whether it is a discontinuity, not a missing value."""
+        return self.kind in ("decided", "constant")
+
+
+_TEXT = {
+    "nonzero": "divides by something that can be 0",
+    "positive": "is not defined where its argument is not positive",
+    "not negative": "is not defined where its argument is negative",
+    "within one": "is not defined where its argument is outside [-1, 1]",
+    "inside one": "is not defined where its argument is not inside (-1, 1)",
+    "above one": "is not defined where its argument is below 1",
+    "no pole": "has a pole",
+    "off the cut": "jumps where the second argument is not positive and the first is 0",
+    "decided": "jumps where its condition changes and cannot be shown to be continuous there; "
+    "write it with min, max or abs",
+    "constant": "jumps; write it with min, max or abs",
+}
+
+
+def _decided(x: Interval) -> Verdict:
+    verdict: Verdict = x[0] == x[1]
+    return verdict
+
+
+_STEP: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "floor": np.floor,
+    "ceil": np.ceil,
+    "trunc": np.trunc,
+    "rint": np.rint,
+}
+
+_TESTS: dict[str, Callable[..., Verdict]] = {
+    "nonzero": lambda x: (x[0] > 0) | (x[1] < 0),
+    "positive": lambda x: x[0] > 0,
+    "not negative": lambda x: x[0] >= 0,
+    "within one": lambda x: (x[0] >= -1) & (x[1] <= 1),
+    "inside one": lambda x: (x[0] > -1) & (x[1] < 1),
+    "above one": lambda x: x[0] >= 1,
+    "no pole": lambda x: ~functions.tan_has_pole(x),
+    "off the cut": lambda y, x: (x[0] > 0) | (y[0] > 0) | (y[1] < 0),
+    "decided": _decided,
+    "constant": lambda x: (x[0] == x[1]) & np.isfinite(x[0]),
+}
+
+
+class Conditions:
+    """All conditions of a function, tested together on boxes."""
+
+    def __init__(self, conditions: Sequence[Condition]) -> None:
+        self.conditions = tuple(conditions)
+        self._program = Program([n for c in self.conditions for n in (c.guard, *c.args)])
+
+    def on_boxes(self, lower: Boxes, upper: Boxes) -> list[Verdict]:
+        """Return, per condition, on which boxes it surely holds."""
+        found = iter(self._program.on_boxes(lower, upper))
+        verdicts = []
+        with np.errstate(all="ignore"):
+            for condition in self.conditions:
+                _, possible = next(found)
+                held = _TESTS[condition.kind](*(next(found) for _ in condition.args))
+                verdicts.append(held | (possible == 0))
+        return verdicts
+
+    def open_on(self, lower: Boxes, upper: Boxes) -> Conditions:
+        """Return those that do not surely hold on every one of the boxes."""
+        verdicts = self.on_boxes(lower, upper)
+        return Conditions([c for c, held in zip(self.conditions, verdicts, strict=True) if not held.all()])

@@ -1,0 +1,139 @@
+"""Symbolic derivatives with rules chosen for tight enclosures (sech^2 rather than 1 - tanh^2).
+
+Piecewise operations get a selection: where a box leaves the selection open, its enclosure is the hull of
+the branches, which contains Clarke's generalised derivative (Clarke 1990, chapter 2). A selection
+differentiated once more has no derivative at its kink: such a node encloses everything unless the box
+decides the condition.
+"""
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+
+from lockstep.check.bound.expression import (
+    MINUS_ONE,
+    ONE,
+    ZERO,
+    Node,
+    add,
+    constant,
+    divide,
+    function,
+    linear,
+    multiply,
+    power,
+    scale,
+    subtract,
+    variable,
+)
+from lockstep.check.bound.switches import choose, positive
+from lockstep.check.bound.traversal import order
+
+HALF = constant(Fraction(1, 2))
+STEPS = frozenset({"floor", "ceil", "trunc", "rint"})
+
+_UNARY: dict[str, Callable[[Node], Node]] = {
+    "exp": lambda x: function("exp", x),
+    "expm1": lambda x: function("exp", x),
+    "log": lambda x: power(x, -1),
+    "log1p": lambda x: power(add(ONE, x), -1),
+    "sqrt": lambda x: divide(HALF, function("sqrt", x)),
+    "sin": lambda x: function("cos", x),
+    "cos": lambda x: scale(-1, function("sin", x)),
+    "tan": lambda x: add(ONE, power(function("tan", x), 2)),
+    "asin": lambda x: power(function("sqrt", linear(1, [(-1, power(x, 2))])), -1),
+    "acos": lambda x: scale(-1, power(function("sqrt", linear(1, [(-1, power(x, 2))])), -1)),
+    "atan": lambda x: power(linear(1, [(1, power(x, 2))]), -1),
+    "sinh": lambda x: function("cosh", x),
+    "cosh": lambda x: function("sinh", x),
+    "tanh": lambda x: function("sech2", x),
+    "sech2": lambda x: scale(-2, multiply(function("tanh", x), function("sech2", x))),
+    "asinh": lambda x: power(function("sqrt", linear(1, [(1, power(x, 2))])), -1),
+    "acosh": lambda x: power(function("sqrt", linear(-1, [(1, power(x, 2))])), -1),
+    "atanh": lambda x: power(linear(1, [(-1, power(x, 2))]), -1),
+    # erf' = 2/sqrt(pi) exp(-x^2) and erfinv' = sqrt(pi)/2 exp(erfinv(x)^2)
+    "erf": lambda x: scale(
+        2, multiply(function("inverse_sqrt_pi", ONE), function("exp", scale(-1, power(x, 2))))
+    ),
+    "erfinv": lambda x: divide(
+        scale(Fraction(1, 2), function("exp", power(function("erfinv", x), 2))),
+        function("inverse_sqrt_pi", ONE),
+    ),
+    "fabs": lambda x: choose(positive(x, weak=True), ONE, MINUS_ONE),
+}
+
+
+def _partial(node: Node) -> list[Node]:
+    """Return the derivative of a function node with respect to each of its arguments."""
+    if node.op in _UNARY:
+        return [_UNARY[node.op](node.args[0])]
+    if node.op == "inverse_sqrt_pi":
+        return [ZERO]
+    if node.op == "real_power":
+        exponent = node.data
+        return [scale(exponent, function("real_power", node.args[0], data=exponent - 1))]
+    x, y = node.args
+    if node.op == "hypot":
+        return [function("direction", x, y), function("direction", y, x)]
+    if node.op == "direction":  # d/dx x/|(x, y)| = y^2/|.|^3
+        length = function("hypot", x, y)
+        cube, apart = power(length, -3), positive(length)
+        # It jumps at the origin, also where y is exactly 0 and the formula is 0:
+        # a box that holds the origin gets everything.
+        return [
+            choose(apart, d, d, smooth=True)
+            for d in (multiply(power(y, 2), cube), scale(-1, multiply(x, y, cube)))
+        ]
+    if node.op == "atan2":  # atan2(x, y): x is the ordinate
+        square = power(add(power(x, 2), power(y, 2)), -1)
+        return [multiply(y, square), scale(-1, multiply(x, square))]
+    raise AssertionError(f"no derivative rule for {node.op}")
+
+
+def _node_derivative(node: Node, inner: dict[Node, Node], index: int, of_slopes: bool) -> Node:
+    if node.op == "linear":
+        return linear(0, [(c, inner[a]) for c, a in zip(node.data[1], node.args, strict=True)])
+    if node.op == "monomial":
+        return _monomial_derivative(node, inner)
+    if node.op == "choose":
+        condition, a, b = node.args
+        jumps = bool(node.data) or (of_slopes and index in condition.variables)
+        return choose(condition, inner[a], inner[b], smooth=jumps)
+    if node.op in STEPS:
+        # A step in t alone is no jump in v, but it is one of the slope seen as a function of t.
+        return function("flat", node) if of_slopes and inner[node.args[0]] is not ZERO else ZERO
+    if node.op in ("fmin", "fmax"):
+        x, y = node.args
+        larger = positive(subtract(x, y), weak=True)
+        a, b = (x, y) if node.op == "fmax" else (y, x)
+        return choose(larger, inner[a], inner[b])
+    if all(inner[a] is ZERO for a in node.args):
+        return ZERO
+    return add(*(multiply(p, inner[a]) for p, a in zip(_partial(node), node.args, strict=True)))
+
+
+def _monomial_derivative(node: Node, inner: dict[Node, Node]) -> Node:
+    pairs = list(zip(node.args, node.data, strict=True))
+    terms = []
+    for x, p in pairs:
+        if inner[x] is not ZERO:
+            rest = [power(y, q) for y, q in pairs if y is not x]
+            terms.append(scale(p, multiply(power(x, p - 1), inner[x], *rest)))
+    return add(*terms)
+
+
+def derivative(outputs: Sequence[Node], index: int, *, of_slopes: bool = False) -> list[Node]:
+    """Return d(output)/d(variable `index`) of each output.
+
+    `of_slopes` says that the outputs are slopes themselves: their selections may jump, and where a box
+    leaves such a selection open their derivative is everything.
+    """
+    inner: dict[Node, Node] = {}
+    own = variable(index)
+    for node in order(outputs):
+        if node is own:
+            inner[node] = ONE
+        elif index not in node.variables or node.op in ("positive", "zero", "not", "and"):
+            inner[node] = ZERO
+        else:
+            inner[node] = _node_derivative(node, inner, index, of_slopes)
+    return [inner[n] for n in outputs]

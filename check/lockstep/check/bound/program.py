@@ -1,0 +1,254 @@
+"""Evaluation of expression graphs: on boxes rigorously, at points in floating point for sampling."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
+from typing import Annotated, Any
+
+import numpy as np
+from scipy import special
+
+from lockstep.check.bound import functions, rounding
+from lockstep.check.bound.expression import Node
+from lockstep.check.bound.rounding import INF, Interval
+from lockstep.check.bound.traversal import order
+
+Boxes = Annotated[np.ndarray, "variables boxes"]
+
+_UNARY: dict[str, Callable[[Interval], Interval]] = {
+    "sin": functions.sin,
+    "cos": functions.cos,
+    "tan": functions.tan,
+    "acos": functions.acos,
+    "cosh": functions.cosh,
+    "sech2": functions.sech2,
+    "sqrt": rounding.root,
+    "fabs": rounding.absolute,
+}
+_BINARY: dict[str, Callable[[Interval, Interval], Interval]] = {
+    "hypot": functions.hypot,
+    "direction": functions.direction,
+    "atan2": functions.atan2,
+    "fmin": lambda x, y: (np.minimum(x[0], y[0]), np.minimum(x[1], y[1])),
+    "fmax": lambda x, y: (np.maximum(x[0], y[0]), np.maximum(x[1], y[1])),
+}
+_STEPS: dict[str, Callable[[Any], Any]] = {
+    "floor": np.floor,
+    "ceil": np.ceil,
+    "trunc": np.trunc,
+    "rint": np.rint,
+}
+
+
+class Program:
+    """Expressions in evaluation order; `on_boxes` encloses them, `at_points` estimates them."""
+
+    def __init__(self, outputs: Sequence[Node]) -> None:
+        self.outputs = tuple(outputs)
+        self.nodes = order(self.outputs)
+        self._constants = {
+            n: _enclose(n.data) for n in self.nodes if isinstance(n.data, Fraction) and n.op == "constant"
+        }
+        self._coefficients = {
+            n: ([_enclose(c) for c in n.data[1]], _enclose(n.data[0])) for n in self.nodes if n.op == "linear"
+        }
+
+    def on_boxes(self, lower: Boxes, upper: Boxes) -> list[Interval]:
+        """Return an enclosure of each output over each box."""
+        with np.errstate(all="ignore"):
+            values = self.trace(lower, upper)
+        return [values[n] for n in self.outputs]
+
+    def trace(self, lower: Boxes, upper: Boxes) -> dict[Node, Interval]:
+        """Return the enclosure of every node over each box."""
+        values: dict[Node, Interval] = {}
+        shape = np.empty(lower.shape[1])
+        for node in self.nodes:
+            if node.op == "variable":
+                index: Any = node.data
+                values[node] = lower[index], upper[index]
+            elif node.op == "inner_end":
+                index = node.data
+                values[node] = upper[index], upper[index]
+            else:
+                values[node] = self._enclosure(node, [values[a] for a in node.args], shape)
+        return values
+
+    def _enclosure(self, node: Node, args: list[Interval], shape: np.ndarray) -> Interval:
+        op = node.op
+        if op == "linear":
+            return self._linear(node, args)
+        if op == "monomial":
+            return _monomial(node, args)
+        if op in _UNARY:
+            return _UNARY[op](args[0])
+        if op in _BINARY:
+            return _BINARY[op](args[0], args[1])
+        if op in ("constant", "inverse_sqrt_pi"):
+            low, high = self._constants[node] if op == "constant" else functions.inverse_sqrt_pi()
+            return np.full_like(shape, low), np.full_like(shape, high)
+        if op in _STEPS:
+            return _STEPS[op](args[0][0]), _STEPS[op](args[0][1])
+        if op == "real_power":
+            return functions.real_power(args[0], node.data)
+        if op == "flat":
+            constant = (args[0][0] == args[0][1]) & np.isfinite(args[0][0])
+            return np.where(constant, 0.0, -INF), np.where(constant, 0.0, INF)
+        if op == "decreasing":
+            return _decreasing(args)
+        if op in _CONDITIONS:
+            return _CONDITIONS[op](node, args, shape)
+        return functions.increasing(op, args[0])
+
+    def _linear(self, node: Node, args: list[Interval]) -> Interval:
+        coefficients, offset = self._coefficients[node]
+        total: Interval | None = None
+        for (low, high), x in zip(coefficients, args, strict=True):
+            term = rounding.scale(low, high, x)
+            total = term if total is None else rounding.add(total, term)
+        assert total is not None
+        if offset == (0.0, 0.0):
+            return total
+        return rounding.add(total, (np.full_like(total[0], offset[0]), np.full_like(total[0], offset[1])))
+
+    def at_points(self, points: Boxes) -> list[np.ndarray]:
+        """Return floating-point values of the outputs at points: for search, nothing is proved by them."""
+        values: dict[Node, np.ndarray] = {}
+        with np.errstate(all="ignore"):
+            for node in self.nodes:
+                values[node] = _estimate(node, [values[a] for a in node.args], points)
+        return [np.asarray(values[n], dtype=np.float64) for n in self.outputs]
+
+
+def _enclose(value: Any) -> tuple[float, float]:
+    fraction = Fraction(value)
+    return functions.number_around(fraction.numerator, fraction.denominator)
+
+
+def _monomial(node: Node, args: list[Interval]) -> Interval:
+    exponents: Any = node.data
+    total: Interval | None = None
+    for x, exponent in zip(args, exponents, strict=True):
+        term = rounding.power(x, exponent)
+        total = term if total is None else rounding.multiply(total, term)
+    assert total is not None
+    return total
+
+
+def _decreasing(args: list[Interval]) -> Interval:
+    """A positive term, the sign of its derivative in the tail variable, and the term at the tail's inner end.
+
+    On the tail s in (0, e] a term that grows with s is at most its value at e.
+    """
+    term, slope, end = args
+    bounded = slope[0] >= 0
+    return np.where(bounded, np.maximum(term[0], 0.0), term[0]), np.where(
+        bounded, np.minimum(term[1], end[1]), term[1]
+    )
+
+
+def _truth(true: Any, false: Any) -> Interval:
+    return np.where(true, 1.0, 0.0), np.where(false, 0.0, 1.0)
+
+
+def _positive(node: Node, args: list[Interval], _: np.ndarray) -> Interval:
+    low, high = args[0]
+    if not node.data:
+        return _truth(low > 0, high <= 0)
+    pinned = (low == 0) & (high == 0)
+    return _truth((low >= 0) & ~pinned, (high <= 0) & ~pinned)
+
+
+def _zero(node: Node, args: list[Interval], _: np.ndarray) -> Interval:
+    low, high = args[0]
+    pinned = (low == 0) & (high == 0)
+    return _truth(pinned, (low > 0) | (high < 0) | (bool(node.data) & ~pinned))
+
+
+def _choose(node: Node, args: list[Interval], _: np.ndarray) -> Interval:
+    (true, possible), a, b = args
+    open_hull = rounding.everything(a[0]) if node.data else rounding.hull(a, b)
+    cases = [true == 1, possible == 0]
+    return np.select(cases, [a[0], b[0]], open_hull[0]), np.select(cases, [a[1], b[1]], open_hull[1])
+
+
+_CONDITIONS: dict[str, Callable[[Node, list[Interval], np.ndarray], Interval]] = {
+    "truth": lambda node, _, shape: (
+        np.full_like(shape, bool(node.data)),
+        np.full_like(shape, bool(node.data)),
+    ),
+    "positive": _positive,
+    "zero": _zero,
+    "not": lambda _, args, __: (1 - args[0][1], 1 - args[0][0]),
+    "and": lambda _, args, __: (np.minimum(args[0][0], args[1][0]), np.minimum(args[0][1], args[1][1])),
+    "choose": _choose,
+}
+
+_FLOATING: Mapping[str, Callable[..., Any]] = {
+    "asin": np.arcsin,
+    "acos": np.arccos,
+    "atan": np.arctan,
+    "asinh": np.arcsinh,
+    "acosh": np.arccosh,
+    "atanh": np.arctanh,
+    "erf": special.erf,
+    "erfinv": special.erfinv,
+    "atan2": np.arctan2,
+    "hypot": np.hypot,
+    "fmin": np.minimum,
+    "fmax": np.maximum,
+    "fabs": np.abs,
+    "sech2": lambda x: 1 / np.cosh(x) ** 2,
+    "direction": lambda x, y: x / np.hypot(x, y),
+    "inverse_sqrt_pi": lambda x: x / np.sqrt(np.pi),
+    "positive": lambda x: x > 0,
+    "zero": lambda x: x == 0,
+    "not": np.logical_not,
+    "and": np.logical_and,
+    "choose": np.where,
+    "decreasing": lambda term, *_: term,
+    "flat": np.zeros_like,
+    **{
+        name: getattr(np, name)
+        for name in (
+            "exp",
+            "expm1",
+            "log",
+            "log1p",
+            "sin",
+            "cos",
+            "tan",
+            "sinh",
+            "cosh",
+            "tanh",
+            "sqrt",
+            "floor",
+            "ceil",
+            "trunc",
+            "rint",
+        )
+    },
+}
+
+
+def _float(value: Fraction) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return INF if value > 0 else -INF
+
+
+def _estimate(node: Node, args: list[np.ndarray], points: np.ndarray) -> Any:
+    data: Any = node.data
+    if node.op in ("variable", "inner_end"):
+        return points[data]
+    if node.op in ("constant", "truth"):
+        return np.full(points.shape[1], _float(Fraction(data)))
+    if node.op == "linear":
+        return _float(data[0]) + sum(_float(c) * x for c, x in zip(data[1], args, strict=True))
+    if node.op == "monomial":
+        return np.prod([np.power(x, float(p)) for x, p in zip(args, data, strict=True)], axis=0)
+    if node.op == "real_power":
+        return np.power(args[0], _float(data))
+    return _FLOATING[node.op](*args)

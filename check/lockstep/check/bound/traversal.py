@@ -1,0 +1,90 @@
+"""Walking through expressions: evaluation order, substitution, expansion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from lockstep.check.bound.expression import (
+    ONE,
+    Node,
+    add,
+    constant,
+    function,
+    linear,
+    linear_terms,
+    multiply,
+    power,
+)
+from lockstep.check.bound.switches import both, choose, negate, positive, zero
+
+
+def order(outputs: Sequence[Node]) -> list[Node]:
+    """Return every node the outputs need, arguments before their users."""
+    seen, result = set[int](), list[Node]()
+    stack = [(n, False) for n in reversed(outputs)]
+    while stack:
+        node, ready = stack.pop()
+        if ready:
+            result.append(node)
+        elif node.serial not in seen:
+            seen.add(node.serial)
+            stack.append((node, True))
+            stack.extend((a, False) for a in reversed(node.args))
+    return result
+
+
+def rebuild(node: Node, args: Sequence[Node]) -> Node:
+    """Return the node's operation applied to new arguments, normalised anew."""
+    if not node.args:
+        return node
+    if node.op == "linear":
+        offset, coefficients = node.data
+        return linear(offset, zip(coefficients, args, strict=True))
+    if node.op == "monomial":
+        return multiply(*(power(a, p) for a, p in zip(args, node.data, strict=True)))
+    if node.op in ("positive", "zero"):
+        maker = positive if node.op == "positive" else zero
+        return maker(args[0], weak=bool(node.data))
+    if node.op == "not":
+        return negate(args[0])
+    if node.op == "and":
+        return both(args[0], args[1])
+    if node.op == "choose":
+        return choose(args[0], args[1], args[2], smooth=bool(node.data))
+    return function(node.op, *args, data=node.data)
+
+
+def substitute(outputs: Sequence[Node], replacement: Mapping[Node, Node]) -> list[Node]:
+    """Return the outputs with nodes replaced, every user normalised anew."""
+    done: dict[Node, Node] = {}
+    for node in order(outputs):
+        new = replacement.get(node)
+        done[node] = rebuild(node, [done[a] for a in node.args]) if new is None else new
+    return [done[n] for n in outputs]
+
+
+def expand(node: Node, limit: int = 2000) -> Node:
+    """Return the node with products of sums multiplied out (positive powers), for the test `is ZERO`."""
+    done: dict[Node, Node] = {}
+    for item in order([node]):
+        args = [done[a] for a in item.args]
+        done[item] = _expand_monomial(item, args, limit) if item.op == "monomial" else rebuild(item, args)
+    return done[node]
+
+
+def _expand_monomial(node: Node, args: Sequence[Node], limit: int) -> Node:
+    result = ONE
+    for arg, exponent in zip(args, node.data, strict=True):
+        repeated = [arg] * exponent if 0 < exponent <= 8 else [power(arg, exponent)]
+        for part in repeated:
+            left, right = linear_terms(result), linear_terms(part)
+            if (len(left[1]) + 1) * (len(right[1]) + 1) > limit:
+                return rebuild(node, args)
+            result = add(
+                *(
+                    multiply(constant(c), x, constant(d), y)
+                    for c, x in [(left[0], ONE), *left[1]]
+                    for d, y in [(right[0], ONE), *right[1]]
+                )
+            )
+    return result

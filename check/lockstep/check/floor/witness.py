@@ -1,0 +1,196 @@
+"""The proof of a floor: points of the dual cone that no certificate can get around, decided exactly.
+
+Let Z > 0, Z_* > 0 be of the sizes of the two sides of `projected`, k any matrix of the size of N_C'N_B, and
+
+    Gamma = S Z e,  rows Gamma = 0,  k_11 = He(N^+ Gamma),     likewise Gamma_*, k_22 of the dual side,
+    K = [k_11 k; k' k_22] > 0.
+
+Then the terms in X and Y of <Z, primal> + <Z_*, dual> - <K, [N_C'X N_C, N_C'N_B; *, N_B'Y N_B]> cancel, and what is left is
+
+    g(mu) = c_0 + c_1 mu + c_2 / mu,     c_0 = <Z, constant> + <Z_*, constant_*> - 2 <k, N_C'N_B>,
+    c_1 = <Z, slope>,  c_2 = <Z_*, slope_*>.
+
+A certificate with this mu would make the first two terms negative and the third not positive: so wherever g(mu) >= 0 there
+is none. Pieces that cover all mu > 0 prove that there is none at this rho, nor at a smaller one, whose F is larger.
+
+The numbers of a file are doubles, which satisfy rows S Z e = 0 only nearly: the nearest symmetric Z that satisfies it
+exactly is taken, in rationals. Nothing rests on how the numbers were found.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from flint import fmpq, fmpq_mat
+
+from lockstep.check.floor.projected import Projected, Side, left_inverse, with_rho, without_rho
+from lockstep.check.loop import Plant
+from lockstep.check.numbers import Matrix, exact, exactly, zeros
+from lockstep.check.psd import decide_positive_definite
+from lockstep.model.network import Network
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A dual point for all mu / rho from the end of the piece before it up to `upper`, which may be infinite.
+
+    Z: (size, size) of the primal side;  Z_dual: of the dual side;  k: (k_C, k_B).
+    """
+
+    upper: float
+    Z: Annotated[np.ndarray, "a a"]
+    Z_dual: Annotated[np.ndarray, "b b"]
+    k: Annotated[np.ndarray, "c d"]
+
+
+@dataclass(frozen=True)
+class FloorWitness:
+    """What proves that no certificate has a rho below `rho`."""
+
+    rho: float
+    pieces: tuple[Piece, ...]
+
+
+def proves_floor(
+    network: Network, alpha: float, R: Annotated[np.ndarray, "n n"], witness: FloorWitness
+) -> bool:
+    """Decide exactly whether a witness proves that no controllers can certify a rho below its own."""
+    ends = [piece.upper for piece in witness.pieces]
+    if not witness.rho > 0 or not ends or ends != sorted(set(ends)) or ends[0] <= 0 or np.isfinite(ends[-1]):
+        return False
+    lower = 0.0
+    for piece in witness.pieces:
+        stated = of_piece(network, alpha, R, witness.rho, lower, piece.upper)
+        if not excludes(stated, piece, lower):
+            return False
+        lower = piece.upper
+    return True
+
+
+def proves_alpha_impossible(network: Network, alpha: float, point: Piece) -> bool:
+    """Decide exactly whether a dual point proves that no controllers certify alpha, with whatever rho."""
+    plant, slope = exact_agent(network, alpha)
+    return point.upper == 1.0 and excludes(without_rho(plant, slope), point, 1.0)
+
+
+def exact_agent(network: Network, alpha: float) -> tuple[Plant, fmpq]:
+    """Return the plant in rationals and alpha; without phi where it has no rows or alpha is 0."""
+    plant = network.plant.in_numbers(True)
+    if alpha == 0 or not plant.G.shape[1]:
+        plant = Plant(plant.A, plant.B, plant.C, plant.G[:, :0], plant.H[:0])
+    return plant, exact(alpha)
+
+
+def of_piece(
+    network: Network, alpha: float, R: Annotated[np.ndarray, "n n"], rho: float, lower: float, upper: float
+) -> Projected:
+    """Return the sides that hold on a piece.
+
+    Where phi acts on a side through its border alone, that border says nothing as mu tends to the end at which its corner
+    grows, and any Z > 0 on it would make g negative there: on such a piece it is left out.
+    """
+    plant, slope = exact_agent(network, alpha)
+    whole = with_rho(plant, slope, exactly(R), exact(rho))
+    k, k_dual = whole.primal.k, whole.dual.k
+    idle = np.isinf(upper) and not np.any(whole.primal.slope[:k, :k])
+    idle_dual = lower == 0 and not np.any(whole.dual.slope[:k_dual, :k_dual])
+    if not idle and not idle_dual:
+        return whole
+    return with_rho(plant, slope, exactly(R), exact(rho), phi_in_primal=not idle, phi_in_dual=not idle_dual)
+
+
+def excludes(stated: Projected, piece: Piece, lower: float) -> bool:
+    """Decide exactly whether no mu from `lower` to the end of the piece is that of a certificate."""
+    sides = stated.primal, stated.dual
+    points = [exactly(Z) for Z in (piece.Z, piece.Z_dual)]
+    if any(
+        Z.shape != (side.size, side.size) or (Z != Z.T).any() for Z, side in zip(points, sides, strict=True)
+    ):
+        return False
+    shape = stated.coupling.shape
+    if piece.k.size != stated.coupling.size or (piece.k.size and piece.k.shape != shape):
+        return False
+    if not any(side.size for side in sides):
+        return False
+    points = [restored(side, Z) for side, Z in zip(sides, points, strict=True)]
+    k = exactly(piece.k).reshape(shape)
+    K = coupled(sides, points, k)
+    if not all(decide_positive_definite(matrix).positive for matrix in (*points, K)):
+        return False
+    coefficients = bound(stated, points[0], points[1], k)
+    return not_negative(coefficients, exact(lower), None if np.isinf(piece.upper) else exact(piece.upper))
+
+
+def coupled(sides: tuple[Side, Side], points: list[Matrix], k: Matrix) -> Matrix:
+    """Return K."""
+    corners = []
+    for side, Z in zip(sides, points, strict=True):
+        half = left_inverse(side.N) @ side.S @ Z[:, : side.k] if side.k else zeros(0, 0, side.N)
+        corners.append(half + half.T)
+    return np.block([[corners[0], k], [k.T, corners[1]]])
+
+
+def bound(stated: Projected, Z: Matrix, Z_dual: Matrix, k: Matrix) -> tuple[Any, Any, Any]:
+    """Return (c_0, c_1, c_2) of g."""
+    primal, dual = stated.primal, stated.dual
+    zero = fmpq(0)
+    c_0 = _inner(Z, primal.constant, zero) + _inner(Z_dual, dual.constant, zero)
+    return (
+        c_0 - 2 * _inner(k, stated.coupling, zero),
+        _inner(Z, primal.slope, zero),
+        _inner(Z_dual, dual.slope, zero),
+    )
+
+
+def _inner(a: Matrix, b: Matrix, zero: Any) -> Any:
+    """Return <a, b>; 0 where the side says nothing, so that a is empty."""
+    return sum((a * b).ravel(), start=zero) if a.size else zero
+
+
+def not_negative(coefficients: tuple[Any, Any, Any], lower: Any, upper: Any | None) -> bool:
+    """Decide c_0 + c_1 mu + c_2 / mu >= 0 for all mu > 0 from `lower` to `upper`, or to infinity where that is None.
+
+    It is decided for q(mu) = c_1 mu^2 + c_0 mu + c_2.
+
+    >>> not_negative((fmpq(-2), fmpq(1), fmpq(1)), fmpq(0), None), not_negative((fmpq(-3), fmpq(1), fmpq(1)), fmpq(0), None)
+    (True, False)
+    """
+    c_0, c_1, c_2 = coefficients
+    values = [c_1 * end * end + c_0 * end + c_2 for end in (lower, upper) if end is not None]
+    if min(values) < 0:
+        return False
+    if upper is None and (c_1 < 0 or (c_1 == 0 and c_0 < 0)):
+        return False
+    least_inside = c_1 > 0 and -c_0 > 2 * c_1 * lower and (upper is None or -c_0 < 2 * c_1 * upper)
+    return not least_inside or 4 * c_1 * c_2 >= c_0 * c_0
+
+
+def restored(side: Side, Z: Matrix) -> Matrix:
+    """Return the symmetric matrix nearest to Z, entry by entry of a triangle, with rows S Z e = 0 exactly."""
+    size, k, L = side.size, side.k, side.rows @ side.S
+    if not size or not len(L):
+        return Z
+    where = [(i, j) for i in range(size) for j in range(i + 1)]
+    equations = [_equation(L, a, b, where) for a in range(len(L)) for b in range(k)]
+    E = fmpq_mat(list(_independent(equations)))
+    if not E.nrows():
+        return Z
+    z = fmpq_mat([[Z[place]] for place in where])
+    z -= E.transpose() * (E * E.transpose()).solve(E * z)
+    found = zeros(size, size, Z)
+    for (i, j), row in zip(where, z.tolist(), strict=True):
+        found[i, j] = found[j, i] = row[0]
+    return found
+
+
+def _equation(L: Matrix, a: int, b: int, where: list[tuple[int, int]]) -> list[Any]:
+    """Return the coefficients of (L Z)_ab in the entries of the lower triangle of Z."""
+    zero = fmpq(0)
+    return [L[a, i] if j == b else L[a, j] if i == b else zero for i, j in where]
+
+
+def _independent(equations: list[list[Any]]) -> Iterator[list[Any]]:
+    """Yield a basis of the rows."""
+    reduced, rank = fmpq_mat(equations).rref()
+    yield from reduced.tolist()[:rank]

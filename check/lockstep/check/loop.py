@@ -1,0 +1,185 @@
+"""The closed loop in disagreement coordinates, affine in the controllers' gains.
+
+With x_cl = (x_d, x_C) and K_i = [A_Ci B_Ci; C_Ci D_Ci], the paper's (15) is
+
+    x_cl' = A_cl x_cl + E_G phi_d + E xi_d,      A_cl = A_0 + sum_i U_i K_i Y_i,
+
+where x_d = (T (x) I) x, C_r = L_r (x) C, A_0 = diag(I (x) A, 0), U_i = [0, (T e_i) (x) B_i; e_i (x) I, 0] and
+Y_i = [0, e_i' (x) I; (e_i' L_r) (x) C, 0].
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated
+
+import numpy as np
+
+from lockstep.check.disagreement import Disagreement
+from lockstep.check.errors import ProblemError
+from lockstep.check.numbers import Matrix, Stack, converter, is_exact, zeros
+
+
+@dataclass(frozen=True)
+class Gains:
+    """The gains (10) of every agent's controller (9): x_C' = A x_C + B r, u = C x_C + D r, r = (L_q y)_i.
+
+    A: per agent (n_C, n_C);  B: (n_C, q);  C: (m, n_C);  D: (m, q).
+    """
+
+    A: tuple[Annotated[np.ndarray, "n_C n_C"], ...]
+    B: tuple[Annotated[np.ndarray, "n_C q"], ...]
+    C: tuple[Annotated[np.ndarray, "m n_C"], ...]
+    D: tuple[Annotated[np.ndarray, "m q"], ...]
+
+    def __post_init__(self) -> None:
+        """Check that the blocks of every agent fit together."""
+        if not len(self.A) == len(self.B) == len(self.C) == len(self.D) > 0:
+            raise ProblemError(
+                f"gains for {len(self.A)}, {len(self.B)}, {len(self.C)}, {len(self.D)} agents (A, B, C, D)",
+                where="gains",
+                expected="one A, B, C and D per agent",
+            )
+        n_C, (m, q) = self.A[0].shape[0], self.D[0].shape
+        for i in range(len(self.A)):
+            for letter, block, shape in (
+                ("A", self.A[i], (n_C, n_C)),
+                ("B", self.B[i], (n_C, q)),
+                ("C", self.C[i], (m, n_C)),
+                ("D", self.D[i], (m, q)),
+            ):
+                if block.shape != shape:
+                    raise ProblemError(
+                        f"`{letter}` is {block.shape[0]} x {block.shape[1]}",
+                        where=f"gains of agent {i + 1}",
+                        expected=f"{shape[0]} x {shape[1]}",
+                        remedy="every agent has the same order, inputs and outputs",
+                    )
+                if not np.all(np.isfinite(block)):
+                    raise ProblemError(
+                        f"`{letter}` holds a number that is not finite",
+                        where=f"gains of agent {i + 1}",
+                        expected="finite numbers",
+                    )
+
+    @classmethod
+    def from_blocks(cls, K: Annotated[np.ndarray, "N k l"], n_C: int) -> "Gains":
+        """Split K_i = [A B; C D] of every agent into its blocks."""
+        return cls(
+            A=tuple(k[:n_C, :n_C].copy() for k in K),
+            B=tuple(k[:n_C, n_C:].copy() for k in K),
+            C=tuple(k[n_C:, :n_C].copy() for k in K),
+            D=tuple(k[n_C:, n_C:].copy() for k in K),
+        )
+
+    @property
+    def N(self) -> int:
+        """Number of agents."""
+        return len(self.A)
+
+    @property
+    def order(self) -> int:
+        """Order n_C of each controller; 0 is static output feedback (Remark 1)."""
+        return int(self.A[0].shape[0])
+
+    @cached_property
+    def blocks(self) -> Annotated[np.ndarray, "N k l"]:
+        """K_i = [A_Ci B_Ci; C_Ci D_Ci] of every agent, stacked."""
+        return np.stack([np.block([[self.A[i], self.B[i]], [self.C[i], self.D[i]]]) for i in range(self.N)])
+
+    @property
+    def norms(self) -> list[float]:
+        """Spectral norm of each K_i, which `gain_limit` bounds."""
+        return [float(np.linalg.norm(k, 2)) for k in self.blocks]
+
+
+@dataclass(frozen=True)
+class Plant:
+    """The matrices of the agents (2) with h = G phi(H x, t): A (n, n), B_i (n, m), C (q, n), G (n, r), H (v, n)."""
+
+    A: Matrix
+    B: tuple[Matrix, ...]
+    C: Matrix
+    G: Matrix
+    H: Matrix
+
+    @property
+    def sizes(self) -> tuple[int, int, int, int, int]:
+        """(n, m, q, r, v)."""
+        return self.A.shape[0], self.B[0].shape[1], self.C.shape[0], self.G.shape[1], self.H.shape[0]
+
+    def in_numbers(self, exact_arithmetic: bool) -> "Plant":
+        """Return the same plant in doubles or in the rationals that its doubles are."""
+        number = converter(exact_arithmetic)
+        return Plant(
+            number(self.A), tuple(number(b) for b in self.B), number(self.C), number(self.G), number(self.H)
+        )
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A_cl = A_0 + sum_i U_i K_i Y_i and the ways in for phi_d and xi_d.
+
+    A_0: (n_x, n_x) with n_x = n (N-1) + n_C N;  U[i]: (n_x, n_C + m);  Y[i]: (n_C + q, n_x);
+    E: (n_x, n (N-1));  E_G: (n_x, r (N-1)).
+    """
+
+    plant: Plant
+    d: Disagreement
+    order: int
+    A_0: Matrix
+    U: tuple[Matrix, ...]
+    Y: tuple[Matrix, ...]
+    E: Matrix
+    E_G: Matrix
+
+    @property
+    def n_d(self) -> int:
+        """Length n (N-1) of the disagreement x_d."""
+        return int(self.E.shape[1])
+
+    @property
+    def n_x(self) -> int:
+        """Length n (N-1) + n_C N of x_cl."""
+        return int(self.A_0.shape[0])
+
+    @property
+    def exact(self) -> bool:
+        """Whether the matrices hold rationals."""
+        return is_exact(self.A_0)
+
+    def A_cl(self, K: Stack) -> Matrix:
+        """Return A_0 + sum_i U_i K_i Y_i for stacked gain blocks K (N, n_C + m, n_C + q)."""
+        total = self.A_0
+        for U, block, Y in zip(self.U, K, self.Y, strict=True):
+            total = total + U @ block @ Y
+        return total
+
+    def on_disagreement(self, weight: Matrix) -> Matrix:
+        """Return a weight of x_d padded with zeros to one of x_cl."""
+        padded = zeros(self.n_x, self.n_x, self.A_0)
+        padded[: self.n_d, : self.n_d] = weight
+        return padded
+
+
+def build_loop(plant: Plant, d: Disagreement, order: int) -> Loop:
+    """Assemble the loop matrices from a plant and coordinates in the same kind of number."""
+    n, m, q, r, _ = plant.sizes
+    N, like = d.N, plant.A
+    n_d, n_x = n * (N - 1), n * (N - 1) + order * N
+    one = np.eye(1) if not is_exact(like) else np.array([[like[0, 0] * 0 + 1]], dtype=object)
+    A_0, E, E_G = zeros(n_x, n_x, like), zeros(n_x, n_d, like), zeros(n_x, r * (N - 1), like)
+    for k in range(N - 1):
+        A_0[k * n : (k + 1) * n, k * n : (k + 1) * n] = plant.A
+        E_G[k * n : (k + 1) * n, k * r : (k + 1) * r] = plant.G
+    for k in range(n_d):
+        E[k, k] = one[0, 0]
+    U, Y = [], []
+    for i in range(N):
+        Ui, Yi = zeros(n_x, order + m, like), zeros(order + q, n_x, like)
+        for k in range(order):
+            Ui[n_d + i * order + k, k] = Yi[k, n_d + i * order + k] = one[0, 0]
+        Ui[:n_d, order:] = np.kron(d.T[:, i : i + 1], plant.B[i])
+        Yi[order:, :n_d] = np.kron(d.L_r[i : i + 1, :], plant.C)
+        U.append(Ui)
+        Y.append(Yi)
+    return Loop(plant, d, order, A_0, tuple(U), tuple(Y), E, E_G)

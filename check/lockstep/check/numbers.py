@@ -1,0 +1,92 @@
+"""The two kinds of number the matrices are made of: IEEE doubles, and exact rationals.
+
+Every number Lockstep reads is an IEEE double, taken exactly. The same assembly code then runs on float arrays
+(for solvers) and on object arrays of `flint.fmpq` (for proofs), so that a proof is never about another matrix
+than the one that was designed for.
+"""
+
+from collections.abc import Callable
+from fractions import Fraction
+from math import inf, nextafter
+from typing import Annotated, Any
+
+import numpy as np
+from flint import fmpq, fmpq_mat
+
+Matrix = Annotated[np.ndarray, "_ _"]
+Vector = Annotated[np.ndarray, "_"]
+Stack = Annotated[np.ndarray, "_ _ _"]
+
+
+def exact(value: float) -> fmpq:
+    """Return the rational number that a double is.
+
+    >>> exact(0.5), exact(0.1) == fmpq(1, 10)
+    (1/2, False)
+    """
+    return fmpq(*float(value).as_integer_ratio())
+
+
+def exactly(array: Annotated[np.ndarray, "..."]) -> Annotated[np.ndarray, "..."]:
+    """Return an object array of the rationals that the doubles of `array` are."""
+    out = np.empty(array.shape, dtype=object)
+    for index, value in np.ndenumerate(array):
+        out[index] = exact(value)
+    return out
+
+
+def as_floats(array: Annotated[np.ndarray, "..."]) -> Annotated[np.ndarray, "..."]:
+    """Return the nearest doubles of an array of either kind."""
+    return np.array([_nearest(value) for value in array.ravel()], dtype=float).reshape(array.shape)
+
+
+def _nearest(value: Any) -> float:
+    if not isinstance(value, fmpq):
+        return float(value)
+    try:
+        return int(value.p) / int(value.q)
+    except OverflowError:
+        return float("inf") if value > 0 else float("-inf")
+
+
+def rounded_down(number: Fraction) -> float:
+    """Return the largest double that is not above a rational.
+
+    >>> rounded_down(Fraction(1, 3)) < Fraction(1, 3), rounded_down(Fraction(-1, 2))
+    (True, -0.5)
+    """
+    try:
+        nearest = float(number)
+    except OverflowError:
+        return -inf if number < 0 else nextafter(inf, 0.0)
+    return nearest if Fraction(nearest) <= number else nextafter(nearest, -inf)
+
+
+def is_exact(array: Annotated[np.ndarray, "..."]) -> bool:
+    """Tell whether an array holds rationals."""
+    return array.dtype == object
+
+
+def inverse(matrix: Matrix) -> Matrix:
+    """Return the inverse, exact for an array of rationals."""
+    if not is_exact(matrix):
+        return np.linalg.inv(matrix)
+    rows = fmpq_mat(matrix.tolist()).inv().tolist()
+    return np.array(rows, dtype=object).reshape(matrix.shape)
+
+
+def converter(
+    exact_arithmetic: bool,
+) -> Callable[[Annotated[np.ndarray, "..."]], Annotated[np.ndarray, "..."]]:
+    """Return the map from double arrays to the kind of number asked for."""
+    return exactly if exact_arithmetic else lambda array: np.asarray(array, dtype=float)
+
+
+def eye(size: int, like: Matrix) -> Matrix:
+    """Return the identity in the kind of number of `like`."""
+    return exactly(np.eye(size)) if is_exact(like) else np.eye(size)
+
+
+def zeros(rows: int, columns: int, like: Matrix) -> Matrix:
+    """Return zeros in the kind of number of `like`."""
+    return exactly(np.zeros((rows, columns))) if is_exact(like) else np.zeros((rows, columns))

@@ -1,0 +1,138 @@
+"""Whether a symmetric matrix of rationals is positive definite, decided exactly.
+
+Two stages, both of which only ever conclude from exact arithmetic. First the fast one: a Cholesky factor of
+the matrix less a small multiple of the identity is computed in doubles, and the exact residual M - L L' is
+shown to be diagonally dominant, so that M = L L' + (positive definite); or a double eigenvector is found
+whose exact quadratic form is not positive, which refutes. Where neither settles it (a matrix on the edge), an
+exact L D L' over the rationals does.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from flint import fmpq, fmpq_mat
+
+from lockstep.check.numbers import as_floats, exact, exactly
+
+EDGE = 1e-10
+"""What the first stage takes off a matrix scaled to a unit diagonal: far above the 1e-14 of a double Cholesky
+factor of some hundred rows, far below any margin worth having. It decides which stage answers, never what the
+answer is."""
+
+FILTERED = 1e100
+"""Entries from here up, with a diagonal of about 1, are left to the exact stage: doubles would overflow in the filter."""
+
+
+@dataclass(frozen=True)
+class Definiteness:
+    """The answer, and what shows it.
+
+    positive: whether the matrix is positive definite;  method: which exact argument decided;  vector: z with
+    z' M z <= 0 where it is not, z' z = 1 to rounding;  value: z' M z;  margin: the smallest eigenvalue of the
+    matrix scaled
+    to a unit diagonal, in doubles, for information.
+    """
+
+    positive: bool
+    method: str
+    margin: float
+    vector: Annotated[np.ndarray, " n"] | None = None
+    value: float = 0.0
+
+
+def decide_positive_definite(matrix: Annotated[np.ndarray, "n n"]) -> Definiteness:
+    """Decide M > 0 for a symmetric object array of rationals; a matrix without rows is.
+
+    >>> decide_positive_definite(exactly(np.array([[2.0, 1.0], [1.0, 1.0]]))).positive
+    True
+    >>> decide_positive_definite(exactly(np.array([[1.0, 1.0], [1.0, 1.0]]))).positive
+    False
+    """
+    if not len(matrix):
+        return Definiteness(True, "no rows", np.inf)
+    for i in range(len(matrix)):
+        if matrix[i, i] <= 0:
+            unit = np.eye(len(matrix))[i]
+            return Definiteness(False, "diagonal", -np.inf, unit, as_floats(matrix[i : i + 1, i])[0])
+    scale = np.array([fmpq(2) ** -k for k in _halvings(matrix)], dtype=object)
+    scaled = matrix * np.outer(scale, scale)
+    doubles = as_floats(scaled)
+    margin = np.nan
+    if np.abs(doubles).max() < FILTERED:
+        values, vectors = np.linalg.eigh((doubles + doubles.T) / 2)
+        margin = float(values[0])
+        if margin > 0 and _residual_dominates(scaled, doubles):
+            return Definiteness(True, "factor and exact residual", margin)
+        vector = exactly(vectors[:, 0])
+        if margin < 0 and vector @ (scaled @ vector) <= 0:
+            return _refuted("exact quadratic form", margin, vector * scale, matrix)
+    violation = _ldl_violation(scaled)
+    if violation is None:
+        return Definiteness(True, "exact LDL'", margin)
+    return _refuted("exact LDL'", margin, violation * scale, matrix)
+
+
+def _refuted(
+    method: str, margin: float, vector: Annotated[np.ndarray, " n"], matrix: Annotated[np.ndarray, "n n"]
+) -> Definiteness:
+    """Report a vector of rationals with z' M z <= 0: z as doubles of length 1, and z' M z / z' z, exact until rounded."""
+    value = (vector @ (matrix @ vector)) / (vector @ vector)
+    z = as_floats(vector / max(abs(entry) for entry in vector))
+    return Definiteness(
+        False, method, margin, z / np.linalg.norm(z), float(as_floats(np.array([value], dtype=object))[0])
+    )
+
+
+def _halvings(matrix: Annotated[np.ndarray, "n n"]) -> list[int]:
+    """Return k_i with 4^-k_i M_ii between 1/2 and 4: an exact scaling of the diagonal to about 1."""
+    return [(int(value.p).bit_length() - int(value.q).bit_length()) // 2 for value in np.diag(matrix)]
+
+
+def _residual_dominates(scaled: Annotated[np.ndarray, "n n"], doubles: Annotated[np.ndarray, "n n"]) -> bool:
+    """Tell whether M - L L' is strictly diagonally dominant with a positive diagonal, exactly."""
+    n = len(doubles)
+    try:
+        L = np.linalg.cholesky(doubles - EDGE * np.eye(n))
+    except np.linalg.LinAlgError:
+        return False
+    factor = fmpq_mat(exactly(L).tolist())
+    residual = fmpq_mat(scaled.tolist()) - factor * factor.transpose()
+    return all(
+        residual[i, i] > sum((abs(residual[i, j]) for j in range(n) if j != i), start=fmpq(0))
+        for i in range(n)
+    )
+
+
+def _ldl_violation(matrix: Annotated[np.ndarray, "n n"]) -> Annotated[np.ndarray, " n"] | None:
+    """Run L D L' over the rationals; return None if every pivot is positive, else z with z' M z = the first
+    that is not.
+
+    At pivot k, M = L D L' with the Schur complement d_k at (k, k), so z = L^-T e_k restricted to the first k
+    + 1 rows has
+    z' M z = d_k.
+    """
+    n = len(matrix)
+    work: list[list[Any]] = [list(row) for row in matrix]
+    for k in range(n):
+        pivot = work[k][k]
+        if pivot <= 0:
+            return _pivot_vector(matrix, k)
+        for i in range(k + 1, n):
+            ratio = work[i][k] / pivot
+            if ratio:
+                for j in range(i, n):
+                    work[j][i] -= ratio * work[j][k]
+    return None
+
+
+def _pivot_vector(matrix: Annotated[np.ndarray, "n n"], k: int) -> Annotated[np.ndarray, " n"]:
+    """Return z = (-M_11^-1 M_1k, 1, 0): z' M z is the Schur complement at pivot k."""
+    z = [exact(0.0)] * len(matrix)
+    z[k] = exact(1.0)
+    if k:
+        head = fmpq_mat(matrix[:k, :k].tolist())
+        column = fmpq_mat([[-value] for value in matrix[:k, k]])
+        for i, row in enumerate(head.solve(column).tolist()):
+            z[i] = row[0]
+    return np.array(z, dtype=object)

@@ -1,0 +1,61 @@
+"""That a period holds no conjugate point: Gamma_11(t) is invertible for every t in [0, T], not at T alone.
+
+Then, and only then, int |z|^2 - |w|^2 is negative for every w from rest, and the step of `lifting` is the true maximum.
+Without it Gamma_11 may well be invertible at T: what the formulas then give is no bound of anything.
+
+[0, T] is cut into pieces; on each, exp(t H) is enclosed for all t at once, and |I - X Gamma_11| < 1 for some X
+shows that no matrix in the enclosure is singular.
+"""
+
+import numpy as np
+from flint import arb
+
+from lockstep.check.numbers import Matrix, exactly, eye
+from lockstep.check.sampled.balls import exponential, inverse, midpoints, product
+
+MOST_PIECES = 1024
+"""Pieces tried before giving up; one to sixteen are enough for periods a controller is sampled with."""
+
+NARROWEST = 1e-5
+"""A piece this short, relative to the period, that is still not settled holds a conjugate point or next to one."""
+
+
+def no_conjugate_point(A: Matrix, EE: Matrix, FF: Matrix, period: float) -> bool:
+    """Prove that Gamma_11 is invertible on [0, T]; False if it is not, or not shown to be.
+
+    Held inputs do not enter: they leave Gamma_11 block triangular with an identity.
+
+    >>> from lockstep.check.numbers import exactly
+    >>> one, zero = exactly(np.eye(1)), exactly(np.zeros((1, 1)))
+    >>> no_conjugate_point(zero, one, one, 1.5), no_conjugate_point(zero, one, one, 1.6)  # cos t = 0 at pi / 2
+    (True, False)
+    """
+    n = len(A)
+    H = np.block([[-A.T, -FF], [EE, A]])
+    end = exactly(np.array([period]))[0]
+    pieces = [(end * 0, end)]
+    for _ in range(MOST_PIECES):
+        if not pieces:
+            return True
+        low, high = pieces.pop()
+        middle, radius = (low + high) / 2, (high - low) / 2
+        # exp(t H) = exp((t - middle) H) exp(middle H): the wide factor is near the identity.
+        wide = exponential(arb(0, arb(radius).upper()) * H)
+        here = product(wide, exponential(middle * H)[:, :n])[:n]
+        if _is_regular(here):
+            continue
+        if arb(radius) < arb(NARROWEST) * arb(end):
+            return False
+        pieces += [(low, middle), (middle, high)]
+    return False
+
+
+def _is_regular(balls: Matrix) -> bool:
+    """Tell whether no matrix in the balls is singular: |I - X G|_inf < 1 for X near the inverse of the midpoint."""
+    centre = midpoints(balls)
+    if not np.isfinite(centre).all() or np.linalg.matrix_rank(centre) < len(centre):
+        return False
+    X = exactly(midpoints(inverse(exactly(centre))))
+    rest = eye(len(X), X) - product(X, balls)
+    rows = [sum((abs(arb(value)) for value in row), start=arb(0)) for row in rest]
+    return all(row < 1 for row in rows)

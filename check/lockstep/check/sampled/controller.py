@@ -1,0 +1,230 @@
+"""What one agent computes at a sampling instant, and the error bounds of its floating-point arithmetic.
+
+    (x+, u) = M (x, r),  M = [A B; C D],  r = sum_j d_j,  d_j = a_j (y - y_j),
+
+coefficients exact as they stand in the code. A coefficient behind k roundings acts as one that is off by at most
+gamma_k = k u / (1 - k u) of itself (Higham 2002, lemma 3.1), so the rounded step is the exact step of a controller
+(9) with
+
+    |Delta A| <= |gamma o |A||,  and likewise C;     |Delta B| <= |[gamma_j o |B|]_j|,  and likewise D,
+
+Delta B and Delta D acting on the stacked differences d_j, since each of these is rounded by itself. What underflow adds
+is not relative to anything: it is bounded apart, as is the error of the messages y themselves.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from flint import fmpq
+
+from lockstep.check.disagreement import Disagreement
+from lockstep.check.errors import ProblemError
+from lockstep.check.loop import Plant
+from lockstep.check.numbers import Matrix, as_floats, converter, exactly, is_exact, zeros
+from lockstep.check.sampled.sector import Sector
+
+
+class Precision(NamedTuple):
+    """A binary format: its unit roundoff u, and half its smallest subnormal, which an underflow may cost."""
+
+    name: str
+    u: float
+    underflow: float
+
+
+PRECISIONS = {
+    "float32": Precision("float32", 2.0**-24, 2.0**-150),
+    # Half of float64's smallest subnormal is no double: the subnormal itself bounds it.
+    "float64": Precision("float64", 2.0**-53, 2.0**-1074),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class HeldController:
+    """One agent's sampled controller as it is computed.
+
+    order: n_C;  table: (n_C + m, n_C + q), M as it stands in the code;  sources: the agents it listens to, from 0;
+    weights: (nn,) their a_j;  roundings: (n_C + m, n_C + q), how many roundings each product of M passes through;
+    before: (nn,) how many each d_j has passed through already;  precision: of the arithmetic.
+    """
+
+    order: int
+    table: Annotated[np.ndarray, "k l"]
+    sources: tuple[int, ...]
+    weights: Annotated[np.ndarray, " nn"]
+    roundings: Annotated[np.ndarray, "k l"]
+    before: Annotated[np.ndarray, " nn"]
+    precision: Precision
+
+    def __post_init__(self) -> None:
+        """Check that the parts fit together."""
+        if self.roundings.shape != self.table.shape or not np.isfinite(self.table).all():
+            raise ProblemError("its table holds no finite numbers, or another shape", where="controller")
+        if not len(self.sources) == len(self.weights) == len(self.before):
+            raise ProblemError(
+                f"{len(self.sources)} sources, {len(self.weights)} weights",
+                where="controller",
+                expected="as many",
+            )
+        deepest = int(self.roundings.max(initial=0)) + int(self.before.max(initial=0))
+        if deepest * self.precision.u >= 0.5:
+            raise ProblemError(f"{deepest} roundings on one path", where="controller", expected="fewer")
+
+    @classmethod
+    def row_by_row(
+        cls,
+        table: Annotated[np.ndarray, "k l"],
+        order: int,
+        sources: tuple[int, ...],
+        weights: Annotated[np.ndarray, " nn"],
+        precision: Precision = PRECISIONS["float32"],
+    ) -> "HeldController":
+        """Return the controller whose rows and sums run from left to right, counted without looking for savings.
+
+        >>> HeldController.row_by_row(np.ones((1, 3)), 1, (1,), np.ones(1)).roundings.tolist()
+        [[3, 3, 2]]
+        """
+        rows, columns = table.shape
+        # The product itself, and the additions that follow: columns - 1 after the first two, then one fewer each.
+        path = 1 + np.minimum(columns - 1, columns - np.arange(columns))
+        nn = len(sources)
+        additions = np.minimum(max(nn - 1, 0), nn - np.arange(nn))
+        before = 1 + (np.asarray(weights) != 1).astype(int) + additions
+        return cls(order, table, sources, weights, np.tile(path, (rows, 1)), before.astype(int), precision)
+
+    @property
+    def outputs(self) -> int:
+        """The number q of measured outputs."""
+        return int(self.table.shape[1]) - self.order
+
+    @property
+    def inputs(self) -> int:
+        """The number m of inputs of the plant."""
+        return int(self.table.shape[0]) - self.order
+
+    @cached_property
+    def deltas(self) -> dict[str, float]:
+        """The bounds on |Delta A|, |Delta B|, |Delta C|, |Delta D| that cover every rounding of a step.
+
+        B and D act on the stacked differences, so their Delta has as many blocks as there are sources.
+        """
+        n = self.order
+        blocks = {"A": (slice(0, n), True), "B": (slice(0, n), False), "C": (slice(n, None), True)}
+        blocks["D"] = (slice(n, None), False)
+        return {letter: spectral_bound(self._errors(rows, state)) for letter, (rows, state) in blocks.items()}
+
+    def _errors(self, rows: slice, state: bool) -> Annotated[np.ndarray, "k l"]:
+        """Return gamma o |M| on some rows, as rationals: the states' columns, or the outputs', once per source."""
+        n = self.order
+        if state:
+            return _errors_of(self.table[rows, :n], self.roundings[rows, :n], self.precision.u)
+        parts = [
+            _errors_of(self.table[rows, n:], self.roundings[rows, n:] + int(k), self.precision.u)
+            for k in self.before
+        ]
+        return np.hstack(parts) if parts else np.zeros((len(self.table[rows]), 0), dtype=object)
+
+    def message_noise(self, message_error: float) -> float:
+        """Return a bound on the length of all errors of d_j = a_j (y - y_j), every y being off by at most so much.
+
+        Underflow of a product a_j (y - y_j) is in it; y - y_j itself never underflows inexactly.
+        """
+        lost = [2 * self.precision.underflow if weight != 1 else 0.0 for weight in self.weights]
+        entries = [2 * float(a) * message_error + e for a, e in zip(self.weights, lost, strict=True)]
+        length: float = math.sqrt(self.outputs) * math.hypot(*entries, 0.0)
+        return length
+
+    @property
+    def underflow(self) -> float:
+        """A bound on the length of what underflow of the products adds to (x+, u).
+
+        At most n_C + q products per row; the factor of 2 covers the roundings that follow, each less than 1 + u.
+        """
+        rows, columns = self.table.shape
+        return float(2 * columns * math.sqrt(rows) * self.precision.underflow)
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """What the controllers are in a loop with: the agents' matrices, the coordinates, alpha, period and delay.
+
+    plant, d: in rationals, as `lockstep.model.network.Network.loop(order, exact_arithmetic=True)` has them;  alpha:
+    the incremental bound of phi;  period: T in s;  delay: periods between sampling y and applying u, 0 or 1;  sector: what
+    takes the place of alpha where single slopes have bounds of their own.
+    """
+
+    plant: Plant
+    d: Disagreement
+    alpha: float
+    period: float
+    delay: int = 0
+    sector: Sector | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a period or a delay that means nothing."""
+        if not (math.isfinite(self.period) and self.period > 0):
+            raise ProblemError(f"the period is {self.period!r}", where="period", expected="seconds above 0")
+        if self.delay not in (0, 1):
+            raise ProblemError(f"the delay is {self.delay!r}", where="delay", expected="0 or 1 periods")
+
+    def at(self, period: float) -> "Network":
+        """Return the same with another period."""
+        return replace(self, period=period)
+
+    @property
+    def squares(self) -> tuple[Matrix, Matrix]:
+        """G Q^-1 G' and H'W H of one agent, in the kind of number of the plant; without a sector Q = I, W = alpha^2 I.
+
+        Both are 0 where alpha is: phi is then the same for all agents, and no part of the disagreement.
+        """
+        A, G, H = self.plant.A, self.plant.G, self.plant.H
+        number = converter(is_exact(A))
+        if self.sector is not None:
+            return (G / number(self.sector.Q)) @ G.T, (H.T * number(self.sector.W)) @ H
+        if self.alpha == 0:
+            return zeros(len(A), len(A), A), zeros(len(A), len(A), A)
+        alpha = number(np.array([self.alpha]))[0]
+        return G @ G.T, alpha * alpha * (H.T @ H)
+
+
+def gamma(k: int, u: float) -> fmpq:
+    """Return k u / (1 - k u) as a rational.
+
+    >>> gamma(2, 0.125)
+    1/3
+    """
+    ku = fmpq(int(k)) * fmpq(*u.as_integer_ratio())
+    return ku / (1 - ku)
+
+
+def spectral_bound(matrix: Annotated[np.ndarray, "k l"]) -> float:
+    """Return a double that is no less than |M| for a matrix of rationals >= 0: the root of |M|_1 |M|_inf, or |M|_F.
+
+    |Delta| <= |M| entry by entry implies that |Delta|_2 <= |M|_2, which is below both.
+    """
+    if not matrix.size:
+        return 0.0
+    zero = fmpq(0)
+    columns = max(sum(column, start=zero) for column in matrix.T)
+    rows = max(sum(row, start=zero) for row in matrix)
+    frobenius = sum((entry * entry for entry in matrix.ravel()), start=zero)
+    square = min(columns * rows, frobenius)
+    if square == 0:
+        return 0.0
+    # Three steps up: the quotient, the root, and one to be on the safe side of both.
+    root = math.sqrt(float(as_floats(np.array([square], dtype=object))[0]))
+    for _ in range(3):
+        root = math.nextafter(root, math.inf)
+    return root
+
+
+def _errors_of(
+    block: Annotated[np.ndarray, "k l"], roundings: Annotated[np.ndarray, "k l"], u: float
+) -> Annotated[np.ndarray, "k l"]:
+    out = np.empty(block.shape, dtype=object)
+    for index, value in np.ndenumerate(exactly(block)):
+        out[index] = abs(value) * gamma(int(roundings[index]), u)
+    return out

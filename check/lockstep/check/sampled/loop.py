@@ -1,0 +1,211 @@
+"""The sampled loop in disagreement coordinates, with every way in for an error of the arithmetic or of the messages.
+
+State xi = (x_d, x_C) at the sampling instants, and with a delay of one period the inputs u computed last. All
+matrices act on z = (xi, e): the state, then the errors
+
+    e_j = Delta_j Y_j z,  |Delta_j| <= delta_j    of the coefficients A, B, C, D of each agent: rounding;
+    nu_i                                          of the differences d_ij = a_ij (y_i - y_j), from the messages;
+    mu_i                                          added to (x_C+, u) of agent i, from underflow.
+
+    d_i = differences + nu_i,
+    x_C+ = A x_C + B sum_j d_ij + e_A + e_B + mu,   u = C x_C + D sum_j d_ij + e_C + e_D + mu.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from lockstep.check.errors import ProblemError
+from lockstep.check.inequality import LETTERS
+from lockstep.check.numbers import Matrix, converter, is_exact, zeros
+from lockstep.check.sampled.controller import HeldController, Network
+
+
+class Way(NamedTuple):
+    """One way in for a coefficient error: z holds e = Delta Y z at `place`, with |Delta| <= delta."""
+
+    agent: int
+    letter: str
+    place: slice
+    Y: Matrix
+    delta: float
+
+
+@dataclass(frozen=True, eq=False)
+class SampledLoop:
+    """Matrices on z = (xi, e).
+
+    n_d: length of x_d;  n_xi: length of xi;  into: (n, k), through which the inputs reach one agent;  held: what v
+    of all copies is during the next period;  advanced: the rest of xi after it;  ways: the coefficient errors;
+    seen: (x_C, r) of each agent;  messages: the columns of nu;  underflows: those of mu, next to them.
+    """
+
+    network: Network
+    n_d: int
+    n_xi: int
+    into: Matrix
+    held: Matrix
+    advanced: Matrix
+    ways: tuple[Way, ...]
+    seen: tuple[Matrix, ...]
+    messages: slice
+    underflows: slice
+
+    @property
+    def noise(self) -> slice:
+        """The columns of nu and mu."""
+        return slice(self.messages.start, self.underflows.stop)
+
+    @property
+    def n_z(self) -> int:
+        """Length of z."""
+        return int(self.held.shape[1])
+
+    @property
+    def start(self) -> Matrix:
+        """a = (x_d, v) at the start of a period."""
+        x_d = zeros(self.n_d, self.n_z, self.held)
+        x_d[:, : self.n_d] = np.eye(self.n_d, dtype=int)
+        return np.vstack([x_d, self.held])
+
+
+def sampled_loop(network: Network, controllers: tuple[HeldController, ...]) -> SampledLoop:
+    """Assemble the loop in the kind of number of the network's plant.
+
+    Raises:
+        ProblemError: controllers that do not fit the agents or each other.
+    """
+    _check(network, controllers)
+    layout = _Layout(network, controllers)
+    rows = [layout.agent_rows(i) for i in range(len(controllers))]
+    n_C = controllers[0].order
+    states = np.vstack([row[:n_C] for row in rows])
+    u = np.vstack([row[n_C:] for row in rows])
+    into, spread = _inputs(network)
+    applied = layout.last_inputs if network.delay else u
+    return SampledLoop(
+        network,
+        layout.n_d,
+        layout.n_xi,
+        into,
+        spread @ applied,
+        np.vstack([states, u]) if network.delay else states,
+        layout.ways,
+        tuple(layout.received(i) for i in range(len(controllers))),
+        slice(layout.first_noise, layout.first_underflow),
+        slice(layout.first_underflow, layout.n_z),
+    )
+
+
+class _Layout:
+    """Where the parts of z are, and what agent i computes from them."""
+
+    def __init__(self, network: Network, controllers: tuple[HeldController, ...]) -> None:
+        self.network, self.controllers = network, controllers
+        n, m, q, _, _ = network.plant.sizes
+        N, n_C = len(controllers), controllers[0].order
+        self.n_d, self.m, self.q, self.n_C = n * (N - 1), m, q, n_C
+        self.n_xi = self.n_d + n_C * N + (m * N if network.delay else 0)
+        sizes = {(i, k): self._width(k) for i in range(N) for k in LETTERS if self._used(i, k)}
+        place = self.n_xi
+        self.places: dict[tuple[int, str], slice] = {}
+        for key, width in sizes.items():
+            self.places[key] = slice(place, place + width)
+            place += width
+        self.first_noise = place
+        for i, one in enumerate(controllers):
+            self.places[i, "nu"] = slice(place, place + q * len(one.sources))
+            place += q * len(one.sources)
+        self.first_underflow = place
+        for i in range(N):
+            self.places[i, "mu"] = slice(place, place + n_C + m)
+            place += n_C + m
+        self.n_z = place
+        self.number = converter(is_exact(network.plant.A))
+        self.ways = tuple(
+            Way(i, k, self.places[i, k], self._seen(i, k), controllers[i].deltas[k]) for (i, k) in sizes
+        )
+
+    def _used(self, i: int, letter: str) -> bool:
+        return self.controllers[i].deltas[letter] > 0
+
+    def _width(self, letter: str) -> int:
+        return self.n_C if letter in "AB" else self.m
+
+    def _select(self, place: slice) -> Matrix:
+        width = place.stop - place.start
+        rows = zeros(width, self.n_z, self.network.plant.A)
+        rows[:, place] = np.eye(width, dtype=int)
+        return rows
+
+    def _state(self, i: int) -> Matrix:
+        return self._select(slice(self.n_d + i * self.n_C, self.n_d + (i + 1) * self.n_C))
+
+    def _seen(self, i: int, letter: str) -> Matrix:
+        return self._state(i) if letter in "AC" else self.differences(i)
+
+    @property
+    def last_inputs(self) -> Matrix:
+        """u as it was computed one period ago."""
+        N = len(self.controllers)
+        return self._select(slice(self.n_d + self.n_C * N, self.n_xi))
+
+    def differences(self, i: int) -> Matrix:
+        """Return d_ij = a_ij (y_i - y_j) + nu_ij of agent i, one source after the other."""
+        one, d = self.controllers[i], self.network.d
+        rows = self._select(self.places[i, "nu"])
+        for k, (j, a) in enumerate(zip(one.sources, self.number(one.weights), strict=True)):
+            across = a * (d.right[i] - d.right[j])
+            rows[k * self.q : (k + 1) * self.q, : self.n_d] = np.kron(across[None, :], self.network.plant.C)
+        return rows
+
+    def received(self, i: int) -> Matrix:
+        """Return (x_C, r) of agent i, r = sum_j d_ij."""
+        d, r = self.differences(i), zeros(self.q, self.n_z, self.network.plant.A)
+        for k in range(len(self.controllers[i].sources)):
+            r = r + d[k * self.q : (k + 1) * self.q]
+        return np.vstack([self._state(i), r])
+
+    def agent_rows(self, i: int) -> Matrix:
+        """Return (x_C+, u) of agent i."""
+        n_C, table = self.n_C, self.number(self.controllers[i].table)
+        rows: Matrix = table @ self.received(i) + self._select(self.places[i, "mu"])
+        for letter in LETTERS:
+            if (i, letter) in self.places:
+                part = slice(0, n_C) if letter in "AB" else slice(n_C, None)
+                rows[part] = rows[part] + self._select(self.places[i, letter])
+        return rows
+
+
+def _inputs(network: Network) -> tuple[Matrix, Matrix]:
+    """Return B^ = [the different B_i] and the map from all u to v, such that (T (x) I) diag(B_i) u = (I (x) B^) v."""
+    different: list[Matrix] = []
+    which = []
+    for B in network.plant.B:
+        known = [k for k, other in enumerate(different) if (other == B).all()]
+        which.append(known[0] if known else len(different))
+        different += [] if known else [B]
+    N, m, width = network.d.N, network.plant.B[0].shape[1], len(different)
+    spread = zeros((N - 1) * width * m, N * m, network.plant.A)
+    for i, k in enumerate(which):
+        for copy in range(N - 1):
+            for channel in range(m):
+                spread[(copy * width + k) * m + channel, i * m + channel] = network.d.T[copy, i]
+    return np.hstack(different), spread
+
+
+def _check(network: Network, controllers: tuple[HeldController, ...]) -> None:
+    _, m, q, _, _ = network.plant.sizes
+    N = network.d.N
+    if len(controllers) != N:
+        raise ProblemError(f"{len(controllers)} controllers", where="sampled loop", expected=f"{N}")
+    for i, one in enumerate(controllers, start=1):
+        where = f"controller {i}"
+        if (one.order, one.inputs, one.outputs) != (controllers[0].order, m, q):
+            found = f"order {one.order}, {one.inputs} inputs, {one.outputs} outputs"
+            raise ProblemError(found, where=where, expected=f"order {controllers[0].order}, {m}, {q}")
+        if any(not 0 <= j < N or j == i - 1 for j in one.sources):
+            raise ProblemError(
+                f"it listens to {[j + 1 for j in one.sources]}", where=where, expected="other agents"
+            )

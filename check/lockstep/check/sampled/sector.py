@@ -1,0 +1,92 @@
+"""One sector of phi for all pairs of agents, from the pair weights of a continuous certificate.
+
+With weights mu_l > 0 the bounds |w_l| <= r_kl |v_l| of the entries of a component, phi_k = sum_l w_l, give by Cauchy and
+Schwarz
+
+    |phi_k|^2 / sum_l (1 / mu_l) <= sum_l mu_l w_l^2 <= sum_l mu_l r_kl^2 v_l^2
+
+for the differences of any pair of agents; and mu |phi|^2 <= mu alpha^2 |v|^2 may be added. Sums over the pairs give
+
+    sum_k Q_k |phi_k,i - phi_k,j|^2 <= sum_l W_l |v_l,i - v_l,j|^2        for all pairs and all t,
+
+so that G Q^-1/2 and W^1/2 H take the places of G and alpha H in the lifted loop, and one multiplier M does for all of it.
+It holds for any weights: nothing about it has to be decided. Q is rounded down and W up.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Annotated
+
+import numpy as np
+
+from lockstep.check.bound.result import Entry
+from lockstep.check.inequality import Certificate
+
+
+@dataclass(frozen=True, eq=False)
+class Sector:
+    """sum_k Q_k |phi_k(a, t) - phi_k(b, t)|^2 <= sum_l W_l |a_l - b_l|^2, with Q (r,) > 0 and W (v,) >= 0 in doubles."""
+
+    Q: Annotated[np.ndarray, " r"]
+    W: Annotated[np.ndarray, " v"]
+
+
+def common_sector(
+    alpha: float,
+    entries: Sequence[Entry],
+    m: Annotated[np.ndarray, " pairs"],
+    m_entries: Annotated[np.ndarray, "entries pairs"],
+    r: int,
+    v: int,
+) -> Sector | None:
+    """Return the sector of the summed pair weights, the largest Q being about 1; None where a component has no weight.
+
+    Args:
+        alpha: |phi(a, t) - phi(b, t)| <= alpha |a - b|.
+        entries: the proved bounds of single slopes, in the scales of alpha; all that are not 0.
+        m, m_entries: weights 0 or above, of alpha and of each entry; they need not prove anything.
+        r, v: the numbers of components and arguments of phi.
+    """
+    weights = [sum(map(_exact, row), Fraction(0)) for row in m_entries]
+    whole = sum(map(_exact, m), Fraction(0))
+    Q, W = [whole] * r, [whole * _exact(alpha) ** 2] * v
+    for k in {one.component for one in entries}:
+        own = [(one, mu) for one, mu in zip(entries, weights, strict=True) if one.component == k]
+        if all(mu > 0 for _, mu in own):
+            Q[k] += 1 / sum((1 / mu for _, mu in own), Fraction(0))
+            for one, mu in own:
+                W[one.argument] += mu * _exact(one.bound) ** 2
+    if not all(value > 0 for value in Q):
+        return None
+    unit = Fraction(float(max(Q)))
+    return Sector(
+        np.array([_below(value / unit) for value in Q]), np.array([_above(value / unit) for value in W])
+    )
+
+
+def common_pair_weights(
+    entries: Sequence[Entry], certificate: Certificate, sector: Sector
+) -> Annotated[np.ndarray, " pairs"]:
+    """Return weights with which the sector is about what each pair has in the continuous certificate: a first guess."""
+    total = len(sector.Q) * certificate.m
+    for k in {one.component for one in entries}:
+        rows = [c for c, one in enumerate(entries) if one.component == k]
+        with np.errstate(divide="ignore"):
+            total = total + 1 / (1 / certificate.m_entries[rows]).sum(axis=0)
+    return np.asarray(total / sector.Q.sum())
+
+
+def _exact(value: float) -> Fraction:
+    return Fraction(float(value))
+
+
+def _below(value: Fraction) -> float:
+    nearest = float(value)
+    return nearest if Fraction(nearest) <= value else math.nextafter(nearest, 0.0)
+
+
+def _above(value: Fraction) -> float:
+    nearest = float(value)
+    return nearest if Fraction(nearest) >= value else math.nextafter(nearest, math.inf)
