@@ -27,17 +27,17 @@ from string import Template
 import casadi as ca
 import numpy as np
 
-from lockstep.codegen.comparison import compare
 from lockstep.codegen.cores import CORES
 from lockstep.codegen.emit import emit
-from lockstep.codegen.emulator import run_on_core
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.kernel import kernel_function
 from lockstep.codegen.manifest import Agent, Manifest, load_manifest
-from lockstep.codegen.reference import Reference
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
-from lockstep.codegen.stimulus import closed_loop_calls, recorded_outputs, run_reference
-from lockstep.codegen.toolchain import Compiler, arm_gcc, zig
+from lockstep.verification.comparison import compare
+from lockstep.verification.emulator import run_on_core
+from lockstep.verification.reference import Reference
+from lockstep.verification.stimulus import closed_loop_calls, recorded_outputs, run_reference
+from lockstep.verification.toolchain import Compiler, arm_gcc, zig
 
 VARIANTS = ("speed", "size", "hand", "loop", "casadi", "data")
 BY_HAND = ("hand", "loop")

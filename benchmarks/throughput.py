@@ -24,9 +24,9 @@ import control
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from lockstep.campaign import Batch, Engine, Features, Weights, continuous_source, sampled_source
+from lockstep.campaign.library import load
 from lockstep.cli.files import read_design
-from lockstep.codegen.campaign import Batch, Engine, Features, Weights, continuous_source, sampled_source
-from lockstep.codegen.campaign.library import load
 from lockstep.model.network import Network
 
 DESIGN = Path(__file__).parents[1] / "generated" / "flexible_joint_arms"

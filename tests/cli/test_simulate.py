@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from lockstep.cli.main import app
 from lockstep.cli.simulate_options import Many, Options, conflict
-from lockstep.codegen.toolchain import host_compilers
+from lockstep.verification.toolchain import host_compilers
 
 KEYS = {"ISE", "IAE", "ITSE", "ITAE"}
 
@@ -76,7 +76,7 @@ def test_the_worst_disturbance_comes_near_rho(folder, run):
 
 def test_a_run_above_a_proved_rho_fails(folder, run, monkeypatch):
     """No such run exists; a checker that said rho = 1 would be found out."""
-    from lockstep.codegen import measured
+    from lockstep.verification import measured
 
     kept = measured.promise
 

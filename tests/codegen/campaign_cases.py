@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from codegen_cases import TABLE_1
 
+from lockstep.campaign.engine import Batch, Engine
+from lockstep.campaign.functions import Weights
+from lockstep.campaign.layout import Features
+from lockstep.campaign.source import Source, continuous_source, sampled_source
 from lockstep.check.loop import Gains
-from lockstep.codegen.campaign.engine import Batch, Engine
-from lockstep.codegen.campaign.functions import Weights
-from lockstep.codegen.campaign.layout import Features
-from lockstep.codegen.campaign.source import Source, continuous_source, sampled_source
 from lockstep.codegen.emit import emit
-from lockstep.codegen.in_the_loop import reference_controllers
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.model.graph import Graph
@@ -21,6 +20,7 @@ from lockstep.model.problem import load_problem
 from lockstep.model.simulation.disturbance import Samples, Sines, Steps, Sum
 from lockstep.model.simulation.indices import indices
 from lockstep.model.simulation.scenario import Scenario
+from lockstep.verification.in_the_loop import reference_controllers
 
 STEP, PERIOD, HORIZON = 1e-3, 5e-3, 1.0
 WEIGHTS = Weights(np.diag([1.0, 0.5, 2.0, 1.0]), np.array([[2.0, 0.3], [0.3, 1.0]]))

@@ -20,7 +20,7 @@ def continuous(arms_network):
     """The compiled loop with the continuous controllers, their gains uncertain."""
     from campaign_cases import DELTA, continuous_loop
 
-    from lockstep.codegen.campaign import Engine, Features
+    from lockstep.campaign import Engine, Features
 
     features = Features(waves=True, noise=True, sequences=True, uncertain=True)
     return Engine(continuous_loop(arms_network, features=features, fragility=DELTA))
@@ -31,7 +31,7 @@ def sampled(arms_network):
     """The compiled loop with the C that ships, messages being lost."""
     from campaign_cases import emitted, sampled_loop
 
-    from lockstep.codegen.campaign import Engine, Features
+    from lockstep.campaign import Engine, Features
 
     features = Features(waves=True, noise=True, sequences=True, drops=True)
     return Engine(sampled_loop(arms_network, emitted(arms_network.graph), features))

@@ -5,12 +5,12 @@ import pytest
 from campaign_cases import HORIZON, PERIOD, PUBLISHED, continuous_loop, emitted, sampled_loop, some_runs
 from codegen_cases import random_controller
 
+from lockstep.campaign.disturbance import disturbance
+from lockstep.campaign.engine import Batch, Engine
+from lockstep.campaign.lanes import LANES
+from lockstep.campaign.layout import Features
 from lockstep.check.errors import ProblemError
 from lockstep.check.loop import Gains
-from lockstep.codegen.campaign.disturbance import disturbance
-from lockstep.codegen.campaign.engine import Batch, Engine
-from lockstep.codegen.campaign.lanes import LANES
-from lockstep.codegen.campaign.layout import Features
 from lockstep.codegen.emit import emit
 from lockstep.codegen.spec import CodegenSpec
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from lockstep.campaign import run_campaign
+from lockstep.campaign import scheduler as over
+from lockstep.campaign.compute import chunks
+from lockstep.campaign.plan import CHUNK
+from lockstep.campaign.store import Store
 from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.cli.campaign import Options, planned
-from lockstep.codegen.campaign import run_campaign
-from lockstep.codegen.campaign import scheduler as over
-from lockstep.codegen.campaign.compute import chunks
-from lockstep.codegen.campaign.plan import CHUNK
-from lockstep.codegen.campaign.store import Store
 
 distributed = pytest.importorskip("dask.distributed", exc_type=ImportError)
 

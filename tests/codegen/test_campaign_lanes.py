@@ -7,12 +7,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from lockstep.campaign import library
+from lockstep.campaign.lanes import LANES, lanes_header
+from lockstep.campaign.statements import lane_function
 from lockstep.check.errors import ProblemError
-from lockstep.codegen.campaign import library
-from lockstep.codegen.campaign.lanes import LANES, lanes_header
-from lockstep.codegen.campaign.statements import lane_function
-from lockstep.codegen.shared_library import build_library
-from lockstep.codegen.toolchain import first_compiler
+from lockstep.verification.shared_library import build_library
+from lockstep.verification.toolchain import first_compiler
 
 TRY = """
 #include "campaign-lanes.h"

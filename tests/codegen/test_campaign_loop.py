@@ -18,11 +18,11 @@ from campaign_cases import (
     sampled_loop,
 )
 
+from lockstep.campaign.engine import Batch, Engine
+from lockstep.campaign.functions import Weights
+from lockstep.campaign.layout import Features
+from lockstep.campaign.source import sampled_source
 from lockstep.check.loop import Gains
-from lockstep.codegen.campaign.engine import Batch, Engine
-from lockstep.codegen.campaign.functions import Weights
-from lockstep.codegen.campaign.layout import Features
-from lockstep.codegen.campaign.source import sampled_source
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network

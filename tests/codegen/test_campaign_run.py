@@ -11,16 +11,16 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from lockstep.campaign import Guarantee, Table, compute, run_campaign
+from lockstep.campaign import campaign as running
+from lockstep.campaign.compute import chunks, columns_of
+from lockstep.campaign.draw import FAMILIES, draw
+from lockstep.campaign.plan import CHUNK, plan_of
+from lockstep.campaign.replay import replay
+from lockstep.campaign.store import Store
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.cli import campaign as command
 from lockstep.cli.campaign import Options, planned
-from lockstep.codegen.campaign import Guarantee, Table, compute, run_campaign
-from lockstep.codegen.campaign import campaign as running
-from lockstep.codegen.campaign.compute import chunks, columns_of
-from lockstep.codegen.campaign.draw import FAMILIES, draw
-from lockstep.codegen.campaign.plan import CHUNK, plan_of
-from lockstep.codegen.campaign.replay import replay
-from lockstep.codegen.campaign.store import Store
 from lockstep.lmi.document import load_json, parse
 from lockstep.model.simulation.indices import indices
 
@@ -329,7 +329,7 @@ def test_the_command_refuses(invoke, monkeypatch):
     result = invoke("campaign", 8, "--scheduler", "nowhere")
     assert result.exit_code == 2
     assert "nowhere" in json.loads(result.stdout)["error"]["message"]
-    monkeypatch.setattr("lockstep.codegen.campaign.campaign.Campaign.ok", False)
+    monkeypatch.setattr("lockstep.campaign.campaign.Campaign.ok", False)
     assert invoke("campaign", 8).exit_code == 1
 
 

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
+from lockstep.campaign import run_campaign
 from lockstep.cli.campaign import Options, planned
-from lockstep.codegen.campaign import run_campaign
 
 pytestmark = pytest.mark.slow
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from lockstep.codegen.cores import CORES, emulated, registers_of
-from lockstep.codegen.emulator import missing_packages
-from lockstep.codegen.image import load_image, machine_flags, undefined_symbols
 from lockstep.codegen.manifest import load_manifest
-from lockstep.codegen.reference import references
-from lockstep.codegen.toolchain import run, zig
+from lockstep.verification.emulator import missing_packages
+from lockstep.verification.image import load_image, machine_flags, undefined_symbols
+from lockstep.verification.reference import references
+from lockstep.verification.toolchain import run, zig
 
 pytestmark = pytest.mark.skipif(
     zig() is None or bool(missing_packages()), reason="ziglang, unicorn or pyelftools is not installed"

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from lockstep.codegen.emulator import missing_packages
-from lockstep.codegen.toolchain import zig
+from lockstep.verification.emulator import missing_packages
+from lockstep.verification.toolchain import zig
 
 
 @pytest.fixture(scope="module")

@@ -5,16 +5,16 @@ import pytest
 from codegen_cases import arms, random_controller, shapes
 
 from lockstep.check.errors import ClaimError
-from lockstep.codegen import targets
 from lockstep.codegen.cores import CORES
 from lockstep.codegen.emit import emit
-from lockstep.codegen.emulator import missing_packages
 from lockstep.codegen.folder import write_folder
-from lockstep.codegen.image import build_image, load_image
 from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller
-from lockstep.codegen.toolchain import zig
-from lockstep.codegen.verify import verify_folder
+from lockstep.verification import targets
+from lockstep.verification.emulator import missing_packages
+from lockstep.verification.image import build_image, load_image
+from lockstep.verification.toolchain import zig
+from lockstep.verification.verify import verify_folder
 
 needs_emulator = pytest.mark.skipif(
     zig() is None or bool(missing_packages()), reason="ziglang, unicorn or pyelftools is not installed"

@@ -7,8 +7,8 @@ from codegen_cases import arms, shapes
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.emit import emit
 from lockstep.codegen.manifest import Manifest
-from lockstep.codegen.reference import NOT_FINITE, OK, OVERFLOW, Reference, closed_loop
-from lockstep.codegen.stimulus import recorded_outputs
+from lockstep.verification.reference import NOT_FINITE, OK, OVERFLOW, Reference, closed_loop
+from lockstep.verification.stimulus import recorded_outputs
 
 
 def manifest_of(spec):

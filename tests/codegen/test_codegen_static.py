@@ -13,7 +13,7 @@ from codegen_cases import arms, shapes
 
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder import write_folder
-from lockstep.codegen.toolchain import WARNINGS
+from lockstep.verification.toolchain import WARNINGS
 
 # what the guards of the sources ask the compiler, which cppcheck is not
 CPPCHECK = """--std=c99 --addon=misra --enable=warning,style,performance,portability -q --error-exitcode=0

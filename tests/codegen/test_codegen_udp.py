@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from lockstep.codegen.toolchain import WARNINGS, host_compilers
+from lockstep.verification.toolchain import WARNINGS, host_compilers
 
 pytestmark = pytest.mark.skipif(
     not host_compilers() or platform.system() == "Windows", reason="needs a C compiler and POSIX"

@@ -10,12 +10,12 @@ import pytest
 from codegen_cases import arms, random_controller, shapes
 
 from lockstep.check.errors import Mismatch, ProblemError
-from lockstep.codegen import targets, toolchain
+from lockstep.verification import targets, toolchain
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import Manifest
-from lockstep.codegen.toolchain import Compiler, host_compilers
-from lockstep.codegen.verify import verify_folder
+from lockstep.verification.toolchain import Compiler, host_compilers
+from lockstep.verification.verify import verify_folder
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
 QUICK = {"steps": 200, "adversarial_steps": 800}
@@ -132,7 +132,7 @@ def test_contraction_is_seen(tmp_path, monkeypatch):
     folder = folder_of(tmp_path, arms())
     monkeypatch.setattr(targets, "LEVELS", ("-O2",))
     fused = (*toolchain.WARNINGS[:-1], "-ffp-contract=fast", "-mfma")
-    monkeypatch.setattr("lockstep.codegen.harness.WARNINGS", fused)
+    monkeypatch.setattr("lockstep.verification.harness.WARNINGS", fused)
     report = verify_folder(folder, targets=["host"], **QUICK)
     assert not report.ok and not report.changed_files
     assert any("differs in" in problem for problem in report.problems)
@@ -166,7 +166,7 @@ def test_code_that_crashes_or_hangs_does_not_take_us_along(tmp_path, monkeypatch
     assert "failed (status -11)" in report.targets[0].error
     folder = write_folder(emit(arms()), tmp_path / "hang")
     break_source(folder, "    float check;\n", "    float check;\n    for (;;) {\n    }\n")
-    monkeypatch.setattr("lockstep.codegen.harness.RUN_SECONDS", 1)
+    monkeypatch.setattr("lockstep.verification.harness.RUN_SECONDS", 1)
     report = verify_folder(folder, targets=["host"], **QUICK)
     assert "took longer than 1 s" in report.targets[0].error
 

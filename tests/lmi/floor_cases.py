@@ -4,8 +4,8 @@ import numpy as np
 
 from lockstep.check.floor.witness import proves_floor
 from lockstep.check.inequality import Claim
+from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.floor.bisection import largest_floor
-from lockstep.lmi.solve import least_rho
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from amini.claims.example import arm
 from lockstep.check.inequality import Claim
 from lockstep.check.loop import Gains
-from lockstep.lmi.claims.example import arm
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem, parse_problem

@@ -5,9 +5,9 @@ import pytest
 from lmi_cases import ALPHA, arms, claim, table_1_problem
 
 from lockstep.check.errors import Infeasible, NotCertified
+from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.design import design
-from lockstep.lmi.paper import Audit, solve_as_printed
-from lockstep.lmi.rounding import prove
+from lockstep.lmi.methods.paper import Audit, solve_as_printed
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network

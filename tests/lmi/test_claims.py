@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from amini.claims import example
+from amini.claims.claim import Measured, PaperClaim, settle
+from amini.claims.fragility import PLACES, destabilising
+from amini.claims.ledger import all_claims, reproduce
+from amini.claims.markdown import to_markdown
 from lockstep.check.errors import ProblemError
 from lockstep.cli.main import app
-from lockstep.lmi.claims import example
-from lockstep.lmi.claims.claim import Measured, PaperClaim, settle
-from lockstep.lmi.claims.fragility import PLACES, destabilising
-from lockstep.lmi.claims.ledger import all_claims, reproduce
-from lockstep.lmi.claims.markdown import to_markdown
 
 ROOT = Path(__file__).parents[2]
 
@@ -96,7 +96,7 @@ def test_command_refuses_unknown_claims_and_partial_pages(tmp_path):
 
 def test_command_exits_1_where_a_verdict_does_not_come_out(monkeypatch, tmp_path):
     wrong = PaperClaim("wrong", "(0)", "It fails.", "proved", lambda: Measured("1 = 2", False))
-    monkeypatch.setattr("lockstep.lmi.claims.ledger.all_claims", lambda: (wrong,))
+    monkeypatch.setattr("amini.claims.ledger.all_claims", lambda: (wrong,))
     page = tmp_path / "claims.md"
     result = CliRunner().invoke(app, ["reproduce", "-o", str(page), "--json"])
     assert result.exit_code == 1

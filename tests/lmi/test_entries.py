@@ -19,16 +19,16 @@ from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.inequality import Claim, F_matrix
 from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate, decide_modes
+from lockstep.lmi.analysis.limits import largest_alpha_of_any_controller
+from lockstep.lmi.analysis.rounding import prove
+from lockstep.lmi.analysis.solve import AffineF, least_rho
 from lockstep.lmi.bmi import BilinearProgram, Point
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import claim_of, design, proved_bound
 from lockstep.lmi.document import document, parse
 from lockstep.lmi.floor.bisection import largest_floor
-from lockstep.lmi.interior import InteriorProgram
-from lockstep.lmi.limits import largest_alpha_of_any_controller
-from lockstep.lmi.modal import prove_modes
-from lockstep.lmi.rounding import prove
-from lockstep.lmi.solve import AffineF, least_rho
+from lockstep.lmi.methods.modal import prove_modes
+from lockstep.lmi.search.interior import InteriorProgram
 from lockstep.model.assembly import network_of
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network

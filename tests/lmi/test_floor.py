@@ -18,13 +18,13 @@ from lockstep.check.floor.witness import FloorWitness, bound, coupled, not_negat
 from lockstep.check.inequality import Certificate, Claim
 from lockstep.check.loop import Gains, Plant
 from lockstep.check.numbers import as_floats, exactly
+from lockstep.lmi.analysis.rounding import prove
+from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
 from lockstep.lmi.document import document, parse
 from lockstep.lmi.floor.bisection import largest_floor, proves_that_none_carries, rounded_down
 from lockstep.lmi.floor.stored import floor_keys, floor_of
-from lockstep.lmi.rounding import prove
-from lockstep.lmi.solve import least_rho
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network

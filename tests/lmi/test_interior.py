@@ -7,13 +7,13 @@ import pytest
 from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, arms, claim, problem, published
 
 from lockstep.check.inequality import F_matrix
+from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.bmi import BilinearProgram, Limits, Point
 from lockstep.lmi.design import claim_of, proved_bound
-from lockstep.lmi.interior import InteriorProgram
-from lockstep.lmi.logdet import BalancedF
 from lockstep.lmi.search import Search, search_gains
+from lockstep.lmi.search.interior import InteriorProgram
+from lockstep.lmi.search.logdet import BalancedF
 from lockstep.lmi.search.start import begin
-from lockstep.lmi.solve import least_rho
 from lockstep.model.assembly import network_of
 from lockstep.model.bound import Entry
 

@@ -12,8 +12,8 @@ from lmi_cases import ALPHA, arms, claim, published
 from lockstep.check.decide import decide
 from lockstep.check.errors import NotCertified
 from lockstep.check.inequality import Certificate, F_matrix
-from lockstep.lmi.rounding import SLACKS, prove, round_up, rounded
-from lockstep.lmi.solve import AffineF, least_rho
+from lockstep.lmi.analysis.rounding import SLACKS, prove, round_up, rounded
+from lockstep.lmi.analysis.solve import AffineF, least_rho
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ import pytest
 from lmi_cases import DOUBLE_INTEGRATOR, arms, problem
 
 from lockstep.check.errors import Infeasible
+from lockstep.lmi.analysis.limits import largest_alpha_of_any_controller, static_gains_cannot_stabilise
 from lockstep.lmi.design import design, proved_bound
 from lockstep.lmi.floor.bisection import largest_floor, proves_that_none_carries
-from lockstep.lmi.limits import largest_alpha_of_any_controller, static_gains_cannot_stabilise
 from lockstep.model.assembly import network_of
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem

@@ -12,11 +12,11 @@ import pytest
 
 from lockstep.check.errors import Infeasible, ProblemError
 from lockstep.check.loop import Plant
+from lockstep.lmi.analysis.connectivity import connectivity
 from lockstep.lmi.certify import certify
-from lockstep.lmi.connectivity import connectivity
 from lockstep.lmi.design import design
 from lockstep.lmi.document import document, parse
-from lockstep.lmi.lipschitz import FirstStep, Protocol, design_protocol, first_step, step_1_matrix
+from lockstep.lmi.methods.lipschitz import FirstStep, Protocol, design_protocol, first_step, step_1_matrix
 from lockstep.model.graph import Graph
 from lockstep.model.problem import Problem, parse_problem
 

@@ -13,7 +13,7 @@ from lockstep.check.local import InitialSet, Unavailable, _ratio_above, initial_
 from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate, Segment
 from lockstep.check.numbers import as_floats, exactly
-from lockstep.lmi.rounding import prove
+from lockstep.lmi.analysis.rounding import prove
 from lockstep.model.agent import Agent
 from lockstep.model.assembly import bound_of
 from lockstep.model.bound import Box

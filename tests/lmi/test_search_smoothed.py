@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lmi_cases import ALPHA, arms, claim, published
 
+from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.search import Search
 from lockstep.lmi.search.smoothed import SmoothedNorm, descended, refined
-from lockstep.lmi.solve import least_rho
 
 DELTAS = [(0.0,) * 4, (0.02, 0.0, 0.01, 0.02)]
 

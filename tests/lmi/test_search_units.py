@@ -8,12 +8,12 @@ from lmi_cases import ALPHA, EXAMPLES, arms, claim, problem, published
 
 from lockstep.check.inequality import Certificate, F_matrix
 from lockstep.check.loop import Gains
+from lockstep.lmi.analysis.rounding import prove, short_gains
+from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.design import claim_of, proved_bound
-from lockstep.lmi.rounding import prove, short_gains
 from lockstep.lmi.search import Search
 from lockstep.lmi.search.start import begin
 from lockstep.lmi.search.units import scaled
-from lockstep.lmi.solve import least_rho
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import load_problem
 

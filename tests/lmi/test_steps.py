@@ -8,14 +8,14 @@ from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, arms, claim, problem, published
 
 from lockstep.check.inequality import Certificate, Claim, F_matrix
 from lockstep.check.loop import Loop
+from lockstep.lmi.analysis.rounding import short_gains
+from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.bmi import BilinearProgram, Limits, Point
 from lockstep.lmi.design import claim_of, proved_bound
-from lockstep.lmi.inner import inner_step
-from lockstep.lmi.rounding import short_gains
 from lockstep.lmi.search import Search, search_gains
+from lockstep.lmi.search.inner import inner_step
+from lockstep.lmi.search.stabilise import _abscissa, abscissa, descend, stabilise
 from lockstep.lmi.search.start import begin, climb
-from lockstep.lmi.solve import least_rho
-from lockstep.lmi.stabilise import _abscissa, abscissa, descend, stabilise
 from lockstep.model.assembly import network_of
 
 PENDULUM = {"a": "b", "b": "-a - sin(a) + u"}

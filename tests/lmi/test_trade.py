@@ -7,8 +7,8 @@ from lmi_cases import DOUBLE_INTEGRATOR, problem
 
 from lockstep.check.errors import ProblemError
 from lockstep.lmi.design import design
+from lockstep.lmi.diagnosis.trade import as_csv, curve
 from lockstep.lmi.document import Stored, document, parse
-from lockstep.lmi.trade import as_csv, curve
 
 
 def stored(dynamics: dict[str, str], outputs: dict[str, str], D: list[float]) -> Stored:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from amini.claims.example import TABLE_1, network
 from lockstep.check.loop import Gains
-from lockstep.lmi.claims.example import TABLE_1, network
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network

@@ -6,7 +6,7 @@ import pytest
 
 from lockstep.check.errors import ProblemError
 from lockstep.model.agent import Agent
-from lockstep.model.pbh import controllability, observability
+from lockstep.model.control.pbh import controllability, observability
 
 ARM = {
     "name": "arm",

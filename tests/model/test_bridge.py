@@ -9,7 +9,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.loop import Gains
 from lockstep.check.numbers import as_floats
 from lockstep.model.agent import Agent
-from lockstep.model.bridge import agent_from_control, controllers_to_control
+from lockstep.model.control.bridge import agent_from_control, controllers_to_control
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.simulation import Scenario, Sines, simulate

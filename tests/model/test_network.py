@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from amini.claims.example import arm
 from lockstep.check.errors import ProblemError
 from lockstep.check.loop import Gains
-from lockstep.lmi.claims.example import arm
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from simulation_cases import ARMS
 
+from amini.claims.fragility import errors as ledger_errors
 from lockstep.check.errors import ProblemError
-from lockstep.lmi.claims.fragility import errors as ledger_errors
 from lockstep.model.simulation import (
     Channel,
     PaperPerturbation,

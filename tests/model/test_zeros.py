@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import tf2ss
 
-from lockstep.model.zeros import zeros_of
+from lockstep.model.control.zeros import zeros_of
 
 ARM_A = np.array([[0, 1, 0, 0], [-48.6, -1.25, 48.6, 0], [0, 0, 0, 1], [19.5, 0, -19.5, 0]])
 ARM_B = np.array([[0], [21.6], [0], [0]])

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from lockstep.codegen.verify import TargetResult, VerifyReport
 from lockstep.lmi.document import parse
 from lockstep.model.checks import check_problem
 from lockstep.report.drawings import draw
@@ -15,6 +14,7 @@ from lockstep.report.facts import gather
 from lockstep.report.page import html
 from lockstep.report.report import make_report
 from lockstep.report.spectrum import spectrum_of
+from lockstep.verification.verify import TargetResult, VerifyReport
 
 sys.path.insert(0, str(Path(__file__).parent))
 

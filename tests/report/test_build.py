@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 import lockstep.cli.build as build
 from lockstep.cli.main import app
-from lockstep.codegen.verify import VerifyReport
+from lockstep.verification.verify import VerifyReport
 
 KEYS = {"ok", "directory", "check", "design", "verify", "files", "report", "problems"}
 

@@ -5,8 +5,7 @@ import pytest
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.bundle import bundle
 from lockstep.codegen.folder import write_folder
-from lockstep.codegen.manifest import load_manifest, manifest_is_intact
-from lockstep.codegen.verify import changed_files
+from lockstep.codegen.manifest import changed_files, load_manifest, manifest_is_intact
 
 FIGURES = {"figures/a.png": b"\x89PNG\xff\x00", "figures/a.pdf": b"%PDF"}
 

@@ -6,14 +6,14 @@ import io
 import numpy as np
 import pytest
 
+from amini.claims.example import TABLE_1, TABLE_2, arm, cycle
+from amini.section4.contestants import CERTIFIED, CERTIFIED_UNCERTAIN, Contestant
+from amini.section4.figures import figures
+from amini.section4.runs import AGREED, all_runs, runs_of
+from amini.section4.table import to_csv, to_markdown
 from lockstep.check.loop import Gains
-from lockstep.lmi.claims.example import TABLE_1, TABLE_2, arm, cycle
 from lockstep.lmi.document import read
 from lockstep.model.network import Network
-from lockstep.report.section4.contestants import CERTIFIED, CERTIFIED_UNCERTAIN, Contestant
-from lockstep.report.section4.figures import figures
-from lockstep.report.section4.runs import AGREED, all_runs, runs_of
-from lockstep.report.section4.table import to_csv, to_markdown
 
 slow = pytest.mark.slow
 """Proving, simulating and drawing all five loops takes most of a minute."""

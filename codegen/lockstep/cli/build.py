@@ -15,9 +15,9 @@ from lockstep.cli.folders import check_generated
 from lockstep.cli.generate import generated_files
 
 if TYPE_CHECKING:
-    from lockstep.codegen.verify import VerifyReport
     from lockstep.model.checks import CheckReport
     from lockstep.report import Report
+    from lockstep.verification.verify import VerifyReport
 
 VERIFY_STEPS = 10_000
 

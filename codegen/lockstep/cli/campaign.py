@@ -17,8 +17,8 @@ from lockstep.cli.files import DESIGN_NAME, check_writable, read_design
 from lockstep.cli.folders import check_folder
 
 if TYPE_CHECKING:
-    from lockstep.codegen.campaign import Campaign, Plan
-    from lockstep.codegen.campaign.guarantee import Controllers
+    from lockstep.campaign import Campaign, Plan
+    from lockstep.campaign.guarantee import Controllers
     from lockstep.lmi.document import Stored
 
 HORIZON = 10.0
@@ -94,8 +94,8 @@ def planned(path: Path, options: Options) -> tuple["Plan", "Stored"]:
     """
     import json
 
+    from lockstep.campaign import plan_of
     from lockstep.cli.generate import generated_files
-    from lockstep.codegen.campaign import plan_of
 
     kind = _kind(options.controllers)
     content, stored = read_design(path)
@@ -140,7 +140,7 @@ def _run(
 ) -> Answer:
     from joblib import cpu_count
 
-    from lockstep.codegen.campaign import run_campaign
+    from lockstep.campaign import run_campaign
 
     check_folder(output)
     _check_address(scheduler)
@@ -201,8 +201,8 @@ def _families(document: dict[str, Any]) -> RenderableType:
 
 
 def _replay(path: Path, index: int, output: Path | None, options: Options) -> Answer:
-    from lockstep.codegen.campaign import replay
-    from lockstep.codegen.campaign.draw import FAMILIES
+    from lockstep.campaign import replay
+    from lockstep.campaign.draw import FAMILIES
     from lockstep.model.simulation.table import to_csv
 
     check_writable(output, path)

@@ -61,8 +61,8 @@ def _design(
 def _trade_off(content: Mapping[str, Any]) -> str:
     """Return the least rho of the gains for each alpha, as CSV."""
     from lockstep.cli.files import DESIGN_NAME
+    from lockstep.lmi.diagnosis.trade import as_csv, curve
     from lockstep.lmi.document import parse
-    from lockstep.lmi.trade import as_csv, curve
 
     return as_csv(curve(parse(content, DESIGN_NAME)))
 

@@ -12,8 +12,8 @@ from lockstep.cli.console import Answer, progress_display, respond, write_text
 from lockstep.cli.folders import check_folder, write_files
 
 if TYPE_CHECKING:
-    from lockstep.lmi.claims.claim import Row
-    from lockstep.report.section4.runs import Runs
+    from amini.claims.claim import Row
+    from amini.section4.runs import Runs
 
 
 def run(names: Sequence[str], output: Path | None, figures: Path | None = None, *, as_json: bool) -> None:
@@ -46,9 +46,9 @@ def _check(agree: bool, found: str, expected: str) -> None:
 
 
 def _section_4(folder: Path) -> Answer:
-    from lockstep.report.section4.figures import figures
-    from lockstep.report.section4.runs import all_runs
-    from lockstep.report.section4.table import to_csv, to_markdown
+    from amini.section4.figures import figures
+    from amini.section4.runs import all_runs
+    from amini.section4.table import to_csv, to_markdown
 
     check_folder(folder)
     with progress_display() as tell:
@@ -81,9 +81,9 @@ def _run_document(one: "Runs") -> dict[str, str | float | bool | None]:
 
 
 def _reproduce(names: Sequence[str], output: Path | None) -> Answer:
+    from amini.claims.ledger import reproduce
+    from amini.claims.markdown import to_markdown
     from lockstep.cli.files import check_writable
-    from lockstep.lmi.claims.ledger import reproduce
-    from lockstep.lmi.claims.markdown import to_markdown
 
     check_writable(output)
     with progress_display() as tell:

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from lockstep.check.loop import Gains
-    from lockstep.codegen.measured import Kind, Measured
     from lockstep.lmi.document import Stored
     from lockstep.model.network import Network
     from lockstep.model.simulation import SampledControllers, Scenario, Trajectory
     from lockstep.model.simulation.from_problem import Changes
+    from lockstep.verification.measured import Kind, Measured
 
 KINDS = ("continuous", "sampled", "compiled")
 
@@ -51,8 +51,8 @@ def _refuse(error: ProblemError) -> Answer:
 
 def _simulate(path: Path, output: Path | None, options: Options, *, as_json: bool) -> Answer:
     from lockstep.cli.folders import check_folder, write_files
-    from lockstep.codegen.measured import measured, network_of_design, promise
     from lockstep.model.simulation import simulate
+    from lockstep.verification.measured import measured, network_of_design, promise
 
     kind, changes = _checked(options)
     check_writable(output, path)
@@ -135,9 +135,9 @@ def _scenario(stored: "Stored", network: "Network", kind: "Kind", changes: "Chan
 
 
 def _worst(stored: "Stored", network: "Network", quiet: "Scenario", changes: "Changes") -> "Scenario":
-    from lockstep.codegen.measured import weights_of_design
     from lockstep.model.simulation.agreement import weakest_agreement
     from lockstep.model.simulation.worst import worst_disturbance
+    from lockstep.verification.measured import weights_of_design
 
     seed = stored.problem.simulation.seed if changes.seed is None else changes.seed
     weights = weights_of_design(stored, network)
@@ -161,8 +161,8 @@ def _worst(stored: "Stored", network: "Network", quiet: "Scenario", changes: "Ch
 def _controllers(path: Path, stored: "Stored", kind: "Kind") -> "Iterator[Gains | SampledControllers]":
     from lockstep.cli.certify import is_generated
     from lockstep.codegen.c_certificate import problem_fits
-    from lockstep.codegen.in_the_loop import design_controllers, reference_controllers
     from lockstep.codegen.manifest import load_manifest
+    from lockstep.verification.in_the_loop import design_controllers, reference_controllers
 
     if kind == "continuous":
         yield stored.gains
@@ -183,7 +183,7 @@ def _controllers(path: Path, stored: "Stored", kind: "Kind") -> "Iterator[Gains 
     if kind == "sampled":
         yield reference_controllers(manifest, delay=delay)
         return
-    from lockstep.codegen.compiled_loop import compiled_controllers
+    from lockstep.verification.compiled_loop import compiled_controllers
 
     with compiled_controllers(path, delay=delay) as controllers:
         yield controllers

@@ -15,7 +15,7 @@ from lockstep.cli.console import Answer, plain, progress_display, respond
 from lockstep.cli.files import seen
 
 if TYPE_CHECKING:
-    from lockstep.codegen.verify import VerifyReport
+    from lockstep.verification.verify import VerifyReport
 
 
 def run(folder: Path, *, steps: int, targets: Sequence[str], as_json: bool) -> None:
@@ -41,7 +41,7 @@ def verified(folder: Path, steps: int, targets: Sequence[str] | None = None) -> 
         steps: of the closed loop, and as many adversarial ones.
         targets: groups of targets; all of them by default.
     """
-    from lockstep.codegen.verify import verify_folder
+    from lockstep.verification.verify import verify_folder
 
     with progress_display() as tell:
         tell("closing the loop around the reference", 0.0)
@@ -60,9 +60,9 @@ def _closed_loop(folder: Path, steps: int) -> "list[np.ndarray] | None":
     """Return the outputs of the agents of the design in the folder; None without one: `verify` then has its own."""
     from lockstep.cli.files import DESIGN_NAME, read_design
     from lockstep.codegen.manifest import load_manifest
-    from lockstep.codegen.plant import HeldPlant
-    from lockstep.codegen.reference import closed_loop
     from lockstep.model.network import Network
+    from lockstep.verification.plant import HeldPlant
+    from lockstep.verification.reference import closed_loop
 
     manifest = load_manifest(folder)
     if not (folder / DESIGN_NAME).is_file():

@@ -13,9 +13,8 @@ import numpy as np
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.codegen.c_file import nearest
 from lockstep.codegen.from_c import ReadController, read_controller, read_controllers
-from lockstep.codegen.manifest import FILE_NAME, Manifest, load_manifest
+from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files, load_manifest
 from lockstep.codegen.sampled_design import HeldVerdict, prove_controllers, sampled_network
-from lockstep.codegen.verify import changed_files
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import SampledVerdict
 

@@ -130,7 +130,7 @@ def designed_for_period(
 
 
 def _searched(stored: Stored, tell: Tell, others: Sequence[Start]) -> tuple[Gains, PairWeights]:
-    from lockstep.lmi.rounding import short_gains
+    from lockstep.lmi.analysis.rounding import short_gains
     from lockstep.lmi.sampled.improve import AtPeriod, improved
 
     problem, c, order = stored.problem, stored.certificate, stored.gains.order
@@ -151,8 +151,8 @@ def _searched(stored: Stored, tell: Tell, others: Sequence[Start]) -> tuple[Gain
 
 def _continuous(stored: Stored, gains: Gains) -> Certificate:
     """Prove the new gains in continuous time."""
+    from lockstep.lmi.analysis.rounding import prove
     from lockstep.lmi.design import claim_of
-    from lockstep.lmi.rounding import prove
     from lockstep.lmi.stored_bound import bound_again
     from lockstep.model.assembly import network_of
 

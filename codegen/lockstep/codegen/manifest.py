@@ -228,3 +228,22 @@ def load_manifest(directory: Path | str) -> Manifest:
 def manifest_is_intact(manifest: Manifest) -> bool:
     """Whether the manifest is what was written with its digest."""
     return manifest.digest == manifest.sealed().digest
+
+
+def changed_files(folder: Path, manifest: Manifest) -> tuple[str, ...]:
+    """Files that differ from their hash, are missing, or are compiled but not listed; the manifest too."""
+    changed = [path for path, digest in manifest.files.items() if _sha256(folder / path) != digest]
+    needed = [
+        f"{place}/{a.name}.{end}" for a in manifest.agents for place, end in (("include", "h"), ("src", "c"))
+    ]
+    changed += [path for path in needed if path not in manifest.files]
+    if not manifest_is_intact(manifest):
+        changed.append(FILE_NAME)
+    return tuple(changed)
+
+
+def _sha256(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return ""

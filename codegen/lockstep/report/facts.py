@@ -4,15 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from lockstep.codegen.in_the_loop import reference_controllers
 from lockstep.codegen.manifest import FILE_NAME, Manifest
-from lockstep.codegen.verify import VerifyReport
 from lockstep.lmi.document import Stored, parse
 from lockstep.model.checks import CheckReport
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 from lockstep.model.simulation import Diverged, Trajectory, simulate
 from lockstep.model.simulation.from_problem import FINEST, Changes, scenario_of
+from lockstep.verification.in_the_loop import reference_controllers
+from lockstep.verification.verify import VerifyReport
 
 DESIGN_NAME = "design.json"
 

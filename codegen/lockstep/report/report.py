@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from lockstep.codegen.rendering import render
-from lockstep.codegen.verify import VerifyReport
 from lockstep.model.checks import CheckReport
 from lockstep.report.drawings import draw
 from lockstep.report.facts import gather
 from lockstep.report.guarantee import lines_of
 from lockstep.report.page import html
 from lockstep.report.spectrum import spectrum_of
+from lockstep.verification.verify import VerifyReport
 
 PAGE, TEXT = "report.html", "report.md"
 

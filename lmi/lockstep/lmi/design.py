@@ -22,7 +22,7 @@ from lockstep.check.inequality import Certificate, Claim
 from lockstep.check.local import InitialSet, Unavailable, initial_set
 from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate
-from lockstep.lmi.rounding import prove, short_gains
+from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.sampled.improve import Start
 from lockstep.lmi.scope import Scope, scope_of
 from lockstep.lmi.threads import one_thread
@@ -170,8 +170,8 @@ def _searched(
     tell: Progress,
     time_limit: float | None,
 ) -> Design:
+    from lockstep.lmi.methods.certified import searched
     from lockstep.lmi.sampled.score import SampledScore
-    from lockstep.lmi.searched import searched
 
     score = SampledScore.of(problem, network, claim)
     found = searched(problem, network, claim, jobs, tell, time_limit, score)
@@ -190,7 +190,7 @@ def _given(problem: Problem, network: Network, bound: Bound, claim: Claim, tell:
 
 
 def _as_printed(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Design:
-    from lockstep.lmi.paper import solve_as_printed
+    from lockstep.lmi.methods.paper import solve_as_printed
 
     tell(f"solving {'(34)' if problem.design.method == 'corollary1' else '(19)'} as printed", 0.0)
     delta = None if problem.design.method == "corollary1" else claim.delta[0]
@@ -218,7 +218,7 @@ def _as_printed(problem: Problem, network: Network, bound: Bound, claim: Claim, 
 
 
 def _protocol(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Design:
-    from lockstep.lmi.lipschitz import design_protocol, protocol_gains
+    from lockstep.lmi.methods.lipschitz import design_protocol, protocol_gains
 
     if problem.order:
         raise ProblemError(
@@ -245,7 +245,7 @@ def _protocol(problem: Problem, network: Network, bound: Bound, claim: Claim, te
 
 
 def _modal(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Design:
-    from lockstep.lmi.modal import design_modes, prove_modes
+    from lockstep.lmi.methods.modal import design_modes, prove_modes
 
     table = problem.design
     gains = design_modes(

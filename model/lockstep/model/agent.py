@@ -23,13 +23,13 @@ from lockstep.model.agent_parts import (
 )
 from lockstep.model.bound import Box
 from lockstep.model.centring import Centring, centred
+from lockstep.model.control.pbh import Controllability, Observability, controllability, observability
 from lockstep.model.domain import argument_box
 from lockstep.model.expression import parse_expression
 from lockstep.model.linearise import linearised
 from lockstep.model.lure import Lure, lure_form
 from lockstep.model.names import check_agent_name, check_names
 from lockstep.model.outputs import output_rows
-from lockstep.model.pbh import Controllability, Observability, controllability, observability
 
 Split = Literal["terms", "jacobian"]
 UNBOUNDED = (-np.inf, np.inf)
@@ -222,16 +222,16 @@ class Agent:
         return argument_box(self.lure.H, self.box)
 
     def controllability(self) -> Controllability:
-        """Test (A, B): see `lockstep.model.pbh`."""
+        """Test (A, B): see `lockstep.model.control.pbh`."""
         return controllability(self.lure.A, self.lure.B)
 
     def observability(self) -> Observability:
-        """Test (A, C): see `lockstep.model.pbh`."""
+        """Test (A, C): see `lockstep.model.control.pbh`."""
         return observability(self.lure.A, self.lure.C)
 
     def to_control(self, *, linear: bool = False) -> Any:
-        """Return the agent for python-control: see `lockstep.model.bridge.agent_to_control`."""
-        from lockstep.model.bridge import agent_to_control
+        """Return the agent for python-control: see `lockstep.model.control.bridge.agent_to_control`."""
+        from lockstep.model.control.bridge import agent_to_control
 
         return agent_to_control(self, linear=linear)
 

@@ -116,14 +116,14 @@ class Network:
         )
 
     def to_control(self, gains: Gains | None = None, *, linear: bool = False) -> Any:
-        """Return the network for python-control: see `lockstep.model.bridge.network_to_control`."""
-        from lockstep.model.bridge import network_to_control
+        """Return the network for python-control: see `lockstep.model.control.bridge.network_to_control`."""
+        from lockstep.model.control.bridge import network_to_control
 
         return network_to_control(self, gains, linear=linear)
 
     def controllers_to_control(self, gains: Gains, **sampling: Any) -> list[Any]:
-        """Return the controllers for python-control: see `lockstep.model.bridge.controllers_to_control`."""
-        from lockstep.model.bridge import controllers_to_control
+        """Return the controllers for python-control: see `lockstep.model.control.bridge.controllers_to_control`."""
+        from lockstep.model.control.bridge import controllers_to_control
 
         return controllers_to_control(self.agent, gains, **sampling)
 

@@ -23,10 +23,10 @@ from lockstep.check.bound.expression import (
     scale,
     subtract,
 )
+from lockstep.check.bound.graph import Graph
 from lockstep.check.bound.program import Boxes
 from lockstep.check.bound.switches import FALSE, TRUE
 from lockstep.check.bound.traversal import expand, order, substitute
-from lockstep.model.bound.graph import Graph
 
 
 def settle(graph: Graph, lower: Boxes, upper: Boxes) -> Graph:

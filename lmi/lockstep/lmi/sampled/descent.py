@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from lockstep.lmi.sampled.objective import Objective, Slopes
-from lockstep.lmi.stabilise import abscissa, descend
+from lockstep.lmi.search.stabilise import abscissa, descend
 
 
 class Stage(NamedTuple):

@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.inequality import Certificate
+from lockstep.lmi.analysis.reach import largest_alpha
+from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.bmi import Limits, Point
-from lockstep.lmi.inner import inner_step
-from lockstep.lmi.reach import largest_alpha
+from lockstep.lmi.search.inner import inner_step
 from lockstep.lmi.search.start import Score, Search, over
-from lockstep.lmi.solve import least_rho
 
 STRIDES = 12
 """At most so many; one that does not pay ends it before."""

@@ -28,8 +28,8 @@ from jaxtyping import Complex, Float
 
 from lockstep.check.inequality import Claim
 from lockstep.check.loop import Loop
-from lockstep.lmi.solve import AffineF
-from lockstep.lmi.stabilise import descend
+from lockstep.lmi.analysis.solve import AffineF
+from lockstep.lmi.search.stabilise import descend
 
 Stages = tuple[tuple[int, int], ...]
 """p and the number of steps of each stage; the frequencies are chosen anew before each."""

@@ -17,13 +17,13 @@ from jaxtyping import Float
 
 from lockstep.check.inequality import Claim
 from lockstep.check.loop import Loop
+from lockstep.lmi.analysis.solve import AffineF, least_rho
 from lockstep.lmi.bmi import BilinearProgram, Limits, Point, within
-from lockstep.lmi.interior import InteriorProgram
+from lockstep.lmi.search.interior import InteriorProgram
 from lockstep.lmi.search.smoothed import Descended, SmoothedNorm, descended, refined
+from lockstep.lmi.search.stabilise import abscissa as abscissa_of
+from lockstep.lmi.search.stabilise import stabilise
 from lockstep.lmi.search.units import Units, scaled
-from lockstep.lmi.solve import AffineF, least_rho
-from lockstep.lmi.stabilise import abscissa as abscissa_of
-from lockstep.lmi.stabilise import stabilise
 
 SIZES = (0.3, 1.0, 3.0)
 """Standard deviations of the gains drawn, in the units of the search."""

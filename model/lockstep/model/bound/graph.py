@@ -11,18 +11,10 @@ import casadi as ca
 
 from lockstep.check.bound.conditions import Condition
 from lockstep.check.bound.expression import ZERO, Node, Undefined, constant, variable
+from lockstep.check.bound.graph import Graph
 from lockstep.check.bound.switches import FALSE, TRUE, both, either
 from lockstep.check.errors import ProblemError
 from lockstep.model.bound.operations import ARITY, NAMES, RULES, as_condition, as_number
-
-
-@dataclass(frozen=True)
-class Graph:
-    """phi(v, t): `outputs` over the variables 0..inputs-1 (v) and `inputs` (t), and what it needs."""
-
-    outputs: tuple[Node, ...]
-    conditions: tuple[Condition, ...]
-    inputs: int
 
 
 @dataclass(frozen=True)

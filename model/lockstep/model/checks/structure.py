@@ -8,9 +8,9 @@ from jaxtyping import Float
 
 from lockstep.model.agent import Agent
 from lockstep.model.checks.report import Row, Verdict
+from lockstep.model.control.pbh import Controllability, Observability, controllability
+from lockstep.model.control.zeros import Zeros, zeros_of
 from lockstep.model.graph import Graph
-from lockstep.model.pbh import Controllability, Observability, controllability
-from lockstep.model.zeros import Zeros, zeros_of
 
 Matrices = Sequence[Float[np.ndarray, "n m"]]
 

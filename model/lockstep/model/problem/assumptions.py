@@ -13,8 +13,8 @@ from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.model.agent import Agent
+from lockstep.model.control.pbh import controllability
 from lockstep.model.graph import Graph
-from lockstep.model.pbh import controllability
 
 
 def check_assumptions(graph: Graph, agent: Agent, agents_B: Sequence[Float[np.ndarray, "n m"]]) -> None:

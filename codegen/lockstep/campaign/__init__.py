@@ -1,0 +1,36 @@
+"""Network tests: thousands of runs of the closed loop in compiled C, held against the certificate.
+
+`plan_of` says what is run, `run_campaign` runs it, here or on a Dask cluster, `replay` runs one of its runs again.
+"""
+
+from lockstep.campaign.campaign import Campaign, run_campaign, summary
+from lockstep.campaign.compute import Table, compute
+from lockstep.campaign.engine import Batch, Engine, Outcome
+from lockstep.campaign.functions import Weights
+from lockstep.campaign.guarantee import Guarantee
+from lockstep.campaign.layout import Features, Layout
+from lockstep.campaign.plan import Plan, plan_of
+from lockstep.campaign.replay import Replay, replay
+from lockstep.campaign.source import Source, continuous_source, sampled_source
+
+__all__ = [
+    "Batch",
+    "Campaign",
+    "Engine",
+    "Features",
+    "Guarantee",
+    "Layout",
+    "Outcome",
+    "Plan",
+    "Replay",
+    "Source",
+    "Table",
+    "Weights",
+    "compute",
+    "continuous_source",
+    "plan_of",
+    "replay",
+    "run_campaign",
+    "sampled_source",
+    "summary",
+]

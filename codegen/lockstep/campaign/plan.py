@@ -1,0 +1,157 @@
+"""What a campaign is: the loop, how its runs are drawn, and what they are held against.
+
+    int |z|^2 <= V(x_d(0)) + rho^2 int |xi_d|^2                                          (the certificate)
+
+so the ratio of a run, |z| / (V(x_d(0)) + rho^2 |xi_d|^2)^1/2, is at most 1 if the certificate is true and covers the
+run. From agreement V is zero, and the ratio is the measured L2 gain over the certified rho.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from lockstep.campaign.functions import LETTERS, Weights
+from lockstep.campaign.guarantee import Controllers, Guarantee, guarantee_of
+from lockstep.campaign.layout import Features
+from lockstep.campaign.peaks import Peak, peaks
+from lockstep.campaign.response import Response, continuous_response, sampled_response
+from lockstep.campaign.source import Source, continuous_source, sampled_source
+from lockstep.check.errors import ProblemError
+from lockstep.codegen.sampled_design import sampled_controllers
+from lockstep.lmi.document import Stored
+from lockstep.model.network import Network
+
+FORMAT = "lockstep-campaign/1"
+CHUNK = 256
+"""Runs that are computed, kept and sent as one: about a second's work."""
+
+POINTS = 12
+STEP = 1e-3
+"""Longest step of the integration, in s."""
+
+Deltas = tuple[tuple[str, float, tuple[int, int]], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A campaign, complete: a run is fixed by it and by the run's index alone.
+
+    source: the loop's C;  seed: of all draws;  horizon: of each run, in s;  spread: of random initial states;
+    deltas: per letter the bound (11) and the shape of one agent's block, in the order of the C's parameters;
+    peaks: where to disturb;  guarantee: what the runs are held against;  title, controllers: for people.
+    """
+
+    source: Source
+    seed: int
+    horizon: float
+    spread: float
+    deltas: Deltas
+    peaks: tuple[Peak, ...]
+    guarantee: Guarantee
+    title: str = ""
+    controllers: Controllers = "sampled"
+
+    @property
+    def identity(self) -> str:
+        """SHA-256 of everything a run depends on: what is kept under another identity is another campaign's."""
+        digest = hashlib.sha256(f"{FORMAT} {CHUNK} {self.source.fingerprint}".encode())
+        for name in ("seed", "horizon", "spread", "deltas", "peaks", "guarantee"):
+            digest.update(repr(_plain(getattr(self, name))).encode())
+        return digest.hexdigest()
+
+
+def plan_of(
+    stored: Stored,
+    content: Mapping[str, Any],
+    files: Mapping[str, str] | None,
+    *,
+    controllers: Controllers | None = None,
+    seed: int = 0,
+    horizon: float = 10.0,
+    step: float = STEP,
+    guarantee: Guarantee | None = None,
+) -> Plan:
+    """Return the campaign of a design; its certificate is proved here.
+
+    Args:
+        stored, content: the design, parsed and as JSON types, with what is proved of its sampled controllers.
+        files: the emitted folder, relative path -> text; needed for sampled controllers.
+        controllers: "sampled", the C that ships, or "continuous", the gains (9) with Delta at the bound of (11). By
+            default the ones that the design's fragility is about: continuous if there is one.
+        seed: of all draws.
+        horizon: in s, of each run.
+        step: the longest step of the integration, in s.
+        guarantee: what the runs are held against, if it is to be something else than what is proved here.
+
+    Raises:
+        NotCertified: there is no proof of a rho to hold the runs against.
+        ProblemError: a horizon that is not above 0.
+    """
+    if not horizon > 0:
+        raise ProblemError(f"the horizon is {horizon!r}", where="campaign", expected="seconds above 0")
+    problem = stored.problem
+    kind = controllers or ("continuous" if any(stored.fragility.values()) else "sampled")
+    network = Network(problem.agent(), problem.graph(), problem.agents_B(), problem.design.coordinates)
+    weights = Weights(problem.state_weight(network.agent.n), problem.controller_weight(stored.gains.order))
+    made = _sampled(stored, network, weights, files, step) if kind == "sampled" else None
+    source, response, deltas = made or _continuous(stored, network, weights, step)
+    return Plan(
+        source,
+        seed,
+        float(horizon),
+        problem.simulation.spread,
+        deltas,
+        peaks(network, response, count=POINTS, seed=seed),
+        guarantee or guarantee_of(stored, content, files, kind),
+        problem.title,
+        kind,
+    )
+
+
+def _sampled(
+    stored: Stored, network: Network, weights: Weights, files: Mapping[str, str] | None, step: float
+) -> tuple[Source, Response, Deltas]:
+    """The loop with the C that ships, and its linear response."""
+    if files is None:
+        raise ProblemError(
+            "no emitted C", where="campaign", expected="that of the design, for sampled controllers"
+        )
+    delay = stored.problem.controller.delay
+    features = Features(waves=True, noise=True, drops=True)
+    source = sampled_source(network, files, weights, step=step, delay=delay, features=features)
+    period = source.layout.period
+    held = sampled_controllers(stored, period)
+    return source, sampled_response(network, held, weights, period, delay), ()
+
+
+def _continuous(
+    stored: Stored, network: Network, weights: Weights, step: float
+) -> tuple[Source, Response, Deltas]:
+    """The loop with the continuous controllers and Delta of (11), and its linear response."""
+    gains, fragility = stored.gains, stored.fragility
+    letters = [k for k in LETTERS if fragility[k] > 0 and getattr(gains, k)[0].size]
+    deltas = tuple((k, float(fragility[k]), getattr(gains, k)[0].shape) for k in letters)
+    source = continuous_source(
+        network,
+        gains,
+        weights,
+        period=stored.problem.controller.period,
+        step=step,
+        fragility=fragility,
+        features=Features(waves=True, noise=True, uncertain=bool(deltas)),
+    )
+    return source, continuous_response(network, gains, weights), deltas
+
+
+def _plain(value: Any) -> Any:
+    """A value as nested tuples of its exact numbers."""
+    if isinstance(value, np.ndarray):
+        return (value.shape, value.tobytes().hex())
+    if is_dataclass(value) and not isinstance(value, type):
+        return tuple(_plain(getattr(value, one.name)) for one in fields(value))
+    if isinstance(value, tuple | list):
+        return tuple(_plain(item) for item in value)
+    return value

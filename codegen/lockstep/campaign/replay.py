@@ -1,0 +1,62 @@
+"""One run of a campaign again, step by step, by its index: the same code on the same numbers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.campaign.compute import columns_of, compute
+from lockstep.campaign.disturbance import disturbance
+from lockstep.campaign.draw import draw
+from lockstep.campaign.engine import Engine
+from lockstep.campaign.plan import Plan
+from lockstep.check.errors import ProblemError
+from lockstep.model.agent import Agent
+from lockstep.model.simulation.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """A run: its row of the campaign's table, and its trajectory up to where it is finite."""
+
+    columns: tuple[str, ...]
+    row: Float[np.ndarray, " columns"]
+    trajectory: Trajectory
+
+    def __getitem__(self, name: str) -> float:
+        """Return one figure of the run."""
+        return float(self.row[self.columns.index(name)])
+
+
+def replay(plan: Plan, agent: Agent, run: int) -> Replay:
+    """Run one of a campaign's runs again.
+
+    Args:
+        plan: the campaign's.
+        agent: of the network, for the names of the signals and y = C x.
+        run: the index, as in the table.
+
+    Raises:
+        ProblemError: an index below 0, or a run that is not finite from its first step on.
+    """
+    if run < 0:
+        raise ProblemError(
+            f"run {run}", where="replay", expected="an index of the campaign's table, 0 or more"
+        )
+    layout = plan.source.layout
+    batch = draw(plan, run, run + 1).batch
+    signals = dict(Engine(plan.source).trace(batch, plan.horizon))
+    signals["xi"] = disturbance(batch, 0, layout.periods(plan.horizon))
+    finite = np.all(
+        [np.isfinite(value).reshape(len(value), -1).all(axis=1) for value in signals.values()], axis=0
+    )
+    end = len(finite) if finite.all() else int(np.argmin(finite))
+    if end < 2:
+        raise ProblemError(f"run {run} is not finite from its first step on", where="replay")
+    t, x, x_C, u, xi = (signals[name][:end] for name in ("t", "x", "x_C", "u", "xi"))
+    trajectory = Trajectory(
+        *(t, x, x_C, u, x @ agent.lure.C.T, xi, agent.states, agent.inputs, agent.outputs, agent.name),
+        u_hold="held" if layout.sampled else "smooth",
+        xi_hold="smooth",
+    )
+    return Replay(columns_of(plan), compute(plan, run, run + 1)[0], trajectory)

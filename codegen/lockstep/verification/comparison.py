@@ -1,0 +1,58 @@
+"""Two traces, bit by bit."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from lockstep.verification.stimulus import Trace
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How a trace differs from the reference: how many calls, the first, the largest error in u and x."""
+
+    calls: int
+    first: str
+    max_abs_error: float
+
+    @property
+    def bitwise(self) -> bool:
+        """Whether every bit of every output and state is equal."""
+        return self.calls == 0
+
+
+def compare(found: Trace, expected: Trace) -> Difference:
+    """Compare all parts as bytes: -0 is not 0, and the counters and statuses count too."""
+    differs = np.zeros(len(expected.status), bool)
+    first: tuple[int, str] | None = None
+    for part in fields(Trace):
+        ours, theirs = getattr(expected, part.name), getattr(found, part.name)
+        unequal = _bytes(ours) != _bytes(theirs)
+        rows = unequal.any(axis=1)
+        differs |= rows
+        if rows.any() and (first is None or int(rows.argmax()) < first[0]):
+            k = int(rows.argmax())
+            first = (
+                k,
+                f"call {k}: {part.name} is {theirs[k].tolist()}, the reference has {ours[k].tolist()}",
+            )
+    return Difference(int(differs.sum()), first[1] if first else "", _max_abs_error(found, expected))
+
+
+def _bytes(array: np.ndarray) -> np.ndarray:
+    flat = np.ascontiguousarray(array).reshape(len(array), -1)
+    return flat.view(np.uint8) if flat.shape[1] else flat.astype(np.uint8)
+
+
+def _max_abs_error(found: Trace, expected: Trace) -> float:
+    """Largest |difference| in u and x, in float64; infinite if one side is not finite where the other is."""
+    largest = 0.0
+    for name in ("u", "x"):
+        ours, theirs = (getattr(trace, name).astype(np.float64) for trace in (expected, found))
+        if not np.array_equal(np.isfinite(ours), np.isfinite(theirs)):
+            return float("inf")
+        both = np.isfinite(ours)
+        if both.any():
+            with np.errstate(over="ignore"):
+                largest = max(largest, float(np.abs(ours[both] - theirs[both]).max()))
+    return largest

@@ -1,0 +1,183 @@
+"""Build the folder's C with a small driver, feed it recorded calls, and read the trace back.
+
+The driver is a program of its own: a crash of the code under test cannot take this process with it.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lockstep.check.errors import ClaimError
+from lockstep.codegen.manifest import Agent, Manifest
+from lockstep.codegen.rendering import render
+from lockstep.verification.stimulus import Calls, Trace
+from lockstep.verification.toolchain import COMPILE_SECONDS, RUN_SECONDS, WARNINGS, Compiler, run
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One agent's trace on one target, with what was measured there."""
+
+    trace: Trace
+    state_bytes: int
+    text_bytes: int | None = None
+    instructions: int | None = None
+    stack_bytes: int | None = None
+
+
+def layout(agent: Agent, manifest: Manifest) -> dict[str, Any]:
+    """What the driver's templates need to know of an agent."""
+    return {
+        "name": agent.name,
+        "NAME": agent.name.upper(),
+        "order": agent.order,
+        "q": len(agent.outputs),
+        "m": len(agent.inputs),
+        "nn": len(agent.neighbours),
+        "real_bytes": manifest.real_type.bytes,
+    }
+
+
+def write_harness(manifest: Manifest, directory: Path) -> list[Path]:
+    """Write harness.h and one harness per agent; returns the C files."""
+    views = [layout(agent, manifest) for agent in manifest.agents]
+    (directory / "harness.h").write_text(render("harness.h.j2", agents=views), encoding="utf-8")
+    paths = []
+    for view in views:
+        path = directory / f"harness_{view['name']}.c"
+        path.write_text(render("harness.c.j2", a=view, c_real=manifest.real_type.c_name), encoding="utf-8")
+        paths.append(path)
+    return paths
+
+
+def compile_objects(
+    compiler: Compiler, flags: Sequence[str], sources: Sequence[Path], include: Path, directory: Path
+) -> list[Path]:
+    """Compile each source to an object in `directory`, every warning an error; raises `ClaimError`."""
+    objects = []
+    for source in sources:
+        target = directory / f"{source.stem}.o"
+        command = [
+            *compiler.command,
+            *WARNINGS,
+            *flags,
+            f"-I{include}",
+            f"-I{directory}",
+            "-c",
+            str(source),
+            "-o",
+            str(target),
+        ]
+        run(command, directory, f"compiling {source.name}", COMPILE_SECONDS)
+        objects.append(target)
+    return objects
+
+
+def product_sources(manifest: Manifest, folder: Path) -> list[Path]:
+    """The generated sources, one per agent."""
+    return [folder / "src" / f"{agent.name}.c" for agent in manifest.agents]
+
+
+def run_on_host(
+    manifest: Manifest,
+    folder: Path,
+    calls: Mapping[str, Calls],
+    compiler: Compiler,
+    flags: Sequence[str],
+    directory: Path,
+) -> Iterator[tuple[Agent, Run]]:
+    """Build once, then run each agent's calls; `directory` is a temporary one."""
+    product = compile_objects(
+        compiler, flags, product_sources(manifest, folder), folder / "include", directory
+    )
+    main = directory / "main.c"
+    harness = [*write_harness(manifest, directory), main]
+    main.write_text(
+        render("host_main.c.j2", agents=[layout(a, manifest) for a in manifest.agents]), encoding="utf-8"
+    )
+    driver = compile_objects(compiler, flags, harness, folder / "include", directory)
+    program = directory / "driver"
+    link = [*compiler.command, *flags, *map(str, product + driver), "-o", str(program)]
+    run(link, directory, "linking", COMPILE_SECONDS)
+    for index, agent in enumerate(manifest.agents):
+        given, taken = directory / "calls.bin", directory / "trace.bin"
+        given.write_bytes(b"".join(inputs(calls[agent.name])))
+        command = [str(program), str(index), str(len(calls[agent.name])), str(given), str(taken)]
+        run(command, directory, f"running {agent.name}", RUN_SECONDS)
+        blob = taken.read_bytes()
+        state_bytes = int(np.frombuffer(blob[:4], np.uint32)[0])
+        trace = outputs(agent, manifest, len(calls[agent.name]), blob[4:])
+        yield agent, Run(trace, state_bytes, text_bytes(product[index]))
+
+
+def inputs(calls: Calls) -> list[bytes]:
+    """The arrays that the harness reads, in its order."""
+    arrays = (
+        calls.operation.astype(np.uint32),
+        calls.received.astype(np.uint64),
+        calls.y,
+        calls.neighbour_y,
+        calls.r,
+    )
+    return [np.ascontiguousarray(array).tobytes() for array in arrays]
+
+
+def output_arrays(
+    agent: Agent, manifest: Manifest, count: int
+) -> list[tuple[str, np.dtype[Any], tuple[int, ...]]]:
+    """Name, type and shape of the arrays that the harness writes, in its order."""
+    real, n, q, m, nn = (
+        manifest.real_type.dtype,
+        agent.order,
+        len(agent.outputs),
+        len(agent.inputs),
+        len(agent.neighbours),
+    )
+    return [
+        ("status", np.dtype(np.int32), (count,)),
+        ("u", real, (count, m)),
+        ("x", real, (count, n)),
+        ("held", real, (count, nn, q)),
+        ("heard", np.dtype(np.uint64), (count,)),
+        ("age", np.dtype(np.uint32), (count, nn)),
+        ("misses", np.dtype(np.uint32), (count, nn)),
+    ]
+
+
+def outputs(agent: Agent, manifest: Manifest, count: int, blob: bytes) -> Trace:
+    """Read a trace from the arrays that the harness wrote one after the other."""
+    parts: dict[str, np.ndarray] = {}
+    offset = 0
+    for name, dtype, shape in output_arrays(agent, manifest, count):
+        size = int(np.prod(shape)) * dtype.itemsize
+        if offset + size > len(blob):
+            raise ClaimError(f"the trace of {agent.name} ends after {len(blob)} bytes")
+        parts[name] = np.frombuffer(blob, dtype, int(np.prod(shape)), offset).reshape(shape)
+        offset += size
+    return Trace(**parts)
+
+
+def text_bytes(object_file: Path) -> int | None:
+    """Code and constants of an object file in bytes; None without pyelftools or if it is no ELF file."""
+    try:
+        from elftools.common.exceptions import ELFError
+        from elftools.elf.constants import SH_FLAGS
+        from elftools.elf.elffile import ELFFile
+    except ImportError:
+        return None
+    with object_file.open("rb") as stream:
+        try:
+            sections = list(ELFFile(stream).iter_sections())
+        except ELFError:
+            return None
+        return sum(
+            int(s["sh_size"])
+            for s in sections
+            if s["sh_type"] == "SHT_PROGBITS"
+            and s["sh_flags"] & SH_FLAGS.SHF_ALLOC
+            and not s["sh_flags"] & SH_FLAGS.SHF_WRITE
+            and s.name not in (".eh_frame", ".debug_frame")
+        )

@@ -1,0 +1,83 @@
+"""The shipped arithmetic in the simulated loop: the bit-exact reference as the simulation's steppers.
+
+`lockstep.model.simulation` steps anything; what is stepped here is `reference.Reference`, the twin of the C, with the
+coefficients that a design's C has or that a generated folder states.
+"""
+
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.check.errors import ProblemError
+from lockstep.codegen.manifest import FILE_NAME, Manifest
+from lockstep.lmi.document import Stored
+from lockstep.model.simulation.sampled import SampledControllers
+from lockstep.verification.reference import Reference, references
+
+
+class ReferenceStepper:
+    """A reference with the interface that the simulation steps."""
+
+    def __init__(self, reference: Reference) -> None:
+        self._reference = reference
+
+    @property
+    def memory(self) -> Float[np.ndarray, " nc"]:
+        """The controller's state before the next step."""
+        return self._reference.state.x.astype(float)
+
+    def init(self) -> None:
+        """Go to the state before the first step."""
+        self._reference.init()
+
+    def step(
+        self, y: Float[np.ndarray, " q"], neighbour_y: Float[np.ndarray, "nn q"], received: int
+    ) -> tuple[int, Float[np.ndarray, " m"]]:
+        """Take a step as the C does."""
+        return self._reference.step(y, neighbour_y, received)
+
+
+def reference_controllers(manifest: Manifest, *, delay: Literal[0, 1] = 0) -> SampledControllers:
+    """Return the controllers of a generated folder in the arithmetic of its C.
+
+    Args:
+        manifest: of the folder.
+        delay: periods between sampling y and applying u; the folder does not say.
+    """
+    steppers = [ReferenceStepper(one) for one in references(manifest).values()]
+    return SampledControllers(steppers, sources_in(manifest), manifest.period, delay, manifest.real)
+
+
+def design_controllers(stored: Stored) -> SampledControllers:
+    """Return the controllers that the C of a design would be: sampled, rounded, in the arithmetic of [controller]."""
+    from lockstep.codegen.sampled_design import sampled_controllers
+
+    table = stored.problem.controller
+    held = sampled_controllers(stored, table.period)
+    dtype = np.dtype(table.real)
+    steppers = [
+        ReferenceStepper(Reference(one.table.astype(dtype), one.weights.astype(dtype), one.order, True))
+        for one in held
+    ]
+    return SampledControllers(
+        steppers, tuple(one.sources for one in held), table.period, table.delay, table.real
+    )
+
+
+def sources_in(manifest: Manifest) -> tuple[tuple[int, ...], ...]:
+    """Return whom each agent of a folder hears, counted from 0, in the order of its mask bits.
+
+    Raises:
+        ProblemError: a neighbour that is no agent of the folder.
+    """
+    rows = {agent.name: k for k, agent in enumerate(manifest.agents)}
+    for agent in manifest.agents:
+        for source in agent.neighbours:
+            if source.source not in rows:
+                raise ProblemError(
+                    f"`{agent.name}` hears `{source.source}`, which is no agent of this folder",
+                    where=FILE_NAME,
+                    remedy="generate all agents of the network into one folder",
+                )
+    return tuple(tuple(rows[source.source] for source in agent.neighbours) for agent in manifest.agents)

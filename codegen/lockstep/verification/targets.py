@@ -1,0 +1,120 @@
+"""Where the C is run: this machine with each compiler, with sanitizers, and emulated microcontrollers."""
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from lockstep.check.errors import ClaimError, ProblemError
+from lockstep.codegen.cores import CORES, Core
+from lockstep.codegen.manifest import Agent, Manifest
+from lockstep.verification.emulator import missing_packages, run_on_core
+from lockstep.verification.harness import Run, run_on_host
+from lockstep.verification.stimulus import Calls
+from lockstep.verification.toolchain import TO_INSTALL, Compiler, arm_gcc, host_compilers, run, zig
+
+Runner = Callable[[Manifest, Path, Mapping[str, Calls], Path], Iterator[tuple[Agent, Run]]]
+
+GROUPS = ("host", "sanitizers", *CORES)
+"""host: each compiler at -O0, -O2, -O3. sanitizers: address, undefined behaviour. The rest is emulated."""
+
+LEVELS = ("-O0", "-O2", "-O3")
+CORE_LEVELS = ("-O2", "-Os")
+
+_SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+
+
+@dataclass(frozen=True)
+class Target:
+    """One way to compile and run the C; `skipped` says why it cannot be done here; `core` names an emulated one."""
+
+    name: str
+    run: Runner
+    skipped: str = ""
+    core: str = ""
+
+
+def targets_of(groups: Sequence[str], manifest: Manifest) -> list[Target]:
+    """The targets of the groups named, those that cannot run here marked as skipped."""
+    if isinstance(groups, str):
+        groups = [groups]
+    if unknown := [group for group in groups if group not in GROUPS]:
+        raise ProblemError(f"`{unknown[0]}`", where="targets", expected=" or ".join(GROUPS))
+    makers = {"host": _host, "sanitizers": _sanitizers}
+    makers |= {group: partial(_on_core, core) for group, core in CORES.items()}
+    return [target for group in dict.fromkeys(groups) for target in makers[group](manifest)]
+
+
+def _host(_: Manifest) -> Iterator[Target]:
+    compilers = host_compilers()
+    for compiler in compilers:
+        for level in LEVELS:
+            yield Target(f"host {compiler.name} {level}", _on_host(compiler, (level,)))
+    if not compilers:
+        yield _skipped("host", f"no C compiler: {TO_INSTALL}")
+
+
+def _sanitizers(_: Manifest) -> Iterator[Target]:
+    for compiler in host_compilers():
+        name = f"host {compiler.name} address and undefined-behaviour sanitizers"
+        if reason := _no_sanitizers(compiler):
+            yield _skipped(name, reason)
+        else:
+            yield Target(name, _on_host(compiler, _SANITIZERS))
+
+
+def _no_sanitizers(compiler: Compiler) -> str:
+    """Why the sanitizers do not work with this compiler, found out by a program that does nothing."""
+    if compiler.is_zig:
+        return "zig ships no address sanitizer"
+    with tempfile.TemporaryDirectory(prefix="lockstep-") as temporary:
+        directory = Path(temporary)
+        (directory / "nothing.c").write_text("int main(void) { return 0; }\n", encoding="utf-8")
+        try:
+            run([*compiler.command, *_SANITIZERS, "nothing.c", "-o", "nothing"], directory, "linking", 60)
+            run([str(directory / "nothing")], directory, "starting", 60)
+        except ClaimError as error:
+            return f"they do not work with this compiler ({str(error)[:200]})"
+    return ""
+
+
+def _on_core(core: Core, _: Manifest) -> Iterator[Target]:
+    """zig always; arm-none-eabi-gcc too where it is found."""
+    compiler, gcc = zig(), arm_gcc() if core.gcc else None
+    missing = missing_packages() + ([] if compiler or gcc else ["ziglang"])
+    if missing:
+        yield _skipped(f"{core.title}, emulated", f"not installed: {', '.join(missing)} (extra `toolchain`)")
+        return
+    for found in filter(None, (compiler, gcc)):
+        for level in CORE_LEVELS:
+            name = f"{core.title} {found.name} {level}, emulated"
+            yield Target(name, partial(_emulated, core, found, level), core=core.group)
+
+
+def _emulated(
+    core: Core,
+    compiler: Compiler,
+    level: str,
+    manifest: Manifest,
+    folder: Path,
+    calls: Mapping[str, Calls],
+    directory: Path,
+) -> Iterator[tuple[Agent, Run]]:
+    return run_on_core(manifest, folder, calls, core, compiler, level, directory)
+
+
+def _on_host(compiler: Compiler, flags: Sequence[str]) -> Runner:
+    def start(
+        manifest: Manifest, folder: Path, calls: Mapping[str, Calls], directory: Path
+    ) -> Iterator[tuple[Agent, Run]]:
+        return run_on_host(manifest, folder, calls, compiler, flags, directory)
+
+    return start
+
+
+def _skipped(name: str, reason: str) -> Target:
+    def never(*_: object) -> Iterator[tuple[Agent, Run]]:
+        raise ClaimError(f"{name} is skipped: {reason}")
+
+    return Target(name, never, reason)

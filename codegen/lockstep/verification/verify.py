@@ -1,0 +1,253 @@
+"""`verify_folder`: compile a generated folder, run it, and compare every bit with the reference.
+
+Only the folder is read: the manifest's coefficients drive the reference, the C files drive the targets.
+Everything else happens in temporary directories.
+"""
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lockstep.check.errors import ClaimError, Mismatch, ProblemError
+from lockstep.codegen.manifest import Agent, Manifest, changed_files, load_manifest
+from lockstep.verification.comparison import Difference, compare
+from lockstep.verification.harness import Run
+from lockstep.verification.reference import Reference
+from lockstep.verification.stimulus import (
+    Calls,
+    Trace,
+    adversarial_calls,
+    closed_loop_calls,
+    given_outputs,
+    recorded_outputs,
+    run_reference,
+)
+from lockstep.verification.targets import GROUPS, Target, targets_of
+
+Progress = Callable[[str, int, int], None]
+"""Called as progress(what is being done, steps done, steps in all)."""
+
+
+@dataclass(frozen=True)
+class AgentResult:
+    """One agent on one target."""
+
+    agent: str
+    bitwise: bool
+    differing_calls: int
+    first_difference: str
+    max_abs_error: float
+    instructions_per_step: int | None
+    text_bytes: int | None
+    ram_bytes: int
+    stack_bytes: int | None
+
+
+@dataclass(frozen=True)
+class TargetResult:
+    """One target over all agents: sizes and counts are those of the largest agent, None where not measured.
+
+    bitwise            equal to the last bit; None if the target was skipped
+    steps              closed-loop steps, and as many adversarial calls as `adversarial_steps` says
+    instructions_per_step  most instructions (never cycles) of one `<agent>_step`
+    skipped            why the target did not run; empty if it ran
+    error              the compiler's or program's message if it failed
+    core               group of the emulated core, whose stack and flash the header bounds; empty on the host
+    """
+
+    name: str
+    bitwise: bool | None
+    steps: int = 0
+    adversarial_steps: int = 0
+    max_abs_error: float | None = None
+    instructions_per_step: int | None = None
+    text_bytes: int | None = None
+    ram_bytes: int | None = None
+    stack_bytes: int | None = None
+    skipped: str = ""
+    error: str = ""
+    core: str = ""
+    agents: tuple[AgentResult, ...] = ()
+
+
+@dataclass(frozen=True)
+class VerifyReport:
+    """What was verified.
+
+    ok             nothing changed, something ran, and all that ran is equal to the last bit
+    targets        one per compiler and setting, skipped ones included
+    changed_files  files whose content is not what the manifest says (missing ones included)
+    problems       a sentence for each thing that keeps `ok` from being true
+    """
+
+    ok: bool
+    targets: tuple[TargetResult, ...]
+    changed_files: tuple[str, ...]
+    problems: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return asdict(self)
+
+    def require(self) -> "VerifyReport":
+        """Return self, or raise `Mismatch` with the figures if a claim does not hold."""
+        if not self.ok:
+            raise Mismatch("; ".join(self.problems), **self.as_dict())
+        return self
+
+
+def verify_folder(
+    directory: Path | str,
+    *,
+    steps: int = 10_000,
+    adversarial_steps: int = 10_000,
+    targets: Sequence[str] | None = None,
+    stimulus: Sequence[np.ndarray] | np.ndarray | None = None,
+    progress: Progress | None = None,
+) -> VerifyReport:
+    """Check a generated folder against its manifest and its C against the reference.
+
+    steps              closed-loop steps: of `stimulus`, else of the manifest's plants, else of a built-in
+    signal
+    adversarial_steps  calls with subnormal, huge, alternating and non-finite values
+    targets            names of target groups (see `targets.GROUPS`); default: all
+    stimulus           outputs y of every agent, one S x q array each or one S x N x q array
+    Raises `ProblemError` if there is no usable manifest or an argument is bad. Never raises for a mismatch:
+    see `require`.
+    """
+    folder = Path(directory).absolute()
+    if steps < 1 or adversarial_steps < 0:
+        raise ProblemError(
+            f"steps is {steps}, adversarial_steps {adversarial_steps}", where="verify", expected="above 0"
+        )
+    manifest = load_manifest(folder)
+    changed = changed_files(folder, manifest)
+    chosen = targets_of(targets or GROUPS, manifest)
+    tell = _Teller(progress, len(manifest.agents) * (1 + len(chosen)))
+    calls = _calls(manifest, steps, adversarial_steps, stimulus)
+    expected: dict[str, Trace] = {}
+    for agent in manifest.agents:
+        tell(f"reference of {agent.name}")
+        expected[agent.name] = run_reference(Reference.of(agent, manifest), calls[agent.name])
+    results = tuple(
+        _run_target(target, manifest, folder, calls, expected, (steps, adversarial_steps), tell)
+        for target in chosen
+    )
+    tell("done")
+    problems = tuple(_problems(results, changed, manifest))
+    return VerifyReport(not problems, results, changed, problems)
+
+
+class _Teller:
+    """Counts what is done for the progress display."""
+
+    def __init__(self, progress: Progress | None, total: int) -> None:
+        self.progress, self.total, self.done = progress, total, -1
+
+    def __call__(self, what: str) -> None:
+        self.done = min(self.done + 1, self.total)
+        if self.progress:
+            self.progress(what, self.done, self.total)
+
+
+def _calls(
+    manifest: Manifest, steps: int, adversarial_steps: int, stimulus: Sequence[np.ndarray] | np.ndarray | None
+) -> dict[str, Calls]:
+    """Closed-loop calls first: they start from rest, as the closed loop does."""
+    recorded = (
+        recorded_outputs(manifest, steps) if stimulus is None else given_outputs(manifest, stimulus, steps)
+    )
+    loop = closed_loop_calls(manifest, recorded)
+    return {a.name: loop[a.name] + adversarial_calls(manifest, a, adversarial_steps) for a in manifest.agents}
+
+
+def _run_target(
+    target: Target,
+    manifest: Manifest,
+    folder: Path,
+    calls: Mapping[str, Calls],
+    expected: Mapping[str, Trace],
+    steps: tuple[int, int],
+    tell: _Teller,
+) -> TargetResult:
+    if target.skipped:
+        return TargetResult(target.name, None, skipped=target.skipped)
+    results = []
+    with tempfile.TemporaryDirectory(prefix="lockstep-") as temporary:
+        try:
+            runs: Iterator[tuple[Agent, Run]] = target.run(manifest, folder, calls, Path(temporary).resolve())
+            for agent, run in runs:
+                tell(f"{target.name}: {agent.name}")
+                results.append(_agent_result(agent, run, compare(run.trace, expected[agent.name])))
+        except ClaimError as error:
+            return TargetResult(
+                target.name, False, *steps, error=str(error), core=target.core, agents=tuple(results)
+            )
+    return TargetResult(
+        target.name,
+        all(r.bitwise for r in results),
+        *steps,
+        max_abs_error=max(r.max_abs_error for r in results),
+        instructions_per_step=_most([r.instructions_per_step for r in results]),
+        text_bytes=_most([r.text_bytes for r in results]),
+        ram_bytes=_most([r.ram_bytes for r in results]),
+        stack_bytes=_most([r.stack_bytes for r in results]),
+        core=target.core,
+        agents=tuple(results),
+    )
+
+
+def _agent_result(agent: Agent, run: Run, difference: Difference) -> AgentResult:
+    return AgentResult(
+        agent.name,
+        difference.bitwise,
+        difference.calls,
+        difference.first,
+        difference.max_abs_error,
+        run.instructions,
+        run.text_bytes,
+        run.state_bytes,
+        run.stack_bytes,
+    )
+
+
+def _most(values: Sequence[int | None]) -> int | None:
+    known = [value for value in values if value is not None]
+    return max(known) if known else None
+
+
+def _problems(results: Sequence[TargetResult], changed: Sequence[str], manifest: Manifest) -> Iterator[str]:
+    for path in changed:
+        yield f"{path} is not what manifest.json says: it was changed, or is missing"
+    if all(result.skipped for result in results):
+        reasons = "; ".join(f"{result.name}: {result.skipped}" for result in results)
+        yield f"nothing was run, so nothing is verified ({reasons})"
+    stated = {agent.name: agent for agent in manifest.agents}
+    for result in results:
+        if result.error:
+            yield f"{result.name}: {result.error}"
+        for found in result.agents:
+            if not found.bitwise:
+                calls = f"differs in {found.differing_calls} calls"
+                yield f"{result.name}: {found.agent} {calls}; {found.first_difference}"
+            yield from _broken_promises(result, found, stated[found.agent])
+
+
+def _broken_promises(target: TargetResult, found: AgentResult, stated: Agent) -> Iterator[str]:
+    """The header bounds RAM, stack and flash; what is measured must keep to that."""
+    if found.ram_bytes != stated.state_bytes:
+        ram = f"takes {found.ram_bytes} bytes of RAM, not {stated.state_bytes} as stated"
+        yield f"{target.name}: {found.agent} {ram}"
+    budgets = {
+        "stack": (found.stack_bytes, stated.stack_budget_bytes),
+        "flash": (found.text_bytes if target.core else None, stated.flash_budget_bytes),
+    }
+    for what, (measured, bounds) in budgets.items():
+        bound = bounds.get(target.core)
+        if measured is not None and bound is not None and measured > bound:
+            excess = f"takes {measured} bytes of {what}, its header says at most {bound}"
+            yield f"{target.name}: {found.agent} {excess}"

@@ -1,0 +1,161 @@
+"""From a solver's numbers to a certificate in short decimals that is decided exactly.
+
+A certificate is a witness: any P, m, t that prove the inequality will do, so the shortest decimals that still
+prove it are taken. They are doubles, and the proof is about those doubles.
+"""
+
+import itertools
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.check.decide import decide
+from lockstep.check.errors import NotCertified
+from lockstep.check.inequality import Certificate, Claim, F_matrix
+from lockstep.check.loop import Gains, Loop
+from lockstep.lmi.analysis.solve import least_rho, tight
+from lockstep.lmi.search.units import Units, scaled
+from lockstep.model.network import Network
+
+SLACKS = (5e-4, 2e-3, 1e-2, 5e-2)
+"""How far above the least rho the certificate is taken, so that rounding fits: 0.05 % first, more only if
+need be."""
+
+GAIN_DIGITS = 6
+"""Significant decimals of designed gains: people read them, and a certificate is found for them as rounded."""
+
+ROOM_FOR_ROUNDING = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1)
+"""What is taken off a gain limit before rounding, the first that suffices: an entry moves by up to 5e-6 of the largest
+one, a norm by as much times the root of the number of entries."""
+
+NORM_ERROR = 1e-12
+"""Relative error of a norm in doubles, generously: the checker decides the limit exactly."""
+
+FEWEST_DIGITS, MOST_DIGITS = 3, 15
+
+
+def round_up(value: float, digits: int = 4) -> float:
+    """Round up to so many significant decimals.
+
+    >>> round_up(13.2323, 4)
+    13.24
+    """
+    if value <= 0 or not math.isfinite(value):
+        return value
+    unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
+    rounded = float(f"{math.ceil(value / unit - 1e-9) * unit:.{digits}g}")
+    return rounded if rounded >= value else float(f"{rounded + unit:.{digits}g}")
+
+
+def rounded(certificate: Certificate, digits: int) -> Certificate:
+    """Round P to `digits` decimals relative to its largest entry, and m and t to as many significant ones."""
+    P = certificate.P
+    places = digits - 1 - math.floor(math.log10(max(np.abs(P).max(), 1e-300)))
+    return Certificate(
+        certificate.rho,
+        np.round(P, min(places, 300)),
+        _significant(certificate.m, digits),
+        _significant(certificate.t, digits),
+        _significant(certificate.m_entries, digits),
+    )
+
+
+def _significant(values: Float[np.ndarray, "..."], digits: int) -> Float[np.ndarray, "..."]:
+    return np.array([float(f"{value:.{digits}g}") for value in values.ravel()]).reshape(values.shape)
+
+
+def short_gains(K: Float[np.ndarray, "N k l"], gain_limit: float) -> Float[np.ndarray, "N k l"]:
+    """Round gains to short decimals, staying within the limit on each block's spectral norm."""
+    largest = max(float(np.abs(K).max()), 1e-300)
+    places = GAIN_DIGITS - 1 - math.floor(math.log10(largest))
+    return np.stack([_short_block(block, gain_limit, places) for block in K])
+
+
+def _short_block(K: Float[np.ndarray, "k l"], limit: float, places: int) -> Float[np.ndarray, "k l"]:
+    """Round one agent's gains; where rounding takes them beyond the limit, they are made smaller first."""
+    norm = float(np.linalg.norm(K, 2))
+    for part in ROOM_FOR_ROUNDING:
+        scale = min(1.0, limit * (1 - part) / norm) if norm else 1.0
+        short = np.round(K * scale, places) + 0.0
+        if np.linalg.norm(short, 2) <= limit * (1 - NORM_ERROR):
+            return np.asarray(short)
+    return np.zeros_like(K)
+
+
+def prove(network: Network, gains: Gains, claim: Claim, *, rho: float | None = None) -> Certificate:
+    """Find a certificate for given gains and prove it exactly.
+
+    Args:
+        network: the agents and their graph.
+        gains: the controllers, taken as they are.
+        claim: alpha, R, Q, delta.
+        rho: the rho to certify; by default the least one found, rounded up with a little slack.
+
+    Raises:
+        NotCertified: no certificate was found; the figures say how near the search came.
+    """
+    loop, exact_loop = network.loop(gains.order), network.loop(gains.order, exact_arithmetic=True)
+    K = gains.blocks
+    asked = _in_both_units(loop, claim)
+    found = [(least_rho(one.loop, K, one.claim), one.units) for one in asked]
+    rhos = [c.rho * units.rho for c, units in found if c is not None]
+    if not rhos:
+        raise NotCertified(
+            f"no certificate was found for these gains at alpha = {claim.alpha:.6g}",
+            alpha=claim.alpha,
+            abscissa=float(np.linalg.eigvals(loop.A_cl(K)).real.max()),
+        )
+    levels = [rho] if rho is not None else [round_up(min(rhos) * (1 + slack)) for slack in SLACKS]
+    for level, one in itertools.product(levels, asked):
+        candidate = tight(one.loop, K, one.claim, level / one.units.rho)
+        if candidate is None:
+            continue
+        here = replace(one.units.certificate(candidate), rho=level)
+        proved = shortest_that_proves(loop, exact_loop, K, claim, here)
+        if proved is not None:
+            return proved
+    raise NotCertified(
+        f"the solver's candidate at rho = {min(rhos):.6g} did not survive the exact check",
+        rho=min(rhos),
+        alpha=claim.alpha,
+    )
+
+
+class _Asked(NamedTuple):
+    """What the solver is asked, and the units it is in."""
+
+    loop: Loop
+    claim: Claim
+    units: Units
+
+
+def _in_both_units(loop: Loop, claim: Claim) -> list[_Asked]:
+    """Return the problem as it is, and in units in which its numbers are near one.
+
+    The solver's accuracy decides which serves: the first for numbers that were near one already, the second for time
+    constants of hours. Powers of two bring its answer back exactly.
+    """
+    ones = np.ones((loop.U[0].shape[1], loop.Y[0].shape[0]))
+    return [
+        _Asked(loop, claim, Units(ones, np.ones(loop.n_x), 1.0, 1.0, 1.0, 1.0)),
+        _Asked(*scaled(loop, claim)),
+    ]
+
+
+def shortest_that_proves(
+    loop: Loop, exact_loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim, candidate: Certificate
+) -> Certificate | None:
+    """Return the candidate rounded to the fewest digits with which it proves the inequality, or None."""
+    for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1):
+        trial = rounded(candidate, digits)
+        if _passes_in_doubles(loop, K, claim, trial) and decide(exact_loop, K, claim, trial).positive:
+            return trial
+    return None
+
+
+def _passes_in_doubles(loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim, trial: Certificate) -> bool:
+    F = F_matrix(loop, K, claim, trial)
+    return bool(np.linalg.eigvalsh(trial.P)[0] > 0 > np.linalg.eigvalsh((F + F.T) / 2)[-1])

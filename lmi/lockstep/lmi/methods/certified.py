@@ -1,0 +1,234 @@
+"""Method "certified": gains by search, in short decimals, and why there are none where there are none."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from lockstep.check.errors import Infeasible, NotCertified, OutOfTime
+from lockstep.check.inequality import Certificate, Claim
+from lockstep.check.loop import Gains
+from lockstep.lmi.analysis.limits import largest_alpha_of_any_controller, static_gains_cannot_stabilise
+from lockstep.lmi.analysis.reach import largest_fraction
+from lockstep.lmi.analysis.rounding import prove, short_gains
+from lockstep.lmi.diagnosis.relax import hint, hint_of_stability
+from lockstep.lmi.floor.bisection import proves_that_none_carries
+from lockstep.lmi.sampled.improve import Start
+from lockstep.lmi.search import Outcome, Score, Search, SearchResult, search_gains
+from lockstep.lmi.search.start import Climbed
+from lockstep.lmi.threads import one_thread
+from lockstep.model.network import Network
+from lockstep.model.problem import Problem
+
+
+@dataclass(frozen=True)
+class Found:
+    """Gains, the claim they were found for (alpha may have been raised), and its certificate.
+
+    others: other gains that the search came to, from which a design for the period may start.
+    """
+
+    gains: Gains
+    claim: Claim
+    certificate: Certificate
+    figures: dict[str, Any]
+    others: tuple[Start, ...] = ()
+
+
+def searched(
+    problem: Problem,
+    network: Network,
+    claim: Claim,
+    jobs: int | None,
+    tell: Callable[[str, float], None],
+    time_limit: float | None = None,
+    score: Score | None = None,
+) -> Found:
+    """Search, round, prove.
+
+    Args:
+        problem, network, claim: what is asked.
+        jobs: processes to search with.
+        tell: told what is going on.
+        time_limit: seconds for the search; then the best gains so far are taken.
+        score: rho of the sampled loop for gains, by which starts are ranked; None to rank by rho.
+
+    Raises:
+        Infeasible: no gains exist, which some problems show without a search, or no start led to gains for the claim;
+            the figures say what is reachable.
+        OutOfTime: the time limit was over before any start had gains for the claim.
+        NotCertified: gains were found, and their certificate did not survive the exact check.
+    """
+    deadline = None if time_limit is None else time.monotonic() + time_limit
+    table = problem.design
+    rho = table.rho if table.objective == "alpha" else None
+    tell("looking for limits of any controller", 0.0)
+    refuse_the_impossible(problem, network, claim)
+    search = Search.of(network.loop(problem.order), claim, table.gain_limit)
+    found = search_gains(
+        search,
+        starts=table.starts,
+        seed=table.seed,
+        score=score,
+        rho=rho,
+        jobs=jobs,
+        tell=lambda part: tell("searching for gains", part),
+        deadline=deadline,
+    )
+    if not found.outcomes:
+        if found.cut and time_limit is not None:
+            raise _out_of_time(time_limit, claim, found)
+        tell("looking for what is reachable", 1.0)
+        raise _nothing(problem, network, claim, found)
+    tell("proving the certificate", 0.0)
+    limit = {"time_limit": time_limit} if found.cut else {}
+    for one in found.outcomes:
+        try:
+            proved = _proved(problem, network, claim, one, limit)
+        except NotCertified as error:
+            refused = error
+        else:
+            others = (start_of(other, search) for other in found.outcomes if other is not one)
+            return replace(proved, others=tuple(others))
+    tell("looking for what is in the way", 1.0)
+    said, why = hint(problem, network, claim)
+    raise NotCertified(f"{refused}{said}", **refused.figures, **why)
+
+
+def start_of(outcome: Outcome, search: Search) -> Start:
+    """Return where a design for the period starts from an outcome."""
+    return Start(outcome.K, search.units.certificate(outcome.certificate).m, outcome.rho)
+
+
+def _proved(problem: Problem, network: Network, claim: Claim, one: Outcome, limit: dict[str, Any]) -> Found:
+    """Round the gains of an outcome, and prove them.
+
+    Raises:
+        NotCertified: the certificate did not survive the exact check.
+    """
+    table = problem.design
+    rho = table.rho if table.objective == "alpha" else None
+    if rho is not None:
+        # 0.01 % is left to rounding; the proved alpha of the agent itself stays below.
+        claim = replace(claim, alpha=max(claim.alpha, float(f"{one.alpha * (1 - 1e-4):.6g}")))
+    gains = Gains.from_blocks(short_gains(one.K, table.gain_limit), problem.order)
+    figures: dict[str, Any] = {"history": list(one.history), **limit}
+    muted = without_idle_parts(gains, network)
+    if muted is not gains:
+        try:
+            return Found(muted, claim, prove(network, muted, claim, rho=rho), figures)
+        except NotCertified:
+            pass
+    return Found(gains, claim, prove(network, gains, claim, rho=rho), figures)
+
+
+def without_idle_parts(gains: Gains, network: Network) -> Gains:
+    """Return the gains with the controllers of agents that hear nobody set to x_C' = -x_C, u = 0.
+
+    Such an agent's r is 0 for ever: whatever the search left in its controller is noise.
+    """
+    deaf = [i for i, degree in enumerate(network.graph.in_degrees) if degree == 0]
+    if not deaf:
+        return gains
+    blocks = gains.blocks.copy()
+    for i in deaf:
+        blocks[i] = 0.0
+        blocks[i, : gains.order, : gains.order] = -np.eye(gains.order)
+    return Gains.from_blocks(blocks, gains.order)
+
+
+def refuse_the_impossible(problem: Problem, network: Network, claim: Claim) -> None:
+    """Refuse what no gains can do, before any search.
+
+    Raises:
+        Infeasible: a static gain that cannot stabilise, or an alpha that is proved to be beyond any controller, where the
+            entries of phi do not say more than alpha.
+    """
+    if problem.order == 0 and static_gains_cannot_stabilise(network):
+        bound = float(np.trace(network.plant.A)) / network.agent.n
+        raise Infeasible(
+            "no stabilising gains of order 0 exist: C B = 0, so none of them moves the mean of the modes from Re s ="
+            f" {bound:.3g}; raise [design] order to 1 or more, or measure more",
+            abscissa=bound,
+        )
+    if not claim.entries and proves_that_none_carries(network, claim.alpha):
+        most = largest_alpha_of_any_controller(network)
+        near = f" and {most:.6g} is about the most that any can (computed)" if np.isfinite(most) else ""
+        raise Infeasible(
+            f"no controllers of any order, however connected, can certify alpha = {claim.alpha:.6g}: this is proved{near};"
+            " lower alpha (a smaller domain, centred slopes), or measure or actuate more",
+            alpha=claim.alpha,
+            reachable_alpha=most,
+        )
+
+
+def _out_of_time(time_limit: float, claim: Claim, found: SearchResult) -> OutOfTime:
+    part = max(found.nearest.certified, found.nearest.claimed) if found.nearest else 0.0
+    came = (
+        f"the best start came to {part:.3g} of alpha = {claim.alpha:.6g}" if part else "no start had come far"
+    )
+    return OutOfTime(
+        f"the time limit of {time_limit:g} s was over before any gains were certified ({came}); allow more time, or ask"
+        " for less: fewer starts, a lower order, a smaller alpha or delta",
+        time_limit=time_limit,
+        fraction=part,
+        alpha=claim.alpha,
+    )
+
+
+def _nothing(problem: Problem, network: Network, claim: Claim, found: SearchResult) -> Infeasible:
+    """Say what stands in the way, and what to relax."""
+    table = problem.design
+    asked = f"order {problem.order}, gain_limit {table.gain_limit:g}, {table.starts} starts"
+    if found.nearest is None:
+        return _nothing_at_all(problem, network, asked, claim, found.abscissa)
+    if found.nearest.certified < 1:
+        return _part_only(problem, network, asked, claim, found.nearest)
+    return Infeasible(
+        f"rho = {table.rho:g} was not reached ({asked}): {found.least_rho:.6g} was; raise rho, order, gain_limit or starts",
+        rho=table.rho,
+        reachable_rho=found.least_rho,
+    )
+
+
+def _nothing_at_all(
+    problem: Problem, network: Network, asked: str, claim: Claim, abscissa: float
+) -> Infeasible:
+    if abscissa >= 0:
+        said, why = hint_of_stability(problem, network, claim)
+        return Infeasible(
+            f"no stabilising gains were found ({asked}): the slowest mode of the best loop stays at Re s ="
+            f" {abscissa:.3g}{said or '; raise [design] order or gain_limit, or measure more'}",
+            abscissa=abscissa,
+            **why,
+        )
+    said, why = hint(problem, network, claim)
+    return Infeasible(
+        f"stable gains were found ({asked}) but none with a certificate, even for a thousandth of alpha ="
+        f" {claim.alpha:.6g}{said or '; raise [design] order, gain_limit or starts'}",
+        abscissa=abscissa,
+        alpha=claim.alpha,
+        **why,
+    )
+
+
+def _part_only(problem: Problem, network: Network, asked: str, claim: Claim, nearest: Climbed) -> Infeasible:
+    """Certify how far the nearest gains carry."""
+    with one_thread():
+        part = largest_fraction(network.loop(problem.order), nearest.point.K, claim, nearest.certified)
+    said, why = hint(problem, network, claim)
+    delta = " and delta" if claim.delta.any() else ""
+    relax = said or "; lower alpha (a smaller domain, centred slopes), or raise order, gain_limit or starts"
+    return Infeasible(
+        f"no gains were found ({asked}) that carry alpha = {claim.alpha:.6g}; {part:.3g} of it{delta} is reachable:"
+        f" alpha = {part * claim.alpha:.6g}{relax}",
+        **{
+            "alpha": claim.alpha,
+            "fraction": part,
+            "reachable_alpha": part * claim.alpha,
+            "reachable_delta": (part * claim.delta[0]).tolist(),
+            **why,
+        },
+    )

@@ -1,0 +1,168 @@
+"""Method `modal`: identical controllers for any number of agents on a graph that is symmetric in some metric.
+
+    metric      w with W L symmetric, exactly: undirected graphs, or normalised by the listener's in-degree
+    segments    [lower, upper] around the spectrum, cut where lambda grows by `RATIO`, one P for each
+    gains       one K for all agents from `modal_search`, from several starts
+    proof       `prove_modes`: short decimals, decided exactly by `modes.decide_modes`
+
+The size of the problem does not depend on N: only the bounds on the spectrum of L are N by N.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.check.errors import Infeasible, NotCertified
+from lockstep.check.inequality import Claim
+from lockstep.check.loop import Gains
+from lockstep.check.modes import ModalCertificate, Modes, Segment, check_covered, decide_modes
+from lockstep.check.numbers import as_floats
+from lockstep.check.spectrum import Metric, spectrum_bounds
+from lockstep.lmi.analysis.rounding import round_up
+from lockstep.lmi.methods.modal_search import Found, ModalProgram, from_start
+from lockstep.lmi.methods.modal_witness import Witness, witness
+from lockstep.model.network import Network
+
+RATIO = 4.0
+"""How far apart the ends of a segment may be while gains are searched for: finer ones cost time."""
+
+HALVINGS, WORTHWHILE = 5, 0.01
+"""For the gains found each segment is cut in two, at most so many times, until that lowers rho by less than this part of
+it. One P for lambda from 1 to 4 costs a ring of carts a factor of 2.6 over a P for each lambda: the sampled loop, whose
+certificate knows nothing of segments, would be proved a smaller rho than the continuous one."""
+
+NARROW = 1e-6
+"""A spectrum this narrow, relatively, is one lambda."""
+
+SLACKS = (1e-3, 5e-3, 2e-2, 1e-1)
+"""How far above the least rho the certificate is taken, so that rounding fits."""
+
+FEWEST_DIGITS, MOST_DIGITS = 4, 15
+
+
+def design_modes(
+    network: Network,
+    claim: Claim,
+    order: int,
+    gain_limit: float,
+    *,
+    starts: int,
+    seed: int,
+    tell: Callable[[float], None] | None = None,
+) -> Gains:
+    """Search for one K that all agents use.
+
+    Raises:
+        ProblemError: the graph, the agents or the request are not covered.
+        Infeasible: no gains were found; with the part of alpha that was reached.
+    """
+    known = check_covered(network, claim)
+    modes = Modes(network.plant, order)
+    program = ModalProgram(modes, claim, segment_ends(network, known), gain_limit)
+    best: Found | None = None
+    for index in range(starts):
+        if tell is not None:
+            tell(index / starts)
+        found = from_start(program, seed, index)
+        if best is None or (found.sigma, -found.fraction) < (best.sigma, -best.fraction):
+            best = found
+    if best is None or best.K is None:
+        reached = 0.0 if best is None else best.fraction
+        raise Infeasible(
+            f"no identical gains of order {order} within gain_limit {gain_limit:g} were found that carry alpha ="
+            f" {claim.alpha:.6g} for every lambda from {program.ends[0]:.4g} to {program.ends[-1]:.4g}; the best of"
+            f" {starts} starts carried {reached:.3g} of it",
+            alpha=claim.alpha,
+            fraction=reached,
+            reachable_alpha=reached * claim.alpha,
+        )
+    return shared_gains(best.K, order, network.N)
+
+
+def shared_gains(K: Float[np.ndarray, "a b"], order: int, N: int) -> Gains:
+    """Return the same gains for all agents."""
+    return Gains.from_blocks(np.stack([K] * N), order)
+
+
+def segment_ends(network: Network, known: Metric, finer: int = 1) -> Float[np.ndarray, " s"]:
+    """Return lower, the cuts between segments in short decimals, and upper; with `finer` times as many segments."""
+    lower, upper = spectrum_bounds(network.graph, known)
+    count = finer * max(1, math.ceil(math.log(upper / lower) / math.log(RATIO) - 1e-6))
+    cuts = [float(f"{lower * (upper / lower) ** (i / count):.4g}") for i in range(1, count)]
+    return np.array([lower, *cuts, upper])
+
+
+def prove_modes(network: Network, gains: Gains, claim: Claim) -> ModalCertificate:
+    """Find a certificate for identical gains and prove it exactly.
+
+    Raises:
+        NotCertified: no certificate was found, or none survived the exact check.
+    """
+    known = check_covered(network, claim)
+    modes, K = Modes(network.plant, gains.order), gains.blocks[0]
+    spread = float(as_floats(np.array([known.spread], dtype=object))[0])
+    ends, least = _fine_enough(network, known, modes, K, claim)
+    if least is None:
+        raise NotCertified(
+            f"no certificate was found for these gains at alpha = {claim.alpha:.6g}", alpha=claim.alpha
+        )
+    for slack in SLACKS:
+        rho = round_up(math.sqrt(least.sigma * spread) * (1 + slack))
+        inside = witness(modes, K, claim, ends, rho**2 / spread)
+        found = None if inside is None else _shortest(network, gains, claim, ends, rho, inside)
+        if found is not None:
+            return found
+    raise NotCertified(
+        f"the solver's candidate at rho = {math.sqrt(least.sigma * spread):.6g} did not survive the exact check",
+        rho=math.sqrt(least.sigma * spread),
+        alpha=claim.alpha,
+    )
+
+
+def _fine_enough(
+    network: Network, known: Metric, modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim
+) -> tuple[Float[np.ndarray, " s"], Witness | None]:
+    """Return segments that are so fine that finer ones lower rho little, and the least sigma with them."""
+    ends = segment_ends(network, known)
+    least = witness(modes, K, claim, ends)
+    for k in range(1, HALVINGS + 1):
+        if ends[-1] <= ends[0] * (1 + NARROW):
+            break
+        finer = segment_ends(network, known, 2**k)
+        found = witness(modes, K, claim, finer)
+        if found is None:
+            break
+        before, ends, least = least, finer, found
+        if before is not None and found.sigma > (1 - WORTHWHILE) ** 2 * before.sigma:
+            break
+    return ends, least
+
+
+def _shortest(
+    network: Network,
+    gains: Gains,
+    claim: Claim,
+    ends: Float[np.ndarray, " s"],
+    rho: float,
+    inside: Witness,
+) -> ModalCertificate | None:
+    """Return the witness rounded to the fewest digits with which it proves, or None."""
+    for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1):
+        segments = tuple(
+            Segment(float(b), _rounded(P, digits)) for b, P in zip(ends[1:], inside.P, strict=True)
+        )
+        mu, *entries = (float(f"{one:.{digits}g}") for one in inside.mu)
+        P_mean = _rounded(inside.P_mean, digits)
+        trial = ModalCertificate(rho, float(ends[0]), segments, mu, P_mean, tuple(entries))
+        if decide_modes(network, gains, claim, trial).positive:
+            return trial
+    return None
+
+
+def _rounded(P: Float[np.ndarray, "k k"], digits: int) -> Float[np.ndarray, "k k"]:
+    if not P.size:
+        return P
+    places = digits - 1 - math.floor(math.log10(max(float(np.abs(P).max()), 1e-300)))
+    return np.round(P, min(places, 300))

@@ -1,0 +1,127 @@
+"""The certificate of the modes for given gains as a semidefinite program: the least sigma, or a witness inside."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.check.inequality import Claim
+from lockstep.check.modes import Modes
+from lockstep.lmi.analysis.solve import run
+
+if TYPE_CHECKING:
+    import cvxpy as cp
+
+
+@dataclass(frozen=True)
+class Witness:
+    """P of each segment, mu of each sector, sigma and P_mean, in doubles."""
+
+    P: tuple[Float[np.ndarray, "k k"], ...]
+    mu: Float[np.ndarray, " sectors"]
+    sigma: float
+    P_mean: Float[np.ndarray, "n_C n_C"]
+
+
+def witness(
+    modes: Modes,
+    K: Float[np.ndarray, "a b"],
+    claim: Claim,
+    ends: Float[np.ndarray, "s"],
+    sigma: float | None = None,
+) -> Witness | None:
+    """Minimise sigma, or, for a given one, go as far inside as possible; None where the solver finds nothing.
+
+    Each segment is written in coordinates in which P = I solves the Lyapunov equation at its middle.
+    """
+    import cvxpy as cp
+
+    segments = [(float(a), float(b)) for a, b in pairwise(ends)]
+    bases = [_basis(modes, K, claim, float(np.sqrt(a * b))) for a, b in segments]
+    P_mean = _mean(modes, K, claim)
+    if P_mean is None or any(base is None for base in bases):
+        return None
+    L = [base for base in bases if base is not None]
+    unit = max(float(np.linalg.norm(base, 2)) for base in L) ** 2
+    mu, s2, room = cp.Variable(1 + len(claim.entries)), cp.Variable(), cp.Variable()
+    P = [cp.Variable((modes.size, modes.size), symmetric=True) for _ in segments]
+    conditions = [mu >= 0, s2 >= 0]
+    for one, base, pair in zip(P, L, segments, strict=True):
+        conditions.append(one >> (room * np.eye(modes.size) if sigma is not None else 0))
+        for value in pair:
+            F = _balanced(modes, K, claim, value, one, base, mu, s2, unit)
+            conditions.append(F + (room * np.eye(F.shape[0]) if sigma is not None else 0) << 0)
+    if sigma is None:
+        problem = cp.Problem(cp.Minimize(s2), conditions)
+    else:
+        problem = cp.Problem(cp.Maximize(room), [*conditions, s2 == sigma / unit, room <= 1])
+    if not run(problem) or s2.value is None or (sigma is not None and float(room.value) <= 0):
+        return None
+    found = tuple(base @ (one.value + one.value.T) @ base.T / 2 for one, base in zip(P, L, strict=True))
+    weights = np.maximum(mu.value, 0.0) * unit if modes.plant.G.shape[1] else np.zeros(1)
+    return Witness(found, weights, float(s2.value) * unit if sigma is None else sigma, P_mean)
+
+
+def _basis(
+    modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim, value: float
+) -> Float[np.ndarray, "k k"] | None:
+    """Return the Cholesky factor of P with He(P A(lambda)) = -diag(R, Q); None where A(lambda) is not stable."""
+    return _lyapunov_factor(modes.A_0 + modes.U @ K @ modes.Y(value), modes.weight(claim))
+
+
+def _lyapunov_factor(
+    A: Float[np.ndarray, "k k"], weight: Float[np.ndarray, "k k"]
+) -> Float[np.ndarray, "k k"] | None:
+    from scipy.linalg import solve_continuous_lyapunov
+
+    if len(A) and np.linalg.eigvals(A).real.max() >= 0:
+        return None
+    try:
+        P = solve_continuous_lyapunov(A.T, -weight)
+        return np.asarray(np.linalg.cholesky((P + P.T) / 2))
+    except (np.linalg.LinAlgError, ValueError):
+        return None
+
+
+def _mean(modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim) -> Float[np.ndarray, "c c"] | None:
+    """Return P_mean with He(P_mean A_C) = -2 Q: half of it is room for rounding."""
+    if not modes.order:
+        return np.zeros((0, 0))
+    A_C = K[: modes.order, : modes.order] - modes.shift * np.eye(modes.order)
+    L = _lyapunov_factor(A_C, 2 * claim.Q)
+    return None if L is None else np.asarray(L @ L.T)
+
+
+def _balanced(
+    modes: Modes,
+    K: Float[np.ndarray, "a b"],
+    claim: Claim,
+    value: float,
+    P: "cp.Variable",
+    L: Float[np.ndarray, "k k"],
+    mu: "cp.Variable",
+    s2: "cp.Variable",
+    unit: float,
+) -> Any:
+    """Return the matrix of a mode in balanced coordinates; mu and sigma in multiples of `unit`."""
+    import cvxpy as cp
+
+    inverse = np.linalg.inv(L)
+    A = L.T @ (modes.A_0 + modes.U @ K @ modes.Y(value)) @ inverse.T
+    top = P @ A + A.T @ P + inverse @ modes.weight(claim) @ inverse.T
+    n, E_G = modes.plant.A.shape[0], modes.E_G(claim)
+    sides, squares = [P @ (L.T @ modes.E() / unit**0.5)], [s2 * np.eye(n)]
+    if E_G.shape[1]:
+        sectors = modes.sectors(claim)
+        for c, (bound, HH, _) in enumerate(sectors):
+            top = top + (mu[c] * unit * bound**2) * (inverse @ HH @ inverse.T)
+        sides.append(P @ (L.T @ E_G / unit**0.5))
+        squares.append(sum(mu[c] * WW for c, (_, _, WW) in enumerate(sectors)))
+    rows = [[top, *sides]]
+    for i, (side, square) in enumerate(zip(sides, squares, strict=True)):
+        blanks = [np.zeros((square.shape[0], other.shape[0])) for other in squares]
+        rows.append([side.T, *[-square if i == j else blank for j, blank in enumerate(blanks)]])
+    F = cp.bmat(rows)
+    return (F + F.T) / 2

@@ -1,0 +1,295 @@
+"""Gains and certificate together by Newton's method on a barrier, from inside the feasible set: for the larger loops.
+
+With x = (P, K, m, t, rho^2, f_a, f_d) of `logdet` and a goal g,
+
+    minimise  g(x) / mu - log det(-F(x)) - sum_i log det [l I, K_i; K_i', l I] - sum log(m, t, rho^2, ...)
+
+for a falling mu, l being the gain limit. The curvature of F is indefinite, so each step adds to the square part of it as
+much as makes the whole positive definite: steps are then long where the barrier is flat, whatever the units of x are.
+
+A step costs the products of matrices with as many rows as F, where `bmi` factors a system with a row for every entry of P
+and of its three factors: eight times less for four agents of order 4, twenty times less for five. `bmi` needs fewer steps,
+because its iterates may leave the feasible set. Measured on the row of arms, the first start, seconds of one core:
+
+    agents   rows of F_r   bmi: a step, the start     here: a step, the start
+    3        16            0.015, 9, rho 3.374        0.006, 8, rho 3.351
+    4        23            0.11, 72, rho 5.042        0.013, 27, rho 5.071
+    5        30            0.73, not seen to end      0.03, 70, rho 6.675
+
+As with `bmi`, nothing here is trusted: `rounding.prove` certifies the gains that come out, or does not.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.check.inequality import Claim, channels
+from lockstep.check.loop import Loop
+from lockstep.lmi.bmi import Aim, Limits, Point
+from lockstep.lmi.search.logdet import BalancedF
+
+WEIGHTS = (6e-3, 2e-3, 5e-4)
+"""mu, one after the other. F has a few dozen rows, and a goal of log rho^2 outweighs what -log det(-F) gains by scaling P
+up only where mu is below one over their number."""
+
+ROOMS = (0.1, 0.5, 2.0, 8.0, 32.0)
+"""By how much, tried in this order, (P, m, t, rho^2) are scaled up to get inside: F is homogeneous in them and in (R, Q), so
+that scaling all but R and Q leaves their multiple as room."""
+
+LEAST_SHIFT, SHIFT_FACTOR, MOST_SHIFT = 3e-3, 2.5, 1e4
+"""What is added to the curvature, as a multiple of its square part: tried from the first, or the last one used, upwards."""
+
+ROUNDING_SHIFT, SHIFT_OF_UNITS = 1e-12, 1e-2
+"""Added to the unit diagonal of the scaled curvature: always, and for each unit of the shift, for what the square part
+does not see."""
+
+SETTLED = 0.02
+"""A Newton decrement below which mu is lowered: the barrier is then within about half of that of its least value."""
+
+LONGEST, HALVINGS, ENOUGH = 64.0, 30, 1e-3
+"""The longest step in Newton steps, halvings of one, and the part of the slope that a step has to gain."""
+
+BEYOND = 1.05
+"""The limit of f_a and f_d on the way to the claim: it is reached at 1, which must be inside."""
+
+RHO_IN_CLAIM = 0.1
+"""Weight of log rho^2 on the way to the claim, so that rho is not spent where it gains next to nothing."""
+
+LEAST_MULTIPLIERS = (1e-3, 1e-5, 1e-7, 1e-9)
+"""Multipliers start at this part of the largest one at least, the first that is allowed: at zero the barrier would be
+infinite."""
+
+Goal = Callable[[Float[np.ndarray, " x"]], tuple[float, dict[int, float], dict[int, float]]]
+"""The value of a goal, its slope and its second derivative, each by the place of the unknown."""
+
+
+class Bound(NamedTuple):
+    """sign * (x[place] - limit) > 0."""
+
+    place: int
+    sign: float
+    limit: float
+
+
+@dataclass(frozen=True)
+class Task:
+    """What one run lowers, within which bounds, which unknowns may move, and when it is done early."""
+
+    goal: Goal
+    bounds: list[Bound]
+    free: Float[np.ndarray, " free"]
+    done: Callable[[Float[np.ndarray, " x"]], bool]
+
+
+class InteriorProgram:
+    """The barrier problem for one loop, claim and gain limit; asked like `bmi.BilinearProgram`."""
+
+    descent = 150
+    """Newton steps for each mu of a run that lowers rho: a second run, from the middle of the feasible set again, gains more
+    than the last steps of the first."""
+
+    def __init__(self, loop: Loop, claim: Claim, gain_limit: float) -> None:
+        self.loop, self.claim, self.gain_limit = loop, claim, gain_limit
+        self.ways = channels(loop, claim.delta)
+
+    def improve(self, start: Point, aim: Aim = "rho", limits: Limits | None = None) -> Point:
+        """Return better gains with their witnesses; the start itself where it cannot be got inside.
+
+        Args:
+            start: gains and witnesses that satisfy F <= 0 at its fractions of alpha^2 and delta^2.
+            aim: "rho" lowers rho; "claim" raises the fractions to 1; "alpha" raises that of alpha^2, rho at most the
+                start's.
+            limits: Newton steps for each mu, the largest rho of "claim", and a deadline.
+        """
+        limits = limits or Limits(self.descent)
+        try:
+            F = BalancedF(self.loop, self.claim, np.linalg.cholesky(start.certificate.P))
+        except np.linalg.LinAlgError:
+            return start
+        x = self._inside(F, start, aim)
+        if x is None:
+            return start
+        task = self._task(F, x, aim, limits.rho_most)
+        for mu in WEIGHTS:
+            x = self._settled(F, x, task, mu, limits)
+        f_a, f_d = (
+            min(float(x[F.place[name].start]), np.inf if aim == "alpha" else 1.0) for name in ("f_a", "f_d")
+        )
+        return Point(F.K(x).copy(), F.certificate(x), f_a, f_d)
+
+    def _inside(self, F: BalancedF, start: Point, aim: Aim) -> Float[np.ndarray, " x"] | None:
+        """Return x with F < 0 near the start."""
+        largest = max(float(np.linalg.norm(block, 2)) for block in start.K)
+        K = start.K * min(1.0, (1 - 1e-6) * self.gain_limit / max(largest, 1e-300))
+        f_a = start.alpha_fraction if self.loop.plant.G.shape[1] else 1.0
+        x = F.pack(K, start.certificate, f_a, start.delta_fraction if self.ways else 1.0)
+        if aim == "alpha":
+            x[F.place["f_a"]] *= 0.9
+        scaled = [F.place[name] for name in ("P", "m", "t", "r2") if aim != "alpha" or name != "r2"]
+        for least in LEAST_MULTIPLIERS:
+            for room in ROOMS if aim != "alpha" else (0.0, *ROOMS):
+                trial = x.copy()
+                for name in ("m", "t"):
+                    part = trial[F.place[name]]
+                    trial[F.place[name]] = np.maximum(part, least * part.max(initial=least))
+                for place in scaled:
+                    trial[place] *= 1 + room
+                if np.isfinite(self._barrier(F, trial, [])):
+                    return trial
+        return None
+
+    def _task(self, F: BalancedF, x: Float[np.ndarray, " x"], aim: Aim, rho_most: float) -> Task:
+        r2, f_a, f_d = (F.place[name].start for name in ("r2", "f_a", "f_d"))
+        bounds = [Bound(i, 1.0, 0.0) for i in range(F.place["m"].start, r2 + 1)]
+        moving = {"rho": [], "claim": [f_a, *([f_d] if self.ways else [])], "alpha": [f_a]}[aim]
+        if not self.loop.plant.G.shape[1]:
+            moving = [place for place in moving if place != f_a]
+        bounds += [Bound(i, 1.0, 0.0) for i in moving]
+        if aim == "claim":
+            bounds += [Bound(i, -1.0, BEYOND) for i in moving]
+            bounds.append(Bound(r2, -1.0, max(rho_most**2, 2 * x[r2])))
+        weights = {"rho": {r2: 1.0}, "claim": {r2: RHO_IN_CLAIM}, "alpha": {}}[aim] | dict.fromkeys(
+            moving, -1.0
+        )
+        fixed = [i for i in (f_a, f_d) if i not in moving] + ([r2] if aim == "alpha" else [])
+        free = np.setdiff1d(np.arange(F.size), fixed)
+        return Task(
+            _logarithms(weights),
+            bounds,
+            free,
+            lambda x: aim == "claim" and all(x[i] >= 1.0 for i in (f_a, f_d)),
+        )
+
+    def _barrier(self, F: BalancedF, x: Float[np.ndarray, " x"], bounds: list[Bound]) -> float:
+        """Return the barrier; infinite outside."""
+        room = np.array([sign * (x[i] - limit) for i, sign, limit in bounds])
+        if (room <= 0).any():
+            return np.inf
+        total = -float(np.log(room).sum())
+        try:
+            np.linalg.cholesky(F.P(x))  # implied by F < 0 along a path, not for a jump
+            for matrix in (-F.F(x), *(self._limit(block) for block in F.K(x))):
+                total -= 2 * float(np.log(np.diag(np.linalg.cholesky(matrix))).sum())
+        except np.linalg.LinAlgError:
+            return np.inf
+        return total
+
+    def _limit(self, K: Float[np.ndarray, "k l"]) -> Float[np.ndarray, "s s"]:
+        """Return [l I, K; K', l I], positive definite where |K| < l."""
+        k, l = K.shape
+        return np.block([[self.gain_limit * np.eye(k), K], [K.T, self.gain_limit * np.eye(l)]])
+
+    def _settled(
+        self, F: BalancedF, x: Float[np.ndarray, " x"], task: Task, mu: float, limits: Limits
+    ) -> Float[np.ndarray, " x"]:
+        """Take Newton steps until the decrement is small."""
+
+        def value(point: Float[np.ndarray, " x"]) -> float:
+            barrier = self._barrier(F, point, task.bounds)
+            return barrier + task.goal(point)[0] / mu if np.isfinite(barrier) else np.inf
+
+        here, shift = value(x), 0.0
+        for _ in range(limits.iterations):
+            if task.done(x) or (limits.deadline is not None and time.monotonic() >= limits.deadline):
+                break
+            slope, square, rest = self._slopes(F, x, task, mu)
+            inside = np.ix_(task.free, task.free)
+            step, decrement, shift = _newton(slope[task.free], square[inside], rest[inside], shift)
+            if decrement < SETTLED:
+                break
+            move = np.zeros(F.size)
+            move[task.free] = step
+            length, here = _line_search(value, x, move, here, decrement)
+            if length == 0.0:
+                break
+            x = x + length * move
+        return x
+
+    def _slopes(
+        self, F: BalancedF, x: Float[np.ndarray, " x"], task: Task, mu: float
+    ) -> tuple[Float[np.ndarray, " x"], Float[np.ndarray, "x x"], Float[np.ndarray, "x x"]]:
+        slope, square, rest = F.slopes(x)
+        _, k, l = F.shape_K
+        row, column = (index.ravel() for index in np.indices((k, l)))
+        column = column + k
+        for i, block in enumerate(F.K(x)):
+            S = np.linalg.inv(self._limit(block))
+            place = slice(F.place["K"].start + i * k * l, F.place["K"].start + (i + 1) * k * l)
+            across = S[np.ix_(row, column)]
+            slope[place] -= 2 * S[row, column]
+            square[place, place] += 2 * (S[np.ix_(row, row)] * S[np.ix_(column, column)] + across * across.T)
+        for i, sign, limit in task.bounds:
+            room = sign * (x[i] - limit)
+            slope[i] -= sign / room
+            square[i, i] += 1 / room**2
+        _, first, second = task.goal(x)
+        for i in first:
+            slope[i] += first[i] / mu
+            rest[i, i] += second[i] / mu
+        return slope, square, rest
+
+
+def _logarithms(weights: dict[int, float]) -> Goal:
+    """Return the goal sum_i w_i log x_i."""
+
+    def goal(x: Float[np.ndarray, " x"]) -> tuple[float, dict[int, float], dict[int, float]]:
+        return (
+            float(sum(w * np.log(x[i]) for i, w in weights.items())),
+            {i: w / x[i] for i, w in weights.items()},
+            {i: -w / x[i] ** 2 for i, w in weights.items()},
+        )
+
+    return goal
+
+
+def _newton(
+    slope: Float[np.ndarray, " x"],
+    square: Float[np.ndarray, "x x"],
+    rest: Float[np.ndarray, "x x"],
+    last: float,
+) -> tuple[Float[np.ndarray, " x"], float, float]:
+    """Return the step for a curvature made positive definite, its decrement, and the shift that took."""
+    from scipy.linalg import cho_factor, cho_solve
+
+    d = 1 / np.sqrt(np.maximum(np.diag(square), 1e-300))
+    square, rest, slope = square * np.outer(d, d), rest * np.outer(d, d), slope * d
+    shift = 0.0 if last <= LEAST_SHIFT else last / SHIFT_FACTOR
+    while shift <= MOST_SHIFT:
+        whole = (1 + shift) * square + rest
+        whole[np.diag_indices(len(d))] += ROUNDING_SHIFT + SHIFT_OF_UNITS * shift
+        try:
+            factor = cho_factor(whole, lower=True, check_finite=False)
+        except np.linalg.LinAlgError:
+            shift = max(LEAST_SHIFT, SHIFT_FACTOR * shift)
+            continue
+        step = -cho_solve(factor, slope, check_finite=False)
+        return step * d, float(-slope @ step), shift
+    return np.zeros_like(slope), 0.0, 0.0
+
+
+def _line_search(
+    value: Callable[[Float[np.ndarray, " x"]], float],
+    x: Float[np.ndarray, " x"],
+    move: Float[np.ndarray, " x"],
+    here: float,
+    decrement: float,
+) -> tuple[float, float]:
+    """Halve a step until it gains enough, or double it while that gains more; (0, here) where no step gains."""
+    length, found = 1.0, value(x + move)
+    if found <= here - ENOUGH * decrement:
+        while length < LONGEST:
+            longer = value(x + 2 * length * move)
+            if not longer < found:
+                break
+            length, found = 2 * length, longer
+        return length, found
+    for _ in range(HALVINGS):
+        length /= 2
+        found = value(x + length * move)
+        if found <= here - ENOUGH * length * decrement:
+            return length, found
+    return 0.0, here
