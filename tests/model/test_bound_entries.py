@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.bound import Box, Entry, entries_hold, entry_bounds
+from lockstep.model.bound_search import Box, Entry, entries_hold, entry_bounds
 
 
 def phi(*terms: object, v: ca.SX, t: ca.SX | None = None) -> ca.Function:

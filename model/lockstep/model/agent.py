@@ -21,7 +21,7 @@ from lockstep.model.agent_parts import (
     column_of,
     stack,
 )
-from lockstep.model.bound import Box
+from lockstep.model.bound_search import Box
 from lockstep.model.centring import Centring, centred
 from lockstep.model.control.pbh import Controllability, Observability, controllability, observability
 from lockstep.model.domain import argument_box

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from lockstep.check.errors import BoundNotProved
 from lockstep.model.agent import Agent
-from lockstep.model.bound import (
+from lockstep.model.bound_search import (
     BOXES,
     UNFINISHED,
     Bound,

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import rounded_down
-from lockstep.model.bound import Box
+from lockstep.model.bound_search import Box
 
 
 def argument_box(H: Float[np.ndarray, "v n"], states: Float[np.ndarray, "n 2"]) -> Box:

@@ -5,7 +5,7 @@ import numpy as np
 
 from lockstep.model.agent import Agent
 from lockstep.model.arguments import arguments_text
-from lockstep.model.bound import BOXES, Bound, Box, entries_hold, prove_bound
+from lockstep.model.bound_search import BOXES, Bound, Box, entries_hold, prove_bound
 from lockstep.model.checks.report import Row
 from lockstep.model.graph import Graph
 

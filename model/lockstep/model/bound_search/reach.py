@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.bound.objective import Objective
-from lockstep.model.bound.sampling import sample_points
+from lockstep.model.bound_search.sampling import sample_points
 
 
 @dataclass

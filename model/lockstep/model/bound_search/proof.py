@@ -22,10 +22,10 @@ from lockstep.check.bound.period import reduce_to_period
 from lockstep.check.bound.relaxation import relax
 from lockstep.check.bound.result import Bound, Witness
 from lockstep.check.errors import ProblemError
-from lockstep.model.bound.graph import read
-from lockstep.model.bound.sampling import sample_points
-from lockstep.model.bound.scaling import choose_scaling
-from lockstep.model.bound.search import Limits, Outcome, Progress, Search
+from lockstep.model.bound_search.graph import read
+from lockstep.model.bound_search.sampling import sample_points
+from lockstep.model.bound_search.scaling import choose_scaling
+from lockstep.model.bound_search.search import Limits, Outcome, Progress, Search
 
 BOXES = 250_000
 """The budget. A core examines about ten thousand a second, so that a domain in six variables that takes all of them is done

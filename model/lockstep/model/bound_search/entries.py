@@ -19,7 +19,7 @@ from lockstep.check.bound.box import EVERY_TIME, Box
 from lockstep.check.bound.expression import ZERO
 from lockstep.check.bound.result import Entry
 from lockstep.check.errors import ProblemError
-from lockstep.model.bound.proof import (
+from lockstep.model.bound_search.proof import (
     BOXES,
     LOOSEST,
     TOLERANCES,
@@ -28,7 +28,7 @@ from lockstep.model.bound.proof import (
     scale_given,
     search_block,
 )
-from lockstep.model.bound.search import Limits
+from lockstep.model.bound_search.search import Limits
 
 ROOMS = (0.0, 1e-12, 1e-9, 1e-6, 1e-4)
 """By which part a bound is raised, tried in this order, until it is decided as the checker decides it."""

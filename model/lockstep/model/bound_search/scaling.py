@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from lockstep.check.bound.objective import Objective
 from lockstep.check.bound.program import Program
-from lockstep.model.bound.sampling import Points
+from lockstep.model.bound_search.sampling import Points
 
 LARGEST_RATIO = 16.0
 SAMPLES = 400

@@ -22,10 +22,10 @@ from lockstep.check.bound.objective import Objective
 from lockstep.check.bound.program import Boxes
 from lockstep.check.bound.rounding import INF
 from lockstep.check.bound.tails import Pattern
-from lockstep.model.bound.explain import explain
-from lockstep.model.bound.pool import Cutter, Pool, splittable
-from lockstep.model.bound.reach import Reach
-from lockstep.model.bound.sampling import breakpoints
+from lockstep.model.bound_search.explain import explain
+from lockstep.model.bound_search.pool import Cutter, Pool, splittable
+from lockstep.model.bound_search.reach import Reach
+from lockstep.model.bound_search.sampling import breakpoints
 
 BATCH = 256
 NEARLY = 1.01  # a bound this close to a slope reached, over an unbounded domain, is not searched further

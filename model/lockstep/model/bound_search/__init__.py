@@ -8,9 +8,9 @@ is differentiable.
 
 from lockstep.check.bound.box import EVERY_TIME, Box
 from lockstep.check.bound.result import Bound, Entry, Witness
-from lockstep.model.bound.entries import entries_hold, entry_bounds
-from lockstep.model.bound.proof import BOXES, prove_bound, smallest_bound
-from lockstep.model.bound.search import UNFINISHED, Progress
+from lockstep.model.bound_search.entries import entries_hold, entry_bounds
+from lockstep.model.bound_search.proof import BOXES, prove_bound, smallest_bound
+from lockstep.model.bound_search.search import UNFINISHED, Progress
 
 __all__ = [
     "BOXES",
