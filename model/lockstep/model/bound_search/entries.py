@@ -16,22 +16,13 @@ from dataclasses import replace
 import casadi as ca
 
 from lockstep.check.bound.box import EVERY_TIME, Box
-from lockstep.check.bound.expression import ZERO
+from lockstep.check.bound.decide import MOST_BOXES, Budget, decide_block
 from lockstep.check.bound.result import Entry
-from lockstep.check.errors import ProblemError
-from lockstep.model.bound_search.proof import (
-    BOXES,
-    LOOSEST,
-    TOLERANCES,
-    Task,
-    prepare,
-    scale_given,
-    search_block,
-)
+from lockstep.check.bound.slopes import Block, Scales, SlopeProblem
+from lockstep.model.bound_search.graph import read
+from lockstep.model.bound_search.proof import BOXES, LOOSEST, ROOMS, TOLERANCES, search_block
+from lockstep.model.bound_search.result import Bound
 from lockstep.model.bound_search.search import Limits
-
-ROOMS = (0.0, 1e-12, 1e-9, 1e-6, 1e-4)
-"""By which part a bound is raised, tried in this order, until it is decided as the checker decides it."""
 
 
 def entry_bounds(
@@ -58,79 +49,41 @@ def entry_bounds(
     >>> [entry.bound for entry in entry_bounds(phi, Box((-2.0, -10.0), (2.0, 10.0)))]
     [1.0, 2.0]
     """
-    task = prepare(phi, box, time)
-    places = _places(task)
+    problem = SlopeProblem.of(read(phi), box, time)
+    return _search(problem, *problem.scales(output_scale, input_scale), boxes)[0]
+
+
+def with_entries(problem: SlopeProblem, bound: Bound, boxes: int) -> Bound:
+    """Return the bound with those entries, and with the boxes that they take counted."""
+    entries, used = _search(problem, *problem.scales(bound.output_scale, bound.input_scale), boxes)
+    return replace(bound, entries=entries, replay=bound.replay + used)
+
+
+def _search(problem: SlopeProblem, D_w: Scales, D_v: Scales, boxes: int) -> tuple[tuple[Entry, ...], int]:
+    """Return the entries, and how many boxes the checker takes to decide them."""
+    places = problem.places
     if len({k for k, _ in places}) == len(places):
-        return ()
-    scales = output_scale, input_scale
-    found = []
+        return (), 0
+    found, used = [], 0
     for k, l in places:
-        limits = _limits(task, k, l, max(1, boxes // len(places)))
-        upper = _searched(task, k, l, scales, limits)
-        raised = (Entry(k, l, upper * (1 + room)) for room in ROOMS if upper < float("inf"))
-        entry = next((one for one in raised if _holds(task, one, scales, limits)), None)
-        if entry is None:
-            return ()
-        found.append(entry)
-    return tuple(found)
+        tolerance = TOLERANCES.get(len(problem.jacobian[k][l].variables), LOOSEST)
+        limits = Limits(tolerance, max(1, boxes // len(places)))
+        outcome = search_block(problem, ([k], [l]), D_w, D_v, limits)
+        decided = _decided(problem, ([k], [l]), D_w, D_v, outcome.upper, 4 * outcome.boxes + 10_000)
+        if decided is None:
+            return (), 0
+        found.append(decided[0])
+        used += decided[1]
+    return tuple(found), used
 
 
-def entries_hold(
-    phi: ca.Function,
-    box: Box,
-    entries: Sequence[Entry],
-    time: tuple[float, float] = EVERY_TIME,
-    *,
-    input_scale: Sequence[float] | None = None,
-    output_scale: Sequence[float] | None = None,
-    boxes: int = BOXES,
-) -> bool:
-    """Decide whether stated entries bound the slopes of D_w^-1 J D_v, and whether they are all that are not 0.
-
-    A missing entry is no small matter: phi_k(a) - phi_k(b) would have a part that no bound speaks of.
-
-    Raises:
-        ProblemError: an entry for a component or argument that phi does not have, or two for one slope.
-    """
-    task = prepare(phi, box, time)
-    stated = [(one.component, one.argument) for one in entries]
-    if len(set(stated)) < len(stated) or any(k >= len(task.jacobian) or l >= box.size for k, l in stated):
-        raise ProblemError(
-            f"entries for the slopes {', '.join(f'({k + 1}, {l + 1})' for k, l in stated)}",
-            where="entries",
-            expected=f"each slope of {len(task.jacobian)} components by {box.size} arguments at most once",
-        )
-    scales = output_scale, input_scale
-    return set(stated) >= set(_places(task)) and all(
-        _holds(
-            task,
-            one,
-            scales,
-            _limits(task, one.component, one.argument, max(1, boxes // len(entries))),
-        )
-        for one in entries
-    )
-
-
-Scales = tuple[Sequence[float] | None, Sequence[float] | None]
-
-
-def _places(task: Task) -> list[tuple[int, int]]:
-    """Return (k, l) of each slope that is not identically 0."""
-    return [(k, l) for k, row in enumerate(task.jacobian) for l, slope in enumerate(row) if slope is not ZERO]
-
-
-def _limits(task: Task, k: int, l: int, boxes: int) -> Limits:
-    tolerance = TOLERANCES.get(len(task.jacobian[k][l].variables), LOOSEST)
-    return Limits(tolerance, boxes)
-
-
-def _searched(task: Task, k: int, l: int, scales: Scales, limits: Limits) -> float:
-    D_w = scale_given(scales[0], len(task.jacobian), "output_scale")
-    D_v = scale_given(scales[1], task.graph.inputs, "input_scale")
-    return search_block(task, [k], [l], D_w, D_v, limits).upper
-
-
-def _holds(task: Task, entry: Entry, scales: Scales, limits: Limits) -> bool:
-    asked = replace(limits, tolerance=0.0, asked=entry.bound)
-    return _searched(task, entry.component, entry.argument, scales, asked) <= entry.bound
+def _decided(
+    problem: SlopeProblem, block: Block, D_w: Scales, D_v: Scales, upper: float, boxes: int
+) -> tuple[Entry, int] | None:
+    """Return the least of a few entries from `upper` on that the checker decides, and the boxes it takes."""
+    for room in ROOMS if upper < float("inf") else ():
+        entry = Entry(block[0][0], block[1][0], upper * (1 + room))
+        budget = Budget(min(MOST_BOXES, boxes))
+        if decide_block(problem, block, D_w, D_v, entry.bound, budget).proved:
+            return entry, budget.used
+    return None

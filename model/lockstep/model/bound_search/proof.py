@@ -1,28 +1,29 @@
-"""The public questions: the smallest provable bound of a nonlinearity, and whether a given bound holds."""
+"""The public questions: the smallest provable bound of a nonlinearity, and whether a given bound holds.
+
+What is found here is a proposal. The final word is the checker's (`lockstep.check.bound.decide`): alpha is raised by
+a little until it decides alpha with these scales, and a bound says how many boxes that takes.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float
 
-from lockstep.check.bound.box import EVERY_TIME, Box, check_time
-from lockstep.check.bound.conditions import Conditions
-from lockstep.check.bound.continuity import settle
-from lockstep.check.bound.derivative import derivative
-from lockstep.check.bound.expression import Node, scale
-from lockstep.check.bound.graph import Graph
-from lockstep.check.bound.objective import Objective, blocks
-from lockstep.check.bound.period import reduce_to_period
-from lockstep.check.bound.relaxation import relax
-from lockstep.check.bound.result import Bound, Witness
+from lockstep.check.bound.box import EVERY_TIME, Box
+from lockstep.check.bound.cover import breakpoints
+from lockstep.check.bound.decide import MOST_BOXES, Budget, check_level, decide_norm
+from lockstep.check.bound.slopes import Block, Scales, SlopeProblem
 from lockstep.check.errors import ProblemError
+from lockstep.check.verdict import Verdict
 from lockstep.model.bound_search.graph import read
+from lockstep.model.bound_search.point_slopes import PointSlopes
+from lockstep.model.bound_search.reach import Reach
+from lockstep.model.bound_search.result import Bound, Witness
 from lockstep.model.bound_search.sampling import sample_points
 from lockstep.model.bound_search.scaling import choose_scaling
 from lockstep.model.bound_search.search import Limits, Outcome, Progress, Search
@@ -35,22 +36,10 @@ in half a minute."""
 TOLERANCES = {0: 1e-9, 1: 1e-9, 2: 1e-6, 3: 1e-4}
 LOOSEST = 5e-3
 
+ROOMS = (0.0, 1e-15, 1e-14, 1e-12, 1e-9, 1e-6, 1e-4)
+"""By which part a bound is raised, tried in this order, until the checker decides it."""
+
 Report = Callable[[Progress], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """phi read and settled, its slopes, and the domain of (v, t)."""
-
-    graph: Graph
-    jacobian: list[list[Node]]
-    lower: Float[np.ndarray, " variables"]
-    upper: Float[np.ndarray, " variables"]
-
-    @property
-    def empty(self) -> bool:
-        """Whether there is no slope to bound: phi has no components or no arguments."""
-        return not self.jacobian or self.graph.inputs == 0
 
 
 def smallest_bound(
@@ -84,21 +73,63 @@ def smallest_bound(
     3.33
 
     """
-    task = prepare(phi, box, time)
-    if task.empty:
-        return _nothing(task, box, None)
-    parts = blocks(task.jacobian) or [([0], [0])]
-    limits = Limits(_tolerance(tolerance, task), max(1, boxes // len(parts)), None, progress)
-    outcomes, D_w, D_v = [], np.ones(len(task.jacobian)), np.ones(box.size)
+    problem = SlopeProblem.of(read(phi), box, time)
+    return confirmed(problem, search_bound(problem, tolerance=tolerance, boxes=boxes, progress=progress))
+
+
+def search_bound(
+    problem: SlopeProblem,
+    *,
+    tolerance: float | None = None,
+    boxes: int = BOXES,
+    progress: Report | None = None,
+) -> Bound:
+    """Return what `smallest_bound` does, before the checker has decided it."""
+    D_w, D_v = problem.scales(None, None)
+    parts = problem.blocks
+    if not parts:
+        return nothing(problem, None)
+    limits = Limits(_tolerance(tolerance, problem), max(1, boxes // len(parts)), progress)
+    outcomes = []
     for rows, columns in parts:
-        own_w, own_v = _scaling(task, rows, columns)
-        D_w[rows], D_v[columns] = own_w, own_v
-        outcomes.append(search_block(task, rows, columns, D_w, D_v, limits))
+        D_w[rows], D_v[columns] = _scaling(problem, (rows, columns))
+        outcomes.append(search_block(problem, (rows, columns), D_w, D_v, limits))
     alpha = max(o.upper for o in outcomes)
-    if len(task.jacobian) > 1 and 0 < alpha < math.inf:
+    if len(problem.jacobian) > 1 and 0 < alpha < math.inf:
         for (rows, _), outcome in zip(parts, outcomes, strict=True):
             D_w[rows] = [_share(d, outcome.upper, alpha) for d in D_w[rows]]
-    return _bound(outcomes, limits, D_w, D_v)
+    top = max(outcomes, key=lambda o: o.lower)
+    converged = all(o.converged for o in outcomes)
+    return Bound(
+        alpha=alpha,
+        lower=top.lower,
+        witness=_witness(top.point, top.lower),
+        proved=alpha < math.inf,
+        refuted=False,
+        converged=converged,
+        reason=_reason(outcomes, alpha, top.lower, converged),
+        asked=None,
+        tolerance=limits.tolerance,
+        boxes=sum(o.boxes for o in outcomes),
+        input_scale=_floats(D_v),
+        output_scale=_floats(D_w),
+    )
+
+
+def confirmed(problem: SlopeProblem, bound: Bound) -> Bound:
+    """Return the bound with the least of a few alphas that the checker decides with these scales, not proved if none.
+
+    Its search may have come to a box by another way, and several independent components share alpha by their scales, with
+    equality: their slopes, scaled, are enclosed a few units in the last place above it.
+    """
+    if not bound.proved:
+        return bound
+    for room in ROOMS:
+        alpha, budget = bound.alpha * (1 + room), Budget(min(MOST_BOXES, 4 * bound.boxes + 10_000))
+        if decide_norm(problem, alpha, bound.output_scale, bound.input_scale, budget).proved:
+            return replace(bound, alpha=alpha, replay=budget.used)
+    reason = "the checker does not come to an end with what was found"
+    return replace(bound, alpha=math.inf, proved=False, converged=False, reason=reason)
 
 
 def prove_bound(
@@ -114,7 +145,8 @@ def prove_bound(
 ) -> Bound:
     """Decide whether alpha bounds |D_w^-1 J D_v|: proved, refuted with a witness, or neither in the budget.
 
-    Arguments and errors are those of `smallest_bound`; the scales are ones unless given.
+    A witness is looked for among samples first, then the checker decides. Arguments and errors are those of
+    `smallest_bound`; the scales are ones unless given.
 
     >>> v, t = ca.SX.sym("v"), ca.SX.sym("t")
     >>> answer = prove_bound(ca.Function("phi", [v, t], [-3.33 * ca.sin(v)]), Box.everywhere(1), 3.32)
@@ -122,39 +154,36 @@ def prove_bound(
     (True, 3.33)
 
     """
-    if not 0 <= alpha < math.inf:
-        raise ProblemError(
-            f"alpha is {alpha}", where="the bound to decide", expected="a finite number from 0 up"
-        )
-    task = prepare(phi, box, time)
-    D_w = scale_given(output_scale, len(task.jacobian), "output_scale")
-    D_v = scale_given(input_scale, box.size, "input_scale")
-    if task.empty:
-        return _nothing(task, box, float(alpha))
-    parts = blocks(task.jacobian) or [([0], [0])]
-    limits = Limits(0.0, max(1, boxes // len(parts)), float(alpha), progress)
-    outcomes = [search_block(task, rows, columns, D_w, D_v, limits) for rows, columns in parts]
-    return _bound(outcomes, limits, D_w, D_v)
+    alpha, problem = check_level(alpha), SlopeProblem.of(read(phi), box, time)
+    D_w, D_v = problem.scales(output_scale, input_scale)
+    lower, point = _reached(problem, D_w, D_v)
+    budget = _Watched(boxes, progress, lower)
+    verdict = Verdict("refuted", "")
+    if lower <= alpha:
+        verdict = decide_norm(problem, alpha, D_w, D_v, budget)
+        if verdict.status == "refuted":
+            lower, point = verdict.figures["slope"], np.array([*verdict.figures["v"], verdict.figures["t"]])
+    status, reason = verdict.status, verdict.reason
+    if status == "refuted":
+        reason = f"a slope of {lower!r} is reached, above {alpha!r}"
+    return Bound(
+        alpha=alpha if status == "proved" else math.inf,
+        lower=lower,
+        witness=_witness(point, lower),
+        proved=status == "proved",
+        refuted=status == "refuted",
+        converged=status != "undecided",
+        reason="" if status == "proved" else reason,
+        asked=alpha,
+        tolerance=0.0,
+        boxes=budget.used,
+        input_scale=_floats(D_v),
+        output_scale=_floats(D_w),
+        replay=budget.used,
+    )
 
 
-def prepare(phi: ca.Function, box: Box, time: tuple[float, float]) -> Task:
-    """Return phi read, settled and differentiated, with its domain."""
-    graph = read(phi)
-    if box.size != graph.inputs:
-        raise ProblemError(
-            f"the domain has {box.size} components, phi takes {graph.inputs}",
-            where="the domain",
-            expected="one range per component of v",
-        )
-    low, high = check_time(time)
-    lower, upper = np.array([*box.lower, low]), np.array([*box.upper, high])
-    graph = settle(graph, lower[:, None], upper[:, None])
-    columns = [derivative(graph.outputs, k) for k in range(graph.inputs)]
-    rows = [[column[i] for column in columns] for i in range(len(graph.outputs))]
-    return Task(graph, rows, lower, upper)
-
-
-def _nothing(task: Task, box: Box, asked: float | None) -> Bound:
+def nothing(problem: SlopeProblem, asked: float | None) -> Bound:
     """The bound of a linear agent, whose phi has no components, or of one that depends on t only."""
     return Bound(
         alpha=0.0,
@@ -167,15 +196,55 @@ def _nothing(task: Task, box: Box, asked: float | None) -> Bound:
         asked=asked,
         tolerance=0.0,
         boxes=0,
-        input_scale=(1.0,) * box.size,
-        output_scale=(1.0,) * len(task.jacobian),
+        input_scale=(1.0,) * problem.graph.inputs,
+        output_scale=(1.0,) * len(problem.jacobian),
     )
 
 
-def _tolerance(tolerance: float | None, task: Task) -> float:
+class _Watched(Budget):
+    """A budget that says how much of it is used."""
+
+    def __init__(self, boxes: int, progress: Report | None, lower: float) -> None:
+        super().__init__(boxes)
+        self.progress, self.lower = progress, lower
+
+    def spend(self, count: int) -> None:
+        super().spend(count)
+        if self.progress is not None:
+            self.progress(Progress(self.used, self.lower, math.inf, self.used / self.boxes))
+
+
+def search_block(problem: SlopeProblem, block: Block, D_w: Scales, D_v: Scales, limits: Limits) -> Outcome:
+    """Search the largest modulus of one block of D_w^-1 J D_v, on both of its covers where there are two."""
+    original = problem.lower, problem.upper
+    direct, relaxed = problem.covers(problem.objective(block, D_w, D_v))
+    if relaxed is None:
+        return Search(direct, limits, original).run()
+    half = replace(limits, boxes=max(1, limits.boxes // 2))
+    size = relaxed.objective.variables
+    own = replace(half, tolerance=max(limits.tolerance / 4, 1e-10))
+    ceiling = Search(relaxed, own, (relaxed.lower[:size], relaxed.upper[:size])).run().upper
+    return Search(direct, replace(half, ceiling=ceiling), original).run()
+
+
+def _reached(problem: SlopeProblem, D_w: Scales, D_v: Scales) -> tuple[float, np.ndarray | None]:
+    """Return the largest slope that samples reach, and where."""
+    best, point = 0.0, None
+    for block in problem.blocks:
+        objective = problem.objective(block, D_w, D_v)
+        reach = Reach(PointSlopes(objective), problem.lower, problem.upper)
+        kinks = breakpoints(objective.value, objective.variables)
+        for polish in (False, True):
+            reach.sample(kinks, polish=polish)
+        if reach.slope > best or point is None:
+            best, point = max(best, reach.slope), reach.point
+    return best, point
+
+
+def _tolerance(tolerance: float | None, problem: SlopeProblem) -> float:
     if tolerance is None:
-        used = frozenset[int]().union(*(x.variables for row in task.jacobian for x in row))
-        angles = max((min(len(r), len(c)) - 1 for r, c in blocks(task.jacobian)), default=0)
+        used = frozenset[int]().union(*(x.variables for row in problem.jacobian for x in row))
+        angles = max((min(len(r), len(c)) - 1 for r, c in problem.blocks), default=0)
         return TOLERANCES.get(len(used) + angles, LOOSEST)
     if not 0 < tolerance < 1:
         raise ProblemError(
@@ -184,69 +253,14 @@ def _tolerance(tolerance: float | None, task: Task) -> float:
     return float(tolerance)
 
 
-def scale_given(scales: Sequence[float] | None, size: int, name: str) -> Float[np.ndarray, " scales"]:
-    """Return given scales, or ones; refuse what is none."""
-    given = np.ones(size) if scales is None else np.asarray(scales, dtype=np.float64)
-    if given.shape != (size,) or not (np.isfinite(given).all() and (given > 0).all()):
-        raise ProblemError(f"`{name}` is {scales}", where="the bound", expected=f"{size} positive numbers")
-    return given
-
-
-def _objective(
-    task: Task, rows: list[int], columns: list[int], D_w: np.ndarray, D_v: np.ndarray
-) -> Objective:
-    """Return the block of D_w^-1 J D_v, scaled exactly."""
-    slopes = tuple(
-        tuple(scale(Fraction(float(D_v[j])) / Fraction(float(D_w[i])), task.jacobian[i][j]) for j in columns)
-        for i in rows
-    )
-    return Objective(slopes, Conditions(task.graph.conditions), task.graph.inputs + 1)
-
-
-def _scaling(task: Task, rows: list[int], columns: list[int]) -> tuple[list[float], list[float]]:
-    ones_w, ones_v = np.ones(len(task.jacobian)), np.ones(task.graph.inputs)
+def _scaling(problem: SlopeProblem, block: Block) -> tuple[list[float], list[float]]:
+    rows, columns = block
     if len(rows) == 1:
         return [1.0], [1.0] * len(columns)
-    plain = _objective(task, rows, columns, ones_w, ones_v)
-    return choose_scaling(plain, sample_points(plain, task.lower, task.upper, [], polish=False))
-
-
-def search_block(
-    task: Task, rows: list[int], columns: list[int], D_w: np.ndarray, D_v: np.ndarray, limits: Limits
-) -> Outcome:
-    """Search the largest modulus of one block of D_w^-1 J D_v."""
-    objective = _objective(task, rows, columns, D_w, D_v)
-    lower, upper = reduce_to_period([objective.value, *_needs(objective)], task.lower, task.upper)
-    relaxed = _relaxed(objective, lower, upper, limits)
-    if relaxed is None:
-        return Search(
-            objective, *_with_angles(objective, lower, upper), limits, (task.lower, task.upper)
-        ).run()
-    direct = replace(limits, ceiling=relaxed.upper, boxes=_half(limits))
-    return Search(objective, *_with_angles(objective, lower, upper), direct, (task.lower, task.upper)).run()
-
-
-def _relaxed(objective: Objective, lower: np.ndarray, upper: np.ndarray, limits: Limits) -> Outcome | None:
-    """Return a bound that takes the bounded functions of unbounded variables as independent."""
-    found = relax(objective, lower, upper)
-    if found is None:
-        return None
-    own = replace(limits, asked=None, tolerance=max(limits.tolerance / 4, 1e-10), boxes=_half(limits))
-    ends = _with_angles(*found)
-    return Search(found[0], *ends, own, (found[1], found[2])).run()
-
-
-def _half(limits: Limits) -> int:
-    return max(1, limits.boxes // 2)
-
-
-def _with_angles(objective: Objective, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    angles = objective.angles
-    return np.concatenate([lower, [a for a, _ in angles]]), np.concatenate([upper, [b for _, b in angles]])
-
-
-def _needs(objective: Objective) -> list[Node]:
-    return [n for c in objective.conditions.conditions for n in (c.guard, *c.args)]
+    plain = problem.objective(block, *problem.scales(None, None))
+    return choose_scaling(
+        plain, sample_points(PointSlopes(plain), problem.lower, problem.upper, [], polish=False)
+    )
 
 
 LITTLE = Fraction(1, 2**45)
@@ -265,42 +279,21 @@ def _share(scaled: float, own: float, alpha: float) -> float:
     return nearest if Fraction(nearest) >= exact else math.nextafter(nearest, math.inf)
 
 
-def _bound(outcomes: list[Outcome], limits: Limits, D_w: np.ndarray, D_v: np.ndarray) -> Bound:
-    top = max(outcomes, key=lambda o: o.lower)
-    alpha = max(o.upper for o in outcomes)
-    asked = limits.asked
-    proved = alpha < math.inf if asked is None else alpha <= asked
-    refuted = asked is not None and top.lower > asked
-    converged = all(o.converged for o in outcomes) or refuted
-    return Bound(
-        alpha=alpha,
-        lower=top.lower,
-        witness=_witness(top),
-        proved=proved,
-        refuted=refuted,
-        converged=converged,
-        reason=_reason(outcomes, alpha, top.lower, converged, asked),
-        asked=asked,
-        tolerance=limits.tolerance,
-        boxes=sum(o.boxes for o in outcomes),
-        input_scale=tuple(float(x) for x in D_v),
-        output_scale=tuple(float(x) for x in D_w),
-    )
+def _floats(scales: Scales) -> tuple[float, ...]:
+    return tuple(float(x) for x in scales)
 
 
-def _witness(outcome: Outcome) -> Witness | None:
-    if outcome.point is None:
+def _witness(point: np.ndarray | None, slope: float) -> Witness | None:
+    if point is None:
         return None
-    *v, t = (float(x) for x in outcome.point)
-    return Witness(tuple(v), t, outcome.lower)
+    *v, t = (float(x) for x in point)
+    return Witness(tuple(v), t, slope)
 
 
-def _reason(outcomes: list[Outcome], alpha: float, lower: float, converged: bool, asked: float | None) -> str:
+def _reason(outcomes: list[Outcome], alpha: float, lower: float, converged: bool) -> str:
     for outcome in outcomes:
         if outcome.upper == math.inf:
             return outcome.reason
-    if asked is not None and lower > asked:
-        return f"a slope of {lower!r} is reached, above {asked!r}"
     if not converged:
         return f"not converged within the budget: the truth is between {lower!r} and {alpha!r}"
     return ""
