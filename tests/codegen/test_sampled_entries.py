@@ -11,7 +11,7 @@ from lockstep.codegen.from_design import signed_lines
 from lockstep.codegen.sampled_design import prove_design
 from lockstep.lmi.design import design
 from lockstep.lmi.document import document, parse
-from lockstep.model.bound import Entry
+from lockstep.model.bound_search import Entry
 from lockstep.model.problem import parse_problem
 
 GAIN, PERIOD = -2.0, 0.05

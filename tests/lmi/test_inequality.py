@@ -14,7 +14,7 @@ from lockstep.check.decide import decide
 from lockstep.check.disagreement import disagreement
 from lockstep.check.inequality import Certificate, Claim, F_matrix, channels, multiplier, performance_weight
 from lockstep.check.loop import Loop, Plant, build_loop
-from lockstep.model.bound import Entry
+from lockstep.model.bound_search import Entry
 from lockstep.model.graph import Graph
 
 Case = tuple[Loop, Twin, np.ndarray, Claim, Certificate]

@@ -14,7 +14,7 @@ from lockstep.lmi.search.interior import InteriorProgram, Limits, Point
 from lockstep.lmi.search.logdet import BalancedF
 from lockstep.lmi.search.start import begin
 from lockstep.model.assembly import network_of
-from lockstep.model.bound import Entry
+from lockstep.model.bound_search import Entry
 
 DELTAS = [(0.0,) * 4, (0.3, 0.2, 0.1, 0.2)]
 

@@ -16,7 +16,7 @@ from lockstep.check.numbers import as_floats, exactly
 from lockstep.lmi.analysis.rounding import prove
 from lockstep.model.agent import Agent
 from lockstep.model.assembly import bound_of
-from lockstep.model.bound import Box
+from lockstep.model.bound_search import Box
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network
 

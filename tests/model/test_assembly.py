@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lockstep.check.domain import argument_box
 from lockstep.model import Agent, BoundNotProved, Graph, ProblemError, load_problem
 from lockstep.model.assembly import bound_of, bound_with_scales, network_of
-from lockstep.model.domain import argument_box
 from lockstep.model.network import Network
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -6,8 +6,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from lockstep.check.bound.decide import Budget, decide_entries
+from lockstep.check.bound.slopes import SlopeProblem
 from lockstep.check.errors import ProblemError
-from lockstep.model.bound import Box, Entry, entries_hold, entry_bounds
+from lockstep.model.bound_search import Box, Entry, entry_bounds, read
 
 
 def phi(*terms: object, v: ca.SX, t: ca.SX | None = None) -> ca.Function:
@@ -18,6 +20,10 @@ def thrust() -> tuple[ca.Function, Box]:
     """T cos(theta) and T sin(theta), |theta| <= 0.4, 8 <= T <= 16."""
     v = ca.SX.sym("v", 2)
     return phi(v[1] * ca.cos(v[0]), v[1] * ca.sin(v[0]), v=v), Box((-0.4, 8.0), (0.4, 16.0))
+
+
+def entries_hold(function: ca.Function, box: Box, entries: list[Entry]) -> bool:
+    return decide_entries(SlopeProblem.of(read(function), box), entries, None, None, Budget(10_000)).proved
 
 
 EXPECTED = {(0, 0): 16 * math.sin(0.4), (0, 1): 1.0, (1, 0): 16.0, (1, 1): math.sin(0.4)}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lockstep.check.errors import BoundNotProved, ProblemError
-from lockstep.model.bound import BOXES, Box, prove_bound, smallest_bound
+from lockstep.model.bound_search import BOXES, Box, prove_bound, smallest_bound
 
 INF = math.inf
 

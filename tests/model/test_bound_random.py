@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.bound import Box, smallest_bound
+from lockstep.model.bound_search import Box, smallest_bound
 
 SMOOTH = {
     "sin": ca.sin,

@@ -43,13 +43,13 @@ from flint import fmpq, fmpq_mat
 
 from lockstep.check.bound.box import Box
 from lockstep.check.disagreement import disagreement
+from lockstep.check.domain import inner_box
 from lockstep.check.errors import ProblemError
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate
 from lockstep.check.numbers import Matrix, Vector, as_floats, exact, exactly, rounded_down
 from lockstep.check.psd import decide_positive_definite
 from lockstep.model.arguments import arguments_text
-from lockstep.model.domain import inner_box
 from lockstep.model.network import Network
 
 HALF = 0.5
@@ -131,7 +131,7 @@ def initial_set(
     Args:
         network: the agents, their domain and the graph; the bound was proved for v = H x of that domain.
         certificate: decided for that bound.
-        fraction: the part of the box, around its middle, that the leader is to stay in (`model.domain.inner_box`).
+        fraction: the part of the box, around its middle, that the leader is to stay in (`lockstep.check.domain.inner_box`).
         inner: the leader's box itself, in place of a fraction.
 
     Raises:

@@ -12,7 +12,7 @@ from rich.text import Text
 from lockstep.cli.console import Answer, of_file, progress_display, respond
 
 if TYPE_CHECKING:
-    from lockstep.model.bound import Progress
+    from lockstep.model.bound_search import Progress
     from lockstep.model.checks import CheckReport
     from lockstep.model.problem import Problem
 
@@ -35,7 +35,7 @@ def _check(path: Path, boxes: int | None) -> Answer:
 
 def checked(problem: "Problem", boxes: int | None = None) -> "CheckReport":
     """Check a problem with a progress display: the enclosure of the bound so far, and the budget spent."""
-    from lockstep.model.bound import BOXES
+    from lockstep.model.bound_search import BOXES
     from lockstep.model.checks import check_problem
 
     with progress_display() as tell:
@@ -50,7 +50,7 @@ def checked(problem: "Problem", boxes: int | None = None) -> "CheckReport":
 def enclosure(progress: "Progress") -> str:
     """Return where a proof of a bound stands.
 
-    >>> from lockstep.model.bound import Progress
+    >>> from lockstep.model.bound_search import Progress
     >>> enclosure(Progress(512, 3.0, 4.5, 0.1))
     'bound: between 3 and 4.5 after 512 boxes'
     """

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.domain import argument_box
 from lockstep.check.inequality import Certificate
 from lockstep.check.numbers import as_floats
 from lockstep.codegen.sampled_design import stated_rho
@@ -19,7 +20,6 @@ from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
-from lockstep.model.domain import argument_box
 from lockstep.model.network import Network
 from lockstep.model.simulation.perturbation import norms
 from lockstep.model.simulation.scenario import Scenario

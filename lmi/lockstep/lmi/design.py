@@ -1,6 +1,6 @@
 """From a problem to gains with a proved certificate.
 
-    bound      |phi(a, t) - phi(b, t)| <= alpha |a - b|, proved by `model.bound`
+    bound      |phi(a, t) - phi(b, t)| <= alpha |a - b|, proved by `model.bound_search`
     network    the loop in disagreement coordinates, G and H scaled as the bound was proved
     gains      found by `search` (certified), read from the file (given), or recovered as printed (theorem1,
                corollary1)
@@ -27,7 +27,7 @@ from lockstep.lmi.sampled.improve import Start
 from lockstep.lmi.scope import Scope, scope_of
 from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import bound_of, network_of
-from lockstep.model.bound import Bound
+from lockstep.model.bound_search import Bound
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 

@@ -29,7 +29,7 @@ from lockstep.lmi.json_parts import (
     vector,
 )
 from lockstep.lmi.json_parts import load_json as load_json
-from lockstep.model.bound import Bound, Entry
+from lockstep.model.bound_search import Bound, Entry
 from lockstep.model.problem import Problem
 
 FORMAT = "lockstep-design/1"

@@ -3,7 +3,7 @@
 from typing import Literal
 
 from lockstep.model.agent import Agent
-from lockstep.model.bound import Bound
+from lockstep.model.bound_search import Bound
 from lockstep.model.checks.nonlinearity import holds_everywhere
 
 Scope = Literal["global", "local"]

@@ -2,7 +2,7 @@
 
 from lockstep.lmi.document import Stored
 from lockstep.model.assembly import bound_of, bound_with_scales
-from lockstep.model.bound import Bound
+from lockstep.model.bound_search import Bound
 
 
 def bound_again(stored: Stored) -> Bound:

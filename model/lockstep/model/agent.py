@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.domain import argument_box
 from lockstep.check.errors import ProblemError
 from lockstep.check.wording import shorten
 from lockstep.model.affine import Affine, NormalForms
@@ -21,10 +22,9 @@ from lockstep.model.agent_parts import (
     column_of,
     stack,
 )
-from lockstep.model.bound import Box
+from lockstep.model.bound_search import Box
 from lockstep.model.centring import Centring, centred
 from lockstep.model.control.pbh import Controllability, Observability, controllability, observability
-from lockstep.model.domain import argument_box
 from lockstep.model.expression import parse_expression
 from lockstep.model.linearise import linearised
 from lockstep.model.lure import Lure, lure_form

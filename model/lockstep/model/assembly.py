@@ -14,19 +14,22 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.bound.decide import Budget, decide_entries
+from lockstep.check.bound.slopes import SlopeProblem
 from lockstep.check.errors import BoundNotProved
 from lockstep.model.agent import Agent
-from lockstep.model.bound import (
+from lockstep.model.bound_search import (
     BOXES,
     UNFINISHED,
     Bound,
     Box,
     Entry,
     Progress,
-    entries_hold,
-    entry_bounds,
+    confirmed,
     prove_bound,
-    smallest_bound,
+    read,
+    search_bound,
+    with_entries,
 )
 from lockstep.model.coefficients import is_double
 from lockstep.model.lure import Lure
@@ -41,9 +44,6 @@ TIGHTENINGS = 12
 """Alphas tried for that: each halves the gap, or ends the search."""
 
 Report = Callable[[Progress], None]
-
-ROOMS = (0.0, 1e-15, 1e-14, 1e-12, 1e-9, 1e-6)
-"""By which part alpha is raised, tried in this order, until its proof with the final scales succeeds."""
 
 
 def bound_of(
@@ -72,7 +72,8 @@ def bound_of(
     if alpha is not None and phi.size1_out(0) <= 1:
         # One component is not scaled, so alpha means the same whatever the smallest bound is.
         return _decided(prove_bound(phi, box, alpha, boxes=boxes, progress=progress), alpha)
-    found = smallest_bound(phi, box, boxes=boxes, progress=progress)
+    problem = SlopeProblem.of(read(phi), box)
+    found = search_bound(problem, boxes=boxes, progress=progress)
     if not math.isfinite(found.alpha):
         if found.reason == UNFINISHED:
             raise _undecided(found)
@@ -80,11 +81,12 @@ def bound_of(
     exact = _with_exact_scales(found, agent.lure)
     if exact.alpha > ALLOWED_GAP * exact.lower:
         exact = _tightened(exact, agent.lure, box, boxes)
-    if phi.size1_out(0) > 1:
-        exact = _confirmed(exact, agent.lure, box, boxes)
-    if alpha is None:
-        return _with_entries(exact, agent.lure, box, boxes)
-    return _decided(_asked(exact, agent.lure, box, alpha, boxes, progress), alpha)
+    if alpha is not None:
+        return _decided(_with_scales_of(exact, agent.lure, box, alpha, boxes, progress), alpha)
+    exact = confirmed(problem, exact)
+    if not exact.proved:
+        raise _undecided(exact)
+    return with_entries(problem, exact, boxes)
 
 
 def bound_with_scales(
@@ -125,15 +127,19 @@ def bound_with_scales(
         progress=progress,
     )
     proved = _decided(found, alpha)
-    if entries and not entries_hold(
-        agent.lure.phi, agent.argument_box, entries, input_scale=D_v, output_scale=D_w, boxes=boxes
-    ):
+    if not entries:
+        return proved
+    budget = Budget(boxes)
+    verdict = decide_entries(
+        SlopeProblem.of(read(agent.lure.phi), agent.argument_box), entries, D_w, D_v, budget
+    )
+    if not verdict.proved:
         raise BoundNotProved(
-            "the bounds of the single slopes could not be proved: one of them is too small, or one is missing",
+            f"the bounds of the single slopes could not be proved: {verdict.reason}",
             alpha=alpha,
             entries=[one.bound for one in entries],
         )
-    return replace(proved, entries=tuple(entries))
+    return replace(proved, entries=tuple(entries), replay=proved.replay + budget.used)
 
 
 def network_of(problem: Problem, bound: Bound) -> Network:
@@ -195,33 +201,6 @@ def _tightened(bound: Bound, lure: Lure, box: Box, boxes: int) -> Bound:
         best = replace(best, lower=max(best.lower, tried.lower), witness=tried.witness or best.witness)
     converged = best.alpha <= ALLOWED_GAP * best.lower
     return replace(best, converged=bound.converged and converged)
-
-
-def _confirmed(bound: Bound, lure: Lure, box: Box, boxes: int) -> Bound:
-    """Return the bound with the least of a few alphas that the checker's own proof, with these scales, arrives at.
-
-    Several independent components share alpha by their scales, with equality: their slopes, scaled, are enclosed a few
-    units in the last place above it.
-    """
-    for room in ROOMS:
-        alpha = bound.alpha * (1 + room)
-        if _with_scales_of(bound, lure, box, alpha, boxes).proved:
-            return replace(bound, alpha=alpha)
-    raise _undecided(bound)
-
-
-def _with_entries(bound: Bound, lure: Lure, box: Box, boxes: int) -> Bound:
-    """Add a bound for each single slope, where some component of phi has several arguments."""
-    found = entry_bounds(
-        lure.phi, box, input_scale=bound.input_scale, output_scale=bound.output_scale, boxes=boxes
-    )
-    return replace(bound, entries=found)
-
-
-def _asked(bound: Bound, lure: Lure, box: Box, alpha: float, boxes: int, progress: Report | None) -> Bound:
-    if bound.alpha <= alpha:
-        return replace(bound, asked=alpha)
-    return _with_scales_of(bound, lure, box, alpha, boxes, progress)
 
 
 def _with_scales_of(

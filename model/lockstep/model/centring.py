@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lockstep.model.bound import Box
+from lockstep.model.bound_search import Box
 from lockstep.model.lure import Lure
 from lockstep.model.shift import fitting, shifted
 

@@ -21,7 +21,7 @@ from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 
 if TYPE_CHECKING:
-    from lockstep.model.bound import Bound
+    from lockstep.model.bound_search import Bound
 
 
 @dataclass(frozen=True, eq=False)

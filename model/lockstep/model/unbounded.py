@@ -7,7 +7,7 @@ import numpy as np
 from lockstep.check.errors import ProblemError
 from lockstep.model.agent import Agent
 from lockstep.model.arguments import argument_texts
-from lockstep.model.bound import Bound
+from lockstep.model.bound_search import Bound
 
 
 def no_bound(bound: Bound, agent: Agent) -> ProblemError:

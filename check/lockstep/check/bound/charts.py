@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from lockstep.check.bound import rounding
-from lockstep.check.bound.conditions import Condition, Conditions
+from lockstep.check.bound.conditions import Conditions
 from lockstep.check.bound.derivative import derivative
 from lockstep.check.bound.objective import Objective
 from lockstep.check.bound.program import Boxes, Program
@@ -38,7 +38,7 @@ class Chart:
         slopes = [derivative([value], k, of_slopes=True)[0] for k in searched]
         self.program = Program(bounded_on_tails([value, *slopes], pattern))
         self.point_program = Program(self.program.outputs[:1])
-        self.conditions = _move(conditions, pattern)
+        self.conditions = conditions.changed(lambda nodes: on_tails(nodes, pattern))
 
     def enclose(self, lower: Boxes, upper: Boxes) -> Enclosure:
         """Return the enclosure over each box: interval evaluation met with the mean value form."""
@@ -74,18 +74,6 @@ def middles(lower: Boxes, upper: Boxes) -> Boxes:
         # An infinite or overflowing width: 0 if inside, else the end nearer to it.
         nearest = np.clip(0.0, lower, upper)
         return np.asarray(np.clip(np.where(np.isfinite(middle), middle, nearest), lower, upper))
-
-
-def _move(conditions: Conditions, pattern: Pattern) -> Conditions:
-    if not any(pattern) or not conditions.conditions:
-        return conditions
-    flat = on_tails([n for c in conditions.conditions for n in (c.guard, *c.args)], pattern)
-    rest = iter(flat)
-    moved = []
-    for c in conditions.conditions:
-        guard = next(rest)
-        moved.append(Condition(c.kind, tuple(next(rest) for _ in c.args), c.name, guard))
-    return Conditions(moved)
 
 
 def to_v(point: Annotated[np.ndarray, " variables"], pattern: Pattern) -> Annotated[np.ndarray, " variables"]:

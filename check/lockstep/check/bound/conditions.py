@@ -7,7 +7,7 @@ the whole box the operation is not used there.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -30,9 +30,14 @@ class Condition:
     name: str
     guard: Node = TRUE
 
+    @property
+    def nodes(self) -> tuple[Node, ...]:
+        """The guard and the arguments."""
+        return (self.guard, *self.args)
+
     def under(self, guard: Node) -> Condition:
         """Return the condition with one more guard."""
-        return Condition(self.kind, self.args, self.name, both(guard, self.guard))
+        return replace(self, guard=both(guard, self.guard))
 
     @property
     def text(self) -> str:
@@ -65,13 +70,6 @@ def _decided(x: Interval) -> Verdict:
     return verdict
 
 
-_STEP: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    "floor": np.floor,
-    "ceil": np.ceil,
-    "trunc": np.trunc,
-    "rint": np.rint,
-}
-
 _TESTS: dict[str, Callable[..., Verdict]] = {
     "nonzero": lambda x: (x[0] > 0) | (x[1] < 0),
     "positive": lambda x: x[0] > 0,
@@ -91,7 +89,8 @@ class Conditions:
 
     def __init__(self, conditions: Sequence[Condition]) -> None:
         self.conditions = tuple(conditions)
-        self._program = Program([n for c in self.conditions for n in (c.guard, *c.args)])
+        self.nodes = [n for c in self.conditions for n in c.nodes]
+        self._program = Program(self.nodes)
 
     def on_boxes(self, lower: Boxes, upper: Boxes) -> list[Verdict]:
         """Return, per condition, on which boxes it surely holds."""
@@ -103,6 +102,13 @@ class Conditions:
                 held = _TESTS[condition.kind](*(next(found) for _ in condition.args))
                 verdicts.append(held | (possible == 0))
         return verdicts
+
+    def changed(self, change: Callable[[Sequence[Node]], Sequence[Node]]) -> Conditions:
+        """Return the conditions with their guards and arguments changed, all at once."""
+        rest = iter(change(self.nodes))
+        return Conditions(
+            [replace(c, guard=next(rest), args=tuple(next(rest) for _ in c.args)) for c in self.conditions]
+        )
 
     def open_on(self, lower: Boxes, upper: Boxes) -> Conditions:
         """Return those that do not surely hold on every one of the boxes."""

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 
-from lockstep.check.bound.conditions import Condition, Conditions
+from lockstep.check.bound.conditions import Conditions
 from lockstep.check.bound.expression import (
     ZERO,
     Node,
@@ -80,17 +80,14 @@ def _on_plane(
 ) -> list[Node]:
     """Return the outputs on the plane by one side's formula; raises `Undefined` where it has no value."""
     truths = {s: _truth(s, side) for s in own}
-    needs = [c for c in graph.conditions if not c.jumps]
-    flat = [*graph.outputs, *(n for c in needs for n in (c.guard, *c.args))]
-    flat = substitute(substitute(flat, truths), {eliminated: solution})
-    rest = iter(flat[len(graph.outputs) :])
-    conditions = []
-    for c in needs:
-        guard = next(rest)
-        conditions.append(Condition(c.kind, tuple(next(rest) for _ in c.args), c.name, guard))
-    if Conditions(conditions).open_on(lower, upper).conditions:
+
+    def on_plane(nodes: Sequence[Node]) -> list[Node]:
+        return substitute(substitute(nodes, truths), {eliminated: solution})
+
+    needs = Conditions([c for c in graph.conditions if not c.jumps]).changed(on_plane)
+    if needs.open_on(lower, upper).conditions:
         raise Undefined("an operation on the plane")
-    return flat[: len(graph.outputs)]
+    return on_plane(graph.outputs)
 
 
 def _truth(switch: Node, side: int) -> Node:

@@ -12,15 +12,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated
 
-import numpy as np
-
-from lockstep.check.bound import rounding
 from lockstep.check.bound.conditions import Conditions
 from lockstep.check.bound.expression import ONE, ZERO, Node, add, function, multiply, power, variable
 from lockstep.check.bound.identities import split_cases, unit_vectors
-from lockstep.check.bound.program import Program
 
 HALF_TURN = math.nextafter(math.pi, math.inf)
 
@@ -84,66 +79,6 @@ class Objective:
     def used(self) -> frozenset[int]:
         """The variables among v and t that the slopes depend on."""
         return frozenset[int]().union(*(x.variables for row in self.slopes for x in row))
-
-    @cached_property
-    def _program(self) -> Program:
-        return Program([x for row in self.narrow for x in row])
-
-    def estimate(self, points: Annotated[np.ndarray, "variables boxes"]) -> Annotated[np.ndarray, " boxes"]:
-        """Return the floating-point slope at points (v, t), -1 where it has no value."""
-        values = self._program.at_points(points)
-        flat = np.stack([np.broadcast_to(x, points.shape[1:]) for x in values])
-        J = np.moveaxis(flat.reshape(len(self.narrow), -1, points.shape[1]), -1, 0)
-        usable = np.isfinite(J).all(axis=(1, 2)) & (np.abs(J) < 1e150).all(axis=(1, 2))
-        norms = np.full(points.shape[1], -1.0)
-        if usable.any():
-            norms[usable] = _norms(J[usable])
-        return norms
-
-    def reached(self, point: Annotated[np.ndarray, " variables"]) -> float:
-        """Return a slope provably reached at (v, t), a lower bound of |J|_2 there; -1 if none is proved."""
-        here = point[:, None]
-        if not all(held.all() for held in self.conditions.on_boxes(here, here)):
-            return -1.0
-        entries = self._program.on_boxes(here, here)
-        columns = len(self.narrow[0])
-        J = [entries[i * columns : (i + 1) * columns] for i in range(len(self.narrow))]
-        middle = np.array([[0.5 * low[0] + 0.5 * high[0] for low, high in row] for row in J])
-        if not np.isfinite(middle).all():
-            return -1.0
-        with np.errstate(all="ignore"):
-            return _lower_norm(J, middle)
-
-
-def _norms(J: Annotated[np.ndarray, "points rows columns"]) -> Annotated[np.ndarray, " points"]:
-    if 1 in J.shape[1:]:
-        return np.asarray(np.sqrt((J**2).sum(axis=(1, 2))))
-    return np.asarray(np.linalg.norm(J, ord=2, axis=(1, 2)))
-
-
-def _lower_norm(J: Sequence[Sequence[rounding.Interval]], middle: np.ndarray) -> float:
-    """|J| >= |J'u| / |u| for any u; the best u of the middle is taken."""
-    if middle.size == 1:
-        return float(rounding.mignitude(J[0][0])[0])
-    u = np.linalg.svd(middle)[0][:, 0]
-    unit = [(np.array([x]), np.array([x])) for x in u]
-    squares = [rounding.power(_dot(unit, column), 2) for column in zip(*J, strict=True)]
-    length = [rounding.power(x, 2) for x in unit]
-    ratio = rounding.multiply(_total(squares), rounding.inverse(_total(length)))
-    return float(rounding.root(ratio)[0][0]) if len(u) > 1 else float(rounding.root(_total(squares))[0][0])
-
-
-def _dot(u: Sequence[rounding.Interval], x: Sequence[rounding.Interval]) -> rounding.Interval:
-    if len(u) == 1:
-        return x[0]
-    return _total([rounding.multiply(a, b) for a, b in zip(u, x, strict=True)])
-
-
-def _total(terms: Sequence[rounding.Interval]) -> rounding.Interval:
-    total = terms[0]
-    for term in terms[1:]:
-        total = rounding.add(total, term)
-    return total
 
 
 def blocks(jacobian: Sequence[Sequence[Node]]) -> list[tuple[list[int], list[int]]]:

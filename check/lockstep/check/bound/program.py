@@ -1,13 +1,12 @@
-"""Evaluation of expression graphs: on boxes rigorously, at points in floating point for sampling."""
+"""Enclosure of expression graphs over boxes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import Annotated, Any
 
 import numpy as np
-from scipy import special
 
 from lockstep.check.bound import functions, rounding
 from lockstep.check.bound.expression import Node
@@ -42,7 +41,7 @@ _STEPS: dict[str, Callable[[Any], Any]] = {
 
 
 class Program:
-    """Expressions in evaluation order; `on_boxes` encloses them, `at_points` estimates them."""
+    """Expressions in evaluation order; `on_boxes` encloses them."""
 
     def __init__(self, outputs: Sequence[Node]) -> None:
         self.outputs = tuple(outputs)
@@ -112,14 +111,6 @@ class Program:
             return total
         return rounding.add(total, (np.full_like(total[0], offset[0]), np.full_like(total[0], offset[1])))
 
-    def at_points(self, points: Boxes) -> list[np.ndarray]:
-        """Return floating-point values of the outputs at points: for search, nothing is proved by them."""
-        values: dict[Node, np.ndarray] = {}
-        with np.errstate(all="ignore"):
-            for node in self.nodes:
-                values[node] = _estimate(node, [values[a] for a in node.args], points)
-        return [np.asarray(values[n], dtype=np.float64) for n in self.outputs]
-
 
 def _enclose(value: Any) -> tuple[float, float]:
     fraction = Fraction(value)
@@ -184,71 +175,3 @@ _CONDITIONS: dict[str, Callable[[Node, list[Interval], np.ndarray], Interval]] =
     "and": lambda _, args, __: (np.minimum(args[0][0], args[1][0]), np.minimum(args[0][1], args[1][1])),
     "choose": _choose,
 }
-
-_FLOATING: Mapping[str, Callable[..., Any]] = {
-    "asin": np.arcsin,
-    "acos": np.arccos,
-    "atan": np.arctan,
-    "asinh": np.arcsinh,
-    "acosh": np.arccosh,
-    "atanh": np.arctanh,
-    "erf": special.erf,
-    "erfinv": special.erfinv,
-    "atan2": np.arctan2,
-    "hypot": np.hypot,
-    "fmin": np.minimum,
-    "fmax": np.maximum,
-    "fabs": np.abs,
-    "sech2": lambda x: 1 / np.cosh(x) ** 2,
-    "direction": lambda x, y: x / np.hypot(x, y),
-    "inverse_sqrt_pi": lambda x: x / np.sqrt(np.pi),
-    "positive": lambda x: x > 0,
-    "zero": lambda x: x == 0,
-    "not": np.logical_not,
-    "and": np.logical_and,
-    "choose": np.where,
-    "decreasing": lambda term, *_: term,
-    "flat": np.zeros_like,
-    **{
-        name: getattr(np, name)
-        for name in (
-            "exp",
-            "expm1",
-            "log",
-            "log1p",
-            "sin",
-            "cos",
-            "tan",
-            "sinh",
-            "cosh",
-            "tanh",
-            "sqrt",
-            "floor",
-            "ceil",
-            "trunc",
-            "rint",
-        )
-    },
-}
-
-
-def _float(value: Fraction) -> float:
-    try:
-        return float(value)
-    except OverflowError:
-        return INF if value > 0 else -INF
-
-
-def _estimate(node: Node, args: list[np.ndarray], points: np.ndarray) -> Any:
-    data: Any = node.data
-    if node.op in ("variable", "inner_end"):
-        return points[data]
-    if node.op in ("constant", "truth"):
-        return np.full(points.shape[1], _float(Fraction(data)))
-    if node.op == "linear":
-        return _float(data[0]) + sum(_float(c) * x for c, x in zip(data[1], args, strict=True))
-    if node.op == "monomial":
-        return np.prod([np.power(x, float(p)) for x, p in zip(args, data, strict=True)], axis=0)
-    if node.op == "real_power":
-        return np.power(args[0], _float(data))
-    return _FLOATING[node.op](*args)

@@ -1,7 +1,7 @@
 """All symbolic checks of a problem, in the order in which they are worth reading."""
 
 from lockstep.model.assembly import Report, bound_of, network_of
-from lockstep.model.bound import BOXES
+from lockstep.model.bound_search import BOXES
 from lockstep.model.checks import nonlinearity, structure
 from lockstep.model.checks.report import CheckReport
 from lockstep.model.problem import Problem

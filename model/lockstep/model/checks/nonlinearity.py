@@ -3,9 +3,11 @@
 import casadi as ca
 import numpy as np
 
+from lockstep.check.bound.decide import decide_bound
+from lockstep.check.domain import claimed_box
 from lockstep.model.agent import Agent
 from lockstep.model.arguments import arguments_text
-from lockstep.model.bound import BOXES, Bound, Box, entries_hold, prove_bound
+from lockstep.model.bound_search import BOXES, Bound, read
 from lockstep.model.checks.report import Row
 from lockstep.model.graph import Graph
 
@@ -35,31 +37,29 @@ EVERYWHERE = BOXES // 10
 """Boxes spent on showing that a bound proved on a box holds everywhere; without success the certificate is local."""
 
 
+def boxes_everywhere(agent: Agent, proved: Bound) -> int | None:
+    """Return with how many boxes the checker decides alpha and the entries for every v, None where it does not.
+
+    A certificate is global where it does: the domain of the problem file is not needed for it.
+    """
+    box = agent.argument_box
+    if agent.lure.is_linear or box == claimed_box("global", box):
+        return proved.replay if proved.proved else None
+    verdict = decide_bound(
+        read(agent.lure.phi),
+        claimed_box("global", box),
+        proved.alpha,
+        proved.output_scale,
+        proved.input_scale,
+        proved.entries,
+        boxes=EVERYWHERE,
+    )
+    return int(verdict.figures["boxes"]) if verdict.proved else None
+
+
 def holds_everywhere(agent: Agent, proved: Bound) -> bool:
     """Whether alpha and the entries bound phi outside of the domain too: a box that constrains nothing costs nothing."""
-    size = agent.argument_box.size
-    if agent.lure.is_linear or agent.argument_box == Box.everywhere(size):
-        return proved.proved
-    wide = prove_bound(
-        agent.lure.phi,
-        Box.everywhere(size),
-        proved.alpha,
-        input_scale=proved.input_scale,
-        output_scale=proved.output_scale,
-        boxes=EVERYWHERE,
-    )
-    return wide.proved and (not proved.entries or _entries_hold_everywhere(agent, proved))
-
-
-def _entries_hold_everywhere(agent: Agent, proved: Bound) -> bool:
-    return entries_hold(
-        agent.lure.phi,
-        Box.everywhere(agent.argument_box.size),
-        proved.entries,
-        input_scale=proved.input_scale,
-        output_scale=proved.output_scale,
-        boxes=EVERYWHERE,
-    )
+    return boxes_everywhere(agent, proved) is not None
 
 
 def entries(agent: Agent, proved: Bound) -> Row:

@@ -6,7 +6,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from lockstep.check.loop import Plant
-from lockstep.model.bound import Bound
+from lockstep.model.bound_search import Bound
 
 Verdict = Literal["ok", "fails", "note"]
 

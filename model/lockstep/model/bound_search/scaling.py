@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.bound.objective import Objective
-from lockstep.check.bound.program import Program
-from lockstep.model.bound.sampling import Points
+from lockstep.model.bound_search.point_slopes import PointSlopes
+from lockstep.model.bound_search.sampling import Points
 
 LARGEST_RATIO = 16.0
 SAMPLES = 400
@@ -22,7 +22,10 @@ def choose_scaling(objective: Objective, points: Points) -> tuple[list[float], l
     ones = [1.0] * rows, [1.0] * columns
     if rows == 1:
         return ones
-    J = _sampled(objective, points)
+    chosen = points[:, :: max(1, points.shape[1] // SAMPLES)]
+    J = PointSlopes(objective).jacobians(chosen)
+    J = J if objective.narrow is objective.slopes else J.transpose(0, 2, 1)
+    J = J[np.isfinite(J).all(axis=(1, 2)) & (np.abs(J) < 1e100).all(axis=(1, 2))]
     if not len(J):
         return ones
     from scipy.optimize import (
@@ -52,14 +55,6 @@ def choose_scaling(objective: Objective, points: Points) -> tuple[list[float], l
 def _levels(sizes: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
     logs = np.log(np.maximum(sizes, 1e-300))
     return np.asarray(logs - logs.max())
-
-
-def _sampled(objective: Objective, points: Points) -> Float[np.ndarray, "samples rows columns"]:
-    points = points[:, :: max(1, points.shape[1] // SAMPLES)]
-    flat = Program([x for row in objective.slopes for x in row]).at_points(points)
-    J = np.stack([np.broadcast_to(x, points.shape[1:]) for x in flat])
-    J = np.moveaxis(J.reshape(len(objective.slopes), -1, points.shape[1]), -1, 0)
-    return np.asarray(J[np.isfinite(J).all(axis=(1, 2)) & (np.abs(J) < 1e100).all(axis=(1, 2))])
 
 
 def _measure(logs: Float[np.ndarray, " scales"], J: Float[np.ndarray, "points rows columns"]) -> float:

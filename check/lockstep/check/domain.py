@@ -1,31 +1,47 @@
-"""The arguments of phi over a domain of the states, v = H x for x in a box, and smaller boxes inside of it."""
+"""The domain of a bound: the arguments v = H x of states in a box, the leader's smaller box, and what "global" means.
 
+A bound is claimed with a scope. "global": it holds for every v, so that the domain of the problem file plays no part in
+it; "local": on the box of v = H x, and the certificate speaks of trajectories that stay there. What is to be decided
+for either is the same bound on another box (`claimed_box`).
+"""
+
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
-from math import inf, isfinite
+from math import inf, isfinite, isinf
+from typing import Any, Literal
 
-import numpy as np
-from jaxtyping import Float
-
+from lockstep.check.bound.box import Box
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import rounded_down
-from lockstep.model.bound import Box
+
+Scope = Literal["global", "local"]
 
 
-def argument_box(H: Float[np.ndarray, "v n"], states: Float[np.ndarray, "n 2"]) -> Box:
+def claimed_box(scope: Scope, box: Box) -> Box:
+    """Return the box on which a bound of that scope has to be decided.
+
+    >>> claimed_box("global", Box((0.0,), (1.0,)))
+    Box(lower=(-inf,), upper=(inf,))
+    """
+    return Box.everywhere(box.size) if scope == "global" else box
+
+
+def argument_box(H: Iterable[Sequence[Any]], states: Iterable[Sequence[float]]) -> Box:
     """Return a box that contains H x for every x in the box of the states.
 
     Each side is the exact sum of the ends that count, rounded outwards; H x fills the box where each row of H
     has a state of its own.
 
     Args:
-        H: (v, n).
+        H: v rows of n numbers: doubles, or rationals with a numerator and a denominator.
         states: lower and upper bound of each state, infinite where there is none.
 
-    >>> argument_box(np.array([[1.0, -2.0], [0.0, 0.0]]), np.array([[-1.0, 3.0], [0.0, np.inf]]))
+    >>> argument_box([[1.0, -2.0], [0.0, 0.0]], [[-1.0, 3.0], [0.0, inf]])
     Box(lower=(-inf, 0.0), upper=(3.0, 0.0))
     """
-    lower = [_least(row, states) for row in H]
-    upper = [0.0 - _least(-row, states) for row in H]
+    states, rows = list(states), [[_fraction(h) for h in row] for row in H]
+    lower = [_least(row, states) for row in rows]
+    upper = [0.0 - _least([-h for h in row], states) for row in rows]
     return Box(tuple(lower), tuple(upper))
 
 
@@ -37,7 +53,7 @@ def inner_box(box: Box, fraction: float) -> Box:
     Raises:
         ProblemError: a fraction outside of [0, 1), which would leave no room between the boxes.
 
-    >>> inner_box(Box((-4.0, -2.0), (8.0, np.inf)), 0.5)
+    >>> inner_box(Box((-4.0, -2.0), (8.0, inf)), 0.5)
     Box(lower=(-1.0, -1.0), upper=(5.0, inf))
     """
     if not 0 <= fraction < 1:
@@ -60,12 +76,17 @@ def _inner_side(low: float, high: float, fraction: float) -> tuple[float, float]
     )
 
 
-def _least(row: Float[np.ndarray, " n"], states: Float[np.ndarray, "n 2"]) -> float:
+def _fraction(number: Any) -> Fraction:
+    """Return a double, a `Fraction` or an `fmpq` as the rational that it is."""
+    return Fraction(int(number.p), int(number.q)) if hasattr(number, "q") else Fraction(number)
+
+
+def _least(row: Sequence[Fraction], states: Sequence[Sequence[float]]) -> float:
     """Return a lower bound of row x over the box, the exact minimum or the double below it."""
     total = Fraction(0)
     for h, (low, high) in zip(row, states, strict=True):
-        end = low if h > 0 else high
-        if h and np.isinf(end):
+        end = float(low if h > 0 else high)
+        if h and isinf(end):
             return -inf
-        total += Fraction(float(h)) * Fraction(float(end)) if h else 0
+        total += h * Fraction(end) if h else 0
     return rounded_down(total)

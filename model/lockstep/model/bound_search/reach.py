@@ -5,15 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.bound.objective import Objective
-from lockstep.model.bound.sampling import sample_points
+from lockstep.model.bound_search.point_slopes import PointSlopes
+from lockstep.model.bound_search.sampling import sample_points
 
 
 @dataclass
 class Reach:
     """Points are tried in the domain [lower, upper] of v and t; `slope` is -1 until one is proved."""
 
-    objective: Objective
+    at: PointSlopes
     lower: Float[np.ndarray, " variables"]
     upper: Float[np.ndarray, " variables"]
     slope: float = -1.0
@@ -21,8 +21,8 @@ class Reach:
 
     def sample(self, kinks: list[list[float]], *, polish: bool) -> None:
         """Look for a large slope over the whole domain."""
-        points = sample_points(self.objective, self.lower, self.upper, kinks, polish=polish)
-        slopes = self.objective.estimate(points)
+        points = sample_points(self.at, self.lower, self.upper, kinks, polish=polish)
+        slopes = self.at.estimate(points)
         best = np.flatnonzero((slopes >= 0) & (slopes >= slopes.max() * (1.0 - 1e-12)))
         if not best.size:
             return
@@ -32,11 +32,11 @@ class Reach:
 
     def try_point(self, point: Float[np.ndarray, " variables"]) -> None:
         """Prove the slope at a point (v, t, ...) of the domain, and keep it if it is the largest."""
-        point = point[: self.objective.variables]
+        point = point[: self.at.variables]
         lower, upper = self.lower, self.upper
         if not (np.isfinite(point) & (point >= lower) & (point <= upper)).all():
             return
-        slope = self.objective.reached(point)
+        slope = self.at.reached(point)
         if slope > self.slope:
             self.slope, self.point = slope, point
         elif not self.slope > 0:
@@ -46,7 +46,7 @@ class Reach:
         """At a kink no slope is proved; beside it one is."""
         lower, upper = self.lower, self.upper
         generator = np.random.default_rng(0)
-        used = np.array([k in self.objective.used for k in range(point.size)])
+        used = np.array([k in self.at.used for k in range(point.size)])
         for _ in range(4):
             offset = used * 1e-10 * np.maximum(1.0, np.abs(point)) * generator.standard_normal(point.shape)
             # A step that would leave the domain goes the other way.
@@ -54,6 +54,6 @@ class Reach:
                 (point + offset < lower) | (point + offset > upper), point - offset, point + offset
             )
             other = np.clip(other, lower, upper)
-            slope = self.objective.reached(other)
+            slope = self.at.reached(other)
             if slope > self.slope:
                 self.slope, self.point = slope, other

@@ -14,7 +14,7 @@ from lockstep.check.bound.expression import ZERO, Node, Undefined, constant, var
 from lockstep.check.bound.graph import Graph
 from lockstep.check.bound.switches import FALSE, TRUE, both, either
 from lockstep.check.errors import ProblemError
-from lockstep.model.bound.operations import ARITY, NAMES, RULES, as_condition, as_number
+from lockstep.model.bound_search.operations import ARITY, NAMES, RULES, as_condition, as_number
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.bound.expression import Node, linear_terms
-from lockstep.check.bound.traversal import order
-
 COUNT = 2000
-LARGEST_KINK = 1e100
 SEED = 20  # any: the points are the same in every run
 Points = Float[np.ndarray, "variables points"]
 
@@ -32,20 +28,6 @@ class Slopes(Protocol):
     def estimate(self, points: Points) -> Float[np.ndarray, " points"]:
         """Return the slope at each point, -1 where there is none."""
         ...
-
-
-def breakpoints(value: Node, count: int) -> list[list[float]]:
-    """Return, per variable, the values at which a condition that is linear in it alone changes."""
-    found: list[set[float]] = [set() for _ in range(count)]
-    for node in order([value]):
-        if node.op in ("positive", "zero"):
-            offset, terms = linear_terms(node.args[0])
-            if len(terms) == 1 and terms[0][1].op == "variable":
-                index = terms[0][1].data
-                assert isinstance(index, int)
-                if abs(offset / terms[0][0]) < LARGEST_KINK:
-                    found[index].add(float(-offset / terms[0][0]))
-    return [sorted(x) for x in found]
 
 
 def sample_points(

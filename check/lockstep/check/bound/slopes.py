@@ -1,0 +1,101 @@
+"""The question about phi as the branch and bound takes it: its scaled slopes, block by block, over the domain of (v, t)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Annotated
+
+import numpy as np
+
+from lockstep.check.bound.box import EVERY_TIME, Box, check_time
+from lockstep.check.bound.conditions import Conditions
+from lockstep.check.bound.continuity import settle
+from lockstep.check.bound.cover import Cover
+from lockstep.check.bound.derivative import derivative
+from lockstep.check.bound.expression import ZERO, Node, scale
+from lockstep.check.bound.graph import Graph
+from lockstep.check.bound.objective import Objective, blocks
+from lockstep.check.bound.period import reduce_to_period
+from lockstep.check.bound.relaxation import relax
+from lockstep.check.errors import ProblemError
+
+Scales = Annotated[np.ndarray, " scales"]
+Given = Sequence[float] | np.ndarray | None
+"""Scales of a proposal; None stands for ones."""
+Block = tuple[list[int], list[int]]
+
+
+@dataclass(frozen=True, eq=False)
+class SlopeProblem:
+    """phi with its continuous switches settled, its slopes d phi_k / d v_l, and the domain of (v, t)."""
+
+    graph: Graph
+    jacobian: list[list[Node]]
+    lower: Annotated[np.ndarray, " variables"]
+    upper: Annotated[np.ndarray, " variables"]
+
+    @classmethod
+    def of(cls, phi: Graph, box: Box, time: tuple[float, float] = EVERY_TIME) -> SlopeProblem:
+        """Settle and differentiate phi; raises `ProblemError` if the box does not match it."""
+        if box.size != phi.inputs:
+            raise ProblemError(
+                f"the domain has {box.size} components, phi takes {phi.inputs}",
+                where="the domain",
+                expected="one range per component of v",
+            )
+        low, high = check_time(time)
+        lower, upper = np.array([*box.lower, low]), np.array([*box.upper, high])
+        phi = settle(phi, lower[:, None], upper[:, None])
+        columns = [derivative(phi.outputs, l) for l in range(phi.inputs)]
+        return cls(phi, [[column[k] for column in columns] for k in range(len(phi.outputs))], lower, upper)
+
+    @property
+    def blocks(self) -> list[Block]:
+        """The (rows, columns) whose norms are bounded one by one; none where there is no slope to bound."""
+        if not self.jacobian or self.graph.inputs == 0:
+            return []
+        return blocks(self.jacobian) or [([0], [0])]  # without a slope there are still the conditions of phi
+
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """(k, l) of each slope that is not identically 0."""
+        return [
+            (k, l) for k, row in enumerate(self.jacobian) for l, slope in enumerate(row) if slope is not ZERO
+        ]
+
+    def scales(self, output_scale: Given, input_scale: Given) -> tuple[Scales, Scales]:
+        """Return given scales (D_w, D_v), or ones; raises `ProblemError` for what is none."""
+        return (
+            _scale(output_scale, len(self.jacobian), "output_scale"),
+            _scale(input_scale, self.graph.inputs, "input_scale"),
+        )
+
+    def objective(self, block: Block, D_w: Scales, D_v: Scales) -> Objective:
+        """Return one block of D_w^-1 J D_v, scaled exactly."""
+        slopes = tuple(
+            tuple(
+                scale(Fraction(float(D_v[l])) / Fraction(float(D_w[k])), self.jacobian[k][l])
+                for l in block[1]
+            )
+            for k in block[0]
+        )
+        return Objective(slopes, Conditions(self.graph.conditions), self.graph.inputs + 1)
+
+    def covers(self, objective: Objective) -> tuple[Cover, Cover | None]:
+        """Return its domain, one period of it where it is periodic, and where there is one a bounded domain that says more.
+
+        The second takes bounded functions of unbounded variables as independent: a bound of it is one of the first.
+        """
+        outputs = [objective.value, *objective.conditions.nodes]
+        lower, upper = reduce_to_period(outputs, self.lower, self.upper)
+        relaxed = relax(objective, lower, upper)
+        return Cover(objective, lower, upper), None if relaxed is None else Cover(*relaxed)
+
+
+def _scale(scales: Given, size: int, name: str) -> Scales:
+    given = np.ones(size) if scales is None else np.asarray(scales, dtype=np.float64)
+    if given.shape != (size,) or not (np.isfinite(given).all() and (given > 0).all()):
+        raise ProblemError(f"`{name}` is {scales}", where="the bound", expected=f"{size} positive numbers")
+    return given

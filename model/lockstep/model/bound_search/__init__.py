@@ -1,0 +1,33 @@
+"""The search for a bound of a nonlinearity: |phi(a, t) - phi(b, t)| <= alpha |a - b| on a box.
+
+phi's SX graph is read as an exact expression. alpha, the scales of phi and the bounds of its single slopes are searched
+for (samples, polishing, a branch and bound with the checker's enclosures); they are a proposal, which the checker decides
+(`lockstep.check.bound.decide`). A locally Lipschitz phi on a convex box has the constant sup |J| over the points where
+it is differentiable.
+"""
+
+from lockstep.check.bound.box import EVERY_TIME, Box
+from lockstep.check.bound.result import Entry
+from lockstep.model.bound_search.entries import entry_bounds, with_entries
+from lockstep.model.bound_search.graph import read
+from lockstep.model.bound_search.proof import BOXES, confirmed, prove_bound, search_bound, smallest_bound
+from lockstep.model.bound_search.result import Bound, Witness
+from lockstep.model.bound_search.search import UNFINISHED, Progress
+
+__all__ = [
+    "BOXES",
+    "EVERY_TIME",
+    "UNFINISHED",
+    "Bound",
+    "Box",
+    "Entry",
+    "Progress",
+    "Witness",
+    "confirmed",
+    "entry_bounds",
+    "prove_bound",
+    "read",
+    "search_bound",
+    "smallest_bound",
+    "with_entries",
+]

@@ -1,0 +1,89 @@
+"""A bound of its own for each slope d phi_k / d v_l, where one number alpha for all arguments would say too little.
+
+By the mean value theorem for a Lipschitz function (Lebourg 1975; Clarke 1990, theorem 2.3.7), for a and b in a convex box
+and any t,
+
+    phi_k(a, t) - phi_k(b, t) = sum_l j_l (a_l - b_l),      |j_l| <= the bound of entry (k, l).
+
+A thrust T cos(theta) changes by T per angle and by 1 per newton; alpha grants the angle's slope to the thrust as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import casadi as ca
+
+from lockstep.check.bound.box import EVERY_TIME, Box
+from lockstep.check.bound.decide import MOST_BOXES, Budget, decide_block
+from lockstep.check.bound.result import Entry
+from lockstep.check.bound.slopes import Block, Scales, SlopeProblem
+from lockstep.model.bound_search.graph import read
+from lockstep.model.bound_search.proof import BOXES, LOOSEST, ROOMS, TOLERANCES, search_block
+from lockstep.model.bound_search.result import Bound
+from lockstep.model.bound_search.search import Limits
+
+
+def entry_bounds(
+    phi: ca.Function,
+    box: Box,
+    time: tuple[float, float] = EVERY_TIME,
+    *,
+    input_scale: Sequence[float] | None = None,
+    output_scale: Sequence[float] | None = None,
+    boxes: int = BOXES,
+) -> tuple[Entry, ...]:
+    """Return a proved bound for each slope of D_w^-1 J D_v that is not identically 0.
+
+    None are returned where no component has two arguments, so that alpha says as much, and where a bound was not
+    proved within the budget.
+
+    Args:
+        phi, box, time: as for `smallest_bound`.
+        input_scale, output_scale: the diagonals of D_v and D_w; ones unless given.
+        boxes: the budget for all of them, a count.
+
+    >>> v, t = ca.SX.sym("v", 2), ca.SX.sym("t")
+    >>> phi = ca.Function("phi", [v, t], [v[0] * ca.sin(v[1])])
+    >>> [entry.bound for entry in entry_bounds(phi, Box((-2.0, -10.0), (2.0, 10.0)))]
+    [1.0, 2.0]
+    """
+    problem = SlopeProblem.of(read(phi), box, time)
+    return _search(problem, *problem.scales(output_scale, input_scale), boxes)[0]
+
+
+def with_entries(problem: SlopeProblem, bound: Bound, boxes: int) -> Bound:
+    """Return the bound with those entries, and with the boxes that they take counted."""
+    entries, used = _search(problem, *problem.scales(bound.output_scale, bound.input_scale), boxes)
+    return replace(bound, entries=entries, replay=bound.replay + used)
+
+
+def _search(problem: SlopeProblem, D_w: Scales, D_v: Scales, boxes: int) -> tuple[tuple[Entry, ...], int]:
+    """Return the entries, and how many boxes the checker takes to decide them."""
+    places = problem.places
+    if len({k for k, _ in places}) == len(places):
+        return (), 0
+    found, used = [], 0
+    for k, l in places:
+        tolerance = TOLERANCES.get(len(problem.jacobian[k][l].variables), LOOSEST)
+        limits = Limits(tolerance, max(1, boxes // len(places)))
+        outcome = search_block(problem, ([k], [l]), D_w, D_v, limits)
+        decided = _decided(problem, ([k], [l]), D_w, D_v, outcome.upper, 4 * outcome.boxes + 10_000)
+        if decided is None:
+            return (), 0
+        found.append(decided[0])
+        used += decided[1]
+    return tuple(found), used
+
+
+def _decided(
+    problem: SlopeProblem, block: Block, D_w: Scales, D_v: Scales, upper: float, boxes: int
+) -> tuple[Entry, int] | None:
+    """Return the least of a few entries from `upper` on that the checker decides, and the boxes it takes."""
+    for room in ROOMS if upper < float("inf") else ():
+        entry = Entry(block[0][0], block[1][0], upper * (1 + room))
+        budget = Budget(min(MOST_BOXES, boxes))
+        if decide_block(problem, block, D_w, D_v, entry.bound, budget).proved:
+            return entry, budget.used
+    return None

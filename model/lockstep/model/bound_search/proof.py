@@ -1,0 +1,299 @@
+"""The public questions: the smallest provable bound of a nonlinearity, and whether a given bound holds.
+
+What is found here is a proposal. The final word is the checker's (`lockstep.check.bound.decide`): alpha is raised by
+a little until it decides alpha with these scales, and a bound says how many boxes that takes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from fractions import Fraction
+
+import casadi as ca
+import numpy as np
+
+from lockstep.check.bound.box import EVERY_TIME, Box
+from lockstep.check.bound.cover import breakpoints
+from lockstep.check.bound.decide import MOST_BOXES, Budget, check_level, decide_norm
+from lockstep.check.bound.slopes import Block, Scales, SlopeProblem
+from lockstep.check.errors import ProblemError
+from lockstep.check.verdict import Verdict
+from lockstep.model.bound_search.graph import read
+from lockstep.model.bound_search.point_slopes import PointSlopes
+from lockstep.model.bound_search.reach import Reach
+from lockstep.model.bound_search.result import Bound, Witness
+from lockstep.model.bound_search.sampling import sample_points
+from lockstep.model.bound_search.scaling import choose_scaling
+from lockstep.model.bound_search.search import Limits, Outcome, Progress, Search
+
+BOXES = 250_000
+"""The budget. A core examines about ten thousand a second, so that a domain in six variables that takes all of them is done
+in half a minute."""
+
+# A box in many variables costs what its curvature costs: ask for what can be had.
+TOLERANCES = {0: 1e-9, 1: 1e-9, 2: 1e-6, 3: 1e-4}
+LOOSEST = 5e-3
+
+ROOMS = (0.0, 1e-15, 1e-14, 1e-12, 1e-9, 1e-6, 1e-4)
+"""By which part a bound is raised, tried in this order, until the checker decides it."""
+
+Report = Callable[[Progress], None]
+
+
+def smallest_bound(
+    phi: ca.Function,
+    box: Box,
+    time: tuple[float, float] = EVERY_TIME,
+    *,
+    tolerance: float | None = None,
+    boxes: int = BOXES,
+    progress: Report | None = None,
+) -> Bound:
+    """Return the smallest provable alpha: |phi(a, t) - phi(b, t)| <= alpha |a - b| on the box, t in `time`.
+
+    A vector phi is scaled: the bound is on |D_w^-1 J D_v| (see `Bound`), so that G D_w and D_v^-1 H take the
+    places of G and H.
+
+    Args:
+        phi: w = phi(v, t), built from SX; a number in it is the IEEE double it is, exactly.
+        box: the domain of v, convex and possibly unbounded.
+        time: the range of t.
+        tolerance: the relative gap to close; by default 1e-9 in one variable and less in more.
+        boxes: the budget, after which the best enclosure found is the answer: a count, so that the answer is the same
+            on every machine.
+        progress: called with the state of the search now and then.
+
+    Raises:
+        ProblemError: if phi is no such function, uses an unknown operation, or does not match the box.
+
+    >>> v, t = ca.SX.sym("v"), ca.SX.sym("t")
+    >>> smallest_bound(ca.Function("phi", [v, t], [-3.33 * ca.sin(v)]), Box.everywhere(1)).alpha
+    3.33
+
+    """
+    problem = SlopeProblem.of(read(phi), box, time)
+    return confirmed(problem, search_bound(problem, tolerance=tolerance, boxes=boxes, progress=progress))
+
+
+def search_bound(
+    problem: SlopeProblem,
+    *,
+    tolerance: float | None = None,
+    boxes: int = BOXES,
+    progress: Report | None = None,
+) -> Bound:
+    """Return what `smallest_bound` does, before the checker has decided it."""
+    D_w, D_v = problem.scales(None, None)
+    parts = problem.blocks
+    if not parts:
+        return nothing(problem, None)
+    limits = Limits(_tolerance(tolerance, problem), max(1, boxes // len(parts)), progress)
+    outcomes = []
+    for rows, columns in parts:
+        D_w[rows], D_v[columns] = _scaling(problem, (rows, columns))
+        outcomes.append(search_block(problem, (rows, columns), D_w, D_v, limits))
+    alpha = max(o.upper for o in outcomes)
+    if len(problem.jacobian) > 1 and 0 < alpha < math.inf:
+        for (rows, _), outcome in zip(parts, outcomes, strict=True):
+            D_w[rows] = [_share(d, outcome.upper, alpha) for d in D_w[rows]]
+    top = max(outcomes, key=lambda o: o.lower)
+    converged = all(o.converged for o in outcomes)
+    return Bound(
+        alpha=alpha,
+        lower=top.lower,
+        witness=_witness(top.point, top.lower),
+        proved=alpha < math.inf,
+        refuted=False,
+        converged=converged,
+        reason=_reason(outcomes, alpha, top.lower, converged),
+        asked=None,
+        tolerance=limits.tolerance,
+        boxes=sum(o.boxes for o in outcomes),
+        input_scale=_floats(D_v),
+        output_scale=_floats(D_w),
+    )
+
+
+def confirmed(problem: SlopeProblem, bound: Bound) -> Bound:
+    """Return the bound with the least of a few alphas that the checker decides with these scales, not proved if none.
+
+    Its search may have come to a box by another way, and several independent components share alpha by their scales, with
+    equality: their slopes, scaled, are enclosed a few units in the last place above it.
+    """
+    if not bound.proved:
+        return bound
+    for room in ROOMS:
+        alpha, budget = bound.alpha * (1 + room), Budget(min(MOST_BOXES, 4 * bound.boxes + 10_000))
+        if decide_norm(problem, alpha, bound.output_scale, bound.input_scale, budget).proved:
+            return replace(bound, alpha=alpha, replay=budget.used)
+    reason = "the checker does not come to an end with what was found"
+    return replace(bound, alpha=math.inf, proved=False, converged=False, reason=reason)
+
+
+def prove_bound(
+    phi: ca.Function,
+    box: Box,
+    alpha: float,
+    time: tuple[float, float] = EVERY_TIME,
+    *,
+    input_scale: Sequence[float] | None = None,
+    output_scale: Sequence[float] | None = None,
+    boxes: int = BOXES,
+    progress: Report | None = None,
+) -> Bound:
+    """Decide whether alpha bounds |D_w^-1 J D_v|: proved, refuted with a witness, or neither in the budget.
+
+    A witness is looked for among samples first, then the checker decides. Arguments and errors are those of
+    `smallest_bound`; the scales are ones unless given.
+
+    >>> v, t = ca.SX.sym("v"), ca.SX.sym("t")
+    >>> answer = prove_bound(ca.Function("phi", [v, t], [-3.33 * ca.sin(v)]), Box.everywhere(1), 3.32)
+    >>> answer.refuted, answer.witness.slope
+    (True, 3.33)
+
+    """
+    alpha, problem = check_level(alpha), SlopeProblem.of(read(phi), box, time)
+    D_w, D_v = problem.scales(output_scale, input_scale)
+    lower, point = _reached(problem, D_w, D_v)
+    budget = _Watched(boxes, progress, lower)
+    verdict = Verdict("refuted", "")
+    if lower <= alpha:
+        verdict = decide_norm(problem, alpha, D_w, D_v, budget)
+        if verdict.status == "refuted":
+            lower, point = verdict.figures["slope"], np.array([*verdict.figures["v"], verdict.figures["t"]])
+    status, reason = verdict.status, verdict.reason
+    if status == "refuted":
+        reason = f"a slope of {lower!r} is reached, above {alpha!r}"
+    return Bound(
+        alpha=alpha if status == "proved" else math.inf,
+        lower=lower,
+        witness=_witness(point, lower),
+        proved=status == "proved",
+        refuted=status == "refuted",
+        converged=status != "undecided",
+        reason="" if status == "proved" else reason,
+        asked=alpha,
+        tolerance=0.0,
+        boxes=budget.used,
+        input_scale=_floats(D_v),
+        output_scale=_floats(D_w),
+        replay=budget.used,
+    )
+
+
+def nothing(problem: SlopeProblem, asked: float | None) -> Bound:
+    """The bound of a linear agent, whose phi has no components, or of one that depends on t only."""
+    return Bound(
+        alpha=0.0,
+        lower=0.0,
+        witness=None,
+        proved=True,
+        refuted=False,
+        converged=True,
+        reason="phi depends on no state: there is nothing to bound",
+        asked=asked,
+        tolerance=0.0,
+        boxes=0,
+        input_scale=(1.0,) * problem.graph.inputs,
+        output_scale=(1.0,) * len(problem.jacobian),
+    )
+
+
+class _Watched(Budget):
+    """A budget that says how much of it is used."""
+
+    def __init__(self, boxes: int, progress: Report | None, lower: float) -> None:
+        super().__init__(boxes)
+        self.progress, self.lower = progress, lower
+
+    def spend(self, count: int) -> None:
+        super().spend(count)
+        if self.progress is not None:
+            self.progress(Progress(self.used, self.lower, math.inf, self.used / self.boxes))
+
+
+def search_block(problem: SlopeProblem, block: Block, D_w: Scales, D_v: Scales, limits: Limits) -> Outcome:
+    """Search the largest modulus of one block of D_w^-1 J D_v, on both of its covers where there are two."""
+    original = problem.lower, problem.upper
+    direct, relaxed = problem.covers(problem.objective(block, D_w, D_v))
+    if relaxed is None:
+        return Search(direct, limits, original).run()
+    half = replace(limits, boxes=max(1, limits.boxes // 2))
+    size = relaxed.objective.variables
+    own = replace(half, tolerance=max(limits.tolerance / 4, 1e-10))
+    ceiling = Search(relaxed, own, (relaxed.lower[:size], relaxed.upper[:size])).run().upper
+    return Search(direct, replace(half, ceiling=ceiling), original).run()
+
+
+def _reached(problem: SlopeProblem, D_w: Scales, D_v: Scales) -> tuple[float, np.ndarray | None]:
+    """Return the largest slope that samples reach, and where."""
+    best, point = 0.0, None
+    for block in problem.blocks:
+        objective = problem.objective(block, D_w, D_v)
+        reach = Reach(PointSlopes(objective), problem.lower, problem.upper)
+        kinks = breakpoints(objective.value, objective.variables)
+        for polish in (False, True):
+            reach.sample(kinks, polish=polish)
+        if reach.slope > best or point is None:
+            best, point = max(best, reach.slope), reach.point
+    return best, point
+
+
+def _tolerance(tolerance: float | None, problem: SlopeProblem) -> float:
+    if tolerance is None:
+        used = frozenset[int]().union(*(x.variables for row in problem.jacobian for x in row))
+        angles = max((min(len(r), len(c)) - 1 for r, c in problem.blocks), default=0)
+        return TOLERANCES.get(len(used) + angles, LOOSEST)
+    if not 0 < tolerance < 1:
+        raise ProblemError(
+            f"the tolerance is {tolerance}", where="the bound", expected="a number between 0 and 1"
+        )
+    return float(tolerance)
+
+
+def _scaling(problem: SlopeProblem, block: Block) -> tuple[list[float], list[float]]:
+    rows, columns = block
+    if len(rows) == 1:
+        return [1.0], [1.0] * len(columns)
+    plain = problem.objective(block, *problem.scales(None, None))
+    return choose_scaling(
+        plain, sample_points(PointSlopes(plain), problem.lower, problem.upper, [], polish=False)
+    )
+
+
+LITTLE = Fraction(1, 2**45)
+
+
+def _share(scaled: float, own: float, alpha: float) -> float:
+    """Return d own/alpha and a little more: a larger D_w makes the scaled slope smaller, the bound stays proved.
+
+    The little more is for who proves it again with these scales: a scaled slope is enclosed a few units in the last
+    place above itself, and must not be above alpha for it.
+    """
+    if own == alpha or own == 0.0:
+        return scaled
+    exact = Fraction(scaled) * Fraction(own) / Fraction(alpha) * (1 + LITTLE)
+    nearest = float(exact)
+    return nearest if Fraction(nearest) >= exact else math.nextafter(nearest, math.inf)
+
+
+def _floats(scales: Scales) -> tuple[float, ...]:
+    return tuple(float(x) for x in scales)
+
+
+def _witness(point: np.ndarray | None, slope: float) -> Witness | None:
+    if point is None:
+        return None
+    *v, t = (float(x) for x in point)
+    return Witness(tuple(v), t, slope)
+
+
+def _reason(outcomes: list[Outcome], alpha: float, lower: float, converged: bool) -> str:
+    for outcome in outcomes:
+        if outcome.upper == math.inf:
+            return outcome.reason
+    if not converged:
+        return f"not converged within the budget: the truth is between {lower!r} and {alpha!r}"
+    return ""
