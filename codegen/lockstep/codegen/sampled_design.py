@@ -17,6 +17,7 @@ from lockstep.check.modes import ModalCertificate
 from lockstep.check.sampled.controller import PRECISIONS
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import sampled_loop
+from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.sampled.sector import Sector, common_pair_weights, common_sector
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.discretize import discretize
@@ -31,7 +32,6 @@ from lockstep.lmi.sampled import (
     max_period,
     sampled_rho,
 )
-from lockstep.lmi.sampled.performance import proves_rho
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
 
