@@ -2,8 +2,8 @@
 
 Of a design file it proves the continuous controllers, and the sampled, rounded ones that would ship. The exit status is
 1 where a claim of the file fails: the continuous one, or the sampled one (that it is certified, its rho, its max_period)
-if the file makes it. No longest period is looked for. A file that says itself that its sampled controllers are not certified claims
-nothing of them and keeps status 0, though the answer says it all the same. Of a folder it proves the C in it, which
+if the file makes it; no period is looked for. A file that says itself that its sampled controllers are not certified
+claims nothing of them and keeps status 0, though the answer says it all the same. Of a folder it proves the C in it, which
 claims both: either failing is status 1.
 """
 

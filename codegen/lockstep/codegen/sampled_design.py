@@ -15,13 +15,11 @@ from lockstep.check.errors import BoundNotProved, ProblemError
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate
 from lockstep.check.sampled.certify import decide_sampled
-from lockstep.check.sampled.controller import PRECISIONS
+from lockstep.check.sampled.discretise import sampled_controllers as held_controllers
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.sampled.sector import Sector, common_pair_weights, common_sector
-from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.discretize import discretize
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import (
     HeldController,
@@ -69,11 +67,14 @@ class HeldVerdict:
         are left out, being computed and not proved.
         """
         searched = self.verdict.figures if self.verdict.certified else {}
-        proved = {"witness": self.verdict.witness, "rho_witness": self.rho and self.rho.witness}
-        proved["max_period_witness"] = self.longest and self.longest.witness
+        proved: dict[str, Witness | None] = {
+            "witness": self.verdict.witness,
+            "rho_witness": None if self.rho is None else self.rho.witness,
+            "max_period_witness": None if self.longest is None else self.longest.witness,
+        }
         return {
             **{key: value for key, value in self.figures().items() if key not in searched},
-            **{key: one and one.document() for key, one in proved.items()},
+            **{key: None if one is None else one.document() for key, one in proved.items()},
         }
 
 
@@ -180,26 +181,8 @@ def sampled_controllers(stored: Stored, period: float) -> tuple[HeldController, 
     Raises:
         ProblemError: a gain has no value in the target type.
     """
-    problem, gains = stored.problem, stored.gains
-    table, real = problem.controller, RealType(problem.controller.real)
-    sources: list[list[tuple[int, float]]] = [[] for _ in range(gains.N)]
-    for listener, source, weight in problem.graph().edges:
-        sources[listener - 1].append((source - 1, weight))
-    controllers = []
-    for i, heard in enumerate(sources):
-        where = f"controller {i + 1}"
-        sampled = discretize(gains.A[i], gains.B[i], gains.C[i], gains.D[i], period, table.discretization)
-        weights = real.round(np.array([weight for _, weight in heard], dtype=float), where)
-        controllers.append(
-            HeldController.row_by_row(
-                real.round(sampled.stacked(), where).astype(float),
-                gains.order,
-                tuple(source for source, _ in heard),
-                weights.astype(float),
-                PRECISIONS[table.real],
-            )
-        )
-    return tuple(controllers)
+    table, edges = stored.problem.controller, stored.problem.graph().edges
+    return held_controllers(stored.gains, edges, period, table.discretization, table.real)
 
 
 def weights_of(stored: Stored) -> Weights:
