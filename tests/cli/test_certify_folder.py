@@ -163,6 +163,23 @@ def test_a_smaller_sampled_rho_than_is_proved_is_refused(design, tmp_path):
     assert answer["sampled"]["rho"] > 3.344
 
 
+def test_the_longest_period_is_decided_by_its_witness_and_never_looked_for(design, tmp_path, monkeypatch):
+    def searched(*_given, **_options):
+        raise AssertionError("a reader looks for no period")
+
+    monkeypatch.setattr("lockstep.codegen.sampled_design.max_period", searched)
+    assert certify_design(design, tmp_path)[1]["sampled"]["max_period"] == design["sampled"]["max_period"]
+    for changed in ({"max_period": 0.034}, {"max_period_witness": None}):
+        code, answer = certify_design({**design, "sampled": design["sampled"] | changed}, tmp_path)
+        assert code == 1
+        assert answer["sampled"]["max_period"] == 0.005, "the period of the controllers is proved all the same"
+        assert "claims max_period = 0.03" in answer["error"]["message"]
+    design["problem"]["controller"]["period"] = 0.1
+    design["sampled"]["max_period_witness"]["decay"] = 0.5
+    _, answer = certify_design(design, tmp_path)
+    assert answer["sampled"]["max_period"] is None
+
+
 def test_gains_with_a_sign_flipped_fail_both(design, tmp_path):
     design["gains"][0]["D"][0][0] *= -1
     code, answer = certify_design(design, tmp_path)

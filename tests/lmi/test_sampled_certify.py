@@ -20,9 +20,9 @@ from lockstep.check.disagreement import disagreement
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.inequality import Witness, metric
 from lockstep.check.sampled.loop import sampled_loop
+from lockstep.check.sampled.performance import SampledRho, proves_rho
 from lockstep.lmi.sampled import SampledVerdict, Weights, certify_sampled, max_period, sampled_rho, storage
-from lockstep.lmi.sampled.certify import in_doubles, lifted_agent
-from lockstep.lmi.sampled.performance import SampledRho, proves_rho
+from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.search import spectral_radius
 from lockstep.model.graph import Graph
 
@@ -41,7 +41,7 @@ def oscillators(period=0.1, alpha=1.0, delay=0):
 def test_the_linear_loop_is_the_one_of_plain_exponentials(seed):
     net, ones = random_problem(seed)
     loop = in_doubles(net, ones)
-    radius = spectral_radius(loop, lifted_agent(in_doubles(with_alpha(net, 1e-12), ones)))
+    radius = spectral_radius(loop, period_in_doubles(in_doubles(with_alpha(net, 1e-12), ones)))
     assert radius == pytest.approx(disagreement_radius(net, one_period(net, ones, 0.0)), rel=1e-6)
 
 

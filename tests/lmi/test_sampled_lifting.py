@@ -45,7 +45,7 @@ def test_one_step_is_the_largest_value_over_all_inputs(seed):
     rng = np.random.default_rng(seed)
     A, B, E, F = agent(rng)
     T, a = 0.4, rng.standard_normal(4)
-    one = lift(A, B, E @ E.T, F.T @ F, T)
+    one = lift(A, B, E @ E.T, F.T @ F, T, expm)
     root = 0.3 * rng.standard_normal((3, 3))
     P = root @ root.T + 0.1 * np.eye(3)
     step = one.A_d @ a
@@ -58,7 +58,7 @@ def test_one_step_is_the_largest_value_over_all_inputs(seed):
 
 def test_without_ways_in_it_is_the_zero_order_hold():
     A, B, _, _ = agent(np.random.default_rng(9))
-    one = lift(A, B, np.zeros((3, 3)), np.zeros((3, 3)), 0.3)
+    one = lift(A, B, np.zeros((3, 3)), np.zeros((3, 3)), 0.3, expm)
     hold = expm(0.3 * np.block([[A, B], [np.zeros((1, 4))]]))[:3]
     np.testing.assert_allclose(one.A_d, hold, atol=1e-13)
     assert not one.S.any()
@@ -66,7 +66,7 @@ def test_without_ways_in_it_is_the_zero_order_hold():
 
 def test_balls_hold_what_doubles_compute_and_are_narrow():
     A, B, E, F = agent(np.random.default_rng(3))
-    doubles = lift(A, B, E @ E.T, F.T @ F, 0.2)
+    doubles = lift(A, B, E @ E.T, F.T @ F, 0.2, expm)
     with balls.working_precision():
         A_, B_, E_, F_ = (exactly(M) for M in (A, B, E, F))
         enclosed = lift(A_, B_, E_ @ E_.T, F_.T @ F_, 0.2)
@@ -81,9 +81,9 @@ def test_a_multiplier_couples_copies_as_one_big_period_would():
     M = np.array([[2.0, -0.5], [-0.5, 1.0]])
     unit = np.eye(2)
     together = lift(
-        np.kron(unit, A), np.kron(unit, B), np.kron(np.linalg.inv(M), E @ E.T), np.kron(M, F.T @ F), 0.3
+        np.kron(unit, A), np.kron(unit, B), np.kron(np.linalg.inv(M), E @ E.T), np.kron(M, F.T @ F), 0.3, expm
     )
-    apart = copies(lift(A, B, E @ E.T, F.T @ F, 0.3), M)
+    apart = copies(lift(A, B, E @ E.T, F.T @ F, 0.3, expm), M)
     for name in ("A_d", "S", "Q"):
         np.testing.assert_allclose(getattr(apart, name), getattr(together, name), atol=1e-12)
 

@@ -98,10 +98,10 @@ def test_the_adaptive_integrator_agrees_on_the_arms():
 
 
 def zoh_of_corollary_1(period=0.01):
-    from lockstep.codegen.discretize import discretize
+    from lockstep.check.sampled.discretise import discretise
 
     g = COROLLARY_1
-    sampled = [discretize(g.A[i], g.B[i], g.C[i], g.D[i], period, "zoh") for i in range(3)]
+    sampled = [discretise(g.A[i], g.B[i], g.C[i], g.D[i], period, "zoh") for i in range(3)]
     return type(g)(*(tuple(getattr(one, letter) for one in sampled) for letter in "ABCD"))
 
 

@@ -1,9 +1,9 @@
 """`lockstep certify`: the independent checker.
 
 Of a design file it proves the continuous controllers, and the sampled, rounded ones that would ship. The exit status is
-1 where a claim of the file fails: the continuous one, or the sampled one (that it is certified, its rho) if the file
-makes it; max_period is computed anew. A file that says itself that its sampled controllers are not certified claims
-nothing of them and keeps status 0, though the answer says it all the same. Of a folder it proves the C in it, which
+1 where a claim of the file fails: the continuous one, or the sampled one (that it is certified, its rho, its max_period)
+if the file makes it; no period is looked for. A file that says itself that its sampled controllers are not certified
+claims nothing of them and keeps status 0, though the answer says it all the same. Of a folder it proves the C in it, which
 claims both: either failing is status 1.
 """
 
@@ -55,7 +55,7 @@ def _with_design(content: dict[str, Any], stored: "Stored", verdict: "Verdict") 
     """Certify a design file alone: its gains, and the controllers they are sampled and rounded to."""
     from lockstep.codegen.sampled_design import prove_design
 
-    held = prove_design(stored, content)
+    held = prove_design(stored, content, longest=False)
     sampled, document = held.figures(), certificate_document(content, stored, verdict)
     broken = broken_claim(content, sampled)
     if verdict.certified and broken:
@@ -68,8 +68,11 @@ def _with_design(content: dict[str, Any], stored: "Stored", verdict: "Verdict") 
 def broken_claim(content: Mapping[str, Any], proved: Mapping[str, Any]) -> str | None:
     """Say which claim of a design file about its sampled controllers does not hold; None if all do, or none is made.
 
-    >>> broken_claim({"sampled": {"certified": True, "rho": 2.0}}, {"certified": True, "rho": 3.0})
+    >>> proved = {"certified": True, "rho": 3.0, "max_period": 0.1}
+    >>> broken_claim({"sampled": {"certified": True, "rho": 2.0, "max_period": 0.1}}, proved)
     'the file claims rho = 2 of the sampled loop, but 3 is proved'
+    >>> broken_claim({"sampled": {"certified": True, "rho": 3.0, "max_period": 0.2}}, proved)
+    'the file claims max_period = 0.2 s, but 0.1 s is proved'
     >>> broken_claim({"sampled": {"certified": False}}, {"certified": False})
     """
     claimed = content.get("sampled")
@@ -77,6 +80,10 @@ def broken_claim(content: Mapping[str, Any], proved: Mapping[str, Any]) -> str |
         return None
     if not proved["certified"]:
         return str(proved["reason"])
+    longest, reached = claimed.get("max_period"), proved["max_period"]
+    if isinstance(longest, int | float) and (reached is None or longest > reached):
+        found = "none" if reached is None else f"{reached:g} s"
+        return f"the file claims max_period = {longest:g} s, but {found} is proved"
     rho = claimed.get("rho")
     if isinstance(rho, int | float) and (proved["rho"] is None or rho < proved["rho"]):
         found = "none" if proved["rho"] is None else f"{proved['rho']:g}"

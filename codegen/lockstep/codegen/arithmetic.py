@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
-from lockstep.codegen.spec import Real
+from lockstep.check.sampled.discretise import Real, rounded_to
 
 
 @dataclass(frozen=True)
@@ -34,15 +33,7 @@ class RealType:
 
     def round(self, M: Float[np.ndarray, "..."], where: str) -> Float[np.ndarray, "..."]:
         """Round float64 values to the nearest target value, ties to even; raises if one becomes infinite."""
-        with np.errstate(over="ignore", under="ignore"):
-            rounded: np.ndarray = np.asarray(M, dtype=np.float64).astype(self.dtype) + self.dtype.type(0)
-        if not np.isfinite(rounded).all():
-            raise ProblemError(
-                f"{np.abs(M).max():.6g} is not representable in {self.name}",
-                where=where,
-                remedy="use smaller gains",
-            )
-        return rounded
+        return rounded_to(self.name, M, where)
 
     def decimal(self, value: float) -> str:
         """Shortest decimal that reads back to the same bits, as a C literal without suffix.

@@ -61,7 +61,7 @@ def certify_folder(folder: Path, stored: Stored, content: Mapping[str, Any]) -> 
         return FolderVerdict(HeldVerdict(refused), tuple(differences))
     differences += _differences(read, manifest, period)
     controllers = tuple(one.controller for one in read)
-    held = prove_controllers(stored, network.at(period), controllers, content)
+    held = prove_controllers(stored, network.at(period), controllers, content, longest=False)
     return FolderVerdict(held, tuple(differences))
 
 

@@ -9,7 +9,7 @@ import importlib
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from lockstep.codegen.spec import Real
+from lockstep.check.sampled.discretise import Real
 
 Architecture = Literal["arm", "riscv"]
 

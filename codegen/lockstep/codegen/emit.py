@@ -1,7 +1,7 @@
 """A specification as the text of a folder: headers, sources, CMakeLists.txt, README.md, manifest.json.
 
 Pure and deterministic to the byte: no dates, no paths, no versions of tools. Gains are correctly rounded (see
-`discretize`), so the same specification gives the same text on every machine.
+`lockstep.check.sampled.discretise`), so the same specification gives the same text on every machine.
 """
 
 import unicodedata
@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.sampled.discretise import SampledGains, discretise
 from lockstep.codegen.agent_view import agent_view
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.budget import Shape, flash_budgets, stack_budgets, state_bytes
 from lockstep.codegen.cores import CORES
-from lockstep.codegen.discretize import SampledGains, discretize
 from lockstep.codegen.kernel import Kernel, straight_line
 from lockstep.codegen.manifest import (
     FILE_NAME,
@@ -87,7 +87,7 @@ def emit(spec: CodegenSpec) -> dict[str, str]:
 def _sample(agent: Controller, spec: CodegenSpec, real: RealType) -> Sampled:
     """Discretise in float64, then round once to the target type."""
     where = f"controller `{agent.name}`"
-    gains: SampledGains = discretize(agent.A, agent.B, agent.C, agent.D, spec.period, spec.discretization)
+    gains: SampledGains = discretise(agent.A, agent.B, agent.C, agent.D, spec.period, spec.discretization)
     table = real.round(gains.stacked(), where)
     weights = real.round(
         np.array([n.weight for n in agent.neighbours], dtype=np.float64), f"{where}, weights"

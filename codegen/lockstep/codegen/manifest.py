@@ -17,8 +17,9 @@ from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.sampled.discretise import Discretization, Real
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.spec import MAX_NEIGHBOURS, Discretization, Optimize, Real, check_identifier
+from lockstep.codegen.spec import MAX_NEIGHBOURS, Optimize, check_identifier
 
 FORMAT = "lockstep-controllers/1"
 FILE_NAME = "manifest.json"

@@ -14,12 +14,12 @@ from jaxtyping import Float
 from lockstep.check.errors import BoundNotProved, ProblemError
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate
-from lockstep.check.sampled.controller import PRECISIONS
+from lockstep.check.sampled.certify import decide_sampled
+from lockstep.check.sampled.discretise import sampled_controllers as held_controllers
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import sampled_loop
+from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.sampled.sector import Sector, common_pair_weights, common_sector
-from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.discretize import discretize
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import (
     HeldController,
@@ -31,7 +31,6 @@ from lockstep.lmi.sampled import (
     max_period,
     sampled_rho,
 )
-from lockstep.lmi.sampled.performance import proves_rho
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
 
@@ -68,15 +67,20 @@ class HeldVerdict:
         are left out, being computed and not proved.
         """
         searched = self.verdict.figures if self.verdict.certified else {}
-        witness = self.verdict.witness
+        proved: dict[str, Witness | None] = {
+            "witness": self.verdict.witness,
+            "rho_witness": None if self.rho is None else self.rho.witness,
+            "max_period_witness": None if self.longest is None else self.longest.witness,
+        }
         return {
             **{key: value for key, value in self.figures().items() if key not in searched},
-            "witness": None if witness is None else witness.document(),
-            "rho_witness": None if self.rho is None else self.rho.witness.document(),
+            **{key: None if one is None else one.document() for key, one in proved.items()},
         }
 
 
-def prove_design(stored: Stored, content: Mapping[str, Any], guess: PairWeights | None = None) -> HeldVerdict:
+def prove_design(
+    stored: Stored, content: Mapping[str, Any], guess: PairWeights | None = None, *, longest: bool = True
+) -> HeldVerdict:
     """Prove what the C of a design file will compute: its gains sampled and rounded as `emit` does.
 
     The counts of roundings are those of full rows; C that skips zeros rounds less often.
@@ -84,6 +88,7 @@ def prove_design(stored: Stored, content: Mapping[str, Any], guess: PairWeights 
     Args:
         stored: the design;  content: the same as JSON types: the witnesses in it are tried first.
         guess: pair weights to start from; by default those of the design.
+        longest: whether to look for the largest period too, where the one that the file states is not proved.
     """
     period, delay = stored.problem.controller.period, stored.problem.controller.delay
     try:
@@ -91,7 +96,7 @@ def prove_design(stored: Stored, content: Mapping[str, Any], guess: PairWeights 
         controllers = sampled_controllers(stored, period)
     except (BoundNotProved, ProblemError) as error:
         return HeldVerdict(SampledVerdict(False, str(error), period, delay))
-    return prove_controllers(stored, network, controllers, content, guess)
+    return prove_controllers(stored, network, controllers, content, guess, longest=longest)
 
 
 def prove_controllers(
@@ -109,7 +114,7 @@ def prove_controllers(
         stored: the design;  network: its agents, at the period of the controllers;  controllers: these.
         content: the design as JSON types: the witnesses in it are tried first.
         guess: pair weights to start from; by default those of the design.
-        longest: whether to look for the largest period too.
+        longest: whether to look for the largest period too, where the one that the file states is not proved.
     """
     if guess is None:
         guess = _guess(stored, content)
@@ -120,11 +125,11 @@ def prove_controllers(
         rho = _stated_rho(network, controllers, weights, content) or sampled_rho(
             network, controllers, weights, guess
         )
-    reach = None
-    if longest:
-        reach = _longest_stated(stored, network, guess, content) or longest_period(stored, network, guess)
-        if verdict.certified and (reach is None or reach.period < verdict.period):
-            reach = verdict
+    reach = _longest_stated(stored, network, content)
+    if reach is None and longest:
+        reach = longest_period(stored, network, guess)
+    if verdict.certified and (reach is None or reach.period < verdict.period):
+        reach = verdict
     return HeldVerdict(verdict, reach, rho)
 
 
@@ -176,26 +181,8 @@ def sampled_controllers(stored: Stored, period: float) -> tuple[HeldController, 
     Raises:
         ProblemError: a gain has no value in the target type.
     """
-    problem, gains = stored.problem, stored.gains
-    table, real = problem.controller, RealType(problem.controller.real)
-    sources: list[list[tuple[int, float]]] = [[] for _ in range(gains.N)]
-    for listener, source, weight in problem.graph().edges:
-        sources[listener - 1].append((source - 1, weight))
-    controllers = []
-    for i, heard in enumerate(sources):
-        where = f"controller {i + 1}"
-        sampled = discretize(gains.A[i], gains.B[i], gains.C[i], gains.D[i], period, table.discretization)
-        weights = real.round(np.array([weight for _, weight in heard], dtype=float), where)
-        controllers.append(
-            HeldController.row_by_row(
-                real.round(sampled.stacked(), where).astype(float),
-                gains.order,
-                tuple(source for source, _ in heard),
-                weights.astype(float),
-                PRECISIONS[table.real],
-            )
-        )
-    return tuple(controllers)
+    table, edges = stored.problem.controller, stored.problem.graph().edges
+    return held_controllers(stored.gains, edges, period, table.discretization, table.real)
 
 
 def weights_of(stored: Stored) -> Weights:
@@ -211,18 +198,17 @@ def _stated_rho(
     return known if known and proves_rho(sampled_loop(network, controllers), weights, known) else None
 
 
-def _longest_stated(
-    stored: Stored, network: Network, guess: PairWeights | None, content: Mapping[str, Any]
-) -> SampledVerdict | None:
-    """Return the verdict at the period that a design file states as its longest, if it is proved there."""
-    period = _said(content).get("max_period")
-    if not isinstance(period, int | float) or not 0 < period < 1e300 or _witness_in(content) is None:
+def _longest_stated(stored: Stored, network: Network, content: Mapping[str, Any]) -> SampledVerdict | None:
+    """Return the verdict at the period that a design file states as its longest, if the file's witness proves it."""
+    said = _said(content)
+    period, witness = said.get("max_period"), Witness.from_document(said.get("max_period_witness"))
+    if not isinstance(period, int | float) or not 0 < period < 1e300 or witness is None:
         return None
     try:
         controllers = sampled_controllers(stored, float(period))
     except ProblemError:
         return None
-    verdict = certify_sampled(network.at(float(period)), controllers, guess, thorough=False)
+    verdict = decide_sampled(network.at(float(period)), controllers, [witness])
     return verdict if verdict.certified else None
 
 

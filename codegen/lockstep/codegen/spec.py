@@ -14,9 +14,8 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.sampled.discretise import Discretization, Real, check_period
 
-Discretization = Literal["tustin", "zoh", "euler"]
-Real = Literal["float32", "float64"]
 Optimize = Literal["speed", "size"]
 
 MAX_NEIGHBOURS = 64
@@ -261,14 +260,6 @@ class CodegenSpec:
                 raise ProblemError(
                     f"the source `{missing[0]}` is no agent", where=f"controller `{agent.name}`"
                 )
-
-
-def check_period(period: float) -> None:
-    """Refuse a period that is not a positive finite number of seconds."""
-    if isinstance(period, bool) or not (math.isfinite(period) and period > 0):
-        raise ProblemError(
-            f"the period is {period!r}", where="period", expected="a finite number of seconds above 0"
-        )
 
 
 def _choice(value: str, allowed: tuple[str, ...], where: str) -> None:

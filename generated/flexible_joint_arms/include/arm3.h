@@ -12,7 +12,7 @@
  *   input  u[0]      u in V
  *   neighbour 0      arm1, weight a = 1.0, bit 0x1 of `received`
  *   arithmetic       float32 (float), round to nearest, subnormals kept, no contraction
- *   design           b8baffa69e5b1418363578645a757628efd3244f93971776f79ecd648cb59e4e
+ *   design           966c2d4833c0831380caac474c62e18912573a12ebd38d5feceb8e2d85ac1d3f
  *
  * WHAT IS CLAIMED
  *   certified (proof: ball)

@@ -19,6 +19,7 @@ agent's matrix in a Kronecker product, S = M^-1 (x) S_1 and Q = M (x) Q_1: the i
 one small exponential serves all agents and all M.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,14 +42,24 @@ class Lifted:
         return len(self.S)
 
 
-def lift(A: Matrix, B: Matrix, EE: Matrix, FF: Matrix, period: float) -> Lifted:
+def lift(
+    A: Matrix,
+    B: Matrix,
+    EE: Matrix,
+    FF: Matrix,
+    period: float,
+    exponential: Callable[[Matrix], Matrix] = exponential,
+) -> Lifted:
     """Return one period of x' = A x + B v + E w, z = F x, given EE = E E' and FF = F'F.
 
-    A: (n, n);  B: (n, k);  EE, FF: (n, n), in doubles or exact;  period: T in s, taken as the double it is.
+    A: (n, n);  B: (n, k);  EE, FF: (n, n), exact, or in doubles with their own exponential;  period: T in s, taken as the
+    double it is;  exponential: M to e^M, in balls unless a search brings another.
 
-    >>> zero = np.zeros((1, 1))
-    >>> step = lift(zero, np.ones((1, 1)), np.ones((1, 1)), zero, 0.5)
-    >>> step.A_d.tolist(), step.S.tolist()
+    >>> from lockstep.check.numbers import exactly
+    >>> from lockstep.check.sampled.balls import midpoints
+    >>> zero, one = exactly(np.zeros((1, 1))), exactly(np.ones((1, 1)))
+    >>> step = lift(zero, one, one, zero, 0.5)
+    >>> midpoints(step.A_d).tolist(), midpoints(step.S).tolist()
     ([[1.0, 0.5]], [[0.5]])
     """
     n, k = B.shape

@@ -19,9 +19,11 @@ descent      descent on rho of the sampled loop
 improve      design for the period: the best of what descents reach from several starts
 """
 
+from lockstep.check.sampled.certify import SampledVerdict
 from lockstep.check.sampled.controller import HeldController, Network
-from lockstep.lmi.sampled.certify import SampledVerdict, certify_sampled
-from lockstep.lmi.sampled.performance import SampledRho, Weights, sampled_rho
+from lockstep.check.sampled.performance import SampledRho, Weights
+from lockstep.lmi.sampled.certify import certify_sampled
+from lockstep.lmi.sampled.performance import sampled_rho
 from lockstep.lmi.sampled.period import max_period
 
 __all__ = [

@@ -16,10 +16,11 @@ from jaxtyping import Float
 
 from lockstep.check.sampled.controller import PRECISIONS, HeldController
 from lockstep.check.sampled.controller import Network as SampledNetwork
+from lockstep.check.sampled.performance import Weights
 from lockstep.lmi.sampled.certify import in_doubles
 from lockstep.lmi.sampled.descent import Descent, Point, within
 from lockstep.lmi.sampled.objective import Objective
-from lockstep.lmi.sampled.performance import Weights, least_rho
+from lockstep.lmi.sampled.performance import least_rho
 from lockstep.lmi.sampled.tustin import tustin
 
 RHO_KEPT = (1.5, 5.0)

@@ -18,7 +18,7 @@ from jaxtyping import Complex, Float
 from lockstep.check.loop import build_loop
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.loop import SampledLoop
-from lockstep.lmi.sampled.performance import Weights, running_cost
+from lockstep.check.sampled.performance import Weights, running_cost
 from lockstep.lmi.sampled.response import Poles, power_mean
 from lockstep.lmi.sampled.slopes import lifted_period
 from lockstep.lmi.sampled.tustin import pulled_back, tustin

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.sampled.certify import SampledVerdict
 from lockstep.check.sampled.controller import HeldController, Network
 from lockstep.lmi.sampled.certify import (
-    SampledVerdict,
     certify_sampled,
     first_guess,
     in_doubles,

@@ -1,0 +1,207 @@
+"""Continuous gains to the sampled controller x+ = A_d x + B_d r, u = C_d x + D_d r, correctly rounded.
+
+With T the period, paper (9) becomes
+
+    euler   A_d = I + A T            B_d = B T              C_d = C         D_d = D
+    zoh     A_d = e^(A T)            B_d = int_0^T e^(A s) B ds             C_d = C         D_d = D
+    tustin  A_d = E^-1 (I + A T/2)   B_d = E^-1 B T         C_d = C E^-1    D_d = D + C E^-1 B T/2,   E = I - A T/2
+
+(Franklin, Powell, Workman, Digital Control of Dynamic Systems, chapter 6). Tustin's sampled state is xi = E x
+- (T/2) B r, not x: the trapezoidal rule needs r at both ends of a period, and this choice is the one that
+needs only the present r. Note D_d != D: part of r reaches u at once.
+
+Euler and Tustin are computed over the rationals and zoh in ball arithmetic, then rounded once to float64. So
+the result is the float64 nearest to the exact one, the same on every machine: no BLAS is involved. The target's real
+type is reached by one more rounding of these float64.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from flint import fmpq
+
+from lockstep.check.errors import ProblemError
+from lockstep.check.loop import Gains
+from lockstep.check.numbers import Matrix, as_floats, exact, exactly, eye, inverse
+from lockstep.check.sampled.balls import exponential, working_precision
+from lockstep.check.sampled.controller import PRECISIONS, HeldController
+
+Discretization = Literal["tustin", "zoh", "euler"]
+Real = Literal["float32", "float64"]
+
+_PRECISIONS = (192, 768, 3072)
+"""Bits tried for e^(A T); more are needed only where entries cancel or lie next to a rounding boundary."""
+
+_CONDITION = 10**12
+"""Above it, an error of 1e-16 in the given gains moves the sampled ones by 1e-4: they mean nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class SampledGains:
+    """x+ = A x + B r, u = C x + D r in float64."""
+
+    A: Annotated[np.ndarray, "nc nc"]
+    B: Annotated[np.ndarray, "nc q"]
+    C: Annotated[np.ndarray, "m nc"]
+    D: Annotated[np.ndarray, "m q"]
+
+    def stacked(self) -> Annotated[np.ndarray, "nc+m nc+q"]:
+        """[A B; C D], the one table that maps (x, r) to (x+, u)."""
+        return np.block([[self.A, self.B], [self.C, self.D]])
+
+
+def check_period(period: float) -> None:
+    """Refuse a period that is not a positive finite number of seconds."""
+    if isinstance(period, bool) or not (math.isfinite(period) and period > 0):
+        raise ProblemError(
+            f"the period is {period!r}", where="period", expected="a finite number of seconds above 0"
+        )
+
+
+def discretise(
+    A: Annotated[np.ndarray, "nc nc"],
+    B: Annotated[np.ndarray, "nc q"],
+    C: Annotated[np.ndarray, "m nc"],
+    D: Annotated[np.ndarray, "m q"],
+    period: float,
+    method: Discretization = "tustin",
+) -> SampledGains:
+    """Sample x' = A x + B r, u = C x + D r with the period T in s.
+
+    Raises `ProblemError` if E = I - A T/2 is singular (tustin), if a result exceeds float64, or if T <= 0.
+
+    >>> import numpy as np
+    >>> one = np.ones((1, 1))
+    >>> g = discretise(-one, one, one, 0 * one, 0.5, "tustin")
+    >>> [float(M[0, 0]) for M in (g.A, g.B, g.C, g.D)]
+    [0.6, 0.4, 0.8, 0.2]
+    """
+    check_period(period)
+    if method not in ("tustin", "zoh", "euler"):
+        raise ProblemError(f"`{method}`", where="discretization", expected="tustin, zoh or euler")
+    if len(A) == 0:
+        return SampledGains(np.zeros_like(A), np.zeros_like(B), C.copy(), D.copy())
+    if method == "zoh":
+        return SampledGains(*_zoh(A, B, period), C.copy(), D.copy())
+    A_, B_, C_, D_ = (exactly(M) for M in (A, B, C, D))
+    T, unit = exact(period), eye(len(A), A_)
+    if method == "euler":
+        return SampledGains(_rounded(unit + A_ * T), _rounded(B_ * T), C.copy(), D.copy())
+    half = T / 2
+    E_inverse = _inverse(unit - A_ * half, 1 + half * _largest(A_), period)
+    B_d = E_inverse @ B_ * T
+    exact_gains = (E_inverse @ (unit + A_ * half), B_d, C_ @ E_inverse, D_ + C_ @ B_d / 2)
+    return SampledGains(*(_rounded(M) for M in exact_gains))
+
+
+def rounded_to(real: Real, M: Annotated[np.ndarray, "..."], where: str) -> Annotated[np.ndarray, "..."]:
+    """Round float64 values to the nearest of the type, ties to even, -0 to 0; raises if one becomes infinite."""
+    target = np.dtype(real)
+    with np.errstate(over="ignore", under="ignore"):
+        rounded: np.ndarray = np.asarray(M, dtype=np.float64).astype(target) + target.type(0)
+    if not np.isfinite(rounded).all():
+        raise ProblemError(
+            f"{np.abs(M).max():.6g} is not representable in {real}", where=where, remedy="use smaller gains"
+        )
+    return rounded
+
+
+def sampled_controllers(
+    gains: Gains,
+    edges: Iterable[tuple[int, int, float]],
+    period: float,
+    method: Discretization,
+    real: Real,
+) -> tuple[HeldController, ...]:
+    """Return the gains sampled with a period and rounded to a type, rows and sums running from left to right.
+
+    Args:
+        gains: continuous, of every agent;  edges: (listener, source, weight), agents from 1, in the order of the sums.
+        period: T in s;  method: of sampling;  real: the type of the arithmetic.
+
+    Raises:
+        ProblemError: a gain has no value in the type, or cannot be sampled.
+    """
+    heard: list[list[tuple[int, float]]] = [[] for _ in range(gains.N)]
+    for listener, source, weight in edges:
+        heard[listener - 1].append((source - 1, weight))
+    controllers = []
+    for i, own in enumerate(heard):
+        where = f"controller {i + 1}"
+        sampled = discretise(gains.A[i], gains.B[i], gains.C[i], gains.D[i], period, method)
+        table = rounded_to(real, sampled.stacked(), where).astype(float)
+        weights = rounded_to(real, np.array([a for _, a in own], dtype=float), where).astype(float)
+        sources = tuple(source for source, _ in own)
+        controllers.append(HeldController.row_by_row(table, gains.order, sources, weights, PRECISIONS[real]))
+    return tuple(controllers)
+
+
+def _inverse(E: Matrix, scale: fmpq, T: float) -> Matrix:
+    """E^-1, or an error when E is singular up to the rounding of T: 2/T is rarely exact in binary.
+
+    scale  the size of the terms of E before they cancel
+    """
+    try:
+        found = inverse(E)
+    except ZeroDivisionError:
+        found = None
+    if found is None or scale * _largest(found) > _CONDITION:
+        raise ProblemError(
+            "I - A T/2 is singular, so Tustin's rule does not exist",
+            where=f"discretization with the period {T!r} s",
+            expected="no eigenvalue of A at 2/T",
+            remedy='use another period or discretization = "zoh"',
+        )
+    return found
+
+
+def _largest(M: Matrix) -> fmpq:
+    largest: fmpq = max(abs(value) for value in M.ravel())
+    return largest
+
+
+def _zoh(A: Matrix, B: Matrix, T: float) -> tuple[Matrix, Matrix]:
+    """exp of [A B; 0 0] T: its upper blocks are A_d and B_d (Van Loan 1978)."""
+    n, q = B.shape
+    augmented = exactly(np.block([[A, B], [np.zeros((q, n + q))]])) * exact(T)
+    for precision in _PRECISIONS:
+        with working_precision(precision):
+            upper = exponential(augmented)[:n]
+            result = np.array([_nearest(ball) for ball in upper.ravel()]).reshape(upper.shape)
+        if not np.isnan(result).any():
+            break
+    if not np.isfinite(result).all():
+        raise ProblemError(
+            "e^(A T) is not representable in float64",
+            where=f"discretization with the period {T!r} s",
+            remedy="use a shorter period or smaller gains",
+        )
+    return result[:, :n].copy(), result[:, n:].copy()
+
+
+def _nearest(ball: Any) -> float:
+    """The float64 that every point of the ball rounds to; NaN if there is none at this precision.
+
+    An exact zero that the ball cannot separate from its neighbours comes out as 0 once the radius is below
+    half the smallest float64, which the last precision sees to.
+    """
+    if not ball.is_finite():
+        return math.nan
+    ends = (end.man_exp() for end in (ball.lower(), ball.upper()))
+    exact_ends = [fmpq(mantissa) * fmpq(2) ** int(exponent) for mantissa, exponent in ends]
+    low, high = as_floats(np.array(exact_ends, dtype=object)) + 0.0
+    return float(low) if low == high else math.nan
+
+
+def _rounded(M: Matrix) -> Annotated[np.ndarray, "k l"]:
+    result = as_floats(M) + 0.0
+    if not np.isfinite(result).all():
+        raise ProblemError(
+            "a sampled gain is not representable in float64",
+            where="discretization",
+            remedy="use smaller gains",
+        )
+    return result

@@ -1,0 +1,102 @@
+"""rho of the sampled loop: the gain from the disturbances to what the design weighs, between the samples too.
+
+    int_0^inf x_d' (S (x) R) x_d dt + T sum_k x_C(t_k)' (I (x) Q) x_C(t_k)
+        <= V(xi(0)) + rho^2 int_0^inf xi_d' (S (x) I) xi_d dt + kappa sum_k (|nu_k|^2 + |mu_k|^2),
+
+the continuous rho's weights, the controllers' states being counted at the sampling instants and held for a period, as
+the controllers hold them. The disturbance is one more way into the period that is lifted, and the weighted state
+one more way out:
+
+    E E' = M^-1 (x) G G' + rho^-2 S^-1 (x) I,     F'F = M (x) alpha^2 H'H + S (x) R.
+
+M and S do not commute, so all of x_d is lifted at once, and anew for each M and rho. A stored rho and its witness are decided
+here; looking for small ones is not done here.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from lockstep.check.numbers import Matrix, converter, exactly, eye, is_exact, zeros
+from lockstep.check.sampled import balls
+from lockstep.check.sampled.conjugate import no_conjugate_point
+from lockstep.check.sampled.inequality import W_matrix, Witness, multiplier
+from lockstep.check.sampled.lifting import Lifted, lift
+from lockstep.check.sampled.loop import SampledLoop
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """R (n, n) of the disagreement and Q (n_C, n_C) of each controller's state, in doubles."""
+
+    R: Annotated[np.ndarray, "n n"]
+    Q: Annotated[np.ndarray, "n_C n_C"]
+
+
+@dataclass(frozen=True, eq=False)
+class SampledRho:
+    """A rho of the sampled loop that was proved in ball arithmetic, and its witness (decay 1, no weight)."""
+
+    rho: float
+    witness: Witness
+
+
+def proves_rho(exact_loop: SampledLoop, weights: Weights, found: SampledRho) -> bool:
+    """Decide in balls whether P > 0, m >= 0, t >= 0, M > 0 and W > 0, and that the period holds no conjugate point."""
+    witness = found.witness
+    if not witness.fits(exact_loop) or np.any(witness.m < 0) or np.any(witness.t < 0):
+        return False
+    if not (witness.decay == 1 and witness.weight == 0 and found.rho > 0):
+        return False
+    if min(witness.kappa, witness.kappa_mu) < 0:
+        return False
+    with balls.working_precision():
+        M = multiplier(exact_loop.network.d, exactly(witness.m))
+        P = exactly(witness.P)
+        if (
+            not np.array_equal(P, P.T)
+            or not balls.is_positive_definite(P)
+            or not balls.is_positive_definite(M)
+        ):
+            return False
+        EE, FF = ways(exact_loop, weights, M, found.rho)
+        unit = eye(exact_loop.network.d.N - 1, M)
+        if not no_conjugate_point(
+            np.kron(unit, exact_loop.network.plant.A), EE, FF, exact_loop.network.period
+        ):
+            return False
+        lifted = lift_all(exact_loop, EE, FF)
+        W = W_matrix(exact_loop, lifted, witness, running_cost(exact_loop, weights))
+        return balls.is_positive_definite(W)
+
+
+def running_cost(loop: SampledLoop, weights: Weights) -> Matrix:
+    """Return T x_C' (I (x) Q) x_C as a form on z."""
+    number = converter(is_exact(loop.held))
+    Q = number(np.array([[loop.network.period]]))[0, 0] * number(weights.Q)
+    form, n_C = zeros(loop.n_z, loop.n_z, loop.held), len(weights.Q)
+    for i in range(loop.network.d.N):
+        place = slice(loop.n_d + i * n_C, loop.n_d + (i + 1) * n_C)
+        form[place, place] = Q
+    return form
+
+
+def ways(loop: SampledLoop, weights: Weights, M: Matrix, rho: float) -> tuple[Matrix, Matrix]:
+    """Return E E' and F'F, for a multiplier and a rho."""
+    number, S = converter(is_exact(loop.held)), loop.network.d.S
+    square = number(np.array([[rho]]))[0, 0] ** 2
+    GG, HH = loop.network.squares
+    unit = eye(len(GG), M)
+    EE = np.kron(balls.inverse(M), GG) + np.kron(balls.inverse(S), unit) / square
+    return EE, np.kron(M, HH) + np.kron(S, number(weights.R))
+
+
+def lift_all(
+    loop: SampledLoop, EE: Matrix, FF: Matrix, exponential: Callable[[Matrix], Matrix] = balls.exponential
+) -> Lifted:
+    """Return one period of x_d: all agents at once."""
+    unit = eye(loop.network.d.N - 1, loop.held)
+    A, B = np.kron(unit, loop.network.plant.A), np.kron(unit, loop.into)
+    return lift(A, B, EE, FF, loop.network.period, exponential)
