@@ -8,10 +8,9 @@ from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, arms, claim, problem, published
 
 from lockstep.check.inequality import F_matrix
 from lockstep.lmi.analysis.solve import least_rho
-from lockstep.lmi.bmi import BilinearProgram, Limits, Point
 from lockstep.lmi.design import claim_of, proved_bound
 from lockstep.lmi.search import Search, search_gains
-from lockstep.lmi.search.interior import InteriorProgram
+from lockstep.lmi.search.interior import InteriorProgram, Limits, Point
 from lockstep.lmi.search.logdet import BalancedF
 from lockstep.lmi.search.start import begin
 from lockstep.model.assembly import network_of
@@ -118,13 +117,6 @@ def test_what_cannot_be_got_inside_comes_back_as_it_was() -> None:
     assert good is not None
     start = Point(K, good)
     assert InteriorProgram(loop, weights, 50.0).improve(start, "rho") is start
-
-
-def test_small_loops_keep_their_program_and_large_ones_get_this_one() -> None:
-    network = arms()
-    weights = claim(network, 2, ALPHA)
-    assert isinstance(Search.of(network.loop(2), weights, 50.0).program, BilinearProgram)
-    assert isinstance(Search.of(network.loop(4), claim(network, 4, ALPHA), 50.0).program, InteriorProgram)
 
 
 def eight_carts() -> tuple:

@@ -1,19 +1,18 @@
-"""The steps of the search, one by one: stabilise, the nonlinear program's F_r, inner convex steps, one start, the search."""
+"""The steps of the search, one by one: stabilise, the nonlinear program, one start, the search."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, arms, claim, problem, published
+from lmi_cases import DOUBLE_INTEGRATOR, arms, problem
 
-from lockstep.check.inequality import Certificate, Claim, F_matrix
+from lockstep.check.inequality import Claim
 from lockstep.check.loop import Loop
 from lockstep.lmi.analysis.rounding import short_gains
 from lockstep.lmi.analysis.solve import least_rho
-from lockstep.lmi.bmi import BilinearProgram, Limits, Point
 from lockstep.lmi.design import claim_of, proved_bound
 from lockstep.lmi.search import Search, search_gains
-from lockstep.lmi.search.inner import inner_step
+from lockstep.lmi.search.interior import InteriorProgram, Limits, Point
 from lockstep.lmi.search.stabilise import _abscissa, abscissa, descend, stabilise
 from lockstep.lmi.search.start import begin, climb
 from lockstep.model.assembly import network_of
@@ -79,59 +78,16 @@ def test_stabilise_cannot_do_the_impossible() -> None:
     assert stabilise(loop, np.random.default_rng(0).standard_normal((3, 1, 1)))[1] >= -1e-6
 
 
-@pytest.mark.parametrize("delta", [(0.0,) * 4, (0.3, 0.2, 0.1, 0.2)])
-def test_F_r_is_the_schur_complement_of_F(delta: tuple[float, ...]) -> None:
-    """F_r < 0 and the rows left out < 0 together are F < 0: eliminate those rows of F by hand."""
-    network, gains, generator = arms(), published(), np.random.default_rng(0)
-    loop, weights = network.loop(2), claim(network, 2, ALPHA, delta=delta)
-    program = BilinearProgram(loop, weights, 50.0)
-    ways = len(program.ways)
-    P = generator.standard_normal((14, 14))
-    m, t, rho = generator.uniform(0.5, 2, 3), generator.uniform(0.5, 2, ways), 7.0
-    F = F_matrix(loop, gains.blocks, weights, Certificate(rho, P + P.T, m, t))
-    kept = [*range(14), *range(22, 24)]  # x_cl and phi_d; xi_d is 14 ... 21, the gain errors come last
-    gone = [k for k in range(len(F)) if k not in kept]
-    schur = F[np.ix_(kept, kept)] - F[np.ix_(kept, gone)] @ np.linalg.solve(
-        F[np.ix_(gone, gone)], F[np.ix_(gone, kept)]
-    )
-    upper = (P + P.T)[np.triu_indices(14)]
-    F_r = np.array(program._value_of_F_r(upper, gains.blocks.ravel(), m, t, rho**2, [1.0, 1.0]))
-    np.testing.assert_allclose(F_r, schur, atol=1e-8)
-    # f_a and f_d scale alpha^2 and delta^2, so that half of each is the claim at 1/sqrt(2).
-    F_half = np.array(program._value_of_F_r(upper, gains.blocks.ravel(), m, t, rho**2, [0.5, 0.5]))
-    assert not np.allclose(F_half, schur)
-
-
 def test_the_nonlinear_program_improves_and_keeps_to_the_gain_limit() -> None:
     loop, weights = pendulums()
     K = np.array([[[-3.0, 0.1, 0.2], [0.3, -1.0, -1.0]], [[-2.0, 0.2, 0.1], [0.2, -1.0, -2.0]]])
     start = least_rho(loop, K, weights)
     assert start is not None
-    better = BilinearProgram(loop, weights, 6.0).improve(Point(K, start), "rho", Limits(100))
+    better = InteriorProgram(loop, weights, 6.0).improve(Point(K, start), "rho", Limits(100))
     found = least_rho(loop, better.K, weights)
     assert found is not None
     assert found.rho < 0.9 * start.rho
     assert max(np.linalg.norm(block, 2) for block in better.K) <= 6.0 * (1 + 1e-6)
-
-
-def test_inner_steps_never_raise_rho_and_keep_a_certificate() -> None:
-    loop, weights = pendulums()
-    K = np.array([[[-3.0, 0.1, 0.2], [0.3, -1.0, -1.0]], [[-2.0, 0.2, 0.1], [0.2, -1.0, -2.0]]])
-    witness = least_rho(loop, K, weights)
-    assert witness is not None
-    for _ in range(3):
-        step = inner_step(loop, K, weights, witness, 6.0)
-        assert step is not None
-        K, claimed = step
-        again = least_rho(loop, K, weights)
-        assert again is not None
-        # The step's own witness is valid, so the least rho of its gains is no larger (to the solver's accuracy).
-        assert again.rho <= claimed.rho * (1 + 1e-5)
-        assert claimed.rho < witness.rho
-        assert max(np.linalg.norm(block, 2) for block in K) <= 6.0 * (1 + 1e-6)
-        F = F_matrix(loop, K, weights, claimed)
-        assert np.linalg.eigvalsh((F + F.T) / 2)[-1] < 1e-5 * np.abs(F).max()
-        witness = again
 
 
 def test_one_start_is_a_function_of_its_seed() -> None:

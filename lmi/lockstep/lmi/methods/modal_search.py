@@ -1,4 +1,4 @@
-"""Identical gains for all modes: the bilinear inequality of `bmi`, once for each end of each segment, with one K.
+"""Identical gains for all modes: the bilinear matrix inequality, once for each end of each segment, with one K.
 
 Unknown are K, a P for each segment, mu, sigma and the fraction f of alpha^2 that is carried. With the rows of xi
 eliminated,
@@ -7,7 +7,7 @@ eliminated,
                   [                                  *                                          -mu I  ]  < 0,
 
 He(A_C) < 0 in a metric of its own for the mean of the controllers, and each semidefinite condition made smooth by a
-factor, as in `bmi`. What comes out is a set of gains; `modal.prove_modes` certifies them or does not.
+factor. What comes out is a set of gains; `modal.prove_modes` certifies them or does not.
 """
 
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from lockstep.check.inequality import Claim
 from lockstep.check.modes import Modes
-from lockstep.lmi.factored import (
+from lockstep.lmi.methods.factored import (
     FACTOR_FLOOR,
     diagonal,
     factor,

@@ -7,29 +7,23 @@ With x = (P, K, m, t, rho^2, f_a, f_d) of `logdet` and a goal g,
 for a falling mu, l being the gain limit. The curvature of F is indefinite, so each step adds to the square part of it as
 much as makes the whole positive definite: steps are then long where the barrier is flat, whatever the units of x are.
 
-A step costs the products of matrices with as many rows as F, where `bmi` factors a system with a row for every entry of P
-and of its three factors: eight times less for four agents of order 4, twenty times less for five. `bmi` needs fewer steps,
-because its iterates may leave the feasible set. Measured on the row of arms, the first start, seconds of one core:
+It replaces a smooth program with a factor for each semidefinite condition, which a general interior-point solver took to
+the same rho on the arms (3.350 here, 3.343 there), but from other starts to gains without a certificate, under some linear
+algebra kernels and not under others. Here every iterate is inside.
 
-    agents   rows of F_r   bmi: a step, the start     here: a step, the start
-    3        16            0.015, 9, rho 3.374        0.006, 8, rho 3.351
-    4        23            0.11, 72, rho 5.042        0.013, 27, rho 5.071
-    5        30            0.73, not seen to end      0.03, 70, rho 6.675
-
-As with `bmi`, nothing here is trusted: `rounding.prove` certifies the gains that come out, or does not.
+Nothing here is trusted: `rounding.prove` certifies the gains that come out, or does not.
 """
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from lockstep.check.inequality import Claim, channels
+from lockstep.check.inequality import Certificate, Claim, channels
 from lockstep.check.loop import Loop
-from lockstep.lmi.bmi import Aim, Limits, Point
 from lockstep.lmi.search.logdet import BalancedF
 
 WEIGHTS = (6e-3, 2e-3, 5e-4)
@@ -63,8 +57,32 @@ LEAST_MULTIPLIERS = (1e-3, 1e-5, 1e-7, 1e-9)
 """Multipliers start at this part of the largest one at least, the first that is allowed: at zero the barrier would be
 infinite."""
 
+Aim = Literal["rho", "alpha", "claim"]
+
 Goal = Callable[[Float[np.ndarray, " x"]], tuple[float, dict[int, float], dict[int, float]]]
 """The value of a goal, its slope and its second derivative, each by the place of the unknown."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """Gains with the witnesses that go with them, and the fractions of alpha^2 and delta^2 they carry."""
+
+    K: Float[np.ndarray, "N k l"]
+    certificate: Certificate
+    alpha_fraction: float = 1.0
+    delta_fraction: float = 1.0
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How long a run may take (a count: the same input gives the same answer), the range of rho, and a deadline.
+
+    deadline: of `time.monotonic`, or None; where it cuts a run, the answer depends on the machine.
+    """
+
+    iterations: int = 150
+    rho_most: float = 1e6
+    deadline: float | None = None
 
 
 class Bound(NamedTuple):
@@ -81,16 +99,12 @@ class Task:
 
     goal: Goal
     bounds: list[Bound]
-    free: Float[np.ndarray, " free"]
+    free: Int[np.ndarray, " free"]
     done: Callable[[Float[np.ndarray, " x"]], bool]
 
 
 class InteriorProgram:
-    """The barrier problem for one loop, claim and gain limit; asked like `bmi.BilinearProgram`."""
-
-    descent = 150
-    """Newton steps for each mu of a run that lowers rho: a second run, from the middle of the feasible set again, gains more
-    than the last steps of the first."""
+    """The barrier problem for one loop, claim and gain limit."""
 
     def __init__(self, loop: Loop, claim: Claim, gain_limit: float) -> None:
         self.loop, self.claim, self.gain_limit = loop, claim, gain_limit
@@ -105,7 +119,7 @@ class InteriorProgram:
                 start's.
             limits: Newton steps for each mu, the largest rho of "claim", and a deadline.
         """
-        limits = limits or Limits(self.descent)
+        limits = limits or Limits()
         try:
             F = BalancedF(self.loop, self.claim, np.linalg.cholesky(start.certificate.P))
         except np.linalg.LinAlgError:
@@ -293,3 +307,8 @@ def _line_search(
         if found <= here - ENOUGH * length * decrement:
             return length, found
     return 0.0, here
+
+
+def within(K: Float[np.ndarray, "N k l"], limit: float) -> Float[np.ndarray, "N k l"]:
+    """Scale each agent's gains down to the limit on their spectral norm."""
+    return np.stack([block * min(1.0, limit / max(float(np.linalg.norm(block, 2)), 1e-300)) for block in K])

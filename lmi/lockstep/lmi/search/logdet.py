@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int, Shaped
 
 from lockstep.check.inequality import (
     Certificate,
@@ -140,7 +140,7 @@ class BalancedF:
         return sectors(self.loop, self.claim)
 
     @cached_property
-    def _upper(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
+    def _upper(self) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
         return np.triu_indices(self.loop.n_x)
 
     @cached_property
@@ -221,7 +221,7 @@ class BalancedF:
         return basis
 
     @cached_property
-    def _entries(self) -> tuple[Float[np.ndarray, " e"], ...]:
+    def _entries(self) -> tuple[Shaped[np.ndarray, " e"], ...]:
         """For each entry of P and K its u and v, those of its mirror image, and whether it has one."""
         n_x, (N, k, l) = self.loop.n_x, self.shape_K
         a, b = self._upper

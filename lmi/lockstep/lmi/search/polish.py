@@ -13,19 +13,17 @@ from jaxtyping import Float
 from lockstep.check.inequality import Certificate
 from lockstep.lmi.analysis.reach import largest_alpha
 from lockstep.lmi.analysis.solve import least_rho
-from lockstep.lmi.bmi import Limits, Point
-from lockstep.lmi.search.inner import inner_step
+from lockstep.lmi.search.interior import Limits, Point
 from lockstep.lmi.search.start import Score, Search, over
 
 STRIDES = 12
 """At most so many; one that does not pay ends it before."""
 
-SHORT, LONG = 100, 400
-"""Iterations of the first stride and the longest, each being twice the one before."""
+SHORT, LONG = 100, 150
+"""Newton steps, for each weight of the barrier, of the first stride and of those after it."""
 
-CREEPS, RAISES = 3, 14
-"""Inner steps after a stride without a certificate, for loops whose semidefinite programs take no minute; runs that
-raise alpha."""
+RAISES = 14
+"""Runs that raise alpha."""
 
 WORTHWHILE = 0.01
 """A stride that lowers rho by less than this part of it, the second after which it ends."""
@@ -96,7 +94,7 @@ def polished(
         idle = 0 if gained >= worthwhile else idle + 1
         if idle == 2 or gained == 0 or new.sampled > WORSE * best.sampled:
             break
-        length = min(2 * length, LONG)
+        length = LONG
     best = replace(best, cut=over(deadline))
     return best if rho is None else _with_alpha_raised(search, best, rho, deadline)
 
@@ -110,25 +108,11 @@ def _outcome(
 
 
 def _stride(search: Search, point: Point, length: int, deadline: float | None) -> Point:
-    """Take one run of the nonlinear program; where what it finds has no certificate, creep a few certified steps
-    instead."""
-    program = search.program
-    trial = program.improve(point, "rho", Limits(min(length, program.descent), deadline=deadline))
+    """Take one run of the nonlinear program; the point as it was where the run did not lower rho."""
+    trial = search.program.improve(point, "rho", Limits(length, deadline=deadline))
     found = least_rho(search.loop, trial.K, search.claim)
-    if found is not None and found.rho < point.certificate.rho:
-        return Point(trial.K, found)
-    return point if search.is_large or over(deadline) else creep(search, point, CREEPS)
-
-
-def creep(search: Search, point: Point, steps: int) -> Point:
-    """Take inner convex steps: each keeps a certificate, and rho never rises."""
-    for _ in range(steps):
-        step = inner_step(search.loop, point.K, search.claim, point.certificate, search.gain_limit)
-        found = None if step is None else least_rho(search.loop, step[0], search.claim)
-        if step is None or found is None or found.rho >= point.certificate.rho:
-            return point
-        point = Point(step[0], found)
-    return point
+    better = found is not None and found.rho < point.certificate.rho
+    return Point(trial.K, found) if found is not None and better else point
 
 
 def _with_alpha_raised(search: Search, best: Outcome, rho: float, deadline: float | None) -> Outcome:
@@ -144,7 +128,7 @@ def _with_alpha_raised(search: Search, best: Outcome, rho: float, deadline: floa
             break
         part = (alpha / claim.alpha) ** 2
         trial = program.improve(
-            Point(K, replace(start, rho=most), part), "alpha", Limits(program.descent, deadline=deadline)
+            Point(K, replace(start, rho=most), part), "alpha", Limits(LONG, deadline=deadline)
         ).K
         higher = largest_alpha(loop, trial, claim, rho=most, from_alpha=alpha)
         if higher <= alpha:

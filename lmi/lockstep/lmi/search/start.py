@@ -18,8 +18,7 @@ from jaxtyping import Float
 from lockstep.check.inequality import Claim
 from lockstep.check.loop import Loop
 from lockstep.lmi.analysis.solve import AffineF, least_rho
-from lockstep.lmi.bmi import BilinearProgram, Limits, Point, within
-from lockstep.lmi.search.interior import InteriorProgram
+from lockstep.lmi.search.interior import InteriorProgram, Limits, Point, within
 from lockstep.lmi.search.smoothed import Descended, SmoothedNorm, descended, refined
 from lockstep.lmi.search.stabilise import abscissa as abscissa_of
 from lockstep.lmi.search.stabilise import stabilise
@@ -40,8 +39,7 @@ FRACTIONS, FEW_FRACTIONS = (0.3, 0.1, 0.03, 0.01, 1e-3), (0.1, 1e-3)
 each try takes seconds and the climb from there does not."""
 
 LARGE = 20
-"""Rows of F_r from which on a loop is `interior`'s: with 16 of them, the three arms, it takes as long as `bmi`, with
-23 a third of the time."""
+"""States and components of phi_d from which on a loop is large: fewer starts are drawn, fewer parts of the claim tried."""
 
 CLIMBS = 6
 """At most so many runs towards the full claim."""
@@ -51,8 +49,6 @@ STUCK = 1.2
 
 UNPROVED = 1 - 1e-9
 """The fraction of alpha^2 of gains that the nonlinear program says carry all of it, but no certificate does."""
-
-Program = BilinearProgram | InteriorProgram
 
 
 @dataclass(frozen=True)
@@ -82,10 +78,9 @@ class Search:
         return self.loop.n_x + int(self.loop.E_G.shape[1]) >= LARGE
 
     @cached_property
-    def program(self) -> Program:
-        """The nonlinear program that suits the size of the loop."""
-        kind = InteriorProgram if self.is_large else BilinearProgram
-        return kind(self.loop, self.claim, self.gain_limit)
+    def program(self) -> InteriorProgram:
+        """The nonlinear program of the loop."""
+        return InteriorProgram(self.loop, self.claim, self.gain_limit)
 
     @cached_property
     def norm(self) -> SmoothedNorm:
