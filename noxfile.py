@@ -44,4 +44,16 @@ def lowest(session: nox.Session) -> None:
     """Run the tests of designs and of the command with the lowest versions that are allowed."""
     wanted = session.run("python", ".ci/lowest.py", silent=True)
     session.install(*wanted.split(), ".[test]")
-    session.run("pytest", "-q", "-o", "filterwarnings=default", "-o", "addopts=", "-m", "not slow", "-n", "auto", *DESIGNS)
+    session.run(
+        "pytest",
+        "-q",
+        "-o",
+        "filterwarnings=default",
+        "-o",
+        "addopts=",
+        "-m",
+        "not slow",
+        "-n",
+        "auto",
+        *DESIGNS,
+    )

@@ -172,7 +172,9 @@ def test_the_longest_period_is_decided_by_its_witness_and_never_looked_for(desig
     for changed in ({"max_period": 0.034}, {"max_period_witness": None}):
         code, answer = certify_design({**design, "sampled": design["sampled"] | changed}, tmp_path)
         assert code == 1
-        assert answer["sampled"]["max_period"] == 0.005, "the period of the controllers is proved all the same"
+        assert answer["sampled"]["max_period"] == 0.005, (
+            "the period of the controllers is proved all the same"
+        )
         assert "claims max_period = 0.03" in answer["error"]["message"]
     design["problem"]["controller"]["period"] = 0.1
     design["sampled"]["max_period_witness"]["decay"] = 0.5

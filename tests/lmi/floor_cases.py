@@ -58,7 +58,7 @@ def floor(posed: Network, alpha: float, R: np.ndarray) -> float:
     witness = largest_floor(posed, alpha, R)
     if witness is None:
         return 0.0
-    assert proves_floor(posed, alpha, R, witness)
+    assert proves_floor(posed.matrices, alpha, R, witness)
     return witness.rho
 
 

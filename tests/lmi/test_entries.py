@@ -178,9 +178,9 @@ def test_modes_with_entries_prove_what_the_whole_network_has() -> None:
     with pytest.raises(NotCertified):
         prove_modes(network, gains, replace(claim, entries=()))
     for wrong in (modal.mu_entries[::-1], (modal.mu_entries[0], -1.0), (0.0, 0.0)):
-        assert not decide_modes(network, gains, claim, replace(modal, mu_entries=wrong)).positive
+        assert not decide_modes(network.matrices, gains, claim, replace(modal, mu_entries=wrong)).positive
     with pytest.raises(ProblemError, match="one an entry"):
-        decide_modes(network, gains, claim, replace(modal, mu_entries=()))
+        decide_modes(network.matrices, gains, claim, replace(modal, mu_entries=()))
 
 
 def test_method_modal_designs_with_entries() -> None:

@@ -85,7 +85,7 @@ def test_the_rows_of_the_laplacian_have_the_same_floor() -> None:
     rows = arms(coordinates="laplacian_rows")
     witness = largest_floor(arms(), ALPHA, np.eye(4))
     assert witness is not None
-    assert proves_floor(rows, ALPHA, np.eye(4), witness)
+    assert proves_floor(rows.matrices, ALPHA, np.eye(4), witness)
 
 
 def test_where_gains_reach_everything_there_is_no_floor() -> None:
@@ -159,14 +159,14 @@ def changed(witness: FloorWitness, **changes: object) -> FloorWitness:
 def test_a_tampered_witness_proves_nothing(
     proved: FloorWitness, tampered: Callable[[FloorWitness], FloorWitness]
 ) -> None:
-    assert proves_floor(arms(), ALPHA, np.eye(4), proved)
-    assert not proves_floor(arms(), ALPHA, np.eye(4), tampered(proved))
+    assert proves_floor(arms().matrices, ALPHA, np.eye(4), proved)
+    assert not proves_floor(arms().matrices, ALPHA, np.eye(4), tampered(proved))
 
 
 def test_a_witness_is_about_its_own_problem(proved: FloorWitness) -> None:
-    assert not proves_floor(arms(), 0.97 * ALPHA, np.eye(4), proved)
-    assert not proves_floor(arms(), ALPHA, 0.97 * np.eye(4), proved)
-    assert proves_floor(arms(), ALPHA, np.eye(4), floor_of(floor_keys(proved)) or proved)
+    assert not proves_floor(arms().matrices, 0.97 * ALPHA, np.eye(4), proved)
+    assert not proves_floor(arms().matrices, ALPHA, 0.97 * np.eye(4), proved)
+    assert proves_floor(arms().matrices, ALPHA, np.eye(4), floor_of(floor_keys(proved)) or proved)
 
 
 @pytest.mark.parametrize(

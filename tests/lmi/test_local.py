@@ -9,11 +9,12 @@ import pytest
 from lockstep.check.disagreement import disagreement
 from lockstep.check.errors import ProblemError
 from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.local import InitialSet, Unavailable, _ratio_above, initial_set
+from lockstep.check.local import InitialSet, Unavailable, _ratio_above
 from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate, Segment
 from lockstep.check.numbers import as_floats, exactly
 from lockstep.lmi.analysis.rounding import prove
+from lockstep.lmi.scope import initial_states
 from lockstep.model.agent import Agent
 from lockstep.model.assembly import bound_of
 from lockstep.model.bound_search import Box
@@ -63,7 +64,7 @@ def certificate(net):
 
 @pytest.fixture(scope="module")
 def found(net, certificate):
-    answer = initial_set(net, certificate)
+    answer = initial_states(net, certificate)
     assert isinstance(answer, InitialSet)
     return answer
 
@@ -168,7 +169,7 @@ def test_the_level_is_where_the_ellipsoid_touches_the_margin(certificate, found)
 def test_the_radius_is_inside_the_set_and_no_smaller_than_need_be(coordinates):
     net = network(coordinates=coordinates)
     certificate = certified(net)
-    found = initial_set(net, certificate)
+    found = initial_states(net, certificate)
     T = np.kron(as_floats(disagreement(net.graph, coordinates).T), np.eye(2))
     x = np.random.default_rng(6).standard_normal((6, 200_000))
     x *= found.radius / disagreement_of(x)
@@ -195,41 +196,41 @@ def test_the_energy_of_a_disturbance_is_paid_from_the_level(net, certificate, fo
 
 
 def test_a_larger_inner_box_leaves_a_smaller_set(net, certificate, found):
-    tighter = initial_set(net, certificate, fraction=0.75)
+    tighter = initial_states(net, certificate, fraction=0.75)
     assert tighter.level == pytest.approx(found.level / 4, rel=1e-12)
     assert tighter.radius == pytest.approx(found.radius / 2, rel=1e-9)
-    given = initial_set(net, certificate, inner=Box((-0.3,), (0.9,)))
+    given = initial_states(net, certificate, inner=Box((-0.3,), (0.9,)))
     assert given.level == pytest.approx(found.level / 4, rel=1e-12)
 
 
 def test_agents_that_lead_each_other_have_no_set():
-    answer = initial_set(network("path"), Certificate(1.0, np.eye(4), np.ones(3)))
+    answer = initial_states(network("path"), Certificate(1.0, np.eye(4), np.ones(3)))
     assert isinstance(answer, Unavailable)
     assert "agents 1, 2, 3 hear each other" in answer.text()
     assert answer.document()["available"] is False
 
 
 def test_without_sides_there_is_nothing_to_keep_to():
-    answer = initial_set(network(domain=None), Certificate(1.0, np.eye(4), np.ones(3)))
+    answer = initial_states(network(domain=None), Certificate(1.0, np.eye(4), np.ones(3)))
     assert "holds everywhere" in answer.reason
 
 
 def test_a_modal_certificate_has_no_one_P(net):
     modal = ModalCertificate(1.0, 1.0, (Segment(1.0, np.eye(2)),), 1.0, np.zeros((0, 0)))
-    assert "modal" in initial_set(net, modal).reason
+    assert "modal" in initial_states(net, modal).reason
 
 
 def test_what_does_not_fit_is_refused(net, certificate):
     with pytest.raises(ProblemError, match="P has 5 rows"):
-        initial_set(net, Certificate(1.0, np.eye(5), np.ones(3)))
+        initial_states(net, Certificate(1.0, np.eye(5), np.ones(3)))
     for box in (Box((-1.2,), (0.0,)), Box((-1.0,), (math.inf,)), Box((2.0,), (3.0,))):
         with pytest.raises(ProblemError, match="inside"):
-            initial_set(net, certificate, inner=box)
+            initial_states(net, certificate, inner=box)
     with pytest.raises(ProblemError, match="components"):
-        initial_set(net, certificate, inner=Box.everywhere(2))
+        initial_states(net, certificate, inner=Box.everywhere(2))
     for fraction in (1.0, -0.5, math.nan):
         with pytest.raises(ProblemError, match="from 0 up to"):
-            initial_set(net, certificate, fraction=fraction)
+            initial_states(net, certificate, fraction=fraction)
 
 
 def test_it_is_said_in_words_and_in_json(found):
@@ -258,4 +259,4 @@ def test_the_ratio_is_proved_where_doubles_cannot_propose_one():
 
 def test_a_set_too_small_for_a_double_is_none(net, certificate):
     huge = Certificate(1e300, certificate.P, certificate.m)
-    assert "doubles" in initial_set(net, huge).reason
+    assert "doubles" in initial_states(net, huge).reason

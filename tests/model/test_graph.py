@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.numbers import as_floats, exactly
 from lockstep.model.graph import Graph
 
 CYCLE = [[1, -1, 0], [0, 1, -1], [-1, 0, 1]]
@@ -154,3 +155,30 @@ def test_an_unknown_topology_is_refused() -> None:
 def test_the_adjacency_cannot_be_changed() -> None:
     with pytest.raises(ValueError, match="read-only"):
         Graph.topology("cycle", 3).adjacency[0, 0] = 1
+
+
+@given(
+    st.integers(2, 7).flatmap(
+        lambda n: st.tuples(st.just(n), st.lists(st.integers(0, 3), min_size=n * n, max_size=n * n))
+    )
+)
+def test_the_origins_are_those_of_the_condensation(case: tuple) -> None:
+    """A slow obvious twin: two agents are in one group if they hear each other, and an origin hears nobody outside."""
+    n, draws = case
+    a = (np.array(draws).reshape(n, n) == 1) * (1 - np.eye(n))
+    heard = np.linalg.matrix_power(np.eye(n) + a, n) > 0
+    groups = {tuple(j + 1 for j in range(n) if heard[i, j] and heard[j, i]) for i in range(n)}
+    origins = {group for group in groups if set(np.flatnonzero(heard[group[0] - 1]) + 1) <= set(group)}
+    assert Graph(a).origins == tuple(sorted(origins))
+
+
+def test_two_thousand_agents_in_a_row_have_one_root() -> None:
+    assert Graph.topology("leader_path", 2000).roots == (1,)
+
+
+def test_the_exact_laplacian_is_that_of_the_doubles_as_they_are() -> None:
+    graph = Graph.from_edges(3, [[1, 2, 0.1], [1, 3, 0.2], [2, 1], [3, 2]])
+    exact = graph.laplacian_in(exact_arithmetic=True)
+    assert all(sum(row[1:], start=row[0]) == 0 for row in exact)
+    assert as_floats(exact).tolist() == graph.laplacian.tolist()
+    assert exact[0, 0] != exactly(graph.laplacian)[0, 0], "0.1 + 0.2 is no double"

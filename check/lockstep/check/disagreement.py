@@ -12,8 +12,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from lockstep.check.numbers import Matrix, converter, eye, inverse
-from lockstep.model.graph import Graph
+from lockstep.check.graph import Graph
+from lockstep.check.numbers import Matrix, as_floats, converter, eye, inverse
 
 Coordinates = Literal["orthonormal", "laplacian_rows"]
 
@@ -58,9 +58,7 @@ def disagreement(
     inverse.
     """
     number = converter(exact_arithmetic)
-    adjacency = number(graph.adjacency)
-    L = np.diag(adjacency.sum(axis=1)) - adjacency if not exact_arithmetic else _laplacian(adjacency)
-    N = graph.N
+    L, N = graph.laplacian_in(exact_arithmetic=exact_arithmetic), graph.N
     if coordinates == "laplacian_rows":
         T = np.delete(L, _dependent_row(graph), axis=0)
     else:
@@ -69,13 +67,6 @@ def disagreement(
     right = np.vstack([inverse(T[:, : N - 1]), zero_row])
     S = eye(N - 1, T) if coordinates == "laplacian_rows" else inverse(T @ T.T)
     return Disagreement(T=T, right=right, S=S, L=L, L_r=L @ right)
-
-
-def _laplacian(adjacency: Matrix) -> Matrix:
-    L = -adjacency
-    for i, row in enumerate(adjacency):
-        L[i, i] = sum(row[1:], start=row[0])
-    return L
 
 
 def _dependent_row(graph: Graph) -> int:
@@ -88,6 +79,4 @@ def _dependent_row(graph: Graph) -> int:
 
 def orthonormal_factor(d: Disagreement) -> Annotated[np.ndarray, "k k"]:
     """Return F with F'F = S: F x_d are orthonormal coordinates when S = (T T')^-1."""
-    from lockstep.check.numbers import as_floats
-
     return np.linalg.cholesky(as_floats(d.S)).T

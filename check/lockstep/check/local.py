@@ -43,17 +43,26 @@ from flint import fmpq, fmpq_mat
 
 from lockstep.check.bound.box import Box
 from lockstep.check.disagreement import disagreement
-from lockstep.check.domain import inner_box
 from lockstep.check.errors import ProblemError
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate
-from lockstep.check.numbers import Matrix, Vector, as_floats, exact, exactly, rounded_down
+from lockstep.check.network import Network
+from lockstep.check.numbers import Matrix, Vector, as_floats, exact, exactly, eye, rounded_down
 from lockstep.check.psd import decide_positive_definite
-from lockstep.model.arguments import arguments_text
-from lockstep.model.network import Network
 
-HALF = 0.5
-"""The part of the box left to the leader where nothing else is asked for."""
+
+@dataclass(frozen=True)
+class Domain:
+    """Where a bound was proved, and what of it is left to a leader.
+
+    H: (v, n), not scaled;  box: of v = H x of every agent;  inner: of the leader's;  arguments: what v_1, v_2, ... are, in
+    the names of the states.
+    """
+
+    H: Annotated[np.ndarray, "v n"]
+    box: Box
+    inner: Box
+    arguments: str = ""
 
 
 @dataclass(frozen=True)
@@ -120,26 +129,20 @@ class InitialSet:
 
 
 def initial_set(
-    network: Network,
-    certificate: Certificate | ModalCertificate,
-    *,
-    fraction: float = HALF,
-    inner: Box | None = None,
+    network: Network, certificate: Certificate | ModalCertificate, domain: Domain
 ) -> InitialSet | Unavailable:
     """Return the largest set V <= c of initial disagreements from which the agents stay in their domain.
 
     Args:
-        network: the agents, their domain and the graph; the bound was proved for v = H x of that domain.
-        certificate: decided for that bound.
-        fraction: the part of the box, around its middle, that the leader is to stay in (`lockstep.check.domain.inner_box`).
-        inner: the leader's box itself, in place of a fraction.
+        network: the agents and the graph.
+        certificate: decided for the bound that was proved on the domain.
+        domain: the box, and the part of it that the leader is to stay in.
 
     Raises:
         ProblemError: an inner box that is not inside the box on every side, or a P that does not fit the network.
     """
-    agent, graph = network.agent, network.graph
-    box = agent.argument_box
-    if box == Box.everywhere(box.size):
+    graph = network.graph
+    if domain.box == Box.everywhere(domain.box.size):
         return Unavailable("the domain has no sides: a bound on it holds everywhere, and every state will do")
     if len(graph.roots) != 1:
         return Unavailable(
@@ -148,19 +151,17 @@ def initial_set(
         )
     if isinstance(certificate, ModalCertificate):
         return Unavailable("a modal certificate has no one P for the whole network")
-    inner = inner_box(box, fraction) if inner is None else inner
-    margins = _margins(box, inner)
-    return _largest(network, certificate, box, inner, margins)
+    return _largest(network, certificate, domain, _margins(domain.box, domain.inner))
 
 
 def _largest(
-    network: Network, certificate: Certificate, box: Box, inner: Box, margins: Sequence[Fraction | None]
+    network: Network, certificate: Certificate, domain: Domain, margins: Sequence[Fraction | None]
 ) -> InitialSet | Unavailable:
     root = network.graph.roots[0] - 1
     order = _order(network, certificate.P)
     P = exactly(certificate.P)
     places = [(i, j) for i in range(network.N) for j, d in enumerate(margins) if i != root and d is not None]
-    rows = [_row(network, order, root, i, j) for i, j in places]
+    rows = [_row(network, order, root, i, domain.H[j]) for i, j in places]
     spread = _squares(_at_rest(P, network, order, root), [_at_rest(w, network, order, root) for w in rows])
     levels = [
         (margin * margin / q, i, j)
@@ -168,13 +169,14 @@ def _largest(
         if (margin := margins[j]) is not None and q
     ]
     c, i, j = min(levels)
-    level, n_d = rounded_down(c), network.agent.n * (network.N - 1)
+    level, n_d = rounded_down(c), len(network.plant.A) * (network.N - 1)
     radius = _radius(network, P[:n_d, :n_d], level)
     energy = rounded_down(Fraction(level) / Fraction(certificate.rho) ** 2)
     if not all(0 < figure < math.inf for figure in (level, radius, energy)):
         return Unavailable("its figures are beyond the range of doubles")
-    names = arguments_text(network.agent)
-    return InitialSet(root + 1, box, inner, level, radius, energy, i + 1, j + 1, names)
+    return InitialSet(
+        root + 1, domain.box, domain.inner, level, radius, energy, i + 1, j + 1, domain.arguments
+    )
 
 
 def _margins(box: Box, inner: Box) -> list[Fraction | None]:
@@ -201,20 +203,21 @@ def _margins(box: Box, inner: Box) -> list[Fraction | None]:
 
 def _order(network: Network, P: Annotated[np.ndarray, "n_x n_x"]) -> int:
     """Return n_C from the size n (N - 1) + n_C N of P."""
-    rest = P.shape[0] - network.agent.n * (network.N - 1)
+    n = len(network.plant.A)
+    rest = P.shape[0] - n * (network.N - 1)
     if rest < 0 or rest % network.N:
         raise ProblemError(
             f"P has {P.shape[0]} rows",
             where="the certificate",
-            expected=f"{network.agent.n} (N - 1) + n_C N, N = {network.N}",
+            expected=f"{n} (N - 1) + n_C N, N = {network.N}",
         )
     return int(rest // network.N)
 
 
-def _row(network: Network, order: int, root: int, i: int, j: int) -> Vector:
-    """Return w with w' x_cl = H_j (x_i - x_root), in rationals: x_i - x_root = ((right_i - right_root) (x) I) x_d."""
+def _row(network: Network, order: int, root: int, i: int, h: Vector) -> Vector:
+    """Return w with w' x_cl = h (x_i - x_root), in rationals: x_i - x_root = ((right_i - right_root) (x) I) x_d."""
     d = disagreement(network.graph, network.coordinates, exact_arithmetic=True)
-    w = np.kron(d.right[i] - d.right[root], exactly(network.agent.lure.H[j]))
+    w = np.kron(d.right[i] - d.right[root], exactly(h))
     return np.concatenate([w, exactly(np.zeros(order * network.N))])
 
 
@@ -222,7 +225,7 @@ def _at_rest(
     array: Annotated[np.ndarray, "..."], network: Network, order: int, root: int
 ) -> Annotated[np.ndarray, "..."]:
     """Leave the root's controller out of a vector or matrix over x_cl."""
-    start = network.agent.n * (network.N - 1) + root * order
+    start = len(network.plant.A) * (network.N - 1) + root * order
     keep = [k for k in range(array.shape[0]) if not start <= k < start + order]
     return array[np.ix_(*[keep] * array.ndim)]
 
@@ -240,7 +243,7 @@ def _radius(network: Network, P: Matrix, level: float) -> float:
     """Return r with x_d' P x_d <= level for every sum_i |x_i - mean|^2 <= r^2: level / r^2 is above the largest ratio."""
     right = disagreement(network.graph, network.coordinates, exact_arithmetic=True).right
     centred = right - right.sum(axis=0) / network.N
-    D = np.kron(centred.T @ centred, exactly(np.eye(network.agent.n)))
+    D = np.kron(centred.T @ centred, eye(len(network.plant.A), P))
     return _root_below(Fraction(level) / _ratio_above(P, D))
 
 

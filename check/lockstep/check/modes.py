@@ -30,10 +30,10 @@ import numpy as np
 from lockstep.check.errors import ProblemError
 from lockstep.check.inequality import Claim, entry_signals, sectors_of
 from lockstep.check.loop import Gains, Plant
+from lockstep.check.network import Network
 from lockstep.check.numbers import Matrix, converter, exactly, eye, is_exact, zeros
 from lockstep.check.psd import Definiteness, decide_positive_definite
 from lockstep.check.spectrum import REMEDY, Metric, decide_spectrum, metric
-from lockstep.model.network import Network
 
 
 @dataclass(frozen=True)

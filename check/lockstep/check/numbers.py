@@ -28,15 +28,17 @@ def exact(value: float) -> fmpq:
 
 
 def exactly(array: Annotated[np.ndarray, "..."]) -> Annotated[np.ndarray, "..."]:
-    """Return an object array of the rationals that the doubles of `array` are."""
+    """Return an object array of the rationals that the doubles of `array` are; one of rationals as it is."""
     out = np.empty(array.shape, dtype=object)
     for index, value in np.ndenumerate(array):
-        out[index] = exact(value)
+        out[index] = value if isinstance(value, fmpq) else exact(value)
     return out
 
 
 def as_floats(array: Annotated[np.ndarray, "..."]) -> Annotated[np.ndarray, "..."]:
     """Return the nearest doubles of an array of either kind."""
+    if not is_exact(array):
+        return np.asarray(array, dtype=float)
     return np.array([_nearest(value) for value in array.ravel()], dtype=float).reshape(array.shape)
 
 
@@ -78,8 +80,8 @@ def inverse(matrix: Matrix) -> Matrix:
 def converter(
     exact_arithmetic: bool,
 ) -> Callable[[Annotated[np.ndarray, "..."]], Annotated[np.ndarray, "..."]]:
-    """Return the map from double arrays to the kind of number asked for."""
-    return exactly if exact_arithmetic else lambda array: np.asarray(array, dtype=float)
+    """Return the map from arrays of either kind to the kind of number asked for."""
+    return exactly if exact_arithmetic else as_floats
 
 
 def eye(size: int, like: Matrix) -> Matrix:

@@ -14,9 +14,9 @@ import numpy as np
 from flint import fmpq
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.graph import Graph
 from lockstep.check.numbers import as_floats, exactly
 from lockstep.check.psd import Definiteness, decide_positive_definite
-from lockstep.model.graph import Graph
 
 OUTSIDE = 1e-9
 """How far outside the computed eigenvalues the bounds are put, relative to lambda_N: far above rounding errors."""
@@ -44,7 +44,7 @@ def metric(graph: Graph) -> Metric:
         ProblemError: there are none: an edge has no counterpart, the spectrum is not real, or the products of weights
             around a circle differ with its direction.
 
-    >>> metric(Graph.topology("path", 3)).spread
+    >>> metric(Graph.from_edges(3, [[1, 2], [2, 1], [2, 3], [3, 2]])).spread
     1
     """
     a = graph.adjacency
@@ -90,10 +90,7 @@ def decide_spectrum(graph: Graph, known: Metric, lower: float, upper: float) -> 
     Z'(upper W - W L)Z > 0.
     """
     N, w = graph.N, known.w
-    adjacency = exactly(graph.adjacency)
-    WL = -(w[:, None] * adjacency)
-    for i in range(N):
-        WL[i, i] = w[i] * sum(adjacency[i][1:], start=adjacency[i][0])
+    WL = w[:, None] * graph.laplacian_in(exact_arithmetic=True)
     Z = np.vstack([exactly(np.eye(N - 1)), [-(w[i] / w[-1]) for i in range(N - 1)]])
     on_Z, squares = Z.T @ WL @ Z, Z.T @ (w[:, None] * Z)
     low, high = exactly(np.array([lower, upper]))

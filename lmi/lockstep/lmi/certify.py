@@ -17,12 +17,12 @@ from lockstep.check.decide import decide
 from lockstep.check.errors import BoundNotProved
 from lockstep.check.floor.witness import proves_floor
 from lockstep.check.inequality import Claim
-from lockstep.check.local import InitialSet, Unavailable, initial_set
+from lockstep.check.local import InitialSet, Unavailable
 from lockstep.check.modes import ModalCertificate, decide_modes
 from lockstep.check.psd import Definiteness
 from lockstep.lmi.asked import shortfalls
 from lockstep.lmi.document import Stored
-from lockstep.lmi.scope import Scope, scope_of
+from lockstep.lmi.scope import Scope, initial_states, scope_of
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
 
@@ -67,7 +67,7 @@ def certify(stored: Stored) -> Verdict:
     weights = problem.state_weight(agent.n), problem.controller_weight(problem.order)
     claim = Claim(stored.alpha, *weights, delta, stored.entries)
     if isinstance(c, ModalCertificate):
-        answer = decide_modes(network, stored.gains, claim, c)
+        answer = decide_modes(network.matrices, stored.gains, claim, c)
     else:
         loop = network.loop(problem.order, exact_arithmetic=True)
         answer = decide(loop, stored.gains.blocks, claim, c)
@@ -76,12 +76,14 @@ def certify(stored: Stored) -> Verdict:
     short = list(shortfalls(stored))
     if short:
         return Verdict(False, f"the file claims less than its problem asks for: {'; '.join(short)}")
-    if stored.floor is not None and not proves_floor(network, claim.alpha_of_floor, claim.R, stored.floor):
+    if stored.floor is not None and not proves_floor(
+        network.matrices, claim.alpha_of_floor, claim.R, stored.floor
+    ):
         said = f"the file claims that no controllers certify a rho below {stored.floor.rho:.10g}"
         return Verdict(False, f"{said}, but its floor_witness does not prove it")
     reason = f"P > 0 and F < 0, decided exactly ({answer.method})"
     scope = scope_of(agent, bound)
-    initial = initial_set(network, c) if scope == "local" else None
+    initial = initial_states(network, c) if scope == "local" else None
     return Verdict(True, reason, scope, answer.margin, initial=initial)
 
 

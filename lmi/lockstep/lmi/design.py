@@ -19,12 +19,12 @@ import numpy as np
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.floor.witness import FloorWitness
 from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.local import InitialSet, Unavailable, initial_set
+from lockstep.check.local import InitialSet, Unavailable
 from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.sampled.improve import Start
-from lockstep.lmi.scope import Scope, scope_of
+from lockstep.lmi.scope import Scope, initial_states, scope_of
 from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import bound_of, network_of
 from lockstep.model.bound_search import Bound
@@ -69,7 +69,7 @@ class Design:
         """Where the certificate is local: states from which the agents stay in their domain, or why none can be given."""
         if self.certificate is None or self.scope != "local":
             return None
-        return initial_set(self.network, self.certificate)
+        return initial_states(self.network, self.certificate)
 
 
 def design(

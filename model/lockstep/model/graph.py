@@ -1,120 +1,25 @@
-"""The communication graph: who listens to whom, with what weight, and its Laplacian (1)."""
+"""The communication graph of a problem: the checker's, built by name, and what is said of it to people."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Literal, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
-from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.graph import Graph as CheckedGraph
+from lockstep.check.graph import check_count
 
 Topology = Literal["cycle", "path", "ring", "complete", "star", "leader_path"]
-MOST_AGENTS = 2_000
-"""The adjacency is a full matrix: 32 MB at this size."""
 
 
-@dataclass(frozen=True, eq=False)
-class Graph:
-    """A directed weighted graph of N >= 2 agents.
+class Graph(CheckedGraph):
+    """A directed weighted graph of N >= 2 agents; see `lockstep.check.graph`.
 
-    Args:
-        adjacency: a_ij > 0 where agent i listens to agent j, 0 elsewhere and on the diagonal.
-
-    Raises:
-        ProblemError: not square, fewer than two agents, a weight that is negative or not finite, or a self
-            loop.
-
-    >>> Graph.from_edges(3, [[1, 2], [2, 3], [3, 1]]).laplacian
-    array([[ 1., -1.,  0.],
-           [ 0.,  1., -1.],
-           [-1.,  0.,  1.]])
+    >>> Graph.from_edges(3, [[1, 2], [2, 3], [3, 1]]).is_balanced
+    True
     """
 
-    adjacency: Float[np.ndarray, "N N"]
-
-    def __post_init__(self) -> None:
-        a = np.array(self.adjacency, dtype=float)
-        where = "adjacency"
-        if a.ndim != 2 or a.shape[0] != a.shape[1]:
-            raise ProblemError(
-                f"a matrix of shape {' x '.join(map(str, a.shape))}",
-                where=where,
-                expected="a square one, one row and one column per agent",
-            )
-        _check_count(a.shape[0])
-        if not np.isfinite(a).all() or (a < 0).any():
-            i, j = np.argwhere(~(np.isfinite(a) & (a >= 0)))[0]
-            raise ProblemError(
-                f"the weight from agent {j + 1} to agent {i + 1} is {a[i, j]}",
-                where=where,
-                expected="a finite weight that is not negative",
-            )
-        if np.diag(a).any():
-            raise ProblemError(
-                f"agent {np.flatnonzero(np.diag(a))[0] + 1} listens to itself",
-                where=where,
-                expected="a zero diagonal",
-            )
-        a.flags.writeable = False
-        object.__setattr__(self, "adjacency", a)
-
     @classmethod
-    def from_edges(cls, agents: int, edges: Sequence[Sequence[int | float]]) -> "Graph":
-        """Build the graph from [listener, source] or [listener, source, weight]; agents count from 1."""
-        _check_count(agents)
-        a = np.zeros((agents, agents))
-        for k, edge in enumerate(edges, start=1):
-            i, j, weight = _edge(agents, k, edge)
-            if a[i, j]:
-                raise ProblemError(
-                    f"edge {k}, {_shown(edge)}, is there twice",
-                    where="[network] edges",
-                    expected="one edge per listener and source",
-                    remedy="add the weights up",
-                )
-            a[i, j] = weight
-        return cls(a)
-
-    @classmethod
-    def from_laplacian(cls, laplacian: Float[np.ndarray, "N N"]) -> "Graph":
-        """Build the graph whose Laplacian (1) this is; the off-diagonal entries are taken as they are.
-
-        A row may miss zero by 1e-9 of its absolute sum: decimals such as 0.1 + 0.2 - 0.3 do not add up to 0.
-        """
-        where = "[network] laplacian"
-        L = np.array(laplacian, dtype=float)
-        if L.ndim != 2 or L.shape[0] != L.shape[1]:
-            raise ProblemError(
-                f"a matrix of shape {' x '.join(map(str, L.shape))}",
-                where=where,
-                expected="a square one, one row and one column per agent",
-            )
-        _check_count(L.shape[0])
-        if not np.isfinite(L).all():
-            raise ProblemError("an entry is not a finite number", where=where)
-        off = L - np.diag(np.diag(L))
-        if (off > 0).any():
-            i, j = np.argwhere(off > 0)[0]
-            raise ProblemError(
-                f"the entry of row {i + 1} and column {j + 1} is {L[i, j]}",
-                where=where,
-                expected="off-diagonal entries -a_ij <= 0, as in (1)",
-                remedy="give the Laplacian D - A, not the adjacency matrix",
-            )
-        excess = np.abs(L.sum(axis=1)) - 1e-9 * np.abs(L).sum(axis=1)
-        if (excess > 0).any():
-            i = int(np.argmax(excess))
-            raise ProblemError(
-                f"row {i + 1} adds up to {L[i].sum():.6g}",
-                where=where,
-                expected="rows that add up to 0, as in (1)",
-            )
-        return cls(np.where(off < 0, -off, 0.0))
-
-    @classmethod
-    def topology(cls, name: Topology, agents: int) -> "Graph":
+    def topology(cls, name: Topology, agents: int) -> Self:
         """Build a graph by name, every weight 1.
 
         cycle: i listens to i + 1, the last to the first, as in (39). ring: both neighbours on a circle. path:
@@ -130,7 +35,7 @@ class Graph:
                 where="[network] topology",
                 expected=", ".join(get_args(Topology)),
             )
-        _check_count(agents)
+        check_count(agents)
         if name == "complete":
             return cls(np.ones((agents, agents)) - np.eye(agents))
         forward = [(i, i + 1) for i in range(1, agents)]
@@ -145,55 +50,6 @@ class Graph:
         return cls.from_edges(agents, edges[name])
 
     @property
-    def agents(self) -> int:
-        """N, the number of agents."""
-        return int(self.adjacency.shape[0])
-
-    N = agents
-
-    @property
-    def in_degrees(self) -> Float[np.ndarray, "N"]:
-        """deg_i = sum_j a_ij of (1): the total weight agent i listens to."""
-        return np.asarray(self.adjacency.sum(axis=1))
-
-    @property
-    def laplacian(self) -> Float[np.ndarray, "N N"]:
-        """L = D - A of (1)."""
-        return np.asarray(np.diag(self.in_degrees) - self.adjacency)
-
-    @property
-    def edges(self) -> list[tuple[int, int, float]]:
-        """(listener, source, weight), numbered from 1."""
-        return [
-            (int(i) + 1, int(j) + 1, float(self.adjacency[i, j])) for i, j in np.argwhere(self.adjacency > 0)
-        ]
-
-    @cached_property
-    def origins(self) -> tuple[tuple[int, ...], ...]:
-        """The groups of agents that hear everyone in their group and no one outside of it.
-
-        There is at least one; with exactly one, every agent hears from it, directly or not.
-        """
-        import networkx as nx
-
-        # networkx draws an edge from row to column: transposed, it points along the flow of information.
-        groups = nx.condensation(nx.from_numpy_array(self.adjacency.T, create_using=nx.DiGraph))
-        members = nx.get_node_attributes(groups, "members")
-        return tuple(
-            sorted(tuple(sorted(i + 1 for i in members[k])) for k, heard in groups.in_degree() if heard == 0)
-        )
-
-    @property
-    def roots(self) -> tuple[int, ...]:
-        """The agents from which information reaches every other one; empty without a spanning tree."""
-        return self.origins[0] if len(self.origins) == 1 else ()
-
-    @property
-    def has_spanning_tree(self) -> bool:
-        """Whether rank L = N - 1: some agent's information reaches every other one."""
-        return len(self.origins) == 1
-
-    @property
     def is_undirected(self) -> bool:
         """Whether a_ij = a_ji for all pairs."""
         return bool((self.adjacency == self.adjacency.T).all())
@@ -203,71 +59,3 @@ class Graph:
         """Whether each agent is heard with the weight it listens with, to rounding: 1' L = 0."""
         out = self.adjacency.sum(axis=0)
         return bool(np.allclose(out, self.in_degrees, rtol=1e-12, atol=0.0))
-
-    def check_spanning_tree(self) -> None:
-        """Refuse a graph over which agreement is impossible.
-
-        Raises:
-            ProblemError: no directed spanning tree; names two groups that never hear from each other.
-        """
-        if self.has_spanning_tree:
-            return
-        first, second = (_listing(group) for group in self.origins[:2])
-        raise ProblemError(
-            f"the graph has no spanning tree: {first} and {second} hear nothing from each other,"
-            " directly or through others",
-            where="[network]",
-            expected="at least one agent whose information reaches every other one",
-            remedy=f"let {first} listen to {second}, or the other way round",
-        )
-
-
-def _check_count(agents: int) -> None:
-    if isinstance(agents, bool) or not isinstance(agents, int | np.integer):
-        raise ProblemError(f"`agents` is {agents!r}", where="[network] agents", expected="a whole number")
-    if not 2 <= agents <= MOST_AGENTS:
-        raise ProblemError(
-            f"`agents` is {agents}",
-            where="[network] agents",
-            expected=f"from 2 to {MOST_AGENTS}",
-            remedy="agreement needs two agents at least" if agents < 2 else "",
-        )
-
-
-def _edge(agents: int, k: int, edge: Sequence[int | float]) -> tuple[int, int, float]:
-    """Check one edge and return its 0-based listener, 0-based source and weight."""
-    where = "[network] edges"
-    shown = f"edge {k}, {_shown(edge)},"
-    if len(edge) not in (2, 3):
-        raise ProblemError(
-            f"{shown} has {len(edge)} numbers",
-            where=where,
-            expected="[listener, source] or [listener, source, weight]",
-        )
-    if any(isinstance(end, bool) or end != int(end) if np.isfinite(end) else True for end in edge[:2]):
-        raise ProblemError(f"{shown} does not name two agents", where=where, expected="whole numbers")
-    i, j = int(edge[0]), int(edge[1])
-    if not (1 <= i <= agents and 1 <= j <= agents):
-        raise ProblemError(
-            f"{shown} is out of range",
-            where=where,
-            expected=f"agents from 1 to {agents}",
-            remedy="agents count from 1" if 0 in (i, j) else f"`agents` is {agents}: raise it for more",
-        )
-    if i == j:
-        raise ProblemError(f"{shown} is a self loop", where=where, expected="two different agents")
-    weight = float(edge[2]) if len(edge) == 3 else 1.0
-    if not np.isfinite(weight) or weight <= 0:
-        raise ProblemError(
-            f"{shown} has the weight {weight}", where=where, expected="a finite weight above 0"
-        )
-    return i - 1, j - 1, weight
-
-
-def _shown(edge: Sequence[int | float]) -> str:
-    return f"[{', '.join(f'{x:g}' for x in edge)}]"
-
-
-def _listing(group: Sequence[int]) -> str:
-    shown = ", ".join(map(str, group[:8])) + (", ..." if len(group) > 8 else "")
-    return f"agent {shown}" if len(group) == 1 else f"agents {shown}"

@@ -5,7 +5,7 @@ for simulation and for checking that the two are the same system.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +13,10 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.disagreement import Coordinates, disagreement
+from lockstep.check.disagreement import Coordinates
 from lockstep.check.errors import ProblemError
-from lockstep.check.loop import Gains, Loop, Plant, build_loop
+from lockstep.check.loop import Gains, Loop, Plant
+from lockstep.check.network import Network as CheckedNetwork
 from lockstep.check.numbers import exactly
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
@@ -42,18 +43,10 @@ class Network:
     B: Sequence[Float[np.ndarray, "n m"]] = ()
     coordinates: Coordinates = "orthonormal"
     scales: tuple[tuple[float, ...], tuple[float, ...]] | None = None
-    _loops: dict[tuple[int, bool], Loop] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
-        self.graph.check_spanning_tree()
         shape = self.agent.lure.B.shape
         B = tuple(np.asarray(b, dtype=float) for b in self.B) or (self.agent.lure.B,) * self.graph.N
-        if len(B) != self.graph.N:
-            raise ProblemError(
-                f"{len(B)} input matrices for {self.graph.N} agents",
-                where="network",
-                expected="one B per agent",
-            )
         for i, b in enumerate(B):
             if b.shape != shape:
                 raise ProblemError(
@@ -64,6 +57,7 @@ class Network:
         object.__setattr__(self, "B", B)
         if self.scales is not None:
             self._check_scales(*self.scales)
+        _ = self.matrices  # which refuses what is no network
 
     @property
     def N(self) -> int:
@@ -79,13 +73,14 @@ class Network:
             lure.A, tuple(self.B), lure.C, lure.G * np.array(D_w), lure.H / np.array(D_v).reshape(-1, 1)
         )
 
+    @cached_property
+    def matrices(self) -> CheckedNetwork:
+        """What the checker decides about: the plant, the graph and the coordinates, without the equations."""
+        return CheckedNetwork(self.plant, self.graph, self.coordinates)
+
     def loop(self, order: int, *, exact_arithmetic: bool = False) -> Loop:
         """Return the loop (15) for controllers of an order, in doubles or in the same rationals."""
-        key = (order, exact_arithmetic)
-        if key not in self._loops:
-            d = disagreement(self.graph, self.coordinates, exact_arithmetic=exact_arithmetic)
-            self._loops[key] = build_loop(self.plant.in_numbers(exact_arithmetic), d, order)
-        return self._loops[key]
+        return self.matrices.loop(order, exact_arithmetic=exact_arithmetic)
 
     def with_bound(self, bound: "Bound") -> "Network":
         """Return the network with G and H scaled as a bound on phi was proved."""

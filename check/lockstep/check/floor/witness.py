@@ -26,9 +26,9 @@ from flint import fmpq, fmpq_mat
 
 from lockstep.check.floor.projected import Projected, Side, left_inverse, with_rho, without_rho
 from lockstep.check.loop import Plant
+from lockstep.check.network import Network
 from lockstep.check.numbers import Matrix, exact, exactly, zeros
 from lockstep.check.psd import decide_positive_definite
-from lockstep.model.network import Network
 
 
 @dataclass(frozen=True)

@@ -83,7 +83,7 @@ def proves_that_none_carries(network: Network, alpha: float) -> bool:
 
     Such a proof needs phi to reach, and to be reached from, all that the controllers cannot move: else none is found here.
     """
-    plant, slope = exact_agent(network, alpha)
+    plant, slope = exact_agent(network.matrices, alpha)
     if not plant.G.shape[1]:
         return False
     stated = without_rho(plant, slope)
@@ -156,7 +156,7 @@ class _Cover:
     def _point(self, lower: float, upper: float) -> tuple[Found | None, bool]:
         key = lower == 0, math.isinf(upper)
         if key not in self.programs:
-            stated = of_piece(self.network, self.alpha, self.R, self.rho, lower, upper)
+            stated = of_piece(self.network.matrices, self.alpha, self.R, self.rho, lower, upper)
             self.programs[key] = stated, Program(stated)
         stated, program = self.programs[key]
         return _point(program, stated, lower, upper)
@@ -199,7 +199,7 @@ def _shortened(
     ends = [0.0, *(piece.upper for piece in witness.pieces)]
     pieces = []
     for lower, piece in zip(ends, witness.pieces, strict=False):
-        stated = of_piece(network, alpha, R, witness.rho, lower, piece.upper)
+        stated = of_piece(network.matrices, alpha, R, witness.rho, lower, piece.upper)
         shorter = (in_digits(piece, digits) for digits in DIGITS)
         pieces.append(next((one for one in shorter if excludes(stated, one, lower)), piece))
     return replace(witness, pieces=tuple(pieces))

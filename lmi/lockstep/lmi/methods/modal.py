@@ -58,7 +58,7 @@ def design_modes(
         ProblemError: the graph, the agents or the request are not covered.
         Infeasible: no gains were found; with the part of alpha that was reached.
     """
-    known = check_covered(network, claim)
+    known = check_covered(network.matrices, claim)
     modes = Modes(network.plant, order)
     program = ModalProgram(modes, claim, segment_ends(network, known), gain_limit)
     best: Found | None = None
@@ -100,7 +100,7 @@ def prove_modes(network: Network, gains: Gains, claim: Claim) -> ModalCertificat
     Raises:
         NotCertified: no certificate was found, or none survived the exact check.
     """
-    known = check_covered(network, claim)
+    known = check_covered(network.matrices, claim)
     modes, K = Modes(network.plant, gains.order), gains.blocks[0]
     spread = float(as_floats(np.array([known.spread], dtype=object))[0])
     ends, least = _fine_enough(network, known, modes, K, claim)
@@ -156,7 +156,7 @@ def _shortest(
         mu, *entries = (float(f"{one:.{digits}g}") for one in inside.mu)
         P_mean = _rounded(inside.P_mean, digits)
         trial = ModalCertificate(rho, float(ends[0]), segments, mu, P_mean, tuple(entries))
-        if decide_modes(network, gains, claim, trial).positive:
+        if decide_modes(network.matrices, gains, claim, trial).positive:
             return trial
     return None
 

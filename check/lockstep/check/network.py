@@ -1,0 +1,62 @@
+"""A network as the checker knows it: the matrices of the agents, who listens to whom, and the coordinates of the claim."""
+
+from dataclasses import dataclass, field
+
+from lockstep.check.disagreement import Coordinates, disagreement
+from lockstep.check.errors import ProblemError
+from lockstep.check.graph import Graph
+from lockstep.check.loop import Loop, Plant, build_loop
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """N agents x_i' = A x_i + B_i u_i + G phi(H x_i, t) + xi_i, y_i = C x_i on a graph (2), (4).
+
+    Args:
+        plant: A, B_i, C, G, H, with G and H scaled as the bound on phi was proved; doubles are taken exactly.
+        graph: who listens to whom; it must have a spanning tree.
+        coordinates: "orthonormal" (default) or "laplacian_rows" (the paper's (14)).
+
+    Raises:
+        ProblemError: no spanning tree, or matrices that do not fit each other or the graph.
+    """
+
+    plant: Plant
+    graph: Graph
+    coordinates: Coordinates = "orthonormal"
+    _loops: dict[tuple[int, bool], Loop] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        self.graph.check_spanning_tree()
+        plant, N = self.plant, self.graph.N
+        if len(plant.B) != N:
+            raise ProblemError(
+                f"{len(plant.B)} input matrices for {N} agents", where="network", expected="one B per agent"
+            )
+        n, m, q, r, v = plant.sizes
+        fits = [
+            ("A", plant.A, (n, n)),
+            ("C", plant.C, (q, n)),
+            ("G", plant.G, (n, r)),
+            ("H", plant.H, (v, n)),
+        ]
+        for name, matrix, shape in [*fits, *[(f"B_{i}", B, (n, m)) for i, B in enumerate(plant.B, start=1)]]:
+            if matrix.shape != shape:
+                raise ProblemError(
+                    f"`{name}` is {' x '.join(map(str, matrix.shape))}",
+                    where="network",
+                    expected=f"{shape[0]} x {shape[1]}",
+                )
+
+    @property
+    def N(self) -> int:
+        """Number of agents."""
+        return self.graph.N
+
+    def loop(self, order: int, *, exact_arithmetic: bool) -> Loop:
+        """Return the loop (15) for controllers of an order, in doubles or in the same rationals."""
+        key = (order, exact_arithmetic)
+        if key not in self._loops:
+            d = disagreement(self.graph, self.coordinates, exact_arithmetic=exact_arithmetic)
+            self._loops[key] = build_loop(self.plant.in_numbers(exact_arithmetic), d, order)
+        return self._loops[key]

@@ -1,0 +1,61 @@
+"""The checker's network refuses matrices that do not fit, and gives the same loop in both kinds of number."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lockstep.check.errors import ProblemError
+from lockstep.check.graph import Graph
+from lockstep.check.loop import Plant
+from lockstep.check.network import Network
+from lockstep.check.numbers import as_floats
+
+GRAPH = Graph.from_edges(2, [[1, 2, 0.5], [2, 1]])
+PLANT = Plant(
+    np.array([[0.0, 1.0], [0.1, -1.0]]),
+    (np.array([[0.0], [1.0]]), np.array([[0.0], [2.0]])),
+    np.eye(2),
+    np.array([[0.0], [1.0]]),
+    np.array([[1.0, 0.0]]),
+)
+
+
+@pytest.mark.parametrize("coordinates", ["orthonormal", "laplacian_rows"])
+def test_the_loop_is_the_same_in_doubles_and_in_rationals(coordinates):
+    network = Network(PLANT, GRAPH, coordinates)
+    doubles, rationals = (network.loop(1, exact_arithmetic=exact) for exact in (False, True))
+    assert rationals.exact
+    assert not doubles.exact
+    assert as_floats(rationals.A_0).tolist() == doubles.A_0.tolist()
+    assert rationals is network.loop(1, exact_arithmetic=True)
+
+
+def test_a_plant_of_rationals_is_taken_as_it_is():
+    exact = Network(PLANT.in_numbers(True), GRAPH)
+    assert (
+        exact.loop(1, exact_arithmetic=True).A_0 == Network(PLANT, GRAPH).loop(1, exact_arithmetic=True).A_0
+    ).all()
+    assert not exact.loop(1, exact_arithmetic=False).exact
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"A": np.eye(3)[:2]}, "`A` is 2 x 3; expected 2 x 2"),
+        ({"B": PLANT.B[:1]}, "1 input matrices for 2 agents"),
+        ({"B": (PLANT.B[0], np.eye(2))}, "`B_2` is 2 x 2; expected 2 x 1"),
+        ({"C": np.eye(3)}, "`C` is 3 x 3; expected 3 x 2"),
+        ({"G": np.eye(3)}, "`G` is 3 x 3; expected 2 x 3"),
+        ({"H": np.eye(3)}, "`H` is 3 x 3; expected 3 x 2"),
+    ],
+)
+def test_matrices_that_do_not_fit_are_refused(wrong, says):
+    with pytest.raises(ProblemError) as refused:
+        Network(replace(PLANT, **wrong), GRAPH)
+    assert says in str(refused.value)
+
+
+def test_a_graph_without_a_spanning_tree_is_refused():
+    with pytest.raises(ProblemError, match="no spanning tree"):
+        Network(replace(PLANT, B=PLANT.B * 2), Graph.from_edges(4, [[1, 2], [2, 1], [3, 4], [4, 3]]))
