@@ -7,57 +7,16 @@ the whole box the operation is not used there.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 
 from lockstep.check.bound import functions
-from lockstep.check.bound.expression import Node
 from lockstep.check.bound.program import Boxes, Program
 from lockstep.check.bound.rounding import Interval
-from lockstep.check.bound.switches import TRUE, both
+from lockstep.check.expression.condition import Condition
 
 Verdict = Annotated[np.ndarray, " boxes"]
-
-
-@dataclass(frozen=True)
-class Condition:
-    """One operation's need: `kind` of the test, its arguments, when it applies, and how to say it."""
-
-    kind: str
-    args: tuple[Node, ...]
-    name: str
-    guard: Node = TRUE
-
-    def under(self, guard: Node) -> Condition:
-        """Return the condition with one more guard."""
-        return Condition(self.kind, self.args, self.name, both(guard, self.guard))
-
-    @property
-    def text(self) -> str:
-        """Say what the operation needs."""
-        return f"{self.name} {_TEXT[self.kind]}"
-
-    @property
-    def jumps(self) -> bool:
-        """Tell whether it is a discontinuity, not a missing value."""
-        return self.kind in ("decided", "constant")
-
-
-_TEXT = {
-    "nonzero": "divides by something that can be 0",
-    "positive": "is not defined where its argument is not positive",
-    "not negative": "is not defined where its argument is negative",
-    "within one": "is not defined where its argument is outside [-1, 1]",
-    "inside one": "is not defined where its argument is not inside (-1, 1)",
-    "above one": "is not defined where its argument is below 1",
-    "no pole": "has a pole",
-    "off the cut": "jumps where the second argument is not positive and the first is 0",
-    "decided": "jumps where its condition changes and cannot be shown to be continuous there; "
-    "write it with min, max or abs",
-    "constant": "jumps; write it with min, max or abs",
-}
 
 
 def _decided(x: Interval) -> Verdict:

@@ -18,9 +18,9 @@ import numpy as np
 
 from lockstep.check.bound import rounding
 from lockstep.check.bound.conditions import Conditions
-from lockstep.check.bound.expression import ONE, ZERO, Node, add, function, multiply, power, variable
 from lockstep.check.bound.identities import split_cases, unit_vectors
 from lockstep.check.bound.program import Program
+from lockstep.check.expression.node import ONE, ZERO, Node, add, function, multiply, power, variable
 
 HALF_TURN = math.nextafter(math.pi, math.inf)
 

@@ -16,9 +16,9 @@ from dataclasses import replace
 import casadi as ca
 
 from lockstep.check.bound.box import EVERY_TIME, Box
-from lockstep.check.bound.expression import ZERO
 from lockstep.check.bound.result import Entry
 from lockstep.check.errors import ProblemError
+from lockstep.check.expression.node import ZERO
 from lockstep.model.bound.proof import (
     BOXES,
     LOOSEST,

@@ -14,14 +14,14 @@ from jaxtyping import Float
 from lockstep.check.bound.box import EVERY_TIME, Box, check_time
 from lockstep.check.bound.conditions import Conditions
 from lockstep.check.bound.continuity import settle
-from lockstep.check.bound.derivative import derivative
-from lockstep.check.bound.expression import Node, scale
 from lockstep.check.bound.graph import Graph
 from lockstep.check.bound.objective import Objective, blocks
 from lockstep.check.bound.period import reduce_to_period
 from lockstep.check.bound.relaxation import relax
 from lockstep.check.bound.result import Bound, Witness
 from lockstep.check.errors import ProblemError
+from lockstep.check.expression.derivative import derivative
+from lockstep.check.expression.node import Node, scale
 from lockstep.model.bound.graph import read
 from lockstep.model.bound.sampling import sample_points
 from lockstep.model.bound.scaling import choose_scaling

@@ -6,8 +6,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.bound.expression import Node, linear_terms
-from lockstep.check.bound.traversal import order
+from lockstep.check.expression.node import Node, linear_terms
+from lockstep.check.expression.traversal import order
 
 COUNT = 2000
 LARGEST_KINK = 1e100

@@ -220,8 +220,12 @@ def function(op: str, *args: Node, data: Hashable = None) -> Node:
     if op in _ODD | _EVEN and _leading_sign(first) < 0:
         mirrored = function(op, scale(-1, first))
         return mirrored if op in _EVEN else scale(-1, mirrored)
-    if op in ("fmin", "fmax") and first is args[1]:
-        return first
+    if op in ("fmin", "fmax"):
+        other = number(args[1])
+        if first is args[1]:
+            return first
+        if value is not None and other is not None:
+            return constant(min(value, other) if op == "fmin" else max(value, other))
     return intern(op, args, data)
 
 
