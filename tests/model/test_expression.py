@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.expression import FUNCTIONS, parse_expression
+from lockstep.check.expression.text import FUNCTIONS
+from lockstep.model.expression import parse_expression
 
 X, Y, T = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("t")
 SYMBOLS = {"x": X, "y": Y, "t": T, "k": 2.5}

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from lockstep.check.domain import argument_box
 from lockstep.check.errors import ProblemError
+from lockstep.check.names import check_agent_name, check_names
 from lockstep.check.wording import shorten
 from lockstep.model.affine import Affine, NormalForms
 from lockstep.model.agent_parts import (
@@ -28,7 +29,6 @@ from lockstep.model.control.pbh import Controllability, Observability, controlla
 from lockstep.model.expression import parse_expression
 from lockstep.model.linearise import linearised
 from lockstep.model.lure import Lure, lure_form
-from lockstep.model.names import check_agent_name, check_names
 from lockstep.model.outputs import output_rows
 
 Split = Literal["terms", "jacobian"]

@@ -9,11 +9,11 @@ import numpy as np
 
 from lockstep.check.bound import rounding
 from lockstep.check.bound.conditions import Conditions
-from lockstep.check.bound.derivative import derivative
 from lockstep.check.bound.objective import Objective
 from lockstep.check.bound.program import Boxes, Program
 from lockstep.check.bound.rounding import INF, Interval
 from lockstep.check.bound.tails import Pattern, bounded_on_tails, on_tails
+from lockstep.check.expression.derivative import derivative
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,9 @@ from dataclasses import replace
 from fractions import Fraction
 
 from lockstep.check.bound.conditions import Conditions
-from lockstep.check.bound.expression import (
+from lockstep.check.bound.graph import Graph
+from lockstep.check.bound.program import Boxes
+from lockstep.check.expression.node import (
     ZERO,
     Node,
     Undefined,
@@ -23,10 +25,8 @@ from lockstep.check.bound.expression import (
     scale,
     subtract,
 )
-from lockstep.check.bound.graph import Graph
-from lockstep.check.bound.program import Boxes
-from lockstep.check.bound.switches import FALSE, TRUE
-from lockstep.check.bound.traversal import expand, order, substitute
+from lockstep.check.expression.switches import FALSE, TRUE
+from lockstep.check.expression.traversal import expand, order, substitute
 
 
 def settle(graph: Graph, lower: Boxes, upper: Boxes) -> Graph:

@@ -14,12 +14,12 @@ import numpy as np
 
 from lockstep.check.bound import rounding
 from lockstep.check.bound.charts import Chart, Enclosure, to_v
-from lockstep.check.bound.expression import Node, linear_terms
 from lockstep.check.bound.objective import Objective
 from lockstep.check.bound.program import Boxes
 from lockstep.check.bound.rounding import INF
 from lockstep.check.bound.tails import Pattern
-from lockstep.check.bound.traversal import order
+from lockstep.check.expression.node import Node, linear_terms
+from lockstep.check.expression.traversal import order
 
 HALVINGS = 40  # a box 2^-40 of its domain in every direction without an enclosure has none to be found
 LARGEST_KINK = 1e100

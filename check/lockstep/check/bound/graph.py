@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from lockstep.check.bound.conditions import Condition
-from lockstep.check.bound.expression import Node
+from lockstep.check.expression.condition import Condition
+from lockstep.check.expression.node import Node
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """Rewritings of a sum of squared slopes that intervals cannot see: correlated branches and unit vectors."""
 
-from lockstep.check.bound.expression import Node, factors, intern, linear, linear_terms, product
-from lockstep.check.bound.switches import FALSE, TRUE, choose
-from lockstep.check.bound.traversal import order, substitute
+from lockstep.check.expression.node import Node, factors, intern, linear, linear_terms, product
+from lockstep.check.expression.switches import FALSE, TRUE, choose
+from lockstep.check.expression.traversal import order, substitute
 
 MOST_CASES = 4
 

@@ -11,8 +11,8 @@ from typing import Annotated
 
 import numpy as np
 
-from lockstep.check.bound.expression import Node, linear_terms
-from lockstep.check.bound.traversal import order
+from lockstep.check.expression.node import Node, linear_terms
+from lockstep.check.expression.traversal import order
 
 WAVES = frozenset({"sin", "cos", "tan"})
 MOST_WAVES = 64  # a period of so many waves of its fastest term is no shortcut

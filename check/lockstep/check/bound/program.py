@@ -9,9 +9,9 @@ from typing import Annotated, Any
 import numpy as np
 
 from lockstep.check.bound import functions, rounding
-from lockstep.check.bound.expression import Node
 from lockstep.check.bound.rounding import INF, Interval
-from lockstep.check.bound.traversal import order
+from lockstep.check.expression.node import Node
+from lockstep.check.expression.traversal import order
 
 Boxes = Annotated[np.ndarray, "variables boxes"]
 

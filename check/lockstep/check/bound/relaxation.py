@@ -12,10 +12,10 @@ from typing import Annotated
 import numpy as np
 
 from lockstep.check.bound.conditions import Conditions
-from lockstep.check.bound.expression import Node, variable
 from lockstep.check.bound.objective import Objective
 from lockstep.check.bound.program import Program
-from lockstep.check.bound.traversal import order, substitute
+from lockstep.check.expression.node import Node, variable
+from lockstep.check.expression.traversal import order, substitute
 
 MOST_ATOMS = 8
 

@@ -13,13 +13,13 @@ from lockstep.check.bound.box import EVERY_TIME, Box, check_time
 from lockstep.check.bound.conditions import Conditions
 from lockstep.check.bound.continuity import settle
 from lockstep.check.bound.cover import Cover
-from lockstep.check.bound.derivative import derivative
-from lockstep.check.bound.expression import ZERO, Node, scale
 from lockstep.check.bound.graph import Graph
 from lockstep.check.bound.objective import Objective, blocks
 from lockstep.check.bound.period import reduce_to_period
 from lockstep.check.bound.relaxation import relax
 from lockstep.check.errors import ProblemError
+from lockstep.check.expression.derivative import derivative
+from lockstep.check.expression.node import ZERO, Node, scale
 
 Scales = Annotated[np.ndarray, " scales"]
 Given = Sequence[float] | np.ndarray | None

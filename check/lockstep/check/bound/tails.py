@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-from lockstep.check.bound.derivative import derivative
-from lockstep.check.bound.expression import (
+from lockstep.check.expression.derivative import derivative
+from lockstep.check.expression.node import (
     Node,
     add,
     constant,
@@ -29,8 +29,8 @@ from lockstep.check.bound.expression import (
     scale,
     variable,
 )
-from lockstep.check.bound.switches import positive, zero
-from lockstep.check.bound.traversal import expand, order, rebuild, substitute
+from lockstep.check.expression.switches import positive, zero
+from lockstep.check.expression.traversal import expand, order, rebuild, substitute
 
 Pattern = tuple[int, ...]  # per variable: 0 as it is, +1 the upper tail, -1 the lower one
 _DECAYING = frozenset({"exp", "sech2"})

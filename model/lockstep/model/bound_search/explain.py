@@ -3,10 +3,10 @@
 import numpy as np
 
 from lockstep.check.bound.charts import Chart
-from lockstep.check.bound.conditions import Condition
-from lockstep.check.bound.expression import Node
 from lockstep.check.bound.program import Boxes, Program
 from lockstep.check.bound.rounding import Interval
+from lockstep.check.expression.condition import Condition
+from lockstep.check.expression.node import Node
 
 LARGE = 1e6
 NEAR = 1e-6

@@ -9,12 +9,42 @@ from math import isfinite
 
 import casadi as ca
 
-from lockstep.check.bound.conditions import Condition
-from lockstep.check.bound.expression import ZERO, Node, Undefined, constant, variable
 from lockstep.check.bound.graph import Graph
-from lockstep.check.bound.switches import FALSE, TRUE, both, either
 from lockstep.check.errors import ProblemError
-from lockstep.model.bound_search.operations import ARITY, NAMES, RULES, as_condition, as_number
+from lockstep.check.expression.condition import Condition
+from lockstep.check.expression.node import ZERO, Node, Undefined, constant, function, variable
+from lockstep.check.expression.operations import RULES, as_condition, as_number
+from lockstep.check.expression.switches import FALSE, TRUE, both, either
+
+NAMES = {getattr(ca, key): key[3:].lower() for key in dir(ca) if key.startswith("OP_")}
+"""The name of each operation of CasADi, by which the checker knows it."""
+
+_BINARY = frozenset(
+    {
+        "add",
+        "sub",
+        "mul",
+        "div",
+        "pow",
+        "constpow",
+        "atan2",
+        "hypot",
+        "fmin",
+        "fmax",
+        "copysign",
+        "fmod",
+        "remainder",
+        "lt",
+        "le",
+        "eq",
+        "ne",
+        "and",
+        "or",
+        "if_else_zero",
+        "printme",
+        "lift",
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -89,11 +119,11 @@ def _single_assignment(phi: ca.Function) -> tuple[list[_Step], list[int]]:
             step = _Step(op, (), float(reads[1] if reads[0] == 0 else phi.size1_in(0)))
         elif op == ca.OP_CONST:
             step = _Step(op, (), phi.instruction_constant(k))
-        elif op in RULES or op in (ca.OP_DIV, ca.OP_INV):
-            step = _Step(op, tuple(work[i] for i in reads[: ARITY.get(op, 2)]))
+        elif NAMES[op] in RULES:
+            step = _Step(op, tuple(work[i] for i in reads[: 2 if NAMES[op] in _BINARY else 1]))
         else:
             raise ProblemError(
-                f"the operation `{NAMES.get(op, op)}` has no bound here",
+                f"the operation `{NAMES[op]}` has no bound here",
                 where="the nonlinearity phi",
                 expected="elementary functions of scalars",
             )
@@ -125,7 +155,7 @@ class _Reader:
         else:
             args = [self.values[i] for i in step.reads]
             try:
-                node = RULES[step.op](self, *args)
+                node = RULES[NAMES[step.op]](self, *args)
             except Undefined as error:
                 raise ProblemError(
                     f"`{NAMES[step.op]}` of a constant is not defined: {error}",
@@ -133,6 +163,10 @@ class _Reader:
                     expected="operations that have a value",
                 ) from error
         self.values.append(node)
+
+    def make(self, op: str, x: Node) -> Node:
+        """Return a function of x in its one form, so that sin(x) + sin(-x) is 0."""
+        return function(op, x)
 
     def need(self, kind: str, name: str, *args: Node) -> None:
         """Note what the current operation needs."""

@@ -11,10 +11,10 @@ from jaxtyping import Float
 from scipy import special
 
 from lockstep.check.bound import rounding
-from lockstep.check.bound.expression import Node
 from lockstep.check.bound.objective import Objective
 from lockstep.check.bound.program import Program
 from lockstep.check.bound.rounding import INF
+from lockstep.check.expression.node import Node
 
 LARGEST = 1e150
 

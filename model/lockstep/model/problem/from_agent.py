@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.expression.text import RESERVED
 from lockstep.model.agent import Agent
-from lockstep.model.expression import RESERVED
 from lockstep.model.expression_text import expression_text
 from lockstep.model.graph import Graph
 

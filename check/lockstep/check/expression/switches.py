@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from lockstep.check.bound.expression import Node, intern, linear, linear_terms, number, scale
+from lockstep.check.expression.node import Node, intern, linear, linear_terms, number, scale
 
 TRUE, FALSE = intern("truth", (), True), intern("truth", (), False)
 

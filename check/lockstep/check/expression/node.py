@@ -8,6 +8,7 @@ exactly and nothing is rounded before the interval evaluation. Equal expressions
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import math
 import weakref
@@ -23,12 +24,15 @@ class Undefined(ArithmeticError):
 class Node:
     """One operation of an expression graph; made by the functions of this module only."""
 
-    __slots__ = ("__weakref__", "args", "data", "op", "serial", "variables")
+    __slots__ = ("__weakref__", "args", "data", "op", "place", "serial", "variables")
 
     op: str
     args: tuple[Node, ...]
     data: Any
     serial: int
+    place: tuple[int, bytes]
+    """Where it stands among the terms of a sum or product: variables by number, then the rest by what they say, so that
+    nothing depends on what was built before."""
     variables: frozenset[int]
 
 
@@ -36,6 +40,7 @@ _INTERNED: weakref.WeakValueDictionary[Hashable, Node] = weakref.WeakValueDictio
 
 
 _SERIAL = itertools.count()
+_AFTER_VARIABLES = 1 << 62
 
 
 def intern(op: str, args: tuple[Node, ...] = (), data: Hashable = None) -> Node:
@@ -45,10 +50,20 @@ def intern(op: str, args: tuple[Node, ...] = (), data: Hashable = None) -> Node:
     if node is None:
         node = Node()
         node.op, node.args, node.data, node.serial = op, args, data, next(_SERIAL)
+        node.place = _place(op, args, data)
         own = frozenset([data]) if op in ("variable", "inner_end") and isinstance(data, int) else frozenset()
         node.variables = own.union(*(a.variables for a in args))
         _INTERNED[key] = node
     return node
+
+
+def _place(op: str, args: tuple[Node, ...], data: Hashable) -> tuple[int, bytes]:
+    if op == "variable" and isinstance(data, int):
+        return data, b""
+    said = hashlib.blake2b(f"{op} {data!r}".encode(), digest_size=16)
+    for a in args:
+        said.update(b"%d " % a.place[0] + a.place[1])
+    return _AFTER_VARIABLES, said.digest()
 
 
 def constant(value: Fraction | int) -> Node:
@@ -86,7 +101,7 @@ def linear(offset: Fraction | int, terms: Iterable[tuple[Fraction | int, Node]])
         total += factor * inner_offset
         for c, x in inner:
             collected[x] = collected.get(x, Fraction(0)) + factor * c
-    kept = sorted(((x, c) for x, c in collected.items() if c), key=lambda item: item[0].serial)
+    kept = sorted(((x, c) for x, c in collected.items() if c), key=lambda item: item[0].place)
     if not kept:
         return constant(total)
     if len(kept) == 1 and kept[0][1] == 1 and not total:
@@ -141,7 +156,7 @@ def product(coefficient: Fraction | int, powers: Mapping[Node, int]) -> Node:
             p = kept.pop(x)
             tanh = function("tanh", *x.args)
             return product(coefficient, {**kept, cosh: kept[cosh] + p, tanh: kept.get(tanh, 0) + p})
-    pairs = sorted(kept.items(), key=lambda item: item[0].serial)
+    pairs = sorted(kept.items(), key=lambda item: item[0].place)
     plain = len(pairs) == 1 and pairs[0][1] == 1
     core = (
         pairs[0][0] if plain else intern("monomial", tuple(x for x, _ in pairs), tuple(p for _, p in pairs))
@@ -220,8 +235,12 @@ def function(op: str, *args: Node, data: Hashable = None) -> Node:
     if op in _ODD | _EVEN and _leading_sign(first) < 0:
         mirrored = function(op, scale(-1, first))
         return mirrored if op in _EVEN else scale(-1, mirrored)
-    if op in ("fmin", "fmax") and first is args[1]:
-        return first
+    if op in ("fmin", "fmax"):
+        other = number(args[1])
+        if first is args[1]:
+            return first
+        if value is not None and other is not None:
+            return constant(min(value, other) if op == "fmin" else max(value, other))
     return intern(op, args, data)
 
 

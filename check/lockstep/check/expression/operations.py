@@ -1,11 +1,9 @@
-"""What each operation of an SX graph means, and what it needs to be defined and continuous."""
+"""What each operation means, by its name, and what it needs to be defined and continuous."""
 
 from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
-import casadi as ca
-
-from lockstep.check.bound.expression import (
+from lockstep.check.expression.node import (
     ONE,
     ZERO,
     Node,
@@ -22,9 +20,8 @@ from lockstep.check.bound.expression import (
     scale,
     subtract,
 )
-from lockstep.check.bound.switches import both, choose, either, negate, positive, zero
+from lockstep.check.expression.switches import both, choose, either, negate, positive, zero
 
-NAMES = {getattr(ca, key): key[3:].lower() for key in dir(ca) if key.startswith("OP_")}
 LARGEST_WHOLE_POWER = 1024
 
 
@@ -34,6 +31,10 @@ class Notes(Protocol):
 
     def need(self, kind: str, name: str, *args: Node) -> None:
         """Note that the current operation, called `name`, needs `kind` of its arguments."""
+        ...
+
+    def make(self, op: str, x: Node) -> Node:
+        """Return the named function of x: by `function`, or as it is written."""
         ...
 
 
@@ -63,7 +64,7 @@ def _plain(op: str, kind: str | None = None) -> Callable[..., Node]:
     def rule(reader: Notes, x: Node) -> Node:
         if kind is not None:
             reader.need(kind, f"`{op}`", x)
-        return function(op, x)
+        return reader.make(op, x)
 
     return _numeric(rule)
 
@@ -171,10 +172,10 @@ def _remainder(op: str, name: str) -> Callable[..., Node]:
     return _numeric(rule)
 
 
-def _if_else_zero(reader: Notes, condition: Node, value: Node) -> Node:
+def _if_else(reader: Notes, condition: Node, value: Node, other: Node) -> Node:
     condition = as_condition(condition)
     reader.need("decided", "`if_else`", condition)
-    return choose(condition, as_number(reader, value), ZERO)
+    return choose(condition, as_number(reader, value), as_number(reader, other))
 
 
 def _atan2(reader: Notes, y: Node, x: Node) -> Node:
@@ -189,89 +190,60 @@ def _compare(rule: Callable[[Node, Node], Node]) -> Callable[..., Node]:
     return _numeric(compare)
 
 
-RULES: dict[int, Callable[..., Node]] = {
-    ca.OP_ASSIGN: lambda _, x: x,
-    ca.OP_ADD: _numeric(_add),
-    ca.OP_SUB: _numeric(lambda _, a, b: subtract(a, b)),
-    ca.OP_MUL: _numeric(lambda _, a, b: multiply(a, b)),
-    ca.OP_DIV: _numeric(_divide),
-    ca.OP_INV: _numeric(lambda reader, x: _divide(reader, ONE, x)),
-    ca.OP_NEG: _numeric(lambda _, x: scale(-1, x)),
-    ca.OP_TWICE: _numeric(lambda _, x: scale(2, x)),
-    ca.OP_SQ: _numeric(lambda _, x: power(x, 2)),
-    ca.OP_SQRT: _numeric(_sqrt),
-    ca.OP_POW: _numeric(_power),
-    ca.OP_CONSTPOW: _numeric(_power),
-    ca.OP_EXP: _plain("exp"),
-    ca.OP_EXPM1: _plain("expm1"),
-    ca.OP_LOG: _plain("log", "positive"),
-    ca.OP_LOG1P: _numeric(
+RULES: dict[str, Callable[..., Node]] = {
+    "assign": lambda _, x: x,
+    "add": _numeric(_add),
+    "sub": _numeric(lambda _, a, b: subtract(a, b)),
+    "mul": _numeric(lambda _, a, b: multiply(a, b)),
+    "div": _numeric(_divide),
+    "inv": _numeric(lambda reader, x: _divide(reader, ONE, x)),
+    "neg": _numeric(lambda _, x: scale(-1, x)),
+    "twice": _numeric(lambda _, x: scale(2, x)),
+    "sq": _numeric(lambda _, x: power(x, 2)),
+    "sqrt": _numeric(_sqrt),
+    "pow": _numeric(_power),
+    "constpow": _numeric(_power),
+    "exp": _plain("exp"),
+    "expm1": _plain("expm1"),
+    "log": _plain("log", "positive"),
+    "log1p": _numeric(
         lambda reader, x: (reader.need("positive", "`log1p`", linear(1, [(1, x)])), function("log1p", x))[1]
     ),
-    ca.OP_SIN: _plain("sin"),
-    ca.OP_COS: _plain("cos"),
-    ca.OP_TAN: _plain("tan", "no pole"),
-    ca.OP_ASIN: _plain("asin", "within one"),
-    ca.OP_ACOS: _plain("acos", "within one"),
-    ca.OP_ATAN: _plain("atan"),
-    ca.OP_ATAN2: _numeric(_atan2),
-    ca.OP_SINH: _plain("sinh"),
-    ca.OP_COSH: _plain("cosh"),
-    ca.OP_TANH: _plain("tanh"),
-    ca.OP_ASINH: _plain("asinh"),
-    ca.OP_ACOSH: _plain("acosh", "above one"),
-    ca.OP_ATANH: _plain("atanh", "inside one"),
-    ca.OP_ERF: _plain("erf"),
-    ca.OP_ERFINV: _plain("erfinv", "inside one"),
-    ca.OP_HYPOT: _numeric(lambda _, x, y: function("hypot", x, y)),
-    ca.OP_FABS: _plain("fabs"),
-    ca.OP_FMIN: _numeric(lambda _, a, b: function("fmin", a, b)),
-    ca.OP_FMAX: _numeric(lambda _, a, b: function("fmax", a, b)),
-    ca.OP_SIGN: _numeric(_sign_of),
-    ca.OP_COPYSIGN: _numeric(_copysign),
-    ca.OP_FLOOR: _step("floor"),
-    ca.OP_CEIL: _step("ceil"),
-    ca.OP_FMOD: _remainder("trunc", "fmod"),
-    ca.OP_REMAINDER: _remainder("rint", "remainder"),
-    ca.OP_LT: _compare(lambda a, b: positive(subtract(b, a))),
-    ca.OP_LE: _compare(lambda a, b: negate(positive(subtract(a, b)))),
-    ca.OP_EQ: _compare(lambda a, b: zero(subtract(a, b))),
-    ca.OP_NE: _compare(lambda a, b: negate(zero(subtract(a, b)))),
-    ca.OP_NOT: lambda _, x: negate(as_condition(x)),
-    ca.OP_AND: lambda _, a, b: both(as_condition(a), as_condition(b)),
-    ca.OP_OR: lambda _, a, b: either(as_condition(a), as_condition(b)),
-    ca.OP_IF_ELSE_ZERO: _if_else_zero,
-    ca.OP_PRINTME: lambda _, x, __: x,
-    ca.OP_LIFT: lambda _, x, __: x,
+    "sin": _plain("sin"),
+    "cos": _plain("cos"),
+    "tan": _plain("tan", "no pole"),
+    "asin": _plain("asin", "within one"),
+    "acos": _plain("acos", "within one"),
+    "atan": _plain("atan"),
+    "atan2": _numeric(_atan2),
+    "sinh": _plain("sinh"),
+    "cosh": _plain("cosh"),
+    "tanh": _plain("tanh"),
+    "asinh": _plain("asinh"),
+    "acosh": _plain("acosh", "above one"),
+    "atanh": _plain("atanh", "inside one"),
+    "erf": _plain("erf"),
+    "erfinv": _plain("erfinv", "inside one"),
+    "hypot": _numeric(lambda _, x, y: function("hypot", x, y)),
+    "fabs": _plain("fabs"),
+    "fmin": _numeric(lambda _, a, b: function("fmin", a, b)),
+    "fmax": _numeric(lambda _, a, b: function("fmax", a, b)),
+    "sign": _numeric(_sign_of),
+    "copysign": _numeric(_copysign),
+    "floor": _step("floor"),
+    "ceil": _step("ceil"),
+    "fmod": _remainder("trunc", "fmod"),
+    "remainder": _remainder("rint", "remainder"),
+    "lt": _compare(lambda a, b: positive(subtract(b, a))),
+    "le": _compare(lambda a, b: negate(positive(subtract(a, b)))),
+    "eq": _compare(lambda a, b: zero(subtract(a, b))),
+    "ne": _compare(lambda a, b: negate(zero(subtract(a, b)))),
+    "not": lambda _, x: negate(as_condition(x)),
+    "and": lambda _, a, b: both(as_condition(a), as_condition(b)),
+    "or": lambda _, a, b: either(as_condition(a), as_condition(b)),
+    "if_else": _if_else,
+    "if_else_zero": lambda reader, condition, value: _if_else(reader, condition, value, ZERO),
+    "printme": lambda _, x, __: x,
+    "lift": lambda _, x, __: x,
 }
-
-
-_BINARY = frozenset(
-    {
-        ca.OP_ADD,
-        ca.OP_SUB,
-        ca.OP_MUL,
-        ca.OP_DIV,
-        ca.OP_POW,
-        ca.OP_CONSTPOW,
-        ca.OP_ATAN2,
-        ca.OP_HYPOT,
-        ca.OP_FMIN,
-        ca.OP_FMAX,
-        ca.OP_COPYSIGN,
-        ca.OP_FMOD,
-        ca.OP_REMAINDER,
-        ca.OP_LT,
-        ca.OP_LE,
-        ca.OP_EQ,
-        ca.OP_NE,
-        ca.OP_AND,
-        ca.OP_OR,
-        ca.OP_IF_ELSE_ZERO,
-        ca.OP_PRINTME,
-        ca.OP_LIFT,
-    }
-)
-
-
-ARITY = {op: 2 if op in _BINARY else 1 for op in RULES}
+"""The meaning of each operation: a node, of `Notes` and the nodes it is applied to."""

@@ -9,7 +9,7 @@ decides the condition.
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 
-from lockstep.check.bound.expression import (
+from lockstep.check.expression.node import (
     MINUS_ONE,
     ONE,
     ZERO,
@@ -25,8 +25,8 @@ from lockstep.check.bound.expression import (
     subtract,
     variable,
 )
-from lockstep.check.bound.switches import choose, positive
-from lockstep.check.bound.traversal import order
+from lockstep.check.expression.switches import choose, positive
+from lockstep.check.expression.traversal import order
 
 HALF = constant(Fraction(1, 2))
 STEPS = frozenset({"floor", "ceil", "trunc", "rint"})

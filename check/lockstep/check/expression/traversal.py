@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from lockstep.check.bound.expression import (
+from lockstep.check.expression.node import (
     ONE,
     Node,
     add,
@@ -15,7 +15,7 @@ from lockstep.check.bound.expression import (
     multiply,
     power,
 )
-from lockstep.check.bound.switches import both, choose, negate, positive, zero
+from lockstep.check.expression.switches import both, choose, negate, positive, zero
 
 
 def order(outputs: Sequence[Node]) -> list[Node]:

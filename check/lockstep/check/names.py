@@ -5,8 +5,8 @@ import re
 from collections.abc import Sequence
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.expression.text import CONSTANTS, FUNCTIONS, RESERVED
 from lockstep.check.wording import shorten
-from lockstep.model.expression import CONSTANTS, FUNCTIONS, RESERVED
 
 LONGEST_AGENT_NAME = 20
 """C99 tells external names apart by 31 characters (5.2.4.1), and the agent's number and `_step` follow."""

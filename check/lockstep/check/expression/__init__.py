@@ -1,0 +1,1 @@
+"""Exact expressions: text to nodes, what their operations mean, and what can be done with them."""

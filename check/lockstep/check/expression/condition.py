@@ -1,0 +1,56 @@
+"""What one operation needs of its arguments: to have a value, or not to jump.
+
+A condition carries a guard, the `if_else` branches that lead to its operation: where the guard is false the
+operation is not used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lockstep.check.expression.node import Node
+from lockstep.check.expression.switches import TRUE, both
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One operation's need: `kind` of the test, its arguments, when it applies, and how to say it."""
+
+    kind: str
+    args: tuple[Node, ...]
+    name: str
+    guard: Node = TRUE
+
+    @property
+    def nodes(self) -> tuple[Node, ...]:
+        """The guard and the arguments."""
+        return (self.guard, *self.args)
+
+    def under(self, guard: Node) -> Condition:
+        """Return the condition with one more guard."""
+        return Condition(self.kind, self.args, self.name, both(guard, self.guard))
+
+    @property
+    def text(self) -> str:
+        """Say what the operation needs."""
+        return f"{self.name} {_TEXT[self.kind]}"
+
+    @property
+    def jumps(self) -> bool:
+        """Tell whether it is a discontinuity, not a missing value."""
+        return self.kind in ("decided", "constant")
+
+
+_TEXT = {
+    "nonzero": "divides by something that can be 0",
+    "positive": "is not defined where its argument is not positive",
+    "not negative": "is not defined where its argument is negative",
+    "within one": "is not defined where its argument is outside [-1, 1]",
+    "inside one": "is not defined where its argument is not inside (-1, 1)",
+    "above one": "is not defined where its argument is below 1",
+    "no pole": "has a pole",
+    "off the cut": "jumps where the second argument is not positive and the first is 0",
+    "decided": "jumps where its condition changes and cannot be shown to be continuous there; "
+    "write it with min, max or abs",
+    "constant": "jumps; write it with min, max or abs",
+}
