@@ -203,7 +203,7 @@ def test_what_is_no_design_file_is_bad_input(content: Any) -> None:
 def test_a_binary_file_is_bad_input(tmp_path: Path) -> None:
     path = tmp_path / "here.json"
     path.write_bytes(b"{\xff\x00}")
-    with pytest.raises(ProblemError, match=r"here\.json: it is not text: byte 2 is 0xff; expected a file"):
+    with pytest.raises(ProblemError, match=r"here\.json: byte 2 is not UTF-8 \(0xff\); expected a file"):
         load_json(path)
 
 

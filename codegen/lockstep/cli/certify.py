@@ -117,7 +117,7 @@ def _with_folder(path: Path, content: dict[str, Any], stored: "Stored", verdict:
     """Certify the design and the C beside it: both must hold, and the C must be what its manifest says."""
     from lockstep.codegen.c_certificate import certify_folder
 
-    folder = certify_folder(path, stored, content)
+    folder = certify_folder(path, stored, content, verdict)
     proved, sampled = folder.held.verdict, folder.held.figures()
     certified = verdict.certified and proved.certified
     document = certificate_document(content, stored, verdict)
@@ -129,11 +129,13 @@ def _with_folder(path: Path, content: dict[str, Any], stored: "Stored", verdict:
         "proof": "ball" if certified else "none",
         "design": {"certified": verdict.certified, "proof": document["proof"]},
         "differences": list(folder.differences),
+        "not_proved": list(folder.not_proved),
         "sampled": sampled,
     }
     rows = {
         "sampled C": sampled_text(sampled),
         "as generated": "; ".join(folder.differences) or "yes",
+        **({"not proved": f"what is in {', '.join(folder.not_proved)}"} if folder.not_proved else {}),
     }
     return Answer(document, _table(content, stored, verdict, rows), verdict.certified and folder.ok)
 

@@ -58,13 +58,15 @@ def seen(path: Path) -> Iterator[None]:
 
 def read_design(path: Path) -> tuple[dict[str, Any], Any]:
     """Return a design file's content and what it says, from the file or from a folder that holds it."""
-    from lockstep.lmi.document import load_json, parse
+    from lockstep.check.files import as_text, read_inside
+    from lockstep.lmi.document import parse
+    from lockstep.lmi.json_parts import A_DESIGN, load_json, parse_json
 
     with seen(path):
-        place = path / DESIGN_NAME if path.is_dir() else path
-        there, plain = place.exists(), place.is_file()
-    if there and not plain:
-        found = "it is no plain file"
-        raise ProblemError(found, where=str(place), expected="a file written by `lockstep design`")
-    content = load_json(place)
-    return content, parse(content, str(place))
+        is_folder = path.is_dir()
+    if not is_folder:
+        content = load_json(path)
+        return content, parse(content, str(path))
+    place = str(path / DESIGN_NAME)
+    content = parse_json(as_text(read_inside(path, DESIGN_NAME, expected=A_DESIGN), place, A_DESIGN), place)
+    return content, parse(content, place)

@@ -1,47 +1,65 @@
 """The certificate of the C itself: of the controllers in a folder, or printed and not yet written, by their text.
 
-`from_c` reads the numbers, `sampled_design` proves them. A folder is compared with its manifest besides.
+`from_c` reads the numbers, `sampled_design` proves them. Every text file of a folder is then rendered again from its
+design and what was proved, and compared byte by byte: headers, sources, CMakeLists.txt, README.md, manifest.json.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.check.files import read_inside
+from lockstep.codegen.bundle import bundle
 from lockstep.codegen.c_file import nearest
+from lockstep.codegen.contents import DESIGN_NAME, differs, not_proved, strangers
+from lockstep.codegen.emit import emit
 from lockstep.codegen.from_c import ReadController, read_controller, read_controllers
+from lockstep.codegen.from_design import specification
 from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files, load_manifest
 from lockstep.codegen.sampled_design import HeldVerdict, prove_controllers, sampled_network
+from lockstep.lmi.certify import Verdict
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import SampledVerdict
+
+_RESIDUALS = {
+    "residual_per_message_error": "residual",
+    "residual_rms_per_message_error": "residual_rms",
+    "residual_from_underflow": "underflow",
+}
 
 
 @dataclass(frozen=True)
 class FolderVerdict:
-    """What is proved of the C in a folder, and where that C is not what its manifest says.
+    """What is proved of the C in a folder, and where the folder is not what its design says.
 
-    held: of the coefficients and the period in the C;  differences: one line for each thing that differs.
+    held: of the coefficients and the period in the C;  differences: one line for each thing that differs;  not_proved:
+    files that the certificate says nothing about: drawings, simulations and measurements.
     """
 
     held: HeldVerdict
     differences: tuple[str, ...]
+    not_proved: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
-        """Whether the proof holds and the C is what the manifest says."""
+        """Whether the proof holds and the folder is what its design says."""
         return self.held.verdict.certified and not self.differences
 
 
-def certify_folder(folder: Path, stored: Stored, content: Mapping[str, Any]) -> FolderVerdict:
-    """Prove the controllers in a folder by the numbers in their C.
+def certify_folder(
+    folder: Path, stored: Stored, content: Mapping[str, Any], verdict: Verdict
+) -> FolderVerdict:
+    """Prove the controllers in a folder by the numbers in their C, and that the folder is what its design says.
 
     Args:
         folder: as `lockstep generate` writes it.
-        stored: the design beside it, for the agents and alpha, which is proved again.
+        stored: the design in it, for the agents and alpha, which is proved again.
         content: the design as JSON types: its sampled witness, if there is one, is tried first.
+        verdict: what was proved of the design's continuous controllers just now.
 
     Raises:
         ProblemError: no folder of ours, or one for other agents.
@@ -49,9 +67,12 @@ def certify_folder(folder: Path, stored: Stored, content: Mapping[str, Any]) -> 
     """
     manifest = load_manifest(folder)
     problem_fits(stored, manifest)
-    differences = [f"{path} is not what manifest.json says it is" for path in changed_files(folder, manifest)]
+    differences = strangers(folder, manifest)
+    differences += [
+        f"{path} is not what manifest.json says it is" for path in changed_files(folder, manifest)
+    ]
     names = [agent.name for agent in manifest.agents]
-    differences += _misnamed(names, stored) + _strangers(folder, names)
+    differences += _misnamed(names, stored)
     network = sampled_network(stored, manifest.period)
     try:
         read = read_controllers(folder, names)
@@ -62,7 +83,63 @@ def certify_folder(folder: Path, stored: Stored, content: Mapping[str, Any]) -> 
     differences += _differences(read, manifest, period)
     controllers = tuple(one.controller for one in read)
     held = prove_controllers(stored, network.at(period), controllers, content, longest=False)
-    return FolderVerdict(held, tuple(differences))
+    # Where a proof fails that the files speak of, that is what is told; each file would differ by it.
+    if verdict.certified and (held.verdict.certified or not _claims_sampled(content)):
+        stated, overstated = _as_stated(held, content)
+        differences += overstated + differs(
+            folder, _rendered(folder, stored, content, verdict, manifest, stated)
+        )
+    return FolderVerdict(held, tuple(differences), not_proved(manifest))
+
+
+def _rendered(
+    folder: Path,
+    stored: Stored,
+    content: Mapping[str, Any],
+    verdict: Verdict,
+    manifest: Manifest,
+    held: HeldVerdict,
+) -> dict[str, str]:
+    """Return the text of every file that follows from the design; of the manifest only the hashes of others are read."""
+    files = emit(specification(stored, verdict, content=content, optimize=manifest.optimize, held=held))
+    others = {path: _bytes(folder, path) for path in manifest.files if path not in files}
+    together = bundle(files, others)
+    return {path: str(together[path]) for path in files}
+
+
+def _bytes(folder: Path, path: str) -> bytes:
+    """Return the bytes of a file, none for one that cannot be read: that it is missing is told already."""
+    try:
+        return read_inside(folder, path)
+    except ProblemError:
+        return b""
+
+
+def _claims_sampled(content: Mapping[str, Any]) -> bool:
+    said = content.get("sampled")
+    return isinstance(said, Mapping) and said.get("certified") is True
+
+
+def _as_stated(held: HeldVerdict, content: Mapping[str, Any]) -> tuple[HeldVerdict, list[str]]:
+    """Return what is proved with the residuals that the design file states, where these claim no more than is proved.
+
+    The files print what the file states, so that they do not depend on the last bits of another machine. `ROUNDED_UP`
+    leaves 1e-9 between a residual and the number printed: a claim less by a tenth of that is still above the residual.
+    """
+    said = content.get("sampled")
+    if not held.verdict.certified or not isinstance(said, Mapping):
+        return held, []
+    stated: dict[str, Any] = {}
+    overstated = []
+    for key, field in _RESIDUALS.items():
+        claimed, proved = said.get(key), getattr(held.verdict, field)
+        if isinstance(claimed, bool) or not isinstance(claimed, int | float):
+            continue
+        if claimed < proved * (1 - 1e-10):
+            overstated.append(f"{DESIGN_NAME} claims {key} = {claimed:g}, but {proved:g} is proved")
+        else:
+            stated[field] = float(claimed)
+    return replace(held, verdict=replace(held.verdict, **stated)), overstated
 
 
 def certify_texts(
@@ -103,29 +180,6 @@ def _misnamed(names: list[str], stored: Stored) -> list[str]:
     return [
         f"manifest.json lists the agents as {', '.join(names)}; in the design they are {', '.join(expected)}"
     ]
-
-
-def _strangers(folder: Path, names: list[str]) -> list[str]:
-    """Return a line for each file that a compiler may read in place of a header that was proved.
-
-    With -Iinclude that is any other file there: include/stdint.h, or a precompiled include/arm1.h.gch; and a header
-    beside the source that includes it.
-    """
-    known = {f"{name}.h" for name in names}
-    found = [
-        path
-        for path in _files(folder / "include")
-        if path.relative_to(folder / "include").as_posix() not in known
-    ]
-    found += [path for path in _files(folder / "src") if ".h" in path.name]
-    return [
-        f"{path.relative_to(folder).as_posix()} was not generated, and a compiler may read it in place of what was"
-        for path in found
-    ]
-
-
-def _files(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*") if not path.is_dir())
 
 
 def _differences(read: list[ReadController], manifest: Manifest, period: float) -> list[str]:

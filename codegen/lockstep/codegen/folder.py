@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.files import read_inside
 from lockstep.codegen.manifest import FILE_NAME, load_manifest
 
 
@@ -78,9 +79,9 @@ def check_replaceable(target: Path) -> None:
 def _written(target: Path) -> set[str]:
     """The files that a manifest of ours lists, whichever version wrote it: an older folder can be replaced."""
     try:
-        manifest = json.loads((target / FILE_NAME).read_text(encoding="utf-8"))
+        manifest = json.loads(read_inside(target, FILE_NAME))
         if str(manifest["format"]).startswith("lockstep-controllers/"):
             return set(manifest["files"])
-    except (OSError, ValueError, TypeError, KeyError):
+    except (ProblemError, ValueError, TypeError, KeyError):
         pass
     return set(load_manifest(target).files)

@@ -7,9 +7,10 @@ key `digest`.
 
 import hashlib
 import json
+import os
 import re
 from collections.abc import Mapping
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -17,6 +18,7 @@ from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.files import as_text, inside, read_inside
 from lockstep.check.sampled.discretise import Discretization, Real
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.spec import MAX_NEIGHBOURS, Optimize, check_identifier
@@ -161,9 +163,10 @@ class Manifest(_Record):
     @model_validator(mode="after")
     def _safe(self) -> Self:
         for path in self.files:
-            parts = PurePosixPath(path)
-            if parts.is_absolute() or ".." in parts.parts or "\\" in path:
-                raise ValueError(f"the path `{path}` leaves the folder")
+            try:
+                inside(path, FILE_NAME)
+            except ProblemError as error:
+                raise ValueError(error.found) from None
         return self
 
     @property
@@ -199,19 +202,13 @@ def load_manifest(directory: Path | str) -> Manifest:
 
     A wrong digest is no error here: `verify_folder` reports it as a changed file.
     """
-    path = Path(directory) / FILE_NAME
+    folder, path = Path(directory), Path(directory) / FILE_NAME
+    expected = "a folder that `lockstep generate` wrote"
+    if not os.path.lexists(path):
+        raise ProblemError(f"there is no {FILE_NAME}", where=str(directory), expected=expected)
+    text = as_text(read_inside(folder, FILE_NAME, expected=expected), str(path), expected)
     try:
-        manifest = Manifest.model_validate_json(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ProblemError(
-            f"there is no {FILE_NAME}",
-            where=str(directory),
-            remedy="name a folder that `lockstep generate` wrote",
-        ) from None
-    except OSError as error:
-        raise ProblemError(f"cannot be read ({error.strerror})", where=str(path)) from None
-    except UnicodeDecodeError:
-        raise ProblemError("not UTF-8 text", where=str(path)) from None
+        manifest = Manifest.model_validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
@@ -233,7 +230,7 @@ def manifest_is_intact(manifest: Manifest) -> bool:
 
 def changed_files(folder: Path, manifest: Manifest) -> tuple[str, ...]:
     """Files that differ from their hash, are missing, or are compiled but not listed; the manifest too."""
-    changed = [path for path, digest in manifest.files.items() if _sha256(folder / path) != digest]
+    changed = [path for path, digest in manifest.files.items() if _sha256(folder, path) != digest]
     needed = [
         f"{place}/{a.name}.{end}" for a in manifest.agents for place, end in (("include", "h"), ("src", "c"))
     ]
@@ -243,8 +240,8 @@ def changed_files(folder: Path, manifest: Manifest) -> tuple[str, ...]:
     return tuple(changed)
 
 
-def _sha256(path: Path) -> str:
+def _sha256(folder: Path, path: str) -> str:
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:
+        return sha256(read_inside(folder, path))
+    except ProblemError:
         return ""

@@ -10,34 +10,33 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.files import read_text
 
 A_DESIGN = "a file written by `lockstep design`"
 
 
 def load_json(path: Path) -> Any:
-    """Read a JSON file; NaN and infinities, which JSON does not have, are read as NaN and refused later.
+    """Read a JSON file, as `parse_json` does its text.
 
     Raises:
-        ProblemError: not there, not readable, not JSON, a key given twice, or a number of thousands of digits.
+        ProblemError: not there, no regular file, not readable, or what `parse_json` refuses.
+    """
+    return parse_json(read_text(path, expected=A_DESIGN), str(path))
+
+
+def parse_json(text: str, where: str) -> Any:
+    """Parse JSON; NaN and infinities, which JSON does not have, are read as NaN and refused later.
+
+    Raises:
+        ProblemError: not JSON, a key given twice, or a number of thousands of digits.
     """
     try:
-        text = path.read_text(encoding="utf-8")
         return json.loads(text, parse_constant=lambda _name: math.nan, object_pairs_hook=_object)
     except ProblemError as error:
-        raise error.within(str(path)) from None
-    except FileNotFoundError:
-        raise ProblemError("there is no such file", where=str(path), expected=A_DESIGN) from None
-    except UnicodeDecodeError as error:
-        raise ProblemError(
-            f"it is not text: byte {error.start + 1} is 0x{error.object[error.start]:02x}",
-            where=str(path),
-            expected=A_DESIGN,
-        ) from None
-    except OSError as error:
-        raise ProblemError(f"it cannot be read ({error.strerror})", where=str(path)) from None
+        raise error.within(where) from None
     except (ValueError, RecursionError) as error:
         # Python refuses whole numbers of more than 4300 digits with a plain ValueError.
-        raise ProblemError(f"it is not JSON ({error})", where=str(path), expected=A_DESIGN) from None
+        raise ProblemError(f"it is not JSON ({error})", where=where, expected=A_DESIGN) from None
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

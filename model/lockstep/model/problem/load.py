@@ -8,44 +8,18 @@ from typing import Any
 from pydantic import ValidationError
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.files import read_text
 from lockstep.model.problem.messages import problem_error
 from lockstep.model.problem.schema import ProblemFile
 
-LARGEST = 10_000_000
-"""Bytes: a thousand agents with full gains fit, a wrong file is refused before it fills the memory."""
 
-
-def read_text(path: Path) -> str:
-    """Read a problem file.
+def read_problem(path: Path) -> str:
+    """Return the text of a problem file, without a byte order mark.
 
     Raises:
-        ProblemError: missing, not a file, too large, not readable, or not UTF-8.
+        ProblemError: missing, no regular file, too large, not readable, or not UTF-8.
     """
-    where, expected = str(path), "a problem file in TOML"
-    try:
-        if not path.exists():
-            raise ProblemError("there is no such file", where=where, expected=expected)
-        if not path.is_file():
-            raise ProblemError(
-                "it is a directory" if path.is_dir() else "it is no regular file",
-                where=where,
-                expected=expected,
-            )
-        if path.stat().st_size > LARGEST:
-            raise ProblemError(
-                f"it has {path.stat().st_size} bytes", where=where, expected=f"at most {LARGEST}"
-            )
-        return path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ProblemError(
-            f"byte {error.start + 1} is not UTF-8",
-            where=where,
-            expected="text in UTF-8",
-            remedy="save it as UTF-8",
-        ) from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise ProblemError(f"it cannot be read: {reason}", where=where, expected=expected) from None
+    return read_text(path, expected="a problem file in TOML").removeprefix("\ufeff")
 
 
 def parse_toml(text: str) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from lockstep.model.problem.assumptions import check_assumptions
 from lockstep.model.problem.build import build_agent, build_graph, build_variants
 from lockstep.model.problem.from_agent import plain, tables_of
 from lockstep.model.problem.gains import GivenGains, given_gains
-from lockstep.model.problem.load import parse_tables, parse_toml, read_text
+from lockstep.model.problem.load import parse_tables, parse_toml, read_problem
 from lockstep.model.problem.schema import ControllerTable, DesignTable, ProblemFile, SimulationTable
 from lockstep.model.problem.toml_text import toml_text
 from lockstep.model.problem.weights import weight_matrix
@@ -255,7 +255,7 @@ def load_problem(path: str | Path) -> Problem:
         ProblemError: anything wrong with it, with the file's name and the place in it.
     """
     path = Path(path)
-    return parse_problem(read_text(path), str(path))
+    return parse_problem(read_problem(path), str(path))
 
 
 def parse_problem(text: str, name: str = "") -> Problem:

@@ -1,0 +1,172 @@
+"""The one way in which a file is read: a regular file, up to a size, UTF-8 where it is text, and never out of its folder.
+
+A path that a user names may be a link, as paths are; inside a folder that is read as a whole there are none. A pipe or
+a device is refused before it is opened: opening one may wait for ever, or do something.
+"""
+
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+
+from lockstep.check.errors import ProblemError
+from lockstep.check.wording import shorten
+
+LARGEST = 10_000_000
+"""Bytes: a thousand agents with full gains fit, a wrong file is refused before it fills the memory."""
+
+MOST_ENTRIES = 20_000
+"""Files and folders in a folder: four files for each agent, and figures."""
+
+
+def read_bytes(path: Path, *, expected: str = "a file", at_most: int = LARGEST) -> bytes:
+    """Return the bytes of a regular file.
+
+    Args:
+        path: of the file; a link to one will do.
+        expected: what it should be, for the message.
+        at_most: bytes.
+
+    Raises:
+        ProblemError: missing, no regular file, larger than `at_most`, or not readable.
+    """
+    return _read(path, expected, at_most, follow=True)
+
+
+def read_text(path: Path, *, expected: str = "a file", at_most: int = LARGEST) -> str:
+    """Return the text of a regular file in UTF-8.
+
+    Raises:
+        ProblemError: as `read_bytes`, and for bytes that are not UTF-8.
+    """
+    return as_text(read_bytes(path, expected=expected, at_most=at_most), str(path), expected)
+
+
+def as_text(content: bytes, where: str, expected: str = "a file") -> str:
+    """Return bytes as text, strictly: what is not UTF-8 is refused with its place."""
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ProblemError(
+            f"byte {error.start + 1} is not UTF-8 (0x{error.object[error.start]:02x})",
+            where=where,
+            expected=expected,
+            remedy="save it as UTF-8",
+        ) from None
+
+
+def read_inside(folder: Path, relative: str, *, expected: str = "a file", at_most: int = LARGEST) -> bytes:
+    """Return the bytes of a file in a folder, which is reached through no link below the folder.
+
+    Args:
+        folder: the folder; it may be a link itself.
+        relative: the path in it, with `/`.
+        expected, at_most: as of `read_bytes`.
+
+    Raises:
+        ProblemError: as `read_bytes`, and for a path that leaves the folder or meets a link.
+    """
+    parts = inside(relative, str(folder))
+    place = folder
+    for part in parts[:-1]:
+        place = place / part
+        if place.is_symlink():
+            raise _linked(place)
+    return _read(place / parts[-1], expected, at_most, follow=False)
+
+
+def inside(relative: str, where: str) -> tuple[str, ...]:
+    """Return the parts of a path in a folder; raises `ProblemError` for one that may leave it.
+
+    >>> inside("src/arm1.c", "arms")
+    ('src', 'arm1.c')
+    """
+    path = PurePosixPath(relative)
+    parts = path.parts
+    if (
+        not parts
+        or path.is_absolute()
+        or ".." in parts
+        or "\\" in relative
+        or "\0" in relative
+        or ":" in relative
+    ):
+        raise ProblemError(f"the path `{shorten(relative)}` leaves the folder", where=where)
+    return parts
+
+
+def entries_of(folder: Path) -> dict[str, os.DirEntry[str]]:
+    """Return everything in a folder by its path in it, folders included, links as what they are and never followed.
+
+    Raises:
+        ProblemError: no folder, not readable, or more than `MOST_ENTRIES` entries.
+    """
+    found: dict[str, os.DirEntry[str]] = {}
+    with _named(folder, "a folder"):
+        waiting = [("", str(folder))]
+        while waiting:
+            prefix, place = waiting.pop()
+            with os.scandir(place) as listed:
+                for entry in listed:
+                    found[prefix + entry.name] = entry
+                    if len(found) > MOST_ENTRIES:
+                        raise ProblemError(
+                            "it holds too much", where=str(folder), expected=f"at most {MOST_ENTRIES} files"
+                        )
+                    if entry.is_dir(follow_symlinks=False):
+                        waiting.append((f"{prefix}{entry.name}/", entry.path))
+    return dict(sorted(found.items()))
+
+
+def _read(path: Path, expected: str, at_most: int, *, follow: bool) -> bytes:
+    with _named(path, expected):
+        status = path.stat() if follow else path.lstat()
+        _check(status, path, expected, at_most)
+        flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+        if not follow:
+            flags |= getattr(os, "O_NOFOLLOW", 0)
+        with os.fdopen(os.open(path, flags), "rb") as stream:
+            # Another file may have taken its place since.
+            _check(os.fstat(stream.fileno()), path, expected, at_most)
+            content = stream.read(at_most + 1)
+    if len(content) > at_most:
+        raise _too_large(f"more than {at_most}", path, at_most)
+    return content
+
+
+def _check(status: os.stat_result, path: Path, expected: str, at_most: int) -> None:
+    if stat.S_ISLNK(status.st_mode):
+        raise _linked(path)
+    if not stat.S_ISREG(status.st_mode):
+        found = "it is a directory" if stat.S_ISDIR(status.st_mode) else "it is no regular file"
+        raise ProblemError(found, where=str(path), expected=expected)
+    if status.st_size > at_most:
+        raise _too_large(str(status.st_size), path, at_most)
+
+
+def _too_large(size: str, path: Path, at_most: int) -> ProblemError:
+    return ProblemError(f"it has {size} bytes", where=str(path), expected=f"at most {at_most}")
+
+
+def _linked(path: Path) -> ProblemError:
+    return ProblemError(
+        "it is a symbolic link",
+        where=str(path),
+        expected="a file of the folder's own",
+        remedy="generate the folder again",
+    )
+
+
+@contextmanager
+def _named(path: Path, expected: str) -> Iterator[None]:
+    """Say of an operating system's error which file it is about."""
+    try:
+        yield
+    except (FileNotFoundError, ValueError):
+        # ValueError: a null character in the path, which no file's has.
+        raise ProblemError("there is no such file", where=str(path), expected=expected) from None
+    except OSError as error:
+        raise ProblemError(
+            f"it cannot be read ({error.strerror})", where=str(path), expected=expected
+        ) from None
