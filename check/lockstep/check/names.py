@@ -1,12 +1,13 @@
-"""Which names an agent and its states, inputs, outputs and parameters may have."""
+"""Which names an agent and its states, inputs, outputs and parameters may have, and what must be there for each."""
 
 import keyword
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from math import isfinite
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.text import CONSTANTS, FUNCTIONS, RESERVED
-from lockstep.check.wording import shorten
+from lockstep.check.wording import nearest, shorten
 
 LONGEST_AGENT_NAME = 20
 """C99 tells external names apart by 31 characters (5.2.4.1), and the agent's number and `_step` follow."""
@@ -100,3 +101,37 @@ def _check_unique(names: Sequence[tuple[str, str]]) -> None:
             other = "twice" if seen[name] == kind else f"in {seen[name]} too"
             raise ProblemError(f"`{name}` is {other}", where=f"[agent] {kind}", expected="names that differ")
         seen[name] = kind
+
+
+def check_known(where: str, given: Mapping[str, object], known: Sequence[str]) -> None:
+    """Refuse a name that is none of the known ones."""
+    for name in given:
+        if name not in known:
+            raise ProblemError(
+                f"`{shorten(name)}` is unknown",
+                where=where,
+                expected=shorten(", ".join(known), 120),
+                remedy=nearest(name, known),
+            )
+
+
+def check_formulas(states: Sequence[str], dynamics: Mapping[str, str]) -> None:
+    """One equation per state, and none without a state."""
+    for state in states:
+        if state not in dynamics:
+            raise ProblemError(
+                f"no equation for the state `{state}`",
+                where="[agent.dynamics]",
+                expected=f'{state} = "its time derivative"',
+                remedy=nearest(state, [name for name in dynamics if name not in states]),
+            )
+    check_known("[agent.dynamics]", dynamics, states)
+
+
+def check_parameters(parameters: Mapping[str, float]) -> None:
+    """Refuse a parameter that is no finite number."""
+    for key, value in parameters.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+            raise ProblemError(
+                f"`{key}` is {value!r}", where="[agent.parameters]", expected="a finite number"
+            )

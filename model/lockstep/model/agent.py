@@ -12,13 +12,11 @@ from jaxtyping import Float
 
 from lockstep.check.domain import argument_box
 from lockstep.check.errors import ProblemError
-from lockstep.check.names import check_agent_name, check_names
+from lockstep.check.names import check_agent_name, check_formulas, check_known, check_names, check_parameters
 from lockstep.check.wording import shorten
 from lockstep.model.affine import Affine, NormalForms
 from lockstep.model.agent_parts import (
     check_bounds,
-    check_formulas,
-    check_known,
     check_symbols,
     column_of,
     stack,
@@ -134,11 +132,7 @@ class Agent:
         parameters = dict(parameters or {})
         check_names(states=states, inputs=inputs, outputs=tuple(outputs), parameters=tuple(parameters))
         check_formulas(states, dynamics)
-        for key, value in parameters.items():
-            if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-                raise ProblemError(
-                    f"`{key}` is {value!r}", where="[agent.parameters]", expected="a finite number"
-                )
+        check_parameters(parameters)
         symbols = {key: ca.SX.sym(key) for key in (*states, *inputs, "t")}
         known: dict[str, ca.SX | float] = {
             **symbols,

@@ -1,12 +1,12 @@
 """What an agent is built from, checked part by part: columns, symbols, names, equations, the domain."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.wording import nearest, shorten
+from lockstep.check.wording import shorten
 
 
 def stack(parts: Sequence[ca.SX]) -> ca.SX:
@@ -37,31 +37,6 @@ def check_symbols(letter: str, column: ca.SX) -> None:
             raise ProblemError(
                 f"`{letter}` contains `{shorten(str(symbol))}`", expected="symbols only (casadi.SX.sym)"
             )
-
-
-def check_known(where: str, given: Mapping[str, object], known: Sequence[str]) -> None:
-    """Refuse a name that is none of the known ones."""
-    for name in given:
-        if name not in known:
-            raise ProblemError(
-                f"`{shorten(name)}` is unknown",
-                where=where,
-                expected=shorten(", ".join(known), 120),
-                remedy=nearest(name, known),
-            )
-
-
-def check_formulas(states: Sequence[str], dynamics: Mapping[str, str]) -> None:
-    """One equation per state, and none without a state."""
-    for state in states:
-        if state not in dynamics:
-            raise ProblemError(
-                f"no equation for the state `{state}`",
-                where="[agent.dynamics]",
-                expected=f'{state} = "its time derivative"',
-                remedy=nearest(state, [name for name in dynamics if name not in states]),
-            )
-    check_known("[agent.dynamics]", dynamics, states)
 
 
 def check_bounds(state: str, bounds: tuple[float, float]) -> None:

@@ -13,6 +13,7 @@ from math import inf, isinf
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.constants import nearest_double
 from lockstep.check.expression.node import (
+    ZERO,
     Node,
     Undefined,
     constant,
@@ -23,7 +24,7 @@ from lockstep.check.expression.node import (
     number,
 )
 from lockstep.check.expression.operations import BOOLEAN, LARGEST_WHOLE_POWER, RULES
-from lockstep.check.expression.switches import FALSE, negate
+from lockstep.check.expression.switches import FALSE, TRUE, negate
 from lockstep.check.expression.text import parse
 from lockstep.check.expression.traversal import order
 
@@ -120,11 +121,11 @@ def read_text(text: str, symbols: Mapping[str, Value | float], algebra: Exact, *
 
 def _branches(operation: str, values: tuple[Value, ...]) -> list[tuple[Value, Node]]:
     """Return the values with the conditions under which each of them is used."""
-    true = negate(FALSE)
-    if operation != "if_else":
-        return [(value, true) for value in values]
-    condition, first, other = values
-    return [(condition, true), (first, condition.node), (other, negate(condition.node))]
+    if operation == "if_else":
+        condition, first, other = values
+        return [(condition, TRUE), (first, condition.node), (other, negate(condition.node))]
+    zeros = [value for value in values if operation == "mul" and value.node is ZERO]
+    return [(value, TRUE) for value in zeros or values]  # a parameter that is 0 turns its term off
 
 
 def _rounded(node: Node) -> Node:

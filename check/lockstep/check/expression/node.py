@@ -60,10 +60,17 @@ def intern(op: str, args: tuple[Node, ...] = (), data: Hashable = None) -> Node:
 def _place(op: str, args: tuple[Node, ...], data: Hashable) -> tuple[int, bytes]:
     if op == "variable" and isinstance(data, int):
         return data, b""
-    said = hashlib.blake2b(f"{op} {data!r}".encode(), digest_size=16)
+    said = hashlib.blake2b(f"{op} {_said(data)}".encode(), digest_size=16)
     for a in args:
         said.update(b"%d " % a.place[0] + a.place[1])
     return _AFTER_VARIABLES, said.digest()
+
+
+def _said(data: Any) -> str:
+    """Return the data of a node as text; whole numbers in base 16, which takes no time however long they are."""
+    if isinstance(data, tuple):
+        return f"({','.join(map(_said, data))})"
+    return f"{data.numerator:x}/{data.denominator:x}" if isinstance(data, Fraction) else repr(data)
 
 
 def constant(value: Fraction | int) -> Node:
