@@ -23,7 +23,7 @@ def thrust() -> tuple[ca.Function, Box]:
 
 
 def entries_hold(function: ca.Function, box: Box, entries: list[Entry]) -> bool:
-    return decide_entries(SlopeProblem.of(read(function), box), entries, None, None, Budget(10_000)).proved
+    return decide_entries(SlopeProblem.of(read(function), box), entries, Budget(10_000)).proved
 
 
 EXPECTED = {(0, 0): 16 * math.sin(0.4), (0, 1): 1.0, (1, 0): 16.0, (1, 1): math.sin(0.4)}

@@ -130,9 +130,8 @@ def bound_with_scales(
     if not entries:
         return proved
     budget = Budget(boxes)
-    verdict = decide_entries(
-        SlopeProblem.of(read(agent.lure.phi), agent.argument_box), entries, D_w, D_v, budget
-    )
+    problem = SlopeProblem.of(read(agent.lure.phi), agent.argument_box).scaled(D_w, D_v)
+    verdict = decide_entries(problem, entries, budget)
     if not verdict.proved:
         raise BoundNotProved(
             f"the bounds of the single slopes could not be proved: {verdict.reason}",

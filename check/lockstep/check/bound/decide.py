@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import zip_longest
 
 import numpy as np
 
 from lockstep.check.bound.box import EVERY_TIME, Box
-from lockstep.check.bound.cover import Cover, Pool
+from lockstep.check.bound.cover import Cover, Examined, Part, Pool
 from lockstep.check.bound.graph import Graph
 from lockstep.check.bound.result import Entry
-from lockstep.check.bound.slopes import Block, Given, Scales, SlopeProblem
+from lockstep.check.bound.slopes import Block, Given, SlopeProblem
 from lockstep.check.bound.tails import Pattern
 from lockstep.check.errors import ProblemError
 from lockstep.check.verdict import Verdict
@@ -81,29 +83,22 @@ def decide_bound(
     Raises:
         ProblemError: what does not fit phi, or a number of boxes above `MOST_BOXES`.
     """
-    problem = SlopeProblem.of(phi, box, time)
+    problem = SlopeProblem.of(phi, box, time).scaled(output_scale, input_scale)
     budget = Budget(boxes)
-    verdict = decide_norm(problem, alpha, output_scale, input_scale, budget)
+    verdict = decide_norm(problem, alpha, budget)
     if verdict.proved and entries:
-        verdict = decide_entries(problem, entries, output_scale, input_scale, budget)
-    return Verdict(verdict.status, verdict.reason, {**verdict.figures, "boxes": budget.used})
+        verdict = decide_entries(problem, entries, budget)
+    return replace(verdict, figures={**verdict.figures, "boxes": budget.used})
 
 
-def decide_norm(
-    problem: SlopeProblem,
-    alpha: float,
-    output_scale: Given,
-    input_scale: Given,
-    budget: Budget,
-) -> Verdict:
+def decide_norm(problem: SlopeProblem, alpha: float, budget: Budget) -> Verdict:
     """Decide alpha alone."""
-    alpha = check_level(alpha)
-    D_w, D_v = problem.scales(output_scale, input_scale)
+    alpha, verdict = check_level(alpha), Verdict("proved", "phi has no slope")
     for block in problem.blocks:
-        verdict = decide_block(problem, block, D_w, D_v, alpha, budget)
+        verdict = decide_block(problem, block, alpha, budget)
         if not verdict.proved:
-            return verdict
-    return Verdict("proved", f"no slope is above {alpha!r}")
+            break
+    return verdict
 
 
 def check_level(alpha: float) -> float:
@@ -115,58 +110,41 @@ def check_level(alpha: float) -> float:
     return float(alpha)
 
 
-def decide_entries(
-    problem: SlopeProblem,
-    entries: Sequence[Entry],
-    output_scale: Given,
-    input_scale: Given,
-    budget: Budget,
-) -> Verdict:
+def decide_entries(problem: SlopeProblem, entries: Sequence[Entry], budget: Budget) -> Verdict:
     """Decide bounds of single slopes, and whether those that are not named are 0."""
     stated = {(one.component, one.argument): one.bound for one in entries}
-    size = len(problem.jacobian), problem.graph.inputs
-    if len(stated) < len(entries) or any(k >= size[0] or l >= size[1] for k, l in stated):
+    rows, columns = len(problem.jacobian), problem.graph.inputs
+    if len(stated) < len(entries) or any(k >= rows or l >= columns for k, l in stated):
         shown = ", ".join(f"({one.component + 1}, {one.argument + 1})" for one in entries)
         raise ProblemError(
             f"entries for the slopes {shown}",
             where="entries",
-            expected=f"each slope of {size[0]} components by {size[1]} arguments at most once",
+            expected=f"each slope of {rows} components by {columns} arguments at most once",
         )
-    D_w, D_v = problem.scales(output_scale, input_scale)
     for k, l in problem.places:
-        verdict = decide_block(problem, ([k], [l]), D_w, D_v, stated.get((k, l), 0.0), budget)
+        verdict = decide_block(problem, ([k], [l]), stated.get((k, l), 0.0), budget)
         if not verdict.proved:
             missing = "" if (k, l) in stated else ", which has no entry"
-            reason = f"slope ({k + 1}, {l + 1}){missing}: {verdict.reason}"
-            return Verdict(verdict.status, reason, verdict.figures)
+            return replace(verdict, reason=f"slope ({k + 1}, {l + 1}){missing}: {verdict.reason}")
     return Verdict("proved", "each slope is within its bound")
 
 
-def decide_block(
-    problem: SlopeProblem,
-    block: Block,
-    D_w: Scales,
-    D_v: Scales,
-    level: float,
-    budget: Budget,
-) -> Verdict:
+def decide_block(problem: SlopeProblem, block: Block, level: float, budget: Budget) -> Verdict:
     """Take the two covers of a block in turn: a proof on either is one, a witness counts on its own domain only."""
-    direct, relaxed = problem.covers(problem.objective(block, D_w, D_v))
+    direct, relaxed = problem.covers(problem.objective(block))
     runs = [_branch(direct, level, problem, budget)]
     runs += [] if relaxed is None else [_branch(relaxed, level, None, budget)]
-    answers: dict[int, Verdict] = {}
+    undecided = Verdict("undecided", "")
     try:
-        while len(answers) < len(runs):
-            for k, run in enumerate(runs):
-                verdict = None if k in answers else next(run)
-                if verdict is not None:
-                    answers[k] = verdict
-                    if verdict.proved or (k == 0 and verdict.status == "refuted"):
-                        return verdict
+        turn: tuple[Verdict | None, ...]
+        for turn in zip_longest(*runs):
+            for verdict in filter(None, turn):
+                if verdict.status != "undecided":
+                    return verdict
+                undecided = verdict
     except _Spent:
-        reason = f"the {budget.boxes} boxes do not suffice to decide whether a slope is above {level!r}"
-        return Verdict("undecided", reason)
-    return answers[0]
+        return Verdict("undecided", f"{budget.boxes} boxes do not suffice to decide {level!r}")
+    return undecided
 
 
 def _branch(
@@ -179,22 +157,18 @@ def _branch(
         for part in parts:
             budget.spend(part[1].shape[1])
             examined = cover.examine(part, level)
-            for found in examined.enclosures:
-                point = cover.middle_above(part[0], found, level)
-                if point is not None:
-                    yield from _witness(cover, point, level, problem)
             left = examined.pool.take(examined.pool.bound > level)
-            if cover.stuck(left).any():
-                yield _stuck(cover, part[0], left.take(np.flatnonzero(cover.stuck(left))[:1]), level)
+            verdict = _witness(cover, part[0], examined, level, problem) or _stuck(cover, part[0], left)
+            if verdict is not None:
+                yield verdict
+                return
             pools[part[0]] = pools[part[0]].join(left) if part[0] in pools else left
         yield None
         parts = _next_parts(cover, pools)
     yield Verdict("proved", f"no slope is above {level!r}")
 
 
-def _next_parts(
-    cover: Cover, pools: dict[Pattern, Pool]
-) -> list[tuple[Pattern, np.ndarray, np.ndarray, np.ndarray]]:
+def _next_parts(cover: Cover, pools: dict[Pattern, Pool]) -> list[Part]:
     """Cut the last boxes of the chart met last that has any: depth first, which keeps few."""
     for pattern in reversed(pools):
         pool = pools[pattern]
@@ -206,25 +180,33 @@ def _next_parts(
 
 
 def _witness(
-    cover: Cover, point: np.ndarray, level: float, problem: SlopeProblem | None
-) -> Iterator[Verdict]:
-    """Yield a refutation if the slope is provably above the level at a point of the domain."""
-    slope = cover.slope_at(point)
-    if slope <= level:
-        return
-    if problem is None:
-        yield Verdict("undecided", f"with independent functions a slope of {slope!r} is reached")
-        return
-    point = point[: len(problem.lower)]
-    if ((point >= problem.lower) & (point <= problem.upper)).all():
-        *v, t = (float(x) for x in point)
-        figures = {"v": v, "t": t, "slope": slope}
-        yield Verdict("refuted", f"a slope of {slope!r} is reached, above {level!r}", figures)
+    cover: Cover, pattern: Pattern, examined: Examined, level: float, problem: SlopeProblem | None
+) -> Verdict | None:
+    """Return a refutation if the slope is provably above the level at the middle of a box, a point of the domain.
+
+    Above the level where the functions of a relaxed cover are independent, it says only that no proof will come from there.
+    """
+    for found in examined.enclosures:
+        point = cover.middle_above(pattern, found, level)
+        slope = -1.0 if point is None else cover.slope_at(point)
+        if point is None or slope <= level:
+            continue
+        if problem is None:
+            return Verdict("undecided", f"a slope of {slope!r} is reached with independent functions")
+        point = point[: len(problem.lower)]
+        if ((point >= problem.lower) & (point <= problem.upper)).all():
+            figures = {"v": point[:-1].tolist(), "t": float(point[-1]), "slope": slope}
+            return Verdict("refuted", f"a slope of {slope!r} is reached, above {level!r}", figures)
+    return None
 
 
-def _stuck(cover: Cover, pattern: Pattern, box: Pool, level: float) -> Verdict:
-    chart = cover.chart(pattern)
+def _stuck(cover: Cover, pattern: Pattern, left: Pool) -> Verdict | None:
+    """Return that nothing is decided if a box that is left cannot be cut."""
+    stuck = cover.stuck(left)
+    if not stuck.any():
+        return None
+    box, chart = left.take(stuck), cover.chart(pattern)
     held = chart.conditions.on_boxes(box.lower, box.upper)
     broken = [c.text for c, holds in zip(chart.conditions.conditions, held, strict=True) if not holds.all()]
-    what = broken[0] if broken else f"the slope could not be shown to be at most {level!r}"
+    what = broken[0] if broken else "the slope could not be enclosed"
     return Verdict("undecided", f"{what} on a box that is too small to be cut")

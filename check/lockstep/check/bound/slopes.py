@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Annotated
 
@@ -21,7 +21,6 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.expression.derivative import derivative
 from lockstep.check.expression.node import ZERO, Node, scale
 
-Scales = Annotated[np.ndarray, " scales"]
 Given = Sequence[float] | np.ndarray | None
 """Scales of a proposal; None stands for ones."""
 Block = tuple[list[int], list[int]]
@@ -65,22 +64,18 @@ class SlopeProblem:
             (k, l) for k, row in enumerate(self.jacobian) for l, slope in enumerate(row) if slope is not ZERO
         ]
 
-    def scales(self, output_scale: Given, input_scale: Given) -> tuple[Scales, Scales]:
-        """Return given scales (D_w, D_v), or ones; raises `ProblemError` for what is none."""
-        return (
-            _scale(output_scale, len(self.jacobian), "output_scale"),
-            _scale(input_scale, self.graph.inputs, "input_scale"),
+    def scaled(self, output_scale: Given, input_scale: Given) -> SlopeProblem:
+        """Return it with D_w^-1 J D_v in place of J, exactly; raises `ProblemError` for scales that are none."""
+        D_w = _scales(output_scale, len(self.jacobian), "output_scale")
+        D_v = _scales(input_scale, self.graph.inputs, "input_scale")
+        rows = zip(D_w, self.jacobian, strict=True)
+        return replace(
+            self, jacobian=[[scale(v / w, x) for v, x in zip(D_v, row, strict=True)] for w, row in rows]
         )
 
-    def objective(self, block: Block, D_w: Scales, D_v: Scales) -> Objective:
-        """Return one block of D_w^-1 J D_v, scaled exactly."""
-        slopes = tuple(
-            tuple(
-                scale(Fraction(float(D_v[l])) / Fraction(float(D_w[k])), self.jacobian[k][l])
-                for l in block[1]
-            )
-            for k in block[0]
-        )
+    def objective(self, block: Block) -> Objective:
+        """Return one block of the slopes, with what phi needs to have a value."""
+        slopes = tuple(tuple(self.jacobian[k][l] for l in block[1]) for k in block[0])
         return Objective(slopes, Conditions(self.graph.conditions), self.graph.inputs + 1)
 
     def covers(self, objective: Objective) -> tuple[Cover, Cover | None]:
@@ -94,8 +89,8 @@ class SlopeProblem:
         return Cover(objective, lower, upper), None if relaxed is None else Cover(*relaxed)
 
 
-def _scale(scales: Given, size: int, name: str) -> Scales:
-    given = np.ones(size) if scales is None else np.asarray(scales, dtype=np.float64)
-    if given.shape != (size,) or not (np.isfinite(given).all() and (given > 0).all()):
-        raise ProblemError(f"`{name}` is {scales}", where="the bound", expected=f"{size} positive numbers")
-    return given
+def _scales(given: Given, size: int, name: str) -> list[Fraction]:
+    scales = np.ones(size) if given is None else np.asarray(given, dtype=np.float64)
+    if scales.shape != (size,) or not (np.isfinite(scales).all() and (scales > 0).all()):
+        raise ProblemError(f"`{name}` is {given}", where="the bound", expected=f"{size} positive numbers")
+    return [Fraction(x) for x in scales.tolist()]

@@ -18,7 +18,7 @@ import casadi as ca
 from lockstep.check.bound.box import EVERY_TIME, Box
 from lockstep.check.bound.decide import MOST_BOXES, Budget, decide_block
 from lockstep.check.bound.result import Entry
-from lockstep.check.bound.slopes import Block, Scales, SlopeProblem
+from lockstep.check.bound.slopes import Block, SlopeProblem
 from lockstep.model.bound_search.graph import read
 from lockstep.model.bound_search.proof import BOXES, LOOSEST, ROOMS, TOLERANCES, search_block
 from lockstep.model.bound_search.result import Bound
@@ -50,16 +50,16 @@ def entry_bounds(
     [1.0, 2.0]
     """
     problem = SlopeProblem.of(read(phi), box, time)
-    return _search(problem, *problem.scales(output_scale, input_scale), boxes)[0]
+    return _search(problem.scaled(output_scale, input_scale), boxes)[0]
 
 
 def with_entries(problem: SlopeProblem, bound: Bound, boxes: int) -> Bound:
     """Return the bound with those entries, and with the boxes that they take counted."""
-    entries, used = _search(problem, *problem.scales(bound.output_scale, bound.input_scale), boxes)
+    entries, used = _search(problem.scaled(bound.output_scale, bound.input_scale), boxes)
     return replace(bound, entries=entries, replay=bound.replay + used)
 
 
-def _search(problem: SlopeProblem, D_w: Scales, D_v: Scales, boxes: int) -> tuple[tuple[Entry, ...], int]:
+def _search(problem: SlopeProblem, boxes: int) -> tuple[tuple[Entry, ...], int]:
     """Return the entries, and how many boxes the checker takes to decide them."""
     places = problem.places
     if len({k for k, _ in places}) == len(places):
@@ -68,8 +68,8 @@ def _search(problem: SlopeProblem, D_w: Scales, D_v: Scales, boxes: int) -> tupl
     for k, l in places:
         tolerance = TOLERANCES.get(len(problem.jacobian[k][l].variables), LOOSEST)
         limits = Limits(tolerance, max(1, boxes // len(places)))
-        outcome = search_block(problem, ([k], [l]), D_w, D_v, limits)
-        decided = _decided(problem, ([k], [l]), D_w, D_v, outcome.upper, 4 * outcome.boxes + 10_000)
+        outcome = search_block(problem, ([k], [l]), limits)
+        decided = _decided(problem, ([k], [l]), outcome.upper, 4 * outcome.boxes + 10_000)
         if decided is None:
             return (), 0
         found.append(decided[0])
@@ -77,13 +77,11 @@ def _search(problem: SlopeProblem, D_w: Scales, D_v: Scales, boxes: int) -> tupl
     return tuple(found), used
 
 
-def _decided(
-    problem: SlopeProblem, block: Block, D_w: Scales, D_v: Scales, upper: float, boxes: int
-) -> tuple[Entry, int] | None:
+def _decided(problem: SlopeProblem, block: Block, upper: float, boxes: int) -> tuple[Entry, int] | None:
     """Return the least of a few entries from `upper` on that the checker decides, and the boxes it takes."""
     for room in ROOMS if upper < float("inf") else ():
         entry = Entry(block[0][0], block[1][0], upper * (1 + room))
         budget = Budget(min(MOST_BOXES, boxes))
-        if decide_block(problem, block, D_w, D_v, entry.bound, budget).proved:
+        if decide_block(problem, block, entry.bound, budget).proved:
             return entry, budget.used
     return None

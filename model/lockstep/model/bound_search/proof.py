@@ -17,7 +17,7 @@ import numpy as np
 from lockstep.check.bound.box import EVERY_TIME, Box
 from lockstep.check.bound.cover import breakpoints
 from lockstep.check.bound.decide import MOST_BOXES, Budget, check_level, decide_norm
-from lockstep.check.bound.slopes import Block, Scales, SlopeProblem
+from lockstep.check.bound.slopes import Block, SlopeProblem
 from lockstep.check.errors import ProblemError
 from lockstep.check.verdict import Verdict
 from lockstep.model.bound_search.graph import read
@@ -85,7 +85,7 @@ def search_bound(
     progress: Report | None = None,
 ) -> Bound:
     """Return what `smallest_bound` does, before the checker has decided it."""
-    D_w, D_v = problem.scales(None, None)
+    D_w, D_v = np.ones(len(problem.jacobian)), np.ones(problem.graph.inputs)
     parts = problem.blocks
     if not parts:
         return nothing(problem, None)
@@ -93,7 +93,7 @@ def search_bound(
     outcomes = []
     for rows, columns in parts:
         D_w[rows], D_v[columns] = _scaling(problem, (rows, columns))
-        outcomes.append(search_block(problem, (rows, columns), D_w, D_v, limits))
+        outcomes.append(search_block(problem.scaled(D_w, D_v), (rows, columns), limits))
     alpha = max(o.upper for o in outcomes)
     if len(problem.jacobian) > 1 and 0 < alpha < math.inf:
         for (rows, _), outcome in zip(parts, outcomes, strict=True):
@@ -111,8 +111,8 @@ def search_bound(
         asked=None,
         tolerance=limits.tolerance,
         boxes=sum(o.boxes for o in outcomes),
-        input_scale=_floats(D_v),
-        output_scale=_floats(D_w),
+        input_scale=tuple(D_v.tolist()),
+        output_scale=tuple(D_w.tolist()),
     )
 
 
@@ -124,9 +124,10 @@ def confirmed(problem: SlopeProblem, bound: Bound) -> Bound:
     """
     if not bound.proved:
         return bound
+    scaled = problem.scaled(bound.output_scale, bound.input_scale)
     for room in ROOMS:
         alpha, budget = bound.alpha * (1 + room), Budget(min(MOST_BOXES, 4 * bound.boxes + 10_000))
-        if decide_norm(problem, alpha, bound.output_scale, bound.input_scale, budget).proved:
+        if decide_norm(scaled, alpha, budget).proved:
             return replace(bound, alpha=alpha, replay=budget.used)
     reason = "the checker does not come to an end with what was found"
     return replace(bound, alpha=math.inf, proved=False, converged=False, reason=reason)
@@ -154,13 +155,13 @@ def prove_bound(
     (True, 3.33)
 
     """
-    alpha, problem = check_level(alpha), SlopeProblem.of(read(phi), box, time)
-    D_w, D_v = problem.scales(output_scale, input_scale)
-    lower, point = _reached(problem, D_w, D_v)
+    alpha = check_level(alpha)
+    problem = SlopeProblem.of(read(phi), box, time).scaled(output_scale, input_scale)
+    lower, point = _reached(problem)
     budget = _Watched(boxes, progress, lower)
     verdict = Verdict("refuted", "")
     if lower <= alpha:
-        verdict = decide_norm(problem, alpha, D_w, D_v, budget)
+        verdict = decide_norm(problem, alpha, budget)
         if verdict.status == "refuted":
             lower, point = verdict.figures["slope"], np.array([*verdict.figures["v"], verdict.figures["t"]])
     status, reason = verdict.status, verdict.reason
@@ -177,8 +178,8 @@ def prove_bound(
         asked=alpha,
         tolerance=0.0,
         boxes=budget.used,
-        input_scale=_floats(D_v),
-        output_scale=_floats(D_w),
+        input_scale=_given(input_scale, problem.graph.inputs),
+        output_scale=_given(output_scale, len(problem.jacobian)),
         replay=budget.used,
     )
 
@@ -214,10 +215,10 @@ class _Watched(Budget):
             self.progress(Progress(self.used, self.lower, math.inf, self.used / self.boxes))
 
 
-def search_block(problem: SlopeProblem, block: Block, D_w: Scales, D_v: Scales, limits: Limits) -> Outcome:
-    """Search the largest modulus of one block of D_w^-1 J D_v, on both of its covers where there are two."""
+def search_block(problem: SlopeProblem, block: Block, limits: Limits) -> Outcome:
+    """Search the largest modulus of one block of the slopes, on both of its covers where there are two."""
     original = problem.lower, problem.upper
-    direct, relaxed = problem.covers(problem.objective(block, D_w, D_v))
+    direct, relaxed = problem.covers(problem.objective(block))
     if relaxed is None:
         return Search(direct, limits, original).run()
     half = replace(limits, boxes=max(1, limits.boxes // 2))
@@ -227,11 +228,11 @@ def search_block(problem: SlopeProblem, block: Block, D_w: Scales, D_v: Scales, 
     return Search(direct, replace(half, ceiling=ceiling), original).run()
 
 
-def _reached(problem: SlopeProblem, D_w: Scales, D_v: Scales) -> tuple[float, np.ndarray | None]:
+def _reached(problem: SlopeProblem) -> tuple[float, np.ndarray | None]:
     """Return the largest slope that samples reach, and where."""
     best, point = 0.0, None
     for block in problem.blocks:
-        objective = problem.objective(block, D_w, D_v)
+        objective = problem.objective(block)
         reach = Reach(PointSlopes(objective), problem.lower, problem.upper)
         kinks = breakpoints(objective.value, objective.variables)
         for polish in (False, True):
@@ -257,7 +258,7 @@ def _scaling(problem: SlopeProblem, block: Block) -> tuple[list[float], list[flo
     rows, columns = block
     if len(rows) == 1:
         return [1.0], [1.0] * len(columns)
-    plain = problem.objective(block, *problem.scales(None, None))
+    plain = problem.objective(block)
     return choose_scaling(
         plain, sample_points(PointSlopes(plain), problem.lower, problem.upper, [], polish=False)
     )
@@ -279,8 +280,8 @@ def _share(scaled: float, own: float, alpha: float) -> float:
     return nearest if Fraction(nearest) >= exact else math.nextafter(nearest, math.inf)
 
 
-def _floats(scales: Scales) -> tuple[float, ...]:
-    return tuple(float(x) for x in scales)
+def _given(scales: Sequence[float] | None, size: int) -> tuple[float, ...]:
+    return (1.0,) * size if scales is None else tuple(map(float, scales))
 
 
 def _witness(point: np.ndarray | None, slope: float) -> Witness | None:
