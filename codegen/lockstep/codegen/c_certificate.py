@@ -1,6 +1,6 @@
 """The certificate of the C itself: of the controllers in a folder, or printed and not yet written, by their text.
 
-`from_c` reads the numbers, `sampled_design` proves them. A folder is compared with its manifest besides.
+`lockstep.check.c_source` reads the numbers, `sampled_design` proves them. A folder is compared with its manifest besides.
 """
 
 from collections.abc import Mapping
@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.c_source.reader import ReadController, read_controller
+from lockstep.check.c_source.text import nearest
 from lockstep.check.errors import NotCertified, ProblemError
-from lockstep.codegen.c_file import nearest
-from lockstep.codegen.from_c import ReadController, read_controller, read_controllers
+from lockstep.codegen.from_c import read_controllers
 from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files, load_manifest
 from lockstep.codegen.sampled_design import HeldVerdict, prove_controllers, sampled_network
 from lockstep.lmi.document import Stored
