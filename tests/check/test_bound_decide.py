@@ -10,10 +10,6 @@ from fractions import Fraction
 import flint
 import numpy as np
 import pytest
-
-from lockstep.check.bound.box import Box
-from lockstep.check.bound.conditions import Condition
-from lockstep.check.bound.decide import MOST_BOXES, decide_bound
 from lockstep.check.bound.expression import (
     ONE,
     Node,
@@ -27,9 +23,13 @@ from lockstep.check.bound.expression import (
     subtract,
     variable,
 )
+from lockstep.check.bound.switches import positive
+
+from lockstep.check.bound.box import Box
+from lockstep.check.bound.conditions import Condition
+from lockstep.check.bound.decide import MOST_BOXES, decide_bound
 from lockstep.check.bound.graph import Graph
 from lockstep.check.bound.result import Entry
-from lockstep.check.bound.switches import positive
 from lockstep.check.domain import argument_box, claimed_box, inner_box
 from lockstep.check.errors import ProblemError
 

@@ -1,7 +1,4 @@
-"""What the templates of the C need to know of one agent, its comments aside.
-
-`emit` prints from it, and `from_c` prints again from what it has read: both fill the templates in one way.
-"""
+"""What the templates of the C need to know of one agent, its comments aside."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.codegen.budget import Shape
+from lockstep.check.c_source.kernel import Shape
 
 
 def agent_view(

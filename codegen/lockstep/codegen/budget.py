@@ -2,23 +2,9 @@
 
 from dataclasses import dataclass
 
+from lockstep.check.c_source.kernel import Shape
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.cores import CORES
-
-
-@dataclass(frozen=True)
-class Shape:
-    """Dimensions of a controller: nc states, q outputs, m inputs, nn neighbours."""
-
-    order: int
-    outputs: int
-    inputs: int
-    neighbours: int
-
-    @property
-    def terms(self) -> int:
-        """Products of [A B; C D] times (x, r)."""
-        return (self.order + self.inputs) * (self.order + self.outputs)
 
 
 @dataclass(frozen=True)

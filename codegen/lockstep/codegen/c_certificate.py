@@ -1,7 +1,7 @@
 """The certificate of the C itself: of the controllers in a folder, or printed and not yet written, by their text.
 
-`from_c` reads the numbers, `sampled_design` proves them. Every text file of a folder is then rendered again from its
-design and what was proved, and compared byte by byte: headers, sources, CMakeLists.txt, README.md, manifest.json.
+`lockstep.check.c_source` reads the numbers, `sampled_design` proves them. Every text file of a folder is then rendered again
+from its design and what was proved, and compared byte by byte: headers, sources, CMakeLists.txt, README.md, manifest.json.
 """
 
 from collections.abc import Mapping
@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.c_source.reader import ReadController, read_controller
+from lockstep.check.c_source.text import nearest
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.files import read_inside
 from lockstep.codegen.bundle import bundle
-from lockstep.codegen.c_file import nearest
 from lockstep.codegen.contents import DESIGN_NAME, differs, not_proved, strangers
 from lockstep.codegen.emit import emit
-from lockstep.codegen.from_c import ReadController, read_controller, read_controllers
+from lockstep.codegen.from_c import read_controllers
 from lockstep.codegen.from_design import specification
 from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files, load_manifest
 from lockstep.codegen.sampled_design import HeldVerdict, prove_controllers, sampled_network

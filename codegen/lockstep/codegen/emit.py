@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.c_source.kernel import Shape
 from lockstep.check.sampled.discretise import SampledGains, discretise
 from lockstep.codegen.agent_view import agent_view
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.budget import Shape, flash_budgets, stack_budgets, state_bytes
+from lockstep.codegen.budget import flash_budgets, stack_budgets, state_bytes
 from lockstep.codegen.cores import CORES
 from lockstep.codegen.kernel import Kernel, straight_line
 from lockstep.codegen.manifest import (

@@ -8,8 +8,8 @@ inequality   the dissipation inequality of that loop, in doubles or in balls
 search       the multiplier under which the gain around the nonlinearity is small, in doubles
 storage      the inequality as a Riccati inequality in P, and the two ends of its solutions, in doubles
 candidates   witnesses for it, those that pass little noise on first, in doubles
-certify      the proof, and what it says
-performance  the same with a disturbance: rho of the sampled loop
+certify      the search for a witness of agreement; `lockstep.check.sampled.certify` decides
+performance  the search for a small rho of the sampled loop; `lockstep.check.sampled.performance` decides
 period       the largest period that is certified
 tustin       the discrete controllers as functions of the gains
 slopes       one lifted period, with its slopes

@@ -1,0 +1,203 @@
+"""The C that is generated for one agent, written down once more, without comments and for an agent called `agent`.
+
+`expected` leaves out the lines marked for other kinds of agents: `[state]` is for those of an order above 0, `[hears]`
+and `[alone]` for those with neighbours and without, `[speed]` for unrolled statements, `[size]` for a loop over a table,
+`[kept]` where that loop is to stay one, `[unit]` and `[weighted]` for weights that are all 1 or not. The words in
+capitals, `agent` and `real` are put in by `reader`.
+"""
+
+import re
+from collections.abc import Mapping
+
+_KIND = re.compile(r"((?:\[[a-z]+\])*)(.*)")
+_WORD = re.compile(r"\b(?:(agent|AGENT)(?=[_.])|(real|[A-Z]{4,})(?=u?\b))")
+
+
+def expected(code: str, kinds: set[str], words: Mapping[str, str]) -> str:
+    """Return C for the kinds of agent, with an agent's own words.
+
+    >>> words = {"agent": "a1", "real": "float", "INPUTS": "1"}
+    >>> expected("real agent_f(real u[INPUTS]);\\n[hears]x\\n[state]g(INPUTSu);", {"state"}, words)
+    'float a1_f(float u[1]);\\ng(1u);'
+    """
+    lines = [_KIND.match(line) for line in code.split("\n")]
+    kept = [found[2] for found in lines if found and set(re.findall("[a-z]+", found[1])) <= kinds]
+    return _WORD.sub(lambda found: words.get(found[1] or found[2], found[0]), "\n".join(kept))
+
+
+HEADER_TOP = """
+#ifndef AGENT_H
+#define AGENT_H
+#include <stdint.h>
+#ifdef __cplusplus
+extern "C" {
+#endif
+"""
+
+HEADER = """
+#define AGENT_ALL_RECEIVED RECEIVED
+typedef MASK agent_mask_t;
+typedef enum { AGENT_OK = 0, AGENT_NOT_FINITE = 1, AGENT_OVERFLOW = 2 } agent_status_t;
+typedef struct {
+[state]    real x[ORDER];
+           real u[INPUTS];
+[hears]    real held[NEIGHBOURS][OUTPUTS];
+[hears]    agent_mask_t heard; uint32_t age[NEIGHBOURS]; uint32_t misses[NEIGHBOURS];
+} agent_state_t;
+void agent_init(agent_state_t *state);
+void agent_reset(agent_state_t *state);
+agent_status_t agent_step(agent_state_t *state, const real y[OUTPUTS],
+[hears]    const real neighbour_y[MESSAGES],
+[alone]    const real *neighbour_y,
+           agent_mask_t received, real u[INPUTS]);
+agent_status_t agent_step_relative(agent_state_t *state, const real r[OUTPUTS], real u[INPUTS]);
+#ifdef __cplusplus
+}
+#endif
+#endif
+"""
+
+SOURCE_TOP = """
+#include "agent.h"
+#include <float.h>
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(__NO_SIGNED_ZEROS__)
+#error "Floating-point shortcuts change the results: compile without -ffast-math and its parts."
+#endif
+#if defined(__FINITE_MATH_ONLY__)
+#if __FINITE_MATH_ONLY__ > 0
+#error "NaN and infinity must be honoured: compile without -ffinite-math-only."
+#endif
+#endif
+#if !defined(FLT_EVAL_METHOD) || (FLT_EVAL_METHOD != 0)
+#error "Each operation must round to its own type (FLT_EVAL_METHOD 0); x87 arithmetic does not."
+#endif
+#if (FLT_RADIX != 2) || (FLT_MANT_DIG != 24) || (DBL_MANT_DIG != 53)
+#error "IEEE 754 binary32 and binary64 are needed."
+#endif
+#if defined(__GNUC__) && !defined(__clang__)
+#if !defined(__STRICT_ANSI__) && !defined(LOCKSTEP_FP_CONTRACT_IS_OFF)
+#if defined(__FP_FAST_FMAF) || defined(__FP_FAST_FMA) || defined(__ARM_FEATURE_FMA) || defined(__FMA__)
+#error "Compile with -ffp-contract=off and -DLOCKSTEP_FP_CONTRACT_IS_OFF (the CMakeLists.txt does), or with -std=c99."
+#endif
+#endif
+#else
+#pragma STDC FP_CONTRACT OFF
+#endif
+"""
+
+TABLE = "static const real agent_gain[ROWS][COLUMNS] = {"
+
+KERNEL = """
+static void agent_kernel(
+[state]    const real x[ORDER],
+           const real r[OUTPUTS],
+[state]    real x_next[ORDER],
+           real u_next[INPUTS]) {
+"""
+
+SOURCE = """
+[speed] UNREAD }
+[speed] static agent_status_t agent_advance(agent_state_t *state, const real r[OUTPUTS]) {
+[speed]    agent_status_t status = AGENT_OVERFLOW;
+[speed][state] real x_next[ORDER];
+[speed]    real u_next[INPUTS]; real check;
+[speed]    agent_kernel(
+[speed][state] state->x,
+[speed]    r,
+[speed][state] x_next,
+[speed]    u_next);
+[speed]    CHECKS if (check == ZERO) { WRITES status = AGENT_OK; } return status; }
+[size] };
+[size] static agent_status_t agent_advance(agent_state_t *state, const real r[OUTPUTS], real inputs) {
+[size]    agent_status_t status = (inputs == ZERO) ? AGENT_OVERFLOW : AGENT_NOT_FINITE;
+[size]    real next[ROWS]; real check = inputs; uint32_t i; uint32_t j;
+[kept]#if defined(__clang__)
+[kept]#pragma clang loop unroll(disable)
+[kept]#endif
+[size]    for (i = 0u; i < ROWSu; i++) { real sum = ZERO;
+[kept][state]#if defined(__clang__)
+[kept][state]#pragma clang loop unroll(disable)
+[kept][state]#endif
+[size][state] for (j = 0u; j < ORDERu; j++) { const real product = agent_gain[i][j] * state->x[j]; sum = sum + product; }
+[kept]#if defined(__clang__)
+[kept]#pragma clang loop unroll(disable)
+[kept]#endif
+[size]       for (j = 0u; j < OUTPUTSu; j++) { const real product = agent_gain[i][AFTER j] * r[j]; sum = sum + product; }
+[size]       next[i] = sum; check = check + (sum - sum); }
+[size]    if (check == ZERO) {
+[size][state] for (i = 0u; i < ORDERu; i++) { state->x[i] = next[i]; }
+[size]       for (i = 0u; i < INPUTSu; i++) { state->u[i] = next[AFTER i]; }
+[size]       status = AGENT_OK; } return status; }
+static real agent_check(const real *values, uint32_t count) {
+    real check = ZERO; uint32_t k;
+    for (k = 0u; k < count; k++) { check = check + (values[k] - values[k]); } return check; }
+static void agent_output(const agent_state_t *state, real u[INPUTS]) {
+    uint32_t k; for (k = 0u; k < INPUTSu; k++) { u[k] = state->u[k]; } }
+void agent_reset(agent_state_t *state) { uint32_t k;
+[hears] uint32_t j;
+[state] for (k = 0u; k < ORDERu; k++) { state->x[k] = ZERO; }
+    for (k = 0u; k < INPUTSu; k++) { state->u[k] = ZERO; }
+[hears] state->heard = 0u; for (j = 0u; j < NEIGHBOURSu; j++) {
+[hears]     for (k = 0u; k < OUTPUTSu; k++) { state->held[j][k] = ZERO; } state->age[j] = 0u; }
+} void agent_init(agent_state_t *state) {
+[hears] uint32_t j; for (j = 0u; j < NEIGHBOURSu; j++) { state->misses[j] = 0u; }
+    agent_reset(state); }
+agent_status_t agent_step_relative(agent_state_t *state, const real r[OUTPUTS], real u[INPUTS]) {
+[speed] agent_status_t status = agent_advance(state, r);
+[speed] if ((status != AGENT_OK) && (agent_check(r, OUTPUTSu) != ZERO)) { status = AGENT_NOT_FINITE; }
+[size]  const agent_status_t status = agent_advance(state, r, agent_check(r, OUTPUTSu));
+    agent_output(state, u); return status; }
+[hears][speed] static void
+[hears][size]  static real
+[hears] agent_relative(const agent_state_t *state, const real y[OUTPUTS], const real neighbour_y[MESSAGES],
+[hears]     agent_mask_t received, real r[OUTPUTS]) {
+"""
+
+WEIGHTS = "static const real weight[NEIGHBOURS] ="
+
+SOURCE_END = """
+[hears][size] real check = ZERO;
+[hears]     uint32_t j; uint32_t k; for (k = 0u; k < OUTPUTSu; k++) { r[k] = ZERO;
+[hears][size] check = check + (y[k] - y[k]);
+[hears]     } for (j = 0u; j < NEIGHBOURSu; j++) {
+[hears]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j); const real *source = y;
+[hears]         if ((received & bit) != 0u) { source = &neighbour_y[j * OUTPUTSu]; }
+[hears]         else if ((state->heard & bit) != 0u) { source = state->held[j]; } else { }
+[hears]         for (k = 0u; k < OUTPUTSu; k++) { const real difference = y[k] - source[k];
+[hears][unit]       r[k] = r[k] + difference;
+[hears][weighted]   const real term = weight[j] * difference; r[k] = r[k] + term;
+[hears][size]       check = check + (source[k] - source[k]);
+[hears] } }
+[hears][size] return check;
+[hears] } static void agent_remember(agent_state_t *state, const real neighbour_y[MESSAGES], agent_mask_t received) {
+[hears]     uint32_t j; uint32_t k; for (j = 0u; j < NEIGHBOURSu; j++) {
+[hears]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j);
+[hears]         if ((received & bit) != 0u) {
+[hears]             for (k = 0u; k < OUTPUTSu; k++) { state->held[j][k] = neighbour_y[(j * OUTPUTSu) + k]; }
+[hears]             state->heard |= bit; state->age[j] = 0u; }
+[hears]         else { state->age[j] += (state->age[j] < UINT32_MAX) ? 1u : 0u;
+[hears]             state->misses[j] += (state->misses[j] < UINT32_MAX) ? 1u : 0u; } } }
+[hears][speed] static agent_status_t agent_fault(const real y[OUTPUTS], const real neighbour_y[MESSAGES],
+[hears][speed]     agent_mask_t received) { real check = agent_check(y, OUTPUTSu); uint32_t j;
+[hears][speed]     for (j = 0u; j < NEIGHBOURSu; j++) {
+[hears][speed]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j);
+[hears][speed]         if ((received & bit) != 0u) { check = check + agent_check(&neighbour_y[j * OUTPUTSu], OUTPUTSu); } }
+[hears][speed]     return (check == ZERO) ? AGENT_OVERFLOW : AGENT_NOT_FINITE; }
+agent_status_t agent_step(agent_state_t *state, const real y[OUTPUTS],
+[hears] const real neighbour_y[MESSAGES],
+[alone] const real *neighbour_y,
+    agent_mask_t received, real u[INPUTS]) {
+[hears]        real r[OUTPUTS];
+[hears][speed] agent_status_t status; agent_relative(state, y, neighbour_y, received, r);
+[hears][speed] status = agent_advance(state, r);
+[hears][size]  const real inputs = agent_relative(state, y, neighbour_y, received, r);
+[hears][size]  const agent_status_t status = agent_advance(state, r, inputs);
+[hears]        if (status == AGENT_OK) { agent_remember(state, neighbour_y, received); }
+[hears][speed] else { status = agent_fault(y, neighbour_y, received); }
+[alone]        const real r[OUTPUTS] = { NOTHING };
+[alone][speed] agent_status_t status = AGENT_NOT_FINITE;
+[alone][size]  const agent_status_t status = agent_advance(state, r, agent_check(y, OUTPUTSu));
+[alone]        (void)neighbour_y; (void)received;
+[alone][speed] if (agent_check(y, OUTPUTSu) == ZERO) { status = agent_advance(state, r); }
+    agent_output(state, u); return status; }
+"""

@@ -1,0 +1,167 @@
+"""The controllers' numbers, read from the generated C itself.
+
+Nothing here believes a manifest: orders, the period, the sources and every coefficient come from the header and the
+source, and all tokens between the numbers must be those of `expected`, from the first to the last: C of any other form
+is refused, since nobody knows what it computes. The agents that are listened to are named in the header's comment, the
+one thing that no code says.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+
+from lockstep.check.c_source import expected as c
+from lockstep.check.c_source.kernel import Shape, read_statements
+from lockstep.check.c_source.text import LITERAL, CText
+from lockstep.check.errors import ProblemError
+from lockstep.check.sampled.controller import PRECISIONS, HeldController
+from lockstep.check.sampled.discretise import Real
+
+_AGENT = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")
+_COUNT = re.compile("0|[1-9][0-9]{0,2}")
+_SOURCE = re.compile(
+    r"^ \* +neighbour ([0-9]+) +([A-Za-z][A-Za-z0-9_]*), weight a = ([^ ,]{1,99}), bit 0x[0-9a-f]+ of `received`$",
+    re.MULTILINE,
+)
+_LOOPS_FROM = 9
+"""Products: below, a loop takes more bytes than its unrolled body, and is left to the compiler."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReadController:
+    """One agent as its C has it: its controller, the period in s that its header states, and its arithmetic."""
+
+    name: str
+    controller: HeldController
+    period: float
+    period_literal: str
+    real: Real
+
+
+def read_controller(name: str, header: str, source: str, names: Sequence[str]) -> ReadController:
+    """Read one agent from the text of its header and source.
+
+    Args:
+        name: prefix of the generated code.
+        header: text of the header;  source: text of the source.
+        names: of all agents, in the network's order: a source of another name is refused.
+
+    Raises:
+        NotCertified: the text is not of the form that `lockstep generate` writes.
+        ProblemError: the name is no C identifier.
+    """
+    if not _AGENT.fullmatch(name):
+        raise ProblemError(f"`{name}` is no C identifier", where="agent")
+    top, code = CText(f"include/{name}.h", header), CText(f"src/{name}.c", source)
+    words = {"agent": name, "AGENT": name.upper()}
+    top.expect(c.expected(c.HEADER_TOP, set(), words))
+    shape = Shape(*(int(_macro(top, words, key)) for key in ("ORDER", "OUTPUTS", "INPUTS", "NEIGHBOURS")))
+    period = _macro(top, words, "PERIOD_S")
+    real: Real = "float32" if period.endswith("f") else "float64"
+    agent = _Agent(code, shape, real, words)
+    top.expect(agent.expected(c.HEADER))
+    top.end()
+    table, roundings, weights = agent.read()
+    sources, stated = _sources(top, header, names, shape.neighbours, real)
+    if not np.array_equal(weights, stated):
+        raise top.refusal("its weights are not those of the source")
+    controller = HeldController.row_by_row(table, shape.order, sources, weights, PRECISIONS[real])
+    if roundings is not None:
+        controller = replace(controller, roundings=roundings)
+    return ReadController(name, controller, float(period.rstrip("f")), period, real)
+
+
+class _Agent:
+    """Reads a source, the header being known."""
+
+    def __init__(self, file: CText, shape: Shape, real: Real, words: dict[str, str]) -> None:
+        n, q, m, nn = shape
+        self.file, self.shape, self.real = file, shape, real
+        zero, bits = "0.0f" if real == "float32" else "0.0", 32 if nn <= 32 else 64
+        self.words = words | {"real": "float" if real == "float32" else "double", "ZERO": zero}
+        self.words |= {"MASK": f"uint{bits}_t", "RECEIVED": f"0x{2**nn - 1:x}u" + "ll" * (bits > 32)}
+        self.words |= {"ORDER": str(n), "OUTPUTS": str(q), "INPUTS": str(m), "NEIGHBOURS": str(nn)}
+        self.words |= {"MESSAGES": str(nn * q), "ROWS": str(n + m), "COLUMNS": str(n + q)}
+        self.words |= {"AFTER": f"{n}u +" if n else "", "NOTHING": ", ".join([zero] * q)}
+        self.kinds = {"hears" if nn else "alone"} | ({"state"} if n else set())
+
+    def expected(self, code: str) -> str:
+        return c.expected(code, self.kinds, self.words)
+
+    def read(self) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
+        """Return [A B; C D], the roundings behind each product where they were counted, and the weights a_j."""
+        file, roundings = self.file, None
+        file.expect(self.expected(c.SOURCE_TOP))
+        if file.sees(self.expected(c.TABLE)):
+            self.kinds |= {"size", "kept"} if self.shape.terms >= _LOOPS_FROM else {"size"}
+            table = self.table()
+        else:
+            self.kinds.add("speed")
+            table, roundings = self.unrolled()
+        file.expect(self.expected(c.SOURCE))
+        weights = np.ones(self.shape.neighbours)
+        if self.shape.neighbours and file.sees(self.expected(c.WEIGHTS)):
+            file.expect(self.expected(c.WEIGHTS))
+            weights = np.array(file.row(len(weights), self.real))
+            file.expect(";")
+            self.kinds.add("weighted")
+            if (weights == 1).all():
+                raise file.refusal("weights that are all 1 are not generated")
+        else:
+            self.kinds.add("unit")
+        file.expect(self.expected(c.SOURCE_END))
+        file.end()
+        return table, roundings, weights
+
+    def table(self) -> Annotated[np.ndarray, "k l"]:
+        n, q, m, _ = self.shape
+        self.file.expect(self.expected(c.TABLE))
+        rows = []
+        for k in range(n + m):
+            self.file.expect("," * (k > 0))
+            rows.append(self.file.row(n + q, self.real))
+        return np.array(rows).reshape(n + m, n + q)
+
+    def unrolled(self) -> tuple[Annotated[np.ndarray, "k l"], Annotated[np.ndarray, "k l"]]:
+        n, q, m, _ = self.shape
+        self.file.expect(self.expected(c.KERNEL))
+        table, roundings = read_statements(self.file, self.shape, self.real)
+        parts = {"x": table[:, :n], "r": table[:, n:]}
+        # An r_k that is read and not finite makes its row so; one that no row reads is checked by itself.
+        checked = [f"x_next[{k}]" for k in range(n)] + [f"u_next[{k}]" for k in range(m)]
+        checked += [f"r[{k}]" for k in range(q) if not parts["r"][:, k].any()]
+        checks = [f"check = {'check + ' * (k > 0)}({v} - {v});" for k, v in enumerate(checked)]
+        writes = [
+            f"state->{v}[{k}] = {v}_next[{k}];" for v, size in (("x", n), ("u", m)) for k in range(size)
+        ]
+        unread = [f"(void){letter};" for letter, part in parts.items() if part.size and not part.any()]
+        self.words |= {"CHECKS": " ".join(checks), "WRITES": " ".join(writes), "UNREAD": " ".join(unread)}
+        return table, roundings
+
+
+def _macro(file: CText, words: dict[str, str], key: str) -> str:
+    """Take the definition of a number: the period, a literal above 0, or a dimension."""
+    macro = f"{words['AGENT']}_{key}"
+    name, _, number = file.take().removeprefix("#define ").partition(" ")
+    form = LITERAL if key == "PERIOD_S" else _COUNT
+    if name != macro or not form.fullmatch(number):
+        raise file.refusal(f"{macro} is not defined in its place, as a number")
+    if key == "PERIOD_S" and not 0 < float(number.rstrip("f")) < np.inf:
+        raise file.refusal(f"the period is `{number}`")
+    return number
+
+
+def _sources(
+    file: CText, header: str, names: Sequence[str], count: int, real: Real
+) -> tuple[tuple[int, ...], Annotated[np.ndarray, " nn"]]:
+    found = _SOURCE.findall(header)
+    if [index for index, _, _ in found] != [str(k) for k in range(count)]:
+        raise file.refusal(f"it does not name its {count} neighbours in order")
+    if unknown := [source for _, source, _ in found if source not in names]:
+        raise file.refusal(f"the neighbour `{unknown[0]}` is no agent of this folder")
+    suffix = "f" if real == "float32" else ""
+    weights = np.array([file.value("", weight + suffix, real) for _, _, weight in found], dtype=float)
+    return tuple(names.index(source) for _, source, _ in found), weights
