@@ -12,8 +12,9 @@ from lmi_cases import ALPHA, TABLE_1, arms, claim, published
 
 from lockstep.check.decide import decide
 from lockstep.check.disagreement import disagreement
-from lockstep.check.inequality import Certificate, Claim, F_matrix, channels, multiplier, performance_weight
+from lockstep.check.inequality import Certificate, Claim, F_matrix, gain_errors, performance_weight
 from lockstep.check.loop import Loop, Plant, build_loop
+from lockstep.check.sampled.inequality import multiplier
 from lockstep.model.bound_search import Entry
 from lockstep.model.graph import Graph
 
@@ -58,7 +59,7 @@ def case(seed: int, N: int, n: int, m: int, q: int, order: int, r: int, v: int) 
     entries = tuple(Entry(k, l, float(generator.uniform(0, 3))) for k, l in places)
     weights = Claim(float(generator.uniform(0, 3)), R, Q, delta, entries)
     P = generator.standard_normal((loop.n_x, loop.n_x))
-    ways = len(channels(loop, delta))
+    ways = len(gain_errors(loop, delta))
     witness = Certificate(
         float(generator.uniform(0.1, 9)),
         P + P.T,
@@ -117,7 +118,7 @@ def test_the_multiplier_is_the_sum_over_pairs() -> None:
     expected = sum(
         w * (x[i] - x[j]) @ X @ (x[i] - x[j]) for w, (i, j) in zip(m, [(0, 1), (0, 2), (1, 2)], strict=True)
     )
-    assert x_d @ np.kron(multiplier(loop, m), X) @ x_d == pytest.approx(expected)
+    assert x_d @ np.kron(multiplier(loop.d, m), X) @ x_d == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -131,7 +132,7 @@ def test_the_multiplier_is_the_sum_over_pairs() -> None:
 )
 def test_only_gains_that_are_there_can_be_off(order: int, delta: tuple[float, ...], expected: str) -> None:
     network = arms()
-    found = channels(network.loop(order), claim(network, order, ALPHA, delta=delta).delta)
+    found = gain_errors(network.loop(order), claim(network, order, ALPHA, delta=delta).delta)
     assert ["ABCD"[way.letter] for way in found] == list(expected) * 3
     assert [way.agent for way in found] == [i for i in range(3) for _ in expected]
 
@@ -141,7 +142,7 @@ def test_the_channels_are_where_the_gains_enter() -> None:
     network, gains = arms(), published()
     loop, generator = network.loop(2), np.random.default_rng(0)
     slots = {0: np.s_[:2, :2], 1: np.s_[:2, 2:], 2: np.s_[2:, :2], 3: np.s_[2:, 2:]}
-    for way in channels(loop, np.ones((3, 4))):
+    for way in gain_errors(loop, np.ones((3, 4))):
         error = np.zeros((3, 3, 4))
         error[(way.agent, *slots[way.letter])] = generator.standard_normal(
             error[(way.agent, *slots[way.letter])].shape
@@ -209,8 +210,10 @@ def test_signs_of_the_witnesses_are_part_of_the_proof() -> None:
 def test_some_weights_may_be_zero_and_all_may_not() -> None:
     """A tree of pairs keeps M positive definite; two pairs out of three connect three agents."""
     loop = arms().loop(2)
-    assert np.linalg.eigvalsh(multiplier(loop, np.array([1.0, 0.0, 1.0])))[0] > 0.1
-    assert np.linalg.eigvalsh(multiplier(loop, np.array([1.0, 0.0, 0.0])))[0] == pytest.approx(0.0, abs=1e-12)
+    assert np.linalg.eigvalsh(multiplier(loop.d, np.array([1.0, 0.0, 1.0])))[0] > 0.1
+    assert np.linalg.eigvalsh(multiplier(loop.d, np.array([1.0, 0.0, 0.0])))[0] == pytest.approx(
+        0.0, abs=1e-12
+    )
 
 
 def test_a_witness_that_is_not_symmetric_is_no_witness() -> None:

@@ -26,7 +26,8 @@ which belong to the pair: for four agents or more there are in general no w_kl,i
 w_kl,ij = w_kl,i - w_kl,j. So all but the last w_kl,ij of each component and pair are signals of F, the last is what they
 leave of phi_k,i - phi_k,j, and W_c = sum_ij m_c,ij w_kl,ij^2. The solver mixes alpha and the entries.
 
-The same function assembles F from doubles, for a filter, and from rationals, for the proof.
+`inequality` states it as channels, and `channels` assembles F from them: from doubles for a filter and for the programs
+that look for witnesses, from rationals for the proof.
 """
 
 from dataclasses import dataclass, field, replace
@@ -35,8 +36,9 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from lockstep.check.bound.result import Entry
+from lockstep.check.channels import Channel, Inequality, Term
 from lockstep.check.loop import Loop, Plant
-from lockstep.check.numbers import Matrix, Vector, converter, eye, zeros
+from lockstep.check.numbers import Matrix, Vector, converter, eye, is_exact, zeros
 
 LETTERS = ("A", "B", "C", "D")
 
@@ -70,7 +72,7 @@ class Claim:
         return replace(self, alpha=alpha, delta=self.delta * fraction_of_delta, entries=entries)
 
 
-class Channel(NamedTuple):
+class GainError(NamedTuple):
     """One way in for a gain error: A_cl gains X Delta Y with |Delta| <= delta."""
 
     agent: int
@@ -99,18 +101,7 @@ class Certificate:
         return np.concatenate([self.m, self.m_entries.ravel()])
 
 
-class Sector(NamedTuple):
-    """sum_ij m_ij (bound^2 |H (x_i - x_j)|^2 - |w_ij|^2) >= 0 for all m >= 0, where w_ij = W_ij w.
-
-    w: phi_d and the signals of the entries;  W: W_ij for each pair of agents.
-    """
-
-    bound: float
-    H: Matrix
-    W: list[Matrix]
-
-
-def channels(loop: Loop, delta: Annotated[np.ndarray, "N 4"]) -> list[Channel]:
+def gain_errors(loop: Loop, delta: Annotated[np.ndarray, "N 4"]) -> list[GainError]:
     """Return the gain errors that are not excluded, agent by agent, in the order A, B, C, D."""
     n_C = loop.order
     found = []
@@ -118,46 +109,73 @@ def channels(loop: Loop, delta: Annotated[np.ndarray, "N 4"]) -> list[Channel]:
         state_in, input_in, state_out, output_out = U[:, :n_C], U[:, n_C:], Y[:n_C], Y[n_C:]
         ways = ((state_in, state_out), (state_in, output_out), (input_in, state_out), (input_in, output_out))
         found += [
-            Channel(i, k, X, row, float(delta[i, k]))
+            GainError(i, k, X, row, float(delta[i, k]))
             for k, (X, row) in enumerate(ways)
             if delta[i, k] > 0 and X.shape[1] and row.shape[0]
         ]
     return found
 
 
-def multiplier(loop: Loop, m: Vector) -> Matrix:
-    """Return M = sum_ij m_ij M_ij, for which x_d' (M (x) X) x_d = sum_ij m_ij (x_i - x_j)' X (x_i - x_j)."""
-    N = loop.d.N
-    total = zeros(N - 1, N - 1, loop.A_0)
-    for weight, (i, j) in zip(m, loop.d.pairs(), strict=True):
-        total = total + weight * loop.d.pair_multiplier(i, j)
-    return total
+def disturbance(weight: Matrix, metric: Matrix) -> Channel:
+    """Return xi, with the weights diag(S (x) R, I (x) Q) of x_cl that rho is a gain to, and its multiplier rho^2.
 
-
-def sectors(loop: Loop, claim: Claim) -> list[Sector]:
-    """Return phi as a whole and the entries of the claim; none where there is no nonlinearity."""
-    return sectors_of(loop.plant, claim, [loop.d.right[i] - loop.d.right[j] for i, j in loop.d.pairs()])
-
-
-def sectors_of(plant: Plant, claim: Claim, differences: list[Vector]) -> list[Sector]:
-    """Return the sectors for rows d with phi_i - phi_j = (d (x) I) phi_d, one for each pair.
-
-    The last entry of a component needs no signals of its own: it is what the others leave of phi_k,i - phi_k,j.
+    Args:
+        weight: (n_x, n_x) of x_cl.
+        metric: (n_d, n_d) of xi, which enters the first n_d states.
     """
-    r, pairs = plant.G.shape[1], len(differences)
+    n_x, n_d = len(weight), len(metric)
+    one, none = eye(n_x, weight), zeros(0, n_d, weight)
+    gain = Term(one[:0], weight[:0, :0], eye(n_d, weight), metric)
+    return Channel("disturbance", one[:, :n_d], (gain,), (Term(one, weight, none, weight[:0, :0]),))
+
+
+def nonlinearity(plant: Plant, claim: Claim, differences: list[Vector], n_x: int) -> Channel:
+    """Return phi_d and the signals of the entries, with the sectors of phi as a whole and of each entry of the claim.
+
+    One multiplier for each sector and pair of agents: m, then m_entries row by row; none where there is no nonlinearity.
+    The last entry of a component needs no signals of its own: it is what the others leave of phi_k,i - phi_k,j.
+
+    Args:
+        plant: in the kind of number wanted.
+        claim: alpha and the entries.
+        differences: for each pair, d with x_i - x_j = (d (x) I) x_d and phi_i - phi_j = (d (x) I) phi_d.
+        n_x: length of x_cl, which x_d begins.
+    """
+    r, pairs, copies, A = plant.G.shape[1], len(differences), len(differences[0]), plant.A
+    place, width = r * copies, r * copies + (entry_signals(claim, pairs) if r else 0)
+    E = zeros(n_x, width, A)
+    E[: len(A) * copies, :place] = np.kron(eye(copies, A), plant.G)
     if not r:
-        return []
-    width, place = r * len(differences[0]) + entry_signals(claim, pairs), r * len(differences[0])
-    phi = [_padded(np.kron(row[None, :], eye(r, plant.A)), 0, width) for row in differences]
-    found, left = [Sector(claim.alpha, plant.H, phi)], {k: [W[k : k + 1] for W in phi] for k in range(r)}
+        return Channel("nonlinearity", E, ())
+    phi = [_padded(np.kron(row[None, :], eye(r, A)), 0, width) for row in differences]
+    found, left = (
+        _sector(claim.alpha, plant.H, differences, phi, n_x),
+        [[W[k : k + 1] for W in phi] for k in range(r)],
+    )
     for c, entry in enumerate(claim.entries):
         k, W = entry.component, left[entry.component]
         if any(later.component == k for later in claim.entries[c + 1 :]):
-            W = [_padded(eye(1, plant.A), place + pair, width) for pair in range(pairs)]
+            W = [_padded(eye(1, A), place + pair, width) for pair in range(pairs)]
             left[k] = [whole - part for whole, part in zip(left[k], W, strict=True)]
             place += pairs
-        found.append(Sector(entry.bound, plant.H[entry.argument : entry.argument + 1], W))
-    return found
+        found += _sector(entry.bound, plant.H[entry.argument : entry.argument + 1], differences, W, n_x)
+    return Channel("nonlinearity", E, tuple(found))
+
+
+def _sector(bound: float, H: Matrix, differences: list[Vector], W: list[Matrix], n_x: int) -> list[Term]:
+    """Return bound^2 |H (x_i - x_j)|^2 - |W_ij w|^2 for each pair."""
+    r_c = converter(is_exact(H))(np.array([bound]))[0]
+    Q, M = r_c * r_c * eye(len(H), H), eye(len(W[0]), H)
+    rows = [_padded(np.kron(row[None, :], H), 0, n_x) for row in differences]
+    return [Term(C, Q, W_ij, M) for C, W_ij in zip(rows, W, strict=True)]
+
+
+def gain_error(error: GainError) -> Channel:
+    """Return w = Delta Y x_cl with delta^2 |Y x_cl|^2 - |w|^2 and the multiplier t."""
+    delta = converter(is_exact(error.X))(np.array([error.delta]))[0]
+    one = eye(error.X.shape[1], error.X)
+    term = Term(error.Y, delta * delta * eye(len(error.Y), error.X), one, one)
+    return Channel(f"error of {LETTERS[error.letter]}, agent {error.agent + 1}", error.X, (term,))
 
 
 def entry_signals(claim: Claim, pairs: int) -> int:
@@ -174,12 +192,6 @@ def split(
     return m, weights[pairs:].reshape(len(claim.entries), pairs)
 
 
-def incoming(loop: Loop, claim: Claim) -> Matrix:
-    """Return [E, E_G, 0, X]: how the disturbance, phi, the signals of the entries and the gain errors enter."""
-    none = zeros(loop.n_x, entry_signals(claim, len(loop.d.pairs())), loop.A_0)
-    return np.hstack([loop.E, loop.E_G, none, *[way.X for way in channels(loop, claim.delta)]])
-
-
 def performance_weight(loop: Loop, claim: Claim) -> Matrix:
     """Return diag(S (x) R, I (x) Q)."""
     number = converter(loop.exact)
@@ -191,46 +203,35 @@ def performance_weight(loop: Loop, claim: Claim) -> Matrix:
     return weight
 
 
+def inequality(loop: Loop, claim: Claim) -> Inequality:
+    """Return the inequality of a claim: the disturbance (rho^2), the nonlinearity (m, m_entries), the gain errors (t)."""
+    d, n = loop.d, len(loop.plant.A)
+    differences = [d.right[i] - d.right[j] for i, j in d.pairs()]
+    found = [
+        disturbance(performance_weight(loop, claim), np.kron(d.S, eye(n, loop.A_0))),
+        nonlinearity(loop.plant, claim, differences, loop.n_x),
+        *[gain_error(error) for error in gain_errors(loop, claim.delta)],
+    ]
+    return Inequality(loop.A_0, loop.U, loop.Y, tuple(found))
+
+
+def multipliers(stated: Inequality, certificate: Certificate) -> Vector:
+    """Return (rho^2, m, m_entries, t) of a certificate, in the kind of number of the inequality."""
+    number = converter(is_exact(stated.A_0))
+    rho = number(np.array([certificate.rho]))
+    weights = number(certificate.pair_weights if stated.channels[1].cone else certificate.m[:0])
+    return np.concatenate([rho * rho, weights, number(certificate.t)])
+
+
 def F_matrix(
     loop: Loop, gains: Annotated[np.ndarray, "N k l"], claim: Claim, certificate: Certificate
 ) -> Matrix:
     """Assemble F, in doubles or in the rationals the doubles are, as the loop is."""
-    number = converter(loop.exact)
-    P, m = number(certificate.P), number(certificate.pair_weights)
-    rho, t = number(np.array([certificate.rho]))[0], number(certificate.t)
-    ways, pairs = channels(loop, claim.delta), len(loop.d.pairs())
-    top = P @ loop.A_cl(number(gains))
-    top = top + top.T + performance_weight(loop, claim)
-    n_w = loop.E_G.shape[1] + entry_signals(claim, pairs)
-    signals = zeros(n_w, n_w, P)
-    for c, sector in enumerate(sectors(loop, claim)):
-        own, bound = m[c * pairs : (c + 1) * pairs], number(np.array([sector.bound]))[0]
-        if sector.H.shape[0]:
-            square = bound * bound * (sector.H.T @ sector.H)
-            top = top + loop.on_disagreement(np.kron(multiplier(loop, own), square))
-        for weight, W in zip(own, sector.W, strict=True):
-            signals = signals + weight * (W.T @ W)
-    for weight, way in zip(t, ways, strict=True):
-        delta = number(np.array([way.delta]))[0]
-        top = top + weight * delta * delta * (way.Y.T @ way.Y)
-    middle = [rho * rho * np.kron(loop.d.S, eye(loop.plant.A.shape[0], P)), signals]
-    middle += [weight * eye(way.X.shape[1], P) for weight, way in zip(t, ways, strict=True)]
-    return _bordered(top, P @ incoming(loop, claim), middle)
+    number, stated = converter(loop.exact), inequality(loop, claim)
+    return stated.F(number(certificate.P), number(gains), multipliers(stated, certificate))
 
 
 def _padded(block: Matrix, at: int, width: int) -> Matrix:
     whole = zeros(len(block), width, block)
     whole[:, at : at + block.shape[1]] = block
     return whole
-
-
-def _bordered(top: Matrix, side: Matrix, middle: list[Matrix]) -> Matrix:
-    n = top.shape[0]
-    size = n + sum(block.shape[0] for block in middle)
-    F = zeros(size, size, top)
-    F[:n, :n], F[:n, n:], F[n:, :n] = top, side, side.T
-    place = n
-    for block in middle:
-        F[place : place + len(block), place : place + len(block)] = -block
-        place += len(block)
-    return F

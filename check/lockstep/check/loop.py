@@ -16,7 +16,7 @@ import numpy as np
 
 from lockstep.check.disagreement import Disagreement
 from lockstep.check.errors import ProblemError
-from lockstep.check.numbers import Matrix, Stack, converter, is_exact, zeros
+from lockstep.check.numbers import Matrix, Stack, converter, is_exact, product, zeros
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ class Loop:
         """Return A_0 + sum_i U_i K_i Y_i for stacked gain blocks K (N, n_C + m, n_C + q)."""
         total = self.A_0
         for U, block, Y in zip(self.U, K, self.Y, strict=True):
-            total = total + U @ block @ Y
+            total = total + product(product(U, block), Y)
         return total
 
     def on_disagreement(self, weight: Matrix) -> Matrix:

@@ -27,8 +27,9 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from lockstep.check.channels import Inequality
 from lockstep.check.errors import ProblemError
-from lockstep.check.inequality import Claim, entry_signals, sectors_of
+from lockstep.check.inequality import Claim, disturbance, nonlinearity
 from lockstep.check.loop import Gains, Plant
 from lockstep.check.network import Network
 from lockstep.check.numbers import Matrix, converter, exactly, eye, is_exact, zeros
@@ -112,16 +113,6 @@ class Modes:
         Y[: self.order, n:], Y[self.order :, :n] = eye(self.order, self.plant.A), scale * self.plant.C
         return Y
 
-    def E(self) -> Matrix:
-        """[I; 0]: how the disturbance enters."""
-        E: Matrix = eye(self.size, self.plant.A)[:, : self.plant.A.shape[0]]
-        return E
-
-    def E_G(self, claim: Claim) -> Matrix:
-        """[G, 0; 0, 0]: how phi enters, and that the signals of the entries do not."""
-        none = zeros(self.size, entry_signals(claim, 1), self.plant.A)
-        return np.hstack([self.E() @ self.plant.G, none])
-
     def weight(self, claim: Claim) -> Matrix:
         """diag(R, Q)."""
         number, n = converter(is_exact(self.plant.A)), self.plant.A.shape[0]
@@ -129,11 +120,14 @@ class Modes:
         weight[:n, :n], weight[n:, n:] = number(claim.R), number(claim.Q)
         return weight
 
-    def sectors(self, claim: Claim) -> list[tuple[float, Matrix, Matrix]]:
-        """Return the bound, diag(H_c'H_c, 0) and W_c'W_c of each sector, for one mode."""
-        E, one = self.E(), eye(1, self.plant.A)[0]
-        found = sectors_of(self.plant, claim, [one])
-        return [(c.bound, E @ (c.H.T @ c.H) @ E.T, c.W[0].T @ c.W[0]) for c in found]
+    def inequality(self, claim: Claim, value: float) -> Inequality:
+        """Return the inequality of one mode: the disturbance (sigma), and the nonlinearity (mu) as of a single difference."""
+        unit, A = eye(1, self.plant.A)[0], self.plant.A
+        found = (
+            disturbance(self.weight(claim), eye(len(A), A)),
+            nonlinearity(self.plant, claim, [unit], self.size),
+        )
+        return Inequality(self.A_0, (self.U,), (self.Y(value),), found)
 
 
 def mode_matrix(
@@ -143,20 +137,9 @@ def mode_matrix(
 
     mu: one for each sector: alpha, then the entries.
     """
-    number = converter(is_exact(modes.plant.A))
-    half = P @ (modes.A_0 + modes.U @ K @ modes.Y(value))
-    E_G = modes.E_G(claim)
-    k, n, n_w = modes.size, modes.plant.A.shape[0], E_G.shape[1]
-    F = zeros(k + n + n_w, k + n + n_w, modes.plant.A)
-    F[:k, :k] = half + half.T + modes.weight(claim)
-    F[:k, k:] = np.hstack([P @ modes.E(), P @ E_G])
-    F[k:, :k] = F[:k, k:].T
-    F[k : k + n, k : k + n] = -sigma * eye(n, P)
-    for (bound, HH, WW), own in zip(modes.sectors(claim), mu, strict=False):
-        r_c, weight = number(np.array([bound, own]))
-        F[:k, :k] = F[:k, :k] + weight * r_c * r_c * HH
-        F[k + n :, k + n :] = F[k + n :, k + n :] - weight * WW
-    return F
+    stated = modes.inequality(claim, value)
+    own = converter(is_exact(modes.plant.A))(np.array(mu))[: len(stated.channels[1].cone)]
+    return stated.F(P, K[None], np.array([sigma, *own]))
 
 
 def check_covered(network: Network, claim: Claim) -> Metric:

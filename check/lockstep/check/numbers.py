@@ -89,6 +89,21 @@ def eye(size: int, like: Matrix) -> Matrix:
     return exactly(np.eye(size)) if is_exact(like) else np.eye(size)
 
 
+def product(first: Matrix, second: Matrix) -> Matrix:
+    """Return first @ second; rationals are multiplied by FLINT, other exact numbers one by one.
+
+    >>> product(exactly(np.eye(2)), exactly(np.array([[0.5], [2.0]]))).tolist()
+    [[1/2], [2]]
+    """
+    if not (is_exact(first) and is_exact(second)) or 0 in (*first.shape, *second.shape):
+        return first @ second if first.shape[1] else zeros(len(first), second.shape[1], first)
+    try:
+        found = fmpq_mat(first.tolist()) * fmpq_mat(second.tolist())
+    except TypeError:  # balls
+        return np.asarray(first @ second)
+    return np.array(found.tolist(), dtype=object)
+
+
 def zeros(rows: int, columns: int, like: Matrix) -> Matrix:
     """Return zeros in the kind of number of `like`."""
-    return exactly(np.zeros((rows, columns))) if is_exact(like) else np.zeros((rows, columns))
+    return np.full((rows, columns), fmpq(0), dtype=object) if is_exact(like) else np.zeros((rows, columns))

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.inequality import Certificate, Claim, F_matrix, channels, incoming, split
+from lockstep.check.channels import Inequality
+from lockstep.check.inequality import Certificate, Claim, inequality, split
 from lockstep.check.loop import Loop
 
 if TYPE_CHECKING:
@@ -47,40 +48,40 @@ class AffineF:
     claim: Claim
 
     @cached_property
+    def stated(self) -> Inequality:
+        """The inequality, whose first channel is the disturbance, whose second the nonlinearity."""
+        return inequality(self.loop, self.claim)
+
+    @property
     def pairs(self) -> int:
         """How many pair weights there are, those of alpha and of each entry; none without a nonlinearity."""
-        each = len(self.loop.d.pairs()) if self.loop.plant.G.shape[1] else 0
-        return each * (1 + len(self.claim.entries))
+        return len(self.stated.channels[1].cone)
 
-    @cached_property
+    @property
     def ways(self) -> int:
         """How many fragility multipliers t there are."""
-        return len(channels(self.loop, self.claim.delta))
+        return len(self.stated.channels) - 2
 
     @cached_property
     def Z(self) -> Float[np.ndarray, "n_x n_F"]:
         """[A_cl, E, E_G, 0, X]."""
-        return np.hstack([self.loop.A_cl(self.gains), incoming(self.loop, self.claim)])
+        return self.stated.Z(self.gains)
 
     @cached_property
     def constant(self) -> Float[np.ndarray, "n_F n_F"]:
         """F_0, which holds the weights R and Q."""
-        return self._at(np.zeros(self.pairs + self.ways + 1))
+        return self.stated.constant(self.gains)
 
     @cached_property
     def slopes(self) -> Float[np.ndarray, "w n_F n_F"]:
         """F_k for each of (m, m_entries, t, rho^2)."""
-        return np.stack([self._at(row) - self.constant for row in np.eye(self.pairs + self.ways + 1)])
+        return np.roll(self.stated.slopes(self.gains), -1, axis=0)
 
     def certificate(self, P: Float[np.ndarray, "n_x n_x"], w: Float[np.ndarray, " w"]) -> Certificate:
         """Return the unknowns as a certificate."""
         m, m_entries = split(self.loop, self.claim, np.maximum(w[: self.pairs], 0.0))
         t = np.maximum(w[self.pairs : self.pairs + self.ways], 0.0)
         return Certificate(float(np.sqrt(max(w[-1], 0.0))), (P + P.T) / 2, m, t, m_entries)
-
-    def _at(self, w: Float[np.ndarray, " w"]) -> Float[np.ndarray, "n_F n_F"]:
-        zero = np.zeros((self.loop.n_x, self.loop.n_x))
-        return F_matrix(self.loop, self.gains, self.claim, self.certificate(zero, w))
 
 
 def least_rho(loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim) -> Certificate | None:

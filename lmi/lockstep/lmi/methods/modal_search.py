@@ -85,7 +85,7 @@ class ModalProgram:
         m, q = modes.plant.B[0].shape[1], modes.plant.C.shape[0]
         self.shape = (modes.order + m, modes.order + q)
         self.count = len(ends) - 1
-        self.phi = int(modes.E_G(claim).shape[1])
+        self.phi = int(modes.inequality(claim, ends[0]).channels[1].E.shape[1])
         k, n_C = modes.size, modes.order
         sizes = {
             "P": self.count * triangle(k),
@@ -140,7 +140,9 @@ class ModalProgram:
     def _conditions(self) -> list[ca.SX]:
         """All that is to be positive definite: -F_r by vertex, P by segment, P_mean and its decay, the limit."""
         modes, claim, s = self.modes, self.claim, self.s
-        E, E_G, sectors = ca.DM(modes.E()), ca.DM(modes.E_G(claim)), modes.sectors(claim)
+        stated = modes.inequality(claim, self.ends[0])  # the channels are the same for every lambda
+        E, E_G = (ca.DM(channel.E) for channel in stated.channels)
+        slopes, k, inner = stated.slopes(np.zeros((1, *self.shape)))[1:], modes.size, modes.size + E.shape[1]
         found = []
         for P, pair in zip(self._Ps, zip(self.ends[:-1], self.ends[1:], strict=True), strict=True):
             for value in pair:
@@ -151,9 +153,9 @@ class ModalProgram:
                 top = half + half.T + ca.DM(modes.weight(claim)) + ca.mtimes([P, E, E.T, P]) / s["sigma"]
                 if self.phi:
                     signals = ca.SX(self.phi, self.phi)
-                    for c, (bound, HH, WW) in enumerate(sectors):
-                        top = top + s["f"] * s["mu"][c] * bound**2 * ca.sparsify(ca.DM(HH))
-                        signals = signals + s["mu"][c] * ca.sparsify(ca.DM(WW))
+                    for c, form in enumerate(slopes):
+                        top = top + s["f"] * s["mu"][c] * ca.sparsify(ca.DM(form[:k, :k]))
+                        signals = signals - s["mu"][c] * ca.sparsify(ca.DM(form[inner:, inner:]))
                     top = ca.blockcat([[top, P @ E_G], [(P @ E_G).T, -signals]])
                 found.append(-top)
         found += self._Ps

@@ -106,22 +106,11 @@ def _balanced(
     unit: float,
 ) -> Any:
     """Return the matrix of a mode in balanced coordinates; mu and sigma in multiples of `unit`."""
-    import cvxpy as cp
-
-    inverse = np.linalg.inv(L)
-    A = L.T @ (modes.A_0 + modes.U @ K @ modes.Y(value)) @ inverse.T
-    top = P @ A + A.T @ P + inverse @ modes.weight(claim) @ inverse.T
-    n, E_G = modes.plant.A.shape[0], modes.E_G(claim)
-    sides, squares = [P @ (L.T @ modes.E() / unit**0.5)], [s2 * np.eye(n)]
-    if E_G.shape[1]:
-        sectors = modes.sectors(claim)
-        for c, (bound, HH, _) in enumerate(sectors):
-            top = top + (mu[c] * unit * bound**2) * (inverse @ HH @ inverse.T)
-        sides.append(P @ (L.T @ E_G / unit**0.5))
-        squares.append(sum(mu[c] * WW for c, (_, _, WW) in enumerate(sectors)))
-    rows = [[top, *sides]]
-    for i, (side, square) in enumerate(zip(sides, squares, strict=True)):
-        blanks = [np.zeros((square.shape[0], other.shape[0])) for other in squares]
-        rows.append([side.T, *[-square if i == j else blank for j, blank in enumerate(blanks)]])
-    F = cp.bmat(rows)
+    stated = modes.inequality(claim, value)
+    D = np.eye(stated.size) / unit**0.5
+    D[: len(L), : len(L)] = np.linalg.inv(L)
+    half = np.eye(stated.size, len(L)) @ P @ (L.T @ stated.Z(K[None]) @ D.T)
+    sigma, *sectors = unit * (D @ stated.slopes(K[None]) @ D.T)
+    F = half + half.T + D @ stated.constant(K[None]) @ D.T + s2 * sigma
+    F = F + sum(mu[c] * form for c, form in enumerate(sectors))
     return (F + F.T) / 2

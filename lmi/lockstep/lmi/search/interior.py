@@ -22,7 +22,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from lockstep.check.inequality import Certificate, Claim, channels
+from lockstep.check.inequality import Certificate, Claim, gain_errors
 from lockstep.check.loop import Loop
 from lockstep.lmi.search.logdet import BalancedF
 
@@ -108,7 +108,7 @@ class InteriorProgram:
 
     def __init__(self, loop: Loop, claim: Claim, gain_limit: float) -> None:
         self.loop, self.claim, self.gain_limit = loop, claim, gain_limit
-        self.ways = channels(loop, claim.delta)
+        self.ways = gain_errors(loop, claim.delta)
 
     def improve(self, start: Point, aim: Aim = "rho", limits: Limits | None = None) -> Point:
         """Return better gains with their witnesses; the start itself where it cannot be got inside.

@@ -21,16 +21,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from lockstep.check.inequality import (
-    Certificate,
-    Claim,
-    Sector,
-    channels,
-    incoming,
-    performance_weight,
-    sectors,
-    split,
-)
+from lockstep.check.channels import Inequality
+from lockstep.check.inequality import Certificate, Claim, inequality, split
 from lockstep.check.loop import Loop
 
 Slopes = tuple[Float[np.ndarray, " x"], Float[np.ndarray, "x x"], Float[np.ndarray, "x x"]]
@@ -56,8 +48,8 @@ class BalancedF:
         counts = {
             "P": loop.n_x * (loop.n_x + 1) // 2,
             "K": int(np.prod(self.shape_K)),
-            "m": len(loop.d.pairs()) * len(self._sectors),
-            "t": len(self._ways),
+            "m": len(self._stated.channels[1].cone),
+            "t": len(self._stated.channels) - 2,
             "r2": 1,
             "f_a": 1,
             "f_d": 1,
@@ -132,12 +124,8 @@ class BalancedF:
         return slope, square, self._couplings(W)
 
     @cached_property
-    def _ways(self) -> list[tuple[Float[np.ndarray, "n_x a"], Float[np.ndarray, "b n_x"], float]]:
-        return [(way.X, way.Y, way.delta) for way in channels(self.loop, self.claim.delta)]
-
-    @cached_property
-    def _sectors(self) -> list[Sector]:
-        return sectors(self.loop, self.claim)
+    def _stated(self) -> Inequality:
+        return inequality(self.loop, self.claim)
 
     @cached_property
     def _upper(self) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
@@ -157,15 +145,25 @@ class BalancedF:
 
     @cached_property
     def _in(self) -> Float[np.ndarray, "n_x w"]:
-        return np.asarray(self.root.T @ incoming(self.loop, self.claim))
+        return np.asarray(self.root.T @ np.hstack([channel.E for channel in self._stated.channels]))
 
     @cached_property
     def _n_F(self) -> int:
-        return self.loop.n_x + int(self._in.shape[1])
+        return self._stated.size
 
     @cached_property
     def _weights(self) -> Float[np.ndarray, "n_F n_F"]:
-        return self._on_state(performance_weight(self.loop, self.claim))
+        return self._balanced(self._stated.constant(np.zeros(self.shape_K)))
+
+    @cached_property
+    def _slopes(self) -> Float[np.ndarray, "w n_F n_F"]:
+        """What m, t and rho^2 multiply."""
+        return self._balanced(np.roll(self._stated.slopes(np.zeros(self.shape_K)), -1, axis=0))
+
+    def _balanced(self, forms: Float[np.ndarray, "*k n_F n_F"]) -> Float[np.ndarray, "*k n_F n_F"]:
+        D = np.eye(self._n_F)
+        D[: self.loop.n_x, : self.loop.n_x] = self._inverse
+        return np.asarray(D @ forms @ D.T)
 
     def _Z(self, K: Float[np.ndarray, "N k l"]) -> Float[np.ndarray, "n_x n_F"]:
         A = self.root.T @ self.loop.A_0 @ self._inverse.T
@@ -173,45 +171,26 @@ class BalancedF:
             A = A + U @ block @ Y
         return np.hstack([A, self._in])
 
-    def _on_state(self, weight: Float[np.ndarray, "n_x n_x"]) -> Float[np.ndarray, "n_F n_F"]:
-        return self._block(self._inverse @ weight @ self._inverse.T, 0)
-
-    def _block(self, block: Float[np.ndarray, "a a"], at: int) -> Float[np.ndarray, "n_F n_F"]:
-        whole = np.zeros((self._n_F, self._n_F))
-        whole[at : at + len(block), at : at + len(block)] = block
-        return whole
-
     @cached_property
     def _diagonal(self) -> Float[np.ndarray, "w n_F n_F"]:
         """What m, t and rho^2 multiply outside of F_11."""
-        loop, found = self.loop, []
-        at = loop.n_x + loop.n_d
-        for sector in self._sectors:
-            found += [self._block(-(W.T @ W), at) for W in sector.W]
-        at += self._in.shape[1] - loop.n_d - sum(X.shape[1] for X, _, _ in self._ways)
-        for X, _, _ in self._ways:
-            found.append(self._block(-np.eye(X.shape[1]), at))
-            at += X.shape[1]
-        found.append(self._block(-np.kron(loop.d.S, np.eye(loop.plant.A.shape[0])), loop.n_x))
-        return np.stack(found)
+        outside = self._slopes.copy()
+        outside[:, : self.loop.n_x] = 0.0
+        return outside
 
     @cached_property
     def _bounds_a(self) -> Float[np.ndarray, "m n_F n_F"]:
         """What f_a m_ij multiplies in F_11."""
-        loop, found = self.loop, []
-        for sector in self._sectors:
-            square = sector.bound**2 * sector.H.T @ sector.H
-            found += [
-                self._on_state(loop.on_disagreement(np.kron(loop.d.pair_multiplier(i, j), square)))
-                for i, j in loop.d.pairs()
-            ]
-        return np.stack(found) if found else np.zeros((0, self._n_F, self._n_F))
+        return np.asarray((self._slopes - self._diagonal)[self._of("m")])
 
     @cached_property
     def _bounds_d(self) -> Float[np.ndarray, "t n_F n_F"]:
         """What f_d t_j multiplies in F_11."""
-        found = [self._on_state(delta**2 * (Y.T @ Y)) for _, Y, delta in self._ways]
-        return np.stack(found) if found else np.zeros((0, self._n_F, self._n_F))
+        return np.asarray((self._slopes - self._diagonal)[self._of("t")])
+
+    def _of(self, name: str) -> slice:
+        first = self.place["m"].start
+        return slice(self.place[name].start - first, self.place[name].stop - first)
 
     def _basis(self, x: Float[np.ndarray, " x"]) -> Float[np.ndarray, "w n_F n_F"]:
         """Return what m, t and rho^2 multiply."""
