@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import BoundNotProved
+from lockstep.check.numbers import is_double
 from lockstep.model.agent import Agent
 from lockstep.model.bound import (
     BOXES,
@@ -28,7 +29,6 @@ from lockstep.model.bound import (
     prove_bound,
     smallest_bound,
 )
-from lockstep.model.coefficients import is_double
 from lockstep.model.lure import Lure
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
