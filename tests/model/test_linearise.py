@@ -2,14 +2,14 @@
 
 from fractions import Fraction
 
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from lockstep.model.bound.graph import read
 
+from lockstep.check.expression.node import linear_terms
 from lockstep.check.loop import Gains
-from lockstep.model.affine import NormalForms
 from lockstep.model.agent import Agent
 from lockstep.model.checks import nonlinearity
 from lockstep.model.graph import Graph
@@ -31,14 +31,13 @@ def pair(
 
 
 def moved(agent: Agent) -> np.ndarray:
-    """S, read off phi - S v by the normal form, in exact rationals."""
-    lure = agent.lure
-    v, t = ca.SX.sym("v", lure.H.shape[0]), ca.SX.sym("t")
-    forms = NormalForms(ca.vertsplit(v), t)
-    S = np.full((lure.G.shape[1], lure.H.shape[0]), Fraction(0), dtype=object)
-    for k, w in enumerate(ca.vertsplit(lure.phi(v, t))):
-        for j, value in forms.split(w).row:
-            S[k, j] = -value
+    """S, read off phi - S v as an exact expression."""
+    phi = read(agent.lure.phi)
+    S = np.full((len(phi.outputs), phi.inputs), Fraction(0), dtype=object)
+    for k, w in enumerate(phi.outputs):
+        for value, x in linear_terms(w)[1]:
+            if x.op == "variable" and x.data < phi.inputs:
+                S[k, x.data] = -value
     return S
 
 

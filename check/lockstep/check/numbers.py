@@ -64,6 +64,19 @@ def rounded_down(number: Fraction) -> float:
     return nearest if Fraction(nearest) <= number else nextafter(nearest, -inf)
 
 
+def is_double(number: Fraction) -> bool:
+    """Whether a double holds the number exactly."""
+    try:
+        return Fraction(float(number)) == number
+    except OverflowError:
+        return False
+
+
+def is_plain_or_double(number: Fraction) -> bool:
+    """Whether a double holds the number, or a division of two short whole numbers gives it: 1/3."""
+    return is_double(number) or max(abs(number.numerator), number.denominator) < 10_000
+
+
 def is_exact(array: Annotated[np.ndarray, "..."]) -> bool:
     """Tell whether an array holds rationals."""
     return array.dtype == object

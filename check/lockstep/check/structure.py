@@ -13,6 +13,7 @@ from flint import fmpq, fmpq_mat
 
 from lockstep.check.expression.node import Node, linear, linear_terms, variable
 from lockstep.check.expression.traversal import order, rebuild
+from lockstep.check.numbers import is_double, is_plain_or_double
 
 Row = tuple[tuple[int, Fraction], ...]
 """A linear form: (index, coefficient) pairs by increasing index, no zeros."""
@@ -201,16 +202,3 @@ def solve(rows: Sequence[Row], target: Row) -> list[Fraction] | None:
     if rank > len(rows):
         return None
     return [Fraction(int(reduced[k, len(rows)].p), int(reduced[k, len(rows)].q)) for k in range(len(rows))]
-
-
-def is_double(number: Fraction) -> bool:
-    """Whether a double holds the number exactly."""
-    try:
-        return Fraction(float(number)) == number
-    except OverflowError:
-        return False
-
-
-def is_plain_or_double(number: Fraction) -> bool:
-    """Whether a double holds the number, or a division of two short whole numbers gives it: 1/3."""
-    return is_double(number) or max(abs(number.numerator), number.denominator) < 10_000

@@ -10,11 +10,12 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.agent import Agent as ExactAgent
+from lockstep.check.agent import Move
 from lockstep.check.domain import argument_box
 from lockstep.check.errors import ProblemError
-from lockstep.check.names import check_agent_name, check_formulas, check_known, check_names, check_parameters
-from lockstep.check.wording import shorten
-from lockstep.model.affine import Affine, NormalForms
+from lockstep.check.expression.exact import Exact, Value
+from lockstep.check.names import check_agent_name, check_known, check_names
 from lockstep.model.agent_parts import (
     check_bounds,
     check_symbols,
@@ -22,12 +23,12 @@ from lockstep.model.agent_parts import (
     stack,
 )
 from lockstep.model.bound_search import Box
+from lockstep.model.bound_search.graph import read_value
 from lockstep.model.centring import Centring, centred
 from lockstep.model.control.pbh import Controllability, Observability, controllability, observability
 from lockstep.model.expression import parse_expression
 from lockstep.model.linearise import linearised
 from lockstep.model.lure import Lure, lure_form
-from lockstep.model.outputs import output_rows
 
 Split = Literal["terms", "jacobian"]
 UNBOUNDED = (-np.inf, np.inf)
@@ -83,6 +84,8 @@ class Agent:
     units: Mapping[str, str] = field(default_factory=dict)
     split: Split = "terms"
     centre: bool = False
+    as_written: ExactAgent | None = None
+    """The agent over the rationals before any slope is moved: read from the texts, else from `rhs` and `y`."""
 
     def __post_init__(self) -> None:
         if self.split not in get_args(Split):
@@ -130,9 +133,9 @@ class Agent:
         array([[0., 1.]])
         """
         parameters = dict(parameters or {})
-        check_names(states=states, inputs=inputs, outputs=tuple(outputs), parameters=tuple(parameters))
-        check_formulas(states, dynamics)
-        check_parameters(parameters)
+        as_written = ExactAgent.from_texts(
+            name, states=states, inputs=inputs, dynamics=dynamics, outputs=outputs, parameters=parameters
+        )
         symbols = {key: ca.SX.sym(key) for key in (*states, *inputs, "t")}
         known: dict[str, ca.SX | float] = {
             **symbols,
@@ -154,6 +157,7 @@ class Agent:
             units=units or {},
             split=split,
             centre=centre,
+            as_written=as_written,
         )
 
     @property
@@ -182,21 +186,40 @@ class Agent:
         return self._split[1]
 
     @cached_property
-    def _split(self) -> tuple[Lure, Centring]:
-        lure = self._lure_as_written()
-        if not self.centre:
-            return lure, Centring(reason="it is turned off")
-        return centred(lure, argument_box(lure.H, self.box))
+    def exact(self) -> ExactAgent:
+        """The agent over the rationals, with the slopes moved that `split` and `centre` chose to move."""
+        return self._written.moved(self.moves)
 
-    def _lure_as_written(self) -> Lure:
-        rows, forms = self.normal_forms()
-        for state, row in zip(self.states, rows, strict=True):
-            self._check_inputs_linear(forms, state, row)
-        outputs = output_rows(
-            forms, dict(zip(self.outputs, ca.vertsplit(self.y), strict=True)), self.states, self.inputs
-        )
-        lure = lure_form(forms, rows, outputs, self.m)
-        return linearised(lure) if self.split == "jacobian" else lure
+    @property
+    def moves(self) -> tuple[Move, ...]:
+        """What `split` and `centre` moved from phi into A."""
+        return self._split[2]
+
+    @cached_property
+    def _split(self) -> tuple[Lure, Centring, tuple[Move, ...]]:
+        lure, moves = lure_form(self._written), tuple[Move, ...]()
+        if self.split == "jacobian":
+            lure, moves = linearised(lure)
+        if not self.centre:
+            return lure, Centring(reason="it is turned off"), moves
+        lure, found = centred(lure, argument_box(lure.H, self.box))
+        return lure, found, (*moves, *(Move(m.component, m.argument, m.amount) for m in found.moves))
+
+    @cached_property
+    def _written(self) -> ExactAgent:
+        if self.as_written is not None:
+            return self.as_written
+        algebra = Exact(self.n + self.m)
+        names = (self.states, self.inputs, self.outputs)
+        rhs = [
+            self.value(expression, algebra, where=f"[agent.dynamics] {state}")
+            for state, expression in zip(self.states, ca.vertsplit(self.rhs), strict=True)
+        ]
+        y = [
+            self.value(expression, algebra, where=f"[agent.outputs] {output}")
+            for output, expression in zip(self.outputs, ca.vertsplit(self.y), strict=True)
+        ]
+        return ExactAgent.from_values(self.name, *names, rhs, y, algebra.seen)
 
     @cached_property
     def dynamics(self) -> ca.Function:
@@ -229,27 +252,25 @@ class Agent:
 
         return agent_to_control(self, linear=linear)
 
-    def normal_forms(self, forms: NormalForms | None = None) -> tuple[list[Affine], NormalForms]:
-        """Return the normal form of each right-hand side, in the variables (x, u).
+    def value(self, expression: ca.SX, algebra: Exact | None = None, *, where: str) -> Value:
+        """Return an expression in this agent's symbols as an exact value over the variables (x, u, t).
 
-        Args:
-            forms: a table to use instead of a new one; it must be over as many variables, so that two
-                agents whose symbols differ but whose equations agree give equal forms.
+        Raises:
+            ProblemError: a symbol from elsewhere, or what `read_value` refuses.
         """
-        mine = [*ca.vertsplit(self.x), *ca.vertsplit(self.u)]
-        if forms is None:
-            forms, rhs = NormalForms(mine, self.t), self.rhs
-        else:
-            rhs = ca.substitute(
-                [self.rhs], [ca.vertcat(*mine, self.t)], [ca.vertcat(*forms.variables, forms.time)]
-            )[0]
-        rows = []
-        for k, state in enumerate(self.states):
-            try:
-                rows.append(forms.split(rhs[k]))
-            except ProblemError as error:
-                raise error.within(f"[agent.dynamics] {state}") from None
-        return rows, forms
+        own = [*ca.vertsplit(self.x), *ca.vertsplit(self.u)]
+        known = {symbol.element_hash() for symbol in (*own, self.t)}
+        for symbol in ca.symvar(expression):
+            if symbol.element_hash() not in known:
+                raise ProblemError(
+                    f"the symbol `{symbol}` is neither a state, nor an input, nor the time",
+                    where=where,
+                    remedy="substitute a number for it, or declare it",
+                )
+        try:
+            return read_value(expression, ca.vertcat(*own), self.t, algebra or Exact(len(own)))
+        except ProblemError as error:
+            raise error.within(where) from None
 
     def _take_names(self) -> None:
         for kind, symbols in (("states", self.x), ("inputs", self.u)):
@@ -265,17 +286,4 @@ class Agent:
                     f"{len(getattr(self, kind))} names for {count} {kind}",
                     where=f"[agent] {kind}",
                     expected="one name each",
-                )
-
-    def _check_inputs_linear(self, forms: NormalForms, state: str, row: Affine) -> None:
-        """(2) has B_i u_i with a constant B_i: an input may be in no atom."""
-        for k, w in row.terms:
-            bad = [self.inputs[j - self.n] for j in sorted(forms.atoms[k].variables) if j >= self.n]
-            if bad:
-                term = shorten(forms.text(Affine(terms=((k, w),))))
-                raise ProblemError(
-                    f"the input `{bad[0]}` enters through `{term}`",
-                    where=f"[agent.dynamics] {state}",
-                    expected="inputs that enter linearly, with constant coefficients, as in (2)",
-                    remedy="make the nonlinear actuator a state of the agent, or its output the input",
                 )

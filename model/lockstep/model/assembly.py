@@ -17,6 +17,7 @@ from jaxtyping import Float
 from lockstep.check.bound.decide import Budget, decide_entries
 from lockstep.check.bound.slopes import SlopeProblem
 from lockstep.check.errors import BoundNotProved
+from lockstep.check.numbers import is_double
 from lockstep.model.agent import Agent
 from lockstep.model.bound_search import (
     BOXES,
@@ -31,7 +32,6 @@ from lockstep.model.bound_search import (
     search_bound,
     with_entries,
 )
-from lockstep.model.coefficients import is_double
 from lockstep.model.lure import Lure
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem

@@ -18,7 +18,6 @@ import casadi as ca
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.wording import shorten
-from lockstep.model.affine import apply
 from lockstep.model.expression import parse_expression
 from lockstep.model.expression_writer import ARITY, COMPARISONS, REPEATED, Step, write
 
@@ -176,5 +175,5 @@ def _as_number(value: ca.SX) -> ca.SX:
 def _applied(op: int, operands: list[ca.SX]) -> ca.SX:
     if op in (ca.OP_SQ, ca.OP_TWICE) and operands[0].op() == ca.OP_IF_ELSE_ZERO:
         condition, value = operands[0].dep(0), operands[0].dep(1)
-        return apply(ca.OP_IF_ELSE_ZERO, [condition, _applied(op, [value])])
-    return apply(op, operands)
+        return ca.SX.binary(ca.OP_IF_ELSE_ZERO, condition, _applied(op, [value]))
+    return ca.SX.unary(op, *operands) if len(operands) == 1 else ca.SX.binary(op, *operands)

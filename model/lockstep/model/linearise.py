@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.agent import Move
 from lockstep.check.errors import ProblemError
 from lockstep.model.lure import Lure
 from lockstep.model.shift import fitting, shifted, without
@@ -25,8 +26,8 @@ FEWEST_BITS = 20
 """An amount that agrees with the slope to fewer bits than this is no linearisation any more."""
 
 
-def linearised(lure: Lure) -> Lure:
-    """Return the same agent with the slope of phi at v = 0 moved into A.
+def linearised(lure: Lure) -> tuple[Lure, tuple[Move, ...]]:
+    """Return the same agent with the slope of phi at v = 0 moved into A, and what was moved.
 
     Where doubles cannot hold the sums the entries of A are rounded once each, and `Lure.rounded` names them.
 
@@ -39,20 +40,21 @@ def linearised(lure: Lure) -> Lure:
     >>> cart.lure.A, cart.lure.rounded
     (array([[-1.1]]), ())
     """
-    slope = _slope_at_origin(lure)
+    slope, moves = _slope_at_origin(lure), list[Move]()
     for k, j in product(*map(range, slope.shape)):
         if slope[k, j]:
-            lure = _moved(lure, k, j, float(slope[k, j]))
-    return lure
+            lure, amount = _moved(lure, k, j, float(slope[k, j]))
+            moves.append(Move(k, j, amount))
+    return lure, tuple(moves)
 
 
-def _moved(lure: Lure, k: int, j: int, slope: float) -> Lure:
+def _moved(lure: Lure, k: int, j: int, slope: float) -> tuple[Lure, Fraction]:
     for wish in _near(slope):
         for amount in (wish, *fitting(lure, k, j, wish)):
             found = shifted(lure, k, j, amount)
             if found is not None:
-                return found
-    return _rounded(lure, k, j, slope)
+                return found, amount
+    return _rounded(lure, k, j, slope), Fraction(slope)
 
 
 def _near(slope: float) -> Iterator[Fraction]:

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.coefficients import is_double
+from lockstep.check.numbers import is_double
 from lockstep.model.lure import Lure
 
 

@@ -5,7 +5,7 @@ elementary function of a constant is the double nearest to its true value (`cons
 rational.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from math import inf, isinf
@@ -60,7 +60,9 @@ class Exact:
         """Return the operation on values; `Undefined`, with the IEEE value as its text, if it has none."""
         notes = Notes(self.time)
         nodes = [value.node for value in values]
-        if operation == "pow":
+        if operation in ("div", "inv") and nodes[-1] is ZERO:
+            raise Undefined("a division by zero")
+        if operation in ("pow", "constpow"):
             _check_power(*nodes)
         try:
             node = RULES[operation](notes, *nodes)
@@ -90,6 +92,17 @@ class Exact:
         return 0.0
 
 
+_OF_A_CONSTANT: Mapping[str, Callable[..., bool]] = {
+    "nonzero": lambda x: x != 0,
+    "positive": lambda x: x > 0,
+    "not negative": lambda x: x >= 0,
+    "within one": lambda x: abs(x) <= 1,
+    "inside one": lambda x: abs(x) < 1,
+    "above one": lambda x: x >= 1,
+}
+"""What a constant has or has not; it jumps nowhere, and no rational number is a pole of tan."""
+
+
 class Notes:
     """What one operation needs; it keeps functions as they are written: sin(y - x) sees y - x."""
 
@@ -100,6 +113,9 @@ class Notes:
     def need(self, kind: str, name: str, *args: Node) -> None:
         """Note what the operation needs; a jump in t alone leaves h(., t) continuous for every t."""
         if kind in ("decided", "constant") and all(a.variables <= {self.time} for a in args):
+            return
+        values = [number(a) for a in args]
+        if None not in values and (kind not in _OF_A_CONSTANT or _OF_A_CONSTANT[kind](values[0])):
             return
         self.found[Condition(kind, args, name)] = None
 

@@ -192,6 +192,7 @@ def _compare(rule: Callable[[Node, Node], Node]) -> Callable[..., Node]:
 
 RULES: dict[str, Callable[..., Node]] = {
     "assign": lambda _, x: x,
+    "number": as_number,
     "add": _numeric(_add),
     "sub": _numeric(lambda _, a, b: subtract(a, b)),
     "mul": _numeric(lambda _, a, b: multiply(a, b)),

@@ -3,6 +3,7 @@
 Every operation of an SX graph is supported or refused by name. Numbers are IEEE doubles taken exactly.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import isfinite
@@ -12,6 +13,7 @@ import casadi as ca
 from lockstep.check.bound.graph import Graph
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.condition import Condition
+from lockstep.check.expression.exact import Exact, Value
 from lockstep.check.expression.node import ZERO, Node, Undefined, constant, function, variable
 from lockstep.check.expression.operations import RULES, as_condition, as_number
 from lockstep.check.expression.switches import FALSE, TRUE, both, either
@@ -54,6 +56,47 @@ class _Step:
     op: int
     reads: tuple[int, ...]
     value: float = 0.0
+
+
+def read_value(expression: ca.SX, variables: ca.SX, time: ca.SX, algebra: Exact) -> Value:
+    """Return a scalar expression as an exact node, the variables being numbered in order and the time after them.
+
+    Raises:
+        ProblemError: an operation without a meaning here, or a part that has no value, such as a constant over 0.
+
+    >>> x, t = ca.SX.sym("x"), ca.SX.sym("t")
+    >>> value = read_value((x + 3 * x) / 2 - ca.log(t), x, t, Exact(1))
+    >>> value.node.data, [c.text for c in value.conditions]
+    ((Fraction(0, 1), (Fraction(2, 1), Fraction(-1, 1))), ['`log` is not defined where its argument is not positive'])
+    """
+    steps, results = _single_assignment(
+        ca.Function("expression", [variables, time], [ca.densify(expression)])
+    )
+    values: list[Node] = []
+    found: list[tuple[int, Condition]] = []
+    for step in steps:
+        own = _value(step, values, algebra)
+        values.append(own.node)
+        found += [(len(values) - 1, c) for c in own.conditions]
+    own = algebra.apply("number", Value(values[results[0]]))
+    guards = _guards(steps, results, values)
+    conditions = dict.fromkeys([*(c.under(guards.get(i, FALSE)) for i, c in found), *own.conditions])
+    return Value(own.node, tuple(c for c in conditions if c.guard is not FALSE))
+
+
+def _value(step: _Step, values: Sequence[Node], algebra: Exact) -> Value:
+    if step.op == ca.OP_INPUT:
+        return Value(variable(int(step.value)))
+    if step.op == ca.OP_CONST:
+        if not isfinite(step.value):
+            raise ProblemError(f"a coefficient of an expression is {step.value}", expected="a finite number")
+        return algebra.number(step.value)
+    try:
+        return algebra.apply(NAMES[step.op], *(Value(values[i]) for i in step.reads))
+    except Undefined as error:
+        raise ProblemError(
+            f"`{NAMES[step.op]}` of constants is {error}", expected="a finite number"
+        ) from None
 
 
 def read(phi: ca.Function) -> Graph:

@@ -1,7 +1,6 @@
 """The tables [agent] and [network] of an agent and a graph that were built in Python."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -9,7 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.expression.node import ZERO, variable
 from lockstep.check.expression.text import RESERVED
+from lockstep.check.expression.traversal import substitute
 from lockstep.model.agent import Agent
 from lockstep.model.expression_text import expression_text
 from lockstep.model.graph import Graph
@@ -144,12 +145,13 @@ def _with_parameters(agent: Agent, i: int, parameters: Mapping[tuple[int, int], 
 def _without_inputs(agent: Agent, i: int) -> ca.SX:
     """Return f_i(x, 0, t), where CasADi does not round what is left: 0.1*(0.3*x + u) becomes (0.1*0.3)*x."""
     rest = ca.substitute([agent.rhs[i]], [agent.u], [ca.SX.zeros(agent.m)])[0]
-    rows, forms = agent.normal_forms()
-    row = rows[i]
-    if forms.split(rest) != replace(row, row=tuple((k, c) for k, c in row.row if k < agent.n)):
+    where = f"[agent.dynamics] {agent.states[i]}"
+    inputs = {variable(agent.n + j): ZERO for j in range(agent.m)}
+    exactly = substitute([agent.value(agent.rhs[i], where=where).node], inputs)
+    if substitute([agent.value(rest, where=where).node], inputs) != exactly:
         raise ProblemError(
             "the inputs are among constants that would be rounded without them",
-            where=f"[agent.dynamics] {agent.states[i]}",
+            where=where,
             expected="for agents with a B of their own, an equation f(x, t) + b*u",
         )
     return rest
