@@ -204,7 +204,7 @@ def test_entries_are_decided_too_and_none_may_be_missing() -> None:
         assert f"slope (1, {k + 1})" in answer.reason
         missing = decide(THRUST, THRUST_BOX, alpha, SLOPES[:k] + SLOPES[k + 1 :])
         assert missing.status == "refuted"
-        assert f"slope (1, {k + 1}), which has no entry" in missing.reason
+        assert f"slope (1, {k + 1}), whose entry is missing" in missing.reason
     assert decide(THRUST, THRUST_BOX, 0.9 * alpha, SLOPES).status == "refuted"
 
 
