@@ -15,7 +15,6 @@ import numpy as np
 from lockstep.check.bound import functions
 from lockstep.check.bound.expression import Node
 from lockstep.check.bound.program import Boxes, Program
-from lockstep.check.bound.rounding import Interval
 from lockstep.check.bound.switches import TRUE, both
 
 Verdict = Annotated[np.ndarray, " boxes"]
@@ -65,11 +64,6 @@ _TEXT = {
 }
 
 
-def _decided(x: Interval) -> Verdict:
-    verdict: Verdict = x[0] == x[1]
-    return verdict
-
-
 _TESTS: dict[str, Callable[..., Verdict]] = {
     "nonzero": lambda x: (x[0] > 0) | (x[1] < 0),
     "positive": lambda x: x[0] > 0,
@@ -79,7 +73,7 @@ _TESTS: dict[str, Callable[..., Verdict]] = {
     "above one": lambda x: x[0] >= 1,
     "no pole": lambda x: ~functions.tan_has_pole(x),
     "off the cut": lambda y, x: (x[0] > 0) | (y[0] > 0) | (y[1] < 0),
-    "decided": _decided,
+    "decided": lambda x: x[0] == x[1],
     "constant": lambda x: (x[0] == x[1]) & np.isfinite(x[0]),
 }
 
