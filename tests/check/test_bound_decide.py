@@ -10,7 +10,15 @@ from fractions import Fraction
 import flint
 import numpy as np
 import pytest
-from lockstep.check.bound.expression import (
+
+from lockstep.check.bound.box import Box
+from lockstep.check.bound.conditions import Condition
+from lockstep.check.bound.decide import MOST_BOXES, decide_bound
+from lockstep.check.bound.graph import Graph
+from lockstep.check.bound.result import Entry
+from lockstep.check.domain import argument_box, claimed_box, inner_box
+from lockstep.check.errors import ProblemError
+from lockstep.check.expression.node import (
     ONE,
     Node,
     add,
@@ -23,15 +31,7 @@ from lockstep.check.bound.expression import (
     subtract,
     variable,
 )
-from lockstep.check.bound.switches import positive
-
-from lockstep.check.bound.box import Box
-from lockstep.check.bound.conditions import Condition
-from lockstep.check.bound.decide import MOST_BOXES, decide_bound
-from lockstep.check.bound.graph import Graph
-from lockstep.check.bound.result import Entry
-from lockstep.check.domain import argument_box, claimed_box, inner_box
-from lockstep.check.errors import ProblemError
+from lockstep.check.expression.switches import positive
 
 INF = math.inf
 x, y = variable(0), variable(1)
@@ -204,7 +204,7 @@ def test_entries_are_decided_too_and_none_may_be_missing() -> None:
         assert f"slope (1, {k + 1})" in answer.reason
         missing = decide(THRUST, THRUST_BOX, alpha, SLOPES[:k] + SLOPES[k + 1 :])
         assert missing.status == "refuted"
-        assert f"slope (1, {k + 1}), which has no entry" in missing.reason
+        assert f"slope (1, {k + 1}), whose entry is missing" in missing.reason
     assert decide(THRUST, THRUST_BOX, 0.9 * alpha, SLOPES).status == "refuted"
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lockstep.model.bound.graph import read
 
 from lockstep.check.expression.node import linear_terms
 from lockstep.check.loop import Gains
 from lockstep.model.agent import Agent
+from lockstep.model.bound_search.graph import read
 from lockstep.model.checks import nonlinearity
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network

@@ -5,13 +5,13 @@ from fractions import Fraction
 import casadi as ca
 import numpy as np
 import pytest
-from lockstep.model.bound.graph import read
 
 from lockstep.check.agent import Agent as ExactAgent
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.exact import Exact, Value, read_text
 from lockstep.check.expression.node import constant, linear, variable
 from lockstep.model.agent import Agent
+from lockstep.model.bound_search.graph import read
 from lockstep.model.expression import parse_expression
 from lockstep.model.symbolic import rounds, symbolic
 

@@ -1,9 +1,7 @@
 """Where a certificate holds: for every state, or only while all agents stay in the box their bound was proved on."""
 
-from typing import Literal
-
 from lockstep.check.bound.box import Box
-from lockstep.check.domain import inner_box
+from lockstep.check.domain import Scope, inner_box
 from lockstep.check.inequality import Certificate
 from lockstep.check.local import Domain, InitialSet, Unavailable, initial_set
 from lockstep.check.modes import ModalCertificate
@@ -13,7 +11,7 @@ from lockstep.model.bound_search import Bound
 from lockstep.model.checks.nonlinearity import holds_everywhere
 from lockstep.model.network import Network
 
-Scope = Literal["global", "local"]
+__all__ = ["Scope", "scope_of"]
 
 HALF = 0.5
 """The part of the box left to the leader where nothing else is asked for."""

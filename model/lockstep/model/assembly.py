@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.bound.decide import Budget, decide_entries
+from lockstep.check.bound.decide import MOST_BOXES, Budget, decide_entries
 from lockstep.check.bound.slopes import SlopeProblem
 from lockstep.check.errors import BoundNotProved
 from lockstep.check.numbers import is_double
@@ -129,7 +129,7 @@ def bound_with_scales(
     proved = _decided(found, alpha)
     if not entries:
         return proved
-    budget = Budget(boxes)
+    budget = Budget(min(boxes, MOST_BOXES))
     problem = SlopeProblem.of(read(agent.lure.phi), agent.argument_box).scaled(D_w, D_v)
     verdict = decide_entries(problem, entries, budget)
     if not verdict.proved:

@@ -14,16 +14,10 @@ import numpy as np
 
 from lockstep.check.bound import functions
 from lockstep.check.bound.program import Boxes, Program
-from lockstep.check.bound.rounding import Interval
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.node import Node
 
 Verdict = Annotated[np.ndarray, " boxes"]
-
-
-def _decided(x: Interval) -> Verdict:
-    verdict: Verdict = x[0] == x[1]
-    return verdict
 
 
 _TESTS: dict[str, Callable[..., Verdict]] = {
@@ -35,7 +29,7 @@ _TESTS: dict[str, Callable[..., Verdict]] = {
     "above one": lambda x: x[0] >= 1,
     "no pole": lambda x: ~functions.tan_has_pole(x),
     "off the cut": lambda y, x: (x[0] > 0) | (y[0] > 0) | (y[1] < 0),
-    "decided": _decided,
+    "decided": lambda x: x[0] == x[1],
     "constant": lambda x: (x[0] == x[1]) & np.isfinite(x[0]),
 }
 

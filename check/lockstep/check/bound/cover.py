@@ -236,19 +236,14 @@ class Cutter:
     def _cut_off_tails(self, low: float, high: float) -> list[tuple[int, float, float]]:
         below = min(-self.far, 2.0 * high) if math.isinf(low) else low
         above = max(self.far, 2.0 * low) if math.isinf(high) else high
-        pieces = [(0, below, above)]
-        if math.isinf(low):
-            pieces.append((-1, 0.0, math.nextafter(-1.0 / below, INF)))
-        if math.isinf(high):
-            pieces.append((1, 0.0, math.nextafter(1.0 / above, INF)))
-        return pieces
+        left = [(-1, 0.0, math.nextafter(-1.0 / below, INF))] if math.isinf(low) else []
+        right = [(1, 0.0, math.nextafter(1.0 / above, INF))] if math.isinf(high) else []
+        return [(0, below, above), *left, *right]
 
     def holds_kink(self, k: int, lower: PerBox, upper: PerBox) -> np.ndarray:
         """Return which boxes have a kink of variable k inside."""
-        inside = np.zeros(lower.shape, dtype=bool)
-        for x in self.kinks[k]:
-            inside |= (lower < x) & (x < upper)
-        return inside
+        kinks = np.array(self.kinks[k])[:, None]
+        return np.asarray(((lower < kinks) & (kinks < upper)).any(axis=0))
 
 
 def breakpoints(value: Node, count: int) -> list[list[float]]:

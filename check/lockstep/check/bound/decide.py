@@ -124,7 +124,7 @@ def decide_entries(problem: SlopeProblem, entries: Sequence[Entry], budget: Budg
     for k, l in problem.places:
         verdict = decide_block(problem, ([k], [l]), stated.get((k, l), 0.0), budget)
         if not verdict.proved:
-            missing = "" if (k, l) in stated else ", which has no entry"
+            missing = "" if (k, l) in stated else ", whose entry is missing"
             return replace(verdict, reason=f"slope ({k + 1}, {l + 1}){missing}: {verdict.reason}")
     return Verdict("proved", "each slope is within its bound")
 

@@ -84,7 +84,7 @@ def search_bound(
     boxes: int = BOXES,
     progress: Report | None = None,
 ) -> Bound:
-    """Return what `smallest_bound` does, before the checker has decided it."""
+    """Return what `smallest_bound` does, before the checker has decided it; the slopes of the problem are not scaled."""
     D_w, D_v = np.ones(len(problem.jacobian)), np.ones(problem.graph.inputs)
     parts = problem.blocks
     if not parts:
@@ -117,10 +117,11 @@ def search_bound(
 
 
 def confirmed(problem: SlopeProblem, bound: Bound) -> Bound:
-    """Return the bound with the least of a few alphas that the checker decides with these scales, not proved if none.
+    """Return the bound with the least of a few alphas that the checker decides with its scales, not proved if none.
 
-    Its search may have come to a box by another way, and several independent components share alpha by their scales, with
-    equality: their slopes, scaled, are enclosed a few units in the last place above it.
+    The slopes of the problem are not scaled. The search may have come to a box by another way, and several independent
+    components share alpha by their scales, with equality: their slopes, scaled, are enclosed a few units in the last
+    place above it.
     """
     if not bound.proved:
         return bound
@@ -206,7 +207,7 @@ class _Watched(Budget):
     """A budget that says how much of it is used."""
 
     def __init__(self, boxes: int, progress: Report | None, lower: float) -> None:
-        super().__init__(boxes)
+        super().__init__(min(boxes, MOST_BOXES))
         self.progress, self.lower = progress, lower
 
     def spend(self, count: int) -> None:
