@@ -1,11 +1,13 @@
 """The set of initial disagreements of a local certificate: what starts in it stays, something beside it leaves."""
 
 import math
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 import pytest
 
+from lockstep.check.certificate import decide_initial_set
 from lockstep.check.disagreement import disagreement
 from lockstep.check.errors import ProblemError
 from lockstep.check.inequality import Certificate, Claim
@@ -14,7 +16,7 @@ from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate, Segment
 from lockstep.check.numbers import as_floats, exactly
 from lockstep.lmi.analysis.rounding import prove
-from lockstep.lmi.scope import initial_states
+from lockstep.lmi.scope import domain_of, initial_states
 from lockstep.model.agent import Agent
 from lockstep.model.assembly import bound_of
 from lockstep.model.bound_search import Box
@@ -260,3 +262,35 @@ def test_the_ratio_is_proved_where_doubles_cannot_propose_one():
 def test_a_set_too_small_for_a_double_is_none(net, certificate):
     huge = Certificate(1e300, certificate.P, certificate.m)
     assert "doubles" in initial_states(net, huge).reason
+
+
+@pytest.mark.parametrize(
+    ("change", "proved"),
+    [
+        ({}, True),
+        ({"level": 0.999}, True),
+        ({"level": 1 + 1e-12}, False),
+        ({"radius": 0.999, "energy": 0.5}, True),
+        ({"radius": 1.001}, False),
+        ({"energy": 1 + 1e-12}, False),
+    ],
+)
+def test_a_claimed_set_is_decided_as_no_better_than_the_proved_one(net, certificate, found, change, proved):
+    claimed = replace(found, **{name: part * getattr(found, name) for name, part in change.items()})
+    answer = decide_initial_set(net.matrices, certificate, domain_of(net.agent), claimed)
+    assert answer.proved == proved
+    assert proved or next(iter(change)) in answer.reason
+
+
+def test_another_leader_or_a_smaller_domain_is_not_proved(net, certificate, found):
+    domain = domain_of(net.agent)
+    for claimed, says in (
+        (replace(found, leader=2), "agent 1 leads, not 2"),
+        (replace(found, box=Box((-1.1,), (1.2,))), "stay in"),
+        (replace(found, box=Box.everywhere(2)), "stay in"),
+    ):
+        answer = decide_initial_set(net.matrices, certificate, domain, claimed)
+        assert answer.status == "undecided"
+        assert says in answer.reason
+    none = decide_initial_set(network("path").matrices, certificate, domain, found)
+    assert "hear each other" in none.reason

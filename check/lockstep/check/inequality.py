@@ -116,17 +116,17 @@ def gain_errors(loop: Loop, delta: Annotated[np.ndarray, "N 4"]) -> list[GainErr
     return found
 
 
-def disturbance(weight: Matrix, metric: Matrix) -> Channel:
+def disturbance(E: Matrix, weight: Matrix, metric: Matrix) -> Channel:
     """Return xi, with the weights diag(S (x) R, I (x) Q) of x_cl that rho is a gain to, and its multiplier rho^2.
 
     Args:
+        E: (n_x, n_d), how xi enters.
         weight: (n_x, n_x) of x_cl.
-        metric: (n_d, n_d) of xi, which enters the first n_d states.
+        metric: (n_d, n_d) of xi.
     """
-    n_x, n_d = len(weight), len(metric)
-    one, none = eye(n_x, weight), zeros(0, n_d, weight)
-    gain = Term(one[:0], weight[:0, :0], eye(n_d, weight), metric)
-    return Channel("disturbance", one[:, :n_d], (gain,), (Term(one, weight, none, weight[:0, :0]),))
+    one, none = eye(len(weight), weight), weight[:0, :0]
+    gain = Term(one[:0], none, eye(len(metric), weight), metric)
+    return Channel("disturbance", E, (gain,), (Term(one, weight, zeros(0, len(metric), weight), none),))
 
 
 def nonlinearity(plant: Plant, claim: Claim, differences: list[Vector], n_x: int) -> Channel:
@@ -208,7 +208,7 @@ def inequality(loop: Loop, claim: Claim) -> Inequality:
     d, n = loop.d, len(loop.plant.A)
     differences = [d.right[i] - d.right[j] for i, j in d.pairs()]
     found = [
-        disturbance(performance_weight(loop, claim), np.kron(d.S, eye(n, loop.A_0))),
+        disturbance(loop.E, performance_weight(loop, claim), np.kron(d.S, eye(n, loop.A_0))),
         nonlinearity(loop.plant, claim, differences, loop.n_x),
         *[gain_error(error) for error in gain_errors(loop, claim.delta)],
     ]

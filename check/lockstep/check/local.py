@@ -33,7 +33,7 @@ Everything is decided in rationals and rounded to the safe side. The certificate
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import ROUND_FLOOR, Context
 from fractions import Fraction
 from typing import Annotated, Any
@@ -154,6 +154,40 @@ def initial_set(
     return _largest(network, certificate, domain, _margins(domain.box, domain.inner))
 
 
+def better_than_proved(
+    network: Network, certificate: Certificate | ModalCertificate, domain: Domain, claimed: InitialSet
+) -> str | None:
+    """Say what a claimed set has that is not proved; None where all of it is.
+
+    Everything is decided in rationals for the inner box of the claim: no eigenvalue in doubles has a say.
+    """
+    proved = initial_set(network, certificate, replace(domain, inner=claimed.inner))
+    if isinstance(proved, Unavailable) or isinstance(certificate, ModalCertificate):
+        return proved.text()
+    if claimed.leader != proved.leader:
+        return f"agent {proved.leader} leads, not {claimed.leader}"
+    if not _contains(claimed.box, proved.box):
+        return f"the agents are shown to stay in {_box_text(proved.box)}, not in {_box_text(claimed.box)}"
+    for name in ("level", "energy"):
+        own, found = getattr(claimed, name), getattr(proved, name)
+        if own > found:
+            return f"the {name} is {own:.10g}, but {found:.10g} is proved"
+    if claimed.radius > proved.radius:
+        n_d = len(network.plant.A) * (network.N - 1)
+        ratio = Fraction(proved.level) / Fraction(claimed.radius) ** 2
+        excess = fmpq(ratio.numerator, ratio.denominator) * _squared_distance(network)
+        if not decide_positive_definite(excess - exactly(certificate.P[:n_d, :n_d])).positive:
+            return f"the radius is {claimed.radius:.10g}, but {proved.radius:.10g} is proved"
+    return None
+
+
+def _contains(outer: Box, inner: Box) -> bool:
+    if outer.size != inner.size:
+        return False
+    low = all(a <= b for a, b in zip(outer.lower, inner.lower, strict=True))
+    return low and all(a >= b for a, b in zip(outer.upper, inner.upper, strict=True))
+
+
 def _largest(
     network: Network, certificate: Certificate, domain: Domain, margins: Sequence[Fraction | None]
 ) -> InitialSet | Unavailable:
@@ -241,10 +275,14 @@ def _squares(P: Matrix, rows: Sequence[Vector]) -> list[Fraction]:
 
 def _radius(network: Network, P: Matrix, level: float) -> float:
     """Return r with x_d' P x_d <= level for every sum_i |x_i - mean|^2 <= r^2: level / r^2 is above the largest ratio."""
+    return _root_below(Fraction(level) / _ratio_above(P, _squared_distance(network)))
+
+
+def _squared_distance(network: Network) -> Matrix:
+    """Return D with x_d' D x_d = sum_i |x_i - mean|^2."""
     right = disagreement(network.graph, network.coordinates, exact_arithmetic=True).right
     centred = right - right.sum(axis=0) / network.N
-    D = np.kron(centred.T @ centred, eye(len(network.plant.A), P))
-    return _root_below(Fraction(level) / _ratio_above(P, D))
+    return np.kron(centred.T @ centred, eye(len(network.plant.A), right))
 
 
 def _ratio_above(P: Matrix, D: Matrix) -> Fraction:

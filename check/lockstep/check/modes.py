@@ -124,7 +124,7 @@ class Modes:
         """Return the inequality of one mode: the disturbance (sigma), and the nonlinearity (mu) as of a single difference."""
         unit, A = eye(1, self.plant.A)[0], self.plant.A
         found = (
-            disturbance(self.weight(claim), eye(len(A), A)),
+            disturbance(eye(self.size, A)[:, : len(A)], self.weight(claim), eye(len(A), A)),
             nonlinearity(self.plant, claim, [unit], self.size),
         )
         return Inequality(self.A_0, (self.U,), (self.Y(value),), found)

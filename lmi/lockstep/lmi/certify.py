@@ -2,9 +2,8 @@
 
 It imports no solver and believes nothing but the problem: the agent's matrices are derived again from its
 equations, alpha is proved again in interval arithmetic, the inequality is built again over the rationals, and
-an exact decision is made. What a reader has to trust is this file, `asked`, `stored_bound`, `scope`, `decide`,
-`inequality`, `definite`; `local` where the certificate is local; `modes` and `symmetric` for method `modal`;
-`floor.projected` and `floor.witness` for a floor of rho; and the model layer under them.
+an exact decision is made (`lockstep.check.certificate`). What a reader has to trust is `lockstep.check`, this file,
+`asked`, `stored_bound`, `scope`, and the model layer under them.
 """
 
 from collections.abc import Mapping
@@ -13,13 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.check.decide import decide
+from lockstep.check.certificate import decide_certificate, decide_floor
 from lockstep.check.errors import BoundNotProved
-from lockstep.check.floor.witness import proves_floor
 from lockstep.check.inequality import Claim
 from lockstep.check.local import InitialSet, Unavailable
-from lockstep.check.modes import ModalCertificate, decide_modes
-from lockstep.check.psd import Definiteness
 from lockstep.lmi.asked import shortfalls
 from lockstep.lmi.document import Stored
 from lockstep.lmi.scope import Scope, initial_states, scope_of
@@ -66,29 +62,16 @@ def certify(stored: Stored) -> Verdict:
     delta = np.tile([stored.fragility[letter] for letter in "ABCD"], (network.N, 1))
     weights = problem.state_weight(agent.n), problem.controller_weight(problem.order)
     claim = Claim(stored.alpha, *weights, delta, stored.entries)
-    if isinstance(c, ModalCertificate):
-        answer = decide_modes(network.matrices, stored.gains, claim, c)
-    else:
-        loop = network.loop(problem.order, exact_arithmetic=True)
-        answer = decide(loop, stored.gains.blocks, claim, c)
-    if not answer.positive:
-        return _refused(answer)
+    decided = decide_certificate(network.matrices, stored.gains, claim, c)
+    margin = decided.figures.get("margin", float("nan"))
+    if not decided.proved:
+        return Verdict(False, decided.reason, None, margin, decided.figures)
     short = list(shortfalls(stored))
     if short:
         return Verdict(False, f"the file claims less than its problem asks for: {'; '.join(short)}")
-    if stored.floor is not None and not proves_floor(
-        network.matrices, claim.alpha_of_floor, claim.R, stored.floor
-    ):
-        said = f"the file claims that no controllers certify a rho below {stored.floor.rho:.10g}"
-        return Verdict(False, f"{said}, but its floor_witness does not prove it")
-    reason = f"P > 0 and F < 0, decided exactly ({answer.method})"
+    floor = stored.floor and decide_floor(network.matrices, claim, stored.floor)
+    if floor and not floor.proved:
+        return Verdict(False, floor.reason)
     scope = scope_of(agent, bound)
     initial = initial_states(network, c) if scope == "local" else None
-    return Verdict(True, reason, scope, answer.margin, initial=initial)
-
-
-def _refused(answer: Definiteness) -> Verdict:
-    found = f"z' M z = {answer.value:.6g} <= 0 for a vector z of length 1 ({answer.method})"
-    vector = None if answer.vector is None else [float(entry) for entry in answer.vector]
-    figures = {"margin": answer.margin, "value": answer.value, "vector": vector}
-    return Verdict(False, f"the inequality does not hold: {found}", None, answer.margin, figures)
+    return Verdict(True, decided.reason, scope, margin, initial=initial)

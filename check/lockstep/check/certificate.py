@@ -1,0 +1,68 @@
+"""The continuous claims of a design: from exact matrices, gains, claims and proofs to one verdict for each claim.
+
+    the certificate     V' + x_d'R x_d + x_C'Q x_C < rho^2 |xi_d|^2 for every admitted phi and gain error (`decide`, `modes`)
+    the floor           no controllers certify a rho below the one claimed (`floor.witness`)
+    the initial states  from which the agents stay where the bound was proved (`local`)
+
+Each takes for granted what the ones before it decide, and that phi has the bounds of the claim on its domain.
+"""
+
+from lockstep.check.decide import decide
+from lockstep.check.floor.witness import FloorWitness, proves_floor
+from lockstep.check.inequality import Certificate, Claim
+from lockstep.check.local import Domain, InitialSet, better_than_proved
+from lockstep.check.loop import Gains
+from lockstep.check.modes import ModalCertificate, decide_modes
+from lockstep.check.network import Network
+from lockstep.check.psd import Definiteness
+from lockstep.check.verdict import Verdict
+
+
+def decide_certificate(
+    network: Network, gains: Gains, claim: Claim, certificate: Certificate | ModalCertificate
+) -> Verdict:
+    """Decide whether a certificate proves its rho for these gains and this claim; never undecided.
+
+    Raises:
+        ProblemError: a modal certificate for agents, a graph or gains that do not split into modes.
+    """
+    if not certificate.rho > 0 or not claim.alpha >= 0:
+        said = f"rho = {certificate.rho:g} and alpha = {claim.alpha:g}"
+        return Verdict("refuted", f"{said} are claimed: rho must be positive and alpha not negative")
+    if isinstance(certificate, ModalCertificate):
+        answer = decide_modes(network, gains, claim, certificate)
+    else:
+        answer = decide(network.loop(gains.order, exact_arithmetic=True), gains.blocks, claim, certificate)
+    if answer.positive:
+        reason = f"P > 0 and F < 0, decided exactly ({answer.method})"
+        return Verdict("proved", reason, {"margin": answer.margin})
+    return _refuted(answer)
+
+
+def decide_floor(network: Network, claim: Claim, witness: FloorWitness) -> Verdict:
+    """Decide whether a witness proves that no controllers certify a rho below its own; one that does not refutes nothing."""
+    said = f"no controllers certify a rho below {witness.rho:.10g}"
+    if proves_floor(network, claim.alpha_of_floor, claim.R, witness):
+        return Verdict("proved", said, {"rho": witness.rho})
+    return Verdict("undecided", f"it is claimed that {said}, but its witness does not prove it")
+
+
+def decide_initial_set(
+    network: Network, certificate: Certificate | ModalCertificate, domain: Domain, claimed: InitialSet
+) -> Verdict:
+    """Decide whether a claimed set is one from which all agents stay in the domain and agree.
+
+    Raises:
+        ProblemError: an inner box of the claim that is not inside the domain.
+    """
+    found = better_than_proved(network, certificate, domain, claimed)
+    if found is None:
+        return Verdict("proved", claimed.text())
+    return Verdict("undecided", f"other initial states are claimed than are proved: {found}")
+
+
+def _refuted(answer: Definiteness) -> Verdict:
+    found = f"z' M z = {answer.value:.6g} <= 0 for a vector z of length 1 ({answer.method})"
+    vector = None if answer.vector is None else [float(entry) for entry in answer.vector]
+    figures = {"margin": answer.margin, "value": answer.value, "vector": vector}
+    return Verdict("refuted", f"the inequality does not hold: {found}", figures)
