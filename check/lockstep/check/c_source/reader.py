@@ -80,12 +80,18 @@ class _Agent:
     def __init__(self, file: CText, shape: Shape, real: Real, words: dict[str, str]) -> None:
         n, q, m, nn = shape
         self.file, self.shape, self.real = file, shape, real
-        zero, bits = "0.0f" if real == "float32" else "0.0", 32 if nn <= 32 else 64
-        self.words = words | {"real": "float" if real == "float32" else "double", "ZERO": zero}
+        kind, zero = ("float", "0.0f") if real == "float32" else ("double", "0.0")
+        bits = 32 if nn <= 32 else 64
+        self.words = words | {"real": kind, "ZERO": zero, "NOTHING": ", ".join([zero] * q)}
         self.words |= {"MASK": f"uint{bits}_t", "RECEIVED": f"0x{2**nn - 1:x}u" + "ll" * (bits > 32)}
         self.words |= {"ORDER": str(n), "OUTPUTS": str(q), "INPUTS": str(m), "NEIGHBOURS": str(nn)}
         self.words |= {"MESSAGES": str(nn * q), "ROWS": str(n + m), "COLUMNS": str(n + q)}
-        self.words |= {"AFTER": f"{n}u +" if n else "", "NOTHING": ", ".join([zero] * q)}
+        self.words["HEARD"] = f"const {kind} neighbour_y[{nn * q}]" if nn else f"const {kind} *neighbour_y"
+        states = (f"const {kind} x[{n}],", f"{kind} x_next[{n}],", "state->x, r, x_next,", f"{n}u +")
+        self.words |= dict(
+            zip(("XGIVEN", "XNEXT", "XPASSED", "AFTER"), states if n else ("", "", "r,", ""), strict=True)
+        )
+        self.words["KEPT"] = c.KEPT if shape.terms >= _LOOPS_FROM else ""
         self.kinds = {"hears" if nn else "alone"} | ({"state"} if n else set())
 
     def expected(self, code: str) -> str:
@@ -96,7 +102,7 @@ class _Agent:
         file, roundings = self.file, None
         file.expect(self.expected(c.SOURCE_TOP))
         if file.sees(self.expected(c.TABLE)):
-            self.kinds |= {"size", "kept"} if self.shape.terms >= _LOOPS_FROM else {"size"}
+            self.kinds.add("size")
             table = self.table()
         else:
             self.kinds.add("speed")
