@@ -26,6 +26,9 @@ _SOURCE = re.compile(
     r"^ \* +neighbour ([0-9]+) +([A-Za-z][A-Za-z0-9_]*), weight a = ([^ ,]{1,99}), bit 0x[0-9a-f]+ of `received`$",
     re.MULTILINE,
 )
+MAX_NEIGHBOURS = 64
+"""One bit of the `received` mask each, and no C99 integer is wider than 64 bits."""
+
 _LOOPS_FROM = 9
 """Products: below, a loop takes more bytes than its unrolled body, and is left to the compiler."""
 
@@ -59,6 +62,10 @@ def read_controller(name: str, header: str, source: str, names: Sequence[str]) -
     words = {"agent": name, "AGENT": name.upper()}
     top.expect(c.expected(c.HEADER_TOP, set(), words))
     shape = Shape(*(int(_macro(top, words, key)) for key in ("ORDER", "OUTPUTS", "INPUTS", "NEIGHBOURS")))
+    if not (shape.outputs and shape.inputs and shape.neighbours <= MAX_NEIGHBOURS):
+        raise top.refusal(
+            f"no agent has {shape.outputs} outputs, {shape.inputs} inputs, {shape.neighbours} neighbours"
+        )
     period = _macro(top, words, "PERIOD_S")
     real: Real = "float32" if period.endswith("f") else "float64"
     agent = _Agent(code, shape, real, words)
