@@ -203,8 +203,9 @@ def test_text_of_any_kind_is_refused_in_words(text):
         with pytest.raises(NotCertified):
             read(files, **changed)
     for macro in ("ORDER 2", "OUTPUTS 2", "INPUTS 1", "NEIGHBOURS 2"):
-        with pytest.raises(NotCertified):
-            read(files, h=header.replace(f"A1_{macro}", f"A1_{macro[:-1]}" + "9" * 5000))
+        for number in ("9" * 5000, "999", "65", "0", "02", "-1", "2 + 0"):
+            with pytest.raises(NotCertified):
+                read(files, h=header.replace(f"A1_{macro}", f"A1_{macro[:-1]}{number} "))
     first = source.index("{", source.index("a1_kernel")) + 1
     with pytest.raises(NotCertified):
         read(files, c=source[:first] + text + source[first:] + "x")

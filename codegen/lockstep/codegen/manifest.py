@@ -17,11 +17,12 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from lockstep.check.c_source.reader import MAX_NEIGHBOURS
 from lockstep.check.errors import ProblemError
 from lockstep.check.files import as_text, inside, read_inside
 from lockstep.check.sampled.discretise import Discretization, Real
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.spec import MAX_NEIGHBOURS, Optimize, check_identifier
+from lockstep.codegen.spec import Optimize, check_identifier
 
 FORMAT = "lockstep-controllers/1"
 FILE_NAME = "manifest.json"

@@ -19,7 +19,7 @@ from lockstep.check.sampled.discretise import sampled_controllers as held_contro
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import proves_rho
-from lockstep.check.sampled.sector import Sector, common_pair_weights, common_sector
+from lockstep.check.sampled.sector import Sector, common_sector
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import (
     HeldController,
@@ -31,6 +31,7 @@ from lockstep.lmi.sampled import (
     max_period,
     sampled_rho,
 )
+from lockstep.lmi.sampled.search import common_pair_weights
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
 

@@ -13,13 +13,11 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from lockstep.check.c_source.reader import MAX_NEIGHBOURS
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.discretise import Discretization, Real, check_period
 
 Optimize = Literal["speed", "size"]
-
-MAX_NEIGHBOURS = 64
-"""One bit of the `received` mask each, and no C99 integer is wider than 64 bits."""
 
 _KEYWORDS = frozenset(
     """auto break case char const continue default do double else enum extern float for goto if inline int

@@ -2,8 +2,8 @@
 
 `expected` leaves out the lines marked for other kinds of agents: `[state]` is for those of an order above 0, `[hears]`
 and `[alone]` for those with neighbours and without, `[speed]` for unrolled statements, `[size]` for a loop over a table,
-`[kept]` where that loop is to stay one, `[unit]` and `[weighted]` for weights that are all 1 or not. The words in
-capitals, `agent` and `real` are put in by `reader`.
+`[unit]` and `[weighted]` for weights that are all 1 or not. The words in capitals, `agent` and `real` are put in by
+`reader`; some are parts of argument lists that only such agents have.
 """
 
 import re
@@ -24,6 +24,12 @@ def expected(code: str, kinds: set[str], words: Mapping[str, str]) -> str:
     kept = [found[2] for found in lines if found and set(re.findall("[a-z]+", found[1])) <= kinds]
     return _WORD.sub(lambda found: words.get(found[1] or found[2], found[0]), "\n".join(kept))
 
+
+KEPT = """
+#if defined(__clang__)
+#pragma clang loop unroll(disable)
+#endif
+"""
 
 HEADER_TOP = """
 #ifndef AGENT_H
@@ -46,10 +52,7 @@ typedef struct {
 } agent_state_t;
 void agent_init(agent_state_t *state);
 void agent_reset(agent_state_t *state);
-agent_status_t agent_step(agent_state_t *state, const real y[OUTPUTS],
-[hears]    const real neighbour_y[MESSAGES],
-[alone]    const real *neighbour_y,
-           agent_mask_t received, real u[INPUTS]);
+agent_status_t agent_step(agent_state_t *state, const real y[OUTPUTS], HEARD, agent_mask_t received, real u[INPUTS]);
 agent_status_t agent_step_relative(agent_state_t *state, const real r[OUTPUTS], real u[INPUTS]);
 #ifdef __cplusplus
 }
@@ -87,13 +90,7 @@ SOURCE_TOP = """
 
 TABLE = "static const real agent_gain[ROWS][COLUMNS] = {"
 
-KERNEL = """
-static void agent_kernel(
-[state]    const real x[ORDER],
-           const real r[OUTPUTS],
-[state]    real x_next[ORDER],
-           real u_next[INPUTS]) {
-"""
+KERNEL = "static void agent_kernel(XGIVEN const real r[OUTPUTS], XNEXT real u_next[INPUTS]) {"
 
 SOURCE = """
 [speed] UNREAD }
@@ -101,27 +98,17 @@ SOURCE = """
 [speed]    agent_status_t status = AGENT_OVERFLOW;
 [speed][state] real x_next[ORDER];
 [speed]    real u_next[INPUTS]; real check;
-[speed]    agent_kernel(
-[speed][state] state->x,
-[speed]    r,
-[speed][state] x_next,
-[speed]    u_next);
+[speed]    agent_kernel(XPASSED u_next);
 [speed]    CHECKS if (check == ZERO) { WRITES status = AGENT_OK; } return status; }
 [size] };
 [size] static agent_status_t agent_advance(agent_state_t *state, const real r[OUTPUTS], real inputs) {
 [size]    agent_status_t status = (inputs == ZERO) ? AGENT_OVERFLOW : AGENT_NOT_FINITE;
 [size]    real next[ROWS]; real check = inputs; uint32_t i; uint32_t j;
-[kept]#if defined(__clang__)
-[kept]#pragma clang loop unroll(disable)
-[kept]#endif
+[size]KEPT
 [size]    for (i = 0u; i < ROWSu; i++) { real sum = ZERO;
-[kept][state]#if defined(__clang__)
-[kept][state]#pragma clang loop unroll(disable)
-[kept][state]#endif
+[size][state]KEPT
 [size][state] for (j = 0u; j < ORDERu; j++) { const real product = agent_gain[i][j] * state->x[j]; sum = sum + product; }
-[kept]#if defined(__clang__)
-[kept]#pragma clang loop unroll(disable)
-[kept]#endif
+[size]KEPT
 [size]       for (j = 0u; j < OUTPUTSu; j++) { const real product = agent_gain[i][AFTER j] * r[j]; sum = sum + product; }
 [size]       next[i] = sum; check = check + (sum - sum); }
 [size]    if (check == ZERO) {
@@ -139,7 +126,8 @@ void agent_reset(agent_state_t *state) { uint32_t k;
     for (k = 0u; k < INPUTSu; k++) { state->u[k] = ZERO; }
 [hears] state->heard = 0u; for (j = 0u; j < NEIGHBOURSu; j++) {
 [hears]     for (k = 0u; k < OUTPUTSu; k++) { state->held[j][k] = ZERO; } state->age[j] = 0u; }
-} void agent_init(agent_state_t *state) {
+}
+void agent_init(agent_state_t *state) {
 [hears] uint32_t j; for (j = 0u; j < NEIGHBOURSu; j++) { state->misses[j] = 0u; }
     agent_reset(state); }
 agent_status_t agent_step_relative(agent_state_t *state, const real r[OUTPUTS], real u[INPUTS]) {
@@ -157,7 +145,8 @@ WEIGHTS = "static const real weight[NEIGHBOURS] ="
 
 SOURCE_END = """
 [hears][size] real check = ZERO;
-[hears]     uint32_t j; uint32_t k; for (k = 0u; k < OUTPUTSu; k++) { r[k] = ZERO;
+[hears]     uint32_t j; uint32_t k;
+[hears]     for (k = 0u; k < OUTPUTSu; k++) { r[k] = ZERO;
 [hears][size] check = check + (y[k] - y[k]);
 [hears]     } for (j = 0u; j < NEIGHBOURSu; j++) {
 [hears]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j); const real *source = y;
@@ -169,7 +158,8 @@ SOURCE_END = """
 [hears][size]       check = check + (source[k] - source[k]);
 [hears] } }
 [hears][size] return check;
-[hears] } static void agent_remember(agent_state_t *state, const real neighbour_y[MESSAGES], agent_mask_t received) {
+[hears] }
+[hears] static void agent_remember(agent_state_t *state, const real neighbour_y[MESSAGES], agent_mask_t received) {
 [hears]     uint32_t j; uint32_t k; for (j = 0u; j < NEIGHBOURSu; j++) {
 [hears]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j);
 [hears]         if ((received & bit) != 0u) {
@@ -183,10 +173,7 @@ SOURCE_END = """
 [hears][speed]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j);
 [hears][speed]         if ((received & bit) != 0u) { check = check + agent_check(&neighbour_y[j * OUTPUTSu], OUTPUTSu); } }
 [hears][speed]     return (check == ZERO) ? AGENT_OVERFLOW : AGENT_NOT_FINITE; }
-agent_status_t agent_step(agent_state_t *state, const real y[OUTPUTS],
-[hears] const real neighbour_y[MESSAGES],
-[alone] const real *neighbour_y,
-    agent_mask_t received, real u[INPUTS]) {
+agent_status_t agent_step(agent_state_t *state, const real y[OUTPUTS], HEARD, agent_mask_t received, real u[INPUTS]) {
 [hears]        real r[OUTPUTS];
 [hears][speed] agent_status_t status; agent_relative(state, y, neighbour_y, received, r);
 [hears][speed] status = agent_advance(state, r);

@@ -26,6 +26,9 @@ _SOURCE = re.compile(
     r"^ \* +neighbour ([0-9]+) +([A-Za-z][A-Za-z0-9_]*), weight a = ([^ ,]{1,99}), bit 0x[0-9a-f]+ of `received`$",
     re.MULTILINE,
 )
+MAX_NEIGHBOURS = 64
+"""One bit of the `received` mask each, and no C99 integer is wider than 64 bits."""
+
 _LOOPS_FROM = 9
 """Products: below, a loop takes more bytes than its unrolled body, and is left to the compiler."""
 
@@ -59,6 +62,10 @@ def read_controller(name: str, header: str, source: str, names: Sequence[str]) -
     words = {"agent": name, "AGENT": name.upper()}
     top.expect(c.expected(c.HEADER_TOP, set(), words))
     shape = Shape(*(int(_macro(top, words, key)) for key in ("ORDER", "OUTPUTS", "INPUTS", "NEIGHBOURS")))
+    if not (shape.outputs and shape.inputs and shape.neighbours <= MAX_NEIGHBOURS):
+        raise top.refusal(
+            f"no agent has {shape.outputs} outputs, {shape.inputs} inputs, {shape.neighbours} neighbours"
+        )
     period = _macro(top, words, "PERIOD_S")
     real: Real = "float32" if period.endswith("f") else "float64"
     agent = _Agent(code, shape, real, words)
@@ -80,12 +87,18 @@ class _Agent:
     def __init__(self, file: CText, shape: Shape, real: Real, words: dict[str, str]) -> None:
         n, q, m, nn = shape
         self.file, self.shape, self.real = file, shape, real
-        zero, bits = "0.0f" if real == "float32" else "0.0", 32 if nn <= 32 else 64
-        self.words = words | {"real": "float" if real == "float32" else "double", "ZERO": zero}
+        kind, zero = ("float", "0.0f") if real == "float32" else ("double", "0.0")
+        bits = 32 if nn <= 32 else 64
+        self.words = words | {"real": kind, "ZERO": zero, "NOTHING": ", ".join([zero] * q)}
         self.words |= {"MASK": f"uint{bits}_t", "RECEIVED": f"0x{2**nn - 1:x}u" + "ll" * (bits > 32)}
         self.words |= {"ORDER": str(n), "OUTPUTS": str(q), "INPUTS": str(m), "NEIGHBOURS": str(nn)}
         self.words |= {"MESSAGES": str(nn * q), "ROWS": str(n + m), "COLUMNS": str(n + q)}
-        self.words |= {"AFTER": f"{n}u +" if n else "", "NOTHING": ", ".join([zero] * q)}
+        self.words["HEARD"] = f"const {kind} neighbour_y[{nn * q}]" if nn else f"const {kind} *neighbour_y"
+        states = (f"const {kind} x[{n}],", f"{kind} x_next[{n}],", "state->x, r, x_next,", f"{n}u +")
+        self.words |= dict(
+            zip(("XGIVEN", "XNEXT", "XPASSED", "AFTER"), states if n else ("", "", "r,", ""), strict=True)
+        )
+        self.words["KEPT"] = c.KEPT if shape.terms >= _LOOPS_FROM else ""
         self.kinds = {"hears" if nn else "alone"} | ({"state"} if n else set())
 
     def expected(self, code: str) -> str:
@@ -96,7 +109,7 @@ class _Agent:
         file, roundings = self.file, None
         file.expect(self.expected(c.SOURCE_TOP))
         if file.sees(self.expected(c.TABLE)):
-            self.kinds |= {"size", "kept"} if self.shape.terms >= _LOOPS_FROM else {"size"}
+            self.kinds.add("size")
             table = self.table()
         else:
             self.kinds.add("speed")

@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from lockstep.check.numbers import exactly
+from lockstep.check.numbers import Matrix, exactly
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.conjugate import no_conjugate_point
 from lockstep.check.sampled.controller import HeldController, Network
@@ -112,16 +112,25 @@ def proves(exact_loop: SampledLoop, one: Lifted, witness: Witness) -> bool:
 
     That the period holds no conjugate point is to be shown apart.
     """
-    if not witness.fits(exact_loop) or np.any(witness.m < 0) or np.any(witness.t < 0):
+    if not 0 < witness.decay < 1:
         return False
-    if not (0 < witness.decay < 1 and witness.weight >= 0 and min(witness.kappa, witness.kappa_mu) >= 0):
-        return False
-    if not np.array_equal(witness.P, witness.P.T) or not balls.is_positive_definite(exactly(witness.P)):
-        return False
-    M = multiplier(exact_loop.network.d, exactly(witness.m))
-    if not balls.is_positive_definite(M) or not _bounds_the_distance(exact_loop, witness):
+    M = admitted_multiplier(exact_loop, witness)
+    if M is None or not _bounds_the_distance(exact_loop, witness):
         return False
     return balls.is_positive_definite(W_matrix(exact_loop, copies(one, M), witness))
+
+
+def admitted_multiplier(exact_loop: SampledLoop, witness: Witness) -> Matrix | None:
+    """Return M in balls, or None unless the sizes fit, P = P' > 0, M > 0, and m, t, kappa and weight are not negative."""
+    numbers = [witness.weight, witness.kappa, witness.kappa_mu]
+    if not witness.fits(exact_loop) or not all(
+        np.all(np.asarray(v) >= 0) for v in (witness.m, witness.t, numbers)
+    ):
+        return None
+    if not np.array_equal(witness.P, witness.P.T) or not balls.is_positive_definite(exactly(witness.P)):
+        return None
+    M = multiplier(exact_loop.network.d, exactly(witness.m))
+    return M if balls.is_positive_definite(M) else None
 
 
 def _bounds_the_distance(exact_loop: SampledLoop, witness: Witness) -> bool:

@@ -110,11 +110,7 @@ def rounded_to(real: Real, M: Annotated[np.ndarray, "..."], where: str) -> Annot
 
 
 def sampled_controllers(
-    gains: Gains,
-    edges: Iterable[tuple[int, int, float]],
-    period: float,
-    method: Discretization,
-    real: Real,
+    gains: Gains, edges: Iterable[tuple[int, int, float]], period: float, method: Discretization, real: Real
 ) -> tuple[HeldController, ...]:
     """Return the gains sampled with a period and rounded to a type, rows and sums running from left to right.
 

@@ -19,10 +19,11 @@ from typing import Annotated
 
 import numpy as np
 
-from lockstep.check.numbers import Matrix, converter, exactly, eye, is_exact, zeros
+from lockstep.check.numbers import Matrix, converter, eye, is_exact, zeros
 from lockstep.check.sampled import balls
+from lockstep.check.sampled.certify import admitted_multiplier
 from lockstep.check.sampled.conjugate import no_conjugate_point
-from lockstep.check.sampled.inequality import W_matrix, Witness, multiplier
+from lockstep.check.sampled.inequality import W_matrix, Witness
 from lockstep.check.sampled.lifting import Lifted, lift
 from lockstep.check.sampled.loop import SampledLoop
 
@@ -45,31 +46,18 @@ class SampledRho:
 
 def proves_rho(exact_loop: SampledLoop, weights: Weights, found: SampledRho) -> bool:
     """Decide in balls whether P > 0, m >= 0, t >= 0, M > 0 and W > 0, and that the period holds no conjugate point."""
-    witness = found.witness
-    if not witness.fits(exact_loop) or np.any(witness.m < 0) or np.any(witness.t < 0):
-        return False
+    witness, network = found.witness, exact_loop.network
     if not (witness.decay == 1 and witness.weight == 0 and found.rho > 0):
         return False
-    if min(witness.kappa, witness.kappa_mu) < 0:
-        return False
     with balls.working_precision():
-        M = multiplier(exact_loop.network.d, exactly(witness.m))
-        P = exactly(witness.P)
-        if (
-            not np.array_equal(P, P.T)
-            or not balls.is_positive_definite(P)
-            or not balls.is_positive_definite(M)
-        ):
+        M = admitted_multiplier(exact_loop, witness)
+        if M is None:
             return False
         EE, FF = ways(exact_loop, weights, M, found.rho)
-        unit = eye(exact_loop.network.d.N - 1, M)
-        if not no_conjugate_point(
-            np.kron(unit, exact_loop.network.plant.A), EE, FF, exact_loop.network.period
-        ):
+        if not no_conjugate_point(np.kron(eye(network.d.N - 1, M), network.plant.A), EE, FF, network.period):
             return False
-        lifted = lift_all(exact_loop, EE, FF)
-        W = W_matrix(exact_loop, lifted, witness, running_cost(exact_loop, weights))
-        return balls.is_positive_definite(W)
+        lifted, running = lift_all(exact_loop, EE, FF), running_cost(exact_loop, weights)
+        return balls.is_positive_definite(W_matrix(exact_loop, lifted, witness, running))
 
 
 def running_cost(loop: SampledLoop, weights: Weights) -> Matrix:

@@ -22,7 +22,6 @@ from typing import Annotated
 import numpy as np
 
 from lockstep.check.bound.result import Entry
-from lockstep.check.inequality import Certificate
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,18 +63,6 @@ def common_sector(
     return Sector(
         np.array([_below(value / unit) for value in Q]), np.array([_above(value / unit) for value in W])
     )
-
-
-def common_pair_weights(
-    entries: Sequence[Entry], certificate: Certificate, sector: Sector
-) -> Annotated[np.ndarray, " pairs"]:
-    """Return weights with which the sector is about what each pair has in the continuous certificate: a first guess."""
-    total = len(sector.Q) * certificate.m
-    for k in {one.component for one in entries}:
-        rows = [c for c, one in enumerate(entries) if one.component == k]
-        with np.errstate(divide="ignore"):
-            total = total + 1 / (1 / certificate.m_entries[rows]).sum(axis=0)
-    return np.asarray(total / sector.Q.sum())
 
 
 def _exact(value: float) -> Fraction:

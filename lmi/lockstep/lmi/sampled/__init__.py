@@ -1,10 +1,7 @@
 """The certificate of the controllers that ship: sampled, held, in rounded floating point, proved in ball arithmetic.
 
-controller   what one agent computes: its coefficients, and how often each of them is rounded
-lifting      one period of the agents with their nonlinearity, as a matrix of the state at its start and a held input
-conjugate    why that matrix exists: no conjugate point within the period
-loop         the sampled loop in disagreement coordinates, with every way in for an error
-inequality   the dissipation inequality of that loop, in doubles or in balls
+The decision is the checker's: `lockstep.check.sampled`. Here are
+
 search       the multiplier under which the gain around the nonlinearity is small, in doubles
 storage      the inequality as a Riccati inequality in P, and the two ends of its solutions, in doubles
 candidates   witnesses for it, those that pass little noise on first, in doubles

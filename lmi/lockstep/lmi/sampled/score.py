@@ -10,10 +10,11 @@ from lockstep.check.inequality import Certificate, Claim, split
 from lockstep.check.loop import Loop
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, Network
 from lockstep.check.sampled.performance import Weights
-from lockstep.check.sampled.sector import common_pair_weights, common_sector
+from lockstep.check.sampled.sector import common_sector
 from lockstep.lmi.sampled.certify import in_doubles
 from lockstep.lmi.sampled.improve import usable
 from lockstep.lmi.sampled.performance import least_rho
+from lockstep.lmi.sampled.search import common_pair_weights
 from lockstep.lmi.sampled.tustin import tustin
 from lockstep.model.network import Network as Agents
 from lockstep.model.problem import Problem

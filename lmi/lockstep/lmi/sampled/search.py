@@ -3,12 +3,17 @@
 Nothing here is believed: what is found is proved elsewhere.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.bound.result import Entry
+from lockstep.check.inequality import Certificate
 from lockstep.check.sampled.inequality import multiplier
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop
+from lockstep.check.sampled.sector import Sector
 
 FREQUENCIES = np.concatenate([[0.0], np.geomspace(1e-4, np.pi, 160)])
 """In rad per period. A peak between two of them only makes the multiplier a little worse."""
@@ -110,3 +115,15 @@ def _scaled(m: Float[np.ndarray, " pairs"]) -> Float[np.ndarray, " pairs"]:
     total = m.sum()
     share = m / total if total > 0 else np.full(len(m), 1 / max(len(m), 1))
     return np.asarray(np.maximum(share, 1e-9))
+
+
+def common_pair_weights(
+    entries: Sequence[Entry], certificate: Certificate, sector: Sector
+) -> Float[np.ndarray, " pairs"]:
+    """Return weights with which the sector is about what each pair has in the continuous certificate: a first guess."""
+    total = len(sector.Q) * certificate.m
+    for k in {one.component for one in entries}:
+        rows = [c for c, one in enumerate(entries) if one.component == k]
+        with np.errstate(divide="ignore"):
+            total = total + 1 / (1 / certificate.m_entries[rows]).sum(axis=0)
+    return np.asarray(total / sector.Q.sum())
