@@ -58,12 +58,17 @@ def respond(as_json: bool, work: Callable[[], Answer]) -> None:
         raise typer.Exit(FAILS)
 
 
+def remark(said: str) -> None:
+    """Say something beside the answer, on standard error."""
+    errors.print(f"lockstep: {said}", markup=False)
+
+
 def misused(message: str) -> int:
     """Answer a command line that no command understands with JSON, and return the exit status.
 
     The keys are those of every other bad input; what was expected is in the message.
     """
-    errors.print(f"lockstep: {message}", markup=False)
+    remark(message)
     error = {"kind": "usage", "message": message, "found": message, "where": "command line"}
     _print_json({"ok": False, "error": {**error, "expected": "", "remedy": "see `lockstep --help`"}})
     return BAD_INPUT
@@ -135,7 +140,7 @@ def plain(value: Any) -> Any:
 
 
 def _leave(as_json: bool, document: Mapping[str, Any], message: str, status: int) -> NoReturn:
-    errors.print(f"lockstep: {message}", markup=False)
+    remark(message)
     if as_json:
         _print_json(document)
     raise typer.Exit(status)
