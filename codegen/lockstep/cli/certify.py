@@ -55,7 +55,7 @@ def _with_design(content: dict[str, Any], stored: "Stored", verdict: "Verdict") 
     """Certify a design file alone: its gains, and the controllers they are sampled and rounded to."""
     from lockstep.codegen.sampled_design import prove_design
 
-    held = prove_design(stored, content)
+    held = prove_design(stored, content, longest=verdict.certified)
     sampled, document = held.figures(), certificate_document(content, stored, verdict)
     broken = broken_claim(content, sampled)
     if verdict.certified and broken:

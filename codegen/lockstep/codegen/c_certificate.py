@@ -83,7 +83,7 @@ def certify_folder(
         return FolderVerdict(HeldVerdict(refused), tuple(differences))
     differences += _differences(read, manifest, period)
     controllers = tuple(one.controller for one in read)
-    held = prove_controllers(stored, network.at(period), controllers, content)
+    held = prove_controllers(stored, network.at(period), controllers, content, longest=verdict.certified)
     differences += _overstated(held, content)
     if verdict.certified:
         differences += differs(folder, _rendered(folder, stored, content, verdict, manifest))

@@ -84,7 +84,13 @@ class HeldVerdict:
         }
 
 
-def prove_design(stored: Stored, content: Mapping[str, Any], guess: PairWeights | None = None) -> HeldVerdict:
+def prove_design(
+    stored: Stored,
+    content: Mapping[str, Any],
+    guess: PairWeights | None = None,
+    *,
+    longest: bool = True,
+) -> HeldVerdict:
     """Prove what the C of a design file will compute: its gains sampled and rounded as `emit` does.
 
     The counts of roundings are those of full rows; C that skips zeros rounds less often.
@@ -92,6 +98,7 @@ def prove_design(stored: Stored, content: Mapping[str, Any], guess: PairWeights 
     Args:
         stored: the design;  content: the same as JSON types: the witnesses in it are tried first.
         guess: pair weights to start from; by default those of the design.
+        longest: whether to look for the largest period too.
     """
     period, delay = stored.problem.controller.period, stored.problem.controller.delay
     try:
@@ -99,7 +106,7 @@ def prove_design(stored: Stored, content: Mapping[str, Any], guess: PairWeights 
         controllers = sampled_controllers(stored, period)
     except (BoundNotProved, ProblemError) as error:
         return HeldVerdict(SampledVerdict(False, str(error), period, delay))
-    return prove_controllers(stored, network, controllers, content, guess)
+    return prove_controllers(stored, network, controllers, content, guess, longest=longest)
 
 
 def prove_controllers(

@@ -86,6 +86,8 @@ def certify(stored: Stored) -> Verdict:
 
 
 def _refused(answer: Definiteness) -> Verdict:
+    if not answer.decided:
+        return Verdict(False, answer.method, None, answer.margin)
     found = f"z' M z = {answer.value:.6g} <= 0 for a vector z of length 1 ({answer.method})"
     vector = None if answer.vector is None else [float(entry) for entry in answer.vector]
     figures = {"margin": answer.margin, "value": answer.value, "vector": vector}
