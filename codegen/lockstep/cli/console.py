@@ -16,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lockstep.check.errors import ClaimError, ProblemError
+from lockstep.check.wording import visible
 from lockstep.cli.progress_lines import ProgressLines
 
 HOLDS, FAILS, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -60,7 +61,7 @@ def respond(as_json: bool, work: Callable[[], Answer]) -> None:
 
 def remark(said: str) -> None:
     """Say something beside the answer, on standard error."""
-    errors.print(f"lockstep: {said}", markup=False)
+    errors.print(f"lockstep: {visible(said)}", markup=False)
 
 
 def misused(message: str) -> int:
@@ -105,8 +106,8 @@ def two_columns(title: str, rows: Mapping[str, str]) -> RenderableType:
     table.add_column(no_wrap=True, style="bold")
     table.add_column(overflow="fold")
     for name, said in rows.items():
-        table.add_row(name, Text(said))
-    return Group(Text(title, style="bold underline"), table)
+        table.add_row(visible(name), Text(visible(said)))
+    return Group(Text(visible(title), style="bold underline"), table)
 
 
 def write_text(path: Path, text: str) -> None:
