@@ -109,7 +109,7 @@ def test_all_shapes_10_000_steps(tmp_path, group, real, optimize):
 def test_a_changed_gain_is_seen_on_the_target(tmp_path):
     folder = write_folder(emit(arms()), tmp_path / "arms")
     change(folder, "0.9909511f", "0.9909512f")
-    report = verify_folder(folder, targets=["cortex-m4f"], steps=50, adversarial_steps=0)
+    report = verify_folder(folder, targets=["cortex-m4f"], run_changed=True, steps=50, adversarial_steps=0)
     assert [a.bitwise for a in report.targets[0].agents] == [False, True, True]
 
 
@@ -121,7 +121,7 @@ def test_more_stack_or_flash_than_stated_is_a_broken_promise(tmp_path):
         + "".join(f"        waste[z] = (float)(z + {k}u);\n" for k in range(40))
     )
     change(folder, "    float check;\n\n", f"    float check;\n{wasteful}    }}\n\n")
-    report = verify_folder(folder, targets=["cortex-m4f"], steps=20, adversarial_steps=0)
+    report = verify_folder(folder, targets=["cortex-m4f"], run_changed=True, steps=20, adversarial_steps=0)
     assert report.targets[0].bitwise
     assert any("bytes of stack, its header says at most" in problem for problem in report.problems)
     assert any("bytes of flash, its header says at most" in problem for problem in report.problems)
@@ -152,7 +152,7 @@ def test_the_image_calls_nothing_that_is_not_ours(tmp_path):
 def test_a_wild_write_stops_the_core_and_is_reported(tmp_path):
     folder = write_folder(emit(arms()), tmp_path / "arms")
     change(folder, "    float check;\n", "    float check;\n    *(volatile uint32_t *)0x70000000u = 1u;\n")
-    report = verify_folder(folder, targets=["cortex-m4f"], steps=50, adversarial_steps=0)
+    report = verify_folder(folder, targets=["cortex-m4f"], run_changed=True, steps=50, adversarial_steps=0)
     assert not report.ok
     assert "the emulated core stopped" in report.targets[0].error
 

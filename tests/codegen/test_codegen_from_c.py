@@ -84,7 +84,7 @@ def differences(tmp_path, monkeypatch):
         shutil.copytree(GENERATED, folder)
         change(folder)
         content = load_json(folder / "design.json")
-        stored, verdict = parse(content, "design.json"), Verdict(True, "not asked")
+        stored, verdict = parse(content, "design.json"), Verdict(True, "not asked", "global")
         return c_certificate.certify_folder(folder, stored, content, verdict).differences
 
     return of
@@ -117,5 +117,5 @@ def test_agents_in_another_order_are_told(differences):
         turned = manifest.model_copy(update={"agents": (first, second, *others)}).sealed()
         (folder / "manifest.json").write_text(turned.text())
 
-    (line,) = differences(swap)
+    line, *_ = differences(swap)
     assert "arm2, arm1, arm3" in line

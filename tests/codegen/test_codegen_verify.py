@@ -96,7 +96,7 @@ def test_a_gain_changed_by_one_unit_in_the_last_place_is_a_mismatch(tmp_path):
     gain = re.search(r"(-?\d\.\d+)f \* r0", (folder / "src" / "arm1.c").read_text()).group(1)
     other = str(np.nextafter(np.float32(gain), np.float32(9)))
     break_source(folder, f"{gain}f * r0", f"{other}f * r0")
-    report = verify_folder(folder, targets=["host"], **QUICK)
+    report = verify_folder(folder, targets=["host"], run_changed=True, **QUICK)
     assert not report.ok and report.changed_files == ("src/arm1.c",)
     assert [a.bitwise for a in report.targets[0].agents] == [False, True, True]
     assert report.targets[0].max_abs_error > 0
@@ -120,7 +120,7 @@ def test_a_gain_changed_by_one_unit_in_the_last_place_is_a_mismatch(tmp_path):
 def test_small_changes_of_behaviour_are_seen(tmp_path, old, new):
     folder = folder_of(tmp_path, arms())
     break_source(folder, old, new)
-    report = verify_folder(folder, targets=["host"], steps=300, adversarial_steps=3000)
+    report = verify_folder(folder, targets=["host"], run_changed=True, steps=300, adversarial_steps=3000)
     assert not report.ok and report.changed_files == ("src/arm1.c",)
 
 
@@ -153,7 +153,7 @@ def test_a_changed_header_a_missing_file_and_a_changed_manifest_are_reported(tmp
 def test_code_that_does_not_compile_is_a_failed_target_with_the_compilers_words(tmp_path):
     folder = folder_of(tmp_path, arms())
     break_source(folder, "check == 0.0f", "chekc == 0.0f")
-    report = verify_folder(folder, targets=["host"], **QUICK)
+    report = verify_folder(folder, targets=["host"], run_changed=True, **QUICK)
     assert not report.ok and "chekc" in report.targets[0].error
     assert str(tmp_path) not in report.targets[0].error or "src/arm1.c" in report.targets[0].error
 
@@ -162,12 +162,12 @@ def test_code_that_does_not_compile_is_a_failed_target_with_the_compilers_words(
 def test_code_that_crashes_or_hangs_does_not_take_us_along(tmp_path, monkeypatch):
     folder = folder_of(tmp_path, arms())
     break_source(folder, "    float check;\n", "    float check;\n    *(volatile int *)0 = 1;\n")
-    report = verify_folder(folder, targets=["host"], **QUICK)
+    report = verify_folder(folder, targets=["host"], run_changed=True, **QUICK)
     assert "failed (status -11)" in report.targets[0].error
     folder = write_folder(emit(arms()), tmp_path / "hang")
     break_source(folder, "    float check;\n", "    float check;\n    for (;;) {\n    }\n")
     monkeypatch.setattr("lockstep.verification.harness.RUN_SECONDS", 1)
-    report = verify_folder(folder, targets=["host"], **QUICK)
+    report = verify_folder(folder, targets=["host"], run_changed=True, **QUICK)
     assert "took longer than 1 s" in report.targets[0].error
 
 

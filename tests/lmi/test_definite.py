@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from lockstep.check.numbers import exactly
-from lockstep.check.psd import Definiteness, decide_positive_definite
+from lockstep.check.psd import MOST_BITS, Definiteness, decide_positive_definite
 
 
 def decided(matrix: object) -> Definiteness:
@@ -164,3 +164,23 @@ def test_the_value_of_a_refutation_is_not_positive() -> None:
 def test_entries_near_the_largest_double_are_decided_without_a_warning() -> None:
     big = np.finfo(float).max
     assert not decided([[1.0, big], [big, 1.0]]).positive
+
+
+def test_wildly_scaled_numbers_are_not_decided_and_those_just_below_are() -> None:
+    """Of [[1, c], [c, 1 + c^2]] with c = 2^-k the determinant is 1; the last entry has 2 k + 1 bits."""
+    for k, decided_here in (((MOST_BITS - 1) // 2, True), (MOST_BITS // 2 + 1, False)):
+        c = fmpq(1, 2**k)
+        answer = decide_positive_definite(np.array([[fmpq(1), c], [c, 1 + c * c]], dtype=object))
+        assert (answer.positive, answer.decided) == (decided_here, decided_here)
+        assert decided_here or "too wildly scaled" in answer.method
+
+
+def test_the_exact_stage_stops_before_it_takes_hours() -> None:
+    """M = J + e I is positive definite; with e = 2^-1500 no double tells, and 60 rows are too many for the exact factor."""
+    for n, decided_here in ((4, True), (60, False)):
+        M = np.array(
+            [[fmpq(1) + (fmpq(1, 2**1500) if i == j else 0) for j in range(n)] for i in range(n)],
+            dtype=object,
+        )
+        answer = decide_positive_definite(M)
+        assert (answer.positive, answer.decided) == (decided_here, decided_here)

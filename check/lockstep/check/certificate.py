@@ -21,7 +21,7 @@ from lockstep.check.verdict import Verdict
 def decide_certificate(
     network: Network, gains: Gains, claim: Claim, certificate: Certificate | ModalCertificate
 ) -> Verdict:
-    """Decide whether a certificate proves its rho for these gains and this claim; never undecided.
+    """Decide whether a certificate proves its rho for these gains and this claim; undecided where its numbers are too long.
 
     Raises:
         ProblemError: a modal certificate for agents, a graph or gains that do not split into modes.
@@ -36,6 +36,8 @@ def decide_certificate(
     if answer.positive:
         reason = f"P > 0 and F < 0, decided exactly ({answer.method})"
         return Verdict("proved", reason, {"margin": answer.margin})
+    if not answer.decided:
+        return Verdict("undecided", answer.method, {"margin": answer.margin})
     return _refuted(answer)
 
 

@@ -24,6 +24,14 @@ FILTERED = 1e100
 """Entries from here up, with a diagonal of about 1, are left to the exact stage: doubles would overflow in the filter."""
 
 
+MOST_BITS = 2_000
+"""Of a numerator or denominator, after scaling. A double has 53 bits at one of 2 000 binary places, and an entry is a sum of
+products of two to four of them: numbers between 1e-60 and 1e60 stay below, and a proof needs no wider ones."""
+
+MOST_WORK = 5_000_000_000
+"""Rows^4 x bits of the exact stage, in which numbers grow with each row: some ten seconds."""
+
+
 @dataclass(frozen=True)
 class Definiteness:
     """The answer, and what shows it.
@@ -31,7 +39,8 @@ class Definiteness:
     positive: whether the matrix is positive definite;  method: which exact argument decided;  vector: z with
     z' M z <= 0 where it is not, z' z = 1 to rounding;  value: z' M z;  margin: the smallest eigenvalue of the
     matrix scaled
-    to a unit diagonal, in doubles, for information.
+    to a unit diagonal, in doubles, for information;  decided: false where the numbers are too long for an exact
+    answer, and then `positive` is false as well and `method` says why.
     """
 
     positive: bool
@@ -39,6 +48,7 @@ class Definiteness:
     margin: float
     vector: Annotated[np.ndarray, " n"] | None = None
     value: float = 0.0
+    decided: bool = True
 
 
 def decide_positive_definite(matrix: Annotated[np.ndarray, "n n"]) -> Definiteness:
@@ -57,6 +67,12 @@ def decide_positive_definite(matrix: Annotated[np.ndarray, "n n"]) -> Definitene
             return Definiteness(False, "diagonal", -np.inf, unit, as_floats(matrix[i : i + 1, i])[0])
     scale = np.array([fmpq(2) ** -k for k in _halvings(matrix)], dtype=object)
     scaled = matrix * np.outer(scale, scale)
+    bits = max(max(int(entry.p).bit_length(), int(entry.q).bit_length()) for entry in scaled.flat)
+    if bits > MOST_BITS:
+        said = (
+            f"entries too wildly scaled for exact arithmetic: a rational of {bits} bits, at most {MOST_BITS}"
+        )
+        return Definiteness(False, f"not decided, {said}", np.nan, decided=False)
     doubles = as_floats(scaled)
     margin = np.nan
     if np.abs(doubles).max() < FILTERED:
@@ -67,6 +83,9 @@ def decide_positive_definite(matrix: Annotated[np.ndarray, "n n"]) -> Definitene
         vector = exactly(vectors[:, 0])
         if margin < 0 and vector @ (scaled @ vector) <= 0:
             return _refuted("exact quadratic form", margin, vector * scale, matrix)
+    if len(matrix) ** 4 * bits > MOST_WORK:
+        said = f"too near the edge for {len(matrix)} rows of rationals of {bits} bits: the exact factor takes too long"
+        return Definiteness(False, f"not decided, {said}", margin, decided=False)
     violation = _ldl_violation(scaled)
     if violation is None:
         return Definiteness(True, "exact LDL'", margin)

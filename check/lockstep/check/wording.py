@@ -44,6 +44,15 @@ def _closing(text: str, start: int) -> int:
     return len(text)
 
 
+def visible(text: str) -> str:
+    r"""Return `text` with an escape for each character that is not printed as itself; line ends stay.
+
+    >>> visible("certified NO\x1b[2A")
+    'certified NO\\x1b[2A'
+    """
+    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+
+
 def shorten(text: str, width: int = 60) -> str:
     """Return `text` on one line of printable ASCII, cut in the middle when it is longer than `width`."""
     line = text if text.isascii() and text.isprintable() else ascii(text)[1:-1]

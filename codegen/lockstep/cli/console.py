@@ -16,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lockstep.check.errors import ClaimError, ProblemError
+from lockstep.check.wording import visible
 from lockstep.cli.progress_lines import ProgressLines
 
 HOLDS, FAILS, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -58,12 +59,17 @@ def respond(as_json: bool, work: Callable[[], Answer]) -> None:
         raise typer.Exit(FAILS)
 
 
+def remark(said: str) -> None:
+    """Say something beside the answer, on standard error."""
+    errors.print(f"lockstep: {visible(said)}", markup=False)
+
+
 def misused(message: str) -> int:
     """Answer a command line that no command understands with JSON, and return the exit status.
 
     The keys are those of every other bad input; what was expected is in the message.
     """
-    errors.print(f"lockstep: {message}", markup=False)
+    remark(message)
     error = {"kind": "usage", "message": message, "found": message, "where": "command line"}
     _print_json({"ok": False, "error": {**error, "expected": "", "remedy": "see `lockstep --help`"}})
     return BAD_INPUT
@@ -100,8 +106,8 @@ def two_columns(title: str, rows: Mapping[str, str]) -> RenderableType:
     table.add_column(no_wrap=True, style="bold")
     table.add_column(overflow="fold")
     for name, said in rows.items():
-        table.add_row(name, Text(said))
-    return Group(Text(title, style="bold underline"), table)
+        table.add_row(visible(name), Text(visible(said)))
+    return Group(Text(visible(title), style="bold underline"), table)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -135,7 +141,7 @@ def plain(value: Any) -> Any:
 
 
 def _leave(as_json: bool, document: Mapping[str, Any], message: str, status: int) -> NoReturn:
-    errors.print(f"lockstep: {message}", markup=False)
+    remark(message)
     if as_json:
         _print_json(document)
     raise typer.Exit(status)

@@ -164,12 +164,15 @@ def verify(
         list[str] | None,
         typer.Option(help="host, sanitizers or a core; may be repeated.", show_default="all of them"),
     ] = None,
+    run_changed: Annotated[
+        bool, typer.Option("--run-changed", help="Compile and run files that were changed, too.")
+    ] = False,
     json: Json = False,
 ) -> None:
-    """Compile the C and compare it, bit by bit, with the Python reference."""
+    """Compile and run the C, and compare it, bit by bit, with the Python reference."""
     from lockstep.cli.verify import run
 
-    run(folder, steps=steps, targets=target or (), as_json=json)
+    run(folder, steps=steps, targets=target or (), run_changed=run_changed, as_json=json)
 
 
 @app.command()

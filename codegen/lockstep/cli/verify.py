@@ -11,35 +11,39 @@ from rich.table import Table
 from rich.text import Text
 
 from lockstep.check.errors import ProblemError
-from lockstep.cli.console import Answer, plain, progress_display, respond
+from lockstep.cli.console import Answer, plain, progress_display, remark, respond
 from lockstep.cli.files import seen
 
 if TYPE_CHECKING:
     from lockstep.verification.verify import VerifyReport
 
 
-def run(folder: Path, *, steps: int, targets: Sequence[str], as_json: bool) -> None:
+def run(folder: Path, *, steps: int, targets: Sequence[str], run_changed: bool, as_json: bool) -> None:
     """Verify a generated folder."""
-    respond(as_json, lambda: _verify(folder, steps, targets))
+    respond(as_json, lambda: _verify(folder, steps, targets, run_changed))
 
 
-def _verify(folder: Path, steps: int, targets: Sequence[str]) -> Answer:
+def _verify(folder: Path, steps: int, targets: Sequence[str], run_changed: bool) -> Answer:
     with seen(folder):
         if folder.exists() and not folder.is_dir():
             raise ProblemError(
                 "it is no folder", where=str(folder), expected="a folder that `lockstep generate` wrote"
             )
-    report = verified(folder, steps, targets or None)
+    remark("verify compiles the C of the folder and runs it on this machine")
+    report = verified(folder, steps, targets or None, run_changed=run_changed)
     return Answer(plain(report.as_dict()), table_of(report), report.ok)
 
 
-def verified(folder: Path, steps: int, targets: Sequence[str] | None = None) -> "VerifyReport":
+def verified(
+    folder: Path, steps: int, targets: Sequence[str] | None = None, *, run_changed: bool = False
+) -> "VerifyReport":
     """Verify a folder with a progress display, on the nonlinear closed loop where the design is there.
 
     Args:
         folder: what `generate` wrote.
         steps: of the closed loop, and as many adversarial ones.
         targets: groups of targets; all of them by default.
+        run_changed: whether to compile and run files that were changed, too.
     """
     from lockstep.verification.verify import verify_folder
 
@@ -52,6 +56,7 @@ def verified(folder: Path, steps: int, targets: Sequence[str] | None = None) -> 
             adversarial_steps=steps,
             targets=targets,
             stimulus=stimulus,
+            run_changed=run_changed,
             progress=lambda what, done, total: tell(what, done / max(total, 1)),
         )
 

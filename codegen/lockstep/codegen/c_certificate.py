@@ -4,8 +4,9 @@
 from its design and what was proved, and compared byte by byte: headers, sources, CMakeLists.txt, README.md, manifest.json.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,16 +22,16 @@ from lockstep.codegen.emit import emit
 from lockstep.codegen.from_c import read_controllers
 from lockstep.codegen.from_design import specification
 from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files, load_manifest
-from lockstep.codegen.sampled_design import HeldVerdict, prove_controllers, sampled_network
+from lockstep.codegen.sampled_design import (
+    RESIDUALS,
+    HeldVerdict,
+    prove_controllers,
+    sampled_network,
+    stated_verdict,
+)
 from lockstep.lmi.certify import Verdict
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import SampledVerdict
-
-_RESIDUALS = {
-    "residual_per_message_error": "residual",
-    "residual_rms_per_message_error": "residual_rms",
-    "residual_from_underflow": "underflow",
-}
 
 
 @dataclass(frozen=True)
@@ -84,24 +85,21 @@ def certify_folder(
     differences += _differences(read, manifest, period)
     controllers = tuple(one.controller for one in read)
     held = prove_controllers(stored, network.at(period), controllers, content, longest=False)
-    # Where a proof fails that the files speak of, that is what is told; each file would differ by it.
-    if verdict.certified and (held.verdict.certified or not _claims_sampled(content)):
-        stated, overstated = _as_stated(held, content)
-        differences += overstated + differs(
-            folder, _rendered(folder, stored, content, verdict, manifest, stated)
-        )
+    differences += _overstated(held, content)
+    if verdict.certified:
+        differences += differs(folder, _rendered(folder, stored, content, verdict, manifest))
     return FolderVerdict(held, tuple(differences), not_proved(manifest))
 
 
 def _rendered(
-    folder: Path,
-    stored: Stored,
-    content: Mapping[str, Any],
-    verdict: Verdict,
-    manifest: Manifest,
-    held: HeldVerdict,
+    folder: Path, stored: Stored, content: Mapping[str, Any], verdict: Verdict, manifest: Manifest
 ) -> dict[str, str]:
-    """Return the text of every file that follows from the design; of the manifest only the hashes of others are read."""
+    """Return the text of every file that follows from the design; of the manifest only the hashes of others are read.
+
+    The files print what the design states of its sampled controllers, which does not depend on the last bits of a
+    machine; that it states no more than is proved is asked apart.
+    """
+    held = stated_verdict(stored, content)
     files = emit(specification(stored, verdict, content=content, optimize=manifest.optimize, held=held))
     others = {path: _bytes(folder, path) for path in manifest.files if path not in files}
     together = bundle(files, others)
@@ -116,31 +114,19 @@ def _bytes(folder: Path, path: str) -> bytes:
         return b""
 
 
-def _claims_sampled(content: Mapping[str, Any]) -> bool:
-    said = content.get("sampled")
-    return isinstance(said, Mapping) and said.get("certified") is True
+def _overstated(held: HeldVerdict, content: Mapping[str, Any]) -> Iterator[str]:
+    """Say which figure of a design file's sampled controllers claims more than is proved.
 
-
-def _as_stated(held: HeldVerdict, content: Mapping[str, Any]) -> tuple[HeldVerdict, list[str]]:
-    """Return what is proved with the residuals that the design file states, where these claim no more than is proved.
-
-    The files print what the file states, so that they do not depend on the last bits of another machine. `ROUNDED_UP`
-    leaves 1e-9 between a residual and the number printed: a claim less by a tenth of that is still above the residual.
+    `ROUNDED_UP` leaves 1e-9 between a residual and the number printed: a claim less by a tenth of that still holds.
     """
     said = content.get("sampled")
-    if not held.verdict.certified or not isinstance(said, Mapping):
-        return held, []
-    stated: dict[str, Any] = {}
-    overstated = []
-    for key, field in _RESIDUALS.items():
-        claimed, proved = said.get(key), getattr(held.verdict, field)
-        if isinstance(claimed, bool) or not isinstance(claimed, int | float):
-            continue
-        if claimed < proved * (1 - 1e-10):
-            overstated.append(f"{DESIGN_NAME} claims {key} = {claimed:g}, but {proved:g} is proved")
-        else:
-            stated[field] = float(claimed)
-    return replace(held, verdict=replace(held.verdict, **stated)), overstated
+    if not held.verdict.certified or not isinstance(said, Mapping) or said.get("certified") is not True:
+        return
+    proved = {key: getattr(held.verdict, field) * (1 - 1e-10) for key, field in RESIDUALS.items()}
+    for key, least in {**proved, "rho": math.inf if held.rho is None else held.rho.rho}.items():
+        claimed = said.get(key)
+        if claimed is not None and not (isinstance(claimed, int | float) and claimed >= least):
+            yield f"{DESIGN_NAME} claims {key} = {claimed!r} of the sampled loop, but {least:g} is proved"
 
 
 def certify_texts(

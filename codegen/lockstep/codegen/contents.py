@@ -8,10 +8,11 @@ import re
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
-from lockstep.check.errors import ProblemError
-from lockstep.check.files import entries_of, read_inside
+from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.check.files import as_text, entries_of, read_inside
 from lockstep.check.wording import shorten
-from lockstep.codegen.manifest import FILE_NAME, Manifest
+from lockstep.codegen.from_c import read_controller
+from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files
 
 DESIGN_NAME = "design.json"
 
@@ -61,6 +62,32 @@ def strangers(folder: Path, manifest: Manifest) -> list[str]:
     if len(found) > _MOST_LINES:
         found[_MOST_LINES:] = [f"and {len(found) - _MOST_LINES} more files that were not generated"]
     return found
+
+
+def refusals(folder: Path, manifest: Manifest) -> list[str]:
+    """Return why the C of a folder is not compiled and run unasked: what was added or changed, or is no C of ours.
+
+    Raises:
+        ProblemError: a source is missing, or no text.
+    """
+    found = strangers(folder, manifest)
+    found += [
+        f"{path} is not what {FILE_NAME} says: it was changed, or is missing"
+        for path in changed_files(folder, manifest)
+    ]
+    if found:
+        return found
+    agents = [agent.name for agent in manifest.agents]
+    known = sorted({*agents, *(one.source for agent in manifest.agents for one in agent.neighbours)})
+    try:
+        for name in agents:
+            header, source = (
+                as_text(read_inside(folder, path), path) for path in (f"include/{name}.h", f"src/{name}.c")
+            )
+            read_controller(name, header, source, known)
+    except NotCertified as error:
+        return [str(error)]
+    return []
 
 
 def differs(folder: Path, files: Mapping[str, str]) -> list[str]:

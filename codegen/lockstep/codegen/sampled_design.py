@@ -4,6 +4,7 @@ Both sides meet here: `lockstep.lmi.sampled` proves and knows no C, this layer s
 file says of its sampled controllers is never believed: its witnesses are put to the proof again.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -37,6 +38,13 @@ from lockstep.model.assembly import network_of
 
 FOR_PERIOD, NOT_FOR_PERIOD = "designed_for_period", "not_designed_for_period"
 """Of `sampled`: that the gains were designed for the sampled loop, not for the continuous one; or why they were not."""
+
+RESIDUALS = {
+    "residual_per_message_error": "residual",
+    "residual_rms_per_message_error": "residual_rms",
+    "residual_from_underflow": "underflow",
+}
+"""Keys of `sampled` in a design file: the fields of `SampledVerdict` that they state."""
 
 PairWeights = Float[np.ndarray, " pairs"]
 
@@ -139,6 +147,21 @@ def with_sampled(content: Mapping[str, Any], held: HeldVerdict) -> dict[str, Any
     said = _said(content)
     design = {key: said[key] for key in (FOR_PERIOD, NOT_FOR_PERIOD) if key in said}
     return {**content, "sampled": {**held.document(), **design}}
+
+
+def stated_verdict(stored: Stored, content: Mapping[str, Any]) -> HeldVerdict | None:
+    """Return what a design file states of its sampled controllers, believed for once: what its C's comments print."""
+    said, table = _said(content), stored.problem.controller
+    if said.get("certified") is not True:
+        return None
+    figures = {field: _figure(said.get(key)) for key, field in RESIDUALS.items()}
+    stated = SampledVerdict(True, "stated", table.period, table.delay, "ball", **figures)  # type: ignore[arg-type]
+    return HeldVerdict(stated, rho=_rho_in(content))
+
+
+def _figure(value: Any) -> float:
+    """Return a number of a file, or NaN, which prints as such, where there is none."""
+    return float(value) if isinstance(value, int | float) and abs(value) < 1e300 else math.nan
 
 
 def stated_rho(stored: Stored, content: Mapping[str, Any]) -> SampledRho | None:

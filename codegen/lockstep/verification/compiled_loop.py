@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
-from lockstep.codegen.manifest import Agent, Manifest, changed_files, load_manifest
+from lockstep.codegen.contents import refusals
+from lockstep.codegen.manifest import Agent, Manifest, load_manifest
 from lockstep.codegen.rendering import render
 from lockstep.model.simulation.sampled import SampledControllers
 from lockstep.verification.harness import layout, product_sources
@@ -97,9 +98,9 @@ def compiled_controllers(
     """
     folder = Path(folder)
     manifest = load_manifest(folder)
-    if changed := changed_files(folder, manifest):
+    if refused := refusals(folder, manifest):
         raise ProblemError(
-            f"`{changed[0]}` is not what manifest.json says it is",
+            refused[0],
             where=str(folder),
             remedy="generate the folder again: changed C is not run inside this process",
         )

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.errors import ClaimError, Mismatch, ProblemError
+from lockstep.codegen.contents import refusals
 from lockstep.codegen.manifest import Agent, Manifest, changed_files, load_manifest
 from lockstep.verification.comparison import Difference, compare
 from lockstep.verification.harness import Run
@@ -108,14 +109,17 @@ def verify_folder(
     targets: Sequence[str] | None = None,
     stimulus: Sequence[np.ndarray] | np.ndarray | None = None,
     progress: Progress | None = None,
+    run_changed: bool = False,
 ) -> VerifyReport:
-    """Check a generated folder against its manifest and its C against the reference.
+    """Check a generated folder against its manifest and its C against the reference: this compiles and runs code.
 
     steps              closed-loop steps: of `stimulus`, else of the manifest's plants, else of a built-in
     signal
     adversarial_steps  calls with subnormal, huge, alternating and non-finite values
     targets            names of target groups (see `targets.GROUPS`); default: all
     stimulus           outputs y of every agent, one S x q array each or one S x N x q array
+    run_changed        compile and run C that was changed since it was generated, or that has another form; without
+                       it such a folder is reported and nothing of it is compiled
     Raises `ProblemError` if there is no usable manifest or an argument is bad. Never raises for a mismatch:
     see `require`.
     """
@@ -126,6 +130,11 @@ def verify_folder(
         )
     manifest = load_manifest(folder)
     changed = changed_files(folder, manifest)
+    if not run_changed and (refused := refusals(folder, manifest)):
+        said = (
+            "nothing was compiled: `--run-changed` runs changed files all the same, with all that they may do"
+        )
+        return VerifyReport(False, (), changed, (*refused, said))
     chosen = targets_of(targets or GROUPS, manifest)
     tell = _Teller(progress, len(manifest.agents) * (1 + len(chosen)))
     calls = _calls(manifest, steps, adversarial_steps, stimulus)

@@ -11,6 +11,7 @@ import numpy as np
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.files import read_text
+from lockstep.check.limits import check_document
 
 A_DESIGN = "a file written by `lockstep design`"
 
@@ -31,12 +32,14 @@ def parse_json(text: str, where: str) -> Any:
         ProblemError: not JSON, a key given twice, or a number of thousands of digits.
     """
     try:
-        return json.loads(text, parse_constant=lambda _name: math.nan, object_pairs_hook=_object)
+        content = json.loads(text, parse_constant=lambda _name: math.nan, object_pairs_hook=_object)
+        check_document(content)
     except ProblemError as error:
         raise error.within(where) from None
     except (ValueError, RecursionError) as error:
         # Python refuses whole numbers of more than 4300 digits with a plain ValueError.
         raise ProblemError(f"it is not JSON ({error})", where=where, expected=A_DESIGN) from None
+    return content
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

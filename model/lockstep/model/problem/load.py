@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.files import read_text
+from lockstep.check.limits import check_document, check_toml
 from lockstep.model.problem.messages import problem_error
 from lockstep.model.problem.schema import ProblemFile
 
@@ -26,8 +27,9 @@ def parse_toml(text: str) -> dict[str, Any]:
     """Parse TOML.
 
     Raises:
-        ProblemError: not TOML, with the line and column.
+        ProblemError: not TOML, with the line and column, or more keys than a problem has.
     """
+    check_toml(text)
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -56,9 +58,10 @@ def parse_tables(document: Any) -> ProblemFile:
     """Check a document against the schema.
 
     Raises:
-        ProblemError: an unknown or missing key, a wrong type, or a value out of range, with its place in the
-            file.
+        ProblemError: too deep, too many keys, a text that hides others; an unknown or missing key, a wrong type, or
+            a value out of range, with its place in the file.
     """
+    check_document(document)
     try:
         return ProblemFile.model_validate(document)
     except ValidationError as error:

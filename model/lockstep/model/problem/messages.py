@@ -21,11 +21,10 @@ def problem_error(error: ValidationError) -> ProblemError:
     """Join the errors of a validation into one; misspelt keys first, for they are why others are missing."""
     details = [d for d in error.errors(include_url=False) if not _is_second_opinion(d["loc"])]
     details.sort(key=lambda d: d["type"] != "extra_forbidden")
-    errors = [_one(*_place(d)) for d in details]
-    first, rest = errors[0], errors[1:_MOST]
+    first, *rest = [_one(*_place(d)) for d in details[:_MOST]]
     if not rest:
         return first
-    more = len(errors) - 1 - len(rest)
+    more = len(details) - 1 - len(rest)
     others = [
         f"also {other.where}: {other.found}" if other.where else f"also {other.found}" for other in rest
     ]
@@ -147,7 +146,7 @@ def _shown(value: Any) -> str:
 
 def _is_second_opinion(location: Location) -> bool:
     """Tell apart: of `initial`, a list or "random", pydantic reports both as failed."""
-    return any(_is_type(location, k) and str(part).startswith("literal[") for k, part in enumerate(location))
+    return any(str(part).startswith("literal[") and _is_type(location, k) for k, part in enumerate(location))
 
 
 def _known(location: Location) -> Location:

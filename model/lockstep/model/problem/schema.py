@@ -18,7 +18,12 @@ Matrix = Many[Numbers]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 
+LONGEST_LINE = 200
+Line = Annotated[str, Field(max_length=LONGEST_LINE, pattern=r"^[^\t\r\n]*$")]
+
 MOST_ORDER = 64
+MOST_STATES, MOST_INPUTS, MOST_OUTPUTS = 64, 32, 32
+"""Of one agent. The agents' matrices are derived in exact arithmetic, and C is written for each entry."""
 
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 100.0
 """In s. Beyond them a period is a slip of the pen: it is 0 in float32, or a run has more steps than fit into memory."""
@@ -89,15 +94,22 @@ class AgentTable(Table):
     """[agent]: the agent all nodes of the network share."""
 
     name: str = Field(default="agent", description='a C identifier, such as "arm"')
-    states: Many[str] = Field(description='a list of names, such as ["position", "speed"]')
-    inputs: Many[str] = Field(description='a list of names, such as ["u"]')
+    states: Many[str] = Field(
+        max_length=MOST_STATES,
+        description=f'a list of names, such as ["position", "speed"] (at most {MOST_STATES})',
+    )
+    inputs: Many[str] = Field(
+        max_length=MOST_INPUTS, description=f'a list of names, such as ["u"] (at most {MOST_INPUTS})'
+    )
     parameters: dict[str, float] = Field(default={}, description="a finite number by name")
     dynamics: dict[str, str] = Field(
         description='a formula as text by state, such as speed = "-k*position + u"'
     )
-    outputs: Outputs = Field(description='a formula as text by name, such as y1 = "position"')
+    outputs: Outputs = Field(
+        max_length=MOST_OUTPUTS, description='a formula as text by name, such as y1 = "position"'
+    )
     domain: dict[str, Interval] = Field(default={}, description="[lower, upper] by state, as two numbers")
-    units: dict[str, str] = Field(
+    units: dict[str, Line] = Field(
         default={}, description='a unit as text by state, input or output, such as "rad"'
     )
     split: Literal["terms", "jacobian"] = Field(default="terms", description='"terms" or "jacobian"')
@@ -258,7 +270,7 @@ class SimulationTable(Table):
 class ProblemFile(Table):
     """The whole file."""
 
-    title: str = Field(default="", description="text")
+    title: Line = Field(default="", description=f"text on one line, of at most {LONGEST_LINE} characters")
     agent: AgentTable = Field(description="the table [agent]")
     network: NetworkTable = Field(description="the table [network]")
     design: DesignTable = Field(default=DesignTable(), description="the table [design]")
