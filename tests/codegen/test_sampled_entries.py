@@ -56,7 +56,7 @@ def test_they_are_proved_and_no_vertex_of_the_slopes_contradicts_it(stored):
     held = prove_design(stored, {})
     assert held.verdict.certified
     assert held.verdict.proof == "ball"
-    assert stored.certificate.rho < held.rho.rho < 3 * stored.certificate.rho
+    assert stored.proofs.certificate.rho < held.rho.rho < 3 * stored.proofs.certificate.rho
     assert held.longest.period > PERIOD
     assert "each single slope up to its bound" in signed_lines(held.verdict, stored)["assumes"]
     assert "single" not in signed_lines(held.verdict, replace(stored, entries=()))["assumes"]
@@ -67,14 +67,14 @@ def test_they_are_proved_and_no_vertex_of_the_slopes_contradicts_it(stored):
 
 
 def test_alpha_alone_does_not_prove_them(stored):
-    only = replace(stored.certificate, m=np.ones(3), m_entries=np.zeros((0, 3)))
+    only = replace(stored.proofs.certificate, m=np.ones(3), m_entries=np.zeros((0, 3)))
     held = prove_design(replace(stored, entries=(), certificate=only), {})
     assert not held.verdict.certified
     assert "gain around the nonlinearity" in held.verdict.reason
 
 
 def test_entries_that_are_too_small_prove_nothing(stored):
-    small = (Entry(0, 0, 1.9), stored.entries[1])
+    small = (Entry(0, 0, 1.9), stored.claims.entries[1])
     held = prove_design(replace(stored, entries=small), {})
     assert not held.verdict.certified
     assert "single slopes" in held.verdict.reason
@@ -96,5 +96,5 @@ def test_a_modal_certificate_gives_a_sector_too():
     )
     stored = parse(json.loads(json.dumps(document(design(parse_problem(agents))))), "memory")
     assert prove_design(stored, {}).verdict.certified
-    small = tuple(replace(one, bound=0.9 * one.bound) for one in stored.entries)
+    small = tuple(replace(one, bound=0.9 * one.bound) for one in stored.claims.entries)
     assert "single slopes" in prove_design(replace(stored, entries=small), {}).verdict.reason

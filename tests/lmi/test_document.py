@@ -95,10 +95,10 @@ def test_the_round_trip_keeps_everything() -> None:
     asked = {**FILE["problem"], "design": {**FILE["problem"]["design"], "gains": FILE["gains"]}}
     assert stored.problem.document() == again.problem.document() == asked
     assert stored.problem.document()["agent"]["domain"] == {"a": [-1.0, None]}
-    assert stored.alpha == FILE["alpha"]
-    assert dict(stored.fragility) == FILE["fragility"]
-    assert stored.certificate is not None
-    np.testing.assert_array_equal(stored.certificate.P, FILE["certificate"]["P"])
+    assert stored.claims.alpha == FILE["alpha"]
+    assert dict(stored.claims.fragility) == FILE["fragility"]
+    assert stored.proofs.certificate is not None
+    np.testing.assert_array_equal(stored.proofs.certificate.P, FILE["certificate"]["P"])
     for i in range(2):
         for letter in "ABCD":
             np.testing.assert_array_equal(getattr(stored.gains, letter)[i], FILE["gains"][i][letter])

@@ -193,9 +193,9 @@ def test_method_modal_designs_with_entries() -> None:
     made = design(Problem.from_document(table))
     stored = parse(json.loads(json.dumps(document(made))), "memory")
     assert certify(stored).certified
-    assert isinstance(stored.certificate, ModalCertificate)
-    assert len(stored.certificate.mu_entries) == 2
-    small = replace(stored, entries=tuple(replace(one, bound=0.99 * one.bound) for one in stored.entries))
+    assert isinstance(stored.proofs.certificate, ModalCertificate)
+    assert len(stored.proofs.certificate.mu_entries) == 2
+    small = replace(stored, entries=tuple(replace(one, bound=0.99 * one.bound) for one in stored.claims.entries))
     assert not certify(small).certified
 
 
@@ -259,9 +259,9 @@ def test_the_floor_beside_entries_is_that_of_alpha_0() -> None:
     )
     network, _, claim = posed(one)
     stored = parse(json.loads(json.dumps(document(design(one)))), "memory")
-    assert stored.certificate is not None
-    assert len(stored.entries) == 2
-    rho = stored.certificate.rho
+    assert stored.proofs.certificate is not None
+    assert len(stored.claims.entries) == 2
+    rho = stored.proofs.certificate.rho
     low, high = (largest_floor(network, alpha, claim.R, certified=rho) for alpha in (0.0, claim.alpha))
     assert low is not None
     assert high is not None

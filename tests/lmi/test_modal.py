@@ -112,10 +112,10 @@ def test_modes_prove_what_the_whole_network_has(designed):
     """The slow obvious twin: the certificate of the whole network, with its own P and multipliers, is no worse."""
     stored = parse(designed, "design")
     network = Network(stored.problem.agent(), stored.problem.graph())
-    claim = Claim(stored.alpha, np.eye(2), np.zeros((0, 0)), np.zeros((4, 4)))
+    claim = Claim(stored.claims.alpha, np.eye(2), np.zeros((0, 0)), np.zeros((4, 4)))
     whole = least_rho(network.loop(0), stored.gains.blocks, claim)
     assert whole is not None
-    assert whole.rho <= stored.certificate.rho * (1 + 1e-4)
+    assert whole.rho <= stored.proofs.certificate.rho * (1 + 1e-4)
 
 
 @pytest.mark.parametrize("graph", [Graph.topology("path", 4), normalised(Graph.topology("path", 4))])

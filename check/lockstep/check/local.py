@@ -68,7 +68,11 @@ class Unavailable:
 
     def document(self) -> dict[str, Any]:
         """Return it as plain JSON types."""
-        return {"available": False, "text": self.text(), "reason": self.reason}
+        return {"available": False, **self.remarks()}
+
+    def remarks(self) -> dict[str, Any]:
+        """Return what people are told of it."""
+        return {"text": self.text(), "reason": self.reason}
 
 
 @dataclass(frozen=True)
@@ -78,7 +82,7 @@ class InitialSet:
     leader: the only root, counted from 1, its controller at rest;  box, inner: for v = H x of every agent, and of the
     leader;  level: c;  radius: |x_d(0)| <= radius is inside the set if all controllers start at rest, where |x_d|^2 =
     sum_i |x_i - mean|^2;  energy: of xi_d, that agents in agreement can take;  agent, argument: which v_j, from 1, of which
-    agent would reach a side first;  arguments: what v_1, v_2, ... are, in the names of the states.
+    agent would reach a side first, 0 where it is not known;  arguments: what v_1, v_2, ... are, in the names of the states.
     """
 
     leader: int
@@ -87,8 +91,8 @@ class InitialSet:
     level: float
     radius: float
     energy: float
-    agent: int
-    argument: int
+    agent: int = 0
+    argument: int = 0
     arguments: str = ""
 
     def __post_init__(self) -> None:
@@ -103,20 +107,25 @@ class InitialSet:
             f"(|x_d|^2 = sum |x_i - mean|^2), or from V(0) <= {_below(self.level)} with the leader's at rest"
         )
 
-    def document(self) -> dict[str, Any]:
-        """Return it as plain JSON types; a side without a limit is None."""
+    def claim(self) -> dict[str, Any]:
+        """Return what is claimed, as plain JSON types; a side without a limit is None."""
         return {
-            "available": True,
-            "text": self.text(),
             "leader": self.leader,
-            "arguments": self.arguments,
             "inner": _sides(self.inner),
             "box": _sides(self.box),
             "level": self.level,
             "radius": self.radius,
             "energy": self.energy,
-            "first": {"agent": self.agent, "argument": self.argument},
         }
+
+    def document(self) -> dict[str, Any]:
+        """Return it with what people are told of it."""
+        return {"available": True, **self.remarks(), **self.claim()}
+
+    def remarks(self) -> dict[str, Any]:
+        """Return what people are told of it, beyond the claim."""
+        first = {"agent": self.agent, "argument": self.argument}
+        return {"text": self.text(), "arguments": self.arguments, "first": first}
 
 
 def initial_set(
@@ -151,6 +160,38 @@ def initial_set(
     inner = inner_box(box, fraction) if inner is None else inner
     margins = _margins(box, inner)
     return _largest(network, certificate, box, inner, margins)
+
+
+def better_than_proved(
+    network: Network, certificate: Certificate | ModalCertificate, claimed: InitialSet
+) -> str | None:
+    """Say what a claimed set has that is not proved; None where all of it is.
+
+    Everything is decided in rationals for the inner box of the claim: no eigenvalue in doubles has a say.
+    """
+    proved = initial_set(network, certificate, inner=claimed.inner)
+    if isinstance(proved, Unavailable) or isinstance(certificate, ModalCertificate):
+        return proved.text()
+    if claimed.leader != proved.leader:
+        return f"agent {proved.leader} leads, not {claimed.leader}"
+    if not _contains(claimed.box, proved.box):
+        return f"the agents are shown to stay in {_box_text(proved.box)}, not in {_box_text(claimed.box)}"
+    for name in ("level", "energy"):
+        own, found = getattr(claimed, name), getattr(proved, name)
+        if own > found:
+            return f"the {name} is {own:.10g}, but {found:.10g} is proved"
+    if claimed.radius > proved.radius:
+        n_d, D = network.agent.n * (network.N - 1), _squared_distance(network)
+        ratio = Fraction(proved.level) / Fraction(claimed.radius) ** 2
+        excess = fmpq(ratio.numerator, ratio.denominator) * D - exactly(certificate.P[:n_d, :n_d])
+        if not decide_positive_definite(excess).positive:
+            return f"the radius is {claimed.radius:.10g}, but {proved.radius:.10g} is proved"
+    return None
+
+
+def _contains(outer: Box, inner: Box) -> bool:
+    low = all(a <= b for a, b in zip(outer.lower, inner.lower, strict=True))
+    return low and all(a >= b for a, b in zip(outer.upper, inner.upper, strict=True))
 
 
 def _largest(
@@ -238,10 +279,14 @@ def _squares(P: Matrix, rows: Sequence[Vector]) -> list[Fraction]:
 
 def _radius(network: Network, P: Matrix, level: float) -> float:
     """Return r with x_d' P x_d <= level for every sum_i |x_i - mean|^2 <= r^2: level / r^2 is above the largest ratio."""
+    return _root_below(Fraction(level) / _ratio_above(P, _squared_distance(network)))
+
+
+def _squared_distance(network: Network) -> Matrix:
+    """Return D with x_d' D x_d = sum_i |x_i - mean|^2."""
     right = disagreement(network.graph, network.coordinates, exact_arithmetic=True).right
     centred = right - right.sum(axis=0) / network.N
-    D = np.kron(centred.T @ centred, exactly(np.eye(network.agent.n)))
-    return _root_below(Fraction(level) / _ratio_above(P, D))
+    return np.kron(centred.T @ centred, exactly(np.eye(network.agent.n)))
 
 
 def _ratio_above(P: Matrix, D: Matrix) -> Fraction:

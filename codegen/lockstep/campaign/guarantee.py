@@ -57,9 +57,9 @@ def guarantee_of(
     n_d = len(T) * problem.agent().n
     if kind == "continuous":
         verdict = certify(stored)
-        if not verdict.certified or stored.certificate is None:
+        if not verdict.certified or stored.proofs.certificate is None:
             raise NotCertified(f"there is no certified rho to hold a campaign against: {verdict.reason}")
-        certificate = stored.certificate
+        certificate = stored.proofs.certificate
         P = certificate.P[:n_d, :n_d] if isinstance(certificate, Certificate) else None
         return Guarantee(certificate.rho, T, P)
     if files is None:

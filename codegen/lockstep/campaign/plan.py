@@ -93,7 +93,7 @@ def plan_of(
     if not horizon > 0:
         raise ProblemError(f"the horizon is {horizon!r}", where="campaign", expected="seconds above 0")
     problem = stored.problem
-    kind = controllers or ("continuous" if any(stored.fragility.values()) else "sampled")
+    kind = controllers or ("continuous" if any(stored.claims.fragility.values()) else "sampled")
     network = Network(problem.agent(), problem.graph(), problem.agents_B(), problem.design.coordinates)
     weights = Weights(problem.state_weight(network.agent.n), problem.controller_weight(stored.gains.order))
     made = _sampled(stored, network, weights, files, step) if kind == "sampled" else None
@@ -131,7 +131,7 @@ def _continuous(
     stored: Stored, network: Network, weights: Weights, step: float
 ) -> tuple[Source, Response, Deltas]:
     """The loop with the continuous controllers and Delta of (11), and its linear response."""
-    gains, fragility = stored.gains, stored.fragility
+    gains, fragility = stored.gains, stored.claims.fragility
     letters = [k for k in LETTERS if fragility[k] > 0 and getattr(gains, k)[0].size]
     deltas = tuple((k, float(fragility[k]), getattr(gains, k)[0].shape) for k in letters)
     source = continuous_source(

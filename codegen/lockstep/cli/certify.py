@@ -133,8 +133,8 @@ def _with_folder(path: Path, content: dict[str, Any], stored: "Stored", verdict:
 
 def certificate_document(content: dict[str, Any], stored: "Stored", verdict: "Verdict") -> dict[str, Any]:
     """Return the contract's keys for a verdict."""
-    rho = stored.certificate.rho if stored.certificate else None
-    floor = stored.floor.rho if stored.floor and verdict.certified else None
+    rho = stored.proofs.certificate.rho if stored.proofs.certificate else None
+    floor = stored.proofs.floor.rho if stored.proofs.floor and verdict.certified else None
     claims = (
         {}
         if verdict.certified
@@ -146,9 +146,9 @@ def certificate_document(content: dict[str, Any], stored: "Stored", verdict: "Ve
         "rho": rho,
         "floor": floor,
         "floor_proof": "none" if floor is None else "exact",
-        "alpha": stored.alpha,
-        **({"entries": content["entries"]} if stored.entries else {}),
-        "fragility": dict(stored.fragility),
+        "alpha": stored.claims.alpha,
+        **({"entries": content["entries"]} if stored.claims.entries else {}),
+        "fragility": dict(stored.claims.fragility),
         "gains": content["gains"],
         "reason": verdict.reason,
         "scope": verdict.scope,
@@ -165,11 +165,11 @@ def _table(
     more: Mapping[str, str] = MappingProxyType({}),
 ) -> RenderableType:
     rows = {"certified": "yes" if verdict.certified else "NO", "because": verdict.reason}
-    if stored.certificate:
-        rows["rho"] = f"{stored.certificate.rho:.6g}"
-    if stored.floor and verdict.certified:
-        rows |= floor_row(stored.floor.rho)
-    rows["alpha"] = f"{stored.alpha:.9g}"
+    if stored.proofs.certificate:
+        rows["rho"] = f"{stored.proofs.certificate.rho:.6g}"
+    if stored.proofs.floor and verdict.certified:
+        rows |= floor_row(stored.proofs.floor.rho)
+    rows["alpha"] = f"{stored.claims.alpha:.9g}"
     rows |= single_slopes(content)
     rows["covers"] = COVERS[verdict.scope]
     if verdict.initial is not None:

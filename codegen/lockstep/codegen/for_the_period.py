@@ -93,7 +93,7 @@ def obstacle(stored: Stored) -> str | None:
     problem = stored.problem
     if problem.design.method != "certified":
         return f'the gains of method "{problem.design.method}" are not designed for a period'
-    if not isinstance(stored.certificate, Certificate):
+    if not isinstance(stored.proofs.certificate, Certificate):
         return "there is no continuous certificate to start from"
     if any(problem.fragility.values()):
         return "[design.fragility] is about continuous gains"
@@ -133,7 +133,7 @@ def _searched(stored: Stored, tell: Tell, others: Sequence[Start]) -> tuple[Gain
     from lockstep.lmi.analysis.rounding import short_gains
     from lockstep.lmi.sampled.improve import AtPeriod, improved
 
-    problem, c, order = stored.problem, stored.certificate, stored.gains.order
+    problem, c, order = stored.problem, stored.proofs.certificate, stored.gains.order
     m = pair_weights(stored)
     if not isinstance(c, Certificate) or m is None:
         raise Infeasible("there is no continuous certificate to start from")
@@ -158,7 +158,7 @@ def _continuous(stored: Stored, gains: Gains) -> Certificate:
 
     problem = stored.problem
     bound = bound_again(stored).or_raise()
-    claim = replace(claim_of(problem, bound), alpha=stored.alpha)
+    claim = replace(claim_of(problem, bound), alpha=stored.claims.alpha)
     try:
         return prove(network_of(problem, bound), gains, claim, rho=problem.design.rho)
     except ClaimError as error:

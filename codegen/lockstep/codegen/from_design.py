@@ -81,9 +81,9 @@ def fingerprint(content: Mapping[str, Any]) -> str:
 def _datasheet(
     stored: Stored, verdict: Verdict, held: HeldVerdict | None
 ) -> dict[str, str | float | bool | None]:
-    if not verdict.certified or stored.certificate is None:
+    if not verdict.certified or stored.proofs.certificate is None:
         return {"certified": False}
-    delta = {f"delta_{letter}": value for letter, value in stored.fragility.items() if value}
+    delta = {f"delta_{letter}": value for letter, value in stored.claims.fragility.items() if value}
     covered = held is not None and held.verdict.certified
     lines = signed_lines(held.verdict, stored) if held and covered else {"covers": CONTINUOUS_ONLY}
     if verdict.scope == "local":
@@ -94,9 +94,9 @@ def _datasheet(
         "proof": "ball" if covered else "exact",
         **lines,
         "scope": verdict.scope,
-        "rho": stored.certificate.rho,
+        "rho": stored.proofs.certificate.rho,
         **({"rho_sampled": held.rho.rho if held.rho else "not proved"} if held and covered else {}),
-        "alpha": stored.alpha,
+        "alpha": stored.claims.alpha,
         **delta,
         **({"rho and delta are": "of the continuous controllers (proof: exact)"} if covered else {}),
     }
@@ -128,7 +128,7 @@ def signed_lines(sampled: SampledVerdict, stored: Stored) -> dict[str, str]:
 
 
 def _slopes(stored: Stored) -> str:
-    return "alpha, and each single slope up to its bound" if stored.entries else "alpha"
+    return "alpha, and each single slope up to its bound" if stored.claims.entries else "alpha"
 
 
 def _two_digits(value: float) -> str:

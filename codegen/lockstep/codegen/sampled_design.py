@@ -155,19 +155,19 @@ def sampled_network(stored: Stored, period: float) -> Network:
     problem = stored.problem
     bound = bound_again(stored).or_raise()
     loop = network_of(problem, bound).loop(stored.gains.order, exact_arithmetic=True)
-    return Network(loop.plant, loop.d, stored.alpha, period, problem.controller.delay, _sector(stored))
+    return Network(loop.plant, loop.d, stored.claims.alpha, period, problem.controller.delay, _sector(stored))
 
 
 def _sector(stored: Stored) -> Sector | None:
     """Return the sector that takes the place of alpha where the continuous certificate uses entries."""
-    c, lure = stored.certificate, stored.problem.agent().lure
-    if not stored.entries or c is None:
+    c, lure = stored.proofs.certificate, stored.problem.agent().lure
+    if not stored.claims.entries or c is None:
         return None
     if isinstance(c, ModalCertificate):
         m, m_entries = np.array([c.mu]), np.array(c.mu_entries)[:, None]
     else:
         m, m_entries = c.m, c.m_entries
-    return common_sector(stored.alpha, stored.entries, m, m_entries, lure.G.shape[1], lure.H.shape[0])
+    return common_sector(stored.claims.alpha, stored.claims.entries, m, m_entries, lure.G.shape[1], lure.H.shape[0])
 
 
 def sampled_controllers(stored: Stored, period: float) -> tuple[HeldController, ...]:
@@ -245,10 +245,10 @@ def _rho_in(content: Mapping[str, Any]) -> SampledRho | None:
 
 def pair_weights(stored: Stored) -> PairWeights | None:
     """Return those of the continuous certificate, as far as one weight for each pair can stand for them."""
-    c, sector = stored.certificate, _sector(stored)
+    c, sector = stored.proofs.certificate, _sector(stored)
     if not isinstance(c, Certificate):
         return None
-    return c.m if sector is None else common_pair_weights(stored.entries, c, sector)
+    return c.m if sector is None else common_pair_weights(stored.claims.entries, c, sector)
 
 
 def _guess(stored: Stored, content: Mapping[str, Any]) -> PairWeights | None:

@@ -70,7 +70,7 @@ def promise(stored: Stored, content: Mapping[str, Any], kind: Kind) -> Promise:
     if not verdict.certified:
         return Promise(kind, None, None, None, f"the design is not certified: {verdict.reason}")
     if kind == "continuous":
-        c = stored.certificate
+        c = stored.proofs.certificate
         P = c.P if isinstance(c, Certificate) else None
         return Promise(kind, None if c is None else c.rho, verdict.scope, P, verdict.reason)
     found = stated_rho(stored, content)
@@ -128,8 +128,8 @@ def _uncovered(
         t = trajectory.t
         found = norms(scenario.perturbation.at(t, t), stored.gains.order)
         for letter, size in found.items():
-            if size > stored.fragility[letter] * (1 + 1e-9):
-                return f"|Delta {letter}| reaches {size:.4g}, and the certificate is for {stored.fragility[letter]:g}"
+            if size > stored.claims.fragility[letter] * (1 + 1e-9):
+                return f"|Delta {letter}| reaches {size:.4g}, and the certificate is for {stored.claims.fragility[letter]:g}"
     return ""
 
 

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.decide import decide
+from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.errors import BoundNotProved
 from lockstep.check.floor.witness import proves_floor
-from lockstep.check.inequality import Claim
-from lockstep.check.local import InitialSet, Unavailable, initial_set
+from lockstep.check.inequality import Certificate, Claim
+from lockstep.check.local import InitialSet, Unavailable, better_than_proved, initial_set
 from lockstep.check.modes import ModalCertificate, decide_modes
 from lockstep.check.psd import Definiteness
 from lockstep.lmi.asked import shortfalls
@@ -25,6 +26,7 @@ from lockstep.lmi.document import Stored
 from lockstep.lmi.scope import Scope, scope_of
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
+from lockstep.model.network import Network
 
 
 @dataclass(frozen=True)
@@ -50,12 +52,11 @@ def certify(stored: Stored) -> Verdict:
     Raises:
         ProblemError: the problem in the file cannot be posed: no spanning tree, no finite bound, ...
     """
-    problem, c = stored.problem, stored.certificate
+    problem, c, claims = stored.problem, stored.proofs.certificate, stored.claims
     if c is None:
         return Verdict(False, "the file holds gains without a certificate")
-    if c.rho <= 0 or stored.alpha < 0:
-        said = f"the file claims rho = {c.rho:g} and alpha = {stored.alpha:g}"
-        return Verdict(False, f"{said}: rho must be positive and alpha not negative")
+    if not claims.certified:
+        return Verdict(False, "the file does not claim that its gains are certified")
     problem.validate()
     agent = problem.agent()
     try:
@@ -63,9 +64,9 @@ def certify(stored: Stored) -> Verdict:
     except BoundNotProved as error:
         return Verdict(False, str(error), figures=error.figures)
     network = network_of(problem, bound)
-    delta = np.tile([stored.fragility[letter] for letter in "ABCD"], (network.N, 1))
+    delta = np.tile([claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
     weights = problem.state_weight(agent.n), problem.controller_weight(problem.order)
-    claim = Claim(stored.alpha, *weights, delta, stored.entries)
+    claim = Claim(claims.alpha, *weights, delta, claims.entries)
     if isinstance(c, ModalCertificate):
         answer = decide_modes(network, stored.gains, claim, c)
     else:
@@ -76,13 +77,48 @@ def certify(stored: Stored) -> Verdict:
     short = list(shortfalls(stored))
     if short:
         return Verdict(False, f"the file claims less than its problem asks for: {'; '.join(short)}")
-    if stored.floor is not None and not proves_floor(network, claim.alpha_of_floor, claim.R, stored.floor):
-        said = f"the file claims that no controllers certify a rho below {stored.floor.rho:.10g}"
-        return Verdict(False, f"{said}, but its floor_witness does not prove it")
-    reason = f"P > 0 and F < 0, decided exactly ({answer.method})"
     scope = scope_of(agent, bound)
     initial = initial_set(network, c) if scope == "local" else None
+    for broken in (_floor(stored, network, claim), _place(stored, network, c, scope)):
+        if broken:
+            return Verdict(False, broken)
+    reason = f"P > 0 and F < 0, decided exactly ({answer.method})"
     return Verdict(True, reason, scope, answer.margin, initial=initial)
+
+
+def _floor(stored: Stored, network: Network, claim: Claim) -> str | None:
+    """Say that the floor is claimed and not proved; None if it is, or none is claimed."""
+    witness = stored.proofs.floor
+    if witness is None or proves_floor(network, claim.alpha_of_floor, claim.R, witness):
+        return None
+    said = f"the file claims that no controllers certify a rho below {witness.rho:.10g}"
+    return f"{said}, but its witness does not prove it"
+
+
+def _place(
+    stored: Stored, network: Network, certificate: Certificate | ModalCertificate, scope: Scope
+) -> str | None:
+    """Say whether the certificate is claimed for more states than it is proved for; None if it is not."""
+    claimed = stored.claims.initial_set
+    if stored.claims.scope == "global" and scope == "local":
+        return f"the file says that the certificate is global, but {scope} is proved"
+    if claimed is None:
+        return None
+    found = better_than_proved(network, certificate, claimed)
+    return f"the file claims other initial states than are proved: {found}" if found else None
+
+
+def broken_claim(stored: Stored, proved: SampledClaims, reason: str) -> str | None:
+    """Say which claim of a design file about its sampled controllers is better than what is proved; None if none is.
+
+    Args:
+        stored: the design file.
+        proved: what was proved of its controllers, sampled and rounded;  reason: why not, where they are not certified.
+    """
+    claimed = stored.claims.sampled
+    if claimed.certified and not proved.certified:
+        return reason
+    return next(claimed.better_than(proved), None)
 
 
 def _refused(answer: Definiteness) -> Verdict:
