@@ -195,7 +195,9 @@ def test_method_modal_designs_with_entries() -> None:
     assert certify(stored).certified
     assert isinstance(stored.proofs.certificate, ModalCertificate)
     assert len(stored.proofs.certificate.mu_entries) == 2
-    small = replace(stored, entries=tuple(replace(one, bound=0.99 * one.bound) for one in stored.claims.entries))
+    small = replace(
+        stored, entries=tuple(replace(one, bound=0.99 * one.bound) for one in stored.claims.entries)
+    )
     assert not certify(small).certified
 
 

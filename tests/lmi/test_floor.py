@@ -11,6 +11,7 @@ import pytest
 from flint import fmpq
 from floor_cases import floor, quarters
 from lmi_cases import ALPHA, arms, claim, published, table_1_problem
+from lockstep.lmi.floor.stored import floor_keys, floor_of
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.floor.projected import with_rho
@@ -24,7 +25,6 @@ from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
 from lockstep.lmi.document import document, parse
 from lockstep.lmi.floor.bisection import largest_floor, proves_that_none_carries, rounded_down
-from lockstep.lmi.floor.stored import floor_keys, floor_of
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network

@@ -124,8 +124,8 @@ class InitialSet:
 
     def remarks(self) -> dict[str, Any]:
         """Return what people are told of it, beyond the claim."""
-        first = {"agent": self.agent, "argument": self.argument}
-        return {"text": self.text(), "arguments": self.arguments, "first": first}
+        first = {"first": {"agent": self.agent, "argument": self.argument}} if self.agent else {}
+        return {"text": self.text(), "arguments": self.arguments, **first}
 
 
 def initial_set(

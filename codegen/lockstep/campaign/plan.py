@@ -65,7 +65,6 @@ class Plan:
 
 def plan_of(
     stored: Stored,
-    content: Mapping[str, Any],
     files: Mapping[str, str] | None,
     *,
     controllers: Controllers | None = None,
@@ -77,7 +76,7 @@ def plan_of(
     """Return the campaign of a design; its certificate is proved here.
 
     Args:
-        stored, content: the design, parsed and as JSON types, with what is proved of its sampled controllers.
+        stored: the design, with what is proved of its sampled controllers.
         files: the emitted folder, relative path -> text; needed for sampled controllers.
         controllers: "sampled", the C that ships, or "continuous", the gains (9) with Delta at the bound of (11). By
             default the ones that the design's fragility is about: continuous if there is one.
@@ -105,7 +104,7 @@ def plan_of(
         problem.simulation.spread,
         deltas,
         peaks(network, response, count=POINTS, seed=seed),
-        guarantee or guarantee_of(stored, content, files, kind),
+        guarantee or guarantee_of(stored, files, kind),
         problem.title,
         kind,
     )

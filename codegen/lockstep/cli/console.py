@@ -1,7 +1,5 @@
 """What the command prints: one answer on standard output, everything else on standard error."""
 
-import json
-import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -15,6 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
+from lockstep.check.design_file.json_text import to_json
 from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.cli.progress_lines import ProgressLines
 
@@ -116,24 +115,6 @@ def write_text(path: Path, text: str) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def to_json(document: Any) -> str:
-    """Return JSON text that every reader takes: infinities and NaN become null."""
-    return json.dumps(plain(document), indent=1, ensure_ascii=False, allow_nan=False)
-
-
-def plain(value: Any) -> Any:
-    """Return a value made of JSON types only."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
 def _leave(as_json: bool, document: Mapping[str, Any], message: str, status: int) -> NoReturn:
     errors.print(f"lockstep: {message}", markup=False)
     if as_json:
@@ -174,6 +155,6 @@ def _partial(error: ClaimError) -> Mapping[str, Any]:
     found = error.figures.get("design")
     if found is None:
         return {}
-    from lockstep.lmi.document import document
+    from lockstep.lmi.document import answer, file_of
 
-    return document(found)
+    return answer(file_of(found))

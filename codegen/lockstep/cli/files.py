@@ -4,9 +4,12 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from lockstep.check.errors import ProblemError
+
+if TYPE_CHECKING:
+    from lockstep.lmi.document import Stored
 
 DESIGN_NAME = "design.json"
 
@@ -56,9 +59,9 @@ def seen(path: Path) -> Iterator[None]:
         raise ProblemError(f"it cannot be used ({error.strerror})", where=str(path)) from None
 
 
-def read_design(path: Path) -> tuple[dict[str, Any], Any]:
-    """Return a design file's content and what it says, from the file or from a folder that holds it."""
-    from lockstep.lmi.document import load_json, parse
+def read_design(path: Path) -> "Stored":
+    """Return what a design file says, from the file or from a folder that holds it."""
+    from lockstep.lmi.document import read
 
     with seen(path):
         place = path / DESIGN_NAME if path.is_dir() else path
@@ -66,5 +69,4 @@ def read_design(path: Path) -> tuple[dict[str, Any], Any]:
     if there and not plain:
         found = "it is no plain file"
         raise ProblemError(found, where=str(place), expected="a file written by `lockstep design`")
-    content = load_json(place)
-    return content, parse(content, str(place))
+    return read(place)

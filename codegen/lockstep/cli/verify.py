@@ -10,8 +10,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from lockstep.check.design_file.json_text import plain
 from lockstep.check.errors import ProblemError
-from lockstep.cli.console import Answer, plain, progress_display, respond
+from lockstep.cli.console import Answer, progress_display, respond
 from lockstep.cli.files import seen
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ def _closed_loop(folder: Path, steps: int) -> "list[np.ndarray] | None":
     manifest = load_manifest(folder)
     if not (folder / DESIGN_NAME).is_file():
         return None
-    _, stored = read_design(folder)
+    stored = read_design(folder)
     problem = stored.problem
     network = Network(problem.agent(), problem.graph(), problem.agents_B())
     plant = HeldPlant(network, problem.initial_states(), manifest.period)

@@ -6,7 +6,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -35,13 +34,12 @@ class FolderVerdict:
         return self.held.verdict.certified and not self.differences
 
 
-def certify_folder(folder: Path, stored: Stored, content: Mapping[str, Any]) -> FolderVerdict:
+def certify_folder(folder: Path, stored: Stored) -> FolderVerdict:
     """Prove the controllers in a folder by the numbers in their C.
 
     Args:
         folder: as `lockstep generate` writes it.
-        stored: the design beside it, for the agents and alpha, which is proved again.
-        content: the design as JSON types: its sampled witness, if there is one, is tried first.
+        stored: the design beside it, for the agents and alpha, which is proved again; its witnesses are tried first.
 
     Raises:
         ProblemError: no folder of ours, or one for other agents.
@@ -61,18 +59,16 @@ def certify_folder(folder: Path, stored: Stored, content: Mapping[str, Any]) -> 
         return FolderVerdict(HeldVerdict(refused), tuple(differences))
     differences += _differences(read, manifest, period)
     controllers = tuple(one.controller for one in read)
-    held = prove_controllers(stored, network.at(period), controllers, content)
+    held = prove_controllers(stored, network.at(period), controllers)
     return FolderVerdict(held, tuple(differences))
 
 
-def certify_texts(
-    files: Mapping[str, str], stored: Stored, content: Mapping[str, Any], *, longest: bool = True
-) -> HeldVerdict:
+def certify_texts(files: Mapping[str, str], stored: Stored, *, longest: bool = True) -> HeldVerdict:
     """Prove controllers that are printed and not yet written, by the numbers in their text.
 
     Args:
         files: what `emit` returns: relative path -> text.
-        stored, content: the design, parsed and as JSON types: the witnesses in it are tried first.
+        stored: the design; its witnesses are tried first.
         longest: whether to look for the largest period of the design's gains too.
     """
     manifest = Manifest.model_validate_json(files[FILE_NAME])
@@ -82,7 +78,7 @@ def certify_texts(
     ]
     network = sampled_network(stored, _period(read, manifest))
     controllers = tuple(one.controller for one in read)
-    return prove_controllers(stored, network, controllers, content, longest=longest)
+    return prove_controllers(stored, network, controllers, longest=longest)
 
 
 def _period(read: list[ReadController], manifest: Manifest) -> float:

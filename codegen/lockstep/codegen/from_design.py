@@ -3,8 +3,6 @@
 import hashlib
 import json
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +22,6 @@ def specification(
     stored: Stored,
     verdict: Verdict,
     *,
-    content: Mapping[str, Any],
     optimize: Optimize = "speed",
     held: HeldVerdict | None = None,
 ) -> CodegenSpec:
@@ -33,7 +30,6 @@ def specification(
     Args:
         stored: the design.
         verdict: what the checker says of it just now; what the file says of itself does not count.
-        content: the design file as JSON types, for its hash.
         optimize: "speed" or "size".
         held: what is proved of the numbers that will be printed, sampled and rounded; None: nothing.
     """
@@ -67,14 +63,14 @@ def specification(
         name=f"{agent.name}_controllers",
         title=problem.title,
         certificate=_datasheet(stored, verdict, held),
-        design_hash=fingerprint(content),
+        design_hash=fingerprint(stored),
         plants=plants,
     )
 
 
-def fingerprint(content: Mapping[str, Any]) -> str:
+def fingerprint(stored: Stored) -> str:
     """Return the SHA-256 of a design file's content, whatever the order of its keys."""
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    text = json.dumps(stored.document(), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

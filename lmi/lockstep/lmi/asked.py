@@ -29,7 +29,11 @@ def shortfalls(stored: Stored) -> Iterator[str]:
     for letter, delta in stored.problem.fragility.items():
         if stored.claims.fragility[letter] < delta:
             yield f"`fragility` {letter} is {stored.claims.fragility[letter]:g}, but [design.fragility] asks for {delta:g}"
-    if asked.rho is not None and stored.proofs.certificate is not None and stored.proofs.certificate.rho > asked.rho:
+    if (
+        asked.rho is not None
+        and stored.proofs.certificate is not None
+        and stored.proofs.certificate.rho > asked.rho
+    ):
         yield f"`rho` is {stored.proofs.certificate.rho:.10g}, but [design] rho asks for {asked.rho:.10g}"
     yield from _other_gains(stored)
     yield from _large_gains(stored)

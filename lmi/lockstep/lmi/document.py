@@ -1,6 +1,7 @@
 """Between a design, its file, and the answers of the commands: what is claimed, what proves it, what is remarked."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from lockstep.check.design_file.content import DesignFile, gains_document
 from lockstep.check.design_file.proofs import Proofs
 from lockstep.check.local import InitialSet
 from lockstep.lmi.design import Design
+from lockstep.model.arguments import arguments_text
 from lockstep.model.bound import Bound
 from lockstep.model.problem import Problem
 
@@ -61,9 +63,10 @@ def parse(content: Any, where: str) -> Stored:
 def answer(stored: Stored) -> dict[str, Any]:
     """Return what commands say of a design: the keys of the contract, claims at the top and remarks beside them."""
     claims, info, design = stored.claims, stored.info, stored.problem.design
-    initial = {"available": claims.initial_set is not None, **_table(info, "initial_set")}
+    initial = {"available": False, **_table(info, "initial_set")}
     if claims.initial_set is not None:
-        initial |= claims.initial_set.claim()
+        named = replace(claims.initial_set, arguments=arguments_text(stored.problem.agent()))
+        initial |= named.document()
     return {
         "title": stored.problem.title,
         "method": design.method,

@@ -143,7 +143,7 @@ class Claims:
     sampled: SampledClaims = field(default_factory=SampledClaims)
 
     def __post_init__(self) -> None:
-        if not self.certified and not (self.rho is self.scope is self.initial_set is None):
+        if not self.certified and any((self.rho, self.scope, self.initial_set)):
             raise ProblemError(
                 "`rho`, `scope` or `initial_set` is claimed without a certificate",
                 where="claims",

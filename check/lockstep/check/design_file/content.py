@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from lockstep.check.design_file.claims import Claims, claims_of
-from lockstep.check.design_file.json_text import A_DESIGN, load_json, matrix, only, part
+from lockstep.check.design_file.json_text import A_DESIGN, load_json, matrix, only, part, plain
 from lockstep.check.design_file.problem_part import ProblemPart, Sizes
 from lockstep.check.design_file.proofs import Proofs, proofs_of
 from lockstep.check.design_file.upgrade import FORMAT_1, upgraded
@@ -61,14 +61,17 @@ class DesignFile(Generic[P]):
         """Return the file as plain JSON types; gains that the problem gives are written once, under `gains`."""
         problem = self.problem.document()
         design = {key: value for key, value in problem["design"].items() if key != "gains"}
-        return {
-            "format": FORMAT,
-            "problem": {**problem, "design": design},
-            "gains": gains_document(self.gains),
-            "claims": self.claims.document(),
-            "proofs": self.proofs.document(),
-            "info": dict(self.info),
-        }
+        table: dict[str, Any] = plain(
+            {
+                "format": FORMAT,
+                "problem": {**problem, "design": design},
+                "gains": gains_document(self.gains),
+                "claims": self.claims.document(),
+                "proofs": self.proofs.document(),
+                "info": self.info,
+            }
+        )
+        return table
 
 
 def gains_document(gains: Gains) -> list[dict[str, Any]]:

@@ -81,7 +81,9 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
     floor = None
     if claims.floor is not None:
         floor = witness_of(claims.floor, content.get("floor"), "proofs, `floor`")
-    witnesses = (optional(content, key, _witness, "proofs") for key in ("sampled", "sampled_rho", "max_period"))
+    witnesses = (
+        optional(content, key, _witness, "proofs") for key in ("sampled", "sampled_rho", "max_period")
+    )
     return Proofs(_certificate(content.get("certificate"), claims, sizes), floor, *witnesses)
 
 
@@ -114,9 +116,7 @@ def _certificate(stored: Any, claims: Claims, sizes: Sizes) -> Certificate | Mod
     return Certificate(rho, P, weights, t, rows_or_none(stored, "m_entries", (entries, pairs), CERTIFICATE))
 
 
-def _modal_certificate(
-    stored: Mapping[str, Any], rho: float, sizes: Sizes, entries: int
-) -> ModalCertificate:
+def _modal_certificate(stored: Mapping[str, Any], rho: float, sizes: Sizes, entries: int) -> ModalCertificate:
     one_of(stored["kind"], (MODAL,), f"{CERTIFICATE}, `kind`")
     only(stored, ("kind", "lower", "segments", "mu", "mu_entries", "P_mean"), CERTIFICATE)
     n_C, size = sizes.n_C, sizes.n + sizes.n_C

@@ -6,10 +6,9 @@ from typing import Any
 FORMAT_1 = "lockstep-design/1"
 
 _CLAIMS = ("certified", "proof", "rho", "alpha", "fragility", "scope", "scales", "entries", "floor")
-_SAMPLED = (
-    "certified", "proof", "period", "delay", "decay", "rho", "max_period", "residual_per_message_error",
-    "residual_rms_per_message_error", "residual_from_underflow", "rounding",
-)  # fmt: skip
+_SAMPLED = ("certified", "proof", "period", "delay", "rho", "max_period")
+"""Of the sampled loop, what the checker of that time checked or found again; the other figures become remarks."""
+
 _INITIAL = ("leader", "inner", "box", "level", "radius", "energy")
 _DERIVED = ("format", "title", "method", "coordinates", "floor_proof")
 """The format, and what the problem says already, or what `floor` says by being there."""
@@ -30,11 +29,17 @@ def upgraded(content: Mapping[str, Any]) -> dict[str, Any]:
         certificate = {key: value for key, value in certificate.items() if key != "pairs"}
     proofs = {"certificate": certificate, "floor": rest.pop("floor_witness", None)}
     proofs |= {"sampled": sampled.get("witness"), "sampled_rho": sampled.get("rho_witness")}
-    kept = {"format": "lockstep-design/2", "problem": rest.pop("problem", None), "gains": rest.pop("gains", None)}
+    kept = {
+        "format": "lockstep-design/2",
+        "problem": rest.pop("problem", None),
+        "gains": rest.pop("gains", None),
+    }
     rest["sampled"] = {
         key: value for key, value in sampled.items() if key not in (*_SAMPLED, "witness", "rho_witness")
     }
-    rest["initial_set"] = {key: value for key, value in initial.items() if key not in (*_INITIAL, "available")}
+    rest["initial_set"] = {
+        key: value for key, value in initial.items() if key not in (*_INITIAL, "available")
+    }
     return {**kept, "claims": claims, "proofs": proofs, "info": rest}
 
 

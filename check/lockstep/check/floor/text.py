@@ -12,6 +12,7 @@ from lockstep.check.design_file.json_text import number, only
 from lockstep.check.errors import ProblemError
 from lockstep.check.floor.witness import FloorWitness, Piece
 
+
 def pieces_document(witness: FloorWitness) -> list[dict[str, Any]]:
     """Return the pieces of a witness as plain JSON types."""
     return [
