@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from lockstep.codegen.from_design import signed_lines
 from lockstep.codegen.sampled_design import prove_design
 from lockstep.lmi.design import design
-from lockstep.lmi.document import document, parse
+from lockstep.lmi.document import file_of, parse
 from lockstep.model.bound import Entry
 from lockstep.model.problem import parse_problem
 
@@ -37,7 +37,7 @@ period = {PERIOD}
 
 @pytest.fixture(scope="module")
 def stored():
-    return parse(json.loads(json.dumps(document(design(parse_problem(TEXT))))), "memory")
+    return parse(json.loads(json.dumps(file_of(design(parse_problem(TEXT))).document())), "memory")
 
 
 def spectral_radius(slopes, period) -> float:
@@ -94,7 +94,7 @@ def test_a_modal_certificate_gives_a_sector_too():
         .replace('"given"', '"modal"\ngain_limit = 8.0\nstarts = 1')
         .split("[[design.gains]]")[0]
     )
-    stored = parse(json.loads(json.dumps(document(design(parse_problem(agents))))), "memory")
+    stored = parse(json.loads(json.dumps(file_of(design(parse_problem(agents))).document())), "memory")
     assert prove_design(stored, {}).verdict.certified
     small = tuple(replace(one, bound=0.9 * one.bound) for one in stored.claims.entries)
     assert "single slopes" in prove_design(replace(stored, entries=small), {}).verdict.reason

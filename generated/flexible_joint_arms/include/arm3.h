@@ -12,7 +12,7 @@
  *   input  u[0]      u in V
  *   neighbour 0      arm1, weight a = 1.0, bit 0x1 of `received`
  *   arithmetic       float32 (float), round to nearest, subnormals kept, no contraction
- *   design           b8baffa69e5b1418363578645a757628efd3244f93971776f79ecd648cb59e4e
+ *   design           bcfe4e1b9299746fd9403041c6f53e20dbb151adfed0fed48f6774ae92bfd12f
  *
  * WHAT IS CLAIMED
  *   certified (proof: ball)
