@@ -67,48 +67,9 @@ def test_the_published_gains_are_certified_for_all_states(table_1: dict[str, Any
 @pytest.mark.parametrize(
     ("path", "value"),
     [
-        (
-            (
-                "claims",
-                "alpha",
-            ),
-            4.7,
-        ),  # a slope of 4.6 destabilises
-        (
-            (
-                "claims",
-                "alpha",
-            ),
-            3.32,
-        ),  # |3.33 cos| reaches 3.33
-        (
-            (
-                "claims",
-                "alpha",
-            ),
-            -3.33,
-        ),  # alpha^2 is the same
-        (
-            (
-                "claims",
-                "rho",
-            ),
-            -13.24,
-        ),  # so is rho^2
-        (
-            (
-                "claims",
-                "rho",
-            ),
-            0.0,
-        ),
-        (
-            (
-                "claims",
-                "rho",
-            ),
-            13.23,
-        ),  # just below the least
+        (("claims", "alpha"), 4.7),  # a slope of 4.6 destabilises
+        (("claims", "alpha"), 3.32),  # |3.33 cos| reaches 3.33
+        (("claims", "rho"), 13.23),  # just below the least
         (("gains", 0, "D", 0, 0), -0.739 * 1.5),
         (("gains", 2, "D", 0, 1), 3.0),
         (("proofs", "certificate", "m"), [0.0, 0.0, 0.0]),
@@ -129,29 +90,38 @@ def test_no_certificate_for_another_loop(table_1: dict[str, Any], path: tuple[An
 
 
 @pytest.mark.parametrize(
-    "key", ["certified", "proof", "figures", "title", "method", "coordinates", "sampled"]
+    ("key", "value"),
+    [
+        ("alpha", -3.33),  # alpha^2 is the same
+        ("rho", -13.24),  # so is rho^2
+        ("rho", 0.0),
+    ],
 )
-def test_what_the_file_says_of_itself_does_not_count(table_1: dict[str, Any], key: str) -> None:
-    wrong = changed(
-        changed(table_1, (key,), "trust me"),
-        (
-            "claims",
-            "rho",
-        ),
-        13.0,
-    )
+def test_what_cannot_be_claimed_of_any_loop_is_bad_input(
+    table_1: dict[str, Any], key: str, value: float
+) -> None:
+    with pytest.raises(ProblemError, match=f"claims, `{key}`"):
+        verdict(changed(table_1, ("claims", key), value))
+
+
+@pytest.mark.parametrize("key", ["figures", "sampled", "initial_set", "title", "anything"])
+def test_what_the_file_remarks_on_itself_does_not_count(table_1: dict[str, Any], key: str) -> None:
+    wrong = changed(changed(table_1, ("info", key), "trust me"), ("claims", "rho"), 13.0)
     assert not verdict(wrong).certified
-    assert verdict(changed(table_1, (key,), None)).certified
+    assert verdict(changed(table_1, ("info", key), None)).certified
+
+
+@pytest.mark.parametrize("key", ["certified", "proof", "sampled"])
+def test_what_is_no_claim_by_its_form_is_bad_input(table_1: dict[str, Any], key: str) -> None:
+    with pytest.raises(ProblemError, match=key):
+        verdict(changed(table_1, ("claims", key), "trust me"))
 
 
 def test_a_refusal_shows_the_vector_and_the_value(table_1: dict[str, Any]) -> None:
     answer = verdict(
         changed(
             table_1,
-            (
-                "claims",
-                "rho",
-            ),
+            ("claims", "rho"),
             13.0,
         )
     )
@@ -162,10 +132,7 @@ def test_a_refusal_shows_the_vector_and_the_value(table_1: dict[str, Any]) -> No
     refuted = verdict(
         changed(
             table_1,
-            (
-                "claims",
-                "alpha",
-            ),
+            ("claims", "alpha"),
             3.0,
         )
     )

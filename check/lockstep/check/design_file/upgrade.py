@@ -18,7 +18,9 @@ def upgraded(content: Mapping[str, Any]) -> dict[str, Any]:
     """Return a file of format 1 in format 2. Nothing is judged here; whatever is not known is a remark."""
     rest = {key: value for key, value in content.items() if key not in (*_CLAIMS, *_DERIVED)}
     sampled, initial = (_taken(rest, key) for key in ("sampled", "initial_set"))
-    claims = {key: content[key] for key in _CLAIMS if key in content}
+    certified = content.get("certificate") is not None
+    claims = {"certified": certified, "proof": "exact" if certified else "none"}
+    claims |= {key: content[key] for key in _CLAIMS if key in content}
     named = _SAMPLED if sampled.get("certified") is True else ("certified", "proof", "max_period")
     claims["sampled"] = {"proof": "ball" if sampled.get("certified") is True else "none"}
     claims["sampled"] |= {"certified": False} | {key: sampled[key] for key in named if key in sampled}
