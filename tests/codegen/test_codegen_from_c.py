@@ -14,7 +14,7 @@ from lockstep.codegen.emit import emit
 from lockstep.codegen.from_c import read_controller
 from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
-from lockstep.lmi.document import load_json, parse
+from lockstep.lmi import document
 from lockstep.lmi.sampled import SampledVerdict
 
 NAMES = ["a1", "a2", "a3"]
@@ -187,8 +187,7 @@ def differences(tmp_path, monkeypatch):
         folder = tmp_path / "folder"
         shutil.copytree(GENERATED, folder)
         change(folder)
-        content = load_json(folder / "design.json")
-        return c_certificate.certify_folder(folder, parse(content, "design.json"), content).differences
+        return c_certificate.certify_folder(folder, document.read(folder / "design.json")).differences
 
     return of
 
