@@ -1,5 +1,6 @@
 """`lockstep generate`: C for each agent, with the design it was proved by."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,7 +55,9 @@ def generated_files(stored: "Stored", optimize: str = "speed") -> dict[str, str]
         )
     # Printed twice: the numbers do not depend on what is said of them, and what is said is proved of the printed ones.
     # The design file claims of its gains what can be proved without the C, which may round less often.
-    stored = with_sampled(stored, prove_design(stored))
+    stored = with_sampled(
+        replace(stored, claims=replace(stored.claims, scope=verdict.scope)), prove_design(stored)
+    )
     draft = emit(specification(stored, verdict, optimize=optimize))  # type: ignore[arg-type]
     held = certify_texts(draft, stored, longest=False)
     spec = specification(stored, verdict, optimize=optimize, held=held)  # type: ignore[arg-type]

@@ -12,7 +12,7 @@
  *   input  u[0]      u in V
  *   neighbour 0      arm1, weight a = 1.0, bit 0x1 of `received`
  *   arithmetic       float32 (float), round to nearest, subnormals kept, no contraction
- *   design           bcfe4e1b9299746fd9403041c6f53e20dbb151adfed0fed48f6774ae92bfd12f
+ *   design           26089dd9a10ce9f019dfc64152a08f53c13985b07215eb7ae3ef4b806000eaa3
  *
  * WHAT IS CLAIMED
  *   certified (proof: ball)
