@@ -23,7 +23,7 @@ from lockstep.check.floor.text import pieces_document, witness_of
 from lockstep.check.floor.witness import FloorWitness
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate, Segment
-from lockstep.check.sampled.inequality import Witness
+from lockstep.check.sampled.inequality import NUMBERS, Witness
 
 MODAL = "modal"
 CERTIFICATE = "proofs, certificate"
@@ -82,18 +82,24 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
     if claims.floor is not None:
         floor = witness_of(claims.floor, content.get("floor"), "proofs, `floor`")
     witnesses = (
-        optional(content, key, _witness, "proofs") for key in ("sampled", "sampled_rho", "max_period")
+        optional(content, key, sampled_witness_of, "proofs")
+        for key in ("sampled", "sampled_rho", "max_period")
     )
     return Proofs(_certificate(content.get("certificate"), claims, sizes), floor, *witnesses)
 
 
-def _witness(value: Any, where: str) -> Witness:
-    found = Witness.from_document(value)
-    if found is None:
-        raise ProblemError(
-            "it is no witness", where=where, expected="P, m, t, decay, kappa, weight, ratio and kappa_mu"
-        )
-    return found
+def sampled_witness_of(value: Any, where: str) -> Witness:
+    """Read a witness of the sampled loop; whether its sizes fit is decided with the loop."""
+    sizes = [len(rows) if isinstance(rows := item(value, key, where), list) else 0 for key in ("P", "m", "t")]
+    only(value, ("P", "m", "t", *NUMBERS), where)
+    # Files written before mu had a number of its own counted it like nu.
+    numbers = {"kappa_mu": value.get("kappa"), **value}
+    return Witness(
+        matrix(value, "P", where, (sizes[0], sizes[0])),
+        vector(value, "m", sizes[1], where),
+        vector(value, "t", sizes[2], where),
+        *(number(numbers.get(key), f"{where}, `{key}`") for key in NUMBERS),
+    )
 
 
 def _certificate(stored: Any, claims: Claims, sizes: Sizes) -> Certificate | ModalCertificate | None:

@@ -19,7 +19,7 @@ def upgraded(content: Mapping[str, Any]) -> dict[str, Any]:
     rest = {key: value for key, value in content.items() if key not in (*_CLAIMS, *_DERIVED)}
     sampled, initial = (_taken(rest, key) for key in ("sampled", "initial_set"))
     certified = content.get("certificate") is not None
-    claims = {"certified": certified, "proof": "exact" if certified else "none"}
+    claims: dict[str, Any] = {"certified": certified, "proof": "exact" if certified else "none"}
     claims |= {key: content[key] for key in _CLAIMS if key in content}
     named = _SAMPLED if sampled.get("certified") is True else ("certified", "proof", "max_period")
     claims["sampled"] = {"proof": "ball" if sampled.get("certified") is True else "none"}
