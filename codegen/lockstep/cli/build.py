@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Group
 from rich.text import Text
 
-from lockstep.check.design_file.json_text import plain
+from lockstep.check.plain_json import plain
 from lockstep.cli.console import Answer, of_file, progress_display, respond
 from lockstep.cli.files import DESIGN_NAME
 from lockstep.cli.folders import check_generated

@@ -13,8 +13,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
-from lockstep.check.design_file.json_text import to_json
 from lockstep.check.errors import ClaimError, ProblemError
+from lockstep.check.plain_json import to_json
 from lockstep.cli.progress_lines import ProgressLines
 
 HOLDS, FAILS, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130

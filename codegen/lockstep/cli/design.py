@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
 
-from lockstep.check.design_file.json_text import to_json
+from lockstep.check.plain_json import to_json
 from lockstep.cli.console import (
     Answer,
     of_file,

@@ -4,8 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lockstep.check.design_file.json_text import to_json
 from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.check.plain_json import to_json
 from lockstep.cli.console import Answer, respond, two_columns
 from lockstep.cli.files import DESIGN_NAME, read_design
 from lockstep.cli.folders import check_generated

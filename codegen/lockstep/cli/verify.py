@@ -10,8 +10,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from lockstep.check.design_file.json_text import plain
 from lockstep.check.errors import ProblemError
+from lockstep.check.plain_json import plain
 from lockstep.cli.console import Answer, progress_display, respond
 from lockstep.cli.files import seen
 

@@ -17,12 +17,13 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from lockstep.check.design_file.claims import Claims, claims_of
-from lockstep.check.design_file.json_text import A_DESIGN, load_json, matrix, only, part, plain
+from lockstep.check.design_file.json_text import A_DESIGN, load_json, matrix, only, part
 from lockstep.check.design_file.problem_part import ProblemPart, Sizes
 from lockstep.check.design_file.proofs import Proofs, proofs_of
 from lockstep.check.design_file.upgrade import FORMAT_1, upgraded
 from lockstep.check.errors import ProblemError
 from lockstep.check.loop import Gains
+from lockstep.check.plain_json import plain
 from lockstep.check.wording import shorten
 
 FORMAT = "lockstep-design/2"

@@ -172,21 +172,3 @@ def vector(content: Mapping[str, Any], key: str, size: int, where: str) -> Any:
     if not isinstance(values, list) or len(values) != size:
         raise ProblemError("it is missing or has another length", where=place, expected=f"{size} numbers")
     return np.array([number(value, place) for value in values], dtype=float)
-
-
-def to_json(document: Any) -> str:
-    """Return JSON text that every reader takes: infinities and NaN become null."""
-    return json.dumps(plain(document), indent=1, ensure_ascii=False, allow_nan=False)
-
-
-def plain(value: Any) -> Any:
-    """Return a value made of JSON types only."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
