@@ -98,7 +98,7 @@ def theirs(system, start: np.ndarray, instants: np.ndarray, tolerance: float) ->
 
 
 def measure(runs: int, compared: int, threads: int) -> dict:
-    _, stored = read_design(DESIGN)
+    stored = read_design(DESIGN)
     problem = stored.problem
     network = Network(problem.agent(), problem.graph(), problem.agents_B())
     continuous, sampled = engines(network, stored)

@@ -174,7 +174,7 @@ def kept_design(_problem: Problem) -> Design:
     stored = read(DESIGN)
     bound = bound_again(stored)
     network, claim = network_of(stored.problem, bound), claim_of(stored.problem, bound)
-    return Design(stored.problem, network, bound, claim, stored.gains, stored.certificate)
+    return Design(stored.problem, network, bound, claim, stored.gains, stored.proofs.certificate)
 
 
 @pytest.mark.usefixtures("checkout")

@@ -15,7 +15,7 @@ from lockstep.lmi.document import parse
 
 def test_generated_is_current(root, update):
     folder = root / "generated" / "flexible_joint_arms"
-    files = generated_files(*read_design(folder))
+    files = generated_files(read_design(folder))
     if update:
         write_folder(files, folder)
     kept = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
@@ -28,10 +28,10 @@ def test_generated_is_current(root, update):
 def test_a_changed_period_changes_the_files(root):
     """Without this, the test above would also pass for a generator that ignores its design."""
     folder = root / "generated" / "flexible_joint_arms"
-    content, _ = read_design(folder)
+    content = json.loads((folder / "design.json").read_text())
     content["problem"]["controller"]["period"] *= 2
     stored = parse(content, "design.json")
-    spec = specification(stored, certify(stored), content=content)
+    spec = specification(stored, certify(stored))
     source = emit(spec)["src/arm1.c"]
     assert source != (folder / "src" / "arm1.c").read_text(encoding="utf-8")
 
@@ -45,10 +45,11 @@ def test_no_date_and_no_path_in_it(root, name):
 
 @pytest.mark.parametrize(("key", "claimed"), [("rho", 3.0), ("max_period", 0.5)])
 def test_what_a_design_file_says_of_its_sampled_controllers_is_not_believed(root, key, claimed):
-    content, stored = read_design(root / "generated" / "flexible_joint_arms")
-    proved = content["sampled"][key]
-    content["sampled"][key] = claimed
-    said = json.loads(generated_files(content, stored)["design.json"])["sampled"][key]
+    content = json.loads((root / "generated" / "flexible_joint_arms" / "design.json").read_text())
+    proved = content["claims"]["sampled"][key]
+    content["claims"]["sampled"][key] = claimed
+    files = generated_files(parse(content, "design.json"))
+    said = json.loads(files["design.json"])["claims"]["sampled"][key]
     assert said != claimed
     assert said == pytest.approx(proved, rel=0.02)  # found anew, from other pair weights
 
@@ -56,7 +57,7 @@ def test_what_a_design_file_says_of_its_sampled_controllers_is_not_believed(root
 def test_the_header_prints_both_rhos(root):
     """The sampled one is of the C below it, the continuous one of the gains it was sampled from."""
     folder = root / "generated" / "flexible_joint_arms"
-    design = json.loads((folder / "design.json").read_text())
+    design = json.loads((folder / "design.json").read_text())["claims"]
     header = (folder / "include" / "arm1.h").read_text()
     assert f"rho = {design['rho']!r}\n" in header
     assert f"rho_sampled = {design['sampled']['rho']!r}\n" in header

@@ -132,8 +132,10 @@ def test_a_design_file_alone_is_certified_as_it_will_ship(design, tmp_path):
 
 
 def test_without_its_witnesses_they_are_found_anew_and_say_more_of_noise(design, tmp_path):
-    claims = {"certified": True, "period": 0.005, "max_period": None}
-    code, answer = certify_design({**design, "sampled": claims}, tmp_path)
+    design["claims"]["sampled"] = {"certified": True, "proof": "ball", "period": 0.005, "max_period": None}
+    for key in ("sampled", "sampled_rho", "max_period"):
+        design["proofs"][key] = None
+    code, answer = certify_design(design, tmp_path)
     assert code == 0
     # At constant slopes the gain from the errors of all differences is 48.5, and these are up to 4.9 errors long.
     assert 48.4 * 4.89 < answer["sampled"]["residual_rms_per_message_error"] < 400
@@ -144,7 +146,9 @@ def test_without_its_witnesses_they_are_found_anew_and_say_more_of_noise(design,
 @pytest.mark.parametrize("claimed", [True, False])
 def test_a_period_too_long_fails_the_file_that_claims_it(design, tmp_path, claimed):
     design["problem"]["controller"]["period"] = 0.1
-    design["sampled"]["certified"] = claimed
+    if not claimed:
+        longest = design["claims"]["sampled"]["max_period"]
+        design["claims"]["sampled"] = {"certified": False, "proof": "none", "max_period": longest}
     code, answer = certify_design(design, tmp_path)
     assert code == (1 if claimed else 0)
     assert answer["ok"] is not claimed
@@ -156,7 +160,7 @@ def test_a_period_too_long_fails_the_file_that_claims_it(design, tmp_path, claim
 
 
 def test_a_smaller_sampled_rho_than_is_proved_is_refused(design, tmp_path):
-    design["sampled"]["rho"] = 3.3
+    design["claims"]["sampled"]["rho"] = 3.3
     code, answer = certify_design(design, tmp_path)
     assert code == 1
     assert "claims rho = 3.3 of the sampled loop" in answer["error"]["message"]

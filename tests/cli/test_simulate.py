@@ -51,7 +51,7 @@ def test_the_arms_agree_and_keep_to_their_rho(controllers, folder, run):
     assert all(set(one) == KEYS for one in found["indices"])
     assert found["l2"]["covered"]
     assert 0.1 < found["l2"]["ratio"] < 1
-    design = json.loads((folder / "design.json").read_text())
+    design = json.loads((folder / "design.json").read_text())["claims"]
     proved = {"continuous": design["rho"], "sampled": design["sampled"]["rho"]}
     assert found["l2"]["rho"] == proved[controllers]
 
@@ -121,7 +121,7 @@ def test_what_diverges_is_reported_with_time_and_agent(folder, run, tmp_path):
 
 def test_uncertified_gains_are_simulated_and_not_held_against_anything(folder, run, tmp_path):
     def change(content):
-        content["certificate"] = None
+        content["proofs"]["certificate"] = None
 
     result = run(changed(folder, tmp_path, change), "--horizon", 1, "--json")
     found = answer(result)

@@ -18,10 +18,11 @@ from lockstep.campaign.draw import FAMILIES, draw
 from lockstep.campaign.plan import CHUNK, plan_of
 from lockstep.campaign.replay import replay
 from lockstep.campaign.store import Store
+from lockstep.check.design_file.json_text import load_json
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.cli import campaign as command
 from lockstep.cli.campaign import Options, planned
-from lockstep.lmi.document import load_json, parse
+from lockstep.lmi.document import parse
 from lockstep.model.simulation.indices import indices
 
 DESIGN = Path("generated") / "flexible_joint_arms"
@@ -47,14 +48,14 @@ def whole(plan, tmp_path_factory):
 def uncertain(root):
     """The arms' continuous gains with a Delta of (11), which they are not certified for: held against something else."""
     content = load_json(root / DESIGN / "design.json")
-    certain = plan_of(parse(content, "design"), content, None, controllers="continuous")
-    assert certain.guarantee.rho == content["rho"]
-    content["fragility"] = {"A": 0.5, "B": 0.2, "C": 0.0, "D": 0.2}
-    content["certificate"]["t"] = [1.0] * 9
+    certain = plan_of(parse(content, "design"), None, controllers="continuous")
+    assert certain.guarantee.rho == content["claims"]["rho"]
+    content["claims"]["fragility"] = {"A": 0.5, "B": 0.2, "C": 0.0, "D": 0.2}
+    content["proofs"]["certificate"]["t"] = [1.0] * 9
     stored = parse(content, "design")
     with pytest.raises(NotCertified, match="no certified rho"):
-        plan_of(stored, content, None)
-    return plan_of(stored, content, None, horizon=1.0, guarantee=certain.guarantee)
+        plan_of(stored, None)
+    return plan_of(stored, None, horizon=1.0, guarantee=certain.guarantee)
 
 
 def test_every_covered_run_is_below_the_bound_and_some_come_near(whole):
@@ -265,11 +266,11 @@ def test_what_cannot_be_held_against_anything_is_refused(root, plan, files, tmp_
     stored = parse(content, "design")
     period = {path: text.replace("0.005", "0.05") for path, text in files.items()}
     with pytest.raises(NotCertified, match="no proved rho"):
-        plan_of(stored, content, period, controllers="sampled")
+        plan_of(stored, period, controllers="sampled")
     with pytest.raises(ProblemError, match="no emitted C"):
-        plan_of(stored, content, None, controllers="sampled")
+        plan_of(stored, None, controllers="sampled")
     with pytest.raises(ProblemError, match="horizon"):
-        plan_of(stored, content, files, horizon=0.0)
+        plan_of(stored, files, horizon=0.0)
     with pytest.raises(ProblemError, match="0 runs"):
         run_campaign(plan, 0, tmp_path)
     (tmp_path / "file").write_text("")
@@ -279,10 +280,10 @@ def test_what_cannot_be_held_against_anything_is_refused(root, plan, files, tmp_
 
 def test_a_rho_that_a_file_claims_without_proof_does_not_count(root, plan, files):
     content = load_json(root / DESIGN / "design.json")
-    proved = content["sampled"]["rho"]
+    proved = content["claims"]["sampled"]["rho"]
     assert plan.guarantee.rho == pytest.approx(proved, rel=1e-3)
-    content["sampled"]["rho"] = claimed = 0.9 * proved
-    found = plan_of(parse(content, "design"), content, files)
+    content["claims"]["sampled"]["rho"] = claimed = 0.9 * proved
+    found = plan_of(parse(content, "design"), files)
     # No proof can go below the gain of the loop linearised at an operating point.
     assert claimed < max(one.gain for one in found.peaks) < found.guarantee.rho
 

@@ -13,8 +13,8 @@ from lockstep.codegen import c_certificate, sampled_design
 from lockstep.codegen.emit import emit
 from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
+from lockstep.lmi import document
 from lockstep.lmi.certify import Verdict
-from lockstep.lmi.document import load_json, parse
 from lockstep.lmi.sampled import SampledVerdict
 
 
@@ -83,9 +83,8 @@ def differences(tmp_path, monkeypatch):
         folder = tmp_path / "folder"
         shutil.copytree(GENERATED, folder)
         change(folder)
-        content = load_json(folder / "design.json")
-        stored, verdict = parse(content, "design.json"), Verdict(True, "not asked", "global")
-        return c_certificate.certify_folder(folder, stored, content, verdict).differences
+        stored = document.read(folder / "design.json")
+        return c_certificate.certify_folder(folder, stored, Verdict(True, "not asked", "global")).differences
 
     return of
 

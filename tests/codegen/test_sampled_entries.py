@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from lockstep.check.design_file.proofs import Proofs
 from lockstep.codegen.from_design import signed_lines
-from lockstep.codegen.sampled_design import prove_design
+from lockstep.codegen.sampled_design import prove_design, with_sampled
 from lockstep.lmi.design import design
-from lockstep.lmi.document import document, parse
+from lockstep.lmi.document import file_of, parse
 from lockstep.model.bound_search import Entry
 from lockstep.model.problem import parse_problem
 
@@ -37,7 +38,11 @@ period = {PERIOD}
 
 @pytest.fixture(scope="module")
 def stored():
-    return parse(json.loads(json.dumps(document(design(parse_problem(TEXT))))), "memory")
+    return parse(json.loads(json.dumps(file_of(design(parse_problem(TEXT))).document())), "memory")
+
+
+def with_claims(stored, **changes):
+    return replace(stored, claims=replace(stored.claims, **changes))
 
 
 def spectral_radius(slopes, period) -> float:
@@ -53,13 +58,13 @@ def spectral_radius(slopes, period) -> float:
 
 
 def test_they_are_proved_and_no_vertex_of_the_slopes_contradicts_it(stored):
-    held = prove_design(stored, {})
+    held = prove_design(stored)
     assert held.verdict.certified
     assert held.verdict.proof == "ball"
-    assert stored.certificate.rho < held.rho.rho < 3 * stored.certificate.rho
+    assert stored.proofs.certificate.rho < held.rho.rho < 3 * stored.proofs.certificate.rho
     assert held.longest.period > PERIOD
     assert "each single slope up to its bound" in signed_lines(held.verdict, stored)["assumes"]
-    assert "single" not in signed_lines(held.verdict, replace(stored, entries=()))["assumes"]
+    assert "single" not in signed_lines(held.verdict, with_claims(stored, entries=()))["assumes"]
     corners = [(a, b) for a in (-2.0, 2.0) for b in (-0.02, 0.02)]
     for period in (PERIOD, held.longest.period):
         assert max(spectral_radius(one, period) for one in corners) < 1
@@ -67,22 +72,22 @@ def test_they_are_proved_and_no_vertex_of_the_slopes_contradicts_it(stored):
 
 
 def test_alpha_alone_does_not_prove_them(stored):
-    only = replace(stored.certificate, m=np.ones(3), m_entries=np.zeros((0, 3)))
-    held = prove_design(replace(stored, entries=(), certificate=only), {})
+    only = replace(stored.proofs.certificate, m=np.ones(3), m_entries=np.zeros((0, 3)))
+    held = prove_design(replace(with_claims(stored, entries=()), proofs=Proofs(only)))
     assert not held.verdict.certified
     assert "gain around the nonlinearity" in held.verdict.reason
 
 
 def test_entries_that_are_too_small_prove_nothing(stored):
-    small = (Entry(0, 0, 1.9), stored.entries[1])
-    held = prove_design(replace(stored, entries=small), {})
+    small = (Entry(0, 0, 1.9), stored.claims.entries[1])
+    held = prove_design(with_claims(stored, entries=small))
     assert not held.verdict.certified
     assert "single slopes" in held.verdict.reason
 
 
 def test_witnesses_of_a_file_are_proved_again(stored):
-    held = prove_design(stored, {})
-    again = prove_design(stored, {"sampled": held.document()})
+    held = prove_design(stored)
+    again = prove_design(with_sampled(stored, held))
     np.testing.assert_array_equal(again.verdict.witness.P, held.verdict.witness.P)
     assert again.rho.rho == held.rho.rho
 
@@ -94,7 +99,7 @@ def test_a_modal_certificate_gives_a_sector_too():
         .replace('"given"', '"modal"\ngain_limit = 8.0\nstarts = 1')
         .split("[[design.gains]]")[0]
     )
-    stored = parse(json.loads(json.dumps(document(design(parse_problem(agents))))), "memory")
-    assert prove_design(stored, {}).verdict.certified
-    small = tuple(replace(one, bound=0.9 * one.bound) for one in stored.entries)
-    assert "single slopes" in prove_design(replace(stored, entries=small), {}).verdict.reason
+    stored = parse(json.loads(json.dumps(file_of(design(parse_problem(agents))).document())), "memory")
+    assert prove_design(stored).verdict.certified
+    small = tuple(replace(one, bound=0.9 * one.bound) for one in stored.claims.entries)
+    assert "single slopes" in prove_design(with_claims(stored, entries=small)).verdict.reason

@@ -14,14 +14,15 @@ from lmi_cases import problem, table_1_problem
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.local import InitialSet
+from lockstep.lmi import document
 from lockstep.lmi.certify import Verdict, certify
 from lockstep.lmi.design import design
-from lockstep.lmi.document import document, parse
+from lockstep.lmi.document import parse
 from lockstep.model.problem import Problem
 
 
 def file_of(posed: Problem) -> dict[str, Any]:
-    return json.loads(json.dumps(document(design(posed))))
+    return json.loads(json.dumps(document.file_of(design(posed)).document()))
 
 
 @pytest.fixture(scope="module")
@@ -60,22 +61,19 @@ def test_the_published_gains_are_certified_for_all_states(table_1: dict[str, Any
     assert answer.certified
     assert answer.scope == "global"
     assert answer.margin > 0
-    assert table_1["rho"] == pytest.approx(13.24)
+    assert table_1["claims"]["rho"] == pytest.approx(13.24)
 
 
 @pytest.mark.parametrize(
     ("path", "value"),
     [
-        (("alpha",), 4.7),  # a slope of 4.6 destabilises
-        (("alpha",), 3.32),  # |3.33 cos| reaches 3.33
-        (("alpha",), -3.33),  # alpha^2 is the same
-        (("rho",), -13.24),  # so is rho^2
-        (("rho",), 0.0),
-        (("rho",), 13.23),  # just below the least
+        (("claims", "alpha"), 4.7),  # a slope of 4.6 destabilises
+        (("claims", "alpha"), 3.32),  # |3.33 cos| reaches 3.33
+        (("claims", "rho"), 13.23),  # just below the least
         (("gains", 0, "D", 0, 0), -0.739 * 1.5),
         (("gains", 2, "D", 0, 1), 3.0),
-        (("certificate", "m"), [0.0, 0.0, 0.0]),
-        (("certificate", "m", 0), -1e-12),
+        (("proofs", "certificate", "m"), [0.0, 0.0, 0.0]),
+        (("proofs", "certificate", "m", 0), -1e-12),
         (("problem", "agent", "parameters", "gravity"), 3.34),
         (("problem", "network", "edges", 0), [1, 3]),
         (("problem", "network", "edges", 0), [1, 2, 3.0]),
@@ -92,48 +90,79 @@ def test_no_certificate_for_another_loop(table_1: dict[str, Any], path: tuple[An
 
 
 @pytest.mark.parametrize(
-    "key", ["certified", "proof", "figures", "title", "method", "coordinates", "sampled"]
+    ("key", "value"),
+    [
+        ("alpha", -3.33),  # alpha^2 is the same
+        ("rho", -13.24),  # so is rho^2
+        ("rho", 0.0),
+    ],
 )
-def test_what_the_file_says_of_itself_does_not_count(table_1: dict[str, Any], key: str) -> None:
-    wrong = changed(changed(table_1, (key,), "trust me"), ("rho",), 13.0)
+def test_what_cannot_be_claimed_of_any_loop_is_bad_input(
+    table_1: dict[str, Any], key: str, value: float
+) -> None:
+    with pytest.raises(ProblemError, match=f"claims, `{key}`"):
+        verdict(changed(table_1, ("claims", key), value))
+
+
+@pytest.mark.parametrize("key", ["figures", "sampled", "initial_set", "title", "anything"])
+def test_what_the_file_remarks_on_itself_does_not_count(table_1: dict[str, Any], key: str) -> None:
+    wrong = changed(changed(table_1, ("info", key), "trust me"), ("claims", "rho"), 13.0)
     assert not verdict(wrong).certified
-    assert verdict(changed(table_1, (key,), None)).certified
+    assert verdict(changed(table_1, ("info", key), None)).certified
+
+
+@pytest.mark.parametrize("key", ["certified", "proof", "sampled"])
+def test_what_is_no_claim_by_its_form_is_bad_input(table_1: dict[str, Any], key: str) -> None:
+    with pytest.raises(ProblemError, match=key):
+        verdict(changed(table_1, ("claims", key), "trust me"))
 
 
 def test_a_refusal_shows_the_vector_and_the_value(table_1: dict[str, Any]) -> None:
-    answer = verdict(changed(table_1, ("rho",), 13.0))
+    answer = verdict(
+        changed(
+            table_1,
+            ("claims", "rho"),
+            13.0,
+        )
+    )
     z = np.array(answer.figures["vector"])
     assert np.linalg.norm(z) == pytest.approx(1.0)
     assert answer.figures["value"] < 0
     assert answer.margin < 0
-    refuted = verdict(changed(table_1, ("alpha",), 3.0))
+    refuted = verdict(
+        changed(
+            table_1,
+            ("claims", "alpha"),
+            3.0,
+        )
+    )
     assert refuted.figures["witness"] is not None
 
 
 def test_a_fragility_that_is_claimed_is_decided(table_1: dict[str, Any]) -> None:
     """More t than the witness has is bad input; with the t of another delta the inequality is decided for this one."""
     with pytest.raises(ProblemError, match="`t`"):
-        verdict(changed(table_1, ("fragility", "D"), 0.1))
+        verdict(changed(table_1, ("claims", "fragility", "D"), 0.1))
     posed = table_1_problem().document()
     posed["design"]["fragility"] = {"D": 0.01}
     fragile = file_of(Problem.from_document(posed))
     assert verdict(fragile).certified
-    less = changed(fragile, ("fragility", "D"), 0.009)
+    less = changed(fragile, ("claims", "fragility", "D"), 0.009)
     assert "asks for 0.01" in verdict(less).reason
     assert verdict(changed(less, ("problem", "design", "fragility", "D"), 0.009)).certified
-    assert not verdict(changed(fragile, ("fragility", "D"), 0.02)).certified
-    with pytest.raises(ProblemError, match="negative"):
-        verdict(changed(fragile, ("fragility", "D"), -0.01))
+    assert not verdict(changed(fragile, ("claims", "fragility", "D"), 0.02)).certified
+    with pytest.raises(ProblemError, match="from 0 up"):
+        verdict(changed(fragile, ("claims", "fragility", "D"), -0.01))
 
 
 def test_a_bound_that_holds_on_a_box_only_is_local() -> None:
     """-sin(a) has slopes from -1 to 1 everywhere and from -0.54 to 1 ... on |a| <= 1: alpha below 1 is local."""
     everywhere = file_of(pendulum())
-    assert everywhere["scope"] == verdict(everywhere).scope == "global"
+    assert everywhere["claims"]["scope"] == verdict(everywhere).scope == "global"
     boxed = pendulum(agent="centre = false\ndomain = { a = [1.0, 2.0] }")  # |cos| <= 0.5404 there
     local = file_of(boxed)
-    assert local["alpha"] == pytest.approx(np.cos(1.0), abs=1e-6)
-    assert local["scope"] == "local"
+    assert local["claims"]["alpha"] == pytest.approx(np.cos(1.0), abs=1e-6)
+    assert local["claims"]["scope"] == "local"
     answer = verdict(local)
     assert answer.certified
     assert answer.scope == "local"
@@ -155,7 +184,7 @@ def test_a_local_certificate_is_called_local_wherever_a_reader_looks(tmp_path: P
         path.write_text(json.dumps(file_of(pendulum(agent=agent))), encoding="utf-8")
         printed = CliRunner().invoke(app, ["certify", str(path)], terminal_width=400).stdout
         told = json.loads(CliRunner().invoke(app, ["certify", str(path), "--json"]).stdout)
-        assert json.loads(path.read_text(encoding="utf-8"))["scope"] == told["scope"] == scope
+        assert json.loads(path.read_text(encoding="utf-8"))["claims"]["scope"] == told["scope"] == scope
         words = " ".join(printed.split())
         assert ("while every agent stays in its domain" in words) is (scope == "local")
         assert ("for every disturbance and every initial state" in words) is (scope == "global")
@@ -165,8 +194,8 @@ def test_behind_a_leader_a_local_certificate_comes_with_initial_states() -> None
     """The path's two ends hear each other, so nothing can be said of their common motion; a leader moves by itself."""
     agent = "centre = false\ndomain = { a = [1.0, 2.0] }"
     both = file_of(pendulum(agent=agent))
-    assert both["initial_set"]["available"] is False
-    assert "hear each other" in both["initial_set"]["reason"]
+    assert both["claims"]["initial_set"] is None
+    assert "hear each other" in both["info"]["initial_set"]["reason"]
     posed = pendulum(D=-4.0, agent=agent).document()
     posed["network"]["topology"] = "leader_path"
     posed["design"]["gains"][0]["D"] = [[0.0, 0.0]]
@@ -174,14 +203,22 @@ def test_behind_a_leader_a_local_certificate_comes_with_initial_states() -> None
     answer = verdict(led)
     assert answer.scope == "local"
     assert isinstance(answer.initial, InitialSet)
-    assert answer.initial.document() == led["initial_set"], "the checker finds it again"
+    assert answer.initial.claim() == led["claims"]["initial_set"], "the checker finds it again"
     assert answer.initial.leader == 1
     assert verdict(file_of(pendulum())).initial is None
 
 
-@pytest.mark.parametrize(
-    ("key", "claimed"), [("scope", "global"), ("initial_set", {"available": True, "radius": 9.0})]
-)
+SET = {
+    "leader": 1,
+    "inner": [[1.25, 1.75]],
+    "box": [[1.0, 2.0]],
+    "level": 1e-9,
+    "radius": 1e-9,
+    "energy": 1e-9,
+}
+
+
+@pytest.mark.parametrize(("key", "claimed"), [("scope", "global"), ("initial_set", SET)])
 def test_more_states_than_are_proved_are_a_broken_claim(key: str, claimed: Any, tmp_path: Path) -> None:
     from typer.testing import CliRunner
 
@@ -189,7 +226,7 @@ def test_more_states_than_are_proved_are_a_broken_claim(key: str, claimed: Any, 
 
     local = file_of(pendulum(agent="centre = false\ndomain = { a = [1.0, 2.0] }"))
     path = tmp_path / "design.json"
-    for content, status in ((local, 0), (changed(local, (key,), claimed), 1)):
+    for content, status in ((local, 0), (changed(local, ("claims", key), claimed), 1)):
         path.write_text(json.dumps(content), encoding="utf-8")
         assert CliRunner().invoke(app, ["certify", str(path), "--json"]).exit_code == status
 
@@ -205,12 +242,12 @@ def test_the_scales_of_the_bound_are_in_the_file() -> None:
         design=f'method = "given"\n{gains}',
     )
     file = file_of(posed)
-    assert set(file["scales"]) == {"G", "H"}
+    assert set(file["claims"]["scales"]) == {"G", "H"}
     assert verdict(file).certified
-    wrong = changed(file, ("scales", "G"), [d * 64 for d in file["scales"]["G"]])
+    wrong = changed(file, ("claims", "scales", "G"), [d * 64 for d in file["claims"]["scales"]["G"]])
     assert not verdict(wrong).certified
     with pytest.raises(ProblemError, match="above 0"):
-        verdict(changed(file, ("scales", "G"), [0.0] * len(file["scales"]["G"])))
+        verdict(changed(file, ("claims", "scales", "G"), [0.0] * len(file["claims"]["scales"]["G"])))
 
 
 def test_a_box_that_is_not_needed_does_not_make_it_local() -> None:

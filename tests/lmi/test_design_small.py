@@ -14,7 +14,7 @@ from lmi_cases import DOUBLE_INTEGRATOR, problem
 from lockstep.check.errors import BoundNotProved, Infeasible, NotCertified, ProblemError
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import Design, design
-from lockstep.lmi.document import document, parse
+from lockstep.lmi.document import file_of, parse
 from lockstep.model.problem import Problem
 
 PATH_2 = 'agents = 2\ntopology = "path"'
@@ -38,7 +38,7 @@ def checked(made: Design) -> Design:
     """Decide the design again: by the checker from its text, and by the twin from the agents' equations."""
     assert made.certified
     assert made.certificate is not None
-    stored = parse(json.loads(json.dumps(document(made))), "memory")
+    stored = parse(json.loads(json.dumps(file_of(made).document())), "memory")
     assert certify(stored).certified
     blocks = [{letter: getattr(made.gains, letter)[i] for letter in "ABCD"} for i in range(made.gains.N)]
     if (

@@ -7,7 +7,7 @@ import pytest
 from lmi_cases import EXAMPLES
 
 from lockstep.lmi.design import design
-from lockstep.lmi.document import document
+from lockstep.lmi.document import file_of
 from lockstep.lmi.threads import one_thread, threads
 from lockstep.model.problem import load_problem, parse_problem
 
@@ -18,7 +18,7 @@ def text(path: Path, jobs: int, **changes: str) -> str:
     for old, new in changes.items():
         assert old in posed
         posed = posed.replace(old, new)
-    return json.dumps(document(design(parse_problem(posed), jobs=jobs)))
+    return json.dumps(file_of(design(parse_problem(posed), jobs=jobs)).document())
 
 
 @pytest.mark.slow  # a minute of CPU time each

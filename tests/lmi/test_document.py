@@ -13,10 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lmi_cases import problem
 
+from lockstep.check.design_file.json_text import load_json
 from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.lmi.certify import Verdict, certify
 from lockstep.lmi.design import design
-from lockstep.lmi.document import document, load_json, parse, read
+from lockstep.lmi.document import file_of, parse, read
 
 GAINS = "\n".join(
     "[[design.gains]]\nA = [[-1.0]]\nB = [[0.0, 0.0]]\nC = [[0.0]]\nD = [[-1.5, -2.0]]" for _ in range(2)
@@ -32,11 +33,11 @@ def made() -> dict[str, Any]:
         network='agents = 2\ntopology = "path"\nparameters = [{ k = 1.0 }, { k = 1.5 }]',
         design=f'method = "given"\nweights = {{ state = [1.0, 0.5] }}\nfragility = {{ D = 0.05 }}\n{GAINS}',
     )
-    return json.loads(json.dumps(document(design(posed))))
+    return json.loads(json.dumps(file_of(design(posed)).document()))
 
 
 FILE = made()
-REQUIRED = ("format", "gains", "fragility", "alpha", "rho", "problem")
+REQUIRED = ("format", "gains", "problem", "claims", "proofs", "info")
 
 
 def places(node: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
@@ -47,7 +48,7 @@ def places(node: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
         yield from places(value, (*path, key))
 
 
-PLACES = [path for path in places(FILE) if path and path[0] != "figures"]
+PLACES = [path for path in places(FILE) if path and path[0] != "info"]
 BAD: list[Any] = [
     None, True, "", "x", "1.0", [], {}, [[]], [1.0], {"x": 1}, -1, 0, 1e308, -1e308, 5e-324,
     math.nan, math.inf, -math.inf, 10**400, -(10**400), 1 << 70, 2.5, "\ud800", "\x00", [None], [[math.nan]], "a" * 10_000,
@@ -95,10 +96,10 @@ def test_the_round_trip_keeps_everything() -> None:
     asked = {**FILE["problem"], "design": {**FILE["problem"]["design"], "gains": FILE["gains"]}}
     assert stored.problem.document() == again.problem.document() == asked
     assert stored.problem.document()["agent"]["domain"] == {"a": [-1.0, None]}
-    assert stored.alpha == FILE["alpha"]
-    assert dict(stored.fragility) == FILE["fragility"]
-    assert stored.certificate is not None
-    np.testing.assert_array_equal(stored.certificate.P, FILE["certificate"]["P"])
+    assert stored.claims.alpha == FILE["claims"]["alpha"]
+    assert dict(stored.claims.fragility) == FILE["claims"]["fragility"]
+    assert stored.proofs.certificate is not None
+    np.testing.assert_array_equal(stored.proofs.certificate.P, FILE["proofs"]["certificate"]["P"])
     for i in range(2):
         for letter in "ABCD":
             np.testing.assert_array_equal(getattr(stored.gains, letter)[i], FILE["gains"][i][letter])
@@ -116,12 +117,12 @@ def test_a_missing_key_is_bad_input(key: str) -> None:
 @pytest.mark.parametrize(
     "path",
     [
-        ("certificate", "P"),
-        ("certificate", "m"),
-        ("certificate", "t"),
+        ("proofs", "certificate", "P"),
+        ("proofs", "certificate", "m"),
+        ("proofs", "certificate", "t"),
         ("gains", 0, "A"),
         ("gains", 1, "D"),
-        ("fragility", "B"),
+        ("claims", "fragility", "B"),
     ],
 )
 def test_a_missing_part_is_bad_input(path: tuple[Any, ...]) -> None:
@@ -130,7 +131,7 @@ def test_a_missing_part_is_bad_input(path: tuple[Any, ...]) -> None:
 
 
 def test_a_file_without_a_certificate_is_read_and_not_certified() -> None:
-    for file in (replaced(("certificate",), None), {k: v for k, v in FILE.items() if k != "certificate"}):
+    for file in (replaced(("proofs", "certificate"), None), without(("proofs", "certificate"))):
         verdict = judged(file)
         assert verdict is not None
         assert not verdict.certified
@@ -160,7 +161,13 @@ def test_anything_left_out_is_an_answer(path: tuple[Any, ...]) -> None:
 
 @pytest.mark.parametrize(
     "place",
-    [("alpha",), ("rho",), ("certificate", "P", 0, 0), ("certificate", "m", 0), ("gains", 0, "D", 0, 1)],
+    [
+        ("claims", "alpha"),
+        ("claims", "rho"),
+        ("proofs", "certificate", "P", 0, 0),
+        ("proofs", "certificate", "m", 0),
+        ("gains", 0, "D", 0, 1),
+    ],
 )
 @pytest.mark.parametrize("value", [math.nan, math.inf, 10**400, True, "1.0", None, [1.0]])
 def test_what_is_no_finite_number_is_bad_input(place: tuple[Any, ...], value: Any) -> None:
@@ -170,14 +177,14 @@ def test_what_is_no_finite_number_is_bad_input(place: tuple[Any, ...], value: An
 
 def test_a_certificate_that_is_not_symmetric_is_bad_input() -> None:
     with pytest.raises(ProblemError, match="not symmetric"):
-        parse(replaced(("certificate", "P", 0, 1), 1e-30), "here.json")
+        parse(replaced(("proofs", "certificate", "P", 0, 1), 1e-30), "here.json")
 
 
 def test_shapes_are_those_of_the_problem() -> None:
     for path in (
-        ("certificate", "P"),
-        ("certificate", "m"),
-        ("certificate", "t"),
+        ("proofs", "certificate", "P"),
+        ("proofs", "certificate", "m"),
+        ("proofs", "certificate", "t"),
         ("gains",),
         ("gains", 0, "B", 0),
     ):
@@ -190,7 +197,7 @@ def test_shapes_are_those_of_the_problem() -> None:
 
 
 @pytest.mark.parametrize(
-    "content", [None, [], "text", 3.0, {}, {"format": "lockstep-design/2"}, {"format": ["lockstep-design/1"]}]
+    "content", [None, [], "text", 3.0, {}, {"format": "lockstep-design/3"}, {"format": ["lockstep-design/1"]}]
 )
 def test_what_is_no_design_file_is_bad_input(content: Any) -> None:
     with pytest.raises(
@@ -228,11 +235,13 @@ def test_json_s_strangers_are_no_numbers(tmp_path: Path) -> None:
     path = tmp_path / "design.json"
     text = json.dumps(FILE)
     for word in ("NaN", "Infinity", "-Infinity", "1e999"):
-        path.write_text(text.replace(f'"alpha": {FILE["alpha"]}', f'"alpha": {word}', 1), encoding="utf-8")
+        path.write_text(
+            text.replace(f'"alpha": {FILE["claims"]["alpha"]}', f'"alpha": {word}', 1), encoding="utf-8"
+        )
         with pytest.raises(ProblemError, match="alpha"):
             read(path)
     path.write_text(text, encoding="utf-8")
-    assert read(path).alpha == FILE["alpha"]
+    assert read(path).claims.alpha == FILE["claims"]["alpha"]
 
 
 def test_an_integer_of_five_thousand_digits_is_bad_input(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.analysis.solve import AffineF, least_rho
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import claim_of, design, proved_bound
-from lockstep.lmi.document import document, parse
+from lockstep.lmi.document import file_of, parse
 from lockstep.lmi.floor.bisection import largest_floor
 from lockstep.lmi.methods.modal import prove_modes
 from lockstep.lmi.search.interior import InteriorProgram, Point
@@ -188,12 +188,12 @@ def test_method_modal_designs_with_entries() -> None:
     table["design"] |= {"method": "modal", "gain_limit": 8.0, "starts": 1}
     del table["design"]["gains"]
     made = design(Problem.from_document(table))
-    stored = parse(json.loads(json.dumps(document(made))), "memory")
+    stored = parse(json.loads(json.dumps(file_of(made).document())), "memory")
     assert certify(stored).certified
-    assert isinstance(stored.certificate, ModalCertificate)
-    assert len(stored.certificate.mu_entries) == 2
-    small = replace(stored, entries=tuple(replace(one, bound=0.99 * one.bound) for one in stored.entries))
-    assert not certify(small).certified
+    assert isinstance(stored.proofs.certificate, ModalCertificate)
+    assert len(stored.proofs.certificate.mu_entries) == 2
+    small = tuple(replace(one, bound=0.99 * one.bound) for one in stored.claims.entries)
+    assert not certify(replace(stored, claims=replace(stored.claims, entries=small))).certified
 
 
 def test_an_alpha_that_is_asked_for_stands_for_every_phi_that_has_it() -> None:
@@ -207,13 +207,13 @@ def test_an_alpha_that_is_asked_for_stands_for_every_phi_that_has_it() -> None:
 
 @pytest.fixture(scope="module")
 def file() -> dict[str, Any]:
-    made: dict[str, Any] = json.loads(json.dumps(document(design(pair(3, "cycle")))))
+    made: dict[str, Any] = json.loads(json.dumps(file_of(design(pair(3, "cycle"))).document()))
     return made
 
 
 def test_the_checker_proves_the_entries_again(file: dict[str, Any]) -> None:
-    assert [one["bound"] for one in file["entries"]] == [2.0, 0.02]
-    assert np.shape(file["certificate"]["m_entries"]) == (2, 3)
+    assert [one["bound"] for one in file["claims"]["entries"]] == [2.0, 0.02]
+    assert np.shape(file["proofs"]["certificate"]["m_entries"]) == (2, 3)
     verdict = certify(parse(file, "memory"))
     assert verdict.certified
     assert verdict.scope == "global"
@@ -221,7 +221,7 @@ def test_the_checker_proves_the_entries_again(file: dict[str, Any]) -> None:
 
 def test_a_proof_with_entries_is_less_than_alpha_asks_for(file: dict[str, Any]) -> None:
     changed = copy.deepcopy(file)
-    changed["problem"]["design"]["alpha"] = changed["alpha"]
+    changed["problem"]["design"]["alpha"] = changed["claims"]["alpha"]
     verdict = certify(parse(changed, "memory"))
     assert not verdict.certified
     assert "every nonlinearity" in verdict.reason
@@ -230,7 +230,7 @@ def test_a_proof_with_entries_is_less_than_alpha_asks_for(file: dict[str, Any]) 
 @pytest.mark.parametrize("place", [0, 1])
 def test_an_entry_that_is_stored_too_small_is_refused(file: dict[str, Any], place: int) -> None:
     changed = copy.deepcopy(file)
-    changed["entries"][place]["bound"] *= 0.999
+    changed["claims"]["entries"][place]["bound"] *= 0.999
     verdict = certify(parse(changed, "memory"))
     assert not verdict.certified
     assert "single slopes" in verdict.reason
@@ -239,7 +239,7 @@ def test_an_entry_that_is_stored_too_small_is_refused(file: dict[str, Any], plac
 def test_an_entry_that_is_left_out_is_refused(file: dict[str, Any]) -> None:
     """Without that of b the certificate would be one for phi = 2 sin a."""
     changed = copy.deepcopy(file)
-    del changed["entries"][1], changed["certificate"]["m_entries"][1]
+    del changed["claims"]["entries"][1], changed["proofs"]["certificate"]["m_entries"][1]
     verdict = certify(parse(changed, "memory"))
     assert not verdict.certified
     assert "missing" in verdict.reason
@@ -255,40 +255,41 @@ def test_the_floor_beside_entries_is_that_of_alpha_0() -> None:
         + 2 * "\n[[design.gains]]\nA = []\nB = []\nC = [[]]\nD = [[-1.0, -1.0]]",
     )
     network, _, claim = posed(one)
-    stored = parse(json.loads(json.dumps(document(design(one)))), "memory")
-    assert stored.certificate is not None
-    assert len(stored.entries) == 2
-    rho = stored.certificate.rho
+    stored = parse(json.loads(json.dumps(file_of(design(one)).document())), "memory")
+    assert stored.proofs.certificate is not None
+    assert len(stored.claims.entries) == 2
+    rho = stored.proofs.certificate.rho
     low, high = (largest_floor(network, alpha, claim.R, certified=rho) for alpha in (0.0, claim.alpha))
     assert low is not None
     assert high is not None
     assert low.rho < 0.9 * high.rho
     assert certify(stored).certified
-    assert certify(replace(stored, floor=low)).certified
-    refused = certify(replace(stored, floor=high))
-    assert not refused.certified
-    assert "floor_witness" in refused.reason
+    for floor, holds in ((low, True), (high, False)):
+        claims, proofs = replace(stored.claims, floor=floor.rho), replace(stored.proofs, floor=floor)
+        verdict = certify(replace(stored, claims=claims, proofs=proofs))
+        assert verdict.certified is holds
+        assert holds or "certify a rho below" in verdict.reason
 
 
 def test_weights_below_zero_and_too_small_are_refused(file: dict[str, Any]) -> None:
     for factor in (-1.0, 0.0, 1e-3):
         changed = copy.deepcopy(file)
-        changed["certificate"]["m_entries"][0][1] *= factor
+        changed["proofs"]["certificate"]["m_entries"][0][1] *= factor
         assert not certify(parse(changed, "memory")).certified
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda f: f["certificate"].pop("m_entries"), "m_entries"),
-        (lambda f: f["certificate"]["m_entries"].pop(), "m_entries"),
-        (lambda f: f["entries"].pop(), "m_entries"),
-        (lambda f: f["entries"][0].update(component=0), "component"),
-        (lambda f: f["entries"][0].update(argument=1.5), "argument"),
-        (lambda f: f["entries"][0].update(bound=-1.0), "bound"),
-        (lambda f: f["entries"][0].update(bound="2"), "bound"),
-        (lambda f: f.update(entries={}), "entries"),
-        (lambda f: f["entries"].__setitem__(0, 3), "entry 1"),
+        (lambda f: f["proofs"]["certificate"].pop("m_entries"), "m_entries"),
+        (lambda f: f["proofs"]["certificate"]["m_entries"].pop(), "m_entries"),
+        (lambda f: f["claims"]["entries"].pop(), "m_entries"),
+        (lambda f: f["claims"]["entries"][0].update(component=0), "component"),
+        (lambda f: f["claims"]["entries"][0].update(argument=1.5), "argument"),
+        (lambda f: f["claims"]["entries"][0].update(bound=-1.0), "bound"),
+        (lambda f: f["claims"]["entries"][0].update(bound="2"), "bound"),
+        (lambda f: f["claims"].update(entries={}), "entries"),
+        (lambda f: f["claims"]["entries"].__setitem__(0, 3), "entry 1"),
     ],
 )
 def test_files_that_do_not_fit_together_are_refused(file: dict[str, Any], change: Any, said: str) -> None:
@@ -300,7 +301,7 @@ def test_files_that_do_not_fit_together_are_refused(file: dict[str, Any], change
 
 def test_entries_of_arguments_that_phi_does_not_have_are_refused(file: dict[str, Any]) -> None:
     changed = copy.deepcopy(file)
-    changed["entries"][0]["argument"] = 3
+    changed["claims"]["entries"][0]["argument"] = 3
     with pytest.raises(ProblemError, match="entries"):
         certify(parse(changed, "memory"))
 
@@ -314,7 +315,7 @@ def test_quadrotors_with_the_thrust_as_a_state() -> None:
     made = design(quadrotors)
     assert made.certificate is not None
     assert made.certificate.rho < 7
-    stored = parse(json.loads(json.dumps(document(made))), "memory")
+    stored = parse(json.loads(json.dumps(file_of(made).document())), "memory")
     assert certify(stored).certified
     assert certify(stored).scope == "local"
 

@@ -13,31 +13,35 @@ from test_entries import pair
 from test_tampering import FACTORS, checker_says
 
 from lockstep.lmi.design import design
-from lockstep.lmi.document import document
+from lockstep.lmi.document import file_of
 
 
 @pytest.fixture(scope="module")
 def file() -> dict[str, Any]:
     """Three agents on a directed cycle: a' = u + 2 sin a + 0.02 sin b, b' = 20 a - b."""
-    made: dict[str, Any] = json.loads(json.dumps(document(design(pair(3, "cycle")))))
+    made: dict[str, Any] = json.loads(json.dumps(file_of(design(pair(3, "cycle"))).document()))
     return made
 
 
 def twin_says(file: dict[str, Any]) -> bool:
     """Decide a file from the agents' equations and its own numbers."""
-    alpha, entries = Fraction(file["alpha"]), [Fraction(one["bound"]) for one in file["entries"]]
+    alpha, entries = (
+        Fraction(file["claims"]["alpha"]),
+        [Fraction(one["bound"]) for one in file["claims"]["entries"]],
+    )
     if alpha < 0 or alpha**2 < 4 + Fraction(0.02) ** 2 or entries[0] < 2 or entries[1] < Fraction(0.02):
         return False
     plant = SimpleNamespace(A=[[0, 0], [20, -1]], B=[[[1], [0]]] * 3, C=np.eye(2), G=[[1], [0]], H=np.eye(2))
     places = [
-        SimpleNamespace(component=0, argument=k, bound=one["bound"]) for k, one in enumerate(file["entries"])
+        SimpleNamespace(component=0, argument=k, bound=one["bound"])
+        for k, one in enumerate(file["claims"]["entries"])
     ]
     claim = SimpleNamespace(
-        alpha=file["alpha"], R=np.eye(2), Q=np.zeros((0, 0)), delta=[[0.0] * 4] * 3, entries=places
+        alpha=file["claims"]["alpha"], R=np.eye(2), Q=np.zeros((0, 0)), delta=[[0.0] * 4] * 3, entries=places
     )
-    found = file["certificate"]
+    found = file["proofs"]["certificate"]
     certificate = SimpleNamespace(
-        rho=file["rho"], P=found["P"], m=found["m"], t=[], m_entries=found["m_entries"]
+        rho=file["claims"]["rho"], P=found["P"], m=found["m"], t=[], m_entries=found["m_entries"]
     )
     adjacency = np.roll(np.eye(3), 1, axis=1)
     return Twin(plant, adjacency, file["gains"]).holds(claim, certificate)
@@ -47,9 +51,9 @@ def tampered(file: dict[str, Any], generator: np.random.Generator) -> tuple[str,
     """Change one number by a random factor."""
     file, factor = deepcopy(file), float(generator.choice(FACTORS))
     kind = str(generator.choice(["bound", "bound", "m_entries", "m_entries", "m", "P", "rho", "alpha"]))
-    found = file["certificate"]
+    found = file["proofs"]["certificate"]
     if kind == "bound":
-        file["entries"][int(generator.integers(2))]["bound"] *= abs(factor)
+        file["claims"]["entries"][int(generator.integers(2))]["bound"] *= abs(factor)
     elif kind == "m_entries":
         found["m_entries"][int(generator.integers(2))][int(generator.integers(3))] *= factor
     elif kind == "m":
@@ -59,7 +63,7 @@ def tampered(file: dict[str, Any], generator: np.random.Generator) -> tuple[str,
         found["P"][i][j] *= factor
         found["P"][j][i] = found["P"][i][j]
     else:
-        file[kind] *= factor
+        file["claims"][kind] *= factor
     return f"{kind} x {factor:g}", file
 
 

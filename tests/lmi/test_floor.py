@@ -1,7 +1,6 @@
 """The floor: closed forms, the arms' 1.97, that no certificate is below it, and what is no proof of one."""
 
 import json
-import math
 from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Any
@@ -14,6 +13,7 @@ from lmi_cases import ALPHA, arms, claim, published, table_1_problem
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.floor.projected import with_rho
+from lockstep.check.floor.text import pieces_document, witness_of
 from lockstep.check.floor.witness import FloorWitness, bound, coupled, not_negative, proves_floor, restored
 from lockstep.check.inequality import Certificate, Claim
 from lockstep.check.loop import Gains, Plant
@@ -22,9 +22,8 @@ from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
-from lockstep.lmi.document import document, parse
+from lockstep.lmi.document import file_of, parse
 from lockstep.lmi.floor.bisection import largest_floor, proves_that_none_carries, rounded_down
-from lockstep.lmi.floor.stored import floor_keys, floor_of
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network
@@ -166,25 +165,28 @@ def test_a_tampered_witness_proves_nothing(
 def test_a_witness_is_about_its_own_problem(proved: FloorWitness) -> None:
     assert not proves_floor(arms().matrices, 0.97 * ALPHA, np.eye(4), proved)
     assert not proves_floor(arms().matrices, ALPHA, 0.97 * np.eye(4), proved)
-    assert proves_floor(arms().matrices, ALPHA, np.eye(4), floor_of(floor_keys(proved)) or proved)
+    assert proves_floor(
+        arms().matrices, ALPHA, np.eye(4), witness_of(proved.rho, pieces_document(proved), "memory")
+    )
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("pieces", "said"),
     [
-        ({"floor_proof": "none"}, "floor_proof"),
-        ({"floor_witness": None}, "floor_witness"),
-        ({"floor": math.inf}, "floor"),
-        ({"floor_witness": [1]}, "piece 1"),
-        ({"floor_witness": [{"upper": None, "Z": [[1.0], [1.0]], "Z_dual": [], "k": []}]}, "`Z`"),
-        ({"floor_witness": [{"upper": None, "Z": [], "Z_dual": [["1"]], "k": []}]}, "`Z_dual`"),
-        ({"floor_witness": [{"upper": True, "Z": [], "Z_dual": [], "k": []}]}, "`upper`"),
+        (None, "floor"),
+        ([1], "piece 1"),
+        ([{"upper": None, "Z": [[1.0], [1.0]], "Z_dual": [], "k": []}], "`Z`"),
+        ([{"upper": None, "Z": [], "Z_dual": [["1"]], "k": []}], "`Z_dual`"),
+        ([{"upper": True, "Z": [], "Z_dual": [], "k": []}], "`upper`"),
+        ([{"upper": None, "Z": [], "Z_dual": [], "k": [], "K": []}], "`K`"),
     ],
 )
-def test_a_floor_that_is_none_by_its_form(proved: FloorWitness, change: dict[str, object], said: str) -> None:
+def test_a_floor_that_is_none_by_its_form(file: dict[str, Any], pieces: Any, said: str) -> None:
+    proofs = {**file["proofs"], "floor": pieces}
     with pytest.raises(ProblemError, match=said):
-        floor_of({**floor_keys(proved), **change})
-    assert floor_of({**floor_keys(proved), **change, "floor": None}) is None
+        parse({**file, "proofs": proofs}, "memory")
+    unclaimed = {**file, "claims": {**file["claims"], "floor": None}, "proofs": proofs}
+    assert parse(unclaimed, "memory").proofs.floor is None
 
 
 def test_the_certificate_has_the_form_that_the_floor_is_about() -> None:
@@ -199,19 +201,21 @@ def test_the_certificate_has_the_form_that_the_floor_is_about() -> None:
 @pytest.fixture(scope="module")
 def file(proved: FloorWitness) -> dict[str, Any]:
     """The published gains, whose method looks for no floor, with that of the arms."""
-    content = json.loads(json.dumps(document(design(table_1_problem()))))
-    assert (content["floor"], content["floor_proof"]) == (None, "none")
-    return json.loads(json.dumps({**content, **floor_keys(proved)}))
+    content = json.loads(json.dumps(file_of(design(table_1_problem())).document()))
+    assert (content["claims"]["floor"], content["proofs"]["floor"]) == (None, None)
+    content["claims"]["floor"] = proved.rho
+    content["proofs"]["floor"] = pieces_document(proved)
+    return content
 
 
 def test_the_checker_decides_the_floor_of_a_file(file: dict[str, Any]) -> None:
     assert certify(parse(file, "memory")).certified
-    for key, value in (("floor", 1.01 * file["floor"]), ("floor_witness", file["floor_witness"][1:])):
-        verdict = certify(parse({**file, key: value}, "memory"))
+    floor, pieces = file["claims"]["floor"], file["proofs"]["floor"]
+    for claimed, witness in ((1.01 * floor, pieces), (floor, pieces[1:])):
+        claims, proofs = {**file["claims"], "floor": claimed}, {**file["proofs"], "floor": witness}
+        verdict = certify(parse({**file, "claims": claims, "proofs": proofs}, "memory"))
         assert not verdict.certified
-        assert "witness does not prove it" in verdict.reason
-    with pytest.raises(ProblemError, match="floor_proof"):
-        parse({**file, "floor_proof": "none"}, "memory")
+        assert "does not prove it" in verdict.reason
 
 
 def test_what_is_left_of_the_sum_is_g() -> None:

@@ -15,7 +15,7 @@ from lockstep.check.spectrum import decide_spectrum, metric, spectrum_bounds
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
-from lockstep.lmi.document import document, parse
+from lockstep.lmi.document import file_of, parse
 from lockstep.lmi.methods.modal import prove_modes, segment_ends, shared_gains
 from lockstep.lmi.methods.modal_witness import witness
 from lockstep.model.graph import Graph
@@ -53,7 +53,7 @@ def carts(**changes: str) -> str:
 @pytest.fixture(scope="module")
 def designed():
     """A designed path of four carts, as JSON types."""
-    return json.loads(json.dumps(document(design(parse_problem(CARTS)))))
+    return json.loads(json.dumps(file_of(design(parse_problem(CARTS))).document()))
 
 
 def normalised(graph: Graph) -> Graph:
@@ -62,32 +62,32 @@ def normalised(graph: Graph) -> Graph:
 
 
 def test_designed_and_certified_independently(designed):
-    assert designed["certified"]
-    assert designed["proof"] == "exact"
-    assert designed["certificate"]["kind"] == "modal"
-    assert designed["floor"] < designed["rho"]
+    assert designed["claims"]["certified"]
+    assert designed["claims"]["proof"] == "exact"
+    assert designed["proofs"]["certificate"]["kind"] == "modal"
+    assert designed["claims"]["floor"] < designed["claims"]["rho"]
     assert certify(parse(designed, "design")).certified
 
 
 @pytest.mark.parametrize(
     "tamper",
     [
-        lambda d: d.update(rho=0.9 * d["rho"]),
-        lambda d: d.update(alpha=3.0 * d["alpha"]),
+        lambda d: d["claims"].update(rho=0.9 * d["claims"]["rho"]),
+        lambda d: d["claims"].update(alpha=3.0 * d["claims"]["alpha"]),
         lambda d: [one.update(D=[[-x for x in row] for row in one["D"]]) for one in d["gains"]],
-        lambda d: d["certificate"].update(lower=1.01 * d["certificate"]["lower"]),
-        lambda d: d["certificate"]["segments"][-1].update(
-            upper=0.99 * d["certificate"]["segments"][-1]["upper"]
+        lambda d: d["proofs"]["certificate"].update(lower=1.01 * d["proofs"]["certificate"]["lower"]),
+        lambda d: d["proofs"]["certificate"]["segments"][-1].update(
+            upper=0.99 * d["proofs"]["certificate"]["segments"][-1]["upper"]
         ),
-        lambda d: d["certificate"].update(mu=-d["certificate"]["mu"]),
-        lambda d: d["certificate"]["segments"][0].update(P=[[0.0, 0.0], [0.0, 0.0]]),
+        lambda d: d["proofs"]["certificate"].update(mu=-d["proofs"]["certificate"]["mu"]),
+        lambda d: d["proofs"]["certificate"]["segments"][0].update(P=[[0.0, 0.0], [0.0, 0.0]]),
     ],
 )
 def test_a_file_that_claims_more_is_refused(designed, tamper):
     content = copy.deepcopy(designed)
     tamper(content)
-    if content["alpha"] != designed["alpha"]:
-        content["problem"]["design"]["alpha"] = content["alpha"]
+    if content["claims"]["alpha"] != designed["claims"]["alpha"]:
+        content["problem"]["design"]["alpha"] = content["claims"]["alpha"]
     assert not certify(parse(content, "design")).certified
 
 
@@ -103,7 +103,7 @@ def test_gains_that_differ_and_broken_files_are_bad_input(designed):
         lambda c: c["segments"][0].update(P=[[1.0, 0.0], [0.5, 1.0]]),
     ):
         content = copy.deepcopy(designed)
-        breakage(content["certificate"])
+        breakage(content["proofs"]["certificate"])
         with pytest.raises(ProblemError):
             parse(content, "design")
 
@@ -112,10 +112,10 @@ def test_modes_prove_what_the_whole_network_has(designed):
     """The slow obvious twin: the certificate of the whole network, with its own P and multipliers, is no worse."""
     stored = parse(designed, "design")
     network = Network(stored.problem.agent(), stored.problem.graph())
-    claim = Claim(stored.alpha, np.eye(2), np.zeros((0, 0)), np.zeros((4, 4)))
+    claim = Claim(stored.claims.alpha, np.eye(2), np.zeros((0, 0)), np.zeros((4, 4)))
     whole = least_rho(network.loop(0), stored.gains.blocks, claim)
     assert whole is not None
-    assert whole.rho <= stored.certificate.rho * (1 + 1e-4)
+    assert whole.rho <= stored.proofs.certificate.rho * (1 + 1e-4)
 
 
 @pytest.mark.parametrize("graph", [Graph.topology("path", 4), normalised(Graph.topology("path", 4))])
@@ -241,10 +241,10 @@ def test_segments_are_as_fine_as_lowers_rho():
 @pytest.mark.parametrize("topology", ["path", "ring"])
 def test_fifty_double_integrators(topology):
     text = carts(dynamics='{ p = "v", v = "f" }', agents="50", topology=f'"{topology}"', starts="2")
-    content = json.loads(json.dumps(document(design(parse_problem(text)))))
-    assert content["certified"]
+    content = json.loads(json.dumps(file_of(design(parse_problem(text))).document()))
+    assert content["claims"]["certified"]
     # Measured 34.2 (path, lambda from 0.0039) and 4.2 (ring).
-    assert content["rho"] < {"path": 45.0, "ring": 5.0}[topology]
+    assert content["claims"]["rho"] < {"path": 45.0, "ring": 5.0}[topology]
     assert certify(parse(content, "design")).certified
 
 
@@ -254,8 +254,8 @@ def test_fifty_arms_that_hear_each_other():
     text = text.replace("agents = 3\nedges = [[1, 2], [2, 3], [3, 1]]", 'agents = 50\ntopology = "complete"')
     text = text.replace('method = "certified"', 'method = "modal"\nstarts = 2')
     text = text[: text.index("[simulation]")]
-    content = json.loads(json.dumps(document(design(parse_problem(text)))))
-    assert content["alpha"] == 3.33
+    content = json.loads(json.dumps(file_of(design(parse_problem(text))).document()))
+    assert content["claims"]["alpha"] == 3.33
     # Measured 2.33, with a floor of 1.97.
-    assert content["floor"] < content["rho"] < 3.0
+    assert content["claims"]["floor"] < content["claims"]["rho"] < 3.0
     assert certify(parse(content, "design")).certified

@@ -16,9 +16,10 @@ from sampled_cases import (
     with_alpha,
 )
 
+from lockstep.check.design_file.proofs import sampled_witness_of
 from lockstep.check.disagreement import disagreement
 from lockstep.check.numbers import as_floats
-from lockstep.check.sampled.inequality import Witness, metric
+from lockstep.check.sampled.inequality import metric
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import SampledRho, proves_rho
 from lockstep.lmi.sampled import SampledVerdict, Weights, certify_sampled, max_period, sampled_rho, storage
@@ -82,7 +83,7 @@ def test_a_steeper_nonlinearity_is_refused_where_brute_force_breaks():
 def test_a_witness_is_proved_again_and_a_spoiled_one_is_not():
     net, ones = oscillators()
     first = certify_sampled(net, ones, thorough=False)
-    witness = Witness.from_document(first.witness.document())
+    witness = sampled_witness_of(first.witness.document(), "memory")
     again = certify_sampled(net, ones, witness=witness)
     assert again.certified
     assert "spectral_radius" not in again.figures, "nothing was searched for"
@@ -265,7 +266,7 @@ def test_rho_is_above_the_gain_of_the_frequency_response_and_near_it():
     # xi held over each period, at the slope that is worst of those tried: a gain that exists, so no rho lies below it.
     below = max(_held_gain(net, ones, slope * net.alpha) for slope in (-1.0, 0.0, 1.0))
     assert below <= found.rho <= 1.5 * below
-    written = Witness.from_document(json.loads(json.dumps(found.witness.document(), allow_nan=False)))
+    written = sampled_witness_of(json.loads(json.dumps(found.witness.document(), allow_nan=False)), "memory")
     assert proves_rho(
         sampled_loop(net, ones), Weights(np.eye(2), np.zeros((1, 1))), SampledRho(found.rho, written)
     )

@@ -20,7 +20,7 @@ from lmi_cases import table_1_problem
 from lockstep.check.errors import ProblemError
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
-from lockstep.lmi.document import document, parse
+from lockstep.lmi.document import file_of, parse
 from lockstep.model.problem import Problem
 
 FACTORS = (
@@ -50,7 +50,7 @@ def files() -> list[dict[str, Any]]:
     fragile = made[0].document()
     fragile["design"]["fragility"] = {"D": 0.01}
     made.append(Problem.from_document(fragile))
-    return [json.loads(json.dumps(document(design(problem)))) for problem in made]
+    return [json.loads(json.dumps(file_of(design(problem)).document())) for problem in made]
 
 
 def twin_says(file: dict[str, Any]) -> bool:
@@ -60,13 +60,13 @@ def twin_says(file: dict[str, Any]) -> bool:
     adjacency = np.zeros((N, N))
     for listener, source, *weight in table["network"]["edges"]:
         adjacency[listener - 1, source - 1] = weight[0] if weight else 1.0
-    delta = [file["fragility"][letter] for letter in "ABCD"]
-    if min(weights["state"], weights["controller"]) <= 0 or min(delta) < 0 or file["alpha"] < 0:
+    delta = [file["claims"]["fragility"][letter] for letter in "ABCD"]
+    if min(weights["state"], weights["controller"]) <= 0 or min(delta) < 0 or file["claims"]["alpha"] < 0:
         return False
     if any(len(edge) == 3 and edge[2] <= 0 for edge in table["network"]["edges"]):
         return False
     if Fraction(abs(gravity)) > Fraction(
-        file["alpha"]
+        file["claims"]["alpha"]
     ):  # |d/dtheta (gravity sin theta)| <= |gravity|, and it is reached
         return False
     plant = SimpleNamespace(  # (38)
@@ -77,7 +77,7 @@ def twin_says(file: dict[str, Any]) -> bool:
         H=[[0, 0, 1, 0]] if gravity else [],
     )
     claim = SimpleNamespace(
-        alpha=file["alpha"],
+        alpha=file["claims"]["alpha"],
         R=np.eye(4) * weights["state"],
         Q=np.eye(2) * weights["controller"],
         delta=[delta] * N,
@@ -86,11 +86,13 @@ def twin_says(file: dict[str, Any]) -> bool:
     asked = table["design"].get("fragility", dict.fromkeys("ABCD", 0.0))
     if any(own < asked[letter] for own, letter in zip(delta, "ABCD", strict=True)):
         return False  # less than the file's own problem asks for
-    found = file["certificate"]
+    found = file["proofs"]["certificate"]
     ways = N * sum(d > 0 for d in delta)
     if len(found["t"]) != ways:
         return False  # a delta of 0 takes its multipliers out of the inequality: the file no longer fits together
-    certificate = SimpleNamespace(rho=file["rho"], P=found["P"], m=found["m"], t=found["t"], m_entries=[])
+    certificate = SimpleNamespace(
+        rho=file["claims"]["rho"], P=found["P"], m=found["m"], t=found["t"], m_entries=[]
+    )
     return Twin(plant, adjacency, file["gains"]).holds(claim, certificate)
 
 
@@ -116,7 +118,7 @@ def tampered(file: dict[str, Any], generator: np.random.Generator) -> tuple[str,
     kind = str(
         generator.choice(["gain", "P", "P", "m", "t", "rho", "alpha", "delta", "gravity", "weight", "edge"])
     )
-    found, table = file["certificate"], file["problem"]
+    found, table = file["proofs"]["certificate"], file["problem"]
     if kind == "gain":
         block = file["gains"][any_of(file["gains"])][str(generator.choice(list("ABCD")))]
         row = block[any_of(block)]
@@ -128,9 +130,9 @@ def tampered(file: dict[str, Any], generator: np.random.Generator) -> tuple[str,
         values = found[kind] or found["m"]
         change(values, any_of(values))
     elif kind in ("rho", "alpha"):
-        change(file, kind)
+        change(file["claims"], kind)
     elif kind == "delta":
-        change(file["fragility"], "D")
+        change(file["claims"]["fragility"], "D")
     elif kind == "gravity":
         change(table["agent"]["parameters"], "gravity")
     elif kind == "weight":
@@ -178,10 +180,10 @@ def test_a_thousand_tampered_files_of_either_kind(files: list[dict[str, Any]]) -
 def test_the_last_bit_decides(files: list[dict[str, Any]]) -> None:
     """The twin bisects rho down to two neighbouring doubles, one that holds and one that does not: the checker agrees."""
     file = deepcopy(files[0])
-    low, high = 0.9 * file["rho"], file["rho"]
+    low, high = 0.9 * file["claims"]["rho"], file["claims"]["rho"]
     while np.nextafter(low, high) < high:
-        file["rho"] = float((low + high) / 2)
-        low, high = (low, file["rho"]) if twin_says(file) else (file["rho"], high)
+        file["claims"]["rho"] = float((low + high) / 2)
+        low, high = (low, file["claims"]["rho"]) if twin_says(file) else (file["claims"]["rho"], high)
     for rho, holds in ((low, False), (high, True)):
-        file["rho"] = float(rho)
+        file["claims"]["rho"] = float(rho)
         assert checker_says(file) is holds

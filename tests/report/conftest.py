@@ -30,16 +30,16 @@ def files(root) -> dict[str, str]:
 
 
 @pytest.fixture(scope="session")
-def content(files):
+def stored(files):
     """The design, with a shorter run: what is drawn of it takes as long as it does."""
     content = json.loads(files["design.json"])
     content["problem"]["simulation"]["horizon"] = 1.0
-    return content
+    return parse(content, "design.json")
 
 
 @pytest.fixture(scope="session")
-def checks(content):
-    return check_problem(parse(content, "design.json").problem)
+def checks(stored):
+    return check_problem(stored.problem)
 
 
 @pytest.fixture(scope="session")
@@ -53,13 +53,13 @@ def verified() -> VerifyReport:
 
 
 @pytest.fixture(scope="session")
-def facts(files, content, checks, verified):
-    return gather(files, content, checks, verified)
+def facts(files, stored, checks, verified):
+    return gather(files, stored, checks, verified)
 
 
 @pytest.fixture(scope="session")
-def report(files, content, checks, verified):
-    return make_report(files, content, checks, verified)
+def report(files, stored, checks, verified):
+    return make_report(files, stored, checks, verified)
 
 
 @pytest.fixture(scope="session")

@@ -9,6 +9,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from lockstep.codegen.sampled_design import HeldVerdict, with_sampled
+from lockstep.lmi.sampled import SampledVerdict
 from lockstep.model.problem import Problem
 from lockstep.report.facts import gather
 from lockstep.report.report import make_report
@@ -51,8 +53,8 @@ def page(report):
     return Page(report.page)
 
 
-def test_the_same_facts_give_the_same_bytes(files, content, checks, verified, report):
-    assert make_report(files, content, checks, verified) == report
+def test_the_same_facts_give_the_same_bytes(files, stored, checks, verified, report):
+    assert make_report(files, stored, checks, verified) == report
 
 
 def test_it_asks_for_nothing_from_anywhere(page, report):
@@ -127,10 +129,10 @@ def test_an_unstable_controller_is_said_to_be_one(page):
 
 
 def test_what_is_not_proved_is_not_called_proved(facts, page_of):
-    sampled = {**facts.content["sampled"], "certified": False, "rho": None, "reason": "the gain is 1.2"}
+    held = HeldVerdict(SampledVerdict(False, "the gain is 1.2", 0.005, 0))
     text = page_of(
         manifest=facts.manifest.model_copy(update={"certificate": {"certified": False}}),
-        content={**facts.content, "sampled": sampled},
+        stored=with_sampled(facts.stored, held),
     )
     said = Page(text).text
     assert "NOT CERTIFIED" in said
@@ -155,13 +157,13 @@ def test_a_bound_on_a_box_is_said_to_be_local(facts, page_of):
 
 
 def test_text_of_the_problem_cannot_become_markup(facts, page_of):
-    document = {**facts.content["problem"], "title": "<script>alert(1)</script>"}
+    document = {**facts.problem.document(), "title": "<script>alert(1)</script>"}
     text = page_of(stored=replace(facts.stored, problem=Problem.from_document(document)))
     assert "<script" not in text
     assert "&lt;script&gt;" in text
 
 
-def test_a_run_that_diverges_is_reported_as_one(files, content, checks, verified, page_of, monkeypatch):
+def test_a_run_that_diverges_is_reported_as_one(files, stored, checks, verified, page_of, monkeypatch):
     import lockstep.report.facts as module
     from lockstep.model.simulation import Diverged
 
@@ -169,7 +171,7 @@ def test_a_run_that_diverges_is_reported_as_one(files, content, checks, verified
         raise Diverged("the loop diverges: theta_m of arm1 is beyond 1e+09 at t = 1 s")
 
     monkeypatch.setattr(module, "run_shipped", diverges)
-    facts = gather(files, content, checks, verified)
+    facts = gather(files, stored, checks, verified)
     assert facts.trajectory is None
     said = Page(page_of(trajectory=None, no_run=facts.no_run)).text
     assert "There is no run to show: the loop diverges" in said
@@ -186,11 +188,11 @@ def test_the_run_is_that_of_the_c(facts, files):
         assert facts.trajectory.u[0, i, 0] == expected
 
 
-def test_a_long_run_is_cut_short_and_says_so(files, checks, verified, content, page_of, monkeypatch):
+def test_a_long_run_is_cut_short_and_says_so(files, checks, verified, stored, page_of, monkeypatch):
     import lockstep.report.facts as module
 
     monkeypatch.setattr(module, "MOST_STEPS", 300)
-    short = gather(files, content, checks, verified).trajectory
+    short = gather(files, stored, checks, verified).trajectory
     assert short.t[-1] == pytest.approx(0.5)
     assert "the beginning of what was asked for" in page_of(trajectory=short)
     assert "the beginning of what was asked for" not in page_of()
@@ -200,11 +202,11 @@ def test_gain_errors_and_a_searched_disturbance_are_left_out_of_the_run(facts):
     from lockstep.report.facts import run_shipped
 
     simulation = {
-        **facts.content["problem"]["simulation"],
+        **facts.problem.document()["simulation"],
         "horizon": 0.05,
         "disturbance": {"kind": "worst"},
         "perturbation": {"kind": "paper"},
     }
-    problem = Problem.from_document({**facts.content["problem"], "simulation": simulation})
+    problem = Problem.from_document({**facts.problem.document(), "simulation": simulation})
     run = run_shipped(problem, facts.manifest)
     np.testing.assert_array_equal(run.x, facts.trajectory.x[: len(run.t)])

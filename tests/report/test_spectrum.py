@@ -39,8 +39,8 @@ def test_the_largest_singular_value_is_that_of_the_hand_made_transfer_matrix(fac
 
 def test_the_certified_rho_is_above_and_a_smaller_one_is_not(facts, spectrum):
     peak, _ = spectrum.peak
-    assert peak < facts.content["rho"]
-    assert peak > 0.5 * facts.content["rho"], "a bound that is never approached would be worth little"
+    assert peak < facts.stored.claims.rho
+    assert peak > 0.5 * facts.stored.claims.rho, "a bound that is never approached would be worth little"
 
 
 def test_unstable_controllers_are_seen(spectrum):

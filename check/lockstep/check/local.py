@@ -77,7 +77,11 @@ class Unavailable:
 
     def document(self) -> dict[str, Any]:
         """Return it as plain JSON types."""
-        return {"available": False, "text": self.text(), "reason": self.reason}
+        return {"available": False, **self.remarks()}
+
+    def remarks(self) -> dict[str, Any]:
+        """Return what people are told of it."""
+        return {"text": self.text(), "reason": self.reason}
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,7 @@ class InitialSet:
     leader: the only root, counted from 1, its controller at rest;  box, inner: for v = H x of every agent, and of the
     leader;  level: c;  radius: |x_d(0)| <= radius is inside the set if all controllers start at rest, where |x_d|^2 =
     sum_i |x_i - mean|^2;  energy: of xi_d, that agents in agreement can take;  agent, argument: which v_j, from 1, of which
-    agent would reach a side first;  arguments: what v_1, v_2, ... are, in the names of the states.
+    agent would reach a side first, 0 where it is not known;  arguments: what v_1, v_2, ... are, in the names of the states.
     """
 
     leader: int
@@ -96,8 +100,8 @@ class InitialSet:
     level: float
     radius: float
     energy: float
-    agent: int
-    argument: int
+    agent: int = 0
+    argument: int = 0
     arguments: str = ""
 
     def __post_init__(self) -> None:
@@ -112,20 +116,25 @@ class InitialSet:
             f"(|x_d|^2 = sum |x_i - mean|^2), or from V(0) <= {_below(self.level)} with the leader's at rest"
         )
 
-    def document(self) -> dict[str, Any]:
-        """Return it as plain JSON types; a side without a limit is None."""
+    def claim(self) -> dict[str, Any]:
+        """Return what is claimed, as plain JSON types; a side without a limit is None."""
         return {
-            "available": True,
-            "text": self.text(),
             "leader": self.leader,
-            "arguments": self.arguments,
             "inner": _sides(self.inner),
             "box": _sides(self.box),
             "level": self.level,
             "radius": self.radius,
             "energy": self.energy,
-            "first": {"agent": self.agent, "argument": self.argument},
         }
+
+    def document(self) -> dict[str, Any]:
+        """Return it with what people are told of it."""
+        return {"available": True, **self.remarks(), **self.claim()}
+
+    def remarks(self) -> dict[str, Any]:
+        """Return what people are told of it, beyond the claim."""
+        first = {"first": {"agent": self.agent, "argument": self.argument}} if self.agent else {}
+        return {"text": self.text(), "arguments": self.arguments, **first}
 
 
 def initial_set(

@@ -6,7 +6,7 @@ in the emitted C, in balls. What the files say of themselves does not count.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -39,13 +39,11 @@ class Guarantee:
         return np.asarray(np.einsum("ri,ij,rj->r", x_d, self.P, x_d))
 
 
-def guarantee_of(
-    stored: Stored, content: Mapping[str, Any], files: Mapping[str, str] | None, kind: Controllers
-) -> Guarantee:
+def guarantee_of(stored: Stored, files: Mapping[str, str] | None, kind: Controllers) -> Guarantee:
     """Prove a design's rho and return it.
 
     Args:
-        stored, content: the design, parsed and as JSON types: the witnesses in it are tried first.
+        stored: the design; its witnesses are tried first.
         files: the emitted folder, relative path -> text, for sampled controllers.
         kind: of which controllers.
 
@@ -57,16 +55,16 @@ def guarantee_of(
     n_d = len(T) * problem.agent().n
     if kind == "continuous":
         verdict = certify(stored)
-        if not verdict.certified or stored.certificate is None:
+        if not verdict.certified or stored.proofs.certificate is None:
             raise NotCertified(f"there is no certified rho to hold a campaign against: {verdict.reason}")
-        certificate = stored.certificate
+        certificate = stored.proofs.certificate
         P = certificate.P[:n_d, :n_d] if isinstance(certificate, Certificate) else None
         return Guarantee(certificate.rho, T, P)
     if files is None:
         raise ProblemError(
             "no emitted C", where="campaign", expected="that of the design, for sampled controllers"
         )
-    held = certify_texts(files, stored, content, longest=False)
+    held = certify_texts(files, stored, longest=False)
     if held.rho is None:
         why = "no rho was found beside their certificate" if held.verdict.certified else held.verdict.reason
         raise NotCertified(

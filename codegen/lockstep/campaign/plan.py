@@ -65,7 +65,6 @@ class Plan:
 
 def plan_of(
     stored: Stored,
-    content: Mapping[str, Any],
     files: Mapping[str, str] | None,
     *,
     controllers: Controllers | None = None,
@@ -77,7 +76,7 @@ def plan_of(
     """Return the campaign of a design; its certificate is proved here.
 
     Args:
-        stored, content: the design, parsed and as JSON types, with what is proved of its sampled controllers.
+        stored: the design, with what is proved of its sampled controllers.
         files: the emitted folder, relative path -> text; needed for sampled controllers.
         controllers: "sampled", the C that ships, or "continuous", the gains (9) with Delta at the bound of (11). By
             default the ones that the design's fragility is about: continuous if there is one.
@@ -93,7 +92,7 @@ def plan_of(
     if not horizon > 0:
         raise ProblemError(f"the horizon is {horizon!r}", where="campaign", expected="seconds above 0")
     problem = stored.problem
-    kind = controllers or ("continuous" if any(stored.fragility.values()) else "sampled")
+    kind = controllers or ("continuous" if any(stored.claims.fragility.values()) else "sampled")
     network = Network(problem.agent(), problem.graph(), problem.agents_B(), problem.design.coordinates)
     weights = Weights(problem.state_weight(network.agent.n), problem.controller_weight(stored.gains.order))
     made = _sampled(stored, network, weights, files, step) if kind == "sampled" else None
@@ -105,7 +104,7 @@ def plan_of(
         problem.simulation.spread,
         deltas,
         peaks(network, response, count=POINTS, seed=seed),
-        guarantee or guarantee_of(stored, content, files, kind),
+        guarantee or guarantee_of(stored, files, kind),
         problem.title,
         kind,
     )
@@ -131,7 +130,7 @@ def _continuous(
     stored: Stored, network: Network, weights: Weights, step: float
 ) -> tuple[Source, Response, Deltas]:
     """The loop with the continuous controllers and Delta of (11), and its linear response."""
-    gains, fragility = stored.gains, stored.fragility
+    gains, fragility = stored.gains, stored.claims.fragility
     letters = [k for k in LETTERS if fragility[k] > 0 and getattr(gains, k)[0].size]
     deltas = tuple((k, float(fragility[k]), getattr(gains, k)[0].shape) for k in letters)
     source = continuous_source(

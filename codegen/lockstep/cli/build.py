@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Group
 from rich.text import Text
 
-from lockstep.cli.console import Answer, of_file, plain, progress_display, respond
+from lockstep.check.plain_json import plain
+from lockstep.cli.console import Answer, of_file, progress_display, respond
 from lockstep.cli.files import DESIGN_NAME
 from lockstep.cli.folders import check_generated
 from lockstep.cli.generate import generated_files
 
 if TYPE_CHECKING:
+    from lockstep.lmi.document import Stored
     from lockstep.model.checks import CheckReport
     from lockstep.report import Report
     from lockstep.verification.verify import VerifyReport
@@ -36,20 +38,21 @@ def run(path: Path, output: Path, *, jobs: int | None, time_limit: float | None,
 
 def _build(path: Path, output: Path, jobs: int | None, time_limit: float | None) -> Answer:
     from lockstep.cli.check import checked
-    from lockstep.lmi.document import parse
+    from lockstep.lmi.document import answer, parse, sampled_answer
     from lockstep.model.problem import load_problem
 
     check_generated(output)
     problem = load_problem(path)
     with of_file(path):
         checks = checked(problem)
-        content = _designed(problem, jobs, time_limit)
-    files = generated_files(content, parse(content, DESIGN_NAME))
-    content = json.loads(files[DESIGN_NAME])
+        designed = _designed(problem, jobs, time_limit)
+    files = generated_files(designed)
+    # What is reported is what a reader of the file sees.
+    stored = parse(json.loads(files[DESIGN_NAME]), DESIGN_NAME)
     verified = _verified(files)
-    wrong, open_claims = [*checks.problems, *verified.problems], unproved(content["sampled"])
-    written = [] if wrong else _written(files, _reported(files, content, checks, verified), output)
-    return _answer(output, problem.title, checks, content, verified, [*wrong, *open_claims], written)
+    wrong, open_claims = [*checks.problems, *verified.problems], unproved(sampled_answer(stored))
+    written = [] if wrong else _written(files, _reported(files, stored, checks, verified), output)
+    return _answer(output, problem.title, checks, answer(stored), verified, [*wrong, *open_claims], written)
 
 
 def unproved(sampled: Mapping[str, Any]) -> list[str]:
@@ -70,16 +73,14 @@ def unproved(sampled: Mapping[str, Any]) -> list[str]:
     return [f"the sampled controllers are not certified: {sampled.get('reason') or 'not looked at'}{reach}"]
 
 
-def _designed(problem: Any, jobs: int | None, time_limit: float | None) -> dict[str, Any]:
-    """Design, and pass the result through JSON, so that what is generated from is what a reader of the file sees."""
+def _designed(problem: Any, jobs: int | None, time_limit: float | None) -> "Stored":
     from lockstep.codegen.for_the_period import as_shipped
     from lockstep.lmi.design import design
-    from lockstep.lmi.document import document
+    from lockstep.lmi.document import file_of
 
     with progress_display() as tell:
         made = design(problem, jobs=jobs, progress=tell, time_limit=time_limit)
-        designed: dict[str, Any] = plain(as_shipped(plain(document(made)), tell, made.others))
-        return designed
+        return as_shipped(file_of(made), tell, made.others)
 
 
 def _verified(files: dict[str, str]) -> "VerifyReport":
@@ -91,13 +92,13 @@ def _verified(files: dict[str, str]) -> "VerifyReport":
 
 
 def _reported(
-    files: dict[str, str], content: dict[str, Any], checks: "CheckReport", verified: "VerifyReport"
+    files: dict[str, str], stored: "Stored", checks: "CheckReport", verified: "VerifyReport"
 ) -> "Report":
     from lockstep.report import make_report
 
     with progress_display() as tell:
         tell("drawing the report", 0.5)
-        return make_report(files, content, checks, verified)
+        return make_report(files, stored, checks, verified)
 
 
 def _written(files: dict[str, str], report: "Report", output: Path) -> list[str]:
@@ -115,7 +116,7 @@ def _answer(
     output: Path,
     title: str,
     checks: "CheckReport",
-    content: dict[str, Any],
+    design: dict[str, Any],
     verified: "VerifyReport",
     problems: list[str],
     written: list[str],
@@ -130,7 +131,7 @@ def _answer(
         "ok": holds,
         "directory": str(output),
         "check": checks.document(),
-        "design": content,
+        "design": design,
         "verify": plain(verified.as_dict()),
         "files": written,
         "report": PAGE if written else None,
@@ -139,7 +140,7 @@ def _answer(
     said = [f"{output / PAGE}: the report" if written else "nothing is written", *problems]
     parts = [
         check_table(checks, title),
-        summary(content),
+        summary(design),
         verify_table(verified),
         Text("\n".join(said), style="bold"),
     ]

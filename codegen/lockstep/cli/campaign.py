@@ -96,17 +96,18 @@ def planned(path: Path, options: Options) -> tuple["Plan", "Stored"]:
 
     from lockstep.campaign import plan_of
     from lockstep.cli.generate import generated_files
+    from lockstep.lmi.document import parse
 
     kind = _kind(options.controllers)
-    content, stored = read_design(path)
+    stored = read_design(path)
     with of_file(path):
         # Proved anew, here and in plan_of: what the file says of itself does not count.
-        files = generated_files(content, stored)
-        content = json.loads(files[DESIGN_NAME])
+        files = generated_files(stored)
+        stored = parse(json.loads(files[DESIGN_NAME]), DESIGN_NAME)
         seed = stored.problem.simulation.seed if options.seed is None else options.seed
         horizon = HORIZON if options.horizon is None else options.horizon
         _check_periods(horizon, stored.problem.controller.period)
-        return plan_of(stored, content, files, controllers=kind, seed=seed, horizon=horizon), stored
+        return plan_of(stored, files, controllers=kind, seed=seed, horizon=horizon), stored
 
 
 def _check_address(scheduler: str | None) -> None:

@@ -40,67 +40,26 @@ def run(path: Path, *, as_json: bool) -> None:
 def _certify(path: Path) -> Answer:
     from lockstep.lmi.certify import certify
 
-    content, stored = read_design(path)
+    stored = read_design(path)
     with of_file(path):
         verdict = certify(stored)
-        broken = broken_place(content, verdict) if verdict.certified else None
-        if broken:
-            verdict = replace(verdict, certified=False, reason=broken)
-        if is_generated(path):
-            return _with_folder(path, content, stored, verdict)
-        return _with_design(content, stored, verdict)
+        return (_with_folder if is_generated(path) else _with_design)(path, stored, verdict)
 
 
-def _with_design(content: dict[str, Any], stored: "Stored", verdict: "Verdict") -> Answer:
+def _with_design(_path: Path, stored: "Stored", verdict: "Verdict") -> Answer:
     """Certify a design file alone: its gains, and the controllers they are sampled and rounded to."""
     from lockstep.codegen.sampled_design import prove_design
+    from lockstep.lmi.certify import broken_claim
 
-    held = prove_design(stored, content, longest=False)
-    sampled, document = held.figures(), certificate_document(content, stored, verdict)
-    broken = broken_claim(content, sampled)
+    held = prove_design(stored, longest=False)
+    sampled, document = held.figures(), certificate_document(stored, verdict)
+    broken = broken_claim(stored, held.claims(), held.verdict.reason)
     if verdict.certified and broken:
         document |= _not_certified(broken, held.verdict.figures)
     holds = verdict.certified and not broken
     document |= {"ok": holds, "sampled": sampled}
-    return Answer(document, _table(content, stored, verdict, {"sampled": sampled_text(sampled)}), holds)
-
-
-def broken_claim(content: Mapping[str, Any], proved: Mapping[str, Any]) -> str | None:
-    """Say which claim of a design file about its sampled controllers does not hold; None if all do, or none is made.
-
-    >>> proved = {"certified": True, "rho": 3.0, "max_period": 0.1}
-    >>> broken_claim({"sampled": {"certified": True, "rho": 2.0, "max_period": 0.1}}, proved)
-    'the file claims rho = 2 of the sampled loop, but 3 is proved'
-    >>> broken_claim({"sampled": {"certified": True, "rho": 3.0, "max_period": 0.2}}, proved)
-    'the file claims max_period = 0.2 s, but 0.1 s is proved'
-    >>> broken_claim({"sampled": {"certified": False}}, {"certified": False})
-    """
-    claimed = content.get("sampled")
-    if not isinstance(claimed, Mapping) or claimed.get("certified") is not True:
-        return None
-    if not proved["certified"]:
-        return str(proved["reason"])
-    longest, reached = claimed.get("max_period"), proved["max_period"]
-    if isinstance(longest, int | float) and (reached is None or longest > reached):
-        found = "none" if reached is None else f"{reached:g} s"
-        return f"the file claims max_period = {longest:g} s, but {found} is proved"
-    rho = claimed.get("rho")
-    if isinstance(rho, int | float) and (proved["rho"] is None or rho < proved["rho"]):
-        found = "none" if proved["rho"] is None else f"{proved['rho']:g}"
-        return f"the file claims rho = {rho:g} of the sampled loop, but {found} is proved"
-    return None
-
-
-def broken_place(content: Mapping[str, Any], verdict: "Verdict") -> str | None:
-    """Say whether a file claims its certificate for more states than it is proved for; None if it does not."""
-    scope, claimed = content.get("scope"), content.get("initial_set")
-    if scope is not None and scope != verdict.scope:
-        return f"the file says that the certificate is {scope}, but {verdict.scope} is proved"
-    proved = None if verdict.initial is None else verdict.initial.document()
-    if claimed is not None and claimed != proved:
-        found = "none" if verdict.initial is None else verdict.initial.text()
-        return f"the file claims other initial states than are proved: {found}"
-    return None
+    rows = {"sampled": sampled_text(sampled), **({"refused": broken} if broken else {})}
+    return Answer(document, _table(stored, verdict, rows), holds)
 
 
 def _not_certified(reason: str, figures: Mapping[str, Any]) -> dict[str, Any]:
@@ -113,14 +72,20 @@ def is_generated(path: Path) -> bool:
     return path.is_dir() and (path / MANIFEST_NAME).is_file()
 
 
-def _with_folder(path: Path, content: dict[str, Any], stored: "Stored", verdict: "Verdict") -> Answer:
+def _with_folder(path: Path, stored: "Stored", verdict: "Verdict") -> Answer:
     """Certify the design and the C beside it: both must hold, and the C must be what its manifest says."""
     from lockstep.codegen.c_certificate import certify_folder
+    from lockstep.codegen.sampled_design import prove_design
+    from lockstep.lmi.certify import broken_claim
 
-    folder = certify_folder(path, stored, content, verdict)
+    if verdict.certified:
+        designed = prove_design(stored, longest=False)
+        broken = broken_claim(stored, designed.claims(), designed.verdict.reason)
+        verdict = replace(verdict, certified=False, reason=f"design.json: {broken}") if broken else verdict
+    folder = certify_folder(path, stored, verdict)
     proved, sampled = folder.held.verdict, folder.held.figures()
     certified = verdict.certified and proved.certified
-    document = certificate_document(content, stored, verdict)
+    document = certificate_document(stored, verdict)
     if verdict.certified and not proved.certified:
         document |= _not_certified(proved.reason, proved.figures)
     document |= {
@@ -137,14 +102,16 @@ def _with_folder(path: Path, content: dict[str, Any], stored: "Stored", verdict:
         "as generated": "; ".join(folder.differences) or "yes",
         **({"not proved": f"what is in {', '.join(folder.not_proved)}"} if folder.not_proved else {}),
     }
-    return Answer(document, _table(content, stored, verdict, rows), verdict.certified and folder.ok)
+    return Answer(document, _table(stored, verdict, rows), verdict.certified and folder.ok)
 
 
-def certificate_document(content: dict[str, Any], stored: "Stored", verdict: "Verdict") -> dict[str, Any]:
+def certificate_document(stored: "Stored", verdict: "Verdict") -> dict[str, Any]:
     """Return the contract's keys for a verdict."""
-    rho = stored.certificate.rho if stored.certificate else None
-    floor = stored.floor.rho if stored.floor and verdict.certified else None
-    claims = (
+    from lockstep.lmi.document import answer
+
+    said = answer(stored)
+    floor = stored.claims.floor if verdict.certified else None
+    refused = (
         {}
         if verdict.certified
         else {"error": {"kind": "NotCertified", "message": verdict.reason, "figures": dict(verdict.figures)}}
@@ -152,34 +119,30 @@ def certificate_document(content: dict[str, Any], stored: "Stored", verdict: "Ve
     return {
         "certified": verdict.certified,
         "proof": "exact" if verdict.certified else "none",
-        "rho": rho,
+        "rho": said["rho"],
         "floor": floor,
         "floor_proof": "none" if floor is None else "exact",
-        "alpha": stored.alpha,
-        **({"entries": content["entries"]} if stored.entries else {}),
-        "fragility": dict(stored.fragility),
-        "gains": content["gains"],
+        **{key: said[key] for key in ("alpha", "entries", "fragility", "gains")},
         "reason": verdict.reason,
         "scope": verdict.scope,
         "margin": verdict.margin,
         **({} if verdict.initial is None else {"initial_set": verdict.initial.document()}),
-        **claims,
+        **refused,
     }
 
 
 def _table(
-    content: dict[str, Any],
     stored: "Stored",
     verdict: "Verdict",
     more: Mapping[str, str] = MappingProxyType({}),
 ) -> RenderableType:
     rows = {"certified": "yes" if verdict.certified else "NO", "because": verdict.reason}
-    if stored.certificate:
-        rows["rho"] = f"{stored.certificate.rho:.6g}"
-    if stored.floor and verdict.certified:
-        rows |= floor_row(stored.floor.rho)
-    rows["alpha"] = f"{stored.alpha:.9g}"
-    rows |= single_slopes(content)
+    if stored.claims.rho is not None:
+        rows["rho"] = f"{stored.claims.rho:.6g}"
+    if verdict.certified:
+        rows |= floor_row(stored.claims.floor)
+    rows["alpha"] = f"{stored.claims.alpha:.9g}"
+    rows |= single_slopes(stored.claims.document())
     rows["covers"] = COVERS[verdict.scope]
     if verdict.initial is not None:
         rows["initial states"] = verdict.initial.text()

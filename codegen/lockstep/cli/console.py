@@ -1,7 +1,5 @@
 """What the command prints: one answer on standard output, everything else on standard error."""
 
-import json
-import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -16,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lockstep.check.errors import ClaimError, ProblemError
+from lockstep.check.plain_json import to_json
 from lockstep.check.wording import visible
 from lockstep.cli.progress_lines import ProgressLines
 
@@ -122,24 +121,6 @@ def write_text(path: Path, text: str) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def to_json(document: Any) -> str:
-    """Return JSON text that every reader takes: infinities and NaN become null."""
-    return json.dumps(plain(document), indent=1, ensure_ascii=False, allow_nan=False)
-
-
-def plain(value: Any) -> Any:
-    """Return a value made of JSON types only."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
 def _leave(as_json: bool, document: Mapping[str, Any], message: str, status: int) -> NoReturn:
     remark(message)
     if as_json:
@@ -180,6 +161,6 @@ def _partial(error: ClaimError) -> Mapping[str, Any]:
     found = error.figures.get("design")
     if found is None:
         return {}
-    from lockstep.lmi.document import document
+    from lockstep.lmi.document import answer, file_of
 
-    return document(found)
+    return answer(file_of(found))

@@ -2,21 +2,23 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
 
+from lockstep.check.plain_json import to_json
 from lockstep.cli.console import (
     Answer,
     of_file,
-    plain,
     progress_display,
     respond,
-    to_json,
     two_columns,
     write_text,
 )
 from lockstep.cli.files import check_writable
+
+if TYPE_CHECKING:
+    from lockstep.lmi.document import Stored
 
 
 def run(
@@ -41,7 +43,7 @@ def _design(
 ) -> Answer:
     from lockstep.codegen.for_the_period import as_shipped
     from lockstep.lmi.design import design
-    from lockstep.lmi.document import document
+    from lockstep.lmi.document import answer, file_of
     from lockstep.model.problem import load_problem
 
     check_writable(output, path)
@@ -49,22 +51,21 @@ def _design(
     problem = load_problem(path)
     with of_file(path), progress_display() as tell:
         made = design(problem, jobs=jobs, progress=tell, time_limit=time_limit)
-        content = plain(as_shipped(plain(document(made)), tell, made.others))
-    curve = "" if trade_off is None else _trade_off(content)
+        stored = as_shipped(file_of(made), tell, made.others)
+    curve = "" if trade_off is None else _trade_off(stored)
     if output is not None:
-        write_text(output, to_json(content) + "\n")
+        write_text(output, to_json(stored.document()) + "\n")
     if trade_off is not None:
         write_text(trade_off, curve)
-    return Answer(content, summary(content), content["sampled"]["certified"] is True)
+    said = answer(stored)
+    return Answer(said, summary(said), stored.claims.sampled.certified)
 
 
-def _trade_off(content: Mapping[str, Any]) -> str:
+def _trade_off(stored: "Stored") -> str:
     """Return the least rho of the gains for each alpha, as CSV."""
-    from lockstep.cli.files import DESIGN_NAME
     from lockstep.lmi.diagnosis.trade import as_csv, curve
-    from lockstep.lmi.document import parse
 
-    return as_csv(curve(parse(content, DESIGN_NAME)))
+    return as_csv(curve(stored))
 
 
 def sampled_text(sampled: Mapping[str, Any]) -> str:

@@ -4,9 +4,12 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from lockstep.check.errors import ProblemError
+
+if TYPE_CHECKING:
+    from lockstep.lmi.document import Stored
 
 DESIGN_NAME = "design.json"
 
@@ -56,17 +59,16 @@ def seen(path: Path) -> Iterator[None]:
         raise ProblemError(f"it cannot be used ({error.strerror})", where=str(path)) from None
 
 
-def read_design(path: Path) -> tuple[dict[str, Any], Any]:
-    """Return a design file's content and what it says, from the file or from a folder that holds it."""
+def read_design(path: Path) -> "Stored":
+    """Return what a design file says, from the file or from a folder that holds it."""
+    from lockstep.check.design_file.json_text import A_DESIGN, parse_json
     from lockstep.check.files import as_text, read_inside
-    from lockstep.lmi.document import parse
-    from lockstep.lmi.json_parts import A_DESIGN, load_json, parse_json
+    from lockstep.lmi.document import parse, read
 
     with seen(path):
         is_folder = path.is_dir()
     if not is_folder:
-        content = load_json(path)
-        return content, parse(content, str(path))
+        return read(path)
     place = str(path / DESIGN_NAME)
-    content = parse_json(as_text(read_inside(path, DESIGN_NAME, expected=A_DESIGN), place, A_DESIGN), place)
-    return content, parse(content, place)
+    text = as_text(read_inside(path, DESIGN_NAME, expected=A_DESIGN), place, A_DESIGN)
+    return parse(parse_json(text, place), place)

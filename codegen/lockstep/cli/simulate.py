@@ -58,10 +58,10 @@ def _simulate(path: Path, output: Path | None, options: Options, *, as_json: boo
     check_writable(output, path)
     if options.figures is not None:
         check_folder(options.figures)
-    content, stored = read_design(path)
+    stored = read_design(path)
     with of_file(path), progress_display() as tell:
         tell("what is proved", 0.1)
-        network, promised = network_of_design(stored), promise(stored, content, kind)
+        network, promised = network_of_design(stored), promise(stored, kind)
         tell("what disturbs", 0.3)
         scenario = _scenario(stored, network, kind, changes)
         tell("the closed loop", 0.6)

@@ -11,7 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from lockstep.check.errors import ProblemError
-from lockstep.cli.console import Answer, plain, progress_display, remark, respond
+from lockstep.check.plain_json import plain
+from lockstep.cli.console import Answer, progress_display, remark, respond
 from lockstep.cli.files import seen
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def _closed_loop(folder: Path, steps: int) -> "list[np.ndarray] | None":
     manifest = load_manifest(folder)
     if not (folder / DESIGN_NAME).is_file():
         return None
-    _, stored = read_design(folder)
+    stored = read_design(folder)
     problem = stored.problem
     network = Network(problem.agent(), problem.graph(), problem.agents_B())
     plant = HeldPlant(network, problem.initial_states(), manifest.period)

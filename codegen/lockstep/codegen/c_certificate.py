@@ -4,11 +4,9 @@
 from its design and what was proved, and compared byte by byte: headers, sources, CMakeLists.txt, README.md, manifest.json.
 """
 
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +21,6 @@ from lockstep.codegen.from_c import read_controllers
 from lockstep.codegen.from_design import specification
 from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files, load_manifest
 from lockstep.codegen.sampled_design import (
-    RESIDUALS,
     HeldVerdict,
     prove_controllers,
     sampled_network,
@@ -52,15 +49,12 @@ class FolderVerdict:
         return self.held.verdict.certified and not self.differences
 
 
-def certify_folder(
-    folder: Path, stored: Stored, content: Mapping[str, Any], verdict: Verdict
-) -> FolderVerdict:
+def certify_folder(folder: Path, stored: Stored, verdict: Verdict) -> FolderVerdict:
     """Prove the controllers in a folder by the numbers in their C, and that the folder is what its design says.
 
     Args:
         folder: as `lockstep generate` writes it.
-        stored: the design in it, for the agents and alpha, which is proved again.
-        content: the design as JSON types: its sampled witness, if there is one, is tried first.
+        stored: the design in it, for the agents and alpha, which is proved again; its witnesses are tried first.
         verdict: what was proved of the design's continuous controllers just now.
 
     Raises:
@@ -84,23 +78,21 @@ def certify_folder(
         return FolderVerdict(HeldVerdict(refused), tuple(differences))
     differences += _differences(read, manifest, period)
     controllers = tuple(one.controller for one in read)
-    held = prove_controllers(stored, network.at(period), controllers, content, longest=False)
-    differences += _overstated(held, content)
+    held = prove_controllers(stored, network.at(period), controllers, longest=False)
+    if held.verdict.certified:
+        differences += [f"{DESIGN_NAME}: {said}" for said in stored.claims.sampled.better_than(held.claims())]
     if verdict.certified:
-        differences += differs(folder, _rendered(folder, stored, content, verdict, manifest))
+        differences += differs(folder, _rendered(folder, stored, verdict, manifest))
     return FolderVerdict(held, tuple(differences), not_proved(manifest))
 
 
-def _rendered(
-    folder: Path, stored: Stored, content: Mapping[str, Any], verdict: Verdict, manifest: Manifest
-) -> dict[str, str]:
+def _rendered(folder: Path, stored: Stored, verdict: Verdict, manifest: Manifest) -> dict[str, str]:
     """Return the text of every file that follows from the design; of the manifest only the hashes of others are read.
 
-    The files print what the design states of its sampled controllers, which does not depend on the last bits of a
-    machine; that it states no more than is proved is asked apart.
+    The files print what the design claims of its sampled controllers, which does not depend on the last bits of a
+    machine; that it claims no more than is proved is asked apart.
     """
-    held = stated_verdict(stored, content)
-    files = emit(specification(stored, verdict, content=content, optimize=manifest.optimize, held=held))
+    files = emit(specification(stored, verdict, optimize=manifest.optimize, held=stated_verdict(stored)))
     others = {path: _bytes(folder, path) for path in manifest.files if path not in files}
     together = bundle(files, others)
     return {path: str(together[path]) for path in files}
@@ -114,29 +106,12 @@ def _bytes(folder: Path, path: str) -> bytes:
         return b""
 
 
-def _overstated(held: HeldVerdict, content: Mapping[str, Any]) -> Iterator[str]:
-    """Say which figure of a design file's sampled controllers claims more than is proved.
-
-    `ROUNDED_UP` leaves 1e-9 between a residual and the number printed: a claim less by a tenth of that still holds.
-    """
-    said = content.get("sampled")
-    if not held.verdict.certified or not isinstance(said, Mapping) or said.get("certified") is not True:
-        return
-    proved = {key: getattr(held.verdict, field) * (1 - 1e-10) for key, field in RESIDUALS.items()}
-    for key, least in {**proved, "rho": math.inf if held.rho is None else held.rho.rho}.items():
-        claimed = said.get(key)
-        if claimed is not None and not (isinstance(claimed, int | float) and claimed >= least):
-            yield f"{DESIGN_NAME} claims {key} = {claimed!r} of the sampled loop, but {least:g} is proved"
-
-
-def certify_texts(
-    files: Mapping[str, str], stored: Stored, content: Mapping[str, Any], *, longest: bool = True
-) -> HeldVerdict:
+def certify_texts(files: Mapping[str, str], stored: Stored, *, longest: bool = True) -> HeldVerdict:
     """Prove controllers that are printed and not yet written, by the numbers in their text.
 
     Args:
         files: what `emit` returns: relative path -> text.
-        stored, content: the design, parsed and as JSON types: the witnesses in it are tried first.
+        stored: the design; its witnesses are tried first.
         longest: whether to look for the largest period of the design's gains too.
     """
     manifest = Manifest.model_validate_json(files[FILE_NAME])
@@ -146,7 +121,7 @@ def certify_texts(
     ]
     network = sampled_network(stored, _period(read, manifest))
     controllers = tuple(one.controller for one in read)
-    return prove_controllers(stored, network, controllers, content, longest=longest)
+    return prove_controllers(stored, network, controllers, longest=longest)
 
 
 def _period(read: list[ReadController], manifest: Manifest) -> float:

@@ -8,10 +8,10 @@ import re
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
+from lockstep.check.c_source.reader import read_controller
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.files import as_text, entries_of, read_inside
 from lockstep.check.wording import shorten
-from lockstep.codegen.from_c import read_controller
 from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files
 
 DESIGN_NAME = "design.json"

@@ -5,14 +5,16 @@ controllers are what is designed, and these gains are their image under the inve
 continuous certificate is that of the new gains, and `certify` and `generate` read the file as any other.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from lockstep.check.design_file.claims import SampledClaims
+from lockstep.check.design_file.proofs import Proofs
 from lockstep.check.errors import ClaimError, Infeasible, NotCertified
 from lockstep.check.inequality import Certificate
+from lockstep.check.local import InitialSet
 from lockstep.check.loop import Gains, build_loop
 from lockstep.codegen.sampled_design import (
     FOR_PERIOD,
@@ -25,7 +27,7 @@ from lockstep.codegen.sampled_design import (
     with_sampled,
 )
 from lockstep.lmi.certify import certify
-from lockstep.lmi.document import Stored, parse
+from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.certify import plant_in_doubles
 from lockstep.lmi.sampled.improve import Start
 from lockstep.lmi.threads import one_thread
@@ -41,18 +43,18 @@ Tell = Callable[[float], None]
 
 
 def as_shipped(
-    content: Mapping[str, Any],
+    stored: Stored,
     tell: Callable[[str, float], None] = lambda _what, _part: None,
     others: Sequence[Start] = (),
-) -> dict[str, Any]:
-    """Return a design file with what is proved of its controllers sampled and rounded, as a reader of the file sees it.
+) -> Stored:
+    """Return a design file with what is proved of its controllers sampled and rounded.
 
     Where the period is too long for the continuous design, or costs more than 5 % of the least rho known, or the
     problem asks for it, gains are designed for the sampled loop; where that fails, the continuous design is kept and
-    `sampled` says why.
+    the remarks on the sampled controllers say why.
 
     Args:
-        content: the design file, made of JSON types only.
+        stored: the design file.
         tell: called with what is being done and the part of it that is done.
         others: gains to start a design for the period from, besides those of the file.
 
@@ -60,27 +62,24 @@ def as_shipped(
         NotCertified: the file says that the design is certified, and the checker refuses it.
     """
     with one_thread():
-        stored = parse(content, "the design")
         verdict = certify(stored)
-        if content["certified"] and not verdict.certified:
+        if stored.claims.certified and not verdict.certified:
             raise NotCertified(f"the checker refuses the design: {verdict.reason}", **verdict.figures)
         tell("proving the sampled controllers", 0.95)
-        content = with_sampled(content, prove_design(stored, content))
-        asked = is_asked(stored.problem) or not content["sampled"]["certified"]
-        enough = NEAR * min([content["rho"] or np.inf, *(one.rho for one in others)])
-        if not asked and (content["sampled"].get("rho") or np.inf) <= enough:
-            return content
+        held = prove_design(stored)
+        kept = with_sampled(stored, held)
+        sampled = kept.claims.sampled
+        asked = is_asked(stored.problem) or not sampled.certified
+        enough = NEAR * min([stored.claims.rho or np.inf, *(one.rho for one in others)])
+        if not asked and (sampled.rho or np.inf) <= enough:
+            return kept
         found = obstacle(stored)
         if found is None:
             try:
-                return designed_for_period(
-                    content, stored, lambda part: tell("designing for the period", part), others
-                )
+                return designed_for_period(kept, lambda part: tell("designing for the period", part), others)
             except Infeasible as error:
                 found = str(error)
-        if not asked:
-            return content
-        return {**content, "sampled": {**content["sampled"], NOT_FOR_PERIOD: found}}
+        return with_sampled(stored, held, **{NOT_FOR_PERIOD: found}) if asked else kept
 
 
 def is_asked(problem: Problem) -> bool:
@@ -93,7 +92,7 @@ def obstacle(stored: Stored) -> str | None:
     problem = stored.problem
     if problem.design.method != "certified":
         return f'the gains of method "{problem.design.method}" are not designed for a period'
-    if not isinstance(stored.certificate, Certificate):
+    if not isinstance(stored.proofs.certificate, Certificate):
         return "there is no continuous certificate to start from"
     if any(problem.fragility.values()):
         return "[design.fragility] is about continuous gains"
@@ -103,13 +102,13 @@ def obstacle(stored: Stored) -> str | None:
     return f"the loop has {states} states, more than {MOST_STATES}" if states > MOST_STATES else None
 
 
-def designed_for_period(
-    content: Mapping[str, Any], stored: Stored, tell: Tell, others: Sequence[Start] = ()
-) -> dict[str, Any]:
+def designed_for_period(stored: Stored, tell: Tell, others: Sequence[Start] = ()) -> Stored:
     """Return the design file with gains made for its period, both certificates proved anew.
 
+    The figures of the gains that are replaced are kept among the remarks, under `replaced`.
+
     Args:
-        content, stored: the design file, as JSON types and typed.
+        stored: the design file, with what is proved of its sampled controllers.
         tell: called with the part that is done.
         others: gains to start from besides those of the file.
 
@@ -117,23 +116,36 @@ def designed_for_period(
         Infeasible: no gains survive the period, or none with both certificates, or none that are better.
     """
     found, m = _searched(stored, tell, others)
-    proved = replace(stored, gains=found, certificate=_continuous(stored, found))
-    sampled = prove_design(proved, {}, m)
-    before = content["sampled"].get("rho")
+    c = _continuous(stored, found)
+    claims = replace(stored.claims, rho=c.rho, sampled=SampledClaims())
+    proofs = Proofs(c, stored.proofs.floor)
+    made = replace(stored, gains=found, claims=claims, proofs=proofs)
+    sampled, before = prove_design(made, m), stored.claims.sampled
     if not sampled.verdict.certified or sampled.rho is None:
         raise Infeasible(f"gains were found for the period, but not proved: {sampled.verdict.reason}")
-    if before is not None and sampled.rho.rho >= before:
+    if before.rho is not None and sampled.rho.rho >= before.rho:
         raise Infeasible(
-            f"no gains were found with a smaller rho of the sampled loop than {before:g}", rho=before
+            f"no gains were found with a smaller rho of the sampled loop than {before.rho:g}", rho=before.rho
         )
-    return _rewritten(content, proved, sampled.document())
+    figures = {
+        **stored.info["figures"],
+        "abscissa": _abscissa(made),
+        "gain_norms": found.norms,
+        "replaced": {
+            "rho": stored.claims.rho,
+            "sampled_rho": before.rho,
+            "sampled_max_period": before.max_period,
+        },
+    }
+    made = _placed(replace(made, info={**stored.info, "figures": figures}))
+    return with_sampled(made, sampled, **{FOR_PERIOD: True})
 
 
 def _searched(stored: Stored, tell: Tell, others: Sequence[Start]) -> tuple[Gains, PairWeights]:
     from lockstep.lmi.analysis.rounding import short_gains
     from lockstep.lmi.sampled.improve import AtPeriod, improved
 
-    problem, c, order = stored.problem, stored.certificate, stored.gains.order
+    problem, c, order = stored.problem, stored.proofs.certificate, stored.gains.order
     m = pair_weights(stored)
     if not isinstance(c, Certificate) or m is None:
         raise Infeasible("there is no continuous certificate to start from")
@@ -158,7 +170,7 @@ def _continuous(stored: Stored, gains: Gains) -> Certificate:
 
     problem = stored.problem
     bound = bound_again(stored).or_raise()
-    claim = replace(claim_of(problem, bound), alpha=stored.alpha)
+    claim = replace(claim_of(problem, bound), alpha=stored.claims.alpha)
     try:
         return prove(network_of(problem, bound), gains, claim, rho=problem.design.rho)
     except ClaimError as error:
@@ -167,33 +179,12 @@ def _continuous(stored: Stored, gains: Gains) -> Certificate:
         ) from None
 
 
-def _rewritten(content: Mapping[str, Any], proved: Stored, sampled: dict[str, Any]) -> dict[str, Any]:
-    """Return the file with the new gains and what is proved of them; the old ones' figures are kept under
-    `replaced`."""
-    c, gains = proved.certificate, proved.gains
-    if not isinstance(c, Certificate):
-        raise TypeError("proved without a certificate")
-    replaced = {"rho": content["rho"], "sampled_rho": content["sampled"].get("rho")}
-    replaced["sampled_max_period"] = content["sampled"].get("max_period")
-    return {
-        **content,
-        "rho": c.rho,
-        "gains": [{letter: getattr(gains, letter)[i].tolist() for letter in "ABCD"} for i in range(gains.N)],
-        "certificate": {
-            **content["certificate"],
-            "P": c.P.tolist(),
-            "m": c.m.tolist(),
-            "t": c.t.tolist(),
-            **({"m_entries": c.m_entries.tolist()} if len(c.m_entries) else {}),
-        },
-        "sampled": {**sampled, FOR_PERIOD: True},
-        "figures": {
-            **content["figures"],
-            "abscissa": _abscissa(proved),
-            "gain_norms": gains.norms,
-            "replaced": replaced,
-        },
-    }
+def _placed(made: Stored) -> Stored:
+    """Return a design file with the initial states that its own certificate proves; those of another say nothing."""
+    initial = certify(replace(made, claims=replace(made.claims, initial_set=None))).initial
+    proved = initial if isinstance(initial, InitialSet) else None
+    remarks = {} if initial is None else {"initial_set": initial.remarks()}
+    return replace(made, claims=replace(made.claims, initial_set=proved), info={**made.info, **remarks})
 
 
 def _abscissa(proved: Stored) -> float:

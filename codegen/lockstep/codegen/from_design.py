@@ -3,8 +3,6 @@
 import hashlib
 import json
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +22,6 @@ def specification(
     stored: Stored,
     verdict: Verdict,
     *,
-    content: Mapping[str, Any],
     optimize: Optimize = "speed",
     held: HeldVerdict | None = None,
 ) -> CodegenSpec:
@@ -33,7 +30,6 @@ def specification(
     Args:
         stored: the design.
         verdict: what the checker says of it just now; what the file says of itself does not count.
-        content: the design file as JSON types, for its hash.
         optimize: "speed" or "size".
         held: what is proved of the numbers that will be printed, sampled and rounded; None: nothing.
     """
@@ -67,23 +63,23 @@ def specification(
         name=f"{agent.name}_controllers",
         title=problem.title,
         certificate=_datasheet(stored, verdict, held),
-        design_hash=fingerprint(content),
+        design_hash=fingerprint(stored),
         plants=plants,
     )
 
 
-def fingerprint(content: Mapping[str, Any]) -> str:
+def fingerprint(stored: Stored) -> str:
     """Return the SHA-256 of a design file's content, whatever the order of its keys."""
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    text = json.dumps(stored.document(), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _datasheet(
     stored: Stored, verdict: Verdict, held: HeldVerdict | None
 ) -> dict[str, str | float | bool | None]:
-    if not verdict.certified or stored.certificate is None:
+    if not verdict.certified or stored.proofs.certificate is None:
         return {"certified": False}
-    delta = {f"delta_{letter}": value for letter, value in stored.fragility.items() if value}
+    delta = {f"delta_{letter}": value for letter, value in stored.claims.fragility.items() if value}
     covered = held is not None and held.verdict.certified
     lines = signed_lines(held.verdict, stored) if held and covered else {"covers": CONTINUOUS_ONLY}
     if verdict.scope == "local":
@@ -94,9 +90,9 @@ def _datasheet(
         "proof": "ball" if covered else "exact",
         **lines,
         "scope": verdict.scope,
-        "rho": stored.certificate.rho,
+        "rho": stored.proofs.certificate.rho,
         **({"rho_sampled": held.rho.rho if held.rho else "not proved"} if held and covered else {}),
-        "alpha": stored.alpha,
+        "alpha": stored.claims.alpha,
         **delta,
         **({"rho and delta are": "of the continuous controllers (proof: exact)"} if covered else {}),
     }
@@ -128,7 +124,7 @@ def signed_lines(sampled: SampledVerdict, stored: Stored) -> dict[str, str]:
 
 
 def _slopes(stored: Stored) -> str:
-    return "alpha, and each single slope up to its bound" if stored.entries else "alpha"
+    return "alpha, and each single slope up to its bound" if stored.claims.entries else "alpha"
 
 
 def _two_digits(value: float) -> str:

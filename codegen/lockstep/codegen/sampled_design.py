@@ -5,19 +5,18 @@ file says of its sampled controllers is never believed: its witnesses are put to
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.errors import BoundNotProved, ProblemError
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate
 from lockstep.check.sampled.certify import decide_sampled
 from lockstep.check.sampled.discretise import sampled_controllers as held_controllers
-from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.sampled.sector import Sector, common_sector
@@ -39,13 +38,6 @@ from lockstep.model.assembly import network_of
 FOR_PERIOD, NOT_FOR_PERIOD = "designed_for_period", "not_designed_for_period"
 """Of `sampled`: that the gains were designed for the sampled loop, not for the continuous one; or why they were not."""
 
-RESIDUALS = {
-    "residual_per_message_error": "residual",
-    "residual_rms_per_message_error": "residual_rms",
-    "residual_from_underflow": "underflow",
-}
-"""Keys of `sampled` in a design file: the fields of `SampledVerdict` that they state."""
-
 PairWeights = Float[np.ndarray, " pairs"]
 
 
@@ -61,41 +53,47 @@ class HeldVerdict:
     longest: SampledVerdict | None = None
     rho: SampledRho | None = None
 
-    def figures(self) -> dict[str, Any]:
-        """Return the contract's `sampled`, without witnesses."""
-        return {
-            **self.verdict.document(),
-            "max_period": None if self.longest is None else self.longest.period,
-            "rho": None if self.rho is None else self.rho.rho,
-        }
+    def claims(self) -> SampledClaims:
+        """Return what may be claimed."""
+        sampled, longest = self.verdict, None if self.longest is None else self.longest.period
+        if not sampled.certified:
+            return SampledClaims(max_period=longest)
+        return SampledClaims(
+            True,
+            sampled.period,
+            sampled.delay,
+            sampled.decay,
+            None if self.rho is None else self.rho.rho,
+            sampled.residual,
+            sampled.residual_rms,
+            sampled.underflow,
+            sampled.deltas,
+            longest,
+        )
 
-    def document(self) -> dict[str, Any]:
-        """Return the contract's `sampled` for a design file, with the witnesses: who reads it proves it again.
+    def remarks(self) -> dict[str, Any]:
+        """Return what is known besides.
 
         Figures of the search (a spectral radius, a gain around phi) tell why a proof fails; beside one that holds they
         are left out, being computed and not proved.
         """
-        searched = self.verdict.figures if self.verdict.certified else {}
-        proved: dict[str, Witness | None] = {
-            "witness": self.verdict.witness,
-            "rho_witness": None if self.rho is None else self.rho.witness,
-            "max_period_witness": None if self.longest is None else self.longest.witness,
-        }
-        return {
-            **{key: value for key, value in self.figures().items() if key not in searched},
-            **{key: None if one is None else one.document() for key, one in proved.items()},
-        }
+        searched = {} if self.verdict.certified else self.verdict.figures
+        return {"reason": self.verdict.reason, **searched}
+
+    def figures(self) -> dict[str, Any]:
+        """Return the contract's `sampled`."""
+        sampled = self.verdict
+        at = {"period": sampled.period, "delay": sampled.delay}
+        return {**self.remarks(), **sampled.figures, **self.claims().document(), **at}
 
 
-def prove_design(
-    stored: Stored, content: Mapping[str, Any], guess: PairWeights | None = None, *, longest: bool = True
-) -> HeldVerdict:
+def prove_design(stored: Stored, guess: PairWeights | None = None, *, longest: bool = True) -> HeldVerdict:
     """Prove what the C of a design file will compute: its gains sampled and rounded as `emit` does.
 
     The counts of roundings are those of full rows; C that skips zeros rounds less often.
 
     Args:
-        stored: the design;  content: the same as JSON types: the witnesses in it are tried first.
+        stored: the design; its witnesses are tried first.
         guess: pair weights to start from; by default those of the design.
         longest: whether to look for the largest period too, where the one that the file states is not proved.
     """
@@ -105,14 +103,13 @@ def prove_design(
         controllers = sampled_controllers(stored, period)
     except (BoundNotProved, ProblemError) as error:
         return HeldVerdict(SampledVerdict(False, str(error), period, delay))
-    return prove_controllers(stored, network, controllers, content, guess, longest=longest)
+    return prove_controllers(stored, network, controllers, guess, longest=longest)
 
 
 def prove_controllers(
     stored: Stored,
     network: Network,
     controllers: tuple[HeldController, ...],
-    content: Mapping[str, Any],
     guess: PairWeights | None = None,
     *,
     longest: bool = True,
@@ -120,21 +117,19 @@ def prove_controllers(
     """Prove sampled controllers of a design's network: agreement, rho, and the largest period of the design's gains.
 
     Args:
-        stored: the design;  network: its agents, at the period of the controllers;  controllers: these.
-        content: the design as JSON types: the witnesses in it are tried first.
+        stored: the design; its witnesses are tried first.
+        network: its agents, at the period of the controllers;  controllers: these.
         guess: pair weights to start from; by default those of the design.
         longest: whether to look for the largest period too, where the one that the file states is not proved.
     """
     if guess is None:
-        guess = _guess(stored, content)
-    verdict = certify_sampled(network, controllers, guess, witness=_witness_in(content))
+        guess = _guess(stored)
+    verdict = certify_sampled(network, controllers, guess, witness=stored.proofs.sampled)
     rho = None
     if verdict.certified:
         weights = weights_of(stored)
-        rho = _stated_rho(network, controllers, weights, content) or sampled_rho(
-            network, controllers, weights, guess
-        )
-    reach = _longest_stated(stored, network, content)
+        rho = _stated_rho(stored, network, controllers) or sampled_rho(network, controllers, weights, guess)
+    reach = _longest_stated(stored, network)
     if reach is None and longest:
         reach = longest_period(stored, network, guess)
     if verdict.certified and (reach is None or reach.period < verdict.period):
@@ -142,32 +137,45 @@ def prove_controllers(
     return HeldVerdict(verdict, reach, rho)
 
 
-def with_sampled(content: Mapping[str, Any], held: HeldVerdict) -> dict[str, Any]:
-    """Return a design file's content with what is proved of its sampled controllers."""
-    said = _said(content)
-    design = {key: said[key] for key in (FOR_PERIOD, NOT_FOR_PERIOD) if key in said}
-    return {**content, "sampled": {**held.document(), **design}}
+def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
+    """Return a design file with what is proved of its sampled controllers, and its witnesses."""
+    said = stored.info.get("sampled")
+    kept = (
+        {key: said[key] for key in (FOR_PERIOD, NOT_FOR_PERIOD) if key in said}
+        if isinstance(said, dict)
+        else {}
+    )
+    proofs = replace(
+        stored.proofs,
+        sampled=held.verdict.witness,
+        sampled_rho=None if held.rho is None else held.rho.witness,
+        max_period=None if held.longest is None else held.longest.witness,
+    )
+    return replace(
+        stored,
+        claims=replace(stored.claims, sampled=held.claims()),
+        proofs=proofs,
+        info={**stored.info, "sampled": {**held.remarks(), **kept, **remarks}},
+    )
 
 
-def stated_verdict(stored: Stored, content: Mapping[str, Any]) -> HeldVerdict | None:
-    """Return what a design file states of its sampled controllers, believed for once: what its C's comments print."""
-    said, table = _said(content), stored.problem.controller
-    if said.get("certified") is not True:
+def stated_verdict(stored: Stored) -> HeldVerdict | None:
+    """Return what a design file claims of its sampled controllers, believed for once: what its C's comments print."""
+    claimed, table = stored.claims.sampled, stored.problem.controller
+    if not claimed.certified:
         return None
-    figures = {field: _figure(said.get(key)) for key, field in RESIDUALS.items()}
-    stated = SampledVerdict(True, "stated", table.period, table.delay, "ball", **figures)  # type: ignore[arg-type]
-    return HeldVerdict(stated, rho=_rho_in(content))
+    figures = (claimed.decay, claimed.residual, claimed.residual_rms, claimed.underflow)
+    decay, residual, rms, underflow = (math.nan if one is None else one for one in figures)
+    stated = SampledVerdict(
+        True, "stated", table.period, table.delay, "ball", decay, residual, rms, underflow
+    )
+    return HeldVerdict(stated, rho=_known_rho(stored))
 
 
-def _figure(value: Any) -> float:
-    """Return a number of a file, or NaN, which prints as such, where there is none."""
-    return float(value) if isinstance(value, int | float) and abs(value) < 1e300 else math.nan
-
-
-def stated_rho(stored: Stored, content: Mapping[str, Any]) -> SampledRho | None:
+def stated_rho(stored: Stored) -> SampledRho | None:
     """Return the sampled rho of a design file with its witness, if that proves it now."""
     network = sampled_network(stored, stored.problem.controller.period)
-    return _stated_rho(network, sampled_controllers(stored, network.period), weights_of(stored), content)
+    return _stated_rho(stored, network, sampled_controllers(stored, network.period))
 
 
 def longest_period(stored: Stored, network: Network, guess: PairWeights | None) -> SampledVerdict | None:
@@ -184,19 +192,21 @@ def sampled_network(stored: Stored, period: float) -> Network:
     problem = stored.problem
     bound = bound_again(stored).or_raise()
     loop = network_of(problem, bound).loop(stored.gains.order, exact_arithmetic=True)
-    return Network(loop.plant, loop.d, stored.alpha, period, problem.controller.delay, _sector(stored))
+    return Network(loop.plant, loop.d, stored.claims.alpha, period, problem.controller.delay, _sector(stored))
 
 
 def _sector(stored: Stored) -> Sector | None:
     """Return the sector that takes the place of alpha where the continuous certificate uses entries."""
-    c, lure = stored.certificate, stored.problem.agent().lure
-    if not stored.entries or c is None:
+    c, lure = stored.proofs.certificate, stored.problem.agent().lure
+    if not stored.claims.entries or c is None:
         return None
     if isinstance(c, ModalCertificate):
         m, m_entries = np.array([c.mu]), np.array(c.mu_entries)[:, None]
     else:
         m, m_entries = c.m, c.m_entries
-    return common_sector(stored.alpha, stored.entries, m, m_entries, lure.G.shape[1], lure.H.shape[0])
+    return common_sector(
+        stored.claims.alpha, stored.claims.entries, m, m_entries, lure.G.shape[1], lure.H.shape[0]
+    )
 
 
 def sampled_controllers(stored: Stored, period: float) -> tuple[HeldController, ...]:
@@ -216,54 +226,42 @@ def weights_of(stored: Stored) -> Weights:
 
 
 def _stated_rho(
-    network: Network, controllers: tuple[HeldController, ...], weights: Weights, content: Mapping[str, Any]
+    stored: Stored, network: Network, controllers: tuple[HeldController, ...]
 ) -> SampledRho | None:
-    known = _rho_in(content)
-    return known if known and proves_rho(sampled_loop(network, controllers), weights, known) else None
+    known = _known_rho(stored)
+    holds = known and proves_rho(sampled_loop(network, controllers), weights_of(stored), known)
+    return known if holds else None
 
 
-def _longest_stated(stored: Stored, network: Network, content: Mapping[str, Any]) -> SampledVerdict | None:
-    """Return the verdict at the period that a design file states as its longest, if the file's witness proves it."""
-    said = _said(content)
-    period, witness = said.get("max_period"), Witness.from_document(said.get("max_period_witness"))
-    if not isinstance(period, int | float) or not 0 < period < 1e300 or witness is None:
+def _known_rho(stored: Stored) -> SampledRho | None:
+    rho, witness = stored.claims.sampled.rho, stored.proofs.sampled_rho
+    return None if rho is None or witness is None else SampledRho(rho, witness)
+
+
+def _longest_stated(stored: Stored, network: Network) -> SampledVerdict | None:
+    """Return the verdict at the period that a design file claims as its longest, if the file's witness proves it."""
+    period, witness = stored.claims.sampled.max_period, stored.proofs.max_period
+    if period is None or witness is None:
         return None
     try:
-        controllers = sampled_controllers(stored, float(period))
+        controllers = sampled_controllers(stored, period)
     except ProblemError:
         return None
-    verdict = decide_sampled(network.at(float(period)), controllers, [witness])
+    verdict = decide_sampled(network.at(period), controllers, [witness])
     return verdict if verdict.certified else None
-
-
-def _said(content: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return what a design file says of its sampled controllers; it may say nothing."""
-    said = content.get("sampled")
-    return said if isinstance(said, Mapping) else {}
-
-
-def _witness_in(content: Mapping[str, Any]) -> Witness | None:
-    return Witness.from_document(_said(content).get("witness"))
-
-
-def _rho_in(content: Mapping[str, Any]) -> SampledRho | None:
-    rho, witness = _said(content).get("rho"), Witness.from_document(_said(content).get("rho_witness"))
-    if witness is None or not isinstance(rho, int | float) or not 0 < rho < 1e300:
-        return None
-    return SampledRho(float(rho), witness)
 
 
 def pair_weights(stored: Stored) -> PairWeights | None:
     """Return those of the continuous certificate, as far as one weight for each pair can stand for them."""
-    c, sector = stored.certificate, _sector(stored)
+    c, sector = stored.proofs.certificate, _sector(stored)
     if not isinstance(c, Certificate):
         return None
-    return c.m if sector is None else common_pair_weights(stored.entries, c, sector)
+    return c.m if sector is None else common_pair_weights(stored.claims.entries, c, sector)
 
 
-def _guess(stored: Stored, content: Mapping[str, Any]) -> PairWeights | None:
+def _guess(stored: Stored) -> PairWeights | None:
     """Return pair weights to start from: those that proved rho of the sampled loop, else the continuous ones."""
-    known = _rho_in(content)
+    known = _known_rho(stored)
     if known is not None and len(known.witness.m) == stored.gains.N * (stored.gains.N - 1) // 2:
         return known.witness.m
     return pair_weights(stored)

@@ -60,7 +60,7 @@ def draw(facts: Facts, spectrum: Spectrum) -> Drawings:
     return Drawings(
         _graph(facts.problem.graph()),
         () if facts.trajectory is None else tuple(_run(facts.trajectory, dict(agent.units))),
-        tuple(_spectrum(spectrum, agent.name, facts.content["rho"])),
+        tuple(_spectrum(spectrum, agent.name, facts.stored.claims.rho or np.inf)),
     )
 
 

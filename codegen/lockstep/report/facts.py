@@ -2,10 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from lockstep.codegen.manifest import FILE_NAME, Manifest
-from lockstep.lmi.document import Stored, parse
+from lockstep.lmi.document import Stored
 from lockstep.model.checks import CheckReport
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
@@ -27,12 +26,11 @@ MOST_INSTANTS = 100_000
 class Facts:
     """What is known of a folder about to be written.
 
-    content: design.json as it will be written;  stored: the same, parsed;  manifest: manifest.json, with the claims that
-    the C's headers make;  checks, verified: what `check` and `verify` found;  trajectory: a run of the shipped
-    controllers, or None, and then `no_run` says why.
+    stored: design.json as it will be written;  manifest: manifest.json, with the claims that the C's headers make;
+    checks, verified: what `check` and `verify` found;  trajectory: a run of the shipped controllers, or None, and then
+    `no_run` says why.
     """
 
-    content: Mapping[str, Any]
     stored: Stored
     manifest: Manifest
     checks: CheckReport
@@ -52,23 +50,20 @@ class Facts:
         return Network(problem.agent(), problem.graph(), problem.agents_B(), problem.design.coordinates)
 
 
-def gather(
-    files: Mapping[str, str], content: Mapping[str, Any], checks: CheckReport, verified: VerifyReport
-) -> Facts:
+def gather(files: Mapping[str, str], stored: Stored, checks: CheckReport, verified: VerifyReport) -> Facts:
     """Return the facts of a generated folder that is not written yet; this runs the loop.
 
     Args:
         files: relative path -> text, as generated.
-        content: design.json among them, as JSON types.
+        stored: design.json among them.
         checks, verified: what was found of them.
     """
-    stored = parse(content, DESIGN_NAME)
     manifest = Manifest.model_validate_json(files[FILE_NAME])
     try:
         trajectory, why = run_shipped(stored.problem, manifest), ""
     except Diverged as error:
         trajectory, why = None, str(error)
-    return Facts(content, stored, manifest, checks, verified, trajectory, why)
+    return Facts(stored, manifest, checks, verified, trajectory, why)
 
 
 def run_shipped(problem: Problem, manifest: Manifest) -> Trajectory:

@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from lockstep.codegen.cores import CORES
 from lockstep.codegen.rendering import templates
+from lockstep.lmi.document import answer
 from lockstep.model.simulation import effort_indices, indices
 from lockstep.report import formula
 from lockstep.report.drawings import Drawings
@@ -45,8 +46,8 @@ def html(facts: Facts, spectrum: Spectrum, drawings: Drawings, files: Sequence[s
         problem=problem,
         agent=problem.agent(),
         graph=problem.graph(),
-        design=facts.content,
-        sampled=facts.content["sampled"],
+        design=answer(facts.stored),
+        sampled=facts.stored.claims.sampled,
         manifest=facts.manifest,
         guarantee=lines_of(facts.manifest.certificate),
         terms=terms_of(facts),

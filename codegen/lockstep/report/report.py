@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from lockstep.codegen.rendering import render
+from lockstep.lmi.document import Stored, answer
 from lockstep.model.checks import CheckReport
 from lockstep.report.drawings import draw
 from lockstep.report.facts import gather
@@ -31,17 +31,17 @@ class Report:
 
 
 def make_report(
-    files: Mapping[str, str], content: Mapping[str, Any], checks: CheckReport, verified: VerifyReport
+    files: Mapping[str, str], stored: Stored, checks: CheckReport, verified: VerifyReport
 ) -> Report:
     """Return the report of a generated folder; the same input gives the same bytes.
 
     Args:
         files: the folder as it will be written, relative path -> text.
-        content: its design.json as JSON types.
+        stored: its design.json.
         checks, verified: what was found of them.
     """
-    facts = gather(files, content, checks, verified)
-    problem, gains = facts.problem, facts.stored.gains
+    facts = gather(files, stored, checks, verified)
+    problem, gains = facts.problem, stored.gains
     R, Q = problem.state_weight(problem.agent().n), problem.controller_weight(gains.order)
     spectrum = spectrum_of(facts.network, gains, R, Q)
     drawings = draw(facts, spectrum)
@@ -50,7 +50,7 @@ def make_report(
         "report.md.j2",
         title=problem.title,
         guarantee=lines_of(facts.manifest.certificate),
-        design=content,
+        design=answer(stored),
         checks=checks,
         verify=verified,
     )

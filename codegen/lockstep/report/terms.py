@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, Context
 
+from lockstep.lmi.document import sampled_answer
 from lockstep.report.facts import Facts
 
 EXACT = "proved, exact rational arithmetic"
@@ -37,18 +38,18 @@ def up(value: float, digits: int) -> str:
 
 
 def _continuous(facts: Facts) -> Iterator[Term]:
-    content, bound = facts.content, facts.checks.bound
+    claims, bound = facts.stored.claims, facts.checks.bound
     yield Term(
         "ρ",
-        up(content["rho"], 6),
+        "none" if claims.rho is None else up(claims.rho, 6),
         EXACT,
         "gain from the disagreement of the disturbances to the weighted disagreement of the states, continuous"
         " controllers",
     )
-    if content.get("floor") is not None:
+    if claims.floor is not None:
         yield Term(
             "floor of ρ",
-            f"{content['floor']:.10g}",
+            f"{claims.floor:.10g}",
             EXACT,
             "no controllers of any order, however connected, can certify less in this form of certificate",
         )
@@ -56,18 +57,18 @@ def _continuous(facts: Facts) -> Iterator[Term]:
     reached = f"a slope of {bound.lower:.6g} is reached"
     yield Term(
         "α",
-        f"{content['alpha']:.9g}",
+        f"{claims.alpha:.9g}",
         "proved, interval arithmetic" if not linear else "by the form of the equations",
         f"incremental bound of the nonlinearity; {'the agents here are linear' if linear else reached}",
     )
-    for one in content.get("entries", ()):
+    for one in claims.entries:
         yield Term(
-            f"r of φ{one['component']} by v{one['argument']}",
-            f"{one['bound']:.9g}",
+            f"r of φ{one.component + 1} by v{one.argument + 1}",
+            f"{one.bound:.9g}",
             "proved, interval arithmetic",
             "bound of this slope of the nonlinearity, in the scales of G and H",
         )
-    for letter, delta in content["fragility"].items():
+    for letter, delta in claims.fragility.items():
         if delta:
             yield Term(
                 f"δ of {letter}",
@@ -75,58 +76,57 @@ def _continuous(facts: Facts) -> Iterator[Term]:
                 EXACT,
                 f"{letter} of each continuous controller may be off by this, as a spectral norm",
             )
-    if not any(content["fragility"].values()):
+    if not any(claims.fragility.values()):
         yield Term("δ", "0", GIVEN, "the continuous gains are taken exactly as they stand")
 
 
 def _sampled(facts: Facts) -> Iterator[Term]:
-    sampled = facts.content["sampled"]
-    how = {"ball": BALL, "exact": EXACT}.get(sampled.get("proof", ""), DOUBLES)
-    if sampled.get("rho"):
+    sampled = facts.stored.claims.sampled
+    if sampled.rho is not None:
         yield Term(
             "ρ, sampled",
-            up(sampled["rho"], 6),
-            how,
+            up(sampled.rho, 6),
+            BALL,
             "the same gain of the loop with the controllers that ship",
         )
-    if not sampled["certified"]:
-        yield Term("sampled loop", "not certified", "no proof", str(sampled.get("reason") or "not looked at"))
+    if sampled.period is None or sampled.decay is None:
+        reason = sampled_answer(facts.stored).get("reason")
+        yield Term("sampled loop", "not certified", "no proof", str(reason or "not looked at"))
         return
     yield Term(
         "period",
-        f"{sampled['period']:g} s",
-        how,
+        f"{sampled.period:g} s",
+        BALL,
         "stepped so often, the loop agrees, between the samples too",
     )
-    if sampled.get("max_period"):
-        yield Term("longest period", f"{sampled['max_period']:g} s", how, "the same gains, sampled anew")
+    if sampled.max_period is not None:
+        yield Term("longest period", f"{sampled.max_period:g} s", BALL, "the same gains, sampled anew")
     yield Term(
         "decay",
-        up(sampled["decay"], 6),
-        how,
+        up(sampled.decay, 6),
+        BALL,
         "of the Lyapunov function from one sample to the next, up to the noise of rounded messages",
     )
-    largest = {letter: max(one[letter] for one in sampled["rounding"]) for letter in "ABCD"}
+    largest = {letter: max(one[letter] for one in sampled.rounding) for letter in "ABCD"}
     yield Term(
         "rounding",
         ", ".join(f"{letter} {up(value, 2)}" for letter, value in largest.items()),
-        how,
+        BALL,
         "every rounding of a step, as an error of the gains that the proof allows",
     )
-    for key, name in (
-        ("residual_per_message_error", "residue"),
-        ("residual_rms_per_message_error", "residue, rms"),
-    ):
+    for residual, name in ((sampled.residual, "residue"), (sampled.residual_rms, "residue, rms")):
+        if residual is None:
+            continue
         yield Term(
             name,
-            f"{up(sampled[key], 2)} e",
-            how,
+            f"{up(residual, 2)} e",
+            BALL,
             "distance from agreement at the sampling instants that may remain if messages are off by up to e; not tight",
         )
 
 
 def _gains(facts: Facts) -> Iterator[Term]:
-    figures = facts.content["figures"]
+    figures = facts.stored.info["figures"]
     norms = figures["gain_norms"]
     limit = facts.problem.design.gain_limit
     said = ", ".join(f"{norm:.4g}" for norm in norms[:12]) + (", ..." if len(norms) > 12 else "")

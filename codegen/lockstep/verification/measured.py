@@ -5,9 +5,8 @@ sampled controllers with every message arriving, |z|^2 then counting the control
 certificate on a domain covers runs whose agents stay in it.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -64,16 +63,16 @@ class Measured:
         return not self.covered or self.ratio is None or self.ratio <= 1 + QUADRATURE
 
 
-def promise(stored: Stored, content: Mapping[str, Any], kind: Kind) -> Promise:
+def promise(stored: Stored, kind: Kind) -> Promise:
     """Return what is proved of a design's loop, by the checker, not by what the file says of itself."""
     verdict = certify(stored)
     if not verdict.certified:
         return Promise(kind, None, None, None, f"the design is not certified: {verdict.reason}")
     if kind == "continuous":
-        c = stored.certificate
+        c = stored.proofs.certificate
         P = c.P if isinstance(c, Certificate) else None
         return Promise(kind, None if c is None else c.rho, verdict.scope, P, verdict.reason)
-    found = stated_rho(stored, content)
+    found = stated_rho(stored)
     if found is None:
         reason = "no rho of the sampled loop is proved in the design file"
         return Promise(kind, None, verdict.scope, None, reason)
@@ -128,8 +127,8 @@ def _uncovered(
         t = trajectory.t
         found = norms(scenario.perturbation.at(t, t), stored.gains.order)
         for letter, size in found.items():
-            if size > stored.fragility[letter] * (1 + 1e-9):
-                return f"|Delta {letter}| reaches {size:.4g}, and the certificate is for {stored.fragility[letter]:g}"
+            if size > stored.claims.fragility[letter] * (1 + 1e-9):
+                return f"|Delta {letter}| reaches {size:.4g}, and the certificate is for {stored.claims.fragility[letter]:g}"
     return ""
 
 

@@ -22,15 +22,19 @@ LIMITED = ("certified", "modal", "lipschitz")
 def shortfalls(stored: Stored) -> Iterator[str]:
     """Yield in words whatever the file claims less of than its problem asks for; nothing where it claims enough."""
     asked = stored.problem.design
-    if asked.alpha is not None and stored.alpha < asked.alpha:
-        yield f"`alpha` is {stored.alpha:.10g}, but [design] alpha asks for {asked.alpha:.10g}"
-    if stored.entries and (asked.alpha is not None or asked.objective == "alpha"):
+    if asked.alpha is not None and stored.claims.alpha < asked.alpha:
+        yield f"`alpha` is {stored.claims.alpha:.10g}, but [design] alpha asks for {asked.alpha:.10g}"
+    if stored.claims.entries and (asked.alpha is not None or asked.objective == "alpha"):
         yield "`entries` are used, but [design] asks for every nonlinearity that has alpha"
     for letter, delta in stored.problem.fragility.items():
-        if stored.fragility[letter] < delta:
-            yield f"`fragility` {letter} is {stored.fragility[letter]:g}, but [design.fragility] asks for {delta:g}"
-    if asked.rho is not None and stored.certificate is not None and stored.certificate.rho > asked.rho:
-        yield f"`rho` is {stored.certificate.rho:.10g}, but [design] rho asks for {asked.rho:.10g}"
+        if stored.claims.fragility[letter] < delta:
+            yield f"`fragility` {letter} is {stored.claims.fragility[letter]:g}, but [design.fragility] asks for {delta:g}"
+    if (
+        asked.rho is not None
+        and stored.proofs.certificate is not None
+        and stored.proofs.certificate.rho > asked.rho
+    ):
+        yield f"`rho` is {stored.proofs.certificate.rho:.10g}, but [design] rho asks for {asked.rho:.10g}"
     yield from _other_gains(stored)
     yield from _large_gains(stored)
 

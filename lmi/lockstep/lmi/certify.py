@@ -12,15 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.check.certificate import decide_certificate, decide_floor
+from lockstep.check.certificate import decide_certificate, decide_floor, decide_initial_set
+from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.errors import BoundNotProved
-from lockstep.check.inequality import Claim
+from lockstep.check.inequality import Certificate, Claim
 from lockstep.check.local import InitialSet, Unavailable
+from lockstep.check.modes import ModalCertificate
 from lockstep.lmi.asked import shortfalls
 from lockstep.lmi.document import Stored
-from lockstep.lmi.scope import Scope, initial_states, scope_of
+from lockstep.lmi.scope import Scope, domain_of, initial_states, scope_of
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
+from lockstep.model.network import Network
 
 
 @dataclass(frozen=True)
@@ -46,12 +49,11 @@ def certify(stored: Stored) -> Verdict:
     Raises:
         ProblemError: the problem in the file cannot be posed: no spanning tree, no finite bound, ...
     """
-    problem, c = stored.problem, stored.certificate
+    problem, c, claims = stored.problem, stored.proofs.certificate, stored.claims
     if c is None:
         return Verdict(False, "the file holds gains without a certificate")
-    if c.rho <= 0 or stored.alpha < 0:
-        said = f"the file claims rho = {c.rho:g} and alpha = {stored.alpha:g}"
-        return Verdict(False, f"{said}: rho must be positive and alpha not negative")
+    if not claims.certified:
+        return Verdict(False, "the file does not claim that its gains are certified")
     problem.validate()
     agent = problem.agent()
     try:
@@ -59,9 +61,9 @@ def certify(stored: Stored) -> Verdict:
     except BoundNotProved as error:
         return Verdict(False, str(error), figures=error.figures)
     network = network_of(problem, bound)
-    delta = np.tile([stored.fragility[letter] for letter in "ABCD"], (network.N, 1))
+    delta = np.tile([claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
     weights = problem.state_weight(agent.n), problem.controller_weight(problem.order)
-    claim = Claim(stored.alpha, *weights, delta, stored.entries)
+    claim = Claim(claims.alpha, *weights, delta, claims.entries)
     decided = decide_certificate(network.matrices, stored.gains, claim, c)
     margin = decided.figures.get("margin", float("nan"))
     if not decided.proved:
@@ -69,9 +71,42 @@ def certify(stored: Stored) -> Verdict:
     short = list(shortfalls(stored))
     if short:
         return Verdict(False, f"the file claims less than its problem asks for: {'; '.join(short)}")
-    floor = stored.floor and decide_floor(network.matrices, claim, stored.floor)
-    if floor and not floor.proved:
-        return Verdict(False, floor.reason)
     scope = scope_of(agent, bound)
     initial = initial_states(network, c) if scope == "local" else None
+    for broken in (_floor(stored, network, claim), _place(stored, network, c, scope)):
+        if broken:
+            return Verdict(False, broken)
     return Verdict(True, decided.reason, scope, margin, initial=initial)
+
+
+def _floor(stored: Stored, network: Network, claim: Claim) -> str | None:
+    """Say that the floor is claimed and not proved; None if it is, or none is claimed."""
+    witness = stored.proofs.floor
+    decided = None if witness is None else decide_floor(network.matrices, claim, witness)
+    return None if decided is None or decided.proved else decided.reason
+
+
+def _place(
+    stored: Stored, network: Network, certificate: Certificate | ModalCertificate, scope: Scope
+) -> str | None:
+    """Say whether the certificate is claimed for more states than it is proved for; None if it is not."""
+    claimed = stored.claims.initial_set
+    if stored.claims.scope == "global" and scope == "local":
+        return f"the file says that the certificate is global, but {scope} is proved"
+    if claimed is None:
+        return None
+    decided = decide_initial_set(network.matrices, certificate, domain_of(network.agent), claimed)
+    return None if decided.proved else decided.reason
+
+
+def broken_claim(stored: Stored, proved: SampledClaims, reason: str) -> str | None:
+    """Say which claim of a design file about its sampled controllers is better than what is proved; None if none is.
+
+    Args:
+        stored: the design file.
+        proved: what was proved of its controllers, sampled and rounded;  reason: why not, where they are not certified.
+    """
+    claimed = stored.claims.sampled
+    if claimed.certified and not proved.certified:
+        return reason
+    return next(claimed.better_than(proved), None)

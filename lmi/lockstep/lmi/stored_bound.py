@@ -16,7 +16,7 @@ def bound_again(stored: Stored) -> Bound:
         ProblemError: scales that do not fit phi.
     """
     agent = stored.problem.agent()
-    if stored.scales is None and not stored.entries:
-        return bound_of(agent, alpha=stored.alpha)
+    if stored.claims.scales is None and not stored.claims.entries:
+        return bound_of(agent, alpha=stored.claims.alpha)
     ones = (1.0,) * agent.lure.G.shape[1], (1.0,) * agent.lure.H.shape[0]
-    return bound_with_scales(agent, stored.alpha, stored.scales or ones, stored.entries)
+    return bound_with_scales(agent, stored.claims.alpha, stored.claims.scales or ones, stored.claims.entries)

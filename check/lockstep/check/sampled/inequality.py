@@ -74,21 +74,6 @@ class Witness:
         arrays = {"P": self.P.tolist(), "m": self.m.tolist(), "t": self.t.tolist()}
         return {**arrays, **{name: getattr(self, name) for name in NUMBERS}}
 
-    @classmethod
-    def from_document(cls, content: Any) -> "Witness | None":
-        """Return the witness that `document` wrote down; None for anything else: it is only ever a candidate."""
-        try:
-            P, m, t = (np.array(content[name], dtype=float) for name in ("P", "m", "t"))
-            # Files written before mu had a number of its own counted it like nu.
-            numbers = {"kappa_mu": content["kappa"], **content}
-            witness = cls(P, m, t, *(float(numbers[name]) for name in NUMBERS))
-        except (TypeError, KeyError, ValueError, OverflowError):
-            return None
-        finite = all(np.isfinite(part).all() for part in (P, m, t, [getattr(witness, n) for n in NUMBERS]))
-        return (
-            witness if finite and P.ndim == 2 and P.shape[0] == P.shape[1] and m.ndim == t.ndim == 1 else None
-        )
-
     def fits(self, loop: SampledLoop) -> bool:
         """Tell whether the sizes are those of a loop."""
         return (len(self.P), len(self.m), len(self.t)) == (

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import ProblemError
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
@@ -101,6 +102,11 @@ class Problem:
         Outputs are pairs in a list, because their order is the order of y and JSON writers may sort keys.
         """
         return self.file.model_dump(mode="json", exclude_none=True)
+
+    @property
+    def sizes(self) -> Sizes:
+        """N, n, m, q and n_C."""
+        return Sizes(self._graph.agents, self._agent.n, self._agent.m, self._agent.q, self.order)
 
     @property
     def title(self) -> str:

@@ -3,15 +3,18 @@
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.files import read_text
 from lockstep.check.limits import check_document
+from lockstep.check.wording import nearest, shorten
+
+T = TypeVar("T")
 
 A_DESIGN = "a file written by `lockstep design`"
 
@@ -49,6 +52,20 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         twice = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
         raise ProblemError(f"the key `{twice}` is given twice", expected="each key once")
     return found
+
+
+def only(content: Any, known: Iterable[str], where: str) -> None:
+    """Refuse what is no object of JSON, or holds a key that is not known, with the nearest one that is."""
+    names = list(known)
+    if not isinstance(content, dict):
+        raise ProblemError(f"a {type(content).__name__}", where=where, expected="an object")
+    if unknown := [key for key in content if key not in names]:
+        raise ProblemError(
+            f"the key `{shorten(unknown[0])}` is unknown",
+            where=where,
+            expected=", ".join(f"`{name}`" for name in names),
+            remedy=nearest(unknown[0], names),
+        )
 
 
 def part(content: Mapping[str, Any], key: str, kind: type) -> Any:
@@ -90,6 +107,31 @@ def not_negative(value: Any, where: str) -> float:
     return found
 
 
+def above_zero(value: Any, where: str) -> float:
+    """Return a finite double above 0."""
+    found = number(value, where)
+    if found <= 0:
+        raise ProblemError(f"{found!r}", where=where, expected="a number above 0")
+    return found
+
+
+def optional(
+    content: Mapping[str, Any], key: str, read: Callable[[Any, str], T], where: str = "claims"
+) -> T | None:
+    """Return what an object holds under a key, read and named by its place; None where it holds nothing."""
+    value = content.get(key)
+    return None if value is None else read(value, f"{where}, `{key}`")
+
+
+def one_of(value: Any, known: tuple[T, ...], where: str) -> T:
+    """Return a value that is one of those known."""
+    for one in known:
+        if value == one and isinstance(value, type(one)):
+            return one
+    said = shorten(repr(value))
+    raise ProblemError(said, where=where, expected=" or ".join(json.dumps(one) for one in known))
+
+
 def item(one: Any, key: str, where: str) -> Any:
     """Return what a nested object holds under a key, or None."""
     if not isinstance(one, dict):
@@ -114,9 +156,9 @@ def matrix(content: Any, key: str, where: str, shape: tuple[int, int]) -> Any:
     return np.array([[number(value, place) for value in row] for row in rows], dtype=float).reshape(shape)
 
 
-def rows_or_none(stored: Mapping[str, Any], key: str, shape: tuple[int, int]) -> Any:
+def rows_or_none(stored: Mapping[str, Any], key: str, shape: tuple[int, int], where: str) -> Any:
     """Return a matrix that a file need not hold where it has no rows."""
-    return matrix({key: [], **stored}, key, "certificate", shape)
+    return matrix({key: [], **stored}, key, where, shape)
 
 
 def symmetric(P: Any, where: str) -> Any:
@@ -126,11 +168,9 @@ def symmetric(P: Any, where: str) -> Any:
     return P
 
 
-def vector(content: Mapping[str, Any], key: str, size: int) -> Any:
-    """Return the vector that a certificate holds under a key."""
-    values = content.get(key)
+def vector(content: Mapping[str, Any], key: str, size: int, where: str) -> Any:
+    """Return the vector that an object holds under a key."""
+    values, place = content.get(key), f"{where}, `{key}`"
     if not isinstance(values, list) or len(values) != size:
-        raise ProblemError(
-            "it is missing or has another length", where=f"certificate, `{key}`", expected=f"{size} numbers"
-        )
-    return np.array([number(value, f"certificate, `{key}`") for value in values], dtype=float)
+        raise ProblemError("it is missing or has another length", where=place, expected=f"{size} numbers")
+    return np.array([number(value, place) for value in values], dtype=float)

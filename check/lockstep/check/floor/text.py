@@ -1,27 +1,21 @@
-"""A proved floor as it stands in design.json: `floor`, `floor_proof`, and `floor_witness`, piece by piece.
+"""The witness of a floor as it stands in a design file, piece by piece.
 
 Of the symmetric Z and Z_dual the lower triangle is written, row by row; the last piece ends at infinity, written as null.
 """
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from jaxtyping import Float
 
+from lockstep.check.design_file.json_text import number, only
 from lockstep.check.errors import ProblemError
 from lockstep.check.floor.witness import FloorWitness, Piece
-from lockstep.lmi.json_parts import number
-
-EXACT, NONE = "exact", "none"
 
 
-def floor_keys(witness: FloorWitness | None) -> dict[str, Any]:
-    """Return the keys of a design file, whether a floor is proved or not."""
-    if witness is None:
-        return {"floor": None, "floor_proof": NONE}
-    pieces = [
+def pieces_document(witness: FloorWitness) -> list[dict[str, Any]]:
+    """Return the pieces of a witness as plain JSON types."""
+    return [
         {
             "upper": piece.upper if math.isfinite(piece.upper) else None,
             "Z": _triangle(piece.Z),
@@ -30,33 +24,29 @@ def floor_keys(witness: FloorWitness | None) -> dict[str, Any]:
         }
         for piece in witness.pieces
     ]
-    return {"floor": witness.rho, "floor_proof": EXACT, "floor_witness": pieces}
 
 
-def floor_of(content: Mapping[str, Any]) -> FloorWitness | None:
-    """Return the floor that a file says is proved, with its witness; None where it gives none.
+def witness_of(rho: float, pieces: Any, where: str) -> FloorWitness:
+    """Read the witness of a floor rho.
 
     Raises:
-        ProblemError: a floor without a proof, or a witness that is not one by its form.
+        ProblemError: it is not one by its form.
     """
-    if content.get("floor") is None:
-        return None
-    rho, proof, pieces = (content.get(key) for key in ("floor", "floor_proof", "floor_witness"))
-    if proof != EXACT:
-        raise ProblemError(f"`floor_proof` is {proof!r}", expected='"exact", or no `floor`')
     if not isinstance(pieces, list):
-        raise ProblemError("`floor_witness` is missing or no list", expected="a list of pieces")
-    found = tuple(_piece(piece, f"floor_witness, piece {i}") for i, piece in enumerate(pieces, start=1))
-    return FloorWitness(number(rho, "floor"), found)
+        raise ProblemError("it is missing or no list", where=where, expected="a list of pieces")
+    return FloorWitness(
+        rho, tuple(_piece(piece, f"{where}, piece {i}") for i, piece in enumerate(pieces, start=1))
+    )
 
 
-def _triangle(M: Float[np.ndarray, "a a"]) -> list[list[float]]:
+def _triangle(M: Annotated[np.ndarray, "a a"]) -> list[list[float]]:
     return [M[i, : i + 1].tolist() for i in range(len(M))]
 
 
 def _piece(piece: Any, where: str) -> Piece:
     if not isinstance(piece, dict):
         raise ProblemError(f"a {type(piece).__name__}", where=where, expected="an object")
+    only(piece, ("upper", "Z", "Z_dual", "k"), where)
     upper = piece.get("upper")
     return Piece(
         math.inf if upper is None else number(upper, f"{where}, `upper`"),
@@ -66,7 +56,7 @@ def _piece(piece: Any, where: str) -> Piece:
     )
 
 
-def _symmetric(rows: Any, where: str) -> Float[np.ndarray, "a a"]:
+def _symmetric(rows: Any, where: str) -> Annotated[np.ndarray, "a a"]:
     lengths = list(range(1, len(rows) + 1)) if isinstance(rows, list) else []
     found = _rows(rows, lengths, where)
     M = np.zeros((len(found), len(found)))
@@ -75,7 +65,7 @@ def _symmetric(rows: Any, where: str) -> Float[np.ndarray, "a a"]:
     return M
 
 
-def _rectangular(rows: Any, where: str) -> Float[np.ndarray, "a b"]:
+def _rectangular(rows: Any, where: str) -> Annotated[np.ndarray, "a b"]:
     width = len(rows[0]) if isinstance(rows, list) and rows and isinstance(rows[0], list) else 0
     found = _rows(rows, [width] * len(rows) if isinstance(rows, list) else [], where)
     return np.array(found, dtype=float).reshape(len(found), width)

@@ -1,0 +1,24 @@
+"""Values as plain JSON types, and their text; importing this costs nothing, so the command line can."""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+
+def to_json(document: Any) -> str:
+    """Return JSON text that every reader takes: infinities and NaN become null."""
+    return json.dumps(plain(document), indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def plain(value: Any) -> Any:
+    """Return a value made of JSON types only."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
