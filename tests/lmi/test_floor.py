@@ -11,6 +11,7 @@ from flint import fmpq
 from floor_cases import floor, quarters
 from lmi_cases import ALPHA, arms, claim, published, table_1_problem
 
+from lockstep.check.certificate import decide_floor
 from lockstep.check.errors import ProblemError
 from lockstep.check.floor.projected import with_rho
 from lockstep.check.floor.text import pieces_document, witness_of
@@ -168,6 +169,9 @@ def test_a_witness_is_about_its_own_problem(proved: FloorWitness) -> None:
     assert proves_floor(
         arms().matrices, ALPHA, np.eye(4), witness_of(proved.rho, pieces_document(proved), "memory")
     )
+    claim = Claim(ALPHA, np.eye(4), np.eye(2), np.zeros((3, 4)))
+    assert decide_floor(arms().matrices, claim, proved).proved
+    assert decide_floor(arms().matrices, replace(claim, alpha=0.97 * ALPHA), proved).status == "undecided"
 
 
 @pytest.mark.parametrize(

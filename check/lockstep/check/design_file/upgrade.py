@@ -38,7 +38,9 @@ def upgraded(content: Mapping[str, Any]) -> dict[str, Any]:
         "gains": rest.pop("gains", None),
     }
     rest["sampled"] = {
-        key: value for key, value in sampled.items() if key not in (*_SAMPLED, "witness", "rho_witness", "max_period_witness")
+        key: value
+        for key, value in sampled.items()
+        if key not in (*_SAMPLED, "witness", "rho_witness", "max_period_witness")
     }
     rest["initial_set"] = {
         key: value for key, value in initial.items() if key not in (*_INITIAL, "available")
