@@ -175,15 +175,14 @@ class Agent:
 
     def nonlinearity(self) -> list[Node]:
         """Return h(x, t) = G phi(H x, t) + offset(t) as n nodes over the states and, as variable n, the time."""
-        n, t = len(self.states), variable(len(self.states))
-        values = {variable(self.phi.inputs): t}
+        values = {variable(self.phi.inputs): variable(len(self.states))}
         values |= {variable(j): linear(0, _terms(row)) for j, row in enumerate(self.H)}
         nodes = substitute([*self.phi.outputs, *self.offset], values)
         w, drive = nodes[: self.G.shape[1]], nodes[self.G.shape[1] :]
-        rows = zip(self.G, drive, strict=True)
         return [
-            linear(0, [(1, c), *((_fraction(g), x) for g, x in zip(row, w, strict=True))]) for row, c in rows
-        ][:n]
+            linear(0, [(1, c), *((_fraction(g), x) for g, x in zip(row, w, strict=True))])
+            for row, c in zip(self.G, drive, strict=True)
+        ]
 
     def check_same_but_B(self, variant: "Agent", *, where: str) -> None:
         """Refuse a variant of this agent that differs from it in A, in C, in h or in what h needs.
@@ -198,7 +197,7 @@ class Agent:
             if mine is not theirs:
                 h = [shorten(written(node, names), 50) for node in (mine, theirs)]
                 _refuse_variant(f"h differs in d/dt {state}: `{h[0]}` and `{h[1]}`", where)
-        if (self.H != variant.H).any() or set(self.phi.conditions) != set(variant.phi.conditions):
+        if self.H.tolist() != variant.H.tolist() or set(self.phi.conditions) != set(variant.phi.conditions):
             _refuse_variant("what h needs to have a value differs", where)
 
 
