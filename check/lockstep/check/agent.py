@@ -130,7 +130,7 @@ class Agent:
         chosen = columns([row.of_states for row in rows])
         components = [linear(0, [(c, node) for node, c in part.items()]) for _, part in chosen]
         needs = list(dict.fromkeys(c for value in rhs for c in _needs_of(value, names.n, components)))
-        seen = forms_seen([*components, *(node for c in needs for node in (c.guard, *c.args))], names.n)
+        seen = forms_seen([*components, *(node for c in needs for node in c.nodes)], names.n)
         if seen and not components:
             _refuse_cancelled(next(c for c in needs if c.args))
         found = arguments(seen)
@@ -239,7 +239,7 @@ def _split(names: _Names, state: str, value: Value, places: Mapping[Node, int]) 
     for c, x in others:
         _check_no_input(names, state, x, names.text(linear(0, [(c, x)])))
     for condition in value.conditions:
-        for node in (*condition.args, condition.guard):
+        for node in condition.nodes:
             _check_no_input(names, state, node, names.text(node))
     return _Split(
         states=tuple(sorted((j, c) for j, c in own if j < names.n)),
@@ -267,7 +267,7 @@ def _needs_of(value: Value, n: int, components: Sequence[Node]) -> list[Conditio
     return [
         c
         for c in value.conditions
-        if any(node.variables & states for node in (*c.args, c.guard)) or inside.intersection(c.args)
+        if any(node.variables & states for node in c.nodes) or inside.intersection(c.args)
     ]
 
 
@@ -281,7 +281,7 @@ def _refuse_cancelled(condition: Condition) -> NoReturn:
 
 
 def _graph(found: Arguments, components: Sequence[Node], needs: Sequence[Condition], names: _Names) -> Graph:
-    flat = [*components, *(node for c in needs for node in (c.guard, *c.args))]
+    flat = [*components, *(node for c in needs for node in c.nodes)]
     rest = iter(found.restated(flat, names.n, names.time))
     outputs = tuple(next(rest) for _ in components)
     conditions = []

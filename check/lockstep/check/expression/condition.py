@@ -21,6 +21,11 @@ class Condition:
     name: str
     guard: Node = TRUE
 
+    @property
+    def nodes(self) -> tuple[Node, ...]:
+        """The guard and the arguments."""
+        return (self.guard, *self.args)
+
     def under(self, guard: Node) -> Condition:
         """Return the condition with one more guard."""
         return Condition(self.kind, self.args, self.name, both(guard, self.guard))
