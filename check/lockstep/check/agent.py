@@ -130,7 +130,7 @@ class Agent:
         chosen = columns([row.of_states for row in rows])
         components = [linear(0, [(c, node) for node, c in part.items()]) for _, part in chosen]
         needs = list(dict.fromkeys(c for value in rhs for c in _needs_of(value, names.n, components)))
-        seen = forms_seen([*components, *(node for c in needs for node in (c.guard, *c.args))], names.n)
+        seen = forms_seen([*components, *(node for c in needs for node in c.nodes)], names.n)
         if seen and not components:
             _refuse_cancelled(next(c for c in needs if c.args))
         found = arguments(seen)
@@ -175,15 +175,14 @@ class Agent:
 
     def nonlinearity(self) -> list[Node]:
         """Return h(x, t) = G phi(H x, t) + offset(t) as n nodes over the states and, as variable n, the time."""
-        n, t = len(self.states), variable(len(self.states))
-        values = {variable(self.phi.inputs): t}
+        values = {variable(self.phi.inputs): variable(len(self.states))}
         values |= {variable(j): linear(0, _terms(row)) for j, row in enumerate(self.H)}
         nodes = substitute([*self.phi.outputs, *self.offset], values)
         w, drive = nodes[: self.G.shape[1]], nodes[self.G.shape[1] :]
-        rows = zip(self.G, drive, strict=True)
         return [
-            linear(0, [(1, c), *((_fraction(g), x) for g, x in zip(row, w, strict=True))]) for row, c in rows
-        ][:n]
+            linear(0, [(1, c), *((_fraction(g), x) for g, x in zip(row, w, strict=True))])
+            for row, c in zip(self.G, drive, strict=True)
+        ]
 
     def check_same_but_B(self, variant: "Agent", *, where: str) -> None:
         """Refuse a variant of this agent that differs from it in A, in C, in h or in what h needs.
@@ -198,7 +197,7 @@ class Agent:
             if mine is not theirs:
                 h = [shorten(written(node, names), 50) for node in (mine, theirs)]
                 _refuse_variant(f"h differs in d/dt {state}: `{h[0]}` and `{h[1]}`", where)
-        if (self.H != variant.H).any() or set(self.phi.conditions) != set(variant.phi.conditions):
+        if self.H.tolist() != variant.H.tolist() or set(self.phi.conditions) != set(variant.phi.conditions):
             _refuse_variant("what h needs to have a value differs", where)
 
 
@@ -240,7 +239,7 @@ def _split(names: _Names, state: str, value: Value, places: Mapping[Node, int]) 
     for c, x in others:
         _check_no_input(names, state, x, names.text(linear(0, [(c, x)])))
     for condition in value.conditions:
-        for node in (*condition.args, condition.guard):
+        for node in condition.nodes:
             _check_no_input(names, state, node, names.text(node))
     return _Split(
         states=tuple(sorted((j, c) for j, c in own if j < names.n)),
@@ -268,7 +267,7 @@ def _needs_of(value: Value, n: int, components: Sequence[Node]) -> list[Conditio
     return [
         c
         for c in value.conditions
-        if any(node.variables & states for node in (*c.args, c.guard)) or inside.intersection(c.args)
+        if any(node.variables & states for node in c.nodes) or inside.intersection(c.args)
     ]
 
 
@@ -282,7 +281,7 @@ def _refuse_cancelled(condition: Condition) -> NoReturn:
 
 
 def _graph(found: Arguments, components: Sequence[Node], needs: Sequence[Condition], names: _Names) -> Graph:
-    flat = [*components, *(node for c in needs for node in (c.guard, *c.args))]
+    flat = [*components, *(node for c in needs for node in c.nodes)]
     rest = iter(found.restated(flat, names.n, names.time))
     outputs = tuple(next(rest) for _ in components)
     conditions = []
