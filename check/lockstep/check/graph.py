@@ -4,12 +4,14 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self, get_args
 
 import numpy as np
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import Matrix, converter
+
+Topology = Literal["cycle", "path", "ring", "complete", "star", "leader_path"]
 
 MOST_AGENTS = 2_000
 """The adjacency is a full matrix: 32 MB at this size."""
@@ -112,6 +114,37 @@ class Graph:
                 expected="rows that add up to 0, as in (1)",
             )
         return cls(np.where(off < 0, -off, 0.0))
+
+    @classmethod
+    def topology(cls, name: Topology, agents: int) -> Self:
+        """Build a graph by name, every weight 1.
+
+        cycle: i listens to i + 1, the last to the first, as in (39). ring: both neighbours on a circle. path:
+            both neighbours on a line. complete: everyone. star: all others listen to agent 1. leader_path: i
+            listens to i - 1.
+
+        >>> Graph.topology("star", 3).roots
+        (1,)
+        """
+        if name not in get_args(Topology):
+            raise ProblemError(
+                f"`{name}` is not a topology",
+                where="[network] topology",
+                expected=", ".join(get_args(Topology)),
+            )
+        check_count(agents)
+        if name == "complete":
+            return cls(np.ones((agents, agents)) - np.eye(agents))
+        forward = [(i, i + 1) for i in range(1, agents)]
+        back = [(j, i) for i, j in forward]
+        edges: dict[Topology, list[tuple[int, int]]] = {
+            "cycle": [*forward, (agents, 1)],
+            "path": forward + back,
+            "ring": sorted({*forward, *back, (agents, 1), (1, agents)}),
+            "star": [(i, 1) for i in range(2, agents + 1)],
+            "leader_path": back,
+        }
+        return cls.from_edges(agents, edges[name])
 
     @property
     def agents(self) -> int:

@@ -12,7 +12,7 @@
  *   input  u[0]      u in V
  *   neighbour 0      arm1, weight a = 1.0, bit 0x1 of `received`
  *   arithmetic       float32 (float), round to nearest, subnormals kept, no contraction
- *   design           26089dd9a10ce9f019dfc64152a08f53c13985b07215eb7ae3ef4b806000eaa3
+ *   design           abc0f8b9017f2246c98f9860f14a06dc8b602b75f05d2564691cf458f5fb4515
  *
  * WHAT IS CLAIMED
  *   certified (proof: ball)

@@ -3,7 +3,7 @@
 It imports no solver and believes nothing but the problem: the agent's matrices are derived again from its
 equations, alpha is proved again in interval arithmetic, the inequality is built again over the rationals, and
 an exact decision is made (`lockstep.check.certificate`). What a reader has to trust is `lockstep.check`, this file,
-`asked`, `stored_bound`, `scope`, and the model layer under them.
+`stored_bound`, `scope`, and the model layer under them.
 """
 
 from collections.abc import Mapping
@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.asked import shortfalls
 from lockstep.check.certificate import decide_certificate, decide_floor, decide_initial_set
 from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.errors import BoundNotProved
 from lockstep.check.inequality import Certificate, Claim
 from lockstep.check.local import InitialSet, Unavailable
 from lockstep.check.modes import ModalCertificate
-from lockstep.lmi.asked import shortfalls
 from lockstep.lmi.document import Stored
 from lockstep.lmi.scope import Scope, domain_of, initial_states, scope_of
 from lockstep.lmi.stored_bound import bound_again
@@ -68,7 +68,7 @@ def certify(stored: Stored) -> Verdict:
     margin = decided.figures.get("margin", float("nan"))
     if not decided.proved:
         return Verdict(False, decided.reason, None, margin, decided.figures)
-    short = list(shortfalls(stored))
+    short = list(shortfalls(problem.document()["design"], claims, stored.gains))
     if short:
         return Verdict(False, f"the file claims less than its problem asks for: {'; '.join(short)}")
     scope = scope_of(agent, bound)

@@ -5,10 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from lockstep.check.bound.decide import MOST_BOXES, decide_bound
 from lockstep.check.design_file import content as design_file
 from lockstep.check.design_file.claims import Claims, Scales
 from lockstep.check.design_file.content import DesignFile, gains_document
-from lockstep.check.design_file.proofs import Proofs
+from lockstep.check.design_file.proofs import BoundProof, Proofs
+from lockstep.check.domain import claimed_box
 from lockstep.check.local import InitialSet
 from lockstep.lmi.design import Design
 from lockstep.model.arguments import arguments_text
@@ -37,7 +39,17 @@ def file_of(design: Design) -> Stored:
         None if floor is None else floor.rho,
     )
     info = {"figures": design.figures} | ({} if initial is None else {"initial_set": initial.remarks()})
-    return DesignFile(design.problem, design.gains, claims, Proofs(c, floor), info)
+    proofs = Proofs(c, floor, bound=_bound_proof(design, claims))
+    return DesignFile(design.problem, design.gains, claims, proofs, info)
+
+
+def _bound_proof(design: Design, claims: Claims) -> BoundProof | None:
+    """Ask the checker's decision how many boxes it takes for what is claimed, on the box that it is claimed for."""
+    agent = design.problem.agent()
+    box = claimed_box(claims.scope or "local", agent.argument_box)
+    D_w, D_v = claims.scales or (None, None)
+    decided = decide_bound(agent.exact.phi, box, claims.alpha, D_w, D_v, claims.entries, boxes=MOST_BOXES)
+    return BoundProof(decided.figures["boxes"], agent.moves) if decided.proved else None
 
 
 def _scales(bound: Bound) -> Scales | None:

@@ -1,9 +1,12 @@
 """`proofs` of a design file: the witnesses of its claims. Each is put to the proof; none is believed."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
+from lockstep.check.agent import Move
 from lockstep.check.design_file.claims import Claims
 from lockstep.check.design_file.json_text import (
     item,
@@ -13,6 +16,7 @@ from lockstep.check.design_file.json_text import (
     only,
     optional,
     part,
+    position,
     rows_or_none,
     symmetric,
     vector,
@@ -29,12 +33,29 @@ MODAL = "modal"
 CERTIFICATE = "proofs, certificate"
 
 
+@dataclass(frozen=True)
+class BoundProof:
+    """What the bound of phi was proved with: slopes moved from phi into A, and how many boxes the decision takes."""
+
+    boxes: int = 0
+    moves: tuple[Move, ...] = ()
+
+    def document(self) -> dict[str, Any]:
+        """Return it as plain JSON types; components and arguments are counted from 1, amounts are rationals as text."""
+        moves = [
+            {"component": one.component + 1, "argument": one.argument + 1, "amount": str(one.amount)}
+            for one in self.moves
+        ]
+        return {"boxes": self.boxes, "moves": moves}
+
+
 @dataclass(frozen=True, eq=False)
 class Proofs:
     """What proves the claims of a design file.
 
     certificate: of rho, with P, m, t;  floor: dual points;  sampled, sampled_rho, max_period: of the sampled loop, at its
-    period, of its rho, and at the largest period claimed. A claim whose witness is None is proved anew, or is not.
+    period, of its rho, and at the largest period claimed;  bound: of alpha and the entries. A claim whose witness is None is
+    proved anew, or is not.
     """
 
     certificate: Certificate | ModalCertificate | None = None
@@ -42,6 +63,7 @@ class Proofs:
     sampled: Witness | None = None
     sampled_rho: Witness | None = None
     max_period: Witness | None = None
+    bound: BoundProof | None = None
 
     def document(self) -> dict[str, Any]:
         """Return the witnesses as plain JSON types."""
@@ -53,6 +75,7 @@ class Proofs:
             "certificate": None if self.certificate is None else certificate_document(self.certificate),
             "floor": None if self.floor is None else pieces_document(self.floor),
             **sampled,
+            "bound": None if self.bound is None else self.bound.document(),
         }
 
 
@@ -81,11 +104,34 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
     floor = None
     if claims.floor is not None:
         floor = witness_of(claims.floor, content.get("floor"), "proofs, `floor`")
-    witnesses = (
+    sampled, rho, longest = (
         optional(content, key, sampled_witness_of, "proofs")
         for key in ("sampled", "sampled_rho", "max_period")
     )
-    return Proofs(_certificate(content.get("certificate"), claims, sizes), floor, *witnesses)
+    bound = optional(content, "bound", _bound, "proofs")
+    certificate = _certificate(content.get("certificate"), claims, sizes)
+    return Proofs(certificate, floor, sampled, rho, longest, bound)
+
+
+_AMOUNT = re.compile("-?[0-9]{1,400}(/[0-9]{1,400})?")
+
+
+def _bound(value: Any, where: str) -> BoundProof:
+    only(value, ("boxes", "moves"), where)
+    boxes, moves = part(value, "boxes", int), []
+    if isinstance(boxes, bool) or boxes < 0:
+        raise ProblemError(f"{boxes!r}", where=f"{where}, `boxes`", expected="a whole number from 0 up")
+    for i, one in enumerate(part(value, "moves", list), start=1):
+        place = f"{where}, move {i}"
+        component, argument, amount = (item(one, key, place) for key in ("component", "argument", "amount"))
+        only(one, ("component", "argument", "amount"), place)
+        if not isinstance(amount, str) or not _AMOUNT.fullmatch(amount) or amount.endswith("/0"):
+            raise ProblemError(
+                f"{amount!r}", where=f"{place}, `amount`", expected='a rational such as "-1/2"'
+            )
+        numbers = position(component, f"{place}, `component`"), position(argument, f"{place}, `argument`")
+        moves.append(Move(*numbers, Fraction(amount)))
+    return BoundProof(boxes, tuple(moves))
 
 
 def sampled_witness_of(value: Any, where: str) -> Witness:

@@ -1,0 +1,72 @@
+"""Whether a design file claims at least what its own problem asks for.
+
+A proof of less than was asked is a proof, but not of this design: a smaller alpha or delta than the problem's, a larger
+rho, a proof for one phi where it is asked for all that have alpha, gains other than the given ones or beyond the gain
+limit. Decided exactly, from the file alone.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any
+
+import numpy as np
+
+from lockstep.check.design_file.claims import Claims
+from lockstep.check.loop import Gains
+from lockstep.check.numbers import exactly, eye
+from lockstep.check.psd import decide_positive_definite
+
+LIMITED = ("certified", "modal", "lipschitz")
+"""Methods whose gains keep to `gain_limit`; those printed in the paper and those given are what they are."""
+
+
+def shortfalls(asked: Mapping[str, Any], claims: Claims, gains: Gains) -> Iterator[str]:
+    """Yield in words whatever a file claims less of than its problem asks for; nothing where it claims enough.
+
+    Args:
+        asked: the table [design] of the problem, defaults filled in.
+        claims, gains: of the file.
+    """
+    alpha, rho = asked.get("alpha"), asked.get("rho")
+    if alpha is not None and claims.alpha < alpha:
+        yield f"`alpha` is {claims.alpha:.10g}, but [design] alpha asks for {alpha:.10g}"
+    if claims.entries and (alpha is not None or asked.get("objective") == "alpha"):
+        yield "`entries` are used, but [design] asks for every nonlinearity that has alpha"
+    for letter, delta in (asked.get("fragility") or {}).items():
+        if claims.fragility[letter] < delta:
+            yield f"`fragility` {letter} is {claims.fragility[letter]:g}, but [design.fragility] asks for {delta:g}"
+    if rho is not None and claims.rho is not None and claims.rho > rho:
+        yield f"`rho` is {claims.rho:.10g}, but [design] rho asks for {rho:.10g}"
+    yield from _other_gains(asked.get("gains") or (), gains)
+    yield from _large_gains(asked, gains)
+
+
+def _other_gains(given: Any, gains: Gains) -> Iterator[str]:
+    for i, one in enumerate(given):
+        for letter in "ABCD":
+            mine = getattr(gains, letter)[i]
+            if not np.array_equal(mine, np.array(one[letter], dtype=float).reshape(mine.shape)):
+                yield f"`{letter}` of agent {i + 1} is not the one that [[design.gains]] gives"
+
+
+def _large_gains(asked: Mapping[str, Any], gains: Gains) -> Iterator[str]:
+    if asked.get("method") not in LIMITED:
+        return
+    limit = asked["gain_limit"]
+    for i, K in enumerate(gains.blocks):
+        if not norm_is_at_most(K, limit):
+            norm = float(np.linalg.norm(K, 2))
+            yield f"the gains of agent {i + 1} have the norm {norm:.10g}, but `gain_limit` is {limit:.10g}"
+
+
+def norm_is_at_most(K: Annotated[np.ndarray, "k l"], limit: float) -> bool:
+    """Decide |K| <= limit for the spectral norm, exactly but for the last bit of the limit.
+
+    It is limit'^2 I - K K' > 0 with limit' the next double above.
+
+    >>> norm_is_at_most(np.array([[3.0, 4.0]]), 5.0), norm_is_at_most(np.array([[3.0, 4.001]]), 5.0)
+    (True, False)
+    """
+    rows = exactly(K if K.shape[0] <= K.shape[1] else K.T)
+    square = exactly(np.array([math.nextafter(limit, math.inf)]))[0] ** 2
+    return decide_positive_definite(square * eye(len(rows), rows) - rows @ rows.T).positive

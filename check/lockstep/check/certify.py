@@ -1,0 +1,239 @@
+"""The checker: from a design file, or a folder of C with its design, to a verdict for each claim, nothing being searched for.
+
+    bound          |phi(a, t) - phi(b, t)| <= alpha |a - b|, and the bounds of single slopes, where they are claimed
+    certificate    rho of the continuous controllers, in rationals
+    asked          the file claims no less than its problem asks for
+    floor, initial_set   where they are claimed
+    sampled        agreement of the sampled, rounded controllers, in balls;  sampled_rho, max_period: where they are claimed
+    code           the controllers read out of the C are those of the design
+
+The first claim that fails ends the list: what follows rests on it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lockstep.check.agent import Agent
+from lockstep.check.asked import shortfalls
+from lockstep.check.bound.decide import MOST_BOXES, decide_bound
+from lockstep.check.c_source.reader import read_controller
+from lockstep.check.c_source.text import nearest
+from lockstep.check.certificate import decide_certificate, decide_floor, decide_initial_set
+from lockstep.check.design_file import content
+from lockstep.check.design_file.claims import SampledClaims
+from lockstep.check.design_file.content import DesignFile
+from lockstep.check.design_file.json_text import A_DESIGN, parse_json
+from lockstep.check.domain import claimed_box, inner_box
+from lockstep.check.errors import NotCertified
+from lockstep.check.files import as_text, read_inside
+from lockstep.check.inequality import Claim
+from lockstep.check.local import Domain
+from lockstep.check.modes import ModalCertificate
+from lockstep.check.network import Network
+from lockstep.check.numbers import as_floats
+from lockstep.check.problem import Problem
+from lockstep.check.sampled.certify import SampledVerdict, decide_sampled
+from lockstep.check.sampled.controller import HeldController
+from lockstep.check.sampled.controller import Network as SampledNetwork
+from lockstep.check.sampled.discretise import sampled_controllers
+from lockstep.check.sampled.inequality import Witness
+from lockstep.check.sampled.loop import sampled_loop
+from lockstep.check.sampled.performance import SampledRho, Weights, proves_rho
+from lockstep.check.sampled.sector import Sector, common_sector
+from lockstep.check.verdict import Verdict
+
+DESIGN_NAME = "design.json"
+
+Stored = DesignFile[Problem]
+
+
+@dataclass(frozen=True)
+class Certified:
+    """The verdicts, claim by claim, in the order in which they were decided."""
+
+    title: str
+    verdicts: dict[str, Verdict]
+
+    @property
+    def proved(self) -> bool:
+        """Whether every claim is proved."""
+        return all(one.proved for one in self.verdicts.values())
+
+    def document(self) -> dict[str, Any]:
+        """Return the verdicts as plain JSON types."""
+        claims = {name: {"status": one.status, "reason": one.reason} for name, one in self.verdicts.items()}
+        return {"certified": self.proved, "title": self.title, "claims": claims}
+
+
+def certify(path: Path) -> Certified:
+    """Decide every claim of a design file, or of a folder of C with its design.
+
+    Raises:
+        ProblemError: a file that is none of ours, or that says what cannot be.
+    """
+    folder = path if path.is_dir() else None
+    if folder is None:
+        stored = content.read(path, Problem.from_document)
+    else:
+        text = as_text(read_inside(folder, DESIGN_NAME, expected=A_DESIGN), DESIGN_NAME, A_DESIGN)
+        stored = content.parse(
+            parse_json(text, DESIGN_NAME), str(folder / DESIGN_NAME), Problem.from_document
+        )
+    verdicts: dict[str, Verdict] = {}
+    for name, verdict in decide(stored, folder):
+        verdicts[name] = verdict
+        if not verdict.proved:
+            break
+    return Certified(stored.problem.title, verdicts)
+
+
+def decide(stored: Stored, folder: Path | None = None) -> Iterator[tuple[str, Verdict]]:
+    """Yield the verdict of one claim after the other; each rests on those before it."""
+    problem, claims, proofs = stored.problem, stored.claims, stored.proofs
+    if not claims.certified or proofs.certificate is None or proofs.bound is None:
+        yield "certificate", Verdict("undecided", "the file claims or proves no certificate")
+        return
+    network, agent = problem.network(proofs.bound.moves, claims.scales)
+    yield "bound", _bound(stored, agent)
+    R, Q = problem.weights
+    delta = np.tile([claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
+    claim = Claim(claims.alpha, R, Q, delta, claims.entries)
+    yield "certificate", decide_certificate(network, stored.gains, claim, proofs.certificate)
+    short = "; ".join(shortfalls(problem.design, claims, stored.gains))
+    yield (
+        "asked",
+        Verdict("refuted", f"less is claimed than is asked for: {short}")
+        if short
+        else Verdict("proved", "no less is claimed than the problem asks for"),
+    )
+    if proofs.floor is not None:
+        yield "floor", decide_floor(network, claim, proofs.floor)
+    if claims.initial_set is not None:
+        box = problem.box
+        domain = Domain(as_floats(agent.H), box, inner_box(box, 0.5))
+        yield "initial_set", decide_initial_set(network, proofs.certificate, domain, claims.initial_set)
+    yield from _sampled(stored, network, folder)
+
+
+def _bound(stored: Stored, agent: Agent) -> Verdict:
+    claims, proof = stored.claims, stored.proofs.bound
+    assert proof is not None
+    box = claimed_box(claims.scope or "local", stored.problem.box)
+    D_w, D_v = claims.scales or (None, None)
+    boxes = min(proof.boxes, MOST_BOXES)
+    return decide_bound(agent.phi, box, claims.alpha, D_w, D_v, claims.entries, boxes=boxes)
+
+
+def _sampled(stored: Stored, network: Network, folder: Path | None) -> Iterator[tuple[str, Verdict]]:
+    """Yield what is proved of the sampled controllers: of the C of a folder, else of the design's gains."""
+    claims, proofs, problem = stored.claims.sampled, stored.proofs, stored.problem
+    if not claims.certified and folder is None:
+        return
+    at = _sampled_network(stored, network, problem.period)
+    held = _held(stored, problem.period)
+    if folder is not None:
+        read, refused = _read(stored, folder, held)
+        yield "code", refused
+        held = read
+    witnesses = [one for one in (proofs.sampled,) if one is not None]
+    found = decide_sampled(at, held, witnesses)
+    yield "sampled", _as_claimed(claims, found)
+    if claims.rho is not None:
+        yield "sampled_rho", _rho(stored, at, held)
+    if claims.max_period is not None and claims.max_period > problem.period:
+        yield "max_period", _longest(stored, at, proofs.max_period, claims.max_period)
+
+
+def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:
+    """Hold what is claimed of the loop against what is proved of it; rho and the longest period are decided apart."""
+    if not found.certified:
+        return Verdict("undecided", found.reason)
+    proved = SampledClaims(
+        True, found.period, found.delay, found.decay, claims.rho, found.residual, found.residual_rms,
+        found.underflow, found.deltas, claims.max_period,
+    )  # fmt: skip
+    broken = next(claims.better_than(proved), None)
+    return Verdict("undecided", broken) if broken else Verdict("proved", found.reason)
+
+
+def _rho(stored: Stored, at: SampledNetwork, held: tuple[HeldController, ...]) -> Verdict:
+    rho, witness = stored.claims.sampled.rho, stored.proofs.sampled_rho
+    said = f"the sampled loop has the gain {rho:g}"
+    if witness is None or rho is None:
+        return Verdict("undecided", f"it is claimed that {said}, without a witness")
+    loop = sampled_loop(at, held)
+    if not proves_rho(loop, Weights(*stored.problem.weights), SampledRho(rho, witness)):
+        return Verdict("undecided", f"it is claimed that {said}, but its witness does not prove it")
+    return Verdict("proved", said)
+
+
+def _longest(stored: Stored, at: SampledNetwork, witness: Witness | None, period: float) -> Verdict:
+    if witness is None:
+        return Verdict("undecided", f"a largest period of {period:g} s is claimed without a witness")
+    found = decide_sampled(at.at(period), _held(stored, period), [witness])
+    return Verdict("proved" if found.certified else "undecided", found.reason)
+
+
+def _held(stored: Stored, period: float) -> tuple[HeldController, ...]:
+    """Return the design's gains sampled with a period and rounded."""
+    table = stored.problem.controller
+    edges = stored.problem.graph.edges
+    return sampled_controllers(stored.gains, edges, period, table["discretization"], table["real"])
+
+
+def _sampled_network(stored: Stored, network: Network, period: float) -> SampledNetwork:
+    loop = network.loop(stored.gains.order, exact_arithmetic=True)
+    problem = stored.problem
+    return SampledNetwork(
+        loop.plant, loop.d, stored.claims.alpha, period, problem.delay, _sector(stored, loop)
+    )
+
+
+def _sector(stored: Stored, loop: Any) -> Sector | None:
+    """Return the sector that takes the place of alpha where the continuous certificate uses entries."""
+    c, claims = stored.proofs.certificate, stored.claims
+    if not claims.entries or c is None:
+        return None
+    if isinstance(c, ModalCertificate):
+        m, m_entries = np.array([c.mu]), np.array(c.mu_entries)[:, None]
+    else:
+        m, m_entries = c.m, c.m_entries
+    return common_sector(
+        claims.alpha, claims.entries, m, m_entries, loop.plant.G.shape[1], loop.plant.H.shape[0]
+    )
+
+
+def _read(
+    stored: Stored, folder: Path, held: tuple[HeldController, ...]
+) -> tuple[tuple[HeldController, ...], Verdict]:
+    """Read the controllers out of the C, and hold them against the design's."""
+    names = [f"{stored.problem.agent.name}{i}" for i in range(1, len(held) + 1)]
+    found = []
+    for name, mine in zip(names, held, strict=True):
+        header, source = (
+            as_text(read_inside(folder, path), path) for path in (f"include/{name}.h", f"src/{name}.c")
+        )
+        try:
+            one = read_controller(name, header, source, names)
+        except NotCertified as error:
+            return held, Verdict("undecided", str(error))
+        theirs = one.controller
+        period = stored.problem.period
+        same = (
+            nearest(one.period_literal, one.real)
+            == float(np.float32(period) if one.real == "float32" else period),
+            one.real == stored.problem.controller["real"],
+            np.array_equal(theirs.table, mine.table),
+            theirs.sources == mine.sources,
+            np.array_equal(theirs.weights, mine.weights),
+        )
+        what = ("period", "arithmetic", "gains", "neighbours", "weights")
+        if not all(same):
+            differs = ", ".join(word for word, holds in zip(what, same, strict=True) if not holds)
+            return held, Verdict("refuted", f"{name}: not the design's {differs}")
+        found.append(theirs)
+    return tuple(found), Verdict("proved", "the C holds the design's controllers, and no other code")

@@ -1,0 +1,218 @@
+"""The problem of a design file as the checker builds it: from tables to exact matrices, phi, a graph and weights.
+
+Only what claims are about is read: [agent], [network], [design] and [controller]. What was chosen for the proof, slopes moved
+from phi into A, comes from the file's `proofs`.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Any
+
+import numpy as np
+
+from lockstep.check.agent import Agent, Move
+from lockstep.check.bound.box import Box
+from lockstep.check.design_file.json_text import above_zero, item, not_negative, number, one_of, part
+from lockstep.check.design_file.problem_part import Sizes
+from lockstep.check.disagreement import Coordinates
+from lockstep.check.domain import argument_box
+from lockstep.check.errors import ProblemError
+from lockstep.check.graph import Graph
+from lockstep.check.loop import Plant
+from lockstep.check.network import Network
+from lockstep.check.numbers import exactly
+
+DEFAULT_ORDER = 2
+"""n_C where a problem states none."""
+
+COORDINATES = ("orthonormal", "laplacian_rows")
+
+Scales = tuple[Sequence[float], Sequence[float]] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """The tables of a problem, and what they say.
+
+    Raises:
+        ProblemError: a key missing, or a value that cannot be one of its kind, with the place.
+    """
+
+    tables: Mapping[str, Any]
+
+    @classmethod
+    def from_document(cls, tables: Mapping[str, Any]) -> "Problem":
+        """Build the problem and look at all of it, so that what is wrong with it is told at once."""
+        problem = cls(tables)
+        _ = problem.sizes, problem.box, problem.weights, problem.period, problem.delay
+        return problem
+
+    def document(self) -> dict[str, Any]:
+        """Return the tables."""
+        return dict(self.tables)
+
+    @property
+    def title(self) -> str:
+        """The title, for people."""
+        return str(self.tables.get("title") or self.agent.name)
+
+    @property
+    def design(self) -> Mapping[str, Any]:
+        """The table [design]."""
+        table: Mapping[str, Any] = part(self.tables, "design", dict)
+        return table
+
+    @property
+    def controller(self) -> Mapping[str, Any]:
+        """The table [controller]."""
+        table: Mapping[str, Any] = part(self.tables, "controller", dict)
+        return table
+
+    @cached_property
+    def agent(self) -> Agent:
+        """The agent as it is written: no slope is moved."""
+        return self._agent({})
+
+    def _agent(self, changed: Mapping[str, Any]) -> Agent:
+        table = part(self.tables, "agent", dict)
+        parameters = part(table, "parameters", dict)
+        outputs = [tuple(pair) for pair in part(table, "outputs", list)]
+        if any(len(pair) != 2 for pair in outputs) or len(dict(outputs)) < len(outputs):
+            raise ProblemError("a list", where="[agent.outputs]", expected="pairs of a name and a formula")
+        for name in changed:
+            if name not in parameters:
+                raise ProblemError(f"`{name}` is no parameter of the agent", where="[network] parameters")
+        return Agent.from_texts(
+            str(table.get("name", "agent")),
+            states=part(table, "states", list),
+            inputs=part(table, "inputs", list),
+            dynamics=part(table, "dynamics", dict),
+            outputs=dict(outputs),
+            parameters={**parameters, **changed},
+        )
+
+    @cached_property
+    def graph(self) -> Graph:
+        """Who listens to whom."""
+        table = part(self.tables, "network", dict)
+        given = [key for key in ("edges", "laplacian", "topology") if table.get(key) is not None]
+        if len(given) != 1:
+            expected = "exactly one of `edges`, `laplacian` and `topology`"
+            raise ProblemError(f"{len(given)} of them", where="[network]", expected=expected)
+        if given == ["laplacian"]:
+            return Graph.from_laplacian(_rows(table["laplacian"], "[network] laplacian"))
+        agents = item(table, "agents", "[network]")
+        if given == ["topology"]:
+            return Graph.topology(table["topology"], agents)
+        edges = part(table, "edges", list)
+        for k, edge in enumerate(edges, start=1):
+            for end in edge if isinstance(edge, list) else [edge]:
+                number(end, f"[network] edges, edge {k}")
+        return Graph.from_edges(agents, edges)
+
+    @cached_property
+    def inputs(self) -> tuple[Annotated[np.ndarray, "n m"], ...]:
+        """B_i of each agent; they differ by `[network] parameters` only, and nothing else may."""
+        given = part(self.tables, "network", dict).get("parameters")
+        if given is None:
+            return (self.agent.B,) * self.graph.N
+        if not isinstance(given, list) or len(given) != self.graph.N:
+            raise ProblemError("a list of tables", where="[network] parameters", expected="one per agent")
+        found = []
+        for k, changed in enumerate(given, start=1):
+            variant = self._agent(changed) if changed else self.agent
+            self.agent.check_same_but_B(variant, where=f"[network] parameters, entry {k}")
+            found.append(variant.B)
+        return tuple(found)
+
+    @property
+    def order(self) -> int:
+        """n_C, the number of states of each controller; with given gains, theirs."""
+        given = self.design.get("gains")
+        if given:
+            return len(part(given[0], "A", list))
+        order = self.design.get("order", DEFAULT_ORDER)
+        if isinstance(order, bool) or not isinstance(order, int) or order < 0:
+            raise ProblemError(f"{order!r}", where="[design] order", expected="a whole number from 0 up")
+        return order
+
+    @property
+    def sizes(self) -> Sizes:
+        """N, n, m, q and n_C."""
+        agent = self.agent
+        return Sizes(self.graph.N, len(agent.states), len(agent.inputs), len(agent.outputs), self.order)
+
+    @property
+    def period(self) -> float:
+        """T of the sampled controllers, in s."""
+        return above_zero(self.controller.get("period"), "[controller] period")
+
+    @property
+    def delay(self) -> int:
+        """Periods until u acts."""
+        return int(one_of(self.controller.get("delay"), (0, 1), "[controller] delay"))
+
+    @property
+    def box(self) -> Box:
+        """The box of v = H x over the domain of the states."""
+        domain = part(self.tables, "agent", dict).get("domain") or {}
+        sides = {state: _range(domain[state], f"[agent.domain] {state}") for state in domain}
+        states = [sides.get(state, (-math.inf, math.inf)) for state in self.agent.states]
+        return argument_box(self.agent.H, states)
+
+    @property
+    def weights(self) -> tuple[Annotated[np.ndarray, "n n"], Annotated[np.ndarray, "n_C n_C"]]:
+        """R and Q, which the certificate decides to be positive definite."""
+        table, sizes = part(self.design, "weights", dict), self.sizes
+        return (
+            _weight(table.get("state"), sizes.n, "[design.weights] state"),
+            _weight(table.get("controller"), sizes.n_C, "[design.weights] controller"),
+        )
+
+    def network(self, moves: Sequence[Move], scales: Scales) -> tuple[Network, Agent]:
+        """Return the network with slopes moved and G D_w, D_v^-1 H in place of G and H, and the agent that it is of."""
+        agent = self.agent.moved(moves)
+        D_w, D_v = scales or ((1.0,) * agent.G.shape[1], (1.0,) * agent.H.shape[0])
+        if len(D_w) != agent.G.shape[1] or len(D_v) != agent.H.shape[0]:
+            raise ProblemError(
+                f"scales for {len(D_w)} components and {len(D_v)} arguments",
+                where="claims, `scales`",
+                expected=f"{agent.G.shape[1]} and {agent.H.shape[0]}",
+            )
+        G = agent.G * exactly(np.array(D_w)).reshape(1, -1)
+        H = agent.H / exactly(np.array(D_v)).reshape(-1, 1)
+        plant = Plant(agent.A, self.inputs, agent.C, G, H)
+        chosen = one_of(self.design.get("coordinates"), COORDINATES, "[design] coordinates")
+        coordinates: Coordinates = "orthonormal" if chosen == "orthonormal" else "laplacian_rows"
+        return Network(plant, self.graph, coordinates), agent
+
+
+def _range(value: Any, where: str) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise ProblemError(f"{value!r}", where=where, expected="a lower and an upper bound")
+    low, high = value
+    return (
+        -math.inf if low is None else number(low, where),
+        math.inf if high is None else number(high, where),
+    )
+
+
+def _rows(value: Any, where: str) -> Annotated[np.ndarray, "k l"]:
+    rows = [[number(x, where) for x in row] for row in value if isinstance(row, list)]
+    if not rows or {len(row) for row in rows} != {len(value)}:
+        raise ProblemError("rows of other lengths", where=where, expected="a square matrix")
+    return np.array(rows)
+
+
+def _weight(value: Any, size: int, where: str) -> Annotated[np.ndarray, "k k"]:
+    """Return w I, a diagonal matrix, or a matrix by rows."""
+    if not isinstance(value, list):
+        return not_negative(value, where) * np.eye(size)
+    if not any(isinstance(row, list) for row in value):
+        value = np.diag([number(x, where) for x in value]).tolist()
+    matrix = _rows(value, where) if size else np.zeros((0, 0))
+    if matrix.shape != (size, size) or (matrix != matrix.T).any():
+        raise ProblemError(f"a matrix of {len(matrix)} rows", where=where, expected=f"{size} rows, symmetric")
+    return matrix
