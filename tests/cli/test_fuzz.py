@@ -13,12 +13,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lockstep.check.c_source.reader import read_controller
+from lockstep.check.design_file.json_text import parse_json
 from lockstep.check.errors import LockstepError
-from lockstep.codegen.from_c import read_controller
 from lockstep.codegen.from_design import fingerprint
 from lockstep.codegen.sampled_design import stated_verdict
 from lockstep.lmi.document import parse
-from lockstep.lmi.json_parts import parse_json
 from lockstep.model.problem import Problem, parse_problem
 
 ROOT = Path(__file__).parents[2]
@@ -90,8 +90,9 @@ def test_a_design(place: tuple[Any, ...], value: Any) -> None:
     part[place[-1]] = value
     with suppress(LockstepError):
         read = parse_json(json.dumps(content), "design.json")
-        stated_verdict(parse(read, "design.json"), read)
-        fingerprint(read)
+        stated = parse(read, "design.json")
+        stated_verdict(stated)
+        fingerprint(stated)
 
 
 @pytest.mark.parametrize("which", ["header", "source"])

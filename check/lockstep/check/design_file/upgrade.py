@@ -21,8 +21,12 @@ def upgraded(content: Mapping[str, Any]) -> dict[str, Any]:
     certified = content.get("certificate") is not None
     claims: dict[str, Any] = {"certified": certified, "proof": "exact" if certified else "none"}
     claims |= {key: content[key] for key in _CLAIMS if key in content}
-    named = _SAMPLED if sampled.get("certified") is True else ("certified", "proof", "max_period")
+    named: tuple[str, ...] = _SAMPLED if sampled.get("certified") is True else ("certified", "proof", "max_period")
     claims["sampled"] = {"proof": "ball" if sampled.get("certified") is True else "none"}
+    if sampled.get("max_period_witness") is None:
+        named = tuple(
+            key for key in named if key != "max_period"
+        )  # it was looked for again, and is now a remark
     claims["sampled"] |= {"certified": False} | {key: sampled[key] for key in named if key in sampled}
     if initial.get("available"):
         claims["initial_set"] = {key: initial.get(key) for key in _INITIAL}
@@ -40,7 +44,7 @@ def upgraded(content: Mapping[str, Any]) -> dict[str, Any]:
     rest["sampled"] = {
         key: value
         for key, value in sampled.items()
-        if key not in (*_SAMPLED, "witness", "rho_witness", "max_period_witness")
+        if key not in (*named, "witness", "rho_witness", "max_period_witness")
     }
     rest["initial_set"] = {
         key: value for key, value in initial.items() if key not in (*_INITIAL, "available")
