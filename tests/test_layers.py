@@ -14,6 +14,7 @@ LAYERS = {
     "verification": ROOT / "codegen" / "lockstep" / "verification",
     "campaign": ROOT / "codegen" / "lockstep" / "campaign",
     "report": ROOT / "codegen" / "lockstep" / "report",
+    "workflow": ROOT / "codegen" / "lockstep" / "workflow",
     "cli": ROOT / "codegen" / "lockstep" / "cli",
 }
 ABOVE = {name: set(list(LAYERS)[k + 1 :]) for k, name in enumerate(LAYERS)}

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from lockstep.cli.build import VERIFY_TARGETS as BUILD_TARGETS
 from lockstep.cli.main import app
+from lockstep.workflow.build import VERIFY_TARGETS as BUILD_TARGETS
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,10 @@ import pytest
 from codegen_cases import arms, random_controller, shapes
 
 from lockstep.check.errors import Mismatch, ProblemError
-from lockstep.verification import targets, toolchain
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import Manifest
+from lockstep.verification import targets, toolchain
 from lockstep.verification.toolchain import Compiler, host_compilers
 from lockstep.verification.verify import verify_folder
 

@@ -1,8 +1,8 @@
 """What a design file keeps of its sampled controllers when they are proved again."""
 
-from lockstep.cli.build import unproved
 from lockstep.codegen.sampled_design import NOT_FOR_PERIOD, HeldVerdict, with_sampled
 from lockstep.lmi.sampled import SampledVerdict
+from lockstep.workflow.build import unproved
 
 
 def test_why_no_gains_were_designed_for_the_period_is_kept_and_said():

@@ -1,12 +1,9 @@
 """What the command prints: one answer on standard output, everything else on standard error."""
 
-import json
-import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NoReturn
 
 import typer
@@ -17,6 +14,7 @@ from rich.text import Text
 
 from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.cli.progress_lines import ProgressLines
+from lockstep.workflow.json_text import to_json
 
 HOLDS, FAILS, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -70,15 +68,6 @@ def misused(message: str) -> int:
 
 
 @contextmanager
-def of_file(path: Path) -> Iterator[None]:
-    """Name the file in whatever turns out to be wrong with the problem it holds."""
-    try:
-        yield
-    except ProblemError as error:
-        raise (error if str(path) in error.where else error.within(str(path))) from None
-
-
-@contextmanager
 def progress_display() -> Iterator[Callable[[str, float], None]]:
     """Show progress on standard error; the callable takes what is being done and the part of it that is done.
 
@@ -102,36 +91,6 @@ def two_columns(title: str, rows: Mapping[str, str]) -> RenderableType:
     for name, said in rows.items():
         table.add_row(name, Text(said))
     return Group(Text(title, style="bold underline"), table)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file as a whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
-        temporary.replace(path)
-    except OSError as error:
-        raise ProblemError(f"it cannot be written ({error.strerror})", where=str(path)) from None
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def to_json(document: Any) -> str:
-    """Return JSON text that every reader takes: infinities and NaN become null."""
-    return json.dumps(plain(document), indent=1, ensure_ascii=False, allow_nan=False)
-
-
-def plain(value: Any) -> Any:
-    """Return a value made of JSON types only."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def _leave(as_json: bool, document: Mapping[str, Any], message: str, status: int) -> NoReturn:

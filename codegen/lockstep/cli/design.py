@@ -6,17 +6,7 @@ from typing import Any
 
 from rich.console import RenderableType
 
-from lockstep.cli.console import (
-    Answer,
-    of_file,
-    plain,
-    progress_display,
-    respond,
-    to_json,
-    two_columns,
-    write_text,
-)
-from lockstep.cli.files import check_writable
+from lockstep.cli.console import Answer, progress_display, respond, two_columns
 
 
 def run(
@@ -30,8 +20,7 @@ def run(
 ) -> None:
     """Design, prove, and write the design file, and the curve of rho against alpha if asked for.
 
-    A design whose sampled controllers are not certified is written, since the continuous loop is, and the exit status is
-    1: the `reason` in `sampled` says by how much.
+    The exit status is 1 where the sampled controllers are not certified; the file is written all the same.
     """
     respond(as_json, lambda: _design(path, output, jobs, trade_off, time_limit))
 
@@ -39,32 +28,13 @@ def run(
 def _design(
     path: Path, output: Path | None, jobs: int | None, trade_off: Path | None, time_limit: float | None
 ) -> Answer:
-    from lockstep.codegen.for_the_period import as_shipped
-    from lockstep.lmi.design import design
-    from lockstep.lmi.document import document
-    from lockstep.model.problem import load_problem
+    import lockstep
 
-    check_writable(output, path)
-    check_writable(trade_off, path, output)
-    problem = load_problem(path)
-    with of_file(path), progress_display() as tell:
-        made = design(problem, jobs=jobs, progress=tell, time_limit=time_limit)
-        content = plain(as_shipped(plain(document(made)), tell, made.others))
-    curve = "" if trade_off is None else _trade_off(content)
-    if output is not None:
-        write_text(output, to_json(content) + "\n")
-    if trade_off is not None:
-        write_text(trade_off, curve)
-    return Answer(content, summary(content), content["sampled"]["certified"] is True)
-
-
-def _trade_off(content: Mapping[str, Any]) -> str:
-    """Return the least rho of the gains for each alpha, as CSV."""
-    from lockstep.cli.files import DESIGN_NAME
-    from lockstep.lmi.diagnosis.trade import as_csv, curve
-    from lockstep.lmi.document import parse
-
-    return as_csv(curve(parse(content, DESIGN_NAME)))
+    with progress_display() as tell:
+        found = lockstep.design(
+            path, output=output, trade_off=trade_off, jobs=jobs, time_limit=time_limit, progress=tell
+        )
+    return Answer(found.document(), summary(found.content), found.sampled["certified"] is True)
 
 
 def sampled_text(sampled: Mapping[str, Any]) -> str:

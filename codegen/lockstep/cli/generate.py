@@ -1,12 +1,8 @@
 """`lockstep generate`: C for each agent, with the design it was proved by."""
 
 from pathlib import Path
-from typing import Any
 
-from lockstep.check.errors import NotCertified, ProblemError
-from lockstep.cli.console import Answer, respond, to_json, two_columns
-from lockstep.cli.files import DESIGN_NAME, read_design
-from lockstep.cli.folders import check_generated
+from lockstep.cli.console import Answer, respond, two_columns
 
 
 def run(path: Path, output: Path, *, optimize: str, as_json: bool) -> None:
@@ -15,42 +11,8 @@ def run(path: Path, output: Path, *, optimize: str, as_json: bool) -> None:
 
 
 def _generate(path: Path, output: Path, optimize: str) -> Answer:
-    from lockstep.codegen.folder import write_folder
+    import lockstep
 
-    check_generated(output)
-    content, stored = read_design(path)
-    files = generated_files(content, stored, optimize)
-    write_folder(files, output)
-    table = two_columns(
-        f"{stored.problem.title}: {output}",
-        {name: f"{len(files[name].encode())} bytes" for name in sorted(files)},
-    )
-    return Answer({"ok": True, "directory": str(output), "files": sorted(files)}, table)
-
-
-def generated_files(content: dict[str, Any], stored: Any, optimize: str = "speed") -> dict[str, str]:
-    """Certify a design, and return the files generated from it.
-
-    Raises:
-        NotCertified: the checker refuses the design: C is generated from proved designs only.
-    """
-    from lockstep.codegen.bundle import bundle
-    from lockstep.codegen.c_certificate import certify_texts
-    from lockstep.codegen.emit import emit
-    from lockstep.codegen.from_design import specification
-    from lockstep.codegen.sampled_design import with_sampled
-    from lockstep.lmi.certify import certify
-
-    if optimize not in ("speed", "size"):
-        raise ProblemError(f"`--optimize` is {optimize!r}", expected='"speed" or "size"')
-    verdict = certify(stored)
-    if not verdict.certified:
-        raise NotCertified(
-            f"no C is generated from a design that is not certified: {verdict.reason}", **verdict.figures
-        )
-    # Printed twice: the numbers do not depend on what is said of them, and what is said is proved of the printed ones.
-    draft = emit(specification(stored, verdict, content=content, optimize=optimize))  # type: ignore[arg-type]
-    held = certify_texts(draft, stored, content)
-    content = with_sampled(content, held)
-    spec = specification(stored, verdict, content=content, optimize=optimize, held=held)  # type: ignore[arg-type]
-    return bundle(emit(spec), {DESIGN_NAME: to_json(content) + "\n"})
+    made = lockstep.generate(path, output, optimize=optimize)
+    sizes = {name: f"{len(made.files[name].encode())} bytes" for name in sorted(made.files)}
+    return Answer(made.document(), two_columns(f"{made.design.title}: {output}", sizes))

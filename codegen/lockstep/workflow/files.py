@@ -1,10 +1,10 @@
-"""Where designs are read from and outputs may go."""
+"""Where outputs may go, files written as a whole, and the file's name in what is wrong with it."""
 
+import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from lockstep.check.errors import ProblemError
 
@@ -56,15 +56,22 @@ def seen(path: Path) -> Iterator[None]:
         raise ProblemError(f"it cannot be used ({error.strerror})", where=str(path)) from None
 
 
-def read_design(path: Path) -> tuple[dict[str, Any], Any]:
-    """Return a design file's content and what it says, from the file or from a folder that holds it."""
-    from lockstep.lmi.document import load_json, parse
+@contextmanager
+def of_file(path: Path | None) -> Iterator[None]:
+    """Name the file in whatever turns out to be wrong with what it holds; None: there is no file."""
+    try:
+        yield
+    except ProblemError as error:
+        raise (error if path is None or str(path) in error.where else error.within(str(path))) from None
 
-    with seen(path):
-        place = path / DESIGN_NAME if path.is_dir() else path
-        there, plain = place.exists(), place.is_file()
-    if there and not plain:
-        found = "it is no plain file"
-        raise ProblemError(found, where=str(place), expected="a file written by `lockstep design`")
-    content = load_json(place)
-    return content, parse(content, str(place))
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file as a whole or not at all."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+        temporary.replace(path)
+    except OSError as error:
+        raise ProblemError(f"it cannot be written ({error.strerror})", where=str(path)) from None
+    finally:
+        temporary.unlink(missing_ok=True)
