@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from lockstep.lmi.json_parts import parse_json
 
 from lockstep.check.errors import LockstepError
 from lockstep.codegen.from_c import read_controller
 from lockstep.codegen.from_design import fingerprint
 from lockstep.codegen.sampled_design import stated_verdict
 from lockstep.lmi.document import parse
-from lockstep.lmi.json_parts import parse_json
 from lockstep.model.problem import Problem, parse_problem
 
 ROOT = Path(__file__).parents[2]
