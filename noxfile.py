@@ -27,7 +27,7 @@ def lint(session: nox.Session) -> None:
     session.run("ruff", "check", ".")
     session.run("ruff", "format", "--check", ".")
     session.run("mypy")
-    session.run("lint-imports")
+    session.run("python", ".ci/imports.py")
     session.run("python", ".ci/lines.py")
 
 

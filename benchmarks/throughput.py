@@ -26,8 +26,8 @@ from scipy.integrate import solve_ivp
 
 from lockstep.campaign import Batch, Engine, Features, Weights, continuous_source, sampled_source
 from lockstep.campaign.library import load
-from lockstep.cli.files import read_design
 from lockstep.model.network import Network
+from lockstep.workflow.design import load as load_design
 
 DESIGN = Path(__file__).parents[1] / "generated" / "flexible_joint_arms"
 HORIZON, STEP = 10.0, 1e-3
@@ -98,7 +98,7 @@ def theirs(system, start: np.ndarray, instants: np.ndarray, tolerance: float) ->
 
 
 def measure(runs: int, compared: int, threads: int) -> dict:
-    stored = read_design(DESIGN)
+    stored = load_design(DESIGN).stored
     problem = stored.problem
     network = Network(problem.agent(), problem.graph(), problem.agents_B())
     continuous, sampled = engines(network, stored)

@@ -12,12 +12,9 @@ from typing import get_args
 import pytest
 from pydantic import BaseModel
 
-from lockstep.lmi.design import Design, claim_of
-from lockstep.lmi.document import read
-from lockstep.lmi.stored_bound import bound_again
-from lockstep.model import network_of
 from lockstep.model.problem import Problem, load_problem
 from lockstep.model.problem.schema import ProblemFile
+from lockstep.workflow.design import Design, load
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -163,24 +160,22 @@ def run_blocks(blocks: list[str], name: str) -> dict[str, object]:
 
 @pytest.fixture
 def checkout(tmp_path, monkeypatch) -> None:
-    """A folder with what the pages speak of: the examples, and a design file."""
+    """A folder with what the pages speak of: the examples, the generated folder, and a design file."""
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    shutil.copytree(DESIGN.parent, tmp_path / "generated" / DESIGN.parent.name)
     shutil.copy(DESIGN, tmp_path)
     monkeypatch.chdir(tmp_path)
 
 
-def kept_design(_problem: Problem) -> Design:
-    """A design without a search: the committed one, with all that a design has."""
-    stored = read(DESIGN)
-    bound = bound_again(stored)
-    network, claim = network_of(stored.problem, bound), claim_of(stored.problem, bound)
-    return Design(stored.problem, network, bound, claim, stored.gains, stored.proofs.certificate)
+def kept_design(_problem: Problem | str) -> Design:
+    """A design without a search: the committed one."""
+    return load(DESIGN)
 
 
 @pytest.mark.usefixtures("checkout")
 @pytest.mark.parametrize("path", WITH_PYTHON, ids=lambda path: path.name)
 def test_every_python_block_of_a_page_runs(path, monkeypatch):
-    monkeypatch.setattr("lockstep.lmi.design.design", kept_design)
+    monkeypatch.setattr("lockstep.design", kept_design)
     assert run_blocks(python_blocks(path), path.name)
 
 
@@ -197,8 +192,8 @@ def test_every_python_block_of_a_page_runs_with_its_own_design(path):
 
 @pytest.mark.usefixtures("checkout")
 def test_a_block_that_does_not_run_is_told():
-    good, bad = python_blocks(ROOT / "docs" / "problem.md"), "stored.network.to_control()\n"
-    with pytest.raises(AttributeError, match="network"):
+    good, bad = python_blocks(ROOT / "docs" / "problem.md"), "kept.agent.to_control()\n"
+    with pytest.raises(AttributeError, match="agent"):
         run_blocks([good[1], bad], "a page")
 
 

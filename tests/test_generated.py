@@ -4,18 +4,18 @@ import json
 
 import pytest
 
-from lockstep.cli.files import read_design
-from lockstep.cli.generate import generated_files
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.from_design import specification
 from lockstep.lmi.certify import certify
 from lockstep.lmi.document import parse
+from lockstep.workflow.design import Design, load
+from lockstep.workflow.generate import generated_files
 
 
 def test_generated_is_current(root, update):
     folder = root / "generated" / "flexible_joint_arms"
-    files = generated_files(read_design(folder))
+    files = generated_files(load(folder))
     if update:
         write_folder(files, folder)
     kept = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
@@ -45,10 +45,11 @@ def test_no_date_and_no_path_in_it(root, name):
 
 @pytest.mark.parametrize(("key", "claimed"), [("rho", 3.0), ("max_period", 0.5)])
 def test_what_a_design_file_says_of_its_sampled_controllers_is_not_believed(root, key, claimed):
-    content = json.loads((root / "generated" / "flexible_joint_arms" / "design.json").read_text())
+    folder = root / "generated" / "flexible_joint_arms"
+    content = json.loads((folder / "design.json").read_text())
     proved = content["claims"]["sampled"][key]
     content["claims"]["sampled"][key] = claimed
-    files = generated_files(parse(content, "design.json"))
+    files = generated_files(Design.of(content, "design.json"))
     said = json.loads(files["design.json"])["claims"]["sampled"][key]
     assert said != claimed
     assert said == pytest.approx(proved, rel=0.02)  # found anew, from other pair weights

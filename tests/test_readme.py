@@ -6,13 +6,20 @@ import re
 import pytest
 
 
-def test_the_python_example_runs(root):
-    blocks = re.findall(r"```python\n(.*?)```", (root / "README.md").read_text(), flags=re.DOTALL)
-    assert blocks
-    for block in blocks:
-        names: dict[str, object] = {}
-        exec(compile(block, "README.md", "exec"), names)
-        assert names["loop"].A_0.shape == (2 * 3 + 2 * 4,) * 2
+def test_the_python_examples_run(root, tmp_path, monkeypatch):
+    (tmp_path / "generated").symlink_to(root / "generated")
+    monkeypatch.chdir(tmp_path)
+    steps, agent = re.findall(r"```python\n(.*?)```", (root / "README.md").read_text(), flags=re.DOTALL)
+    names: dict[str, object] = {}
+    exec(compile(steps, "README.md", "exec"), names)
+    saved = json.loads((tmp_path / "design.json").read_text(encoding="utf-8"))
+    assert names["rho"] == saved["sampled"]["rho"]
+    assert names["A_1"].tolist() == saved["gains"][0]["A"]
+    assert names["run"].ok
+    assert names["loop"].ninputs == 3 * 4, "a disturbance on every state of three arms"
+    names = {}
+    exec(compile(agent, "README.md", "exec"), names)
+    assert names["loop"].A_0.shape == (2 * 3 + 2 * 4,) * 2
 
 
 def test_ci_finds_its_two_commands(root):

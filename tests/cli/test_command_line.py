@@ -56,7 +56,7 @@ def test_a_folder_that_cannot_be_made_is_refused_before_the_problem_is_read(exam
     def read(_path):
         raise AssertionError("the problem was read first")
 
-    monkeypatch.setattr("lockstep.model.problem.load_problem", read)
+    monkeypatch.setattr("lockstep.model.problem.Problem.load", read)
     words = ["build", str(examples / "flexible_joint_arms.toml"), "-o", "/proc/x", "--json"]
     done = CliRunner().invoke(app, words)
     error = only_object(done.stdout)["error"]

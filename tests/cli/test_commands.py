@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from lockstep.cli.build import VERIFY_TARGETS as BUILD_TARGETS
 from lockstep.cli.main import app
 from lockstep.lmi.document import answer as said
 from lockstep.lmi.document import read
+from lockstep.workflow.build import VERIFY_TARGETS as BUILD_TARGETS
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from lockstep.campaign.compute import chunks
 from lockstep.campaign.plan import CHUNK
 from lockstep.campaign.store import Store
 from lockstep.check.errors import ClaimError, ProblemError
-from lockstep.cli.campaign import Options, planned
+from lockstep.workflow.campaign import CampaignOptions, planned
 
 distributed = pytest.importorskip("dask.distributed", exc_type=ImportError)
 
@@ -22,7 +22,7 @@ RUNS = 16 * CHUNK + 40
 
 @pytest.fixture(scope="module")
 def plan(root):
-    return planned(root / DESIGN, Options(horizon=1.0, seed=5))[0]
+    return planned(root / DESIGN, CampaignOptions(horizon=1.0, seed=5))[0]
 
 
 @pytest.fixture(scope="module")

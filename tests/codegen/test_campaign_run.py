@@ -21,9 +21,9 @@ from lockstep.campaign.store import Store
 from lockstep.check.design_file.json_text import load_json
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.cli import campaign as command
-from lockstep.cli.campaign import Options, planned
 from lockstep.lmi.document import parse
 from lockstep.model.simulation.indices import indices
+from lockstep.workflow.campaign import CampaignOptions, planned
 
 DESIGN = Path("generated") / "flexible_joint_arms"
 RUNS = 2 * CHUNK + 88
@@ -31,7 +31,7 @@ RUNS = 2 * CHUNK + 88
 
 @pytest.fixture(scope="module")
 def made(root):
-    return planned(root / DESIGN, Options(horizon=1.0, seed=5))
+    return planned(root / DESIGN, CampaignOptions(horizon=1.0, seed=5))
 
 
 @pytest.fixture(scope="module")

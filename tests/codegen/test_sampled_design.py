@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from lockstep.cli.build import unproved
 from lockstep.codegen.sampled_design import NOT_FOR_PERIOD, HeldVerdict, with_sampled
 from lockstep.lmi.document import parse, sampled_answer
 from lockstep.lmi.sampled import SampledVerdict
+from lockstep.workflow.build import unproved
 
 
 @pytest.fixture

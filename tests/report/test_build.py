@@ -5,7 +5,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-import lockstep.cli.build as build
+import lockstep.workflow.build as build
 from lockstep.cli.main import app
 from lockstep.lmi.document import answer as said
 from lockstep.lmi.document import read

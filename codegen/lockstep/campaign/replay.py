@@ -1,13 +1,14 @@
 """One run of a campaign again, step by step, by its index: the same code on the same numbers."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from lockstep.campaign.compute import columns_of, compute
 from lockstep.campaign.disturbance import disturbance
-from lockstep.campaign.draw import draw
+from lockstep.campaign.draw import FAMILIES, draw
 from lockstep.campaign.engine import Engine
 from lockstep.campaign.plan import Plan
 from lockstep.check.errors import ProblemError
@@ -17,8 +18,10 @@ from lockstep.model.simulation.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """A run: its row of the campaign's table, and its trajectory up to where it is finite."""
+    """A run: its campaign and index, its row of the table, and its trajectory up to where it is finite."""
 
+    plan: Plan
+    index: int
     columns: tuple[str, ...]
     row: Float[np.ndarray, " columns"]
     trajectory: Trajectory
@@ -26,6 +29,23 @@ class Replay:
     def __getitem__(self, name: str) -> float:
         """Return one figure of the run."""
         return float(self.row[self.columns.index(name)])
+
+    @property
+    def ok(self) -> bool:
+        """Whether the run is finite, and below the bound if the certificate covers it."""
+        return not self["diverged"] and not (self["covered"] and self["ratio"] > 1)
+
+    def document(self) -> dict[str, Any]:
+        """Return the run's figures as plain JSON types."""
+        figures: dict[str, Any] = {name: self[name] for name in self.columns if name not in ("run", "family")}
+        figures |= {name: bool(figures[name]) for name in ("covered", "diverged")}
+        return {
+            "ok": self.ok,
+            "identity": self.plan.identity,
+            "run": self.index,
+            "family": FAMILIES[int(self["family"])],
+            **figures,
+        }
 
 
 def replay(plan: Plan, agent: Agent, run: int) -> Replay:
@@ -59,4 +79,4 @@ def replay(plan: Plan, agent: Agent, run: int) -> Replay:
         u_hold="held" if layout.sampled else "smooth",
         xi_hold="smooth",
     )
-    return Replay(columns_of(plan), compute(plan, run, run + 1)[0], trajectory)
+    return Replay(plan, run, columns_of(plan), compute(plan, run, run + 1)[0], trajectory)

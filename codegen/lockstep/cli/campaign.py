@@ -1,7 +1,5 @@
 """`lockstep simulate --campaign N`: network tests against the certificate, here or on a cluster."""
 
-import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,35 +8,11 @@ from rich.console import Group, RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from lockstep.check.errors import ProblemError
-from lockstep.check.wording import shorten
-from lockstep.cli.console import Answer, of_file, progress_display, respond, two_columns, write_text
-from lockstep.cli.files import DESIGN_NAME, check_writable, read_design
-from lockstep.cli.folders import check_folder
+from lockstep.cli.console import Answer, progress_display, respond, two_columns
 
 if TYPE_CHECKING:
-    from lockstep.campaign import Campaign, Plan
-    from lockstep.campaign.guarantee import Controllers
-    from lockstep.lmi.document import Stored
-
-HORIZON = 10.0
-"""Of each run, in s, unless another is asked for."""
-
-ADDRESS = r"inproc://.+|(\w+://)?[^/\s]+:\d+"
-"""Of a Dask scheduler: a host and a port, with or without a protocol."""
-
-
-@dataclass(frozen=True)
-class Options:
-    """What fixes a campaign beside its design; None leaves the choice to the design.
-
-    controllers: "sampled" (the C that ships; "compiled" is the same) or "continuous" (the gains, with Delta at the
-    bound of (11)); by default what the design's fragility is about;  seed: of all draws;  horizon: in s.
-    """
-
-    controllers: str | None = None
-    seed: int | None = None
-    horizon: float | None = None
+    from lockstep.campaign import Campaign
+    from lockstep.workflow.campaign import CampaignOptions
 
 
 def run(
@@ -53,19 +27,8 @@ def run(
     controllers: str | None = None,
     horizon: float | None = None,
 ) -> None:
-    """Run a campaign, or what is left of it.
-
-    Args:
-        path: a certified design, or a folder that holds one.
-        runs: how many.
-        output: a folder; each campaign has one of its own in it.
-        scheduler: the address of a Dask scheduler; None for this machine.
-        jobs: threads; None for one per core.
-        as_json: print JSON.
-        seed, controllers, horizon: see `Options`.
-    """
-    options = Options(controllers, seed, horizon)
-    respond(as_json, lambda: _run(path, runs, output, scheduler, jobs, options))
+    """Run a campaign, or what is left of it: see `lockstep.workflow.campaign.run_campaign`."""
+    respond(as_json, lambda: _run(path, runs, output, scheduler, jobs, _options(controllers, seed, horizon)))
 
 
 def run_replay(
@@ -78,82 +41,28 @@ def run_replay(
     controllers: str | None = None,
     horizon: float | None = None,
 ) -> None:
-    """Run one of a campaign's runs again, by its index, and write its trajectory (CSV) to `output`, if given.
-
-    Seed, controllers and horizon are to be the campaign's: they fix the run.
-    """
-    respond(as_json, lambda: _replay(path, index, output, Options(controllers, seed, horizon)))
+    """Run one of a campaign's runs again: see `lockstep.workflow.campaign.replay`."""
+    respond(as_json, lambda: _replay(path, index, output, _options(controllers, seed, horizon)))
 
 
-def planned(path: Path, options: Options) -> tuple["Plan", "Stored"]:
-    """Certify a design, emit its C, and return the campaign and the design.
+def _options(controllers: str | None, seed: int | None, horizon: float | None) -> "CampaignOptions":
+    from lockstep.workflow.campaign import CampaignOptions
 
-    Raises:
-        NotCertified: the checker refuses the design, or there is no rho to hold the runs against.
-        ProblemError: no such controllers.
-    """
-    import json
-
-    from lockstep.campaign import plan_of
-    from lockstep.cli.generate import generated_files
-    from lockstep.lmi.document import parse
-
-    kind = _kind(options.controllers)
-    stored = read_design(path)
-    with of_file(path):
-        # Proved anew, here and in plan_of: what the file says of itself does not count.
-        files = generated_files(stored)
-        stored = parse(json.loads(files[DESIGN_NAME]), DESIGN_NAME)
-        seed = stored.problem.simulation.seed if options.seed is None else options.seed
-        horizon = HORIZON if options.horizon is None else options.horizon
-        _check_periods(horizon, stored.problem.controller.period)
-        return plan_of(stored, files, controllers=kind, seed=seed, horizon=horizon), stored
-
-
-def _check_address(scheduler: str | None) -> None:
-    """Refuse what Dask would only refuse after the proof, with a traceback of its own."""
-    if scheduler is not None and not re.fullmatch(ADDRESS, scheduler):
-        expected = "the address of a running one, such as tcp://127.0.0.1:8786"
-        raise ProblemError(f"`{shorten(scheduler)}` is no address", where="--scheduler", expected=expected)
-
-
-def _check_periods(horizon: float, period: float) -> None:
-    """Refuse a run that is longer than any other: its periods are counted in a machine word."""
-    from lockstep.model.simulation.scenario import MOST_INSTANTS
-
-    if horizon / period > MOST_INSTANTS:
-        found = f"{horizon:g} s are {horizon / period:.3g} periods"
-        raise ProblemError(found, where="--horizon", expected=f"at most {MOST_INSTANTS}")
-
-
-def _kind(controllers: str | None) -> "Controllers | None":
-    if controllers is None:
-        return None
-    if controllers == "continuous":
-        return "continuous"
-    if controllers in ("sampled", "compiled"):
-        return "sampled"
-    raise ProblemError(f"`{controllers}`", where="--controllers", expected='"sampled" or "continuous"')
+    return CampaignOptions(controllers, seed, horizon)
 
 
 def _run(
-    path: Path, runs: int, output: Path, scheduler: str | None, jobs: int | None, options: Options
+    path: Path,
+    runs: int,
+    output: Path,
+    scheduler: str | None,
+    jobs: int | None,
+    options: "CampaignOptions",
 ) -> Answer:
-    from joblib import cpu_count
+    from lockstep.workflow.campaign import run_campaign
 
-    from lockstep.campaign import run_campaign
-
-    check_folder(output)
-    _check_address(scheduler)
-    threads = jobs or cpu_count()
     with progress_display() as tell:
-        tell("proving the design", 0.0)
-        plan, _ = planned(path, options)
-        try:
-            found = run_campaign(plan, runs, output, jobs=threads, scheduler=scheduler, report=tell)
-        except KeyboardInterrupt:
-            kept = "interrupted; the runs that are done are kept: the same command goes on from there"
-            raise KeyboardInterrupt(kept) from None
+        found = run_campaign(path, runs, output, options, scheduler=scheduler, jobs=jobs, progress=tell)
     return Answer(found.document(), table_of(found), found.ok)
 
 
@@ -201,28 +110,10 @@ def _families(document: dict[str, Any]) -> RenderableType:
     return table
 
 
-def _replay(path: Path, index: int, output: Path | None, options: Options) -> Answer:
-    from lockstep.campaign import replay
-    from lockstep.campaign.draw import FAMILIES
-    from lockstep.model.simulation.table import to_csv
+def _replay(path: Path, index: int, output: Path | None, options: "CampaignOptions") -> Answer:
+    from lockstep.workflow.campaign import replay
 
-    check_writable(output, path)
-    plan, stored = planned(path, options)
-    found = replay(plan, stored.problem.agent(), index)
-    if output is not None:
-        write_text(output, to_csv(found.trajectory))
-    figures: dict[str, float | bool] = {
-        name: found[name] for name in found.columns if name not in ("run", "family")
-    }
-    figures |= {name: bool(figures[name]) for name in ("covered", "diverged")}
-    holds = not figures["diverged"] and not (figures["covered"] and found["ratio"] > 1)
-    document = {
-        "ok": holds,
-        "identity": plan.identity,
-        "run": index,
-        "family": FAMILIES[int(found["family"])],
-        **figures,
-        "trajectory": None if output is None else str(output),
-    }
+    found = replay(path, index, options, output=output)
+    document = {**found.document(), "trajectory": None if output is None else str(output)}
     rows = {name: f"{value}" for name, value in document.items() if not name.startswith("x_")}
-    return Answer(document, two_columns(f"Run {index} again", rows), holds)
+    return Answer(document, two_columns(f"Run {index} again", rows), found.ok)

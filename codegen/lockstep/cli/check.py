@@ -1,6 +1,5 @@
 """`lockstep check`: the symbolic model checks."""
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,12 +8,10 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from lockstep.cli.console import Answer, of_file, progress_display, respond
+from lockstep.cli.console import Answer, progress_display, respond
 
 if TYPE_CHECKING:
-    from lockstep.model.bound_search import Progress
     from lockstep.model.checks import CheckReport
-    from lockstep.model.problem import Problem
 
 STYLES = {"ok": "green", "note": "yellow", "fails": "bold red"}
 
@@ -25,37 +22,11 @@ def run(path: Path, *, as_json: bool, boxes: int | None = None) -> None:
 
 
 def _check(path: Path, boxes: int | None) -> Answer:
-    from lockstep.model.problem import load_problem
-
-    problem = load_problem(path)
-    with of_file(path):
-        report = checked(problem, boxes)
-    return Answer(report.document(), table_of(report, problem.title), report.ok)
-
-
-def checked(problem: "Problem", boxes: int | None = None) -> "CheckReport":
-    """Check a problem with a progress display: the enclosure of the bound so far, and the budget spent."""
-    from lockstep.model.bound_search import BOXES
-    from lockstep.model.checks import check_problem
+    from lockstep.workflow.check import check
 
     with progress_display() as tell:
-        tell("checking the model", 0.0)
-        return check_problem(
-            problem,
-            boxes=BOXES if boxes is None else boxes,
-            progress=lambda p: tell(enclosure(p), p.part),
-        )
-
-
-def enclosure(progress: "Progress") -> str:
-    """Return where a proof of a bound stands.
-
-    >>> from lockstep.model.bound_search import Progress
-    >>> enclosure(Progress(512, 3.0, 4.5, 0.1))
-    'bound: between 3 and 4.5 after 512 boxes'
-    """
-    upper = f"and {progress.upper:.5g}" if math.isfinite(progress.upper) else "and no limit yet"
-    return f"bound: between {progress.lower:.5g} {upper} after {progress.boxes} boxes"
+        problem, report = check(path, boxes=boxes, progress=tell)
+    return Answer(report.document(), table_of(report, problem.title), report.ok)
 
 
 def table_of(report: "CheckReport", title: str) -> RenderableType:

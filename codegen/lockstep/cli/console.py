@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NoReturn
 
 import typer
@@ -75,15 +74,6 @@ def misused(message: str) -> int:
 
 
 @contextmanager
-def of_file(path: Path) -> Iterator[None]:
-    """Name the file in whatever turns out to be wrong with the problem it holds."""
-    try:
-        yield
-    except ProblemError as error:
-        raise (error if str(path) in error.where else error.within(str(path))) from None
-
-
-@contextmanager
 def progress_display() -> Iterator[Callable[[str, float], None]]:
     """Show progress on standard error; the callable takes what is being done and the part of it that is done.
 
@@ -107,18 +97,6 @@ def two_columns(title: str, rows: Mapping[str, str]) -> RenderableType:
     for name, said in rows.items():
         table.add_row(visible(name), Text(visible(said)))
     return Group(Text(visible(title), style="bold underline"), table)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file as a whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
-        temporary.replace(path)
-    except OSError as error:
-        raise ProblemError(f"it cannot be written ({error.strerror})", where=str(path)) from None
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _leave(as_json: bool, document: Mapping[str, Any], message: str, status: int) -> NoReturn:

@@ -2,23 +2,11 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import RenderableType
 
-from lockstep.check.plain_json import to_json
-from lockstep.cli.console import (
-    Answer,
-    of_file,
-    progress_display,
-    respond,
-    two_columns,
-    write_text,
-)
-from lockstep.cli.files import check_writable
-
-if TYPE_CHECKING:
-    from lockstep.lmi.document import Stored
+from lockstep.cli.console import Answer, progress_display, respond, two_columns
 
 
 def run(
@@ -32,8 +20,7 @@ def run(
 ) -> None:
     """Design, prove, and write the design file, and the curve of rho against alpha if asked for.
 
-    A design whose sampled controllers are not certified is written, since the continuous loop is, and the exit status is
-    1: the `reason` in `sampled` says by how much.
+    The exit status is 1 where the sampled controllers are not certified; the file is written all the same.
     """
     respond(as_json, lambda: _design(path, output, jobs, trade_off, time_limit))
 
@@ -41,31 +28,14 @@ def run(
 def _design(
     path: Path, output: Path | None, jobs: int | None, trade_off: Path | None, time_limit: float | None
 ) -> Answer:
-    from lockstep.codegen.for_the_period import as_shipped
-    from lockstep.lmi.design import design
-    from lockstep.lmi.document import answer, file_of
-    from lockstep.model.problem import load_problem
+    import lockstep
 
-    check_writable(output, path)
-    check_writable(trade_off, path, output)
-    problem = load_problem(path)
-    with of_file(path), progress_display() as tell:
-        made = design(problem, jobs=jobs, progress=tell, time_limit=time_limit)
-        stored = as_shipped(file_of(made), tell, made.others)
-    curve = "" if trade_off is None else _trade_off(stored)
-    if output is not None:
-        write_text(output, to_json(stored.document()) + "\n")
-    if trade_off is not None:
-        write_text(trade_off, curve)
-    said = answer(stored)
-    return Answer(said, summary(said), stored.claims.sampled.certified)
-
-
-def _trade_off(stored: "Stored") -> str:
-    """Return the least rho of the gains for each alpha, as CSV."""
-    from lockstep.lmi.diagnosis.trade import as_csv, curve
-
-    return as_csv(curve(stored))
+    with progress_display() as tell:
+        found = lockstep.design(
+            path, output=output, trade_off=trade_off, jobs=jobs, time_limit=time_limit, progress=tell
+        )
+    said = found.document()
+    return Answer(said, summary(said), found.sampled["certified"] is True)
 
 
 def sampled_text(sampled: Mapping[str, Any]) -> str:

@@ -2,18 +2,20 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.markdown import Markdown
 from rich.table import Table
 
-from lockstep.cli.console import Answer, progress_display, respond, write_text
-from lockstep.cli.folders import check_folder, write_files
+from lockstep.check.errors import ProblemError
+from lockstep.cli.console import Answer, progress_display, respond
 
 if TYPE_CHECKING:
     from amini.claims.claim import Row
-    from amini.section4.runs import Runs
+
+COMMAND = "lockstep reproduce"
 
 
 def run(names: Sequence[str], output: Path | None, figures: Path | None = None, *, as_json: bool) -> None:
@@ -22,88 +24,37 @@ def run(names: Sequence[str], output: Path | None, figures: Path | None = None, 
 
 
 def _answer(names: Sequence[str], output: Path | None, figures: Path | None) -> Answer:
-    if figures is None:
-        _check(
-            not (names and output is not None),
-            "some claims are named, and a page is to be written",
-            "names or `-o`, not both: the page holds all claims",
+    if find_spec("amini") is None:
+        raise ProblemError(
+            "the study of the paper is not installed: it is no part of the wheel",
+            where=COMMAND,
+            expected="Lockstep's source, which holds it in the folder studies/",
+            remedy="in a checkout, run `pip install -e .`, then `lockstep reproduce`",
         )
-        return _reproduce(names, output)
-    _check(
-        not names and output is None,
-        "`--figures` is given with claims or a page",
-        "`--figures` alone: it settles no claims",
-    )
-    return _section_4(figures)
-
-
-def _check(agree: bool, found: str, expected: str) -> None:
-    """Refuse options that contradict each other."""
-    from lockstep.check.errors import ProblemError
-
-    if not agree:
-        raise ProblemError(found, where="lockstep reproduce", expected=expected)
+    if figures is not None and (names or output is not None):
+        found = "`--figures` is given with claims or a page"
+        raise ProblemError(found, where=COMMAND, expected="`--figures` alone: it settles no claims")
+    if names and output is not None:
+        found, expected = "some claims are named, and a page is to be written", "names or `-o`, not both"
+        raise ProblemError(found, where=COMMAND, expected=f"{expected}: the page holds all claims")
+    return _claims(names, output) if figures is None else _section_4(figures)
 
 
 def _section_4(folder: Path) -> Answer:
-    from amini.section4.figures import figures
-    from amini.section4.runs import all_runs
-    from amini.section4.table import to_csv, to_markdown
+    from amini.section4.folder import section_4
 
-    check_folder(folder)
     with progress_display() as tell:
-        runs = list(all_runs(tell))
-        tell("figures", 1.0)
-        drawn = figures(runs)
-    texts = {"table_2.csv": to_csv(runs), "table_2.md": to_markdown(runs)}
-    files = {**drawn, **{name: text.encode() for name, text in texts.items()}}
-    write_files(folder, files)
-    holds = all(one.agrees for one in runs)
-    document = {
-        "ok": holds,
-        "directory": str(folder),
-        "files": sorted(files),
-        "runs": [_run_document(one) for one in runs],
-    }
-    return Answer(document, Markdown(texts["table_2.md"]), holds)
+        found = section_4(folder, tell)
+    return Answer(found.document(), Markdown(found.table), found.ok)
 
 
-def _run_document(one: "Runs") -> dict[str, str | float | bool | None]:
-    d = one.quiet.disagreement()
-    return {
-        "name": one.contestant.key,
-        "disagreement_initial": float(d[0]),
-        "disagreement_final": float(d[-1]),
-        "agrees": one.agrees,
-        "gain": one.gain,
-        "rho": one.contestant.rho,
-    }
+def _claims(names: Sequence[str], output: Path | None) -> Answer:
+    from amini.claims.ledger import page, reproduce
 
-
-def _reproduce(names: Sequence[str], output: Path | None) -> Answer:
-    from amini.claims.ledger import reproduce
-    from amini.claims.markdown import to_markdown
-    from lockstep.cli.files import check_writable
-
-    check_writable(output)
     with progress_display() as tell:
-        rows = reproduce(names, tell)
+        rows = reproduce(names, tell) if output is None else page(output, tell)
     holds = all(row.verdict is not None for row in rows)
-    if output is not None and holds:
-        write_text(output, to_markdown(rows))
-    return Answer({"ok": holds, "claims": [_document(row) for row in rows]}, _table(rows), holds)
-
-
-def _document(row: "Row") -> dict[str, str | None]:
-    return {
-        "name": row.name,
-        "where": row.where,
-        "claim": row.claim,
-        "verdict": row.verdict,
-        "expected": row.expected,
-        "figure": row.figure,
-        "how": row.how,
-    }
+    return Answer({"ok": holds, "claims": [row.document() for row in rows]}, _table(rows), holds)
 
 
 def _table(rows: Sequence["Row"]) -> Table:

@@ -62,6 +62,12 @@ class Measured:
         """Whether the run is within the promise, or none was made."""
         return not self.covered or self.ratio is None or self.ratio <= 1 + QUADRATURE
 
+    @property
+    def excess(self) -> str:
+        """What a run above the promise comes to."""
+        above = 100 * ((self.ratio or 0) - 1)
+        return f"the run exceeds rho = {self.rho:.6g}, which is proved: by {above:.3g} %"
+
 
 def promise(stored: Stored, kind: Kind) -> Promise:
     """Return what is proved of a design's loop, by the checker, not by what the file says of itself."""

@@ -46,6 +46,18 @@ class Row:
         """The command that shows it."""
         return f"lockstep reproduce {self.name}"
 
+    def document(self) -> dict[str, str | None]:
+        """Return the row as plain JSON types."""
+        return {
+            "name": self.name,
+            "where": self.where,
+            "claim": self.claim,
+            "verdict": self.verdict,
+            "expected": self.expected,
+            "figure": self.figure,
+            "how": self.how,
+        }
+
 
 def settle(claim: PaperClaim) -> Row:
     """Measure a claim."""

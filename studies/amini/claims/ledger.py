@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from functools import cache
+from pathlib import Path
 
 from amini.claims.claim import PaperClaim, Row, settle
 from lockstep.check.errors import ProblemError
 from lockstep.check.wording import nearest
+from lockstep.workflow.files import check_writable, write_text
 
 
 @cache
@@ -42,3 +44,18 @@ def _named(name: str) -> PaperClaim:
             remedy=nearest(name, known),
         )
     return known[name]
+
+
+def page(output: Path, tell: Callable[[str, float], None] | None = None) -> list[Row]:
+    """Settle all claims, and write the page (Markdown) if every verdict is as it stands.
+
+    Raises:
+        ProblemError: an output that cannot be written.
+    """
+    from amini.claims.markdown import to_markdown
+
+    check_writable(output)
+    rows = reproduce((), tell)
+    if all(row.verdict is not None for row in rows):
+        write_text(output, to_markdown(rows))
+    return rows

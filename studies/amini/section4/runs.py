@@ -48,6 +48,18 @@ class Runs:
         """Whether next to nothing of the disagreement is left."""
         return self.left < AGREED
 
+    def document(self) -> dict[str, str | float | bool | None]:
+        """Return the figures as plain JSON types."""
+        d = self.quiet.disagreement()
+        return {
+            "name": self.contestant.key,
+            "disagreement_initial": float(d[0]),
+            "disagreement_final": float(d[-1]),
+            "agrees": self.agrees,
+            "gain": self.gain,
+            "rho": self.contestant.rho,
+        }
+
 
 def all_runs(tell: Callable[[str, float], None]) -> Iterator[Runs]:
     """Yield the runs of every loop."""

@@ -56,6 +56,37 @@ class Problem:
         return cls(parse_tables(document))
 
     @classmethod
+    def load(cls, path: str | Path) -> "Problem":
+        """Read a problem file.
+
+        Raises:
+            ProblemError: anything wrong with it, with the file's name and the place in it.
+        """
+        path = Path(path)
+        return cls.parse(read_problem(path), str(path))
+
+    @classmethod
+    def parse(cls, text: str, name: str = "") -> "Problem":
+        """Parse the text of a problem file; `name` is put before the place in messages.
+
+        >>> Problem.parse('''
+        ... [agent]
+        ... states = ["x"]
+        ... inputs = ["u"]
+        ... dynamics = { x = "u - tanh(x)" }
+        ... outputs = { y = "x" }
+        ... [network]
+        ... agents = 3
+        ... topology = "cycle"
+        ... ''').graph().roots
+        (1, 2, 3)
+        """
+        try:
+            return cls.from_document(parse_toml(text))
+        except ProblemError as error:
+            raise (error.within(name) if name else error) from None
+
+    @classmethod
     def of(
         cls,
         agent: Agent,
@@ -254,32 +285,5 @@ class Problem:
             )
 
 
-def load_problem(path: str | Path) -> Problem:
-    """Read a problem file.
-
-    Raises:
-        ProblemError: anything wrong with it, with the file's name and the place in it.
-    """
-    path = Path(path)
-    return parse_problem(read_problem(path), str(path))
-
-
-def parse_problem(text: str, name: str = "") -> Problem:
-    """Parse the text of a problem file; `name` is put before the place in messages.
-
-    >>> parse_problem('''
-    ... [agent]
-    ... states = ["x"]
-    ... inputs = ["u"]
-    ... dynamics = { x = "u - tanh(x)" }
-    ... outputs = { y = "x" }
-    ... [network]
-    ... agents = 3
-    ... topology = "cycle"
-    ... ''').graph().roots
-    (1, 2, 3)
-    """
-    try:
-        return Problem.from_document(parse_toml(text))
-    except ProblemError as error:
-        raise (error.within(name) if name else error) from None
+load_problem = Problem.load
+parse_problem = Problem.parse

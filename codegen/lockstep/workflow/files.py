@@ -1,17 +1,12 @@
-"""Where designs are read from and outputs may go."""
+"""Where outputs may go, files written as a whole, and the file's name in what is wrong with it."""
 
+import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from lockstep.check.errors import ProblemError
-
-if TYPE_CHECKING:
-    from lockstep.lmi.document import Stored
-
-DESIGN_NAME = "design.json"
 
 
 def check_writable(output: Path | None, *others: Path | None) -> None:
@@ -59,16 +54,22 @@ def seen(path: Path) -> Iterator[None]:
         raise ProblemError(f"it cannot be used ({error.strerror})", where=str(path)) from None
 
 
-def read_design(path: Path) -> "Stored":
-    """Return what a design file says, from the file or from a folder that holds it."""
-    from lockstep.check.design_file.json_text import A_DESIGN, parse_json
-    from lockstep.check.files import as_text, read_inside
-    from lockstep.lmi.document import parse, read
+@contextmanager
+def of_file(path: Path | None) -> Iterator[None]:
+    """Name the file in whatever turns out to be wrong with what it holds; None: there is no file."""
+    try:
+        yield
+    except ProblemError as error:
+        raise (error if path is None or str(path) in error.where else error.within(str(path))) from None
 
-    with seen(path):
-        is_folder = path.is_dir()
-    if not is_folder:
-        return read(path)
-    place = str(path / DESIGN_NAME)
-    text = as_text(read_inside(path, DESIGN_NAME, expected=A_DESIGN), place, A_DESIGN)
-    return parse(parse_json(text, place), place)
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file as a whole or not at all."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+        temporary.replace(path)
+    except OSError as error:
+        raise ProblemError(f"it cannot be written ({error.strerror})", where=str(path)) from None
+    finally:
+        temporary.unlink(missing_ok=True)

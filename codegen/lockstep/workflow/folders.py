@@ -5,7 +5,14 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from lockstep.check.errors import ProblemError
-from lockstep.cli.files import check_takes_files, seen
+from lockstep.workflow.files import check_takes_files, seen
+
+
+def is_generated(path: Path) -> bool:
+    """Tell whether a path is a folder of generated C."""
+    from lockstep.codegen.manifest import FILE_NAME
+
+    return path.is_dir() and (path / FILE_NAME).is_file()
 
 
 def check_folder(folder: Path) -> None:

@@ -1,0 +1,94 @@
+"""Print how many lines of code there are, and fail above the limits.
+
+    python3 .ci/lines.py
+
+Code lines are lines that hold anything but blanks, comments and docstrings. Beside them stand all lines of the files.
+"""
+
+import ast
+import io
+import sys
+import tokenize
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+LIMITS = {
+    "check": (["check"], [], 4000),
+    "cli": (["codegen/lockstep/cli"], [], 1000),
+    "check, model, lmi, codegen without campaign": (
+        ["check", "model", "lmi", "codegen"],
+        ["codegen/lockstep/campaign"],
+        25000,
+    ),
+}
+"""What is counted: folders, folders in them that are not, and the most code lines."""
+
+LAYOUT = {
+    tokenize.ENCODING,
+    tokenize.COMMENT,
+    tokenize.NL,
+    tokenize.NEWLINE,
+    tokenize.INDENT,
+    tokenize.DEDENT,
+    tokenize.ENDMARKER,
+}
+
+
+def code_lines(source: str) -> int:
+    """Count the lines of a module that hold code.
+
+    >>> code_lines('''\"""A docstring.
+    ...
+    ... of three lines.\"""
+    ...
+    ... # a comment
+    ... text = \"""two
+    ... lines\"""  # and a comment
+    ... ''')
+    2
+    """
+    held: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type not in LAYOUT:
+            held |= set(range(token.start[0], token.end[0] + 1))
+    return len(held - documented(source))
+
+
+def documented(source: str) -> set[int]:
+    """Return the lines of docstrings: of modules, classes, functions, and of the attributes that they follow."""
+    found: set[int] = set()
+    for node in ast.walk(ast.parse(source)):
+        text = node.value if isinstance(node, ast.Expr) else None
+        if isinstance(text, ast.Constant) and isinstance(text.value, str):
+            found |= set(range(text.lineno, (text.end_lineno or text.lineno) + 1))
+    return found
+
+
+def counted(folders: list[str], without: list[str]) -> tuple[int, int, int]:
+    """Return the files, code lines and lines of the modules in folders."""
+    left_out = [ROOT / folder for folder in without]
+    sources = [
+        path.read_text(encoding="utf-8")
+        for folder in folders
+        for path in sorted((ROOT / folder).rglob("*.py"))
+        if not any(path.is_relative_to(one) for one in left_out)
+    ]
+    return len(sources), sum(map(code_lines, sources)), sum(len(one.splitlines()) for one in sources)
+
+
+def main() -> int:
+    """Print the table; return 1 if there is too much of anything."""
+    print(f"{'':45}{'files':>7}{'code':>8}{'limit':>8}{'lines':>8}")
+    above = []
+    for name, (folders, without, limit) in LIMITS.items():
+        files, code, lines = counted(folders, without)
+        print(f"{name:45}{files:7}{code:8}{limit:8}{lines:8}")
+        if code > limit or not files:
+            above.append(f"{name}: {code} lines of code in {files} files; at most {limit} are allowed")
+    print(*above, sep="\n", end="\n" if above else "")
+    return 1 if above else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

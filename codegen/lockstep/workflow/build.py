@@ -1,0 +1,155 @@
+"""From a problem file to a folder of proved, compiled and checked C, with a report."""
+
+import json
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lockstep.check.plain_json import plain
+from lockstep.model.problem import Problem
+from lockstep.workflow.check import check
+from lockstep.workflow.design import DESIGN_NAME, Design, design
+from lockstep.workflow.files import of_file
+from lockstep.workflow.folders import check_generated
+from lockstep.workflow.generate import generated_files
+from lockstep.workflow.progress import Progress, silent
+from lockstep.workflow.verify import verify
+
+if TYPE_CHECKING:
+    from lockstep.model.checks import CheckReport
+    from lockstep.report import Report
+    from lockstep.verification.verify import VerifyReport
+
+VERIFY_STEPS = 10_000
+
+VERIFY_TARGETS = ("host", "sanitizers", "cortex-m4f")
+"""`lockstep verify` runs the other cores too; without floating-point hardware they take minutes to emulate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Build:
+    """What a build found, and what it wrote.
+
+    Args:
+        folder: where the files are, if they were written.
+        checks: of the problem.
+        design: with what is proved of the controllers in the C.
+        verified: what running the C showed.
+        problems: a sentence for everything that is not as it should be.
+        written: names of the files; none where the C differs from its reference or the model is wrong.
+    """
+
+    folder: Path
+    checks: "CheckReport"
+    design: Design
+    verified: "VerifyReport"
+    problems: tuple[str, ...]
+    written: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether every claim holds."""
+        return bool(self.written) and not self.problems
+
+    def document(self) -> dict[str, Any]:
+        """Return the contract's keys."""
+        from lockstep.report.report import PAGE
+
+        return {
+            "ok": self.ok,
+            "directory": str(self.folder),
+            "check": self.checks.document(),
+            "design": self.design.document(),
+            "verify": plain(self.verified.as_dict()),
+            "files": list(self.written),
+            "report": PAGE if self.written else None,
+            "problems": list(self.problems),
+        }
+
+
+def build(
+    problem: Problem | Path | str,
+    folder: Path | str,
+    *,
+    jobs: int | None = None,
+    time_limit: float | None = None,
+    progress: Progress = silent,
+) -> Build:
+    """Check, design, certify, generate, verify, report; write the folder last.
+
+    C that differs from its reference is not written. C whose sampled, rounded loop is not proved is written, since the
+    continuous loop is, and its header, its report and `problems` say what is not.
+
+    Args:
+        problem: itself, or its file.
+        folder: the folder to write; one that Lockstep wrote before is replaced as a whole.
+        jobs: processes to search with; by default one per core.
+        time_limit: seconds to search for gains; then the best certified ones so far, which depend on the machine.
+        progress: told what is being done and the part of it that is done.
+
+    Raises:
+        ProblemError: bad input, or a folder that cannot be written.
+        ClaimError: no gains were found, or none that are certified; nothing is written.
+    """
+    folder = Path(folder)
+    check_generated(folder)
+    posed, checks = check(problem, progress=progress)
+    with of_file(None if isinstance(problem, Problem) else Path(problem)):
+        designed = design(posed, jobs=jobs, time_limit=time_limit, progress=progress)
+    files = generated_files(designed)
+    # What is reported is what a reader of the file sees.
+    made = Design.of(json.loads(files[DESIGN_NAME]), DESIGN_NAME, folder)
+    verified = _verified(files, progress)
+    wrong, open_claims = [*checks.problems, *verified.problems], unproved(made.sampled)
+    written: tuple[str, ...] = ()
+    if not wrong:
+        progress("drawing the report", 0.5)
+        written = _written(files, _reported(files, made, checks, verified), folder)
+    return Build(folder, checks, made, verified, (*wrong, *open_claims), written)
+
+
+def unproved(sampled: Mapping[str, Any]) -> list[str]:
+    """Return what is not proved of the controllers as they ship, sampled and rounded; nothing if all is.
+
+    >>> unproved({"certified": True})
+    []
+    >>> unproved({"certified": False, "reason": "at 0.2 s the gain is 1.3", "max_period": 0.03})
+    ['the sampled controllers are not certified: at 0.2 s the gain is 1.3; they are up to a period of 0.03 s']
+    """
+    from lockstep.codegen.sampled_design import NOT_FOR_PERIOD
+
+    if sampled.get("certified") is True:
+        return []
+    longest, failed = sampled.get("max_period"), sampled.get(NOT_FOR_PERIOD)
+    reach = f"; they are up to a period of {longest:g} s" if longest else ""
+    reach += f"; no gains were designed for the period: {failed}" if failed else ""
+    return [f"the sampled controllers are not certified: {sampled.get('reason') or 'not looked at'}{reach}"]
+
+
+def _verified(files: dict[str, str], progress: Progress) -> "VerifyReport":
+    from lockstep.codegen.folder import write_folder
+
+    with tempfile.TemporaryDirectory(prefix="lockstep-") as temporary:
+        folder = write_folder(files, Path(temporary) / "build")
+        return verify(folder, steps=VERIFY_STEPS, targets=VERIFY_TARGETS, progress=progress)
+
+
+def _reported(
+    files: dict[str, str], made: Design, checks: "CheckReport", verified: "VerifyReport"
+) -> "Report":
+    from lockstep.report import make_report
+
+    return make_report(files, made.stored, checks, verified)
+
+
+def _written(files: dict[str, str], report: "Report", folder: Path) -> tuple[str, ...]:
+    """Write everything, and return the names of the files."""
+    from lockstep.codegen.bundle import bundle
+    from lockstep.codegen.folder import write_folder
+
+    extras: dict[str, str | bytes] = {**report.texts, **report.figures}
+    whole = bundle(files, extras)
+    write_folder(whole, folder)
+    return tuple(sorted(whole))

@@ -1,0 +1,267 @@
+"""The nonlinear closed loop in time, against what is proved of it."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
+
+from lockstep.check.errors import ProblemError
+from lockstep.workflow.design import Design, as_design
+from lockstep.workflow.files import check_writable, of_file, write_text
+from lockstep.workflow.folders import check_folder, is_generated, write_files
+from lockstep.workflow.progress import Progress, silent
+
+if TYPE_CHECKING:
+    from lockstep.check.loop import Gains
+    from lockstep.lmi.document import Stored
+    from lockstep.model.network import Network
+    from lockstep.model.simulation import SampledControllers, Scenario, Trajectory
+    from lockstep.model.simulation.from_problem import Changes
+    from lockstep.verification.measured import Kind, Measured
+
+KINDS = ("continuous", "sampled", "compiled")
+
+WORST_SAMPLES = 500
+"""Samples of a disturbance that is searched for, at most about: enough for loops of some rad/s over tens of seconds."""
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """One run, and how it compares with what is proved.
+
+    Args:
+        design: what was run.
+        trajectory: t, x, x_C, u, y, xi of all agents.
+        measured: |z|, |xi_d|, and the rho they are held against.
+        controllers: "continuous", "sampled" or "compiled".
+        disturbance, seed, step, integrator: of the run.
+    """
+
+    design: Design
+    trajectory: "Trajectory"
+    measured: "Measured"
+    controllers: "Kind"
+    disturbance: str
+    seed: int
+    step: float
+    integrator: str
+
+    @property
+    def ok(self) -> bool:
+        """Whether the run keeps to what is proved of it, or nothing is."""
+        return self.measured.holds
+
+    def document(self) -> dict[str, Any]:
+        """Return the contract's keys."""
+        import numpy as np
+
+        from lockstep.model.simulation import effort_indices, indices
+
+        trajectory, found = self.trajectory, self.measured
+        d = trajectory.disagreement()
+        l2 = {
+            "output": found.output,
+            "disturbance": found.input,
+            "gain": found.gain,
+            "rho": found.rho,
+            "ratio": found.ratio,
+            "covered": found.covered,
+            "reason": found.reason,
+        }
+        error: dict[str, Any] = {}
+        if not found.holds:
+            said = {"kind": "ClaimError", "message": found.excess, "figures": {"ratio": found.ratio}}
+            error = {"error": said}
+        return {
+            "ok": found.holds,
+            "controllers": self.controllers,
+            "disturbance": self.disturbance,
+            "horizon": trajectory.horizon,
+            "step": self.step,
+            "seed": self.seed,
+            "integrator": self.integrator,
+            "disagreement_initial": float(d[0]),
+            "disagreement_final": float(d[-1]),
+            "disagreement_max": float(d.max()),
+            "indices": [one.document() for one in indices(trajectory)],
+            "effort": [one.document() for one in effort_indices(trajectory)],
+            "largest_input": [float(np.abs(trajectory.u[:, i]).max()) for i in range(trajectory.N)],
+            "faults": trajectory.faults,
+            "l2": l2,
+            **error,
+        }
+
+    def figures(self) -> dict[str, bytes]:
+        """Return the states, the disagreement and the effort as PNG and PDF: file name -> bytes."""
+        return _drawn(self.trajectory, self.design.stored)
+
+
+def simulate(
+    design: Design | Path | str,
+    *,
+    controllers: str | None = None,
+    horizon: float | None = None,
+    seed: int | None = None,
+    disturbance: str | None = None,
+    perturbation: str | None = None,
+    integrator: str = "rk4",
+    output: Path | str | None = None,
+    figures: Path | str | None = None,
+    progress: Progress = silent,
+) -> Simulation:
+    """Simulate the nonlinear closed loop of a design, and hold the run against what is proved of it.
+
+    Args:
+        design: itself, its file, or a folder that holds one.
+        controllers: "continuous", "sampled" (the arithmetic that ships: the default), or "compiled" (the C of a folder).
+        horizon: s; by default the problem's, as are seed, disturbance and perturbation.
+        seed: of all that is random.
+        disturbance: "none", "noise", "sine", "step" or "worst" (searched for).
+        perturbation: gain errors of continuous controllers: "none", "paper", "paper_scaled" or "random".
+        integrator: "rk4" or "adaptive".
+        output: where to write the trajectory (CSV), if anywhere.
+        figures: a folder in which to draw the run as PNG and PDF, if any.
+        progress: told what is being done and the part of it that is done.
+
+    Raises:
+        ProblemError: bad input, or an output that cannot be written.
+    """
+    from lockstep.model.simulation import simulate as run
+    from lockstep.verification.measured import measured, network_of_design, promise
+
+    kind, changes = _checked(controllers, horizon, seed, disturbance, perturbation, integrator)
+    written, drawn = (None if one is None else Path(one) for one in (output, figures))
+    check_writable(written, None if isinstance(design, Design) else Path(design))
+    if drawn is not None:
+        check_folder(drawn)
+    simulated, path = as_design(design)
+    stored = simulated.stored
+    with of_file(path):
+        progress("what is proved", 0.1)
+        network, promised = network_of_design(stored), promise(stored, kind)
+        progress("what disturbs", 0.3)
+        scenario = _scenario(stored, network, kind, changes)
+        progress("the closed loop", 0.6)
+        with _controllers(path, stored, kind) as running:
+            trajectory = run(network, running, scenario)
+        found = measured(trajectory, scenario, stored, network, promised)
+    table = stored.problem.simulation
+    made = Simulation(
+        simulated,
+        trajectory,
+        found,
+        kind,
+        changes.disturbance or table.disturbance.kind,
+        table.seed if changes.seed is None else changes.seed,
+        scenario.step,
+        scenario.method,
+    )
+    pictures = {} if drawn is None else made.figures()
+    if drawn is not None:
+        write_files(drawn, pictures)
+    if written is not None:
+        from lockstep.model.simulation.table import to_csv
+
+        write_text(written, to_csv(trajectory))
+    return made
+
+
+def _drawn(trajectory: "Trajectory", stored: "Stored") -> dict[str, bytes]:
+    """Return the states, the disagreement and the effort as PNG and PDF."""
+    from lockstep.report.export import pdf, png
+    from lockstep.report.figures import disagreement_figure, effort_figure, states_figure
+
+    units = dict(stored.problem.agent().units)
+    figures = {
+        "states": states_figure(trajectory, units=units),
+        "disagreement": disagreement_figure({stored.problem.title: trajectory}),
+        "effort": effort_figure(trajectory, units=units),
+    }
+    ways = (("png", png), ("pdf", pdf))
+    return {f"{name}.{end}": way(figure, name) for name, figure in figures.items() for end, way in ways}
+
+
+def _checked(
+    controllers: str | None,
+    horizon: float | None,
+    seed: int | None,
+    disturbance: str | None,
+    perturbation: str | None,
+    integrator: str,
+) -> "tuple[Kind, Changes]":
+    from lockstep.model.simulation.from_problem import Changes
+    from lockstep.model.simulation.integrate import Method
+
+    kind = controllers or "sampled"
+    if kind not in KINDS:
+        raise ProblemError(f"`{kind}`", where="--controllers", expected=" or ".join(KINDS))
+    if integrator not in get_args(Method):
+        raise ProblemError(f"`{integrator}`", where="--integrator", expected=" or ".join(get_args(Method)))
+    method: Any = integrator
+    return kind, Changes(horizon, seed, disturbance, method, perturbation)  # type: ignore[return-value]
+
+
+def _scenario(stored: "Stored", network: "Network", kind: "Kind", changes: "Changes") -> "Scenario":
+    """Return the run; the worst disturbance starts from agreement, whatever the file's initial states."""
+    from lockstep.model.simulation.from_problem import scenario_of
+
+    asked = changes.disturbance or stored.problem.simulation.disturbance.kind
+    if asked != "worst":
+        return scenario_of(stored.problem, changes, sampled=kind != "continuous")
+    quiet = scenario_of(stored.problem, replace(changes, disturbance="none"), sampled=kind != "continuous")
+    return _worst(stored, network, quiet, changes)
+
+
+def _worst(stored: "Stored", network: "Network", quiet: "Scenario", changes: "Changes") -> "Scenario":
+    from lockstep.model.simulation.agreement import weakest_agreement
+    from lockstep.model.simulation.worst import worst_disturbance
+    from lockstep.verification.measured import weights_of_design
+
+    seed = stored.problem.simulation.seed if changes.seed is None else changes.seed
+    weights = weights_of_design(stored, network)
+    weakest, _ = weakest_agreement(network, stored.gains, weights, seed=seed)
+    # Two thirds of the run are disturbed, so that what the disturbance leaves behind is counted too.
+    disturbed = quiet.horizon * 2 / 3
+    step = quiet.step * max(1, round(disturbed / WORST_SAMPLES / quiet.step))
+    found = worst_disturbance(
+        network,
+        stored.gains,
+        weights,
+        horizon=max(disturbed, step),
+        step=step,
+        common=[0 * weakest, weakest],
+        seed=seed,
+    )
+    return replace(quiet, start=found.start, disturbance=found.disturbance, pinned=True)
+
+
+@contextmanager
+def _controllers(path: Path | None, stored: "Stored", kind: "Kind") -> "Iterator[Gains | SampledControllers]":
+    from lockstep.codegen.c_certificate import problem_fits
+    from lockstep.codegen.manifest import load_manifest
+    from lockstep.verification.in_the_loop import design_controllers, reference_controllers
+
+    if kind == "continuous":
+        yield stored.gains
+        return
+    delay = stored.problem.controller.delay
+    if path is None or not is_generated(path):
+        if kind == "compiled":
+            raise ProblemError(
+                "there is no C to compile",
+                where="the design" if path is None else str(path),
+                expected="a folder of generated C for --controllers compiled",
+                remedy="make one with `lockstep generate`",
+            )
+        yield design_controllers(stored)
+        return
+    manifest = load_manifest(path)
+    problem_fits(stored, manifest)
+    if kind == "sampled":
+        yield reference_controllers(manifest, delay=delay)
+        return
+    from lockstep.verification.compiled_loop import compiled_controllers
+
+    with compiled_controllers(path, delay=delay) as controllers:
+        yield controllers

@@ -1,0 +1,74 @@
+"""The compiled C against the Python reference, on the nonlinear closed loop."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lockstep.check.errors import ProblemError
+from lockstep.workflow.design import DESIGN_NAME, load
+from lockstep.workflow.files import seen
+from lockstep.workflow.progress import Progress, silent
+
+if TYPE_CHECKING:
+    from lockstep.verification.verify import VerifyReport
+
+STEPS = 10_000
+"""Of the closed loop, and as many adversarial ones."""
+
+
+def verify(
+    folder: Path | str,
+    *,
+    steps: int = STEPS,
+    targets: Sequence[str] | None = None,
+    run_changed: bool = False,
+    progress: Progress = silent,
+) -> "VerifyReport":
+    """Compile and run the C of a folder, and compare it, bit by bit, with the Python reference.
+
+    Args:
+        folder: what `lockstep.generate` or `build` wrote.
+        steps: of the nonlinear closed loop where the design is there, and as many adversarial ones.
+        targets: "host", "sanitizers" or a core; by default all of them.
+        run_changed: whether to compile and run files that were changed, too.
+        progress: told what is being done and the part of it that is done.
+
+    Raises:
+        ProblemError: no folder of ours, or no such target. A difference is not raised: `ok` and `problems` say it.
+    """
+    from lockstep.verification.verify import verify_folder
+
+    folder = Path(folder)
+    with seen(folder):
+        if folder.exists() and not folder.is_dir():
+            raise ProblemError(
+                "it is no folder", where=str(folder), expected="a folder that `lockstep generate` wrote"
+            )
+    progress("closing the loop around the reference", 0.0)
+    return verify_folder(
+        folder,
+        steps=steps,
+        adversarial_steps=steps,
+        targets=targets,
+        stimulus=_closed_loop(folder, steps),
+        run_changed=run_changed,
+        progress=lambda what, done, total: progress(what, done / max(total, 1)),
+    )
+
+
+def _closed_loop(folder: Path, steps: int) -> list[np.ndarray] | None:
+    """Return the outputs of the agents of the design in the folder; None without one: `verify` then has its own."""
+    from lockstep.codegen.manifest import load_manifest
+    from lockstep.model.network import Network
+    from lockstep.verification.plant import HeldPlant
+    from lockstep.verification.reference import closed_loop
+
+    manifest = load_manifest(folder)
+    if not (folder / DESIGN_NAME).is_file():
+        return None
+    problem = load(folder).problem
+    network = Network(problem.agent(), problem.graph(), problem.agents_B())
+    plant = HeldPlant(network, problem.initial_states(), manifest.period)
+    return closed_loop(manifest, plant, np.array(plant.outputs), steps)
