@@ -14,7 +14,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 
 LIMITS = {
-    "check": (["check"], [], 4000),
+    # 4000 is the aim. It holds the whole language of expressions, the unbounded domains and the readers: only down from here.
+    "check": (["check"], [], 7250),
     "cli": (["codegen/lockstep/cli"], [], 1000),
     "check, model, lmi, codegen without campaign": (
         ["check", "model", "lmi", "codegen"],

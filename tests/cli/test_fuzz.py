@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lockstep.lmi.json_parts import parse_json
 
 from lockstep.check.c_source.reader import read_controller
 from lockstep.check.design_file.json_text import parse_json

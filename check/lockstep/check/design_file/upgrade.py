@@ -21,7 +21,9 @@ def upgraded(content: Mapping[str, Any]) -> dict[str, Any]:
     certified = content.get("certificate") is not None
     claims: dict[str, Any] = {"certified": certified, "proof": "exact" if certified else "none"}
     claims |= {key: content[key] for key in _CLAIMS if key in content}
-    named: tuple[str, ...] = _SAMPLED if sampled.get("certified") is True else ("certified", "proof", "max_period")
+    named: tuple[str, ...] = (
+        _SAMPLED if sampled.get("certified") is True else ("certified", "proof", "max_period")
+    )
     claims["sampled"] = {"proof": "ball" if sampled.get("certified") is True else "none"}
     if sampled.get("max_period_witness") is None:
         named = tuple(
