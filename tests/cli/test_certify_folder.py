@@ -172,16 +172,19 @@ def test_the_longest_period_is_decided_by_its_witness_and_never_looked_for(desig
         raise AssertionError("a reader looks for no period")
 
     monkeypatch.setattr("lockstep.codegen.sampled_design.max_period", searched)
-    assert certify_design(design, tmp_path)[1]["sampled"]["max_period"] == design["sampled"]["max_period"]
-    for changed in ({"max_period": 0.034}, {"max_period_witness": None}):
-        code, answer = certify_design({**design, "sampled": design["sampled"] | changed}, tmp_path)
+    claims, proofs = design["claims"], design["proofs"]
+    found = certify_design(design, tmp_path)[1]["sampled"]["max_period"]
+    assert found == claims["sampled"]["max_period"]
+    longer = claims | {"sampled": claims["sampled"] | {"max_period": 0.034}}
+    for changed in ({"claims": longer}, {"proofs": proofs | {"max_period": None}}):
+        code, answer = certify_design(design | changed, tmp_path)
         assert code == 1
         assert answer["sampled"]["max_period"] == 0.005, (
             "the period of the controllers is proved all the same"
         )
         assert "claims max_period = 0.03" in answer["error"]["message"]
     design["problem"]["controller"]["period"] = 0.1
-    design["sampled"]["max_period_witness"]["decay"] = 0.5
+    proofs["max_period"]["decay"] = 0.5
     _, answer = certify_design(design, tmp_path)
     assert answer["sampled"]["max_period"] is None
 

@@ -23,6 +23,7 @@ from lockstep.codegen.for_the_period import as_shipped
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
 from lockstep.lmi.document import file_of, parse, read
+from lockstep.lmi.scope import domain_of
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, parse_problem
@@ -165,7 +166,7 @@ def test_an_unknown_or_missing_claim_is_named(name: str) -> None:
             parse({**file, "claims": claims}, "here.json")
 
 
-REMARKS: list[Any] = [None, 1e-30, [], {"certified": True, "rho": 1e-30, "reason": "\u001b[2J"}]
+REMARKS: list[Any] = [None, 1e-30, [], {"certified": True, "rho": 1e-30, "reason": "yes"}]
 
 
 def test_remarks_may_be_anything_and_are_not_shown_as_proved(tmp_path: Path) -> None:
@@ -179,6 +180,8 @@ def test_remarks_may_be_anything_and_are_not_shown_as_proved(tmp_path: Path) -> 
         said.add(found.stdout)
     assert len(said) == 1
     assert "1e-30" not in said.pop()
+    unseen = {**file, "info": {**file["info"], "new": "\u001b[2J"}}
+    assert status(unseen, place) == 2, "no text of a file moves the cursor"
 
 
 def test_a_local_claim_holds_a_few_ulps_off_in_the_sound_direction_only() -> None:
@@ -187,14 +190,17 @@ def test_a_local_claim_holds_a_few_ulps_off_in_the_sound_direction_only() -> Non
     claimed, c = stored.claims.initial_set, stored.proofs.certificate
     assert claimed is not None and c is not None
     network = network_of(stored.problem, bound_again(stored))
+    domain = domain_of(network.agent)
     for name in ("level", "radius", "energy"):
         value = getattr(claimed, name)
         for factor in (1 - 1e-15, 1 - 1e-9, 0.5):
-            assert better_than_proved(network, c, replace(claimed, **{name: value * factor})) is None
-        said = better_than_proved(network, c, replace(claimed, **{name: value * (1 + 1e-9)}))
+            assert better_than_proved(network, c, domain, replace(claimed, **{name: value * factor})) is None
+        said = better_than_proved(network, c, domain, replace(claimed, **{name: value * (1 + 1e-9)}))
         assert said is not None and name in said
     # What the doubles lose is won back: the largest radius that holds is above the one that was written down.
-    assert better_than_proved(network, c, replace(claimed, radius=claimed.radius * (1 + 1e-13))) is None
+    assert (
+        better_than_proved(network, c, domain, replace(claimed, radius=claimed.radius * (1 + 1e-13))) is None
+    )
 
 
 @pytest.mark.parametrize("name", ["arms", pytest.param("local", marks=pytest.mark.slow)])
@@ -224,6 +230,7 @@ def format_1() -> dict[str, Any]:
             **info["sampled"],
             "witness": proofs["sampled"],
             "rho_witness": proofs["sampled_rho"],
+            "max_period_witness": proofs["max_period"],
         },
         "figures": info["figures"],
         "problem": file["problem"],
@@ -236,12 +243,15 @@ def test_a_file_of_format_1_is_read(tmp_path: Path) -> None:
     assert certify(stored).certified
     assert stored.claims.initial_set == now.claims.initial_set
     assert stored.claims.sampled.rho == now.claims.sampled.rho
-    assert stored.proofs.document() == {**now.proofs.document(), "max_period": None}
+    assert stored.proofs.document() == now.proofs.document()
     assert stored.info["figures"] == now.info["figures"]
     assert stored.info["sampled"]["decay"] == now.claims.sampled.decay, (
         "its checker never looked at it: a remark"
     )
     assert status(old, tmp_path / "d.json") == 0
+    assert old["sampled"]["max_period"] and old["sampled"]["max_period_witness"]
+    unproved = {"sampled": {**old["sampled"], "max_period_witness": None}}
+    assert status({**old, **unproved}, tmp_path / "d.json") == 1, "no period is looked for"
     for tampered in ({"rho": 0.9 * old["rho"]}, {"scope": "global"}, {"proof": "magic"}, {"gains": 3}):
         assert status({**old, **tampered}, tmp_path / "d.json") in (1, 2)
 
