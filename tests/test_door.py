@@ -1,5 +1,6 @@
 """`import lockstep` as a user has it: what the functions return is what the files say, from wherever they are called."""
 
+import ast
 import json
 import subprocess
 import sys
@@ -10,7 +11,8 @@ import pytest
 
 import lockstep
 
-ARMS = Path(__file__).parents[1] / "generated" / "flexible_joint_arms"
+ROOT = Path(__file__).parents[1]
+ARMS = ROOT / "generated" / "flexible_joint_arms"
 
 PAIR = """
 title = "<b>A pair</b>"
@@ -74,7 +76,10 @@ def test_the_checker_behind_the_door_loads_no_solver(tmp_path):
 
 def test_the_door_works_away_from_the_checkout(tmp_path):
     code = f"import lockstep; d = lockstep.load({str(ARMS)!r}); print(d.rho, lockstep.__name__)"
-    assert python(code, tmp_path) == f"{json.loads((ARMS / 'design.json').read_text())['rho']} lockstep"
+    assert (
+        python(code, tmp_path)
+        == f"{json.loads((ARMS / 'design.json').read_text())['claims']['rho']} lockstep"
+    )
 
 
 def test_every_name_is_there_and_says_what_it_is():
@@ -88,15 +93,17 @@ def test_every_name_is_there_and_says_what_it_is():
 
 def test_a_loaded_design_is_what_its_file_says(arms):
     content = json.loads((ARMS / "design.json").read_text(encoding="utf-8"))
-    assert (arms.title, arms.rho, arms.alpha, arms.floor) == tuple(
-        content[key] for key in ("title", "rho", "alpha", "floor")
-    )
-    assert arms.certified is content["certified"]
-    assert arms.sampled == content["sampled"]
+    claims = content["claims"]
+    assert arms.title == content["problem"]["title"]
+    assert (arms.rho, arms.alpha, arms.floor) == tuple(claims[key] for key in ("rho", "alpha", "floor"))
+    assert arms.certified is claims["certified"]
+    assert arms.sampled == claims["sampled"] | content["info"]["sampled"]
     for letter in "ABCD":
         for matrix, said in zip(getattr(arms.gains, letter), content["gains"], strict=True):
             assert matrix.tolist() == said[letter]
-    assert arms.document() == content
+    said = arms.document()
+    assert (said["gains"], said["rho"], said["sampled"]) == (content["gains"], arms.rho, arms.sampled)
+    assert arms.stored.document() == content
     assert arms == lockstep.load(ARMS / "design.json")
 
 
@@ -110,7 +117,7 @@ def test_a_saved_design_is_the_same_file(arms, place):
 
 def test_a_changed_file_is_another_design(arms, place):
     content = json.loads((ARMS / "design.json").read_text(encoding="utf-8"))
-    content["sampled"]["rho"] = 1.0
+    content["claims"]["sampled"]["rho"] = 1.0
     (place / "changed.json").write_text(json.dumps(content), encoding="utf-8")
     changed = lockstep.load("changed.json")
     assert changed != arms
@@ -209,3 +216,23 @@ def test_a_design_that_is_no_folder_has_no_c_to_run():
         lockstep.simulate(found, controllers="compiled", horizon=0.1)
     found.generate("c")
     assert lockstep.simulate(lockstep.load("c"), controllers="compiled", horizon=0.1).ok
+
+
+def test_nothing_below_the_door_goes_through_it():
+    """import-linter sees the parts of the package, and the door is none of them."""
+    parts = [*ROOT.glob("*/lockstep/*/**/*.py"), *ROOT.glob("studies/**/*.py")]
+    assert {"check", "workflow", "cli", "amini"} <= {name for path in parts for name in path.parts}
+    through = {path for path in parts if goes_through(path.read_text(encoding="utf-8"))}
+    assert {path.parent.name for path in through} == {"cli"}
+    assert goes_through("def f():\n    import lockstep\n")
+    assert goes_through("from lockstep import design\n")
+    assert not goes_through("import lockstep.check.errors\nfrom lockstep.model import Agent\n")
+
+
+def goes_through(source: str) -> bool:
+    """Tell whether a text imports the door itself, within functions too."""
+    return any(
+        (isinstance(node, ast.Import) and any(alias.name == "lockstep" for alias in node.names))
+        or (isinstance(node, ast.ImportFrom) and node.module == "lockstep")
+        for node in ast.walk(ast.parse(source))
+    )

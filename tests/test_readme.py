@@ -13,7 +13,7 @@ def test_the_python_examples_run(root, tmp_path, monkeypatch):
     names: dict[str, object] = {}
     exec(compile(steps, "README.md", "exec"), names)
     saved = json.loads((tmp_path / "design.json").read_text(encoding="utf-8"))
-    assert names["rho"] == saved["sampled"]["rho"]
+    assert names["rho"] == saved["claims"]["sampled"]["rho"]
     assert names["A_1"].tolist() == saved["gains"][0]["A"]
     assert names["run"].ok
     assert names["loop"].ninputs == 3 * 4, "a disturbance on every state of three arms"
