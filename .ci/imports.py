@@ -1,19 +1,33 @@
-"""Hold the imports to the contracts in pyproject.toml.
+"""Hold the import contracts of pyproject.toml, with lint-imports, on the package as a wheel holds it.
 
-    python3 .ci/imports.py
+    python .ci/imports.py
 
-import-linter takes the parts of `lockstep` as roots only where `lockstep` is a namespace. Its parts are in several
-folders, as those of one are, and the one `__init__`, the door, imports none of them before a name is used: for
-import-linter it may pass as one.
+In the checkout the package `lockstep` is spread over the source roots; import-linter reads one folder.
 """
 
+import os
+import shutil
+import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
-from importlinter.cli import lint_imports
+ROOT = Path(__file__).parents[1]
+PORTIONS = ("check", "model", "lmi", "codegen")
 
-import lockstep
+
+def main() -> int:
+    """Put the portions together in a temporary folder and run lint-imports on them."""
+    with tempfile.TemporaryDirectory() as whole:
+        for portion in PORTIONS:
+            shutil.copytree(ROOT / portion / "lockstep", Path(whole, "lockstep"), dirs_exist_ok=True)
+        shutil.copytree(ROOT / "studies" / "amini", Path(whole, "amini"))
+        command = [str(Path(sys.executable).with_name("lint-imports")), "--no-cache", "--config"]
+        environment = {**os.environ, "PYTHONPATH": whole}
+        return subprocess.run(
+            [*command, str(ROOT / "pyproject.toml")], cwd=whole, env=environment, check=False
+        ).returncode
+
 
 if __name__ == "__main__":
-    assert lockstep.__spec__ is not None
-    lockstep.__spec__.has_location = False
-    sys.exit(lint_imports())
+    raise SystemExit(main())
