@@ -1,6 +1,6 @@
 """Whatever stands in a file, only errors of ours come out of the library: texts and documents with parts of others in them.
 
-Examples are few and always the same; they were run for minutes by hand before.
+Examples are few and always the same.
 """
 
 import copy

@@ -25,11 +25,11 @@ FILTERED = 1e100
 
 
 MOST_BITS = 2_000
-"""Of a numerator or denominator, after scaling. A double has 53 bits at one of 2 000 binary places, and an entry is a sum of
-products of two to four of them: numbers between 1e-60 and 1e60 stay below, and a proof needs no wider ones."""
+"""Of a numerator or denominator, after scaling: the cost of exact arithmetic grows with it. A double has 53 bits at one of
+2 000 binary places, and an entry is a sum of products of a few; those of the worked example have 260 bits at most."""
 
 MOST_WORK = 5_000_000_000
-"""Rows^4 x bits of the exact stage, in which numbers grow with each row: some ten seconds."""
+"""Rows^4 x bits of the exact stage, in which numbers grow with each row: 120 rows of 54 bits, twice that, took 9 s."""
 
 
 @dataclass(frozen=True)
