@@ -147,4 +147,6 @@ def test_a_design_that_is_a_bomb(name: str, tmp_path: Path) -> None:
         found = json.loads(answer)
         assert not found["certified"]
         # The sampled loop is proved by witnesses of its own, which no P has a part in.
-        assert found["sampled"]["max_period"] == found["sampled"]["period"], "no search, and no witness of more"
+        assert found["sampled"]["max_period"] == found["sampled"]["period"], (
+            "no search, and no witness of more"
+        )
