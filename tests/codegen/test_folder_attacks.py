@@ -24,7 +24,7 @@ from lockstep.verification.toolchain import host_compilers
 from lockstep.verification.verify import verify_folder
 
 GENERATED = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
-FIGURES = {"report.html": "<p>rho</p>", "report.md": "# rho", "figures/run.png": b"\x89PNG"}
+FIGURES = {"report.html": "<p>rho</p>", "report.md": "# rho", "figures/singular-values.png": b"\x89PNG"}
 
 
 @pytest.fixture

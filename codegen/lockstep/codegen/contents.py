@@ -17,7 +17,7 @@ from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files
 DESIGN_NAME = "design.json"
 
 MEASURED = ("report.html", "report.md")
-_FIGURE = re.compile(r"figures/[a-z0-9_]+\.(png|pdf)")
+_FIGURE = re.compile(r"figures/[a-z0-9_-]+\.(png|pdf)")
 
 _MOST_LINES = 20
 """Entries told one by one; of more, their number."""
