@@ -43,7 +43,7 @@ def kernels(session: nox.Session, kernel: str) -> None:
 def lowest(session: nox.Session) -> None:
     """Run the tests of designs and of the command with the lowest versions that are allowed."""
     wanted = session.run("python", ".ci/lowest.py", silent=True)
-    session.install(*wanted.split(), ".[test]")
+    session.install(*wanted.split(), "-e", ".[test]")
     session.run(
         "pytest",
         "-q",
