@@ -27,6 +27,9 @@ from lockstep.check.numbers import exactly
 DEFAULT_ORDER = 2
 """n_C where a problem states none."""
 
+CONTROLLER = {"discretization": ("tustin", "zoh", "euler"), "real": ("float32", "float64")}
+"""Of [controller], the words that are known."""
+
 COORDINATES = ("orthonormal", "laplacian_rows")
 
 Scales = tuple[Sequence[float], Sequence[float]] | None
@@ -47,6 +50,8 @@ class Problem:
         """Build the problem and look at all of it, so that what is wrong with it is told at once."""
         problem = cls(tables)
         _ = problem.sizes, problem.box, problem.weights, problem.period, problem.delay
+        for key, known in CONTROLLER.items():
+            one_of(problem.controller.get(key), known, f"[controller] {key}")
         return problem
 
     def document(self) -> dict[str, Any]:
@@ -78,16 +83,20 @@ class Problem:
     def _agent(self, changed: Mapping[str, Any]) -> Agent:
         table = part(self.tables, "agent", dict)
         parameters = part(table, "parameters", dict)
-        outputs = [tuple(pair) for pair in part(table, "outputs", list)]
+        outputs = [tuple(_texts(pair, "[agent.outputs]")) for pair in part(table, "outputs", list)]
         if any(len(pair) != 2 for pair in outputs) or len(dict(outputs)) < len(outputs):
             raise ProblemError("a list", where="[agent.outputs]", expected="pairs of a name and a formula")
+        if not isinstance(changed, dict):
+            raise ProblemError(
+                f"{changed!r}", where="[network] parameters", expected="a table for each agent"
+            )
         for name in changed:
             if name not in parameters:
                 raise ProblemError(f"`{name}` is no parameter of the agent", where="[network] parameters")
         return Agent.from_texts(
             str(table.get("name", "agent")),
-            states=part(table, "states", list),
-            inputs=part(table, "inputs", list),
+            states=_texts(part(table, "states", list), "[agent] states"),
+            inputs=_texts(part(table, "inputs", list), "[agent] inputs"),
             dynamics=part(table, "dynamics", dict),
             outputs=dict(outputs),
             parameters={**parameters, **changed},
@@ -132,7 +141,8 @@ class Problem:
         """n_C, the number of states of each controller; with given gains, theirs."""
         given = self.design.get("gains")
         if given:
-            return len(part(given[0], "A", list))
+            first = given[0] if isinstance(given, list) and isinstance(given[0], dict) else {}
+            return len(part(first, "A", list))
         order = self.design.get("order", DEFAULT_ORDER)
         if isinstance(order, bool) or not isinstance(order, int) or order < 0:
             raise ProblemError(f"{order!r}", where="[design] order", expected="a whole number from 0 up")
@@ -157,7 +167,7 @@ class Problem:
     @property
     def box(self) -> Box:
         """The box of v = H x over the domain of the states."""
-        domain = part(self.tables, "agent", dict).get("domain") or {}
+        domain = part({"domain": {}, **part(self.tables, "agent", dict)}, "domain", dict)
         sides = {state: _range(domain[state], f"[agent.domain] {state}") for state in domain}
         states = [sides.get(state, (-math.inf, math.inf)) for state in self.agent.states]
         return argument_box(self.agent.H, states)
@@ -187,6 +197,12 @@ class Problem:
         chosen = one_of(self.design.get("coordinates"), COORDINATES, "[design] coordinates")
         coordinates: Coordinates = "orthonormal" if chosen == "orthonormal" else "laplacian_rows"
         return Network(plant, self.graph, coordinates), agent
+
+
+def _texts(value: Any, where: str) -> list[str]:
+    if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
+        raise ProblemError(f"{value!r}", where=where, expected="a list of texts")
+    return value
 
 
 def _range(value: Any, where: str) -> tuple[float, float]:

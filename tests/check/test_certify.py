@@ -1,0 +1,118 @@
+"""The checker alone: every claim of the committed design and of its C, decided from the text of the equations."""
+
+import json
+import shutil
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lockstep.check.__main__ import main
+from lockstep.check.certify import certify
+from lockstep.check.errors import LockstepError, ProblemError
+
+FOLDER = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
+DESIGN = json.loads((FOLDER / "design.json").read_text())
+
+
+def written(folder: Path, content: dict[str, Any]) -> Path:
+    place = folder / "design.json"
+    place.write_text(json.dumps(content))
+    return place
+
+
+def test_the_design_and_its_c_are_proved_claim_by_claim(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(FOLDER), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    expected = ["bound", "certificate", "asked", "floor", "code", "sampled", "sampled_rho", "max_period"]
+    assert list(found["claims"]) == expected
+    assert found["certified"] is True
+
+
+def test_what_fails_is_named_and_what_rests_on_it_is_not_decided(tmp_path: Path) -> None:
+    content = deepcopy(DESIGN)
+    content["gains"][0]["D"][0][0] *= -1
+    found = certify(written(tmp_path, content))
+    assert [one.status for one in found.verdicts.values()] == ["proved", "refuted"]
+    assert not found.proved
+
+
+def test_fewer_boxes_than_the_proof_takes_decide_nothing(tmp_path: Path) -> None:
+    content = deepcopy(DESIGN)
+    content["proofs"]["bound"]["boxes"] = 0
+    assert certify(written(tmp_path, content)).verdicts["bound"].status == "undecided"
+    content["proofs"]["bound"] = None
+    assert not certify(written(tmp_path, content)).proved
+
+
+@pytest.mark.parametrize(
+    ("path", "old", "new", "what"),
+    [
+        ("src/arm1.c", "float32 controller", "float32 controller", ""),
+        ("src/arm2.c", "r[k] = r[k] + ", "r[k] = r[k] - ", "code"),
+        ("include/arm1.h", "PERIOD_S 0.005", "PERIOD_S 0.004", "code"),
+    ],
+)
+def test_c_that_is_not_the_designs_is_no_proof(
+    path: str, old: str, new: str, what: str, tmp_path: Path
+) -> None:
+    folder = Path(shutil.copytree(FOLDER, tmp_path / "c"))
+    text = (folder / path).read_text()
+    assert what == "" or old in text
+    (folder / path).write_text(text.replace(old, new))
+    found = certify(folder)
+    assert found.proved is (what == "")
+    assert what == "" or not found.verdicts[what].proved
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("problem", "controller", "real"), 2),
+        (("problem", "agent", "outputs", 0), False),
+        (("problem", "agent", "outputs", 1, 0), [[None, 1]]),
+        (("problem", "agent", "domain"), [1]),
+        (("proofs", "bound", "moves"), [{"component": 1, "argument": 1, "amount": "1/0"}]),
+    ],
+)
+def test_a_mistake_is_one_message(
+    place: tuple[Any, ...], value: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = deepcopy(DESIGN)
+    part = content
+    for key in place[:-1]:
+        part = part[key]
+    part[place[-1]] = value
+    with pytest.raises(ProblemError):
+        certify(written(tmp_path, content))
+    assert main([str(tmp_path / "design.json")]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def places(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    children = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else []
+    return [path, *(one for key, value in children for one in places(value, (*path, key)))]
+
+
+ANY = st.sampled_from([None, True, -1, 2, 3.5, 1e300, "", "x", [], {}, [1], [[1]], ["a"], {"a": 1}, 10**30])
+PLACES = st.sampled_from([p for p in places(DESIGN) if (p and p[0] in ("problem", "claims")) or len(p) == 2])
+
+
+@settings(max_examples=40)
+@given(PLACES, ANY)
+def test_any_value_anywhere_is_an_answer(
+    tmp_path_factory: pytest.TempPathFactory, place: tuple[Any, ...], value: Any
+) -> None:
+    content = deepcopy(DESIGN)
+    part = content
+    for key in place[:-1]:
+        part = part[key]
+    part[place[-1]] = value
+    try:
+        found = certify(written(tmp_path_factory.mktemp("any"), content))
+    except LockstepError:
+        return
+    assert all(one.reason for one in found.verdicts.values())
