@@ -83,9 +83,13 @@ class Problem:
     def _agent(self, changed: Mapping[str, Any]) -> Agent:
         table = part(self.tables, "agent", dict)
         parameters = part(table, "parameters", dict)
-        outputs = [tuple(_texts(pair, "[agent.outputs]")) for pair in part(table, "outputs", list)]
-        if any(len(pair) != 2 for pair in outputs) or len(dict(outputs)) < len(outputs):
-            raise ProblemError("a list", where="[agent.outputs]", expected="pairs of a name and a formula")
+        outputs: dict[str, str] = {}
+        for pair in part(table, "outputs", list):
+            if len(_texts(pair, "[agent.outputs]")) != 2 or pair[0] in outputs:
+                raise ProblemError(
+                    f"{pair!r}", where="[agent.outputs]", expected="pairs of a new name and a formula"
+                )
+            outputs[pair[0]] = pair[1]
         if not isinstance(changed, dict):
             raise ProblemError(
                 f"{changed!r}", where="[network] parameters", expected="a table for each agent"
@@ -98,7 +102,7 @@ class Problem:
             states=_texts(part(table, "states", list), "[agent] states"),
             inputs=_texts(part(table, "inputs", list), "[agent] inputs"),
             dynamics=part(table, "dynamics", dict),
-            outputs=dict(outputs),
+            outputs=outputs,
             parameters={**parameters, **changed},
         )
 
