@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from sampled_cases import brute_force_radius
 
+from lockstep.check.design_file.proofs import Proofs
 from lockstep.check.loop import Gains
 from lockstep.codegen.sampled_design import longest_period, sampled_controllers, sampled_network
 from lockstep.lmi.design import given_gains
@@ -52,9 +53,9 @@ def certified(root):
 def designs(root, certified):
     published = load_problem(root / "examples" / "table_1.toml")
     return {
-        "published": replace(certified, problem=published, gains=given_gains(published), certificate=None),
+        "published": replace(certified, problem=published, gains=given_gains(published), proofs=Proofs()),
         "certified": certified,
-        "for 20 ms": replace(certified, gains=Gains.from_blocks(FOR_20_MS, 2), certificate=None),
+        "for 20 ms": replace(certified, gains=Gains.from_blocks(FOR_20_MS, 2), proofs=Proofs()),
     }
 
 
@@ -82,7 +83,7 @@ def test_the_largest_period_is_confirmed_from_both_sides(designs, name, certifie
 def test_a_design_for_20_ms_does_better_there(designs):
     weights = Weights(np.eye(4), 2 * np.eye(2))
     found = {}
-    for name, m in (("certified", designs["certified"].certificate.m), ("for 20 ms", M_FOR_20_MS)):
+    for name, m in (("certified", designs["certified"].proofs.certificate.m), ("for 20 ms", M_FOR_20_MS)):
         network = sampled_network(designs[name], 0.02)
         controllers = sampled_controllers(designs[name], 0.02)
         assert certify_sampled(network, controllers, m, thorough=False).certified
