@@ -248,9 +248,6 @@ def test_fifty_double_integrators(topology):
     assert certify(parse(content, "design")).certified
 
 
-@pytest.mark.xfail(
-    reason="a regression: rho 6.2 since the modal search takes its matrices from the channels", strict=False
-)
 @pytest.mark.slow
 def test_fifty_arms_that_hear_each_other():
     text = (EXAMPLES / "flexible_joint_arms.toml").read_text(encoding="utf-8")

@@ -74,15 +74,10 @@ class ModalCertificate:
 
 @dataclass(frozen=True)
 class Modes:
-    """A(lambda) = A_0 + U K Y(lambda), in doubles or in rationals.
-
-    shift: a number taken off the diagonal of A_0 (and of A_C in the mean), for the search alone: with enough of it any
-    gains are stable.
-    """
+    """A(lambda) = A_0 + U K Y(lambda), in doubles or in rationals."""
 
     plant: Plant
     order: int
-    shift: float = 0.0
 
     @property
     def size(self) -> int:
@@ -91,11 +86,11 @@ class Modes:
 
     @property
     def A_0(self) -> Matrix:
-        """diag(A, 0) - shift I."""
+        """diag(A, 0)."""
         n = self.plant.A.shape[0]
         A_0 = zeros(self.size, self.size, self.plant.A)
         A_0[:n, :n] = self.plant.A
-        return A_0 - self.shift * eye(self.size, A_0) if self.shift else A_0
+        return A_0
 
     @property
     def U(self) -> Matrix:

@@ -1,15 +1,11 @@
 """One thread of linear algebra: sums then have one order, whatever process they are in and however many cores it has.
 
-A limit holds for the libraries that are loaded when it is set, and for those it knows: whatever a design uses is
-therefore loaded first, and the BLAS that CasADi brings for IPOPT, whose name threadpoolctl does not know, is named to it.
+A limit holds for the libraries that are loaded when it is set: whatever a design uses is therefore loaded first.
 """
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-
-CASADI_BLAS = ("libcasadi-tp-openblas",)
-"""How the file of that BLAS is called: an OpenBLAS under another name."""
 
 
 @contextmanager
@@ -37,14 +33,6 @@ def threads() -> list[dict[str, object]]:
 
 @cache
 def _load() -> None:
-    """Load SciPy's BLAS, which Clarabel uses too, and IPOPT with CasADi's; make the latter known."""
-    import casadi
+    """Load SciPy's BLAS, which Clarabel uses too, and NumPy's."""
     import cvxpy  # noqa: F401
     import scipy.linalg  # noqa: F401
-    from threadpoolctl import OpenBLASController, register
-
-    class CasadiBlas(OpenBLASController):  # type: ignore[misc]
-        filename_prefixes = CASADI_BLAS
-
-    casadi.load_nlpsol("ipopt")
-    register(CasadiBlas)

@@ -21,7 +21,7 @@ from lockstep.check.modes import ModalCertificate, Modes, Segment, check_covered
 from lockstep.check.numbers import as_floats
 from lockstep.check.spectrum import Metric, spectrum_bounds
 from lockstep.lmi.analysis.rounding import round_up
-from lockstep.lmi.methods.modal_search import Found, ModalProgram, from_start
+from lockstep.lmi.methods.modal_search import Found, ModalSearch, from_start
 from lockstep.lmi.methods.modal_witness import Witness, witness
 from lockstep.model.network import Network
 
@@ -60,19 +60,19 @@ def design_modes(
     """
     known = check_covered(network.matrices, claim)
     modes = Modes(network.plant, order)
-    program = ModalProgram(modes, claim, segment_ends(network, known), gain_limit)
+    search = ModalSearch.of(modes, claim, segment_ends(network, known), gain_limit)
     best: Found | None = None
     for index in range(starts):
         if tell is not None:
             tell(index / starts)
-        found = from_start(program, seed, index)
+        found = from_start(search, seed, index)
         if best is None or (found.sigma, -found.fraction) < (best.sigma, -best.fraction):
             best = found
     if best is None or best.K is None:
         reached = 0.0 if best is None else best.fraction
         raise Infeasible(
             f"no identical gains of order {order} within gain_limit {gain_limit:g} were found that carry alpha ="
-            f" {claim.alpha:.6g} for every lambda from {program.ends[0]:.4g} to {program.ends[-1]:.4g}; the best of"
+            f" {claim.alpha:.6g} for every lambda from {search.ends[0]:.4g} to {search.ends[-1]:.4g}; the best of"
             f" {starts} starts carried {reached:.3g} of it",
             alpha=claim.alpha,
             fraction=reached,

@@ -89,7 +89,7 @@ def _mean(modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim) -> Float[np.n
     """Return P_mean with He(P_mean A_C) = -2 Q: half of it is room for rounding."""
     if not modes.order:
         return np.zeros((0, 0))
-    A_C = K[: modes.order, : modes.order] - modes.shift * np.eye(modes.order)
+    A_C = K[: modes.order, : modes.order]
     L = _lyapunov_factor(A_C, 2 * claim.Q)
     return None if L is None else np.asarray(L @ L.T)
 

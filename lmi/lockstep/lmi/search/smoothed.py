@@ -106,9 +106,18 @@ class SmoothedNorm:
         claim: alpha, R, Q and delta.
         gain_limit: on the spectral norm of each agent's gains.
         units: the size of an entry of the gains.
+        shared: whether all agents have the same gains, and all pairs the same weights: x then holds each once.
     """
 
-    def __init__(self, loop: Loop, claim: Claim, gain_limit: float, units: Float[np.ndarray, "k l"]) -> None:
+    def __init__(
+        self,
+        loop: Loop,
+        claim: Claim,
+        gain_limit: float,
+        units: Float[np.ndarray, "k l"],
+        *,
+        shared: bool = False,
+    ) -> None:
         self.loop, self.gain_limit, self.units = loop, gain_limit, units
         self.U, self.Y = np.stack(loop.U), np.stack(loop.Y)
         self.shape = len(loop.U), loop.U[0].shape[1], loop.Y[0].shape[0]
@@ -119,15 +128,18 @@ class SmoothedNorm:
         self.into = np.hstack([form.Z[:, inner:], loop.E @ np.linalg.inv(np.linalg.cholesky(metric)).T])
         self.weight, self.W = form.constant[:n, :n], form.slopes[:-1, :n, :n]
         self.D = -form.slopes[:-1, inner:, inner:]
+        self.agents, self.pairs = (self.shape[0], len(loop.d.pairs())) if shared else (1, 1)
 
     def pack(self, K: Float[np.ndarray, "N k l"], w: Float[np.ndarray, " w"]) -> Vector:
         """Return x of gains and multipliers."""
-        return np.concatenate([(K / self.units).ravel(), np.log(w)])
+        return np.concatenate([(K[:: self.agents] / self.units).ravel(), np.log(w[:: self.pairs])])
 
     def unpack(self, x: Vector) -> tuple[Float[np.ndarray, "N k l"], Float[np.ndarray, " w"]]:
         """Return the gains and the multipliers of x."""
-        size = int(np.prod(self.shape))
-        return x[:size].reshape(self.shape) * self.units, np.exp(np.clip(x[size:], -LARGEST, LARGEST))
+        N, k, l = self.shape
+        size = N // self.agents * k * l
+        K, w = x[:size].reshape(-1, k, l) * self.units, np.exp(np.clip(x[size:], -LARGEST, LARGEST))
+        return np.repeat(K, self.agents, axis=0), np.repeat(w, self.pairs)
 
     def frequencies(self, x: Vector) -> Float[np.ndarray, " f"]:
         """Return frequencies at which the response of x is looked at: over the range of its poles, and about each."""
@@ -167,7 +179,8 @@ class SmoothedNorm:
             v = v * np.sqrt(np.maximum(here.values, 0.0))[:, None, :]
         of_w = np.tensordot(self.W, _gram(states), 2) - np.tensordot(self.D, _gram(v), 2)
         value = np.log(top) + np.log(total / len(frequencies)) / p + barrier[0]
-        return float(value), np.concatenate([(of_K * self.units).ravel(), w * of_w])
+        each = (of_K * self.units).reshape(self.agents, -1).sum(axis=0)
+        return float(value), np.concatenate([each, (w * of_w).reshape(-1, self.pairs).sum(axis=1)])
 
     def level(self, x: Vector, rho_0: float | None, frequencies: Float[np.ndarray, " f"]) -> float:
         """Return the largest eigenvalue itself at the frequencies: rho^2, or the square of the gain at rho_0."""
