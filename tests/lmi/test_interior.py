@@ -18,9 +18,15 @@ from lockstep.model.bound_search import Entry
 
 DELTAS = [(0.0,) * 4, (0.3, 0.2, 0.1, 0.2)]
 
+ASKED = [
+    {},
+    {"W": np.array([[0.003]]), "states": np.array([0.0, 1.0, 0.0, 0.5]), "outputs": np.array([0.01, 0.0])},
+]
+"""The paper's rho, and one with u weighed, some states disturbed and one output noisy."""
+
 
 def somewhere(
-    delta: tuple[float, ...], entries: int = 0, seed: int = 0
+    delta: tuple[float, ...], entries: int = 0, seed: int = 0, asked: dict[str, np.ndarray] | None = None
 ) -> tuple[BalancedF, np.ndarray, np.random.Generator]:
     """Return F of the arms and a point near their published gains; F < 0 need not hold there.
 
@@ -28,7 +34,9 @@ def somewhere(
     """
     network, gains, generator = arms(), published(), np.random.default_rng(seed)
     loop, weights = network.loop(2), claim(network, 2, ALPHA, delta=delta)
-    weights = replace(weights, entries=tuple(Entry(0, 0, ALPHA * (k + 1)) for k in range(entries)))
+    weights = replace(
+        weights, **asked or {}, entries=tuple(Entry(0, 0, ALPHA * (k + 1)) for k in range(entries))
+    )
     found = least_rho(loop, gains.blocks, weights.at(fraction_of_delta=0.0))
     assert found is not None
     F = BalancedF(loop, weights, np.linalg.cholesky(found.P))
@@ -36,17 +44,23 @@ def somewhere(
     return F, x + 1e-3 * generator.standard_normal(F.size), generator
 
 
+@pytest.mark.parametrize("asked", ASKED)
 @pytest.mark.parametrize("entries", [0, 2])
 @pytest.mark.parametrize("delta", DELTAS)
-def test_F_is_the_one_that_is_proved_in_other_coordinates(delta: tuple[float, ...], entries: int) -> None:
-    F, x, _ = somewhere(delta, entries)
+def test_F_is_the_one_that_is_proved_in_other_coordinates(
+    delta: tuple[float, ...], entries: int, asked: dict[str, np.ndarray]
+) -> None:
+    """With u weighed, by the Schur complement of the rows of u."""
+    F, x, _ = somewhere(delta, entries, asked=asked)
     at_full = x.copy()
     at_full[F.place["f_a"]] = at_full[F.place["f_d"]] = 1.0
     trusted = F_matrix(F.loop, F.K(at_full), F.claim, F.certificate(at_full))
     D = np.eye(len(trusted))
     n_x = F.loop.n_x
     D[:n_x, :n_x] = np.linalg.inv(F.root)
-    np.testing.assert_allclose(F.F(at_full), D @ trusted @ D.T, atol=1e-9 * np.abs(trusted).max())
+    whole, n_F = F.F(at_full), len(trusted)
+    found = whole[:n_F, :n_F] - whole[:n_F, n_F:] @ np.linalg.inv(whole[n_F:, n_F:]) @ whole[n_F:, :n_F]
+    np.testing.assert_allclose(found, D @ trusted @ D.T, atol=1e-9 * np.abs(trusted).max())
     assert not np.allclose(F.F(x), F.F(at_full))
 
 
@@ -61,10 +75,13 @@ def inside(F: BalancedF, x: np.ndarray) -> np.ndarray:
     return x
 
 
+@pytest.mark.parametrize("asked", ASKED)
 @pytest.mark.parametrize("entries", [0, 2])
 @pytest.mark.parametrize("delta", DELTAS)
-def test_slope_and_curvature_are_those_of_differences(delta: tuple[float, ...], entries: int) -> None:
-    F, x, generator = somewhere(delta, entries)
+def test_slope_and_curvature_are_those_of_differences(
+    delta: tuple[float, ...], entries: int, asked: dict[str, np.ndarray]
+) -> None:
+    F, x, generator = somewhere(delta, entries, asked=asked)
     x = inside(F, x)
     value = lambda at: -np.linalg.slogdet(-F.F(at))[1]  # noqa: E731
     slope, square, rest = F.slopes(x)

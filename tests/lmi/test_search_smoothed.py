@@ -1,5 +1,7 @@
 """The smoothed norm: its slope against differences, its level against what decides, and what a descent reaches."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,11 +14,18 @@ from lockstep.lmi.search.smoothed import SmoothedNorm, descended, refined
 
 DELTAS = [(0.0,) * 4, (0.02, 0.0, 0.01, 0.02)]
 
+ASKED: list[dict[str, np.ndarray]] = [
+    {},
+    {"W": np.array([[0.3]]), "states": np.array([0.0, 1.0, 0.0, 2.0]), "outputs": np.array([0.1, 0.0])},
+]
+"""The paper's rho, and one with u weighed, some states disturbed and one output noisy."""
 
-def search(delta: tuple[float, ...] = (0.0,) * 4) -> Search:
+
+def search(delta: tuple[float, ...] = (0.0,) * 4, asked: dict[str, np.ndarray] | None = None) -> Search:
     """The arms with controllers of order 2 and gains up to 50."""
     network = arms()
-    return Search.of(network.loop(2), claim(network, 2, ALPHA, delta=delta), 50.0)
+    whole = replace(claim(network, 2, ALPHA, delta=delta), **asked or {})
+    return Search.of(network.loop(2), whole, 50.0, stable=bool(asked))
 
 
 def with_multipliers(norm: SmoothedNorm, what: Search) -> np.ndarray:
@@ -32,11 +41,12 @@ def with_multipliers(norm: SmoothedNorm, what: Search) -> np.ndarray:
     st.sampled_from(DELTAS),
     st.sampled_from([None, 30.0]),
     st.sampled_from([4, 12, 60]),
+    st.sampled_from(ASKED),
 )
 def test_the_slope_is_that_of_differences(
-    seed: int, delta: tuple[float, ...], rho_0: float | None, p: int
+    seed: int, delta: tuple[float, ...], rho_0: float | None, p: int, asked: dict[str, np.ndarray]
 ) -> None:
-    what, generator = search(delta), np.random.default_rng(seed)
+    what, generator = search(delta, asked), np.random.default_rng(seed)
     norm = what.norm
     x = with_multipliers(norm, what)
     frequencies = norm.frequencies(x)
@@ -47,10 +57,12 @@ def test_the_slope_is_that_of_differences(
     assert slope @ step == pytest.approx((forth - back) / 2, rel=1e-3, abs=1e-10)
 
 
-@pytest.mark.parametrize("delta", DELTAS)
-def test_the_level_is_the_rho_that_the_inequality_has(delta: tuple[float, ...]) -> None:
+@pytest.mark.parametrize(("delta", "asked"), [(DELTAS[0], {}), (DELTAS[1], {}), (DELTAS[0], ASKED[1])])
+def test_the_level_is_the_rho_that_the_inequality_has(
+    delta: tuple[float, ...], asked: dict[str, np.ndarray]
+) -> None:
     """By the Kalman-Yakubovich-Popov lemma, for the same multipliers; the certificate's own are the best ones."""
-    what = search(delta)
+    what = search(delta, asked)
     norm, found = what.norm, least_rho(what.loop, published().blocks, what.claim)
     assert found is not None
     x = norm.pack(published().blocks, np.concatenate([found.m, found.t]) * (1 + 1e-6))

@@ -25,8 +25,8 @@ from lockstep.check.numbers import Matrix, Stack, Vector, product, zeros
 class Term(NamedTuple):
     """The form Pi = z' Q z - w' W' M W w with z = C x + sum_i S_i K_i y_i, w being the signal of its channel.
 
-    C: (z, n_x);  Q: (z, z);  W: (v, w);  M: (v, v);  S: (z, n_C + m) for each agent, or none where z holds no output of a
-    controller.
+    C: (z, n_x), or with more columns, for the signals of the first channels that z holds as well;  Q: (z, z);  W: (v, w);
+    M: (v, v);  S: (z, n_C + m) for each agent, or none where z holds no output of a controller.
     """
 
     C: Matrix
@@ -152,8 +152,8 @@ class Inequality:
             for S, block, given in zip(term.S, K, self._given(), strict=True)
         ]
         total = sum(outputs[1:], start=outputs[0])
-        total[:, : term.C.shape[1]] += term.C
-        return np.asarray(total)
+        width = max(total.shape[1], term.C.shape[1])
+        return np.asarray(_widened(total, width) + _widened(term.C, width))
 
 
 def _weighted_squares(parts: Sequence[tuple[object, Matrix, Matrix]], width: int, like: Matrix) -> Matrix:

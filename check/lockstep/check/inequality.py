@@ -13,6 +13,8 @@ and P > 0, m >= 0, t >= 0, F < 0 prove, for V = x_cl' P x_cl,
 
     V' + x_d' (S (x) R) x_d + x_C' (I (x) Q) x_C < rho^2 xi_d' (S (x) I) xi_d   whenever (x_cl, xi_d) != 0,
 
+(with u' (I (x) W) u on the left, xi scaled by state and the noise nu of the outputs, r = L_q C (y + D_nu nu), beside xi
+where the claim has them)
 for every h with |phi(a, t) - phi(b, t)| <= alpha |a - b| and every Delta with |Delta_j| <= delta_j (11). It
 is (33) of the paper with a full P, with the sound bound (29), |C_r|^2 replaced by the exact Y_j, and with
 multipliers M_c = sum_ij m_c,ij M_ij on all pairs of agents in place of (30), which does not follow from (3).
@@ -45,12 +47,14 @@ LETTERS = ("A", "B", "C", "D")
 
 @dataclass(frozen=True)
 class Claim:
-    """What a certificate claims, besides rho: alpha, the weights, and how much the gains may be off.
+    """What a certificate claims, besides rho: alpha, what rho is a gain from and to, and how much the gains may be off.
 
     alpha: the incremental bound of phi;  R: (n, n) weight of the disagreement;  Q: (n_C, n_C) weight of each
     controller's
     state;  delta: (N, 4), the bounds (11) on |Delta A_Ci|, |Delta B_Ci|, |Delta C_Ci|, |Delta D_Ci|;  entries: the
-    bounds of single slopes of phi that may be used besides alpha: all that are not 0, or none.
+    bounds of single slopes of phi that may be used besides alpha: all that are not 0, or none;  W: (m, m) weight of each
+    agent's u, 0 x 0 where u weighs nothing;  states: (n,) scale of the disturbance of each state, none for 1 each;
+    outputs: (q,) scale of the noise on each output, none where nothing is noisy.
     """
 
     alpha: float
@@ -58,6 +62,9 @@ class Claim:
     Q: Annotated[np.ndarray, "n_C n_C"]
     delta: Annotated[np.ndarray, "N 4"]
     entries: tuple[Entry, ...] = ()
+    W: Annotated[np.ndarray, "m m"] = field(default_factory=lambda: np.zeros((0, 0)))
+    states: Annotated[np.ndarray, " n"] = field(default_factory=lambda: np.zeros(0))
+    outputs: Annotated[np.ndarray, " q"] = field(default_factory=lambda: np.zeros(0))
 
     @property
     def alpha_of_floor(self) -> float:
@@ -116,17 +123,72 @@ def gain_errors(loop: Loop, delta: Annotated[np.ndarray, "N 4"]) -> list[GainErr
     return found
 
 
-def disturbance(E: Matrix, weight: Matrix, metric: Matrix) -> Channel:
-    """Return xi, with the weights diag(S (x) R, I (x) Q) of x_cl that rho is a gain to, and its multiplier rho^2.
+class Inputs(NamedTuple):
+    """How u is weighed: S_i (N m, n_C + m) takes it out of each agent's outputs, W (N m, N m) weighs it.
+
+    errors: (N m, ...), what gain errors add to u, by the columns of F; none where gains are certain.
+    """
+
+    S: tuple[Matrix, ...]
+    W: Matrix
+    errors: Matrix
+
+
+def disturbance(
+    E: Matrix, Y: tuple[Matrix, ...], metric: Matrix, weight: Matrix, inputs: Inputs | None
+) -> Channel:
+    """Return w = (xi_d, nu_d), its multiplier rho^2, and what rho is a gain to: x_cl'diag(S (x) R, I (x) Q) x_cl + u'W u.
 
     Args:
-        E: (n_x, n_d), how xi enters.
+        E: (n_x, w), how w enters the states.
+        Y: (n_C + q, w) for each agent, how it enters what the controllers see; none where nothing is noisy.
+        metric: (w, w) of w.
         weight: (n_x, n_x) of x_cl.
-        metric: (n_d, n_d) of xi.
+        inputs: how u is weighed; None where it weighs nothing.
     """
     one, none = eye(len(weight), weight), weight[:0, :0]
+    nothing = zeros(0, len(metric), weight)
     gain = Term(one[:0], none, eye(len(metric), weight), metric)
-    return Channel("disturbance", E, (gain,), (Term(one, weight, zeros(0, len(metric), weight), none),))
+    fixed = [Term(one, weight, nothing, none)]
+    if inputs is not None:
+        fixed.append(Term(inputs.errors, inputs.W, nothing, none, inputs.S))
+    return Channel("disturbance", E, (gain,), tuple(fixed), Y)
+
+
+def disturbance_of(loop: Loop, claim: Claim) -> Channel:
+    """Return the disturbance of a loop: xi_d = (T (x) I) xi scaled by state, nu_d = (T (x) I) nu scaled by output."""
+    number, d, (n, _, q, _, _) = converter(loop.exact), loop.d, loop.plant.sizes
+    driven = np.flatnonzero(claim.states) if len(claim.states) else np.arange(n)
+    noisy = np.flatnonzero(claim.outputs)
+    scale = number(claim.states if len(claim.states) else np.ones(n))
+    columns = [k * n + j for k in range(d.N - 1) for j in driven]
+    E, Y = loop.E[:, columns] * np.tile(scale[driven], d.N - 1), []
+    if len(noisy):
+        seen = number(np.diag(claim.outputs)[:, noisy])
+        E = _padded(E, 0, E.shape[1] + (d.N - 1) * len(noisy))
+        for i in range(d.N):
+            rows = zeros(loop.order + q, E.shape[1], loop.A_0)
+            rows[loop.order :, len(columns) :] = np.kron(d.L_r[i : i + 1], seen)
+            Y.append(rows)
+    metric = _blocks(*(np.kron(d.S, eye(len(part), loop.A_0)) for part in (driven, noisy)))
+    return disturbance(E, tuple(Y), metric, performance_weight(loop, claim), _inputs(loop, claim, E.shape[1]))
+
+
+def _inputs(loop: Loop, claim: Claim, width: int) -> Inputs | None:
+    """Return how all u are weighed; the errors of C and D are added to u, behind the disturbance and the nonlinearity."""
+    if not len(claim.W):
+        return None
+    d, m, like = loop.d, len(claim.W), loop.A_0
+    errors = gain_errors(loop, claim.delta)
+    place = loop.n_x + width + nonlinear_signals(loop.plant, claim, len(d.pairs()), d.N - 1)
+    total = zeros(d.N * m, place + sum(error.X.shape[1] for error in errors), like)
+    for error in errors:
+        if LETTERS[error.letter] in "CD":
+            total[error.agent * m : (error.agent + 1) * m, place : place + m] = eye(m, like)
+        place += error.X.shape[1]
+    unit, rows = eye(d.N, like), np.hstack([zeros(m, loop.order, like), eye(m, like)])
+    S = tuple(np.kron(unit[:, i : i + 1], rows) for i in range(d.N))
+    return Inputs(S, np.kron(unit, converter(loop.exact)(claim.W)), total if errors else total[:, : loop.n_x])
 
 
 def nonlinearity(plant: Plant, claim: Claim, differences: list[Vector], n_x: int) -> Channel:
@@ -142,7 +204,7 @@ def nonlinearity(plant: Plant, claim: Claim, differences: list[Vector], n_x: int
         n_x: length of x_cl, which x_d begins.
     """
     r, pairs, copies, A = plant.G.shape[1], len(differences), len(differences[0]), plant.A
-    place, width = r * copies, r * copies + (entry_signals(claim, pairs) if r else 0)
+    place, width = r * copies, nonlinear_signals(plant, claim, pairs, copies)
     E = zeros(n_x, width, A)
     E[: len(A) * copies, :place] = np.kron(eye(copies, A), plant.G)
     if not r:
@@ -170,12 +232,23 @@ def _sector(bound: float, H: Matrix, differences: list[Vector], W: list[Matrix],
     return [Term(C, Q, W_ij, M) for C, W_ij in zip(rows, W, strict=True)]
 
 
-def gain_error(error: GainError) -> Channel:
-    """Return w = Delta Y x_cl with delta^2 |Y x_cl|^2 - |w|^2 and the multiplier t."""
+def gain_error(error: GainError, noise: Matrix) -> Channel:
+    """Return e = Delta (Y x_cl + Y_w w) with delta^2 |Y x_cl + Y_w w|^2 - |e|^2 and the multiplier t.
+
+    Args:
+        error: where it enters and how large it is.
+        noise: Y_w, what the disturbance adds to what it acts on: no columns where that is nothing.
+    """
     delta = converter(is_exact(error.X))(np.array([error.delta]))[0]
-    one = eye(error.X.shape[1], error.X)
-    term = Term(error.Y, delta * delta * eye(len(error.Y), error.X), one, one)
+    one, seen = eye(error.X.shape[1], error.X), np.hstack([error.Y, noise])
+    term = Term(seen, delta * delta * eye(len(seen), error.X), one, one)
     return Channel(f"error of {LETTERS[error.letter]}, agent {error.agent + 1}", error.X, (term,))
+
+
+def nonlinear_signals(plant: Plant, claim: Claim, pairs: int, copies: int) -> int:
+    """Return how many signals the nonlinearity has: phi_d, and those of the entries."""
+    r = int(plant.G.shape[1])
+    return r * copies + (entry_signals(claim, pairs) if r else 0)
 
 
 def entry_signals(claim: Claim, pairs: int) -> int:
@@ -205,14 +278,15 @@ def performance_weight(loop: Loop, claim: Claim) -> Matrix:
 
 def inequality(loop: Loop, claim: Claim) -> Inequality:
     """Return the inequality of a claim: the disturbance (rho^2), the nonlinearity (m, m_entries), the gain errors (t)."""
-    d, n = loop.d, len(loop.plant.A)
+    d = loop.d
     differences = [d.right[i] - d.right[j] for i, j in d.pairs()]
-    found = [
-        disturbance(loop.E, performance_weight(loop, claim), np.kron(d.S, eye(n, loop.A_0))),
-        nonlinearity(loop.plant, claim, differences, loop.n_x),
-        *[gain_error(error) for error in gain_errors(loop, claim.delta)],
-    ]
-    return Inequality(loop.A_0, loop.U, loop.Y, tuple(found))
+    first, errors = disturbance_of(loop, claim), []
+    for error in gain_errors(loop, claim.delta):
+        sees_noise = first.Y and LETTERS[error.letter] in "BD"
+        noise = first.Y[error.agent][loop.order :] if sees_noise else error.Y[:, :0]
+        errors.append(gain_error(error, noise))
+    found = (first, nonlinearity(loop.plant, claim, differences, loop.n_x), *errors)
+    return Inequality(loop.A_0, loop.U, loop.Y, found)
 
 
 def multipliers(stated: Inequality, certificate: Certificate) -> Vector:
@@ -229,6 +303,13 @@ def F_matrix(
     """Assemble F, in doubles or in the rationals the doubles are, as the loop is."""
     number, stated = converter(loop.exact), inequality(loop, claim)
     return stated.F(number(certificate.P), number(gains), multipliers(stated, certificate))
+
+
+def _blocks(first: Matrix, second: Matrix) -> Matrix:
+    """Return diag(first, second)."""
+    whole, at = zeros(len(first) + len(second), len(first) + len(second), first), len(first)
+    whole[:at, :at], whole[at:, at:] = first, second
+    return whole
 
 
 def _padded(block: Matrix, at: int, width: int) -> Matrix:

@@ -27,9 +27,9 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from lockstep.check.channels import Inequality
+from lockstep.check.channels import Channel, Inequality
 from lockstep.check.errors import ProblemError
-from lockstep.check.inequality import Claim, disturbance, nonlinearity
+from lockstep.check.inequality import Claim, Inputs, disturbance, nonlinearity
 from lockstep.check.loop import Gains, Plant
 from lockstep.check.network import Network
 from lockstep.check.numbers import Matrix, converter, exactly, eye, is_exact, zeros
@@ -117,12 +117,29 @@ class Modes:
 
     def inequality(self, claim: Claim, value: float) -> Inequality:
         """Return the inequality of one mode: the disturbance (sigma), and the nonlinearity (mu) as of a single difference."""
-        unit, A = eye(1, self.plant.A)[0], self.plant.A
+        unit = eye(1, self.plant.A)[0]
         found = (
-            disturbance(eye(self.size, A)[:, : len(A)], self.weight(claim), eye(len(A), A)),
+            self._disturbance(claim, value),
             nonlinearity(self.plant, claim, [unit], self.size),
         )
         return Inequality(self.A_0, (self.U,), (self.Y(value),), found)
+
+    def _disturbance(self, claim: Claim, value: float) -> Channel:
+        n, m, q, _, _ = self.plant.sizes
+        number, A = converter(is_exact(self.plant.A)), self.plant.A
+        scale = number(np.diag(claim.states if len(claim.states) else np.ones(n)))
+        seen = number(np.array([value]))[0] * number(np.diag(claim.outputs))
+        E, Y = zeros(self.size, n + len(seen), A), list[Matrix]()
+        E[:n, :n] = scale
+        if len(seen):
+            rows = zeros(self.order + q, n + q, A)
+            rows[self.order :, n:] = seen
+            Y.append(rows)
+        inputs = None
+        if len(claim.W):
+            rows = np.hstack([zeros(m, self.order, A), eye(m, A)])
+            inputs = Inputs((rows,), number(claim.W), zeros(m, self.size, A))
+        return disturbance(E, tuple(Y), eye(n + len(seen), A), self.weight(claim), inputs)
 
 
 def mode_matrix(
@@ -204,5 +221,7 @@ def decide_modes(network: Network, gains: Gains, claim: Claim, certificate: Moda
         P, A_C = exactly(c.P_mean), K[: gains.order, : gains.order]
         answer = decide_positive_definite(P)
         if answer.positive:
-            answer = decide_positive_definite(-(P @ A_C + A_C.T @ P + exactly(claim.Q)))
+            C_C = K[gains.order :, : gains.order]
+            weight = exactly(claim.Q) + (C_C.T @ exactly(claim.W) @ C_C if len(claim.W) else 0)
+            answer = decide_positive_definite(-(P @ A_C + A_C.T @ P + weight))
     return answer

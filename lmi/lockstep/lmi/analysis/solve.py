@@ -156,7 +156,7 @@ def balance(form: AffineF) -> Balanced | None:
     """Return the balanced inequality, or None where A_cl is not stable, so that no certificate exists."""
     from scipy.linalg import solve_continuous_lyapunov
 
-    n_x, n_d = form.loop.n_x, form.loop.n_d
+    n_x, n_d = form.loop.n_x, form.stated.channels[0].E.shape[1]
     A_cl = form.Z[:, :n_x]
     if np.linalg.eigvals(A_cl).real.max() >= 0:
         return None

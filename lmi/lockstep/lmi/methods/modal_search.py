@@ -6,7 +6,7 @@ orthonormal coordinates, with mu on each and the mean of the controllers beside 
 size does not depend on N. What comes out is a set of gains; `modal.prove_modes` certifies them or does not.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -68,7 +68,7 @@ class ModalSearch:
         graph, plant = graph_of(ends), modes.plant
         plant = Plant(plant.A, (plant.B[0],) * graph.N, plant.C, plant.G, plant.H)
         loop = Network(plant, graph).loop(modes.order, exact_arithmetic=False)
-        few = Claim(claim.alpha, claim.R, claim.Q, np.zeros((graph.N, 4)), claim.entries)
+        few = replace(claim, delta=np.zeros((graph.N, 4)))
         loop, few, units = scaled(loop, few)
         return cls(
             modes, claim, ends, gain_limit, SmoothedNorm(loop, few, gain_limit, units.gains, shared=True)

@@ -4,8 +4,10 @@ With x = (P, K, m, t, rho^2, f_a, f_d) of `logdet` and a goal g,
 
     minimise  g(x) / mu - log det(-F(x)) - sum_i log det [l I, K_i; K_i', l I] - sum log(m, t, rho^2, ...)
 
-for a falling mu, l being the gain limit. The curvature of F is indefinite, so each step adds to the square part of it as
-much as makes the whole positive definite: steps are then long where the barrier is flat, whatever the units of x are.
+for a falling mu, l being the gain limit. Where controllers are to be stable by themselves, - log det(-He(P_i A_Ci)) is
+added for each, with He(P_i A_Ci) = -I where a run for one mu begins: not all stable A_Ci are inside then, but P_i moves
+along. The curvature of F is indefinite, so each step adds to the square part of it as much as makes the whole positive
+definite: steps are then long where the barrier is flat, whatever the units of x are.
 
 It replaces a smooth program with a factor for each semidefinite condition, which a general interior-point solver took to
 the same rho on the arms (3.350 here, 3.343 there), but from other starts to gains without a certificate, under some linear
@@ -16,7 +18,7 @@ Nothing here is trusted: `rounding.prove` certifies the gains that come out, or 
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -95,19 +97,24 @@ class Bound(NamedTuple):
 
 @dataclass(frozen=True)
 class Task:
-    """What one run lowers, within which bounds, which unknowns may move, and when it is done early."""
+    """What one run lowers, within which bounds, which unknowns may move, and when it is done early.
+
+    storages: P_i of each controller that is to be stable by itself.
+    """
 
     goal: Goal
     bounds: list[Bound]
     free: Int[np.ndarray, " free"]
     done: Callable[[Float[np.ndarray, " x"]], bool]
+    storages: tuple[Float[np.ndarray, "n_C n_C"], ...] = ()
 
 
 class InteriorProgram:
     """The barrier problem for one loop, claim and gain limit."""
 
-    def __init__(self, loop: Loop, claim: Claim, gain_limit: float) -> None:
+    def __init__(self, loop: Loop, claim: Claim, gain_limit: float, *, stable: bool = False) -> None:
         self.loop, self.claim, self.gain_limit = loop, claim, gain_limit
+        self.order_kept_stable = loop.order if stable else 0
         self.ways = gain_errors(loop, claim.delta)
 
     def improve(self, start: Point, aim: Aim = "rho", limits: Limits | None = None) -> Point:
@@ -129,7 +136,7 @@ class InteriorProgram:
             return start
         task = self._task(F, x, aim, limits.rho_most)
         for mu in WEIGHTS:
-            x = self._settled(F, x, task, mu, limits)
+            x = self._settled(F, x, replace(task, storages=self._storages(F.K(x))), mu, limits)
         f_a, f_d = (
             min(float(x[F.place[name].start]), np.inf if aim == "alpha" else 1.0) for name in ("f_a", "f_d")
         )
@@ -152,7 +159,7 @@ class InteriorProgram:
                     trial[F.place[name]] = np.maximum(part, least * part.max(initial=least))
                 for place in scaled:
                     trial[place] *= 1 + room
-                if np.isfinite(self._barrier(F, trial, [])):
+                if np.isfinite(self._barrier(F, trial, [], self._storages(F.K(trial)))):
                     return trial
         return None
 
@@ -178,7 +185,21 @@ class InteriorProgram:
             lambda x: aim == "claim" and all(x[i] >= 1.0 for i in (f_a, f_d)),
         )
 
-    def _barrier(self, F: BalancedF, x: Float[np.ndarray, " x"], bounds: list[Bound]) -> float:
+    def _storages(self, K: Float[np.ndarray, "N k l"]) -> tuple[Float[np.ndarray, "n_C n_C"], ...]:
+        """Return P_i with P_i A_Ci + A_Ci' P_i = -I of each controller that is to be stable by itself."""
+        from scipy.linalg import solve_continuous_lyapunov
+
+        n_C = self.order_kept_stable
+        found = [solve_continuous_lyapunov(block[:n_C, :n_C].T, -np.eye(n_C)) for block in K] if n_C else []
+        return tuple((P + P.T) / 2 for P in found)
+
+    def _barrier(
+        self,
+        F: BalancedF,
+        x: Float[np.ndarray, " x"],
+        bounds: list[Bound],
+        storages: tuple[Float[np.ndarray, "n_C n_C"], ...] = (),
+    ) -> float:
         """Return the barrier; infinite outside."""
         room = np.array([sign * (x[i] - limit) for i, sign, limit in bounds])
         if (room <= 0).any():
@@ -186,11 +207,32 @@ class InteriorProgram:
         total = -float(np.log(room).sum())
         try:
             np.linalg.cholesky(F.P(x))  # implied by F < 0 along a path, not for a jump
-            for matrix in (-F.F(x), *(self._limit(block) for block in F.K(x))):
+            for P in storages:
+                np.linalg.cholesky(P)
+            own = [-_dissipation(P, block) for P, block in zip(storages, F.K(x), strict=False)]
+            for matrix in (-F.F(x), *(self._limit(block) for block in F.K(x)), *own):
                 total -= 2 * float(np.log(np.diag(np.linalg.cholesky(matrix))).sum())
         except np.linalg.LinAlgError:
             return np.inf
         return total
+
+    def _add_own(
+        self,
+        slope: Float[np.ndarray, " x"],
+        square: Float[np.ndarray, "x x"],
+        place: Int[np.ndarray, " c"],
+        P: Float[np.ndarray, "n_C n_C"],
+        K: Float[np.ndarray, "k l"],
+    ) -> None:
+        """Add slope and curvature of -log det(-He(P A_C)) in the entries of A_C, row by row."""
+        row, column = (index.ravel() for index in np.indices(P.shape))
+        S = np.linalg.inv(-_dissipation(P, K))
+        SP, PSP = S @ P, P @ S @ P
+        across = SP[np.ix_(column, row)]
+        slope[place] += 2 * SP[column, row]
+        square[np.ix_(place, place)] += 2 * (
+            across * across.T + PSP[np.ix_(row, row)] * S[np.ix_(column, column)]
+        )
 
     def _limit(self, K: Float[np.ndarray, "k l"]) -> Float[np.ndarray, "s s"]:
         """Return [l I, K; K', l I], positive definite where |K| < l."""
@@ -203,7 +245,7 @@ class InteriorProgram:
         """Take Newton steps until the decrement is small."""
 
         def value(point: Float[np.ndarray, " x"]) -> float:
-            barrier = self._barrier(F, point, task.bounds)
+            barrier = self._barrier(F, point, task.bounds, task.storages)
             return barrier + task.goal(point)[0] / mu if np.isfinite(barrier) else np.inf
 
         here, shift = value(x), 0.0
@@ -236,6 +278,9 @@ class InteriorProgram:
             across = S[np.ix_(row, column)]
             slope[place] -= 2 * S[row, column]
             square[place, place] += 2 * (S[np.ix_(row, row)] * S[np.ix_(column, column)] + across * across.T)
+        for i, P in enumerate(task.storages):
+            place = F.place["K"].start + i * k * l + np.add.outer(l * np.arange(len(P)), np.arange(len(P)))
+            self._add_own(slope, square, place.ravel(), P, F.K(x)[i])
         for i, sign, limit in task.bounds:
             room = sign * (x[i] - limit)
             slope[i] -= sign / room
@@ -245,6 +290,14 @@ class InteriorProgram:
             slope[i] += first[i] / mu
             rest[i, i] += second[i] / mu
         return slope, square, rest
+
+
+def _dissipation(
+    P: Float[np.ndarray, "n_C n_C"], K: Float[np.ndarray, "k l"]
+) -> Float[np.ndarray, "n_C n_C"]:
+    """Return P A_C + A_C' P."""
+    half = P @ K[: len(P), : len(P)]
+    return np.asarray(half + half.T)
 
 
 def _logarithms(weights: dict[int, float]) -> Goal:

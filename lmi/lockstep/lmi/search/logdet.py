@@ -12,16 +12,23 @@ column of W [I; 0] (of W P U_i for K) and v one of W Z' (of W Y_i'), and
 
 so that the products of these columns with each other, a matrix of a few dozen rows, give all of the curvature.
 
+Where u weighs something, u' W u = |z|^2 makes F quadratic in K; by Schur's complement
+
+    [ F     z' ]
+    [ z    -I  ],      z = L S K (Y, Y_w),  L'L = W,
+
+takes its place, of which all of the above holds: an entry of K has W [P U_i; S_i'L'] in place of W P U_i.
+
 Everything is in the coordinates in which a given P is the identity.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from lockstep.check.channels import Inequality
+from lockstep.check.channels import Inequality, Term
 from lockstep.check.inequality import Certificate, Claim, inequality, split
 from lockstep.check.loop import Loop
 
@@ -94,9 +101,10 @@ class BalancedF:
 
     def F(self, x: Float[np.ndarray, " x"]) -> Float[np.ndarray, "n_F n_F"]:
         """Return F, in the balanced coordinates of the state."""
-        n_x = self.loop.n_x
+        n_x, K = self.loop.n_x, self.K(x)
         half = np.zeros((self._n_F, self._n_F))
-        half[:n_x] = self.P(x) @ self._Z(self.K(x))
+        half[:n_x] = self.P(x) @ self._Z(K)
+        half[self._rows :] = self._weighed + self._of_gains(self._S, K)
         constant, basis = self._weights, self._basis(x)
         linear = np.concatenate([x[self.place["m"]], x[self.place["t"]], x[self.place["r2"]]])
         return np.asarray(half + half.T + constant + np.tensordot(linear, basis, 1))
@@ -125,7 +133,49 @@ class BalancedF:
 
     @cached_property
     def _stated(self) -> Inequality:
-        return inequality(self.loop, self.claim)
+        """The inequality without the weight of u."""
+        return inequality(self.loop, replace(self.claim, W=np.zeros((0, 0))))
+
+    @cached_property
+    def _u(self) -> Term | None:
+        """How u is weighed."""
+        return inequality(self.loop, self.claim).channels[0].fixed[1] if len(self.claim.W) else None
+
+    @cached_property
+    def _root_of_W(self) -> Float[np.ndarray, "z Nm"]:
+        """L with L'L = W of all u, without rows of zeros."""
+        if self._u is None:
+            return np.zeros((0, 0))
+        values, vectors = np.linalg.eigh(self._u.Q)
+        return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T[values > 0])
+
+    @property
+    def _rows(self) -> int:
+        """Rows of F without those of z."""
+        return self._stated.size
+
+    @cached_property
+    def _S(self) -> list[Float[np.ndarray, "z k"]]:
+        """How the outputs of each agent enter z."""
+        if self._u is None:
+            return [np.zeros((0, self.shape_K[1]))] * self.shape_K[0]
+        return [self._root_of_W @ S for S in self._u.S]
+
+    @cached_property
+    def _weighed(self) -> Float[np.ndarray, "z n_F"]:
+        """What of z does not depend on the gains: their errors."""
+        total = np.zeros((len(self._root_of_W), self._n_F))
+        if self._u is not None:
+            total[:, : self._u.C.shape[1]] = self._root_of_W @ self._u.C
+        return total
+
+    def _of_gains(
+        self, into: list[Float[np.ndarray, "a k"]], K: Float[np.ndarray, "N k l"]
+    ) -> Float[np.ndarray, "a n_F"]:
+        """Return sum_i into_i K_i (Y_i, Y_wi)."""
+        return np.asarray(
+            sum(left @ block @ right for left, block, right in zip(into, K, self._Y, strict=True))
+        )
 
     @cached_property
     def _upper(self) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
@@ -140,52 +190,61 @@ class BalancedF:
         return [self.root.T @ U for U in self.loop.U]
 
     @cached_property
-    def _Y(self) -> list[Float[np.ndarray, "l n_x"]]:
-        return [Y @ self._inverse.T for Y in self.loop.Y]
+    def _Y(self) -> list[Float[np.ndarray, "l n_F"]]:
+        """(Y_i, Y_wi)."""
+        n_x, noise = self.loop.n_x, self._stated.channels[0].Y
+        rows = [np.zeros((self.shape_K[2], self._n_F)) for _ in self.loop.Y]
+        for i, (row, Y) in enumerate(zip(rows, self.loop.Y, strict=True)):
+            row[:, :n_x] = Y @ self._inverse.T
+            if noise:
+                row[:, n_x : n_x + noise[i].shape[1]] = noise[i]
+        return rows
 
     @cached_property
     def _in(self) -> Float[np.ndarray, "n_x w"]:
         return np.asarray(self.root.T @ np.hstack([channel.E for channel in self._stated.channels]))
 
-    @cached_property
+    @property
     def _n_F(self) -> int:
-        return self._stated.size
+        return self._rows + len(self._root_of_W)
 
     @cached_property
     def _weights(self) -> Float[np.ndarray, "n_F n_F"]:
-        return self._balanced(self._stated.constant(np.zeros(self.shape_K)))
+        found = self._balanced(self._stated.constant(np.zeros(self.shape_K)))
+        found[self._rows :, self._rows :] = -np.eye(self._n_F - self._rows)
+        return found
 
     @cached_property
     def _slopes(self) -> Float[np.ndarray, "w n_F n_F"]:
         """What m, t and rho^2 multiply."""
         return self._balanced(np.roll(self._stated.slopes(np.zeros(self.shape_K)), -1, axis=0))
 
-    def _balanced(self, forms: Float[np.ndarray, "*k n_F n_F"]) -> Float[np.ndarray, "*k n_F n_F"]:
-        D = np.eye(self._n_F)
+    def _balanced(self, forms: Float[np.ndarray, "*k n n"]) -> Float[np.ndarray, "*k n_F n_F"]:
+        D = np.eye(self._n_F, self._rows)
         D[: self.loop.n_x, : self.loop.n_x] = self._inverse
         return np.asarray(D @ forms @ D.T)
 
     def _Z(self, K: Float[np.ndarray, "N k l"]) -> Float[np.ndarray, "n_x n_F"]:
-        A = self.root.T @ self.loop.A_0 @ self._inverse.T
-        for U, block, Y in zip(self._U, K, self._Y, strict=True):
-            A = A + U @ block @ Y
-        return np.hstack([A, self._in])
+        Z = self._of_gains(self._U, K)
+        Z[:, : self._rows] += np.hstack([self.root.T @ self.loop.A_0 @ self._inverse.T, self._in])
+        return Z
 
     @cached_property
     def _diagonal(self) -> Float[np.ndarray, "w n_F n_F"]:
-        """What m, t and rho^2 multiply outside of F_11."""
-        outside = self._slopes.copy()
-        outside[:, : self.loop.n_x] = 0.0
-        return outside
+        """What m, t and rho^2 multiply besides alpha^2 and delta^2: the squares of the signals."""
+        squares = self._slopes.copy()
+        first = self.loop.n_x + self._stated.channels[0].E.shape[1]
+        squares[:-1, :first] = squares[:-1, :, :first] = 0.0
+        return squares
 
     @cached_property
     def _bounds_a(self) -> Float[np.ndarray, "m n_F n_F"]:
-        """What f_a m_ij multiplies in F_11."""
+        """What f_a m_ij multiplies."""
         return np.asarray((self._slopes - self._diagonal)[self._of("m")])
 
     @cached_property
     def _bounds_d(self) -> Float[np.ndarray, "t n_F n_F"]:
-        """What f_d t_j multiplies in F_11."""
+        """What f_d t_j multiplies."""
         return np.asarray((self._slopes - self._diagonal)[self._of("t")])
 
     def _of(self, name: str) -> slice:
@@ -218,8 +277,9 @@ class BalancedF:
         self, x: Float[np.ndarray, " x"], W: Float[np.ndarray, "n_F n_F"]
     ) -> tuple[Float[np.ndarray, "n_F u"], Float[np.ndarray, "n_F v"]]:
         J, P = W[:, : self.loop.n_x], self.P(x)
-        left = np.hstack([J, *[J @ (P @ U) for U in self._U]])
-        return left, np.hstack([W @ self._Z(self.K(x)).T, *[J @ Y.T for Y in self._Y]])
+        last = W[:, self._rows :]
+        left = np.hstack([J, *[J @ (P @ U) + last @ S for U, S in zip(self._U, self._S, strict=True)]])
+        return left, np.hstack([W @ self._Z(self.K(x)).T, *[W @ Y.T for Y in self._Y]])
 
     def _of_P_and_K(
         self, left: Float[np.ndarray, "n_F u"], right: Float[np.ndarray, "n_F v"]
@@ -261,17 +321,15 @@ class BalancedF:
     def _couplings(self, W: Float[np.ndarray, "n_F n_F"]) -> Float[np.ndarray, "x x"]:
         """Return tr(S d^2F): of P with K, of m with f_a, of t with f_d."""
         n_x, found = self.loop.n_x, np.zeros((self.size, self.size))
-        S = W[:, :n_x].T @ W[:, :n_x]
+        S = W.T @ W
         a, b = self._upper
         u, v, _, _, twice = self._entries
-        U, YS = np.hstack(self._U), np.vstack(self._Y) @ S
+        U, YS = np.hstack(self._U), np.vstack(self._Y) @ S[:, :n_x]
         of_K, of_P = self.place["K"], self.place["P"]
         c, d = u[of_K] - n_x, v[of_K] - n_x
         found[of_P, of_K] = 2 * (
             U[np.ix_(b, c)] * YS[np.ix_(d, a)].T + twice[of_P, None] * U[np.ix_(a, c)] * YS[np.ix_(d, b)].T
         )
         for linear, fraction, bounds in (("m", "f_a", self._bounds_a), ("t", "f_d", self._bounds_d)):
-            found[self.place[linear], self.place[fraction].start] = np.einsum(
-                "kij,ij->k", bounds[:, :n_x, :n_x], S
-            )
+            found[self.place[linear], self.place[fraction].start] = np.einsum("kij,ij->k", bounds, S)
         return found + found.T

@@ -55,22 +55,23 @@ UNPROVED = 1 - 1e-9
 class Search:
     """What is searched: loop and claim in the units of the search, the gains in those of the file.
 
-    gain_limit: on the spectral norm of each agent's gains.
+    gain_limit: on the spectral norm of each agent's gains;  stable: whether each controller is to be stable by itself.
     """
 
     loop: Loop
     claim: Claim
     units: Units
     gain_limit: float
+    stable: bool = False
 
     @classmethod
-    def of(cls, loop: Loop, claim: Claim, gain_limit: float) -> "Search":
+    def of(cls, loop: Loop, claim: Claim, gain_limit: float, *, stable: bool = False) -> "Search":
         """Return the search for a loop and a claim in the units of the file."""
-        return cls(*scaled(loop, claim), gain_limit)
+        return cls(*scaled(loop, claim), gain_limit, stable)
 
-    def __reduce__(self) -> tuple[type["Search"], tuple[Loop, Claim, Units, float]]:
-        """Leave what is built from these behind: symbolic expressions do not travel to another process."""
-        return Search, (self.loop, self.claim, self.units, self.gain_limit)
+    def __reduce__(self) -> tuple[type["Search"], tuple[Loop, Claim, Units, float, bool]]:
+        """Leave what is built from these behind: it is built again where it is needed."""
+        return Search, (self.loop, self.claim, self.units, self.gain_limit, self.stable)
 
     @property
     def is_large(self) -> bool:
@@ -80,12 +81,12 @@ class Search:
     @cached_property
     def program(self) -> InteriorProgram:
         """The nonlinear program of the loop."""
-        return InteriorProgram(self.loop, self.claim, self.gain_limit)
+        return InteriorProgram(self.loop, self.claim, self.gain_limit, stable=self.stable)
 
     @cached_property
     def norm(self) -> SmoothedNorm:
         """The smoothed norm of the loop."""
-        return SmoothedNorm(self.loop, self.claim, self.gain_limit, self.units.gains)
+        return SmoothedNorm(self.loop, self.claim, self.gain_limit, self.units.gains, stable=self.stable)
 
 
 Score = Callable[[Float[np.ndarray, "N k l"], Float[np.ndarray, " weights"]], float]
@@ -167,8 +168,9 @@ def stable_gains(search: Search, seed: int, index: int) -> tuple[Float[np.ndarra
         if index % 2:
             drawn[:] = drawn[0]
         first = within(drawn * units, DRAWN * limit)
-        K = within(stabilise(search.loop, first, STABLE * limit, units=units)[0], INSIDE * limit)
-        abscissa = abscissa_of(search.loop, K)[0]
+        K = stabilise(search.loop, first, STABLE * limit, units=units, controllers=search.stable)[0]
+        K = within(K, INSIDE * limit)
+        abscissa = abscissa_of(search.loop, K, controllers=search.stable)[0]
         best = min(best, (K, abscissa), key=lambda found: found[1])
         if abscissa < 0:
             break

@@ -87,7 +87,8 @@ def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
         E_G=time * state[:, None] * loop.E_G / g,
     )
     gains = np.outer(np.concatenate([1 / (time * S_C), inputs]), np.concatenate([S_C, outputs]))
-    return new, replace(claim, R=R / cost, Q=Q / cost), Units(gains, state, time, g * g, cost, e)
+    claim = replace(claim, R=R / cost, Q=Q / cost, W=claim.W / cost, outputs=claim.outputs / e)
+    return new, claim, Units(gains, state, time, g * g, cost, e)
 
 
 def _exponents(
