@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from lockstep.check.disagreement import disagreement
+from lockstep.check.inequality import Performance
 from lockstep.check.loop import Gains, Plant
 from lockstep.check.numbers import exactly
 from lockstep.check.sampled.certify import decide_sampled
@@ -22,7 +23,7 @@ from lockstep.check.sampled.controller import Network
 from lockstep.check.sampled.discretise import sampled_controllers
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.performance import SampledRho, Weights, proves_rho
+from lockstep.check.sampled.performance import SampledRho, proves_rho
 from lockstep.model.graph import Graph
 
 EDGES = [(1, 2, 1.0), (2, 1, 1.0)]
@@ -97,7 +98,7 @@ def test_another_period_is_another_loop(network, controllers):
 
 def test_rho_below_the_gain_that_exists_is_never_proved(network, controllers):
     """A constant disturbance w of x_d' = u_d + w ends at x_d = w / 2 at the samples: no rho lies below 1/2."""
-    loop, weights = sampled_loop(network, controllers), Weights(np.eye(1), np.zeros((0, 0)))
+    loop, weights = sampled_loop(network, controllers), Performance(np.eye(1), np.zeros((0, 0)))
     rho_witness = replace(
         WITNESS, decay=1.0, kappa=1e4, kappa_mu=1e4, t=np.full(2, 1e4), P=np.full((1, 1), 0.3)
     )

@@ -68,6 +68,8 @@ def inside(F: BalancedF, x: np.ndarray) -> np.ndarray:
     """Return the point with as much rho and multipliers, and as little of the claim, as makes F negative."""
     x = x.copy()
     x[F.place["f_a"]], x[F.place["f_d"]], x[F.place["t"]] = 0.01, 1e-6, 1e4
+    if len(F.claim.W):
+        x[F.place["f_d"]], x[F.place["t"]] = 1e-7, 1e5
     for name in ("P", "m", "r2"):
         x[F.place[name]] *= 3.0
     x[F.place["m"]] = np.abs(x[F.place["m"]]) + 0.1

@@ -18,11 +18,12 @@ from sampled_cases import (
 
 from lockstep.check.design_file.proofs import sampled_witness_of
 from lockstep.check.disagreement import disagreement
+from lockstep.check.inequality import Performance
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.inequality import metric
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import SampledRho, proves_rho
-from lockstep.lmi.sampled import SampledVerdict, Weights, certify_sampled, max_period, sampled_rho, storage
+from lockstep.lmi.sampled import SampledVerdict, certify_sampled, max_period, sampled_rho, storage
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.search import spectral_radius
 from lockstep.model.graph import Graph
@@ -261,27 +262,27 @@ def test_where_the_edge_is_not_proved_a_shorter_period_is(monkeypatch):
 def test_rho_is_above_the_gain_of_the_frequency_response_and_near_it():
     """A disturbance held over each period, at a constant slope, has a gain that no rho can lie below."""
     net, ones = oscillators(period=0.01, alpha=0.2)
-    found = sampled_rho(net, ones, Weights(np.eye(2), np.zeros((1, 1))))
+    found = sampled_rho(net, ones, Performance(np.eye(2), np.zeros((1, 1))))
     assert found is not None
     # xi held over each period, at the slope that is worst of those tried: a gain that exists, so no rho lies below it.
     below = max(_held_gain(net, ones, slope * net.alpha) for slope in (-1.0, 0.0, 1.0))
     assert below <= found.rho <= 1.5 * below
     written = sampled_witness_of(json.loads(json.dumps(found.witness.document(), allow_nan=False)), "memory")
     assert proves_rho(
-        sampled_loop(net, ones), Weights(np.eye(2), np.zeros((1, 1))), SampledRho(found.rho, written)
+        sampled_loop(net, ones), Performance(np.eye(2), np.zeros((1, 1))), SampledRho(found.rho, written)
     )
     better = SampledRho(0.9 * below, found.witness)
     loop = sampled_loop(net, ones)
-    assert proves_rho(loop, Weights(np.eye(2), np.zeros((1, 1))), found)
-    assert not proves_rho(loop, Weights(np.eye(2), np.zeros((1, 1))), better)
+    assert proves_rho(loop, Performance(np.eye(2), np.zeros((1, 1))), found)
+    assert not proves_rho(loop, Performance(np.eye(2), np.zeros((1, 1))), better)
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_rho_needs_no_pair_weights_in_the_right_scale(scale):
     """R times scale^2 is z times scale, so rho times scale; the weights that prove it grow with R."""
     net, ones = oscillators(period=0.01, alpha=0.2)
-    least = sampled_rho(net, ones, Weights(np.eye(2), np.zeros((1, 1)))).rho
-    scaled = sampled_rho(net, ones, Weights(scale**2 * np.eye(2), np.zeros((1, 1))))
+    least = sampled_rho(net, ones, Performance(np.eye(2), np.zeros((1, 1)))).rho
+    scaled = sampled_rho(net, ones, Performance(scale**2 * np.eye(2), np.zeros((1, 1))))
     # The scale is searched to 0.01 decades about a flat minimum, and rho is rounded to four digits.
     assert scaled is not None and scaled.rho == pytest.approx(scale * least, rel=0.02)
 
@@ -289,7 +290,7 @@ def test_rho_needs_no_pair_weights_in_the_right_scale(scale):
 def test_rho_is_found_where_the_weights_at_hand_prove_nothing():
     """A millionth of what holds the nonlinearity: no rho goes with these, and others are looked for."""
     net, ones = oscillators(period=0.01, alpha=0.2)
-    weights = Weights(np.eye(2), np.zeros((1, 1)))
+    weights = Performance(np.eye(2), np.zeros((1, 1)))
     least = sampled_rho(net, ones, weights).rho
     assert sampled_rho(net, ones, weights, np.full(3, 1e-6)).rho == pytest.approx(least, rel=0.02)
 

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from sampled_cases import brute_force_radius, controllers, network
 
-from lockstep.lmi.sampled import Weights, certify_sampled, sampled_rho
+from lockstep.check.inequality import Performance
+from lockstep.lmi.sampled import certify_sampled, sampled_rho
 from lockstep.lmi.sampled.descent import Descent, Point, limit_barrier
 from lockstep.lmi.sampled.improve import AtPeriod, Start, improved, measured
 from lockstep.lmi.sampled.tustin import pulled_back, tustin
 
 EDGES = [(1, 2, 1.0), (2, 1, 1.0)]
 ORDER, GAIN_LIMIT = 1, 20.0
-WEIGHTS = Weights(np.eye(2), np.eye(1))
+WEIGHTS = Performance(np.eye(2), np.eye(1))
 K = np.array([[[-1.0, 0.1, 0.1], [0.0, -4.0, -3.0]]] * 2)
 """Two pendulums that are pulled together: the gains of a fast loop, good at short periods."""
 
@@ -79,7 +80,7 @@ def test_linear_agents_are_designed_for_their_period_too(m):
 def test_what_no_gains_survive_is_refused():
     """Agents that are unstable: a held input cannot reach them for e^(3 T) = 160 000 times their distance."""
     net = network([[3.0]], [[1.0]], [[1.0]], [[1.0]], [[1.0]], EDGES, N=2, alpha=1.0, period=4.0)
-    at = AtPeriod(net, EDGES, Weights(np.eye(1), np.zeros((0, 0))), 0, 10.0)
+    at = AtPeriod(net, EDGES, Performance(np.eye(1), np.zeros((0, 0))), 0, 10.0)
     start = Start(np.array([[[-4.0]]] * 2), np.ones(1), 3.0)
     assert measured(at.at(0.05), start.K, start.m) is not None
     assert improved(at, [start]) is None

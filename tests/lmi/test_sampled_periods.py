@@ -11,11 +11,12 @@ import pytest
 from sampled_cases import brute_force_radius
 
 from lockstep.check.design_file.proofs import Proofs
+from lockstep.check.inequality import Performance
 from lockstep.check.loop import Gains
 from lockstep.codegen.sampled_design import longest_period, sampled_controllers, sampled_network
 from lockstep.lmi.design import given_gains
 from lockstep.lmi.document import parse
-from lockstep.lmi.sampled import Weights, certify_sampled, sampled_rho
+from lockstep.lmi.sampled import certify_sampled, sampled_rho
 from lockstep.model.problem import load_problem
 
 FOR_20_MS = np.array(
@@ -81,7 +82,7 @@ def test_the_largest_period_is_confirmed_from_both_sides(designs, name, certifie
 
 @pytest.mark.slow
 def test_a_design_for_20_ms_does_better_there(designs):
-    weights = Weights(np.eye(4), 2 * np.eye(2))
+    weights = Performance(np.eye(4), 2 * np.eye(2))
     found = {}
     for name, m in (("certified", designs["certified"].proofs.certificate.m), ("for 20 ms", M_FOR_20_MS)):
         network = sampled_network(designs[name], 0.02)

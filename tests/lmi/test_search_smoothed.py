@@ -25,7 +25,7 @@ def search(delta: tuple[float, ...] = (0.0,) * 4, asked: dict[str, np.ndarray] |
     """The arms with controllers of order 2 and gains up to 50."""
     network = arms()
     whole = replace(claim(network, 2, ALPHA, delta=delta), **asked or {})
-    return Search.of(network.loop(2), whole, 50.0, stable=bool(asked))
+    return Search.of(network.loop(2), whole, 50.0, rate=0.1 if asked else None)
 
 
 def with_multipliers(norm: SmoothedNorm, what: Search) -> np.ndarray:

@@ -37,6 +37,11 @@ def shortfalls(asked: Mapping[str, Any], claims: Claims, gains: Gains) -> Iterat
             yield f"`fragility` {letter} is {claims.fragility[letter]:g}, but [design.fragility] asks for {delta:g}"
     if rho is not None and claims.rho is not None and claims.rho > rho:
         yield f"`rho` is {claims.rho:.10g}, but [design] rho asks for {rho:.10g}"
+    decay = asked.get("decay")
+    if decay is not None and (claims.decay or 0.0) < decay:
+        yield f"`decay` is {claims.decay or 0.0:.10g}, but [design] decay asks for {decay:.10g}"
+    if asked.get("stable_controllers") and not claims.controllers_stable:
+        yield "`controllers_stable` is not claimed, but [design] stable_controllers asks for it"
     yield from _other_gains(asked.get("gains") or (), gains)
     yield from _large_gains(asked, gains)
 

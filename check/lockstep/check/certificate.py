@@ -1,11 +1,18 @@
 """The continuous claims of a design: from exact matrices, gains, claims and proofs to one verdict for each claim.
 
     the certificate     V' + x_d'R x_d + x_C'Q x_C < rho^2 |xi_d|^2 for every admitted phi and gain error (`decide`, `modes`)
+    the decay           the same for e^(sigma t) x_cl, the loop of `network.decaying(sigma)`
+    the controllers     each is stable by itself (`stability`)
     the floor           no controllers certify a rho below the one claimed (`floor.witness`)
     the initial states  from which the agents stay where the bound was proved (`local`)
 
 Each takes for granted what the ones before it decide, and that phi has the bounds of the claim on its domain.
 """
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import numpy as np
 
 from lockstep.check.decide import decide
 from lockstep.check.floor.witness import FloorWitness, proves_floor
@@ -15,6 +22,7 @@ from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate, decide_modes
 from lockstep.check.network import Network
 from lockstep.check.psd import Definiteness
+from lockstep.check.stability import is_stable, is_stable_step
 from lockstep.check.verdict import Verdict
 
 
@@ -39,6 +47,16 @@ def decide_certificate(
     if not answer.decided:
         return Verdict("undecided", answer.method, {"margin": answer.margin})
     return _refuted(answer)
+
+
+def decide_stable_controllers(
+    matrices: Sequence[Annotated[np.ndarray, "n_C n_C"]], *, sampled: bool = False
+) -> Verdict:
+    """Decide whether each controller is stable by itself: A_C of x_C' = A_C x_C, or of x_C+ = A_C x_C where sampled."""
+    for i, A_C in enumerate(matrices, start=1):
+        if not (is_stable_step(A_C) if sampled else is_stable(A_C)):
+            return Verdict("refuted", f"the controller of agent {i} is not stable by itself")
+    return Verdict("proved", "each controller is stable by itself, decided exactly")
 
 
 def decide_floor(network: Network, claim: Claim, witness: FloorWitness) -> Verdict:

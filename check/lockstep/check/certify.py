@@ -3,7 +3,7 @@
     bound          |phi(a, t) - phi(b, t)| <= alpha |a - b|, and the bounds of single slopes, where they are claimed
     certificate    rho of the continuous controllers, in rationals
     asked          the file claims no less than its problem asks for
-    floor, initial_set   where they are claimed
+    decay, controllers_stable, floor, initial_set   where they are claimed
     sampled        agreement of the sampled, rounded controllers, in balls;  sampled_rho, max_period: where they are claimed
     code           the controllers read out of the C are those of the design
 
@@ -22,7 +22,12 @@ from lockstep.check.asked import shortfalls
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
 from lockstep.check.c_source.reader import read_controller
 from lockstep.check.c_source.text import nearest
-from lockstep.check.certificate import decide_certificate, decide_floor, decide_initial_set
+from lockstep.check.certificate import (
+    decide_certificate,
+    decide_floor,
+    decide_initial_set,
+    decide_stable_controllers,
+)
 from lockstep.check.design_file import content
 from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.design_file.content import DesignFile
@@ -42,7 +47,7 @@ from lockstep.check.sampled.controller import Network as SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.performance import SampledRho, Weights, proves_rho
+from lockstep.check.sampled.performance import SampledRho, proves_rho
 from lockstep.check.sampled.sector import Sector, common_sector
 from lockstep.check.verdict import Verdict
 
@@ -99,9 +104,8 @@ def decide(stored: Stored, folder: Path | None = None) -> Iterator[tuple[str, Ve
         return
     network, agent = problem.network(proofs.bound.moves, claims.scales)
     yield "bound", _bound(stored, agent)
-    R, Q = problem.weights
     delta = np.tile([claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
-    claim = Claim(claims.alpha, R, Q, delta, claims.entries)
+    claim = Claim.of(claims.alpha, problem.performance, delta, claims.entries)
     yield "certificate", decide_certificate(network, stored.gains, claim, proofs.certificate)
     short = "; ".join(shortfalls(problem.design, claims, stored.gains))
     yield (
@@ -110,6 +114,10 @@ def decide(stored: Stored, folder: Path | None = None) -> Iterator[tuple[str, Ve
         if short
         else Verdict("proved", "no less is claimed than the problem asks for"),
     )
+    if claims.decay is not None:
+        yield "decay", _decay(stored, network, claim)
+    if claims.controllers_stable:
+        yield "controllers_stable", decide_stable_controllers(stored.gains.A)
     if proofs.floor is not None:
         yield "floor", decide_floor(network, claim, proofs.floor)
     if claims.initial_set is not None:
@@ -117,6 +125,15 @@ def decide(stored: Stored, folder: Path | None = None) -> Iterator[tuple[str, Ve
         domain = Domain(as_floats(agent.H), box, inner_box(box, 0.5))
         yield "initial_set", decide_initial_set(network, proofs.certificate, domain, claims.initial_set)
     yield from _sampled(stored, network, folder)
+
+
+def _decay(stored: Stored, network: Network, claim: Claim) -> Verdict:
+    decay, certificate = stored.claims.decay, stored.proofs.decay
+    said = f"every disagreement decays at {decay:g} 1/s"
+    if certificate is None or decay is None:
+        return Verdict("undecided", f"it is claimed that {said}, without a witness")
+    found = decide_certificate(network.decaying(decay), stored.gains, claim, certificate)
+    return Verdict("proved", said, found.figures) if found.proved else found
 
 
 def _bound(stored: Stored, agent: Agent) -> Verdict:
@@ -140,6 +157,10 @@ def _sampled(stored: Stored, network: Network, folder: Path | None) -> Iterator[
         yield "code", refused
         held = read
     witnesses = [one for one in (proofs.sampled,) if one is not None]
+    if stored.claims.controllers_stable:
+        n_C = stored.gains.order
+        tables = [one.table[:n_C, :n_C] for one in held]
+        yield "controllers_stable_sampled", decide_stable_controllers(tables, sampled=True)
     found = decide_sampled(at, held, witnesses)
     yield "sampled", _as_claimed(claims, found)
     if claims.rho is not None:
@@ -165,8 +186,8 @@ def _rho(stored: Stored, at: SampledNetwork, held: tuple[HeldController, ...]) -
     said = f"the sampled loop has the gain {rho:g}"
     if witness is None or rho is None:
         return Verdict("undecided", f"it is claimed that {said}, without a witness")
-    loop = sampled_loop(at, held)
-    if not proves_rho(loop, Weights(*stored.problem.weights), SampledRho(rho, witness)):
+    weights = stored.problem.performance
+    if not proves_rho(sampled_loop(at, held, weights.outputs), weights, SampledRho(rho, witness)):
         return Verdict("undecided", f"it is claimed that {said}, but its witness does not prove it")
     return Verdict("proved", said)
 

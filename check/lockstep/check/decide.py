@@ -32,8 +32,19 @@ def decide(
         return Definiteness(
             False, f"P is not symmetric at ({i + 1}, {j + 1})", float("nan"), unit, float(skew[i, j])
         )
+    if not _is_a_weight(claim.W):
+        return Definiteness(False, "W of u has a negative eigenvalue", float(np.linalg.eigvalsh(claim.W)[0]))
     for name, matrix in (("R", claim.R), ("Q", claim.Q), ("P", certificate.P)):
         answer = decide_positive_definite(exactly(matrix))
         if not answer.positive:
             return replace(answer, method=f"{answer.method}, M = {name}")
     return decide_positive_definite(-F_matrix(exact_loop, gains, claim, certificate))
+
+
+def _is_a_weight(W: Annotated[np.ndarray, "m m"]) -> bool:
+    """Decide whether W is diagonal with entries 0 or above, or positive definite."""
+    diagonal = np.diag(W)
+    return bool(
+        (np.array_equal(W, np.diag(diagonal)) and (diagonal >= 0).all())
+        or decide_positive_definite(exactly(W)).positive
+    )

@@ -45,6 +45,16 @@ from lockstep.check.numbers import Matrix, Vector, converter, eye, is_exact, zer
 LETTERS = ("A", "B", "C", "D")
 
 
+class Performance(NamedTuple):
+    """What rho is a gain to and from: R (n, n), Q (n_C, n_C), W (m, m) and the scales of states and outputs of `Claim`."""
+
+    R: Annotated[np.ndarray, "n n"]
+    Q: Annotated[np.ndarray, "n_C n_C"]
+    W: Annotated[np.ndarray, "m m"] = np.zeros((0, 0))
+    states: Annotated[np.ndarray, " n"] = np.zeros(0)
+    outputs: Annotated[np.ndarray, " q"] = np.zeros(0)
+
+
 @dataclass(frozen=True)
 class Claim:
     """What a certificate claims, besides rho: alpha, what rho is a gain from and to, and how much the gains may be off.
@@ -65,6 +75,23 @@ class Claim:
     W: Annotated[np.ndarray, "m m"] = field(default_factory=lambda: np.zeros((0, 0)))
     states: Annotated[np.ndarray, " n"] = field(default_factory=lambda: np.zeros(0))
     outputs: Annotated[np.ndarray, " q"] = field(default_factory=lambda: np.zeros(0))
+
+    @classmethod
+    def of(
+        cls,
+        alpha: float,
+        performance: Performance,
+        delta: Annotated[np.ndarray, "N 4"],
+        entries: tuple[Entry, ...] = (),
+    ) -> "Claim":
+        """Return the claim of an alpha with a performance."""
+        R, Q, W, states, outputs = performance
+        return cls(alpha, R, Q, delta, entries, W, states, outputs)
+
+    @property
+    def performance(self) -> Performance:
+        """What rho is a gain to and from."""
+        return Performance(self.R, self.Q, self.W, self.states, self.outputs)
 
     @property
     def alpha_of_floor(self) -> float:

@@ -74,10 +74,11 @@ class ModalCertificate:
 
 @dataclass(frozen=True)
 class Modes:
-    """A(lambda) = A_0 + U K Y(lambda), in doubles or in rationals."""
+    """A(lambda) = A_0 + U K Y(lambda), in doubles or in rationals; with a decay sigma, A_0 + sigma I in place of A_0."""
 
     plant: Plant
     order: int
+    decay: float = 0.0
 
     @property
     def size(self) -> int:
@@ -86,11 +87,12 @@ class Modes:
 
     @property
     def A_0(self) -> Matrix:
-        """diag(A, 0)."""
+        """diag(A, 0) + sigma I."""
         n = self.plant.A.shape[0]
         A_0 = zeros(self.size, self.size, self.plant.A)
         A_0[:n, :n] = self.plant.A
-        return A_0
+        sigma = converter(is_exact(A_0))(np.array([self.decay]))[0]
+        return A_0 + sigma * eye(self.size, A_0) if self.decay else A_0
 
     @property
     def U(self) -> Matrix:
@@ -205,7 +207,7 @@ def decide_modes(network: Network, gains: Gains, claim: Claim, certificate: Moda
             return replace(answer, method=f"{answer.method}, M = {name}")
     ends = c.ends
     answer = decide_spectrum(network.graph, known, ends[0], ends[-1])
-    modes = Modes(network.plant.in_numbers(True), gains.order)
+    modes = Modes(network.plant.in_numbers(True), gains.order, network.decay)
     K = exactly(gains.blocks[0])
     rho = exactly(np.array([c.rho]))[0]
     sigma = rho * rho / known.spread
@@ -223,5 +225,6 @@ def decide_modes(network: Network, gains: Gains, claim: Claim, certificate: Moda
         if answer.positive:
             C_C = K[gains.order :, : gains.order]
             weight = exactly(claim.Q) + (C_C.T @ exactly(claim.W) @ C_C if len(claim.W) else 0)
-            answer = decide_positive_definite(-(P @ A_C + A_C.T @ P + weight))
+            sigma = exactly(np.array([network.decay]))[0]
+            answer = decide_positive_definite(-(P @ A_C + A_C.T @ P + 2 * sigma * P + weight))
     return answer

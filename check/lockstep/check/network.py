@@ -1,11 +1,14 @@
 """A network as the checker knows it: the matrices of the agents, who listens to whom, and the coordinates of the claim."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from lockstep.check.disagreement import Coordinates, disagreement
 from lockstep.check.errors import ProblemError
 from lockstep.check.graph import Graph
 from lockstep.check.loop import Loop, Plant, build_loop
+from lockstep.check.numbers import converter, eye
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,6 +19,8 @@ class Network:
         plant: A, B_i, C, G, H, with G and H scaled as the bound on phi was proved; doubles are taken exactly.
         graph: who listens to whom; it must have a spanning tree.
         coordinates: "orthonormal" (default) or "laplacian_rows" (the paper's (14)).
+        decay: sigma, in 1/s: the loop is then that of e^(sigma t) x_cl, with A_0 + sigma I in place of A_0, and what is
+            proved of it is proved of x_cl with that decay: V' + 2 sigma V in place of V'.
 
     Raises:
         ProblemError: no spanning tree, or matrices that do not fit each other or the graph.
@@ -24,6 +29,7 @@ class Network:
     plant: Plant
     graph: Graph
     coordinates: Coordinates = "orthonormal"
+    decay: float = 0.0
     _loops: dict[tuple[int, bool], Loop] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -53,10 +59,18 @@ class Network:
         """Number of agents."""
         return self.graph.N
 
+    def decaying(self, decay: float) -> "Network":
+        """Return the network of e^(decay t) x_cl."""
+        return Network(self.plant, self.graph, self.coordinates, decay)
+
     def loop(self, order: int, *, exact_arithmetic: bool) -> Loop:
         """Return the loop (15) for controllers of an order, in doubles or in the same rationals."""
         key = (order, exact_arithmetic)
         if key not in self._loops:
             d = disagreement(self.graph, self.coordinates, exact_arithmetic=exact_arithmetic)
-            self._loops[key] = build_loop(self.plant.in_numbers(exact_arithmetic), d, order)
+            loop = build_loop(self.plant.in_numbers(exact_arithmetic), d, order)
+            if self.decay:
+                sigma = converter(exact_arithmetic)(np.array([self.decay]))[0]
+                loop = replace(loop, A_0=loop.A_0 + sigma * eye(loop.n_x, loop.A_0))
+            self._loops[key] = loop
         return self._loops[key]

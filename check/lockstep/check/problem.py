@@ -14,12 +14,13 @@ import numpy as np
 
 from lockstep.check.agent import Agent, Move
 from lockstep.check.bound.box import Box
-from lockstep.check.design_file.json_text import above_zero, item, not_negative, number, one_of, part
+from lockstep.check.design_file.json_text import above_zero, item, not_negative, number, one_of, only, part
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.disagreement import Coordinates
 from lockstep.check.domain import argument_box
 from lockstep.check.errors import ProblemError
 from lockstep.check.graph import Graph
+from lockstep.check.inequality import Performance
 from lockstep.check.loop import Plant
 from lockstep.check.network import Network
 from lockstep.check.numbers import exactly
@@ -49,7 +50,7 @@ class Problem:
     def from_document(cls, tables: Mapping[str, Any]) -> "Problem":
         """Build the problem and look at all of it, so that what is wrong with it is told at once."""
         problem = cls(tables)
-        _ = problem.sizes, problem.box, problem.weights, problem.period, problem.delay
+        _ = problem.sizes, problem.box, problem.performance, problem.period, problem.delay
         for key, known in CONTROLLER.items():
             one_of(problem.controller.get(key), known, f"[controller] {key}")
         return problem
@@ -177,12 +178,19 @@ class Problem:
         return argument_box(self.agent.H, states)
 
     @property
-    def weights(self) -> tuple[Annotated[np.ndarray, "n n"], Annotated[np.ndarray, "n_C n_C"]]:
-        """R and Q, which the certificate decides to be positive definite."""
+    def performance(self) -> Performance:
+        """What rho is a gain to and from; the certificate decides R and Q to be positive definite."""
         table, sizes = part(self.design, "weights", dict), self.sizes
-        return (
+        scales = self.design.get("disturbances") or {}
+        only(scales, ("states", "outputs"), "[design.disturbances]")
+        return Performance(
             _weight(table.get("state"), sizes.n, "[design.weights] state"),
             _weight(table.get("controller"), sizes.n_C, "[design.weights] controller"),
+            _weight(table["input"], sizes.m, "[design.weights] input")
+            if table.get("input")
+            else np.zeros((0, 0)),
+            _scales(scales.get("states"), self.agent.states, "[design.disturbances] states"),
+            _scales(scales.get("outputs"), self.agent.outputs, "[design.disturbances] outputs"),
         )
 
     def network(self, moves: Sequence[Move], scales: Scales) -> tuple[Network, Agent]:
@@ -224,6 +232,16 @@ def _rows(value: Any, where: str) -> Annotated[np.ndarray, "k l"]:
     if not rows or {len(row) for row in rows} != {len(value)}:
         raise ProblemError("rows of other lengths", where=where, expected="a square matrix")
     return np.array(rows)
+
+
+def _scales(value: Any, names: Sequence[str], where: str) -> Annotated[np.ndarray, " k"]:
+    """Return a scale for each name, 0 for those not named; nothing where nothing is named."""
+    if not value:
+        return np.zeros(0)
+    if not isinstance(value, dict):
+        return np.full(len(names), not_negative(value, where))
+    only(value, names, where)
+    return np.array([not_negative(value.get(name, 0.0), f"{where} {name}") for name in names])
 
 
 def _weight(value: Any, size: int, where: str) -> Annotated[np.ndarray, "k k"]:

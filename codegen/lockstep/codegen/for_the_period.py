@@ -23,11 +23,11 @@ from lockstep.codegen.sampled_design import (
     pair_weights,
     prove_design,
     sampled_network,
-    weights_of,
     with_sampled,
 )
 from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored
+from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.sampled.certify import plant_in_doubles
 from lockstep.lmi.sampled.improve import Start
 from lockstep.lmi.threads import one_thread
@@ -116,9 +116,12 @@ def designed_for_period(stored: Stored, tell: Tell, others: Sequence[Start] = ()
         Infeasible: no gains survive the period, or none with both certificates, or none that are better.
     """
     found, m = _searched(stored, tell, others)
-    c = _continuous(stored, found)
-    claims = replace(stored.claims, rho=c.rho, sampled=SampledClaims())
-    proofs = Proofs(c, stored.proofs.floor)
+    c, also = _continuous(stored, found)
+    decay, witness = also.decay or (None, None)
+    claims = replace(
+        stored.claims, rho=c.rho, decay=decay, controllers_stable=also.stable, sampled=SampledClaims()
+    )
+    proofs = Proofs(c, witness, stored.proofs.floor, bound=stored.proofs.bound)
     made = replace(stored, gains=found, claims=claims, proofs=proofs)
     sampled, before = prove_design(made, m), stored.claims.sampled
     if not sampled.verdict.certified or sampled.rho is None:
@@ -150,7 +153,7 @@ def _searched(stored: Stored, tell: Tell, others: Sequence[Start]) -> tuple[Gain
     if not isinstance(c, Certificate) or m is None:
         raise Infeasible("there is no continuous certificate to start from")
     limit, period = problem.design.gain_limit, problem.controller.period
-    at = AtPeriod(sampled_network(stored, period), problem.graph().edges, weights_of(stored), order, limit)
+    at = AtPeriod(sampled_network(stored, period), problem.graph().edges, problem.performance, order, limit)
     starts = [Start(stored.gains.blocks, m, c.rho), *others]
     enough = NEAR * min(one.rho for one in starts)
     found = improved(at, starts, rho_most=problem.design.rho, enough=enough, tell=tell)
@@ -161,8 +164,8 @@ def _searched(stored: Stored, tell: Tell, others: Sequence[Start]) -> tuple[Gain
     return Gains.from_blocks(short_gains(found.K, limit), order), found.m
 
 
-def _continuous(stored: Stored, gains: Gains) -> Certificate:
-    """Prove the new gains in continuous time."""
+def _continuous(stored: Stored, gains: Gains) -> tuple[Certificate, Guarantees]:
+    """Prove the new gains in continuous time, with what else the problem asks for."""
     from lockstep.lmi.analysis.rounding import prove
     from lockstep.lmi.design import claim_of
     from lockstep.lmi.stored_bound import bound_again
@@ -171,8 +174,10 @@ def _continuous(stored: Stored, gains: Gains) -> Certificate:
     problem = stored.problem
     bound = bound_again(stored).or_raise()
     claim = replace(claim_of(problem, bound), alpha=stored.claims.alpha)
+    network = network_of(problem, bound)
     try:
-        return prove(network_of(problem, bound), gains, claim, rho=problem.design.rho)
+        c = prove(network, gains, claim, rho=problem.design.rho)
+        return c, guarantees(problem, network, gains, claim, modal=False)
     except ClaimError as error:
         raise Infeasible(
             f"gains were found for the period, but not certified in continuous time: {error}"

@@ -26,7 +26,6 @@ from lockstep.lmi.sampled import (
     Network,
     SampledRho,
     SampledVerdict,
-    Weights,
     certify_sampled,
     max_period,
     sampled_rho,
@@ -127,7 +126,7 @@ def prove_controllers(
     verdict = certify_sampled(network, controllers, guess, witness=stored.proofs.sampled)
     rho = None
     if verdict.certified:
-        weights = weights_of(stored)
+        weights = stored.problem.performance
         rho = _stated_rho(stored, network, controllers) or sampled_rho(network, controllers, weights, guess)
     reach = _longest_stated(stored, network)
     if reach is None and longest:
@@ -219,17 +218,12 @@ def sampled_controllers(stored: Stored, period: float) -> tuple[HeldController, 
     return held_controllers(stored.gains, edges, period, table.discretization, table.real)
 
 
-def weights_of(stored: Stored) -> Weights:
-    """Return R and Q of the design, for its rho."""
-    problem = stored.problem
-    return Weights(problem.state_weight(problem.agent().n), problem.controller_weight(stored.gains.order))
-
-
 def _stated_rho(
     stored: Stored, network: Network, controllers: tuple[HeldController, ...]
 ) -> SampledRho | None:
     known = _known_rho(stored)
-    holds = known and proves_rho(sampled_loop(network, controllers), weights_of(stored), known)
+    weights = stored.problem.performance
+    holds = known and proves_rho(sampled_loop(network, controllers, weights.outputs), weights, known)
     return known if holds else None
 
 

@@ -62,8 +62,7 @@ def certify(stored: Stored) -> Verdict:
         return Verdict(False, str(error), figures=error.figures)
     network = network_of(problem, bound)
     delta = np.tile([claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
-    weights = problem.state_weight(agent.n), problem.controller_weight(problem.order)
-    claim = Claim(claims.alpha, *weights, delta, claims.entries)
+    claim = Claim.of(claims.alpha, problem.performance, delta, claims.entries)
     decided = decide_certificate(network.matrices, stored.gains, claim, c)
     margin = decided.figures.get("margin", float("nan"))
     if not decided.proved:

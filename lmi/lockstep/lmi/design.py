@@ -10,7 +10,7 @@ Whatever the method, gains count as certified only by the last step.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,6 +23,7 @@ from lockstep.check.local import InitialSet, Unavailable
 from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate
 from lockstep.lmi.analysis.rounding import prove, short_gains
+from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.sampled.improve import Start
 from lockstep.lmi.scope import Scope, initial_states, scope_of
 from lockstep.lmi.threads import one_thread
@@ -41,7 +42,8 @@ class Design:
 
     figures: what else is known: abscissa, gain norms, the history of the search, the audit of a
     theorem;  floor: a rho below which no controllers can certify, with its proof, where it was looked for and found;
-    others: other gains that the search came to, from which a design for the period may start.
+    others: other gains that the search came to, from which a design for the period may start;  guarantees: the decay, and
+    whether controllers are stable by themselves.
     """
 
     problem: Problem
@@ -53,6 +55,7 @@ class Design:
     figures: dict[str, Any] = field(default_factory=dict)
     floor: FloorWitness | None = None
     others: tuple[Start, ...] = ()
+    guarantees: Guarantees = field(default_factory=Guarantees)
 
     @property
     def certified(self) -> bool:
@@ -116,15 +119,18 @@ def _designed(problem: Problem, jobs: int | None, tell: Progress, time_limit: fl
     claim = claim_of(problem, bound)
     match problem.design.method:
         case "certified":
-            return _searched(problem, network, bound, claim, jobs, tell, time_limit)
+            found = _searched(problem, network, bound, claim, jobs, tell, time_limit)
         case "given":
-            return _given(problem, network, bound, claim, tell)
+            found = _given(problem, network, bound, claim, tell)
         case "theorem1" | "corollary1":
-            return _as_printed(problem, network, bound, claim, tell)
+            found = _as_printed(problem, network, bound, claim, tell)
         case "lipschitz":
-            return _protocol(problem, network, bound, claim, tell)
+            found = _protocol(problem, network, bound, claim, tell)
         case "modal":
-            return _modal(problem, network, bound, claim, tell)
+            found = _modal(problem, network, bound, claim, tell)
+    tell("proving the decay", 0.0)
+    modal = isinstance(found.certificate, ModalCertificate)
+    return replace(found, guarantees=guarantees(problem, network, found.gains, found.claim, modal=modal))
 
 
 def proved_bound(problem: Problem) -> Bound:
@@ -145,12 +151,8 @@ def claim_of(problem: Problem, bound: Bound) -> Claim:
     alpha = problem.design.alpha if problem.design.alpha is not None else bound.alpha
     fragility = problem.fragility
     delta = np.tile([fragility[letter] for letter in "ABCD"], (problem.graph().N, 1))
-    table, weights = (
-        problem.design,
-        (problem.state_weight(problem.agent().n), problem.controller_weight(problem.order)),
-    )
-    of_this_phi = table.alpha is None and table.objective == "rho"
-    return Claim(float(alpha), *weights, delta, bound.entries if of_this_phi else ())
+    of_this_phi = problem.design.alpha is None and problem.design.objective == "rho"
+    return Claim.of(float(alpha), problem.performance, delta, bound.entries if of_this_phi else ())
 
 
 def given_gains(problem: Problem) -> Gains:
@@ -245,16 +247,19 @@ def _protocol(problem: Problem, network: Network, bound: Bound, claim: Claim, te
 
 
 def _modal(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Design:
+    from lockstep.lmi.methods.certified import rate_of_controllers
     from lockstep.lmi.methods.modal import design_modes, prove_modes
 
     table = problem.design
+    decaying = network if table.decay is None else network.decaying(table.decay)
     gains = design_modes(
-        network,
+        decaying,
         claim,
         problem.order,
         table.gain_limit,
         starts=table.starts,
         seed=table.seed,
+        rate=rate_of_controllers(problem),
         tell=lambda part: tell("searching for gains", part),
     )
     tell("proving the certificate", 0.0)

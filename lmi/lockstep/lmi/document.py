@@ -26,7 +26,7 @@ Stored = DesignFile[Problem]
 
 def file_of(design: Design) -> Stored:
     """Return what is to be written down of a design; nothing is claimed of its sampled controllers yet."""
-    c, floor, initial = design.certificate, design.floor, design.initial
+    c, floor, initial, decay = design.certificate, design.floor, design.initial, design.guarantees.decay
     claims = Claims(
         design.certified,
         None if c is None else c.rho,
@@ -37,9 +37,11 @@ def file_of(design: Design) -> Stored:
         design.claim.entries,
         initial if isinstance(initial, InitialSet) else None,
         None if floor is None else floor.rho,
+        None if decay is None else decay[0],
+        design.guarantees.stable,
     )
     info = {"figures": design.figures} | ({} if initial is None else {"initial_set": initial.remarks()})
-    proofs = Proofs(c, floor, bound=_bound_proof(design, claims))
+    proofs = Proofs(c, None if decay is None else decay[1], floor, bound=_bound_proof(design, claims))
     return DesignFile(design.problem, design.gains, claims, proofs, info)
 
 

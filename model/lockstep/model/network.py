@@ -5,7 +5,7 @@ for simulation and for checking that the two are the same system.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +34,7 @@ class Network:
         graph: who listens to whom; it must have a spanning tree.
         B: the input matrix (n, m) of each agent; by default the agent's own for all.
         coordinates: "orthonormal" (default) or "laplacian_rows" (the paper's (14)).
+        decay: of e^(decay t) x_cl, whose loop it is; see `lockstep.check.network.Network`.
         scales: (D_w, D_v), the diagonals with which the bound on phi was proved: |D_w^-1 J D_v| <= alpha,
             such that G D_w and D_v^-1 H are exact in doubles (`lockstep.model.assembly.bound_of` gives such ones).
     """
@@ -43,6 +44,7 @@ class Network:
     B: Sequence[Float[np.ndarray, "n m"]] = ()
     coordinates: Coordinates = "orthonormal"
     scales: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    decay: float = 0.0
 
     def __post_init__(self) -> None:
         shape = self.agent.lure.B.shape
@@ -76,7 +78,11 @@ class Network:
     @cached_property
     def matrices(self) -> CheckedNetwork:
         """What the checker decides about: the plant, the graph and the coordinates, without the equations."""
-        return CheckedNetwork(self.plant, self.graph, self.coordinates)
+        return CheckedNetwork(self.plant, self.graph, self.coordinates, self.decay)
+
+    def decaying(self, decay: float) -> "Network":
+        """Return the network of e^(decay t) x_cl."""
+        return replace(self, decay=decay)
 
     def loop(self, order: int, *, exact_arithmetic: bool = False) -> Loop:
         """Return the loop (15) for controllers of an order, in doubles or in the same rationals."""

@@ -128,7 +128,9 @@ class Claims:
     (larger is better);  scope: for every state ("global", better) or while the agents stay in their domain;  scales: D_w and
     D_v that alpha is a bound in, where they are not all one;  entries: bounds of single slopes that are used besides;
     initial_set: states from which the agents stay in their domain;  floor: no controllers can certify less (larger is
-    better);  sampled: of the controllers that ship.
+    better);  decay: sigma in 1/s, by which e^(-sigma t) bounds every disagreement up to a constant (larger is better);
+    controllers_stable: whether each controller is stable by itself, as designed and as it ships;  sampled: of the
+    controllers that ship.
     """
 
     certified: bool
@@ -140,12 +142,14 @@ class Claims:
     entries: tuple[Entry, ...] = ()
     initial_set: InitialSet | None = None
     floor: float | None = None
+    decay: float | None = None
+    controllers_stable: bool = False
     sampled: SampledClaims = field(default_factory=SampledClaims)
 
     def __post_init__(self) -> None:
-        if not self.certified and any((self.rho, self.scope, self.initial_set)):
+        if not self.certified and any((self.rho, self.scope, self.initial_set, self.decay)):
             raise ProblemError(
-                "`rho`, `scope` or `initial_set` is claimed without a certificate",
+                "`rho`, `scope`, `initial_set` or `decay` is claimed without a certificate",
                 where="claims",
                 expected="null beside `certified` = false",
             )
@@ -175,6 +179,8 @@ class Claims:
             ],
             "initial_set": None if self.initial_set is None else self.initial_set.claim(),
             "floor": self.floor,
+            "decay": self.decay,
+            "controllers_stable": self.controllers_stable,
             "sampled": self.sampled.document(),
         }
 
@@ -200,6 +206,8 @@ def claims_of(content: Any) -> Claims:
         tuple(optional(content, "entries", _entries) or ()),
         optional(content, "initial_set", _initial_set),
         optional(content, "floor", above_zero),
+        optional(content, "decay", above_zero),
+        part({"controllers_stable": False, **content}, "controllers_stable", bool),
         optional(content, "sampled", _sampled) or SampledClaims(),
     )
 

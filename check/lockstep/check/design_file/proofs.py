@@ -9,6 +9,7 @@ from typing import Any
 from lockstep.check.agent import Move
 from lockstep.check.design_file.claims import Claims
 from lockstep.check.design_file.json_text import (
+    above_zero,
     item,
     matrix,
     number,
@@ -53,12 +54,14 @@ class BoundProof:
 class Proofs:
     """What proves the claims of a design file.
 
-    certificate: of rho, with P, m, t;  floor: dual points;  sampled, sampled_rho, max_period: of the sampled loop, at its
+    certificate: of rho, with P, m, t;  decay: a certificate of the loop of e^(decay t) x_cl, with a rho of its own;  floor:
+    dual points;  sampled, sampled_rho, max_period: of the sampled loop, at its
     period, of its rho, and at the largest period claimed;  bound: of alpha and the entries. A claim whose witness is None is
     proved anew, or is not.
     """
 
     certificate: Certificate | ModalCertificate | None = None
+    decay: Certificate | ModalCertificate | None = None
     floor: FloorWitness | None = None
     sampled: Witness | None = None
     sampled_rho: Witness | None = None
@@ -73,6 +76,9 @@ class Proofs:
         }
         return {
             "certificate": None if self.certificate is None else certificate_document(self.certificate),
+            "decay": None
+            if self.decay is None
+            else {"rho": self.decay.rho, **certificate_document(self.decay)},
             "floor": None if self.floor is None else pieces_document(self.floor),
             **sampled,
             "bound": None if self.bound is None else self.bound.document(),
@@ -109,8 +115,11 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
         for key in ("sampled", "sampled_rho", "max_period")
     )
     bound = optional(content, "bound", _bound, "proofs")
-    certificate = _certificate(content.get("certificate"), claims, sizes)
-    return Proofs(certificate, floor, sampled, rho, longest, bound)
+    certificate = _certificate(content.get("certificate"), claims, sizes, claims.rho, CERTIFICATE)
+    decay = dict(part(content, "decay", dict)) if content.get("decay") is not None else None
+    own = None if decay is None else above_zero(decay.pop("rho", None), "proofs, decay `rho`")
+    decaying = _certificate(decay, claims, sizes, own, "proofs, decay")
+    return Proofs(certificate, decaying, floor, sampled, rho, longest, bound)
 
 
 _AMOUNT = re.compile("-?[0-9]{1,400}(/[0-9]{1,400})?")
@@ -148,29 +157,31 @@ def sampled_witness_of(value: Any, where: str) -> Witness:
     )
 
 
-def _certificate(stored: Any, claims: Claims, sizes: Sizes) -> Certificate | ModalCertificate | None:
+def _certificate(
+    stored: Any, claims: Claims, sizes: Sizes, rho: float | None, where: str
+) -> Certificate | ModalCertificate | None:
     if stored is None:
         return None
     if not isinstance(stored, dict):
-        raise ProblemError(
-            f"a {type(stored).__name__}", where=CERTIFICATE, expected="an object with P, m and t"
-        )
-    rho, entries = number(claims.rho, "claims, `rho`"), len(claims.entries)
+        raise ProblemError(f"a {type(stored).__name__}", where=where, expected="an object with P, m and t")
+    rho, entries = number(rho, "claims, `rho`"), len(claims.entries)
     if "kind" in stored:
-        return _modal_certificate(stored, rho, sizes, entries)
-    only(stored, ("P", "m", "t", "m_entries"), CERTIFICATE)
+        return _modal_certificate(stored, rho, sizes, entries, where)
+    only(stored, ("P", "m", "t", "m_entries"), where)
     N, n, m, q, n_C = sizes
     n_x, pairs = n * (N - 1) + n_C * N, N * (N - 1) // 2
     blocks = {"A": n_C * n_C, "B": n_C * q, "C": m * n_C, "D": m * q}
     ways = N * sum(1 for letter in "ABCD" if claims.fragility[letter] > 0 and blocks[letter])
-    weights, t = vector(stored, "m", pairs, CERTIFICATE), vector(stored, "t", ways, CERTIFICATE)
-    P = symmetric(matrix(stored, "P", CERTIFICATE, (n_x, n_x)), f"{CERTIFICATE}, `P`")
-    return Certificate(rho, P, weights, t, rows_or_none(stored, "m_entries", (entries, pairs), CERTIFICATE))
+    weights, t = vector(stored, "m", pairs, where), vector(stored, "t", ways, where)
+    P = symmetric(matrix(stored, "P", where, (n_x, n_x)), f"{where}, `P`")
+    return Certificate(rho, P, weights, t, rows_or_none(stored, "m_entries", (entries, pairs), where))
 
 
-def _modal_certificate(stored: Mapping[str, Any], rho: float, sizes: Sizes, entries: int) -> ModalCertificate:
-    one_of(stored["kind"], (MODAL,), f"{CERTIFICATE}, `kind`")
-    only(stored, ("kind", "lower", "segments", "mu", "mu_entries", "P_mean"), CERTIFICATE)
+def _modal_certificate(
+    stored: Mapping[str, Any], rho: float, sizes: Sizes, entries: int, where: str
+) -> ModalCertificate:
+    one_of(stored["kind"], (MODAL,), f"{where}, `kind`")
+    only(stored, ("kind", "lower", "segments", "mu", "mu_entries", "P_mean"), where)
     n_C, size = sizes.n_C, sizes.n + sizes.n_C
     segments = tuple(
         Segment(
@@ -178,11 +189,10 @@ def _modal_certificate(stored: Mapping[str, Any], rho: float, sizes: Sizes, entr
             symmetric(matrix(one, "P", place, (size, size)), f"{place}, `P`"),
         )
         for one, place in (
-            (one, f"{CERTIFICATE}, segment {i}")
-            for i, one in enumerate(part(stored, "segments", list), start=1)
+            (one, f"{where}, segment {i}") for i, one in enumerate(part(stored, "segments", list), start=1)
         )
     )
-    P_mean = symmetric(matrix(stored, "P_mean", CERTIFICATE, (n_C, n_C)), f"{CERTIFICATE}, `P_mean`")
-    lower, mu = (number(stored.get(key), f"{CERTIFICATE}, `{key}`") for key in ("lower", "mu"))
-    own = tuple(vector({"mu_entries": [], **stored}, "mu_entries", entries, CERTIFICATE).tolist())
+    P_mean = symmetric(matrix(stored, "P_mean", where, (n_C, n_C)), f"{where}, `P_mean`")
+    lower, mu = (number(stored.get(key), f"{where}, `{key}`") for key in ("lower", "mu"))
+    own = tuple(vector({"mu_entries": [], **stored}, "mu_entries", entries, where).tolist())
     return ModalCertificate(rho, lower, segments, mu, P_mean, own)

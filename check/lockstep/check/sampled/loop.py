@@ -5,14 +5,15 @@ matrices act on z = (xi, e): the state, then the errors
 
     e_j = Delta_j Y_j z,  |Delta_j| <= delta_j    of the coefficients A, B, C, D of each agent: rounding;
     nu_i                                          of the differences d_ij = a_ij (y_i - y_j), from the messages;
-    mu_i                                          added to (x_C+, u) of agent i, from underflow.
+    mu_i                                          added to (x_C+, u) of agent i, from underflow;
+    n_d                                           the disagreement of the outputs' own noise, where rho is a gain from it.
 
     d_i = differences + nu_i,
     x_C+ = A x_C + B sum_j d_ij + e_A + e_B + mu,   u = C x_C + D sum_j d_ij + e_C + e_D + mu.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,8 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.inequality import LETTERS
 from lockstep.check.numbers import Matrix, converter, is_exact, zeros
 from lockstep.check.sampled.controller import HeldController, Network
+
+NO_NOISE = np.zeros(0)
 
 
 class Way(NamedTuple):
@@ -38,7 +41,8 @@ class SampledLoop:
 
     n_d: length of x_d;  n_xi: length of xi;  into: (n, k), through which the inputs reach one agent;  held: what v
     of all copies is during the next period;  advanced: the rest of xi after it;  ways: the coefficient errors;
-    seen: (x_C, r) of each agent;  messages: the columns of nu;  underflows: those of mu, next to them.
+    seen: (x_C, r) of each agent;  messages: the columns of nu;  underflows: those of mu, next to them;  outputs: those of
+    n_d;  applied: (N m, n_z), what the inputs are during the next period.
     """
 
     network: Network
@@ -51,6 +55,8 @@ class SampledLoop:
     seen: tuple[Matrix, ...]
     messages: slice
     underflows: slice
+    outputs: slice
+    applied: Matrix
 
     @property
     def noise(self) -> slice:
@@ -70,14 +76,23 @@ class SampledLoop:
         return np.vstack([x_d, self.held])
 
 
-def sampled_loop(network: Network, controllers: tuple[HeldController, ...]) -> SampledLoop:
+def sampled_loop(
+    network: Network,
+    controllers: tuple[HeldController, ...],
+    noise: Annotated[np.ndarray, " q"] = NO_NOISE,
+) -> SampledLoop:
     """Assemble the loop in the kind of number of the network's plant.
+
+    Args:
+        network: agents, coordinates, period and delay.
+        controllers: one per agent.
+        noise: the scale of each output's own noise; none where nothing asks for it.
 
     Raises:
         ProblemError: controllers that do not fit the agents or each other.
     """
     _check(network, controllers)
-    layout = _Layout(network, controllers)
+    layout = _Layout(network, controllers, noise)
     rows = [layout.agent_rows(i) for i in range(len(controllers))]
     n_C = controllers[0].order
     states = np.vstack([row[:n_C] for row in rows])
@@ -94,14 +109,21 @@ def sampled_loop(network: Network, controllers: tuple[HeldController, ...]) -> S
         layout.ways,
         tuple(layout.received(i) for i in range(len(controllers))),
         slice(layout.first_noise, layout.first_underflow),
-        slice(layout.first_underflow, layout.n_z),
+        slice(layout.first_underflow, layout.first_output),
+        slice(layout.first_output, layout.n_z),
+        applied,
     )
 
 
 class _Layout:
     """Where the parts of z are, and what agent i computes from them."""
 
-    def __init__(self, network: Network, controllers: tuple[HeldController, ...]) -> None:
+    def __init__(
+        self,
+        network: Network,
+        controllers: tuple[HeldController, ...],
+        noise: Annotated[np.ndarray, " q"],
+    ) -> None:
         self.network, self.controllers = network, controllers
         n, m, q, _, _ = network.plant.sizes
         N, n_C = len(controllers), controllers[0].order
@@ -121,8 +143,10 @@ class _Layout:
         for i in range(N):
             self.places[i, "mu"] = slice(place, place + n_C + m)
             place += n_C + m
-        self.n_z = place
         self.number = converter(is_exact(network.plant.A))
+        self.first_output, noisy = place, np.flatnonzero(noise)
+        self.scales = self.number(np.diag(noise)[:, noisy])
+        self.n_z = place + (N - 1) * len(noisy)
         self.ways = tuple(
             Way(i, k, self.places[i, k], self._seen(i, k), controllers[i].deltas[k]) for (i, k) in sizes
         )
@@ -157,7 +181,10 @@ class _Layout:
         rows = self._select(self.places[i, "nu"])
         for k, (j, a) in enumerate(zip(one.sources, self.number(one.weights), strict=True)):
             across = a * (d.right[i] - d.right[j])
-            rows[k * self.q : (k + 1) * self.q, : self.n_d] = np.kron(across[None, :], self.network.plant.C)
+            part = slice(k * self.q, (k + 1) * self.q)
+            rows[part, : self.n_d] = np.kron(across[None, :], self.network.plant.C)
+            if self.scales.shape[1]:
+                rows[part, self.first_output :] = np.kron(across[None, :], self.scales)
         return rows
 
     def received(self, i: int) -> Matrix:

@@ -4,10 +4,11 @@
         <= V(xi(0)) + rho^2 int_0^inf xi_d' (S (x) I) xi_d dt + kappa sum_k (|nu_k|^2 + |mu_k|^2),
 
 the continuous rho's weights, the controllers' states being counted at the sampling instants and held for a period, as
-the controllers hold them. The disturbance is one more way into the period that is lifted, and the weighted state
-one more way out:
+the controllers hold them; where the claim has them, int u' (I (x) W) u dt on the left, u being held, xi scaled by state,
+and on the right rho^2 T sum_k n_d(t_k)' (S (x) I) n_d(t_k) for the outputs' own noise n, which the samples see. The
+disturbance is one more way into the period that is lifted, and the weighted state one more way out:
 
-    E E' = M^-1 (x) G G' + rho^-2 S^-1 (x) I,     F'F = M (x) alpha^2 H'H + S (x) R.
+    E E' = M^-1 (x) G G' + rho^-2 S^-1 (x) D_xi^2,     F'F = M (x) alpha^2 H'H + S (x) R.
 
 M and S do not commute, so all of x_d is lifted at once, and anew for each M and rho. A stored rho and its witness are decided
 here; looking for small ones is not done here.
@@ -15,10 +16,10 @@ here; looking for small ones is not done here.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 
+from lockstep.check.inequality import Performance
 from lockstep.check.numbers import Matrix, converter, eye, is_exact, zeros
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.certify import admitted_multiplier
@@ -29,14 +30,6 @@ from lockstep.check.sampled.loop import SampledLoop
 
 
 @dataclass(frozen=True, eq=False)
-class Weights:
-    """R (n, n) of the disagreement and Q (n_C, n_C) of each controller's state, in doubles."""
-
-    R: Annotated[np.ndarray, "n n"]
-    Q: Annotated[np.ndarray, "n_C n_C"]
-
-
-@dataclass(frozen=True, eq=False)
 class SampledRho:
     """A rho of the sampled loop that was proved in ball arithmetic, and its witness (decay 1, no weight)."""
 
@@ -44,7 +37,7 @@ class SampledRho:
     witness: Witness
 
 
-def proves_rho(exact_loop: SampledLoop, weights: Weights, found: SampledRho) -> bool:
+def proves_rho(exact_loop: SampledLoop, weights: Performance, found: SampledRho) -> bool:
     """Decide in balls whether P > 0, m >= 0, t >= 0, M > 0 and W > 0, and that the period holds no conjugate point."""
     witness, network = found.witness, exact_loop.network
     if not (witness.decay == 1 and witness.weight == 0 and found.rho > 0):
@@ -56,27 +49,32 @@ def proves_rho(exact_loop: SampledLoop, weights: Weights, found: SampledRho) -> 
         EE, FF = ways(exact_loop, weights, M, found.rho)
         if not no_conjugate_point(np.kron(eye(network.d.N - 1, M), network.plant.A), EE, FF, network.period):
             return False
-        lifted, running = lift_all(exact_loop, EE, FF), running_cost(exact_loop, weights)
+        lifted, running = lift_all(exact_loop, EE, FF), running_cost(exact_loop, weights, found.rho)
         return balls.is_positive_definite(W_matrix(exact_loop, lifted, witness, running))
 
 
-def running_cost(loop: SampledLoop, weights: Weights) -> Matrix:
-    """Return T x_C' (I (x) Q) x_C as a form on z."""
-    number = converter(is_exact(loop.held))
-    Q = number(np.array([[loop.network.period]]))[0, 0] * number(weights.Q)
+def running_cost(loop: SampledLoop, weights: Performance, rho: float) -> Matrix:
+    """Return T (x_C' (I (x) Q) x_C + u' (I (x) W) u - rho^2 n_d' (S (x) I) n_d) as a form on z."""
+    number, d = converter(is_exact(loop.held)), loop.network.d
+    T, square = number(np.array([loop.network.period, rho]))
     form, n_C = zeros(loop.n_z, loop.n_z, loop.held), len(weights.Q)
-    for i in range(loop.network.d.N):
+    for i in range(d.N):
         place = slice(loop.n_d + i * n_C, loop.n_d + (i + 1) * n_C)
-        form[place, place] = Q
+        form[place, place] = T * number(weights.Q)
+    if len(weights.W):
+        W = np.kron(eye(d.N, loop.held), number(weights.W))
+        form = form + T * (loop.applied.T @ W @ loop.applied)
+    noisy = (loop.outputs.stop - loop.outputs.start) // (d.N - 1)
+    form[loop.outputs, loop.outputs] = -(T * square * square) * np.kron(d.S, eye(noisy, loop.held))
     return form
 
 
-def ways(loop: SampledLoop, weights: Weights, M: Matrix, rho: float) -> tuple[Matrix, Matrix]:
+def ways(loop: SampledLoop, weights: Performance, M: Matrix, rho: float) -> tuple[Matrix, Matrix]:
     """Return E E' and F'F, for a multiplier and a rho."""
     number, S = converter(is_exact(loop.held)), loop.network.d.S
     square = number(np.array([[rho]]))[0, 0] ** 2
     GG, HH = loop.network.squares
-    unit = eye(len(GG), M)
+    unit = eye(len(GG), M) if not len(weights.states) else number(np.diag(weights.states**2))
     EE = np.kron(balls.inverse(M), GG) + np.kron(balls.inverse(S), unit) / square
     return EE, np.kron(M, HH) + np.kron(S, number(weights.R))
 

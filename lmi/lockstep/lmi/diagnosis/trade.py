@@ -54,9 +54,8 @@ def curve(stored: Stored, points: int = 12) -> tuple[Point, ...]:
     with one_thread():
         network = network_of(problem, bound_again(stored))
         delta = np.tile([stored.claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
-        weights = problem.state_weight(agent.n), problem.controller_weight(problem.order)
         claim, loop, K = (
-            Claim(stored.claims.alpha, *weights, delta, stored.claims.entries),
+            Claim.of(stored.claims.alpha, problem.performance, delta, stored.claims.entries),
             network.loop(problem.order),
             stored.gains.blocks,
         )

@@ -22,6 +22,9 @@ from lockstep.lmi.threads import one_thread
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 
+FORGOTTEN = 100
+"""Periods within which a controller that is to be stable by itself forgets all but 1/e of its state."""
+
 
 @dataclass(frozen=True)
 class Found:
@@ -66,7 +69,10 @@ def searched(
     rho = table.rho if table.objective == "alpha" else None
     tell("looking for limits of any controller", 0.0)
     refuse_the_impossible(problem, network, claim)
-    search = Search.of(network.loop(problem.order), claim, table.gain_limit)
+    decaying = network if table.decay is None else network.decaying(table.decay)
+    search = Search.of(
+        decaying.loop(problem.order), claim, table.gain_limit, rate=rate_of_controllers(problem)
+    )
     found = search_gains(
         search,
         starts=table.starts,
@@ -95,6 +101,17 @@ def searched(
     tell("looking for what is in the way", 1.0)
     said, why = hint(problem, network, claim)
     raise NotCertified(f"{refused}{said}", **refused.figures, **why)
+
+
+def rate_of_controllers(problem: Problem) -> float | None:
+    """Return the rate, in 1/s, that each controller is to forget with by itself; None where nothing is asked of them.
+
+    Stable is what is asked and proved. In the search 1/e within `FORGOTTEN` periods is: a controller that hardly decays is
+    stable for a proof and not for whoever commissions it.
+    """
+    if not problem.design.stable_controllers:
+        return None
+    return max(1 / (FORGOTTEN * problem.controller.period), problem.design.decay or 0.0)
 
 
 def start_of(outcome: Outcome, search: Search) -> Start:

@@ -50,6 +50,7 @@ def design_modes(
     *,
     starts: int,
     seed: int,
+    rate: float | None = None,
     tell: Callable[[float], None] | None = None,
 ) -> Gains:
     """Search for one K that all agents use.
@@ -59,8 +60,8 @@ def design_modes(
         Infeasible: no gains were found; with the part of alpha that was reached.
     """
     known = check_covered(network.matrices, claim)
-    modes = Modes(network.plant, order)
-    search = ModalSearch.of(modes, claim, segment_ends(network, known), gain_limit)
+    modes = Modes(network.plant, order, network.decay)
+    search = ModalSearch.of(modes, claim, segment_ends(network, known), gain_limit, rate)
     best: Found | None = None
     for index in range(starts):
         if tell is not None:
@@ -101,7 +102,7 @@ def prove_modes(network: Network, gains: Gains, claim: Claim) -> ModalCertificat
         NotCertified: no certificate was found, or none survived the exact check.
     """
     known = check_covered(network.matrices, claim)
-    modes, K = Modes(network.plant, gains.order), gains.blocks[0]
+    modes, K = Modes(network.plant, gains.order, network.decay), gains.blocks[0]
     spread = float(as_floats(np.array([known.spread], dtype=object))[0])
     ends, least = _fine_enough(network, known, modes, K, claim)
     if least is None:
@@ -119,6 +120,14 @@ def prove_modes(network: Network, gains: Gains, claim: Claim) -> ModalCertificat
         rho=math.sqrt(least.sigma * spread),
         alpha=claim.alpha,
     )
+
+
+def least_sigma(network: Network, gains: Gains, claim: Claim) -> float | None:
+    """Return the least sigma that the solver finds with the coarse segments of the search; None where it finds none."""
+    known = check_covered(network.matrices, claim)
+    modes = Modes(network.plant, gains.order, network.decay)
+    found = witness(modes, gains.blocks[0], claim, segment_ends(network, known))
+    return None if found is None else found.sigma
 
 
 def _fine_enough(

@@ -62,17 +62,21 @@ class ModalSearch:
 
     @classmethod
     def of(
-        cls, modes: Modes, claim: Claim, ends: Float[np.ndarray, " s"], gain_limit: float
+        cls,
+        modes: Modes,
+        claim: Claim,
+        ends: Float[np.ndarray, " s"],
+        gain_limit: float,
+        rate: float | None = None,
     ) -> "ModalSearch":
-        """Return the search over the modes of a plant at the ends of segments."""
+        """Return the search over the modes of a plant at the ends of segments; A_C is to have a rate of its own if given."""
         graph, plant = graph_of(ends), modes.plant
         plant = Plant(plant.A, (plant.B[0],) * graph.N, plant.C, plant.G, plant.H)
-        loop = Network(plant, graph).loop(modes.order, exact_arithmetic=False)
+        loop = Network(plant, graph, decay=modes.decay).loop(modes.order, exact_arithmetic=False)
         few = replace(claim, delta=np.zeros((graph.N, 4)))
         loop, few, units = scaled(loop, few)
-        return cls(
-            modes, claim, ends, gain_limit, SmoothedNorm(loop, few, gain_limit, units.gains, shared=True)
-        )
+        norm = SmoothedNorm(loop, few, gain_limit, units.gains, shared=True, rate=rate)
+        return cls(modes, claim, ends, gain_limit, norm)
 
 
 def graph_of(eigenvalues: Float[np.ndarray, " s"]) -> Graph:
@@ -97,14 +101,12 @@ def graph_of(eigenvalues: Float[np.ndarray, " s"]) -> Graph:
     return Graph(adjacency)
 
 
-def stabilised(
-    modes: Modes, K: Float[np.ndarray, "a b"], values: Float[np.ndarray, " v"], gain_limit: float
-) -> Float[np.ndarray, "a b"]:
-    """Lower the largest abscissa over the ends of the segments, and over A_C, within the gain limit.
+def stabilised(search: ModalSearch, K: Float[np.ndarray, "a b"]) -> Float[np.ndarray, "a b"]:
+    """Lower the largest abscissa over the ends of the segments, and over A_C + rate I, within the gain limit.
 
     The gains are gain_limit Z / sqrt(1 + |Z|^2), so that every Z is allowed.
     """
-    ways = _ways(modes, values)
+    ways, gain_limit = _ways(search), search.gain_limit
     for weight in GAIN_WEIGHTS:
         K = _lowered(ways, K * min(1.0, 0.9 * gain_limit / float(np.linalg.norm(K))), gain_limit, weight)
         if _worst(ways, K)[0] < 0:
@@ -128,11 +130,16 @@ def _lowered(
     return np.asarray(gain_limit * Z / np.sqrt(1 + Z @ Z)).reshape(K.shape)
 
 
-def _ways(modes: Modes, values: Float[np.ndarray, " v"]) -> list[tuple[Any, Any, Any]]:
-    """Return (A_0, U, Y) of the loop at each lambda, and of A_C."""
-    ways = [(modes.A_0, modes.U, modes.Y(value)) for value in values]
+def _ways(search: ModalSearch) -> list[tuple[Any, Any, Any]]:
+    """Return (A_0, U, Y) of the loop at each lambda, and of A_C + rate I."""
+    modes = search.modes
+    ways = [(modes.A_0, modes.U, modes.Y(value)) for value in search.ends]
     n_C, (rows, columns) = modes.order, (modes.U.shape[1], modes.Y(1.0).shape[0])
-    return [*ways, (np.zeros((n_C, n_C)), np.eye(n_C, rows), np.eye(columns, n_C))] if n_C else ways
+    return (
+        [*ways, (max(modes.decay, search.norm.rate) * np.eye(n_C), np.eye(n_C, rows), np.eye(columns, n_C))]
+        if n_C
+        else ways
+    )
 
 
 def _worst(
@@ -163,9 +170,9 @@ def from_start(search: ModalSearch, seed: int, index: int) -> Found:
 def _descent(search: ModalSearch, generator: np.random.Generator) -> Found:
     ends, norm, limit = search.ends, search.norm, search.gain_limit
     size = generator.choice([0.5, 1.0, 2.0]) / np.sqrt(ends[0] * ends[-1]) ** 0.5
-    K = stabilised(search.modes, size * generator.standard_normal(norm.shape[1:]), ends, limit)
+    K = stabilised(search, size * generator.standard_normal(norm.shape[1:]))
     K = K * min(1.0, 0.9 * limit / max(float(np.linalg.norm(K, 2)), 1e-300))
-    if _worst(_ways(search.modes, ends), K)[0] >= 0:
+    if _worst(_ways(search), K)[0] >= 0:
         return Found(None, None, 0.0)
     at = descended(norm, np.repeat(K[None], norm.shape[0], axis=0))
     K = (refined(norm, at) if np.isfinite(at.rho) else at).K[0]

@@ -89,7 +89,8 @@ def _mean(modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim) -> Float[np.n
     """Return P_mean with He(P_mean A_C) = -2 (Q + C_C'W C_C): half of it is room for rounding."""
     if not modes.order:
         return np.zeros((0, 0))
-    A_C, C_C = K[: modes.order, : modes.order], K[modes.order :, : modes.order]
+    A_C = K[: modes.order, : modes.order] + modes.decay * np.eye(modes.order)
+    C_C = K[modes.order :, : modes.order]
     L = _lyapunov_factor(A_C, 2 * (claim.Q + (C_C.T @ claim.W @ C_C if len(claim.W) else 0)))
     return None if L is None else np.asarray(L @ L.T)
 

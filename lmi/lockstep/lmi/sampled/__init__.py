@@ -18,7 +18,7 @@ improve      design for the period: the best of what descents reach from several
 
 from lockstep.check.sampled.certify import SampledVerdict
 from lockstep.check.sampled.controller import HeldController, Network
-from lockstep.check.sampled.performance import SampledRho, Weights
+from lockstep.check.sampled.performance import SampledRho
 from lockstep.lmi.sampled.certify import certify_sampled
 from lockstep.lmi.sampled.performance import sampled_rho
 from lockstep.lmi.sampled.period import max_period
@@ -28,7 +28,6 @@ __all__ = [
     "Network",
     "SampledRho",
     "SampledVerdict",
-    "Weights",
     "certify_sampled",
     "max_period",
     "sampled_rho",

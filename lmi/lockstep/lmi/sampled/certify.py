@@ -17,7 +17,7 @@ from lockstep.check.sampled.certify import SampledVerdict, decide_sampled, refus
 from lockstep.check.sampled.controller import HeldController, Network
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.lifting import Lifted, lift
-from lockstep.check.sampled.loop import SampledLoop, sampled_loop
+from lockstep.check.sampled.loop import NO_NOISE, SampledLoop, sampled_loop
 from lockstep.lmi.sampled.candidates import candidates
 from lockstep.lmi.sampled.search import best_multiplier, gain, spectral_radius
 
@@ -84,10 +84,12 @@ def first_guess(d: Disagreement, guess: Float[np.ndarray, " pairs"] | None) -> F
     return np.array(guess, dtype=float) if usable else np.ones(pairs)
 
 
-def in_doubles(network: Network, controllers: tuple[HeldController, ...]) -> SampledLoop:
+def in_doubles(
+    network: Network, controllers: tuple[HeldController, ...], noise: Float[np.ndarray, " q"] = NO_NOISE
+) -> SampledLoop:
     """Return the loop in doubles, for the search."""
     plant, d = plant_in_doubles(network)
-    return sampled_loop(replace(network, plant=plant, d=d), controllers)
+    return sampled_loop(replace(network, plant=plant, d=d), controllers, noise)
 
 
 def plant_in_doubles(network: Network) -> tuple[Plant, Disagreement]:

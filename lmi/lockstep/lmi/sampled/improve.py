@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.inequality import Performance
 from lockstep.check.sampled.controller import PRECISIONS, HeldController
 from lockstep.check.sampled.controller import Network as SampledNetwork
-from lockstep.check.sampled.performance import Weights
 from lockstep.lmi.sampled.certify import in_doubles
 from lockstep.lmi.sampled.descent import Descent, Point, within
 from lockstep.lmi.sampled.objective import Objective
@@ -59,12 +59,12 @@ class AtPeriod:
     """A network whose controllers are sampled with its period, for gains that may move.
 
     network: agents, coordinates, alpha, period, delay, the matrices exact;  edges: (listener, source, weight), from 1;
-    weights: R and Q;  order: n_C;  gain_limit: of each K_i.
+    weights: what rho is a gain to and from;  order: n_C;  gain_limit: of each K_i.
     """
 
     network: SampledNetwork
     edges: Sequence[tuple[int, int, float]]
-    weights: Weights
+    weights: Performance
     order: int
     gain_limit: float
 
@@ -100,7 +100,8 @@ def measured(
 ) -> Measured | None:
     """Return the sampled rho of gains with their best scale of m; None where none of them shows one."""
     try:
-        loop = in_doubles(at.network, at.controllers(tustin(K, at.order, at.network.period)))
+        controllers = at.controllers(tustin(K, at.order, at.network.period))
+        loop = in_doubles(at.network, controllers, at.weights.outputs)
     except np.linalg.LinAlgError:
         return None
     weights = usable(m, len(at.network.d.pairs()))

@@ -6,7 +6,8 @@ lifted period depends on M and rho alone (`performance`), the closed loop on the
     a = start xi,   xi+ = N xi + J w_d,   N = [A_d start; advanced],   cost xi' (start' Q start + T diag(0, I (x) Q_C)) xi.
 
 The continuous loop has a multiplier of its own, and M^-1 (x) G G' + rho^-2 S^-1 (x) I and M (x) alpha^2 H'H + S (x) R in
-place of S and Q. `response` makes one number of either, at most 0 where rho is a bound, as far as its points show.
+place of S and Q. What u weighs and the noise of the outputs are left to those who judge the gains that come out.
+`response` makes one number of either, at most 0 where rho is a bound, as far as its points show.
 """
 
 from functools import cached_property
@@ -15,10 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
+from lockstep.check.inequality import Performance
 from lockstep.check.loop import build_loop
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.loop import SampledLoop
-from lockstep.check.sampled.performance import Weights, running_cost
+from lockstep.check.sampled.performance import running_cost
 from lockstep.lmi.sampled.response import Poles, power_mean
 from lockstep.lmi.sampled.slopes import lifted_period
 from lockstep.lmi.sampled.tustin import pulled_back, tustin
@@ -50,7 +52,7 @@ class Closed(NamedTuple):
 class Objective:
     """The two loops of one problem, for any gains."""
 
-    def __init__(self, loop: SampledLoop, weights: Weights, order: int) -> None:
+    def __init__(self, loop: SampledLoop, weights: Performance, order: int) -> None:
         """Take the sampled loop in doubles with controllers that are zero."""
         self.loop, self.weights, self.order = loop, weights, order
         plant, d = loop.network.plant, loop.network.d
@@ -99,7 +101,7 @@ class Objective:
     @cached_property
     def _running(self) -> Float[np.ndarray, "n_xi n_xi"]:
         n = self.loop.n_xi
-        return np.asarray(running_cost(self.loop, self.weights)[:n, :n])
+        return np.asarray(running_cost(self.loop, Performance(self.weights.R, self.weights.Q), 1.0)[:n, :n])
 
     def _ways(
         self, logs: Float[np.ndarray, " pairs"], log_rho: float
@@ -116,8 +118,8 @@ class Objective:
 
     @cached_property
     def _disturbed(self) -> Float[np.ndarray, "n_d n_d"]:
-        S = self.loop.network.d.S
-        return np.kron(np.linalg.inv(S), np.eye(len(self.loop.network.plant.A)))
+        scales = self.weights.states if len(self.weights.states) else np.ones(len(self.loop.network.plant.A))
+        return np.kron(np.linalg.inv(self.loop.network.d.S), np.diag(scales**2))
 
     @cached_property
     def _weighed(self) -> Float[np.ndarray, "n_d n_d"]:

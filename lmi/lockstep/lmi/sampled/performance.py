@@ -11,12 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.inequality import Performance
 from lockstep.check.numbers import Matrix
 from lockstep.check.sampled.controller import HeldController, Network
 from lockstep.check.sampled.inequality import Witness, multiplier
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
-from lockstep.check.sampled.performance import SampledRho, Weights, lift_all, proves_rho, running_cost, ways
+from lockstep.check.sampled.performance import SampledRho, lift_all, proves_rho, running_cost, ways
 from lockstep.lmi.sampled.candidates import ROUNDINGS, confirmed, priced
 from lockstep.lmi.sampled.certify import first_guess, in_doubles, period_in_doubles
 from lockstep.lmi.sampled.search import best_multiplier
@@ -51,7 +52,7 @@ PRICE = 1e8
 def sampled_rho(
     network: Network,
     controllers: tuple[HeldController, ...],
-    weights: Weights,
+    weights: Performance,
     guess: Float[np.ndarray, " pairs"] | None = None,
 ) -> SampledRho | None:
     """Find and prove a small rho; None if none is proved.
@@ -59,11 +60,12 @@ def sampled_rho(
     Args:
         network: agents, coordinates, alpha, period, delay, the matrices exact.
         controllers: one per agent, with the coefficients of the code; all their rounding is covered.
-        weights: R and Q.
+        weights: what rho is a gain to and from.
         guess: pair weights, in their own scale: those of the continuous certificate. Where they prove nothing, or
             there are none, those that prove stability are tried in their best scale.
     """
-    loop, exact_loop = in_doubles(network, controllers), sampled_loop(network, controllers)
+    loop = in_doubles(network, controllers, weights.outputs)
+    exact_loop = sampled_loop(network, controllers, weights.outputs)
     for m in _pair_weights(loop, weights, guess):
         found = _proved_with(loop, exact_loop, weights, m)
         if found is not None:
@@ -72,7 +74,7 @@ def sampled_rho(
 
 
 def _proved_with(
-    loop: SampledLoop, exact_loop: SampledLoop, weights: Weights, m: Float[np.ndarray, " pairs"]
+    loop: SampledLoop, exact_loop: SampledLoop, weights: Performance, m: Float[np.ndarray, " pairs"]
 ) -> SampledRho | None:
     least = least_rho(loop, weights, m)
     if least is None:
@@ -86,7 +88,7 @@ def _proved_with(
     return None
 
 
-def lifted_with_performance(loop: SampledLoop, weights: Weights, M: Matrix, rho: float) -> Lifted:
+def lifted_with_performance(loop: SampledLoop, weights: Performance, M: Matrix, rho: float) -> Lifted:
     """Return one period of x_d in doubles with the disturbance and the weighted state, for a multiplier and a rho."""
     from scipy.linalg import expm
 
@@ -145,7 +147,7 @@ class _Period:
 
 
 def _period(
-    loop: SampledLoop, weights: Weights, m: Float[np.ndarray, " pairs"], rho: float
+    loop: SampledLoop, weights: Performance, m: Float[np.ndarray, " pairs"], rho: float
 ) -> _Period | None:
     """Lift a period, or return None where the period alone exceeds rho."""
     try:
@@ -157,12 +159,12 @@ def _period(
     # Past a conjugate point the formulas go on and mean nothing: S or Q is then no longer a square.
     if any(np.linalg.eigvalsh(part)[0] < -SQUARE * np.abs(part).max() for part in (lifted.S, lifted.Q)):
         return None
-    return _Period(loop, lifted, m, running_cost(loop, weights), float(np.linalg.norm(weights.R, 2)))
+    return _Period(loop, lifted, m, running_cost(loop, weights, rho), float(np.linalg.norm(weights.R, 2)))
 
 
 def least_rho(
     loop: SampledLoop,
-    weights: Weights,
+    weights: Performance,
     m: Float[np.ndarray, " pairs"],
     between: tuple[float, float] | None = None,
     *,
@@ -185,7 +187,7 @@ def least_rho(
 
 
 def _pair_weights(
-    loop: SampledLoop, weights: Weights, guess: Float[np.ndarray, " pairs"] | None
+    loop: SampledLoop, weights: Performance, guess: Float[np.ndarray, " pairs"] | None
 ) -> Iterator[Float[np.ndarray, " pairs"]]:
     """Yield pair weights to prove rho with: those known, then those that prove stability, then the known ones scaled.
 
@@ -203,7 +205,7 @@ def _pair_weights(
 
 
 def _in_the_best_scale(
-    loop: SampledLoop, weights: Weights, m: Float[np.ndarray, " pairs"]
+    loop: SampledLoop, weights: Performance, m: Float[np.ndarray, " pairs"]
 ) -> Float[np.ndarray, " pairs"] | None:
     from scipy.optimize import minimize_scalar
 

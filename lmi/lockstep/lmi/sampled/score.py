@@ -9,7 +9,6 @@ from jaxtyping import Float
 from lockstep.check.inequality import Certificate, Claim, split
 from lockstep.check.loop import Loop
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, Network
-from lockstep.check.sampled.performance import Weights
 from lockstep.check.sampled.sector import common_sector
 from lockstep.lmi.sampled.certify import in_doubles
 from lockstep.lmi.sampled.improve import usable
@@ -91,8 +90,8 @@ class SampledScore:
             )
             network = replace(network, sector=sector)
         loop, of_rho, m = (
-            in_doubles(network, controllers),
-            Weights(self.claim.R, self.claim.Q),
+            in_doubles(network, controllers, self.claim.outputs),
+            self.claim.performance,
             usable(m, len(self.loop.d.pairs())),
         )
         found = (least_rho(loop, of_rho, scale * m, resolution=RESOLUTION) for scale in SCALES)

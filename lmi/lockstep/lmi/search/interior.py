@@ -4,10 +4,11 @@ With x = (P, K, m, t, rho^2, f_a, f_d) of `logdet` and a goal g,
 
     minimise  g(x) / mu - log det(-F(x)) - sum_i log det [l I, K_i; K_i', l I] - sum log(m, t, rho^2, ...)
 
-for a falling mu, l being the gain limit. Where controllers are to be stable by themselves, - log det(-He(P_i A_Ci)) is
-added for each, with He(P_i A_Ci) = -I where a run for one mu begins: not all stable A_Ci are inside then, but P_i moves
-along. The curvature of F is indefinite, so each step adds to the square part of it as much as makes the whole positive
-definite: steps are then long where the barrier is flat, whatever the units of x are.
+for a falling mu, l being the gain limit. Where controllers are to be stable by themselves,
+- log det(-He(P_i (A_Ci + rate I))) is added for each, with He(P_i (A_Ci + rate I)) = -I where a run for one mu begins: not
+all stable A_Ci are inside then, but P_i moves along. The curvature of F is indefinite, so each step adds to the square
+part of it as much as makes the whole positive definite: steps are then long where the barrier is flat, whatever the
+units of x are.
 
 It replaces a smooth program with a factor for each semidefinite condition, which a general interior-point solver took to
 the same rho on the arms (3.350 here, 3.343 there), but from other starts to gains without a certificate, under some linear
@@ -112,9 +113,9 @@ class Task:
 class InteriorProgram:
     """The barrier problem for one loop, claim and gain limit."""
 
-    def __init__(self, loop: Loop, claim: Claim, gain_limit: float, *, stable: bool = False) -> None:
+    def __init__(self, loop: Loop, claim: Claim, gain_limit: float, *, rate: float | None = None) -> None:
         self.loop, self.claim, self.gain_limit = loop, claim, gain_limit
-        self.order_kept_stable = loop.order if stable else 0
+        self.rate, self.order_kept = rate or 0.0, loop.order if rate is not None else 0
         self.ways = gain_errors(loop, claim.delta)
 
     def improve(self, start: Point, aim: Aim = "rho", limits: Limits | None = None) -> Point:
@@ -186,11 +187,12 @@ class InteriorProgram:
         )
 
     def _storages(self, K: Float[np.ndarray, "N k l"]) -> tuple[Float[np.ndarray, "n_C n_C"], ...]:
-        """Return P_i with P_i A_Ci + A_Ci' P_i = -I of each controller that is to be stable by itself."""
+        """Return P_i with He(P_i (A_Ci + rate I)) = -I of each controller that is to be stable by itself."""
         from scipy.linalg import solve_continuous_lyapunov
 
-        n_C = self.order_kept_stable
-        found = [solve_continuous_lyapunov(block[:n_C, :n_C].T, -np.eye(n_C)) for block in K] if n_C else []
+        n_C = self.order_kept
+        unit, blocks = np.eye(n_C), K[:, :n_C, :n_C] if n_C else ()
+        found = [solve_continuous_lyapunov((A_C + self.rate * unit).T, -unit) for A_C in blocks]
         return tuple((P + P.T) / 2 for P in found)
 
     def _barrier(
@@ -209,12 +211,19 @@ class InteriorProgram:
             np.linalg.cholesky(F.P(x))  # implied by F < 0 along a path, not for a jump
             for P in storages:
                 np.linalg.cholesky(P)
-            own = [-_dissipation(P, block) for P, block in zip(storages, F.K(x), strict=False)]
+            own = [-self._dissipation(P, block) for P, block in zip(storages, F.K(x), strict=False)]
             for matrix in (-F.F(x), *(self._limit(block) for block in F.K(x)), *own):
                 total -= 2 * float(np.log(np.diag(np.linalg.cholesky(matrix))).sum())
         except np.linalg.LinAlgError:
             return np.inf
         return total
+
+    def _dissipation(
+        self, P: Float[np.ndarray, "n_C n_C"], K: Float[np.ndarray, "k l"]
+    ) -> Float[np.ndarray, "n_C n_C"]:
+        """Return He(P (A_C + rate I))."""
+        half = P @ K[: len(P), : len(P)]
+        return np.asarray(half + half.T + 2 * self.rate * P)
 
     def _add_own(
         self,
@@ -224,9 +233,9 @@ class InteriorProgram:
         P: Float[np.ndarray, "n_C n_C"],
         K: Float[np.ndarray, "k l"],
     ) -> None:
-        """Add slope and curvature of -log det(-He(P A_C)) in the entries of A_C, row by row."""
+        """Add slope and curvature of -log det(-He(P (A_C + rate I))) in the entries of A_C, row by row."""
         row, column = (index.ravel() for index in np.indices(P.shape))
-        S = np.linalg.inv(-_dissipation(P, K))
+        S = np.linalg.inv(-self._dissipation(P, K))
         SP, PSP = S @ P, P @ S @ P
         across = SP[np.ix_(column, row)]
         slope[place] += 2 * SP[column, row]
@@ -290,14 +299,6 @@ class InteriorProgram:
             slope[i] += first[i] / mu
             rest[i, i] += second[i] / mu
         return slope, square, rest
-
-
-def _dissipation(
-    P: Float[np.ndarray, "n_C n_C"], K: Float[np.ndarray, "k l"]
-) -> Float[np.ndarray, "n_C n_C"]:
-    """Return P A_C + A_C' P."""
-    half = P @ K[: len(P), : len(P)]
-    return np.asarray(half + half.T)
 
 
 def _logarithms(weights: dict[int, float]) -> Goal:

@@ -16,7 +16,7 @@ what is lowered is
     log [ sum_omega sum_i lambda_i(omega)^p / n_omega ] / p - (b / p) sum_i log det(I - K_i K_i' / l^2)
 
 with p growing and the gain limit l inside: a p-norm of the eigenvalues and a barrier, to which log tr of the Gramian of
-each A_Ci is added where controllers are to be stable by themselves. Its slope costs one pass back
+each A_Ci + rate I is added where controllers are to be stable by themselves. Its slope costs one pass back
 through the resolvent. From random stable gains it comes within a few tenths of the least rho in a second, where a
 program that moves P along takes minutes, and it prefers gains that are well damped at all frequencies, because every
 one of them counts.
@@ -110,7 +110,7 @@ class SmoothedNorm:
         gain_limit: on the spectral norm of each agent's gains.
         units: the size of an entry of the gains.
         shared: whether all agents have the same gains, and all pairs the same weights: x then holds each once.
-        stable: whether each controller is to be stable by itself.
+        rate: that each A_Ci is to have by itself, Re lambda < -rate; None to ask nothing of them.
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class SmoothedNorm:
         units: Float[np.ndarray, "k l"],
         *,
         shared: bool = False,
-        stable: bool = False,
+        rate: float | None = None,
     ) -> None:
         self.loop, self.gain_limit, self.units = loop, gain_limit, units
         self.U, self.Y = np.stack(loop.U), np.stack(loop.Y)
@@ -137,7 +137,7 @@ class SmoothedNorm:
             self.noise[:, self.n_v :] = np.vstack(first.Y) @ unit
         self.effort = np.zeros((self.shape[1],) * 2)
         self.effort[loop.order :, loop.order :] = claim.W if len(claim.W) else 0.0
-        self.order_kept_stable = loop.order if stable else 0
+        self.rate, self.order_kept = rate or 0.0, loop.order if rate is not None else 0
         self.weight, self.W = form.constant[:n, :n], form.slopes[:-1, :n, :n]
         self.D = -form.slopes[:-1, inner:, inner:]
         self.agents, self.pairs = (self.shape[0], len(loop.d.pairs())) if shared else (1, 1)
@@ -297,9 +297,9 @@ class SmoothedNorm:
             return None
         value = -2 * weight * float(np.log(np.diagonal(root, axis1=1, axis2=2)).sum())
         slope = 2 * weight / limit * np.linalg.solve(room, K)
-        n_C = self.order_kept_stable
+        n_C = self.order_kept
         for i in range(len(K) if n_C else 0):
-            poles = Poles(K[i, :n_C, :n_C], continuous=True)
+            poles = Poles(K[i, :n_C, :n_C] + self.rate * np.eye(n_C), continuous=True)
             if not poles.stable:
                 return None
             near, turn = poles.log_gramian()

@@ -31,7 +31,7 @@ def stabilise(
     iterations: int = 100,
     *,
     units: Float[np.ndarray, "k l"] | float = 1.0,
-    controllers: bool = False,
+    rate: float | None = None,
 ) -> tuple[Float[np.ndarray, "N k l"], float]:
     """Return gains with a smaller abscissa than K's and norms of about `limit` at most, and that abscissa.
 
@@ -41,19 +41,19 @@ def stabilise(
         limit: on the spectral norm of each agent's gains.
         iterations: of the quasi-Newton method.
         units: the size of an entry of the gains: the descent moves K / units.
-        controllers: whether the abscissa of each A_Ci counts as well.
+        rate: that each A_Ci is to have by itself; None to ask nothing of them.
     """
 
     def objective(flat: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
         blocks = flat.reshape(K.shape) * units
-        value, slope = abscissa(loop, blocks, controllers=controllers)
+        value, slope = abscissa(loop, blocks, rate=rate)
         excess, pull = _excess(blocks, limit)
         value += GAIN_WEIGHT * float(np.mean(flat**2)) + EXCESS_WEIGHT * excess
         total = (slope + EXCESS_WEIGHT * pull) * units
         return value, total.ravel() + 2 * GAIN_WEIGHT * flat / flat.size
 
     found = descend(objective, (K / units).ravel(), iterations).reshape(K.shape) * units
-    return found, abscissa(loop, found, controllers=controllers)[0]
+    return found, abscissa(loop, found, rate=rate)[0]
 
 
 def _excess(K: Float[np.ndarray, "N k l"], limit: float) -> tuple[float, Float[np.ndarray, "N k l"]]:
@@ -69,17 +69,17 @@ def _excess(K: Float[np.ndarray, "N k l"], limit: float) -> tuple[float, Float[n
 
 
 def abscissa(
-    loop: Loop, K: Float[np.ndarray, "N k l"], *, controllers: bool = False
+    loop: Loop, K: Float[np.ndarray, "N k l"], *, rate: float | None = None
 ) -> tuple[float, Float[np.ndarray, "N k l"]]:
     """Return max Re lambda(A_cl) and its slope in K: for a simple eigenvalue with vectors l, r, Re(U_i' l r' Y_i' / l'r).
 
-    With `controllers`, the largest of it and of the abscissas of all A_Ci.
+    With a rate, the largest of it and of those of all A_Ci + rate I.
     """
     value, slope = _abscissa(loop.A_cl(K), loop.U, loop.Y)
-    n_C = loop.order if controllers else 0
+    n_C = 0 if rate is None else loop.order
     for i in range(len(K) if n_C else 0):
         unit = np.eye(n_C, K.shape[1]), np.eye(K.shape[2], n_C)
-        own, turn = _abscissa(K[i, :n_C, :n_C], [unit[0]], [unit[1]])
+        own, turn = _abscissa(K[i, :n_C, :n_C] + (rate or 0.0) * np.eye(n_C), [unit[0]], [unit[1]])
         if own > value:
             value, slope = own, np.zeros_like(K)
             slope[i] = turn[0]

@@ -55,23 +55,24 @@ UNPROVED = 1 - 1e-9
 class Search:
     """What is searched: loop and claim in the units of the search, the gains in those of the file.
 
-    gain_limit: on the spectral norm of each agent's gains;  stable: whether each controller is to be stable by itself.
+    gain_limit: on the spectral norm of each agent's gains;  rate: that each A_Ci
+    is to have by itself, Re lambda < -rate, in 1/s; None to ask nothing of them.
     """
 
     loop: Loop
     claim: Claim
     units: Units
     gain_limit: float
-    stable: bool = False
+    rate: float | None = None
 
     @classmethod
-    def of(cls, loop: Loop, claim: Claim, gain_limit: float, *, stable: bool = False) -> "Search":
+    def of(cls, loop: Loop, claim: Claim, gain_limit: float, *, rate: float | None = None) -> "Search":
         """Return the search for a loop and a claim in the units of the file."""
-        return cls(*scaled(loop, claim), gain_limit, stable)
+        return cls(*scaled(loop, claim), gain_limit, rate)
 
-    def __reduce__(self) -> tuple[type["Search"], tuple[Loop, Claim, Units, float, bool]]:
+    def __reduce__(self) -> tuple[type["Search"], tuple[Loop, Claim, Units, float, float | None]]:
         """Leave what is built from these behind: it is built again where it is needed."""
-        return Search, (self.loop, self.claim, self.units, self.gain_limit, self.stable)
+        return Search, (self.loop, self.claim, self.units, self.gain_limit, self.rate)
 
     @property
     def is_large(self) -> bool:
@@ -81,12 +82,12 @@ class Search:
     @cached_property
     def program(self) -> InteriorProgram:
         """The nonlinear program of the loop."""
-        return InteriorProgram(self.loop, self.claim, self.gain_limit, stable=self.stable)
+        return InteriorProgram(self.loop, self.claim, self.gain_limit, rate=self.rate)
 
     @cached_property
     def norm(self) -> SmoothedNorm:
         """The smoothed norm of the loop."""
-        return SmoothedNorm(self.loop, self.claim, self.gain_limit, self.units.gains, stable=self.stable)
+        return SmoothedNorm(self.loop, self.claim, self.gain_limit, self.units.gains, rate=self.rate)
 
 
 Score = Callable[[Float[np.ndarray, "N k l"], Float[np.ndarray, " weights"]], float]
@@ -168,9 +169,9 @@ def stable_gains(search: Search, seed: int, index: int) -> tuple[Float[np.ndarra
         if index % 2:
             drawn[:] = drawn[0]
         first = within(drawn * units, DRAWN * limit)
-        K = stabilise(search.loop, first, STABLE * limit, units=units, controllers=search.stable)[0]
+        K = stabilise(search.loop, first, STABLE * limit, units=units, rate=search.rate)[0]
         K = within(K, INSIDE * limit)
-        abscissa = abscissa_of(search.loop, K, controllers=search.stable)[0]
+        abscissa = abscissa_of(search.loop, K, rate=search.rate)[0]
         best = min(best, (K, abscissa), key=lambda found: found[1])
         if abscissa < 0:
             break

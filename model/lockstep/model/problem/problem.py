@@ -11,16 +11,23 @@ from jaxtyping import Float
 
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import ProblemError
+from lockstep.check.inequality import Performance
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.problem.assumptions import check_assumptions
 from lockstep.model.problem.build import build_agent, build_graph, build_variants
 from lockstep.model.problem.from_agent import plain, tables_of
 from lockstep.model.problem.gains import GivenGains, given_gains
-from lockstep.model.problem.load import parse_tables, parse_toml, read_problem
-from lockstep.model.problem.schema import ControllerTable, DesignTable, ProblemFile, SimulationTable
+from lockstep.model.problem.load import parse_tables, parse_toml, read_problem, with_wishes
+from lockstep.model.problem.schema import (
+    ControllerTable,
+    DesignTable,
+    DisturbancesTable,
+    ProblemFile,
+    SimulationTable,
+)
 from lockstep.model.problem.toml_text import toml_text
-from lockstep.model.problem.weights import weight_matrix
+from lockstep.model.problem.weights import input_weight, scale_of_each, weight_matrix
 
 DEFAULT_ORDER = 2
 
@@ -46,8 +53,7 @@ class Problem:
         self._check_method()
         self._check_disturbance()
         _ = self._agent, self._graph, self._variants, self.gains
-        self.state_weight(self._agent.n)
-        self.controller_weight(self.order)
+        _ = self.performance
         self.initial_states()
 
     @classmethod
@@ -82,7 +88,7 @@ class Problem:
         (1, 2, 3)
         """
         try:
-            return cls.from_document(parse_toml(text))
+            return cls.from_document(with_wishes(parse_toml(text)))
         except ProblemError as error:
             raise (error.within(name) if name else error) from None
 
@@ -120,7 +126,7 @@ class Problem:
         """
         tables = {"design": design, "controller": controller, "simulation": simulation}
         given = {name: plain(table) for name, table in tables.items() if table is not None}
-        return cls.from_document({"title": title, **tables_of(agent, graph, B), **given})
+        return cls.from_document(with_wishes({"title": title, **tables_of(agent, graph, B), **given}))
 
     def toml(self) -> str:
         """Return the text of a problem file that is this problem, without the keys that have their defaults."""
@@ -207,6 +213,24 @@ class Problem:
         """Return Q of one controller, nc x nc."""
         where = "[design.weights] controller"
         return weight_matrix(self.design.weights.controller, nc, where=where, per="controller state")
+
+    @cached_property
+    def performance(self) -> Performance:
+        """What rho is a gain to and from: R, Q, W, and the scales of the disturbances and the noise."""
+        agent, n, m = self.file.agent, self._agent.n, self._agent.m
+        scales, where = self.design.disturbances or DisturbancesTable(), "[design.disturbances]"
+        return Performance(
+            self.state_weight(n),
+            self.controller_weight(self.order),
+            input_weight(self.design.weights.input, m),
+            scale_of_each(scales.states, agent.states, where=f"{where} states", per="state"),
+            scale_of_each(
+                scales.outputs,
+                [name for name, _ in agent.outputs],
+                where=f"{where} outputs",
+                per="output",
+            ),
+        )
 
     def initial_states(self) -> Float[np.ndarray, "N n"]:
         """Return the states the simulation starts from, one row per agent."""

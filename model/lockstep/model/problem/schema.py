@@ -81,6 +81,7 @@ def _edge_out(edge: tuple[float, ...]) -> list[int | float]:
 Edge = Annotated[Numbers, PlainSerializer(_edge_out)]
 Interval = Annotated[tuple[float | None, float | None], BeforeValidator(_interval)]
 Weight = Annotated[Any, BeforeValidator(_weight)]
+Scales = NotNegative | dict[str, NotNegative] | None
 Outputs = Annotated[Many[Annotated[tuple[str, str], Strict(False)]], BeforeValidator(_pairs)]
 
 
@@ -135,10 +136,27 @@ class NetworkTable(Table):
 
 
 class WeightsTable(Table):
-    """[design] weights: R on the disagreement of the states, Q on the controller states."""
+    """[design] weights: R on the disagreement of the states, Q on the controller states, W on the inputs."""
 
     state: Weight = Field(default=1.0, description="a number, a list of numbers or a symmetric matrix")
     controller: Weight = Field(default=1.0, description="a number, a list of numbers or a symmetric matrix")
+
+    input: Weight = Field(
+        default=0.0, description="a number, 0 or more, a list of such numbers or a symmetric matrix"
+    )
+
+
+class DisturbancesTable(Table):
+    """[design.disturbances]: what rho is a gain from."""
+
+    states: Scales = Field(
+        default=None,
+        description="a scale, 0 or more, for all states or by state: those not named are not disturbed",
+    )
+    outputs: Scales = Field(
+        default=None,
+        description="a scale, 0 or more, for all outputs or by output: those not named are not noisy",
+    )
 
 
 class FragilityTable(Table):
@@ -174,6 +192,13 @@ class DesignTable(Table):
     )
     weights: WeightsTable = Field(
         default=WeightsTable(), description="a table, such as { state = 1.0, controller = 2.0 }"
+    )
+    disturbances: DisturbancesTable | None = Field(
+        default=None, description="a table, such as { outputs = { y1 = 0.001 } }"
+    )
+    decay: Positive | None = Field(default=None, description="a number of 1/s above 0")
+    stable_controllers: bool | None = Field(
+        default=None, description="true or false: whether each controller is to be stable by itself"
     )
     gain_limit: Positive = Field(default=50.0, description="a finite number above 0")
     fragility: FragilityTable | None = Field(default=None, description="a table, such as { A = 0.5 }")

@@ -1,4 +1,6 @@
-"""The weights R and Q of the paper as matrices."""
+"""The weights R and Q of the paper as matrices, W of the inputs, and the scales of disturbances."""
+
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -59,3 +61,49 @@ def weight_matrix(weight: Weight, size: int, *, where: str, per: str) -> Float[n
             f"its smallest eigenvalue is {least:.6g}", where=where, expected="a positive definite weight"
         )
     return np.array(matrix)
+
+
+def input_weight(weight: Weight, m: int) -> Float[np.ndarray, "m m"]:
+    """Return W of the m inputs, 0 x 0 where it weighs nothing.
+
+    Raises:
+        ProblemError: a wrong shape, a negative number, or a matrix that is not positive definite.
+
+    >>> input_weight(0.0, 1).shape, input_weight((0.5, 0.0), 2).tolist()
+    ((0, 0), [[0.5, 0.0], [0.0, 0.0]])
+    """
+    where = "[design.weights] input"
+    given = (
+        np.asarray(weight, dtype=float)
+        if not isinstance(weight, tuple) or not any(isinstance(row, tuple) for row in weight)
+        else None
+    )
+    if given is None:
+        return weight_matrix(weight, m, where=where, per="input")
+    if given.ndim == 1 and len(given) != m:
+        raise ProblemError(f"{len(given)} numbers for {m} inputs", where=where, expected="one per input")
+    if not np.isfinite(given).all() or (given < 0).any():
+        raise ProblemError(f"{float(given.min()):g}", where=where, expected="finite numbers, 0 or more")
+    return np.diag(np.broadcast_to(given, m)).copy() if given.any() else np.zeros((0, 0))
+
+
+def scale_of_each(
+    scales: float | Mapping[str, float] | None, names: Sequence[str], *, where: str, per: str
+) -> Float[np.ndarray, " k"]:
+    """Return a scale for each name, 0 for those not named; nothing where there are none at all.
+
+    Raises:
+        ProblemError: a name that is not one of these.
+
+    >>> scale_of_each({"v": 2.0}, ["p", "v"], where="here", per="state").tolist()
+    [0.0, 2.0]
+    """
+    if scales is None:
+        return np.zeros(0)
+    if not isinstance(scales, Mapping):
+        return np.full(len(names), float(scales))
+    for name in scales:
+        if name not in names:
+            known = ", ".join(f"`{one}`" for one in names)
+            raise ProblemError(f"`{name}` is no {per}", where=where, expected=f"one of {known}")
+    return np.array([float(scales.get(name, 0.0)) for name in names])

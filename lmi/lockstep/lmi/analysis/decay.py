@@ -1,0 +1,67 @@
+"""The fastest decay that is proved for given gains: e^(-sigma t) bounds every disagreement, for every phi and gain error.
+
+The loop of e^(sigma t) x_cl has A_0 + sigma I in place of A_0, and a phi with the same bound: a certificate of it, with
+any rho, proves V' < -2 sigma V. Of sigma = 0 the certificate of rho is one; -abscissa of A_cl is beyond.
+"""
+
+import numpy as np
+
+from lockstep.check.errors import NotCertified
+from lockstep.check.inequality import Certificate, Claim
+from lockstep.check.loop import Gains
+from lockstep.check.modes import ModalCertificate
+from lockstep.model.network import Network
+
+HALVINGS = 7
+"""Of the range from 0 to what the linear loop has: about 1 % of it."""
+
+KEPT = (0.98, 0.9, 0.7)
+"""Parts of the decay found in doubles that are claimed: rounding needs some room."""
+
+Decay = tuple[float, Certificate | ModalCertificate]
+
+
+def fastest_decay(network: Network, gains: Gains, claim: Claim, *, modal: bool) -> Decay | None:
+    """Return the fastest decay proved, in 1/s and short decimals, with its certificate; None where none is.
+
+    Args:
+        network: the agents and their graph.
+        gains: the controllers.
+        claim: alpha and delta; what rho weighs does not matter, but for the solver's scaling.
+        modal: whether a certificate of the modes is looked for.
+    """
+    low, high = 0.0, -float(np.linalg.eigvals(network.loop(gains.order).A_cl(gains.blocks)).real.max())
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if _holds(network.decaying(middle), gains, claim, modal) else (low, middle)
+    for part in KEPT:
+        decay = float(f"{part * low:.3g}")
+        if decay > 0:
+            try:
+                return decay, proved_decay(network, gains, claim, decay, modal=modal)
+            except NotCertified:
+                continue
+    return None
+
+
+def proved_decay(
+    network: Network, gains: Gains, claim: Claim, decay: float, *, modal: bool
+) -> Certificate | ModalCertificate:
+    """Return a certificate of a decay.
+
+    Raises:
+        NotCertified: none was found, or it did not survive the exact check.
+    """
+    from lockstep.lmi.analysis.rounding import prove
+    from lockstep.lmi.methods.modal import prove_modes
+
+    return (prove_modes if modal else prove)(network.decaying(decay), gains, claim)
+
+
+def _holds(network: Network, gains: Gains, claim: Claim, modal: bool) -> bool:
+    from lockstep.lmi.analysis.solve import least_rho
+    from lockstep.lmi.methods.modal import least_sigma
+
+    if modal:
+        return least_sigma(network, gains, claim) is not None
+    return least_rho(network.loop(gains.order), gains.blocks, claim) is not None
