@@ -4,7 +4,7 @@
     certificate    rho of the continuous controllers, in rationals
     asked          the file claims no less than its problem asks for
     decay, controllers_stable, floor, initial_set   where they are claimed
-    sampled        agreement of the sampled, rounded controllers, in balls;  sampled_rho, max_period: where they are claimed
+    sampled        agreement of the sampled, rounded controllers, in balls;  sampled_rho, max_period, limits: where claimed
     code           the controllers read out of the C are those of the design
 
 The first claim that fails ends the list: what follows rests on it.
@@ -46,6 +46,7 @@ from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.controller import Network as SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers
 from lockstep.check.sampled.inequality import Witness
+from lockstep.check.sampled.limits import proves_radius
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import SampledRho, proves_rho
 from lockstep.check.sampled.sector import Sector, common_sector
@@ -167,6 +168,8 @@ def _sampled(stored: Stored, network: Network, folder: Path | None) -> Iterator[
         yield "sampled_rho", _rho(stored, at, held)
     if claims.max_period is not None and claims.max_period > problem.period:
         yield "max_period", _longest(stored, at, proofs.max_period, claims.max_period)
+    if claims.radius is not None:
+        yield "limits", _radius(stored, at, held, claims.radius)
 
 
 def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:
@@ -175,7 +178,7 @@ def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:
         return Verdict("undecided", found.reason)
     proved = SampledClaims(
         True, found.period, found.delay, found.decay, claims.rho, found.residual, found.residual_rms,
-        found.underflow, found.deltas, claims.max_period,
+        found.underflow, found.deltas, claims.max_period, claims.radius,
     )  # fmt: skip
     broken = next(claims.better_than(proved), None)
     return Verdict("undecided", broken) if broken else Verdict("proved", found.reason)
@@ -189,6 +192,14 @@ def _rho(stored: Stored, at: SampledNetwork, held: tuple[HeldController, ...]) -
     weights = stored.problem.performance
     if not proves_rho(sampled_loop(at, held, weights.outputs), weights, SampledRho(rho, witness)):
         return Verdict("undecided", f"it is claimed that {said}, but its witness does not prove it")
+    return Verdict("proved", said)
+
+
+def _radius(stored: Stored, at: SampledNetwork, held: tuple[HeldController, ...], radius: float) -> Verdict:
+    witness, limits = stored.proofs.radius, stored.problem.limits
+    said = f"from |x_d(0)| <= {radius:g}, controllers at rest, no input meets its limit"
+    if witness is None or not proves_radius(sampled_loop(at, held), held, witness, limits, radius):
+        return Verdict("undecided", f"it is claimed that {said}, but no witness proves it")
     return Verdict("proved", said)
 
 

@@ -193,6 +193,21 @@ class Problem:
             _scales(scales.get("outputs"), self.agent.outputs, "[design.disturbances] outputs"),
         )
 
+    @property
+    def limits(self) -> Annotated[np.ndarray, " m"]:
+        """How far each input may go either way: the nearer of its two limits, infinite where it has none."""
+        table = part({"limits": {}, **part(self.tables, "agent", dict)}, "limits", dict)
+        only(table, self.agent.inputs, "[agent.limits]")
+        sides = [
+            _range(table.get(name, [None, None]), f"[agent.limits] {name}") for name in self.agent.inputs
+        ]
+        for name, (low, high) in zip(self.agent.inputs, sides, strict=True):
+            if not low < 0 < high:
+                raise ProblemError(
+                    f"[{low}, {high}]", where=f"[agent.limits] {name}", expected="a range around 0"
+                )
+        return np.array([min(-low, high) for low, high in sides])
+
     def network(self, moves: Sequence[Move], scales: Scales) -> tuple[Network, Agent]:
         """Return the network with slopes moved and G D_w, D_v^-1 H in place of G and H, and the agent that it is of."""
         agent = self.agent.moved(moves)

@@ -17,6 +17,8 @@ from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate
 from lockstep.check.sampled.certify import decide_sampled
 from lockstep.check.sampled.discretise import sampled_controllers as held_controllers
+from lockstep.check.sampled.inequality import Witness
+from lockstep.check.sampled.limits import proves_radius
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.sampled.sector import Sector, common_sector
@@ -30,6 +32,7 @@ from lockstep.lmi.sampled import (
     max_period,
     sampled_rho,
 )
+from lockstep.lmi.sampled.limits import largest_radius
 from lockstep.lmi.sampled.search import common_pair_weights
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
@@ -45,12 +48,13 @@ class HeldVerdict:
     """What is proved of sampled, rounded controllers.
 
     verdict: at their period;  longest: at the largest period certified for the design's gains, sampled anew;  rho: the
-    disturbance gain of the sampled loop, if proved.
+    disturbance gain of the sampled loop, if proved;  radius: of disagreements from which no input meets its limit.
     """
 
     verdict: SampledVerdict
     longest: SampledVerdict | None = None
     rho: SampledRho | None = None
+    radius: tuple[float, Witness] | None = None
 
     def claims(self) -> SampledClaims:
         """Return what may be claimed."""
@@ -68,6 +72,7 @@ class HeldVerdict:
             sampled.underflow,
             sampled.deltas,
             longest,
+            None if self.radius is None else self.radius[0],
         )
 
     def remarks(self) -> dict[str, Any]:
@@ -133,7 +138,20 @@ def prove_controllers(
         reach = longest_period(stored, network, guess)
     if verdict.certified and (reach is None or reach.period < verdict.period):
         reach = verdict
-    return HeldVerdict(verdict, reach, rho)
+    radius = _radius(stored, network, controllers) if verdict.certified else None
+    return HeldVerdict(verdict, reach, rho, radius)
+
+
+def _radius(
+    stored: Stored, network: Network, controllers: tuple[HeldController, ...]
+) -> tuple[float, Witness] | None:
+    """Return the radius that a design file states if its witness proves it, or a large one that is found and proved."""
+    limits, stated, witness = stored.problem.limits, stored.claims.sampled.radius, stored.proofs.radius
+    if stated is not None and witness is not None:
+        loop = sampled_loop(network, controllers)
+        if proves_radius(loop, controllers, witness, limits, stated):
+            return stated, witness
+    return largest_radius(network, controllers, limits) if np.isfinite(limits).any() else None
 
 
 def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
@@ -149,6 +167,7 @@ def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
         sampled=held.verdict.witness,
         sampled_rho=None if held.rho is None else held.rho.witness,
         max_period=None if held.longest is None else held.longest.witness,
+        radius=None if held.radius is None else held.radius[1],
     )
     return replace(
         stored,

@@ -88,6 +88,7 @@ def answer(stored: Stored) -> dict[str, Any]:
         **{key: value for key, value in claims.document().items() if value is not None or key in ALWAYS},
         "floor_proof": "none" if claims.floor is None else "exact",
         **({"initial_set": initial} if claims.scope == "local" else {}),
+        **({} if claims.sampled.radius is None else {"limits": {"radius": claims.sampled.radius}}),
         "gains": gains_document(stored.gains),
         "sampled": sampled_answer(stored),
         "figures": _table(info, "figures"),

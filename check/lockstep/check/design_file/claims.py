@@ -42,7 +42,8 @@ class SampledClaims:
     period: they agree when stepped so often, in s;  delay: periods until u acts;  decay: V shrinks by it from sample to
     sample (smaller is better);  rho: the disturbance gain (smaller is better);  residual, residual_rms, underflow: what
     remains of the disagreement (smaller is better);  rounding: per agent and letter, the gain error that stands for every
-    rounding of a step (smaller is better);  max_period: the same gains, sampled anew, agree at it too (larger is better).
+    rounding of a step (smaller is better);  max_period: the same gains, sampled anew, agree at it too (larger is better);  radius: from disagreements up to it, controllers at rest, no input meets
+    its limit (larger is better).
     """
 
     certified: bool = False
@@ -55,9 +56,10 @@ class SampledClaims:
     underflow: float | None = None
     rounding: tuple[Mapping[str, float], ...] = ()
     max_period: float | None = None
+    radius: float | None = None
 
     def __post_init__(self) -> None:
-        numbers = (self.period, self.delay, self.decay, self.rho, *self._residuals().values())
+        numbers = (self.period, self.delay, self.decay, self.rho, self.radius, *self._residuals().values())
         if not self.certified and (self.rounding or any(one is not None for one in numbers)):
             raise ProblemError(
                 "numbers are claimed of controllers that are not claimed to be certified",
@@ -87,6 +89,7 @@ class SampledClaims:
             "decay": self.decay,
             "rho": self.rho,
             "max_period": self.max_period,
+            "radius": self.radius,
             **self._residuals(),
             "rounding": [dict(one) for one in self.rounding],
         }
@@ -279,7 +282,9 @@ def _sampled(value: Any, where: str) -> SampledClaims:
             ("underflow", "residual_from_underflow"),
         )
     }
-    lengths = {key: optional(value, key, above_zero, where) for key in ("period", "rho", "max_period")}
+    lengths = {
+        key: optional(value, key, above_zero, where) for key in ("period", "rho", "max_period", "radius")
+    }
     return SampledClaims(certified, delay=delay, rounding=tuple(rounding), **numbers, **lengths)
 
 

@@ -55,9 +55,9 @@ class Proofs:
     """What proves the claims of a design file.
 
     certificate: of rho, with P, m, t;  decay: a certificate of the loop of e^(decay t) x_cl, with a rho of its own;  floor:
-    dual points;  sampled, sampled_rho, max_period: of the sampled loop, at its
-    period, of its rho, and at the largest period claimed;  bound: of alpha and the entries. A claim whose witness is None is
-    proved anew, or is not.
+    dual points;  sampled, sampled_rho, max_period, radius: of the sampled loop, at its period, of its rho, at the largest
+    period claimed, and of the radius;  bound: of alpha and the entries. A claim whose witness is None is proved anew, or is
+    not.
     """
 
     certificate: Certificate | ModalCertificate | None = None
@@ -66,13 +66,14 @@ class Proofs:
     sampled: Witness | None = None
     sampled_rho: Witness | None = None
     max_period: Witness | None = None
+    radius: Witness | None = None
     bound: BoundProof | None = None
 
     def document(self) -> dict[str, Any]:
         """Return the witnesses as plain JSON types."""
         sampled = {
             key: None if (one := getattr(self, key)) is None else one.document()
-            for key in ("sampled", "sampled_rho", "max_period")
+            for key in ("sampled", "sampled_rho", "max_period", "radius")
         }
         return {
             "certificate": None if self.certificate is None else certificate_document(self.certificate),
@@ -110,16 +111,16 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
     floor = None
     if claims.floor is not None:
         floor = witness_of(claims.floor, content.get("floor"), "proofs, `floor`")
-    sampled, rho, longest = (
+    sampled, rho, longest, radius = (
         optional(content, key, sampled_witness_of, "proofs")
-        for key in ("sampled", "sampled_rho", "max_period")
+        for key in ("sampled", "sampled_rho", "max_period", "radius")
     )
     bound = optional(content, "bound", _bound, "proofs")
     certificate = _certificate(content.get("certificate"), claims, sizes, claims.rho, CERTIFICATE)
     decay = dict(part(content, "decay", dict)) if content.get("decay") is not None else None
     own = None if decay is None else above_zero(decay.pop("rho", None), "proofs, decay `rho`")
     decaying = _certificate(decay, claims, sizes, own, "proofs, decay")
-    return Proofs(certificate, decaying, floor, sampled, rho, longest, bound)
+    return Proofs(certificate, decaying, floor, sampled, rho, longest, radius, bound)
 
 
 _AMOUNT = re.compile("-?[0-9]{1,400}(/[0-9]{1,400})?")

@@ -42,7 +42,7 @@ class SampledLoop:
     n_d: length of x_d;  n_xi: length of xi;  into: (n, k), through which the inputs reach one agent;  held: what v
     of all copies is during the next period;  advanced: the rest of xi after it;  ways: the coefficient errors;
     seen: (x_C, r) of each agent;  messages: the columns of nu;  underflows: those of mu, next to them;  outputs: those of
-    n_d;  applied: (N m, n_z), what the inputs are during the next period.
+    n_d;  applied, computed: (N m, n_z), what the inputs are during the next period, and what the controllers compute.
     """
 
     network: Network
@@ -57,6 +57,7 @@ class SampledLoop:
     underflows: slice
     outputs: slice
     applied: Matrix
+    computed: Matrix
 
     @property
     def noise(self) -> slice:
@@ -112,6 +113,7 @@ def sampled_loop(
         slice(layout.first_underflow, layout.first_output),
         slice(layout.first_output, layout.n_z),
         applied,
+        u,
     )
 
 

@@ -53,7 +53,7 @@ class Problem:
         self._check_method()
         self._check_disturbance()
         _ = self._agent, self._graph, self._variants, self.gains
-        _ = self.performance
+        _ = self.performance, self.limits
         self.initial_states()
 
     @classmethod
@@ -231,6 +231,19 @@ class Problem:
                 per="output",
             ),
         )
+
+    @cached_property
+    def limits(self) -> Float[np.ndarray, " m"]:
+        """How far each input may go either way, (m,): the nearer of its two limits, infinite where it has none."""
+        known, where = self.file.agent.limits, "[agent.limits]"
+        for name, (low, high) in known.items():
+            if name not in self.file.agent.inputs:
+                names = ", ".join(f"`{one}`" for one in self.file.agent.inputs)
+                raise ProblemError(f"`{name}` is no input", where=where, expected=f"one of {names}")
+            if not (low is None or low < 0) or not (high is None or high > 0):
+                raise ProblemError(f"[{low}, {high}]", where=f"{where} {name}", expected="a range around 0")
+        sides = [known.get(name, (None, None)) for name in self.file.agent.inputs]
+        return np.array([min(np.inf if side is None else abs(side) for side in one) for one in sides])
 
     def initial_states(self) -> Float[np.ndarray, "N n"]:
         """Return the states the simulation starts from, one row per agent."""

@@ -109,6 +109,9 @@ class AgentTable(Table):
     outputs: Outputs = Field(
         max_length=MOST_OUTPUTS, description='a formula as text by name, such as y1 = "position"'
     )
+    limits: dict[str, Interval] = Field(
+        default={}, description="[lowest, highest] of an actuator by input, as two numbers around 0"
+    )
     domain: dict[str, Interval] = Field(default={}, description="[lower, upper] by state, as two numbers")
     units: dict[str, Line] = Field(
         default={}, description='a unit as text by state, input or output, such as "rad"'
