@@ -9,6 +9,8 @@ scanned, and the witness that passes the least noise on is the first to be prove
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 from jaxtyping import Float
@@ -16,10 +18,12 @@ from jaxtyping import Float
 from lockstep.check.sampled.inequality import W_matrix, Witness, multiplier, step_matrix
 from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.loop import SampledLoop
+from lockstep.lmi.sampled.convex import step_program
 from lockstep.lmi.sampled.storage import (
     distance_ratio,
     holds_in_doubles,
     in_exact_arithmetic,
+    metric_of,
     no_prices,
     rounding_prices,
     storage_problem,
@@ -43,6 +47,12 @@ CLAIMED = 0.98
 REACHES = (0.0, 1e-9, 1e-12, 1e-6)
 """What is added to S in every direction, in multiples of its size. A direction that neither the nonlinearity nor an error
 reaches, as in a mode that no input moves, has an X of zero and a P without end; a little reach gives it one."""
+
+FREE_RATES, FREE_RMS, FREE_CLAIMED = (0.05, 0.1, 0.15, 0.2), (0.9, 0.75, 0.6, 1.0), 0.97
+"""As `RATES`, `RMS` and `CLAIMED`, where the pair weights are free: half of what the noise can reach, or less, comes out."""
+
+MOST_STATES = 30
+"""Of a loop whose weights are freed: a program takes a second with 14 and a minute with 40."""
 
 HALVINGS = 9
 """Of 24 decades: the least price to a tenth of a decade."""
@@ -69,7 +79,36 @@ def candidates(
                 found.append((witness.ultimate * witness.rms, witness))
             else:
                 yield witness
+    found += [(witness.ultimate * witness.rms, witness) for witness in _with_free_weights(loop, one, radius)]
     yield from (witness for _, witness in sorted(found, key=lambda pair: pair[0]))
+
+
+def _with_free_weights(loop: SampledLoop, one: Lifted, radius: float) -> Iterator[Witness]:
+    """Yield witnesses of the convex program, dearest decay first: the least price of the noise with V >= |x_d|^2."""
+    distance, spread = metric_of(loop), 1 - radius**2
+    for rate in FREE_RATES if loop.n_xi <= MOST_STATES else ():
+        weight, least = 0.0, np.inf
+        for part in FREE_RMS:
+            program = step_program(loop, one, 1 - rate * spread, distance, noise=True, weight=weight)
+            found = None if program is None else program.least(program.kappa, [program.P >> distance], weight)
+            if found is None:
+                break
+            yield from islice(_priced_anew(loop, one, found[1]), 1)
+            least = min(least, found[1].kappa)
+            weight = rate * spread / (part**2 * least)
+
+
+def _priced_anew(loop: SampledLoop, one: Lifted, found: Witness) -> Iterator[Witness]:
+    """Yield a witness of the convex program with prices of the rounding, claiming a little less."""
+    lifted, decay = copies(one, multiplier(loop.network.d, found.m)), 1 - FREE_CLAIMED * (1 - found.decay)
+    underflow = step_matrix(loop, lifted)[:, loop.underflows]
+    dear_mu = MU * float(np.linalg.norm(underflow.T @ found.P @ underflow, 2))
+    for dear in ROUNDINGS:
+        t, kappa = rounding_prices(loop, lifted, found.P, dear), found.kappa / FREE_CLAIMED
+        witness = priced(loop, found.m, t, kappa, decay=decay, weight=FREE_CLAIMED * found.weight, P=found.P)
+        witness = replace(witness, kappa_mu=max(witness.kappa_mu, dear_mu))
+        if (held := confirmed(loop, lifted, witness)) is not None:
+            yield held
 
 
 def priced(

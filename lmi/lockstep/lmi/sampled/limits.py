@@ -1,13 +1,7 @@
 """The largest disagreement from which no input meets its limit is looked for here, in doubles, and put to the checker.
 
-Without rounding, for some decay, the witness with the largest radius is a semidefinite program in P and the pair weights m:
-
-    [ decay P - start' (M (x) Q_1) start    N' P    0         ]
-    [ P N                                   P       P J F     ]  >= 0,    F F' = I (x) S_1,   M = sum m_ij M_ij,
-    [ 0                                     F'J'P   M (x) I   ]
-
-written for (xi+ - xi) / T in coordinates in which P is near the identity, with P >= k_l' k_l / u_max,l^2 for every input,
-gamma (T T')^-1 (x) I >= P_dd, gamma least: radius = gamma^-1/2.
+Without rounding it is the program of `convex` with P >= k_l' k_l / u_max,l^2 for every input and gamma (T T')^-1 (x) I >=
+P_dd, gamma least: radius = gamma^-1/2.
 """
 
 from collections.abc import Iterator
@@ -20,9 +14,9 @@ from lockstep.check.sampled.inequality import Witness, metric, multiplier, step_
 from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.limits import proves_radius
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
-from lockstep.lmi.analysis.solve import run
 from lockstep.lmi.sampled.candidates import ROUNDINGS, confirmed, priced
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
+from lockstep.lmi.sampled.convex import step_program
 from lockstep.lmi.sampled.search import spectral_radius
 from lockstep.lmi.sampled.storage import rounding_prices
 
@@ -34,9 +28,6 @@ KEPT = (0.995, 0.97, 0.9)
 
 CLAIMED = 0.5
 """The part of the decay that is claimed: the rest is room for rounding."""
-
-FLATTEST = 1e-5
-"""P in units of gamma, at least: the room is a part of P."""
 
 DEAR = 1e8
 """What the messages' noise costs, in multiples of what it weighs in P: there is none in this claim."""
@@ -73,54 +64,15 @@ def _least(
     """Return gamma and its witness without prices of the errors, or None."""
     import cvxpy as cp
 
-    d, n_xi, n_d, T = loop.network.d, loop.n_xi, loop.n_d, loop.network.period
-    lifted, pairs, start = copies(one, np.eye(d.N - 1)), d.pairs(), loop.start[:, :n_xi]
-    N = np.vstack([lifted.A_d @ start, loop.advanced[:, :n_xi]])
-    rows = np.array([row / limits[k % len(limits)] for k, row in enumerate(loop.computed[:, :n_xi])])
-    L = _basis(N, rows)
-    if L is None:
+    n_d = loop.n_d
+    rows = np.array([row / limits[k % len(limits)] for k, row in enumerate(loop.computed[:, : loop.n_xi])])
+    program = step_program(loop, one, decay, rows.T @ rows)
+    if program is None:
         return None
-    inverse = np.linalg.inv(L)
-    values, vectors = np.linalg.eigh(one.S)
-    root = (vectors * np.sqrt(np.maximum(values, 0.0)))[:, values > 1e-14 * values.max(initial=0.0)]
-    F = L[:n_d].T @ np.kron(np.eye(d.N - 1), root) / np.sqrt(T)
-    D, rate = L.T @ (N - np.eye(n_xi)) @ inverse.T / T, (1 - decay) / T
-    V, m = cp.Variable((n_xi, n_xi), symmetric=True), cp.Variable(len(pairs), nonneg=True)
-    P, gamma = L @ V @ L.T, cp.Variable()
-    # Linear in M, and `copies` wants a regular one.
-    whole, unit = np.eye(d.N - 1), np.eye(root.shape[1])
-    Q_of = [copies(one, whole + d.pair_multiplier(i, j)).Q - lifted.Q for i, j in pairs]
-    costs = [inverse @ start.T @ each @ start @ inverse.T / T for each in Q_of]
-    M = sum(m[k] * np.kron(d.pair_multiplier(i, j), unit) for k, (i, j) in enumerate(pairs))
-    Q = sum(m[k] * cost for k, cost in enumerate(costs))
-    along, into = V @ D, V @ F
-    first, across = -rate * V - Q - along - along.T, np.sqrt(T) * along
-    form = cp.bmat(
-        [[first, across.T, -into], [across, V, np.sqrt(T) * into], [-into.T, np.sqrt(T) * into.T, M]]
-    )
-    conditions = [
-        (form + form.T) / 2 >> 0,
-        V - FLATTEST * gamma * np.eye(n_xi) >> 0,
-        gamma * np.asarray(metric(loop)) - P[:n_d, :n_d] >> 0,
-    ]
-    conditions += [V - np.outer(inner, inner) >> 0 for inner in rows @ inverse.T if inner.any()]
-    problem = cp.Problem(cp.Minimize(gamma), conditions)
-    if not run(problem) or V.value is None or m.value is None:
-        return None
-    weights = np.maximum(m.value, 1e-9 * max(float(m.value.max()), 1e-300))
-    found = Witness((P.value + P.value.T) / 2, weights, np.zeros(len(loop.ways)), decay, 0.0)
-    return float(gamma.value), found
-
-
-def _basis(N: Float[np.ndarray, "n n"], rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "n n"] | None:
-    """Return L, |L'xi|^2 a multiple of the sum of |N^k xi|^2 in which the longest row is about 1; None if N is not stable."""
-    from scipy.linalg import solve_discrete_lyapunov
-
-    try:
-        L = np.linalg.cholesky(solve_discrete_lyapunov(N.T, np.eye(len(N))))
-    except (np.linalg.LinAlgError, ValueError):
-        return None
-    return np.asarray(L * np.linalg.norm(np.linalg.solve(L, rows.T), axis=0).max())
+    gamma, inverse = cp.Variable(), np.linalg.inv(program.basis)
+    conditions = [gamma * np.asarray(metric(loop)) - program.P[:n_d, :n_d] >> 0]
+    conditions += [program.V - np.outer(inner, inner) >> 0 for inner in rows @ inverse.T if inner.any()]
+    return program.least(gamma, conditions)
 
 
 def _rounded(loop: SampledLoop, one: Lifted, found: Witness) -> Iterator[Witness]:

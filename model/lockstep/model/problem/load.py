@@ -2,7 +2,6 @@
 
 import re
 import tomllib
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +12,6 @@ from lockstep.check.files import read_text
 from lockstep.check.limits import check_document, check_toml
 from lockstep.model.problem.messages import problem_error
 from lockstep.model.problem.schema import ProblemFile
-
-SEARCHED = ("certified", "modal")
-"""Methods that look for gains."""
-
-SMALL_INPUT_WEIGHT, SMALL_NOISE = 0.01, 0.01
-"""What u and the noise of the outputs count where a file names no weights: one in ten of a state's, and a hundredth."""
 
 
 def read_problem(path: Path) -> str:
@@ -53,24 +46,6 @@ def parse_toml(text: str) -> dict[str, Any]:
             "it is nested too deeply" if isinstance(error, RecursionError) else "a number has too many digits"
         )
         raise ProblemError(f"this is not TOML that can be read: {what}") from None
-
-
-def with_wishes(tables: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tables of a problem with what an engineer would ask of a search where the file does not say.
-
-    Controllers that are stable by themselves; and where it names no `weights`, a small one on u and a little noise. A design
-    file says all of it: nothing is added to its problem.
-
-    >>> with_wishes({})["design"]["stable_controllers"], with_wishes({"design": {"method": "given"}})
-    (True, {'design': {'method': 'given'}})
-    """
-    design = tables.get("design", {})
-    if not isinstance(design, Mapping) or design.get("method", "certified") not in SEARCHED:
-        return dict(tables)
-    wishes: dict[str, Any] = {"stable_controllers": True}
-    if "weights" not in design:
-        wishes |= {"weights": {"input": SMALL_INPUT_WEIGHT}, "disturbances": {"outputs": SMALL_NOISE}}
-    return {**tables, "design": {**wishes, **design}}
 
 
 def _table_name(found: re.Match[str]) -> str:

@@ -18,7 +18,7 @@ from lockstep.model.problem.assumptions import check_assumptions
 from lockstep.model.problem.build import build_agent, build_graph, build_variants
 from lockstep.model.problem.from_agent import plain, tables_of
 from lockstep.model.problem.gains import GivenGains, given_gains
-from lockstep.model.problem.load import parse_tables, parse_toml, read_problem, with_wishes
+from lockstep.model.problem.load import parse_tables, parse_toml, read_problem
 from lockstep.model.problem.schema import (
     ControllerTable,
     DesignTable,
@@ -88,7 +88,7 @@ class Problem:
         (1, 2, 3)
         """
         try:
-            return cls.from_document(with_wishes(parse_toml(text)))
+            return cls.from_document(parse_toml(text))
         except ProblemError as error:
             raise (error.within(name) if name else error) from None
 
@@ -126,7 +126,7 @@ class Problem:
         """
         tables = {"design": design, "controller": controller, "simulation": simulation}
         given = {name: plain(table) for name, table in tables.items() if table is not None}
-        return cls.from_document(with_wishes({"title": title, **tables_of(agent, graph, B), **given}))
+        return cls.from_document({"title": title, **tables_of(agent, graph, B), **given})
 
     def toml(self) -> str:
         """Return the text of a problem file that is this problem, without the keys that have their defaults."""
