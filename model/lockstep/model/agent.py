@@ -24,6 +24,7 @@ from lockstep.model.agent_parts import (
 )
 from lockstep.model.bound_search import Box
 from lockstep.model.bound_search.graph import read_value
+from lockstep.model.bound_search.operations import RULES
 from lockstep.model.centring import Centring, centred
 from lockstep.model.control.pbh import Controllability, Observability, controllability, observability
 from lockstep.model.expression import parse_expression
@@ -209,7 +210,7 @@ class Agent:
     def _written(self) -> ExactAgent:
         if self.as_written is not None:
             return self.as_written
-        algebra = Exact(self.n + self.m)
+        algebra = Exact(self.n + self.m, RULES)
         names = (self.states, self.inputs, self.outputs)
         rhs = [
             self.value(expression, algebra, where=f"[agent.dynamics] {state}")
@@ -268,7 +269,7 @@ class Agent:
                     remedy="substitute a number for it, or declare it",
                 )
         try:
-            return read_value(expression, ca.vertcat(*own), self.t, algebra or Exact(len(own)))
+            return read_value(expression, ca.vertcat(*own), self.t, algebra or Exact(len(own), RULES))
         except ProblemError as error:
             raise error.within(where) from None
 

@@ -25,12 +25,9 @@ _TESTS: dict[str, Callable[..., Verdict]] = {
     "positive": lambda x: x[0] > 0,
     "not negative": lambda x: x[0] >= 0,
     "within one": lambda x: (x[0] >= -1) & (x[1] <= 1),
-    "inside one": lambda x: (x[0] > -1) & (x[1] < 1),
-    "above one": lambda x: x[0] >= 1,
     "no pole": lambda x: ~functions.tan_has_pole(x),
     "off the cut": lambda y, x: (x[0] > 0) | (y[0] > 0) | (y[1] < 0),
     "decided": lambda x: x[0] == x[1],
-    "constant": lambda x: (x[0] == x[1]) & np.isfinite(x[0]),
 }
 
 

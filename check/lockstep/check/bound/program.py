@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from lockstep.check.bound import functions, rounding
-from lockstep.check.bound.rounding import INF, Interval
+from lockstep.check.bound.rounding import Interval
 from lockstep.check.expression.node import Node
 from lockstep.check.expression.traversal import order
 
@@ -31,12 +31,6 @@ _BINARY: dict[str, Callable[[Interval, Interval], Interval]] = {
     "atan2": functions.atan2,
     "fmin": lambda x, y: (np.minimum(x[0], y[0]), np.minimum(x[1], y[1])),
     "fmax": lambda x, y: (np.maximum(x[0], y[0]), np.maximum(x[1], y[1])),
-}
-_STEPS: dict[str, Callable[[Any], Any]] = {
-    "floor": np.floor,
-    "ceil": np.ceil,
-    "trunc": np.trunc,
-    "rint": np.rint,
 }
 
 
@@ -84,16 +78,11 @@ class Program:
             return _UNARY[op](args[0])
         if op in _BINARY:
             return _BINARY[op](args[0], args[1])
-        if op in ("constant", "inverse_sqrt_pi"):
-            low, high = self._constants[node] if op == "constant" else functions.inverse_sqrt_pi()
+        if op == "constant":
+            low, high = self._constants[node]
             return np.full_like(shape, low), np.full_like(shape, high)
-        if op in _STEPS:
-            return _STEPS[op](args[0][0]), _STEPS[op](args[0][1])
         if op == "real_power":
             return functions.real_power(args[0], node.data)
-        if op == "flat":
-            constant = (args[0][0] == args[0][1]) & np.isfinite(args[0][0])
-            return np.where(constant, 0.0, -INF), np.where(constant, 0.0, INF)
         if op == "decreasing":
             return _decreasing(args)
         if op in _CONDITIONS:

@@ -38,7 +38,7 @@ class Condition:
     @property
     def jumps(self) -> bool:
         """Tell whether it is a discontinuity, not a missing value."""
-        return self.kind in ("decided", "constant")
+        return self.kind == "decided"
 
 
 _TEXT = {
@@ -46,11 +46,8 @@ _TEXT = {
     "positive": "is not defined where its argument is not positive",
     "not negative": "is not defined where its argument is negative",
     "within one": "is not defined where its argument is outside [-1, 1]",
-    "inside one": "is not defined where its argument is not inside (-1, 1)",
-    "above one": "is not defined where its argument is below 1",
     "no pole": "has a pole",
     "off the cut": "jumps where the second argument is not positive and the first is 0",
     "decided": "jumps where its condition changes and cannot be shown to be continuous there; "
     "write it with min, max or abs",
-    "constant": "jumps; write it with min, max or abs",
 }

@@ -45,10 +45,11 @@ class Exact:
 
     Args:
         time: the number of the variable that is the time: what jumps in t alone is no condition.
+        rules: what each operation means.
     """
 
-    def __init__(self, time: int) -> None:
-        self.time = time
+    def __init__(self, time: int, rules: Mapping[str, Callable[..., Node]] = RULES) -> None:
+        self.time, self.rules = time, rules
         self.seen: dict[Node, int] = {}
         """Every node that was a term of a value, by its first place: the order of the text."""
 
@@ -60,12 +61,12 @@ class Exact:
         """Return the operation on values; `Undefined`, with the IEEE value as its text, if it has none."""
         notes = Notes(self.time)
         nodes = [value.node for value in values]
-        if operation in ("div", "inv") and nodes[-1] is ZERO:
+        if operation == "div" and nodes[-1] is ZERO:
             raise Undefined("a division by zero")
-        if operation in ("pow", "constpow"):
+        if operation == "pow":
             _check_power(*nodes)
         try:
-            node = RULES[operation](notes, *nodes)
+            node = self.rules[operation](notes, *nodes)
         except Undefined:
             raise Undefined("inf") from None
         if not node.variables and node.op not in BOOLEAN and number(node) is None:
@@ -97,8 +98,6 @@ _OF_A_CONSTANT: Mapping[str, Callable[..., bool]] = {
     "positive": lambda x: x > 0,
     "not negative": lambda x: x >= 0,
     "within one": lambda x: abs(x) <= 1,
-    "inside one": lambda x: abs(x) < 1,
-    "above one": lambda x: x >= 1,
 }
 """What a constant has or has not; it jumps nowhere, and no rational number is a pole of tan."""
 
@@ -112,7 +111,7 @@ class Notes:
 
     def need(self, kind: str, name: str, *args: Node) -> None:
         """Note what the operation needs; a jump in t alone leaves h(., t) continuous for every t."""
-        if kind in ("decided", "constant") and all(a.variables <= {self.time} for a in args):
+        if kind == "decided" and all(a.variables <= {self.time} for a in args):
             return
         values = [number(a) for a in args]
         if None not in values and (kind not in _OF_A_CONSTANT or _OF_A_CONSTANT[kind](values[0])):
