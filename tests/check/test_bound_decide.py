@@ -16,7 +16,7 @@ from lockstep.check.bound.conditions import Condition
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
 from lockstep.check.bound.graph import Graph
 from lockstep.check.bound.result import Entry
-from lockstep.check.domain import argument_box, claimed_box, inner_box
+from lockstep.check.domain import argument_box, claimed_box
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.node import (
     ONE,
@@ -301,4 +301,3 @@ def test_the_domain_of_the_arguments_is_rounded_outwards() -> None:
     assert Fraction(box.upper[0]) >= Fraction(1, 3)
     assert Fraction(math.nextafter(box.upper[0], -INF)) < Fraction(1, 3)
     assert argument_box([[1.0, 1.0]], [(-INF, 0.0), (0.0, 1.0)]) == Box((-INF,), (1.0,))
-    assert inner_box(Box((-1.0,), (3.0,)), 0.5) == Box((0.0,), (2.0,))

@@ -25,6 +25,7 @@ from lockstep.check.expression.node import Node, linear, linear_terms, variable
 from lockstep.check.expression.traversal import order, substitute
 from lockstep.check.expression.written import written
 from lockstep.check.names import check_agent_name, check_formulas, check_names, check_parameters
+from lockstep.check.numbers import as_fraction
 from lockstep.check.structure import Arguments, Row, Terms, arguments, columns, forms_seen
 from lockstep.check.wording import shorten
 
@@ -180,7 +181,7 @@ class Agent:
         nodes = substitute([*self.phi.outputs, *self.offset], values)
         w, drive = nodes[: self.G.shape[1]], nodes[self.G.shape[1] :]
         return [
-            linear(0, [(1, c), *((_fraction(g), x) for g, x in zip(row, w, strict=True))])
+            linear(0, [(1, c), *((as_fraction(g), x) for g, x in zip(row, w, strict=True))])
             for row, c in zip(self.G, drive, strict=True)
         ]
 
@@ -331,12 +332,8 @@ def _matrix(rows: Sequence[Row], width: int) -> Annotated[np.ndarray, "rows widt
     return matrix
 
 
-def _fraction(value: fmpq) -> Fraction:
-    return Fraction(int(value.p), int(value.q))
-
-
 def _terms(row: Annotated[np.ndarray, " n"]) -> list[tuple[Fraction, Node]]:
-    return [(_fraction(value), variable(j)) for j, value in enumerate(row)]
+    return [(as_fraction(value), variable(j)) for j, value in enumerate(row)]
 
 
 def _check_equal(
@@ -348,7 +345,7 @@ def _check_equal(
 ) -> None:
     for i, j in np.argwhere(a != b)[:1].tolist():
         row = f"d/dt {states[i]}" if letter == "A" else f"output {i + 1}"
-        mine, theirs = (float(_fraction(one[i, j])) for one in (a, b))
+        mine, theirs = (float(as_fraction(one[i, j])) for one in (a, b))
         _refuse_variant(
             f"{letter} differs: {row} has {mine!r}*{states[j]}, and {theirs!r}*{states[j]} here", where
         )

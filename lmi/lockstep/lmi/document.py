@@ -1,7 +1,6 @@
 """Between a design, its file, and the answers of the commands: what is claimed, what proves it, what is remarked."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from lockstep.check.design_file.proofs import BoundProof, Proofs
 from lockstep.check.domain import claimed_box
 from lockstep.check.local import InitialSet
 from lockstep.lmi.design import Design
+from lockstep.lmi.initial import InitialStates
 from lockstep.model.arguments import arguments_text
 from lockstep.model.bound_search import Bound
 from lockstep.model.problem import Problem
@@ -77,7 +77,9 @@ def answer(stored: Stored) -> dict[str, Any]:
     claims, info, design = stored.claims, stored.info, stored.problem.design
     initial = {"available": False, **_table(info, "initial_set")}
     if claims.initial_set is not None:
-        named = replace(claims.initial_set, arguments=arguments_text(stored.problem.agent()))
+        named = InitialStates(
+            **vars(claims.initial_set) | {"arguments": arguments_text(stored.problem.agent())}
+        )
         initial |= named.document()
     return {
         "title": stored.problem.title,
