@@ -210,13 +210,14 @@ def test_an_output_that_is_not_linear_is_refused(output, says):
 @pytest.mark.parametrize(
     ("names", "says"),
     [
-        ({"states": ["x", "x"]}, "`x` is twice"),
-        ({"states": ["sin"]}, "already a function"),
-        ({"inputs": ["x"]}, "in states too"),
-        ({"dynamics": {}}, "no equation for the state `x`"),
-        ({"dynamics": {"x": "u", "xx": "1"}}, "`xx` is unknown"),
+        ({"states": ["x", "x"]}, "`x`; expected at least one of each, all different"),
+        ({"states": ["sin"]}, "`sin`; expected"),
+        ({"inputs": ["x"]}, "`x`; expected"),
+        ({"dynamics": {}}, "`x`; expected one equation per state"),
+        ({"dynamics": {"x": "u", "xx": "1"}}, "`xx`; expected one equation per state"),
         ({"parameters": {"k": float("inf")}}, "expected a finite number"),
-        ({"name": "float"}, "is a word of C"),
+        ({"name": "a-b"}, "`a-b`; expected"),
+        ({"outputs": {}}, "no outputs"),
     ],
 )
 def test_names_that_could_mean_two_things_are_refused(names, says):

@@ -16,7 +16,6 @@ from typer.testing import CliRunner
 
 from lockstep.check.__main__ import main as check_alone
 from lockstep.check.design_file.content import FORMAT
-from lockstep.check.design_file.upgrade import FORMAT_1, upgraded
 from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.check.local import better_than_proved
 from lockstep.cli.main import app
@@ -26,6 +25,7 @@ from lockstep.lmi.design import design
 from lockstep.lmi.document import file_of, parse, read
 from lockstep.lmi.scope import domain_of
 from lockstep.lmi.stored_bound import bound_again
+from lockstep.lmi.upgrade import FORMAT_1, upgraded
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, parse_problem
 

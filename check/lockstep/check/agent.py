@@ -9,6 +9,7 @@ A linear part S v may be moved out of phi and into A, which changes no agent:
 A x + G phi(H x, t) = (A + G S H) x + G (phi(H x, t) - S H x). Which S is a choice of whoever designs (`Move`).
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -18,17 +19,19 @@ import numpy as np
 from flint import fmpq
 
 from lockstep.check.bound.graph import Graph
+from lockstep.check.design_file.json_text import number
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.exact import Exact, Value, read_text
 from lockstep.check.expression.node import Node, linear, linear_terms, variable
+from lockstep.check.expression.text import RESERVED
 from lockstep.check.expression.traversal import order, substitute
 from lockstep.check.expression.written import written
-from lockstep.check.names import check_agent_name, check_formulas, check_names, check_parameters
 from lockstep.check.numbers import as_fraction
 from lockstep.check.structure import Arguments, Row, Terms, arguments, columns, forms_seen
 from lockstep.check.wording import shorten
 
+_NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,59}")
 _LINEAR_OUTPUT = "a sum of states with constant coefficients, y = C x as in (2)"
 _SAME_BUT_B = (
     "agents that differ in B only: (2) has one A, one C and one h for all, or agreement does not last"
@@ -92,10 +95,14 @@ class Agent:
         '(-0.333333*tanh(v))'
         """
         parameters = dict(parameters or {})
-        check_agent_name(name)
-        check_names(states=states, inputs=inputs, outputs=tuple(outputs), parameters=tuple(parameters))
-        check_formulas(states, dynamics)
-        check_parameters(parameters)
+        _check_names(name, states, inputs, tuple(outputs), tuple(parameters))
+        if set(dynamics) != set(states):
+            odd = sorted(set(dynamics) ^ set(states))[0]
+            raise ProblemError(
+                f"`{shorten(odd)}`", where="[agent.dynamics]", expected="one equation per state"
+            )
+        for key, value in parameters.items():
+            number(value, f"[agent.parameters] {key}")
         symbols = (*states, *inputs, "t")
         known: dict[str, Value | float] = {key: Value(variable(k)) for k, key in enumerate(symbols)}
         known |= {key: float(value) for key, value in parameters.items()}
@@ -200,6 +207,20 @@ class Agent:
                 _refuse_variant(f"h differs in d/dt {state}: `{h[0]}` and `{h[1]}`", where)
         if self.H.tolist() != variant.H.tolist() or set(self.phi.conditions) != set(variant.phi.conditions):
             _refuse_variant("what h needs to have a value differs", where)
+
+
+def _check_names(name: str, *kinds: Sequence[str]) -> None:
+    """Refuse names that no expression could mention, or that mean two things; outputs may have the name of a state."""
+    states, inputs, outputs, parameters = kinds
+    meant = [*states, *inputs, *parameters]
+    odd = [one for one in {name, *meant, *outputs} if not isinstance(one, str) or not _NAME.fullmatch(one)]
+    odd += [one for one in (*meant, *outputs) if one in RESERVED or meant.count(one) > 1]
+    if odd or not (states and inputs and outputs):
+        raise ProblemError(
+            f"`{shorten(str(odd[0]))}`" if odd else "no states, no inputs or no outputs",
+            where="the names of [agent]",
+            expected="at least one of each, all different: a letter, then at most 59 letters, digits and _; no function",
+        )
 
 
 @dataclass(frozen=True)

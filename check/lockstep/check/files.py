@@ -16,9 +16,6 @@ from lockstep.check.wording import shorten
 LARGEST = 10_000_000
 """Bytes: a thousand agents with full gains fit, a wrong file is refused before it fills the memory."""
 
-MOST_ENTRIES = 20_000
-"""Files and folders in a folder: four files for each agent, and figures."""
-
 
 def read_bytes(path: Path, *, expected: str = "a file", at_most: int = LARGEST) -> bytes:
     """Return the bytes of a regular file.
@@ -96,31 +93,8 @@ def inside(relative: str, where: str) -> tuple[str, ...]:
     return parts
 
 
-def entries_of(folder: Path) -> dict[str, os.DirEntry[str]]:
-    """Return everything in a folder by its path in it, folders included, links as what they are and never followed.
-
-    Raises:
-        ProblemError: no folder, not readable, or more than `MOST_ENTRIES` entries.
-    """
-    found: dict[str, os.DirEntry[str]] = {}
-    with _named(folder, "a folder"):
-        waiting = [("", str(folder))]
-        while waiting:
-            prefix, place = waiting.pop()
-            with os.scandir(place) as listed:
-                for entry in listed:
-                    found[prefix + entry.name] = entry
-                    if len(found) > MOST_ENTRIES:
-                        raise ProblemError(
-                            "it holds too much", where=str(folder), expected=f"at most {MOST_ENTRIES} files"
-                        )
-                    if entry.is_dir(follow_symlinks=False):
-                        waiting.append((f"{prefix}{entry.name}/", entry.path))
-    return dict(sorted(found.items()))
-
-
 def _read(path: Path, expected: str, at_most: int, *, follow: bool) -> bytes:
-    with _named(path, expected):
+    with named(path, expected):
         status = path.stat() if follow else path.lstat()
         _check(status, path, expected, at_most)
         flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
@@ -159,7 +133,7 @@ def _linked(path: Path) -> ProblemError:
 
 
 @contextmanager
-def _named(path: Path, expected: str) -> Iterator[None]:
+def named(path: Path, expected: str) -> Iterator[None]:
     """Say of an operating system's error which file it is about."""
     try:
         yield

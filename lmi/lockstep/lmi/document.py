@@ -8,11 +8,13 @@ from lockstep.check.bound.decide import MOST_BOXES, decide_bound
 from lockstep.check.design_file import content as design_file
 from lockstep.check.design_file.claims import Claims, Scales
 from lockstep.check.design_file.content import DesignFile, gains_document
+from lockstep.check.design_file.json_text import load_json
 from lockstep.check.design_file.proofs import BoundProof, Proofs
 from lockstep.check.domain import claimed_box
 from lockstep.check.local import InitialSet
 from lockstep.lmi.design import Design
 from lockstep.lmi.initial import InitialStates
+from lockstep.lmi.upgrade import FORMAT_1, upgraded
 from lockstep.model.arguments import arguments_text
 from lockstep.model.bound_search import Bound
 from lockstep.model.problem import Problem
@@ -60,15 +62,17 @@ def _scales(bound: Bound) -> Scales | None:
 
 def read(path: Path) -> Stored:
     """Read a design file; see `parse`."""
-    return design_file.read(path, Problem.from_document)
+    return parse(load_json(path), str(path))
 
 
 def parse(content: Any, where: str) -> Stored:
-    """Return what a design file holds, from its JSON.
+    """Return what a design file holds, from its JSON, a file of format 1 included.
 
     Raises:
         ProblemError: a part missing, unknown, or of the wrong shape; `where` names the file.
     """
+    if isinstance(content, dict) and content.get("format") == FORMAT_1:
+        content = upgraded(content)
     return design_file.parse(content, where, Problem.from_document)
 
 

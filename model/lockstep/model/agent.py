@@ -15,7 +15,6 @@ from lockstep.check.agent import Move
 from lockstep.check.domain import argument_box
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.exact import Exact, Value
-from lockstep.check.names import check_agent_name, check_known, check_names
 from lockstep.model.agent_parts import (
     check_bounds,
     check_symbols,
@@ -30,6 +29,13 @@ from lockstep.model.control.pbh import Controllability, Observability, controlla
 from lockstep.model.expression import parse_expression
 from lockstep.model.linearise import linearised
 from lockstep.model.lure import Lure, lure_form
+from lockstep.model.names import (
+    check_agent_name,
+    check_formulas,
+    check_known,
+    check_names,
+    check_parameters,
+)
 
 Split = Literal["terms", "jacobian"]
 UNBOUNDED = (-np.inf, np.inf)
@@ -134,9 +140,10 @@ class Agent:
         array([[0., 1.]])
         """
         parameters = dict(parameters or {})
-        as_written = ExactAgent.from_texts(
-            name, states=states, inputs=inputs, dynamics=dynamics, outputs=outputs, parameters=parameters
-        )
+        check_agent_name(name)
+        check_names(states=states, inputs=inputs, outputs=tuple(outputs), parameters=tuple(parameters))
+        check_formulas(states, dynamics)
+        check_parameters(parameters)
         symbols = {key: ca.SX.sym(key) for key in (*states, *inputs, "t")}
         known: dict[str, ca.SX | float] = {
             **symbols,
@@ -144,6 +151,9 @@ class Agent:
         }
         rhs = [parse_expression(dynamics[key], known, where=f"[agent.dynamics] {key}") for key in states]
         y = [parse_expression(text, known, where=f"[agent.outputs] {key}") for key, text in outputs.items()]
+        as_written = ExactAgent.from_texts(
+            name, states=states, inputs=inputs, dynamics=dynamics, outputs=outputs, parameters=parameters
+        )
         return cls(
             name=name,
             x=stack([symbols[key] for key in states]),

@@ -13,14 +13,12 @@ IEEE double it denotes, and that double is taken exactly.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from lockstep.check.design_file.claims import Claims, claims_of
-from lockstep.check.design_file.json_text import A_DESIGN, load_json, matrix, only, part
+from lockstep.check.design_file.json_text import A_DESIGN, matrix, only, part
 from lockstep.check.design_file.problem_part import ProblemPart, Sizes
 from lockstep.check.design_file.proofs import Proofs, proofs_of
-from lockstep.check.design_file.upgrade import FORMAT_1, upgraded
 from lockstep.check.errors import ProblemError
 from lockstep.check.loop import Gains
 from lockstep.check.plain_json import plain
@@ -80,17 +78,8 @@ def gains_document(gains: Gains) -> list[dict[str, Any]]:
     return [{letter: getattr(gains, letter)[i].tolist() for letter in "ABCD"} for i in range(gains.N)]
 
 
-def read(path: Path, problem_of: Callable[[Mapping[str, Any]], P]) -> DesignFile[P]:
-    """Read a design file; see `parse`.
-
-    Raises:
-        ProblemError: not there, not JSON, not a design file, or a part missing or of the wrong shape.
-    """
-    return parse(load_json(path), str(path), problem_of)
-
-
 def parse(content: Any, where: str, problem_of: Callable[[Mapping[str, Any]], P]) -> DesignFile[P]:
-    """Return what a design file holds, a file of format 1 included.
+    """Return what a design file holds.
 
     Args:
         content: its JSON;  where: its name, for messages;  problem_of: builds the problem from its tables.
@@ -103,15 +92,15 @@ def parse(content: Any, where: str, problem_of: Callable[[Mapping[str, Any]], P]
             f"it holds a JSON {type(content).__name__}, not an object", where=where, expected=A_DESIGN
         )
     found = content.get("format")
-    if found not in (FORMAT, FORMAT_1):
+    if found != FORMAT:
         raise ProblemError(
             f"`format` is {shorten(repr(found))}",
             where=where,
-            expected=f"{FORMAT!r} or {FORMAT_1!r}",
-            remedy=f"give {A_DESIGN}",
+            expected=repr(FORMAT),
+            remedy=f"give {A_DESIGN}; `lockstep generate` writes an older one anew",
         )
     try:
-        return _parsed(content if found == FORMAT else upgraded(content), problem_of)
+        return _parsed(content, problem_of)
     except ProblemError as error:
         raise error.within(where) from None
 

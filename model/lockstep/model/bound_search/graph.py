@@ -17,7 +17,7 @@ from lockstep.check.expression.exact import Exact, Value
 from lockstep.check.expression.node import ONE, ZERO, Node, Undefined, constant, function, variable
 from lockstep.check.expression.operations import as_number
 from lockstep.check.expression.switches import FALSE, TRUE, both, either
-from lockstep.model.bound_search.operations import RULES, as_condition
+from lockstep.model.bound_search.operations import INSTEAD, RULES, as_condition
 
 NAMES = {getattr(ca, key): key[3:].lower() for key in dir(ca) if key.startswith("OP_")}
 """The name of each operation of CasADi, by which the checker knows it."""
@@ -148,7 +148,8 @@ def _single_assignment(phi: ca.Function) -> tuple[list[_Step], list[int]]:
             raise ProblemError(
                 f"the operation `{NAMES[op]}` has no bound here",
                 where="the nonlinearity phi",
-                expected="elementary functions of scalars, as in the formulas of a problem file",
+                expected="one that a formula in a problem file has",
+                remedy=INSTEAD.get(op, ""),
             )
         work[writes[0]] = len(steps)
         steps.append(step)

@@ -5,6 +5,8 @@ An operation without a rule, such as `erf` or `fmod`, is refused by its name: no
 
 from collections.abc import Callable, Mapping
 
+import casadi as ca
+
 from lockstep.check.expression import operations
 from lockstep.check.expression.node import (
     ONE,
@@ -64,3 +66,19 @@ RULES: Mapping[str, Callable[..., Node]] = {
     "if_else_zero": lambda reader, condition, value: _if_else(reader, condition, value, ZERO),
 }
 """The meaning of each operation: a node, of `Notes` and the nodes it is applied to."""
+
+INSTEAD: Mapping[int, str] = {
+    ca.OP_EXPM1: "write exp(x) - 1",
+    ca.OP_LOG1P: "write log(1 + x)",
+    ca.OP_HYPOT: "write sqrt(x**2 + y**2)",
+    ca.OP_ASINH: "write log(x + sqrt(x**2 + 1))",
+    ca.OP_ACOSH: "write log(x + sqrt(x**2 - 1))",
+    ca.OP_ATANH: "write log((1 + x)/(1 - x))/2",
+    ca.OP_COPYSIGN: "write sign(y)*fabs(x)",
+    ca.OP_AND: "nest if_else for more than one condition",
+    ca.OP_OR: "nest if_else for more than one condition",
+    ca.OP_EQ: "use <, <=, > or >= in if_else",
+    ca.OP_NE: "use <, <=, > or >= in if_else",
+    ca.OP_CALL: "expand function calls before building the agent",
+}
+"""What to write for an operation that no formula has."""
