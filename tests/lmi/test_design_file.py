@@ -26,6 +26,7 @@ from lockstep.lmi.document import file_of, parse, read
 from lockstep.lmi.scope import domain_of
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
+from lockstep.lmi.written import proofs_document
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, parse_problem
 
@@ -249,7 +250,11 @@ def test_a_file_of_format_1_is_read(tmp_path: Path) -> None:
     assert certify(stored).certified
     assert stored.claims.initial_set == now.claims.initial_set
     assert stored.claims.sampled.rho == now.claims.sampled.rho
-    assert stored.proofs.document() == {**now.proofs.document(), "max_period": None, "bound": None}
+    assert proofs_document(stored.proofs) == {
+        **proofs_document(now.proofs),
+        "max_period": None,
+        "bound": None,
+    }
     assert stored.info["figures"] == now.info["figures"]
     assert stored.info["sampled"]["decay"] == now.claims.sampled.decay, (
         "its checker never looked at it: a remark"

@@ -7,7 +7,7 @@ from typing import Any
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
 from lockstep.check.design_file import content as design_file
 from lockstep.check.design_file.claims import Claims, Scales
-from lockstep.check.design_file.content import DesignFile, gains_document
+from lockstep.check.design_file.content import DesignFile
 from lockstep.check.design_file.json_text import load_json
 from lockstep.check.design_file.proofs import BoundProof, Proofs
 from lockstep.check.domain import claimed_box
@@ -15,6 +15,7 @@ from lockstep.check.local import InitialSet
 from lockstep.lmi.design import Design
 from lockstep.lmi.initial import InitialStates
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
+from lockstep.lmi.written import file_document, gains_document
 from lockstep.model.arguments import arguments_text
 from lockstep.model.bound_search import Bound
 from lockstep.model.problem import Problem
@@ -22,8 +23,13 @@ from lockstep.model.problem import Problem
 ALWAYS = ("rho", "floor")
 """Keys of an answer that are there even where nothing is claimed."""
 
-Stored = DesignFile[Problem]
-"""A design file with its problem as this layer builds it."""
+
+class Stored(DesignFile[Problem]):
+    """A design file with its problem as this layer builds it, to be written down."""
+
+    def document(self) -> dict[str, Any]:
+        """Return the file as plain JSON types."""
+        return file_document(self)
 
 
 def file_of(design: Design) -> Stored:
@@ -42,7 +48,7 @@ def file_of(design: Design) -> Stored:
     )
     info = {"figures": design.figures} | ({} if initial is None else {"initial_set": initial.remarks()})
     proofs = Proofs(c, floor, bound=_bound_proof(design, claims))
-    return DesignFile(design.problem, design.gains, claims, proofs, info)
+    return Stored(design.problem, design.gains, claims, proofs, info)
 
 
 def _bound_proof(design: Design, claims: Claims) -> BoundProof | None:
@@ -73,7 +79,7 @@ def parse(content: Any, where: str) -> Stored:
     """
     if isinstance(content, dict) and content.get("format") == FORMAT_1:
         content = upgraded(content)
-    return design_file.parse(content, where, Problem.from_document)
+    return Stored(**vars(design_file.parse(content, where, Problem.from_document)))
 
 
 def answer(stored: Stored) -> dict[str, Any]:

@@ -16,12 +16,11 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from lockstep.check.design_file.claims import Claims, claims_of
-from lockstep.check.design_file.json_text import A_DESIGN, matrix, only, part
+from lockstep.check.design_file.json_text import A_DESIGN, each, matrix, only, part, record
 from lockstep.check.design_file.problem_part import ProblemPart, Sizes
 from lockstep.check.design_file.proofs import Proofs, proofs_of
 from lockstep.check.errors import ProblemError
 from lockstep.check.loop import Gains
-from lockstep.check.plain_json import plain
 from lockstep.check.wording import shorten
 
 FORMAT = "lockstep-design/2"
@@ -55,27 +54,6 @@ class DesignFile(Generic[P]):
                 raise ProblemError(
                     f"a witness of {name} = {witness.rho}", where="proofs", expected="what is claimed"
                 )
-
-    def document(self) -> dict[str, Any]:
-        """Return the file as plain JSON types; gains that the problem gives are written once, under `gains`."""
-        problem = self.problem.document()
-        design = {key: value for key, value in problem["design"].items() if key != "gains"}
-        table: dict[str, Any] = plain(
-            {
-                "format": FORMAT,
-                "problem": {**problem, "design": design},
-                "gains": gains_document(self.gains),
-                "claims": self.claims.document(),
-                "proofs": self.proofs.document(),
-                "info": self.info,
-            }
-        )
-        return table
-
-
-def gains_document(gains: Gains) -> list[dict[str, Any]]:
-    """Return A, B, C and D of each agent as plain JSON types."""
-    return [{letter: getattr(gains, letter)[i].tolist() for letter in "ABCD"} for i in range(gains.N)]
 
 
 def parse(content: Any, where: str, problem_of: Callable[[Mapping[str, Any]], P]) -> DesignFile[P]:
@@ -125,13 +103,6 @@ def _with_given_gains(content: Mapping[str, Any]) -> dict[str, Any]:
 
 def _gains(content: Mapping[str, Any], sizes: Sizes) -> Gains:
     n_C, m, q = sizes.n_C, sizes.m, sizes.q
-    shapes = {"A": (n_C, n_C), "B": (n_C, q), "C": (m, n_C), "D": (m, q)}
-    rows = part(content, "gains", list)
-    for i, one in enumerate(rows, start=1):
-        only(one, shapes, f"gains of agent {i}")
-    return Gains(
-        *(
-            tuple(matrix(one, letter, f"gains of agent {i}", shape) for i, one in enumerate(rows, start=1))
-            for letter, shape in shapes.items()
-        )
-    )
+    readers = {"A": matrix(n_C, n_C), "B": matrix(n_C, q), "C": matrix(m, n_C), "D": matrix(m, q)}
+    found = each(content.get("gains"), "gains", lambda one, place: record(one, place, readers), "agent")
+    return Gains(*(tuple(one[k] for one in found) for k in range(4)))

@@ -15,6 +15,8 @@ from lockstep.check.limits import check_document
 from lockstep.check.wording import nearest, shorten
 
 T = TypeVar("T")
+Reader = Callable[[Any, str], Any]
+"""From a value of JSON and its place to what it says, or a `ProblemError` that names the place."""
 
 A_DESIGN = "a file written by `lockstep design`"
 
@@ -139,38 +141,55 @@ def item(one: Any, key: str, where: str) -> Any:
     return one.get(key)
 
 
-def matrix(content: Any, key: str, where: str, shape: tuple[int, int]) -> Any:
-    """Return the matrix that an object holds under a key."""
-    rows = content.get(key) if isinstance(content, dict) else None
-    place = f"{where}, `{key}`"
-    if (
-        not isinstance(rows, list)
-        or len(rows) != shape[0]
-        or any(not isinstance(row, list) or len(row) != shape[1] for row in rows)
-    ):
-        raise ProblemError(
-            "it is missing or has another shape",
-            where=place,
-            expected=f"{shape[0]} rows of {shape[1]} numbers",
+def record(value: Any, where: str, readers: Mapping[str, Reader]) -> list[Any]:
+    """Return what an object holds under each key, by the reader of the key; it may hold no others."""
+    only(value, readers, where)
+    return [read(value.get(key), f"{where}, `{key}`") for key, read in readers.items()]
+
+
+def each(value: Any, where: str, read: Reader, name: str = "entry") -> tuple[Any, ...]:
+    """Return the entries of a list, each by the reader and named by its place."""
+    if not isinstance(value, list):
+        found = "it is missing" if value is None else f"a {type(value).__name__}"
+        raise ProblemError(found, where=where, expected="a list")
+    return tuple(read(one, f"{where}, {name} {i}") for i, one in enumerate(value, start=1))
+
+
+def or_none(read: Reader) -> Reader:
+    """Return the reader of what need not be there."""
+    return lambda value, where: None if value is None else read(value, where)
+
+
+def matrix(rows: int | None = None, columns: int | None = None, *, symmetric: bool = False) -> Reader:
+    """Return the reader of a matrix by rows; without a size, of one with as many as there are.
+
+    symmetric: whether it has to be its own transpose, exactly.
+    """
+
+    def read(value: Any, where: str) -> Any:
+        given = value if isinstance(value, list) and all(isinstance(row, list) for row in value) else None
+        height = rows if rows is not None else len(given or [])
+        width = columns if columns is not None else max(map(len, given or []), default=0)
+        if given is None or len(given) != height or any(len(row) != width for row in given):
+            said = f"{height} rows of {width} numbers"
+            raise ProblemError("it is missing or has another shape", where=where, expected=said)
+        found = np.array([[number(x, where) for x in row] for row in given], dtype=float).reshape(
+            height, width
         )
-    return np.array([[number(value, place) for value in row] for row in rows], dtype=float).reshape(shape)
+        if symmetric and not np.array_equal(found, found.T):
+            raise ProblemError("it is not symmetric", where=where, expected="P = P'")
+        return found
+
+    return read
 
 
-def rows_or_none(stored: Mapping[str, Any], key: str, shape: tuple[int, int], where: str) -> Any:
-    """Return a matrix that a file need not hold where it has no rows."""
-    return matrix({key: [], **stored}, key, where, shape)
+def vector(size: int | None = None) -> Reader:
+    """Return the reader of a vector; without a size, of one with as many numbers as there are."""
 
+    def read(value: Any, where: str) -> Any:
+        if not isinstance(value, list) or len(value) != (len(value) if size is None else size):
+            said = "numbers" if size is None else f"{size} numbers"
+            raise ProblemError("it is missing or has another length", where=where, expected=said)
+        return np.array([number(x, where) for x in value], dtype=float)
 
-def symmetric(P: Any, where: str) -> Any:
-    """Return a matrix that is its own transpose, exactly."""
-    if not np.array_equal(P, P.T):
-        raise ProblemError("it is not symmetric", where=where, expected="P = P'")
-    return P
-
-
-def vector(content: Mapping[str, Any], key: str, size: int, where: str) -> Any:
-    """Return the vector that an object holds under a key."""
-    values, place = content.get(key), f"{where}, `{key}`"
-    if not isinstance(values, list) or len(values) != size:
-        raise ProblemError("it is missing or has another length", where=place, expected=f"{size} numbers")
-    return np.array([number(value, place) for value in values], dtype=float)
+    return read
