@@ -25,18 +25,13 @@ from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.exact import Exact, Value, read_text
 from lockstep.check.expression.node import Node, linear, linear_terms, variable
 from lockstep.check.expression.text import RESERVED
-from lockstep.check.expression.traversal import order, substitute
+from lockstep.check.expression.traversal import order
 from lockstep.check.expression.written import written
-from lockstep.check.numbers import as_fraction
 from lockstep.check.structure import Arguments, Row, Terms, arguments, columns, forms_seen
 from lockstep.check.wording import shorten
 
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,59}")
 _LINEAR_OUTPUT = "a sum of states with constant coefficients, y = C x as in (2)"
-_SAME_BUT_B = (
-    "agents that differ in B only: (2) has one A, one C and one h for all, or agreement does not last"
-)
-_CHANGE_INPUTS = "change a parameter that multiplies inputs only"
 
 
 @dataclass(frozen=True)
@@ -181,33 +176,6 @@ class Agent:
         outputs = tuple(linear(0, [(1, w), *parts]) for w, parts in zip(self.phi.outputs, taken, strict=True))
         return replace(self, A=A, phi=replace(self.phi, outputs=outputs))
 
-    def nonlinearity(self) -> list[Node]:
-        """Return h(x, t) = G phi(H x, t) + offset(t) as n nodes over the states and, as variable n, the time."""
-        values = {variable(self.phi.inputs): variable(len(self.states))}
-        values |= {variable(j): linear(0, _terms(row)) for j, row in enumerate(self.H)}
-        nodes = substitute([*self.phi.outputs, *self.offset], values)
-        w, drive = nodes[: self.G.shape[1]], nodes[self.G.shape[1] :]
-        return [
-            linear(0, [(1, c), *((as_fraction(g), x) for g, x in zip(row, w, strict=True))])
-            for row, c in zip(self.G, drive, strict=True)
-        ]
-
-    def check_same_but_B(self, variant: "Agent", *, where: str) -> None:
-        """Refuse a variant of this agent that differs from it in A, in C, in h or in what h needs.
-
-        Raises:
-            ProblemError: names the first entry or equation that differs, with both values.
-        """
-        for letter in "AC":
-            _check_equal(letter, getattr(self, letter), getattr(variant, letter), self.states, where)
-        names = (*self.states, "t")
-        for state, mine, theirs in zip(self.states, self.nonlinearity(), variant.nonlinearity(), strict=True):
-            if mine is not theirs:
-                h = [shorten(written(node, names), 50) for node in (mine, theirs)]
-                _refuse_variant(f"h differs in d/dt {state}: `{h[0]}` and `{h[1]}`", where)
-        if self.H.tolist() != variant.H.tolist() or set(self.phi.conditions) != set(variant.phi.conditions):
-            _refuse_variant("what h needs to have a value differs", where)
-
 
 def _check_names(name: str, *kinds: Sequence[str]) -> None:
     """Refuse names that no expression could mention, or that mean two things; outputs may have the name of a state."""
@@ -351,26 +319,3 @@ def _matrix(rows: Sequence[Row], width: int) -> Annotated[np.ndarray, "rows widt
         for j, value in row:
             matrix[i, j] = fmpq(value.numerator, value.denominator)
     return matrix
-
-
-def _terms(row: Annotated[np.ndarray, " n"]) -> list[tuple[Fraction, Node]]:
-    return [(as_fraction(value), variable(j)) for j, value in enumerate(row)]
-
-
-def _check_equal(
-    letter: str,
-    a: Annotated[np.ndarray, "rows n"],
-    b: Annotated[np.ndarray, "rows n"],
-    states: Sequence[str],
-    where: str,
-) -> None:
-    for i, j in np.argwhere(a != b)[:1].tolist():
-        row = f"d/dt {states[i]}" if letter == "A" else f"output {i + 1}"
-        mine, theirs = (float(as_fraction(one[i, j])) for one in (a, b))
-        _refuse_variant(
-            f"{letter} differs: {row} has {mine!r}*{states[j]}, and {theirs!r}*{states[j]} here", where
-        )
-
-
-def _refuse_variant(found: str, where: str) -> NoReturn:
-    raise ProblemError(found, where=where, expected=_SAME_BUT_B, remedy=_CHANGE_INPUTS)

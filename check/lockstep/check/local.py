@@ -44,7 +44,7 @@ from flint import fmpq, fmpq_mat
 
 from lockstep.check.bound.box import Box
 from lockstep.check.disagreement import disagreement
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate
 from lockstep.check.network import Network
@@ -159,20 +159,16 @@ def _contains(outer: Box, inner: Box) -> bool:
 
 def _margins(box: Box, inner: Box) -> list[Fraction | None]:
     """Return d_j, by how much the inner box is inside on its nearer side, None where there is no side to keep to."""
-    if inner.size != box.size:
-        raise ProblemError(
-            f"the inner box has {inner.size} components",
-            where="the inner box",
-            expected=f"{box.size}, one per row of H",
-        )
+    said = f"the inner box has {inner.size} components"
+    demand(inner.size == box.size, said, "the inner box", f"{box.size}, one per row of H")
     found: list[Fraction | None] = []
     for j, (low, high, a, b) in enumerate(zip(box.lower, box.upper, inner.lower, inner.upper, strict=True)):
-        if (math.isfinite(low) and not a > low) or (math.isfinite(high) and not b < high):
-            raise ProblemError(
-                f"[{a:g}, {b:g}]",
-                where=f"the inner box, component {j + 1}",
-                expected=f"an interval inside [{low:g}, {high:g}], away from its ends",
-            )
+        inside = (a > low or not math.isfinite(low)) and (b < high or not math.isfinite(high))
+        where, wanted = (
+            f"the inner box, component {j + 1}",
+            f"an interval inside [{low:g}, {high:g}], away from its ends",
+        )
+        demand(inside, f"[{a:g}, {b:g}]", where, wanted)
         sides = [Fraction(a) - Fraction(low)] if math.isfinite(low) else []
         sides += [Fraction(high) - Fraction(b)] if math.isfinite(high) else []
         found.append(min(sides, default=None))
@@ -183,12 +179,8 @@ def _order(network: Network, P: Annotated[np.ndarray, "n_x n_x"]) -> int:
     """Return n_C from the size n (N - 1) + n_C N of P."""
     n = len(network.plant.A)
     rest = P.shape[0] - n * (network.N - 1)
-    if rest < 0 or rest % network.N:
-        raise ProblemError(
-            f"P has {P.shape[0]} rows",
-            where="the certificate",
-            expected=f"{n} (N - 1) + n_C N, N = {network.N}",
-        )
+    fits, wanted = rest >= 0 and rest % network.N == 0, f"{n} (N - 1) + n_C N, N = {network.N}"
+    demand(fits, f"P has {P.shape[0]} rows", "the certificate", wanted)
     return int(rest // network.N)
 
 

@@ -19,7 +19,7 @@ from lockstep.check.design_file.claims import Claims, claims_of
 from lockstep.check.design_file.json_text import A_DESIGN, each, matrix, only, part, record
 from lockstep.check.design_file.problem_part import ProblemPart, Sizes
 from lockstep.check.design_file.proofs import Proofs, proofs_of
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.loop import Gains
 from lockstep.check.wording import shorten
 
@@ -46,14 +46,11 @@ class DesignFile(Generic[P]):
     def __post_init__(self) -> None:
         """Check that the parts belong together."""
         N = self.problem.sizes.N
-        if self.gains.N != N:
-            raise ProblemError(f"gains for {self.gains.N} agents", where="gains", expected=f"{N}")
-        witnessed = {"rho": self.proofs.certificate, "floor": self.proofs.floor}
-        for name, witness in witnessed.items():
-            if witness is not None and witness.rho != getattr(self.claims, name):
-                raise ProblemError(
-                    f"a witness of {name} = {witness.rho}", where="proofs", expected="what is claimed"
-                )
+        demand(self.gains.N == N, f"gains for {self.gains.N} agents", "gains", f"{N}")
+        for name, witness in (("rho", self.proofs.certificate), ("floor", self.proofs.floor)):
+            if witness is not None:
+                claimed, found = getattr(self.claims, name), f"a witness of {name} = {witness.rho}"
+                demand(witness.rho == claimed, found, "proofs", "what is claimed")
 
 
 def parse(content: Any, where: str, problem_of: Callable[[Mapping[str, Any]], P]) -> DesignFile[P]:
@@ -65,18 +62,11 @@ def parse(content: Any, where: str, problem_of: Callable[[Mapping[str, Any]], P]
     Raises:
         ProblemError: a part missing, unknown, or of the wrong shape.
     """
-    if not isinstance(content, dict):
-        raise ProblemError(
-            f"it holds a JSON {type(content).__name__}, not an object", where=where, expected=A_DESIGN
-        )
+    found = f"it holds a JSON {type(content).__name__}, not an object"
+    demand(isinstance(content, dict), found, where, A_DESIGN)
     found = content.get("format")
-    if found != FORMAT:
-        raise ProblemError(
-            f"`format` is {shorten(repr(found))}",
-            where=where,
-            expected=repr(FORMAT),
-            remedy=f"give {A_DESIGN}; `lockstep generate` writes an older one anew",
-        )
+    remedy = f"give {A_DESIGN}; `lockstep generate` writes an older one anew"
+    demand(found == FORMAT, f"`format` is {shorten(repr(found))}", where, repr(FORMAT), remedy)
     try:
         return _parsed(content, problem_of)
     except ProblemError as error:
