@@ -176,10 +176,10 @@ def test_a_move_of_what_phi_does_not_have_is_refused(move):
 @pytest.mark.parametrize(
     ("dynamics", "says"),
     [
-        (("u*x",), "the input `u` enters through `(x*u)`"),
-        (("u**2",), "the input `u` enters through `u**2`"),
-        (("sin(u)",), "`sin(u)`"),
-        (("u*t",), "the input `u` enters through `(u*t)`"),
+        (("u*x",), "the input `u` enters through a term"),
+        (("u**2",), "the input `u` enters through a term"),
+        (("sin(u)",), "the input `u` enters"),
+        (("u*t",), "the input `u` enters"),
         (("u*u/u",), "the input `u` enters"),
         (("if_else(u < 1, x, 2*x)",), "the input `u` enters"),
     ],
@@ -193,9 +193,9 @@ def test_an_input_that_is_not_linear_is_refused(dynamics, says):
 @pytest.mark.parametrize(
     ("output", "says"),
     [
-        ("x**2", "`x**2` is not linear in the states"),
-        ("x + t", "`t` is not linear in the states"),
-        ("x*x/x", "`x` is not linear in the states"),
+        ("x**2", "a term is not linear in the states"),
+        ("x + t", "a term is not linear in the states"),
+        ("x*x/x", "a term is not linear in the states"),
         ("x + 1", "the output has the constant 1"),
         ("x - x", "the output depends on no state"),
         ("x + u", "the input `u` is in an output"),

@@ -10,7 +10,7 @@ A x + G phi(H x, t) = (A + G S H) x + G (phi(H x, t) - S H x). Which S is a choi
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Annotated, NoReturn
@@ -26,10 +26,10 @@ from lockstep.check.expression.exact import Exact, Value, read_text
 from lockstep.check.expression.node import Node, linear, linear_terms, variable
 from lockstep.check.expression.text import RESERVED
 from lockstep.check.expression.traversal import order
-from lockstep.check.expression.written import written
 from lockstep.check.structure import Arguments, Row, Terms, arguments, columns, forms_seen
 from lockstep.check.wording import shorten
 
+Show = Callable[[Node, Sequence[str]], str]
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,59}")
 _LINEAR_OUTPUT = "a sum of states with constant coefficients, y = C x as in (2)"
 
@@ -75,8 +75,9 @@ class Agent:
         dynamics: Mapping[str, str],
         outputs: Mapping[str, str],
         parameters: Mapping[str, float] | None = None,
+        show: Show | None = None,
     ) -> "Agent":
-        """Read the formulas of a problem file; `dynamics` and `outputs` give one by name.
+        """Read the formulas of a problem file; `dynamics` and `outputs` give one by name, `show` writes terms for messages.
 
         Raises:
             ProblemError: a name or formula that is none, an input that enters other than linearly with a constant
@@ -86,8 +87,6 @@ class Agent:
         ...                         dynamics={"p": "v", "v": "f - tanh(v)/3"})
         >>> cart.H.tolist(), cart.G.tolist()
         ([[0, 1]], [[0], [1]])
-        >>> written(cart.phi.outputs[0], ["v", "t"])
-        '(-0.333333*tanh(v))'
         """
         parameters = dict(parameters or {})
         _check_names(name, states, inputs, tuple(outputs), tuple(parameters))
@@ -104,7 +103,7 @@ class Agent:
         algebra = Exact(len(symbols) - 1)
         rhs = [read_text(dynamics[key], known, algebra, where=f"[agent.dynamics] {key}") for key in states]
         y = [read_text(outputs[key], known, algebra, where=f"[agent.outputs] {key}") for key in outputs]
-        return cls.from_values(name, states, inputs, tuple(outputs), rhs, y, algebra.seen)
+        return cls.from_values(name, states, inputs, tuple(outputs), rhs, y, algebra.seen, show)
 
     @classmethod
     def from_values(
@@ -116,6 +115,7 @@ class Agent:
         rhs: Sequence[Value],
         y: Sequence[Value],
         places: Mapping[Node, int],
+        show: Show | None = None,
     ) -> "Agent":
         """Split right-hand sides and outputs, as nodes over the variables (x, u, t).
 
@@ -127,8 +127,9 @@ class Agent:
             rhs: n values, variables 0 to n - 1 being the states, n to n + m - 1 the inputs, n + m the time.
             y: q values.
             places: the order in which nonlinear terms are taken: a node in it comes before one of a larger number.
+            show: writes a term in the names of its variables, for messages.
         """
-        names = _Names(tuple(states), tuple(inputs))
+        names = _Names(tuple(states), tuple(inputs), show)
         rows = [_split(names, state, value, places) for state, value in zip(states, rhs, strict=True)]
         chosen = columns([row.of_states for row in rows])
         components = [linear(0, [(c, node) for node, c in part.items()]) for _, part in chosen]
@@ -195,6 +196,7 @@ def _check_names(name: str, *kinds: Sequence[str]) -> None:
 class _Names:
     states: tuple[str, ...]
     inputs: tuple[str, ...]
+    show: Show | None
 
     @property
     def n(self) -> int:
@@ -205,7 +207,8 @@ class _Names:
         return len(self.states) + len(self.inputs)
 
     def text(self, node: Node) -> str:
-        return shorten(written(node, (*self.states, *self.inputs, "t")))
+        """Return a term for a message, if there is something to write it with."""
+        return f"`{shorten(self.show(node, (*self.states, *self.inputs, 't')))}`" if self.show else "a term"
 
     def inputs_of(self, node: Node) -> list[str]:
         return [self.inputs[j - self.n] for j in sorted(node.variables) if self.n <= j < self.time]
@@ -243,7 +246,7 @@ def _check_no_input(names: _Names, state: str, node: Node, text: str) -> None:
     """(2) has B_i u_i with a constant B_i."""
     for name in names.inputs_of(node):
         raise ProblemError(
-            f"the input `{name}` enters through `{text}`",
+            f"the input `{name}` enters through {text}",
             where=f"[agent.dynamics] {state}",
             expected="inputs that enter linearly, with constant coefficients, as in (2)",
             remedy="make the nonlinear actuator a state of the agent, or its output the input",
@@ -289,7 +292,7 @@ def _output_row(names: _Names, output: str, value: Value) -> Row:
     if others or value.conditions:
         text = names.text(linear(0, others[:1])) if others else names.text(value.conditions[0].args[0])
         raise ProblemError(
-            f"`{text}` is not linear in the states",
+            f"{text} is not linear in the states",
             where=where,
             expected=_LINEAR_OUTPUT,
             remedy="make what is measured a state, or measure the states it is made of",

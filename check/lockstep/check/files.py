@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.wording import shorten
 
 LARGEST = 10_000_000
@@ -81,15 +81,8 @@ def inside(relative: str, where: str) -> tuple[str, ...]:
     """
     path = PurePosixPath(relative)
     parts = path.parts
-    if (
-        not parts
-        or path.is_absolute()
-        or ".." in parts
-        or "\\" in relative
-        or "\0" in relative
-        or ":" in relative
-    ):
-        raise ProblemError(f"the path `{shorten(relative)}` leaves the folder", where=where)
+    leaves = not parts or path.is_absolute() or ".." in parts or any(c in relative for c in "\\\0:")
+    demand(not leaves, f"the path `{shorten(relative)}` leaves the folder", where)
     return parts
 
 
@@ -104,23 +97,17 @@ def _read(path: Path, expected: str, at_most: int, *, follow: bool) -> bytes:
             # Another file may have taken its place since.
             _check(os.fstat(stream.fileno()), path, expected, at_most)
             content = stream.read(at_most + 1)
-    if len(content) > at_most:
-        raise _too_large(f"more than {at_most}", path, at_most)
+    demand(len(content) <= at_most, f"it has more than {at_most} bytes", str(path), f"at most {at_most}")
     return content
 
 
 def _check(status: os.stat_result, path: Path, expected: str, at_most: int) -> None:
     if stat.S_ISLNK(status.st_mode):
         raise _linked(path)
-    if not stat.S_ISREG(status.st_mode):
-        found = "it is a directory" if stat.S_ISDIR(status.st_mode) else "it is no regular file"
-        raise ProblemError(found, where=str(path), expected=expected)
-    if status.st_size > at_most:
-        raise _too_large(str(status.st_size), path, at_most)
-
-
-def _too_large(size: str, path: Path, at_most: int) -> ProblemError:
-    return ProblemError(f"it has {size} bytes", where=str(path), expected=f"at most {at_most}")
+    found = "it is a directory" if stat.S_ISDIR(status.st_mode) else "it is no regular file"
+    demand(stat.S_ISREG(status.st_mode), found, str(path), expected)
+    small = status.st_size <= at_most
+    demand(small, f"it has {status.st_size} bytes", str(path), f"at most {at_most}")
 
 
 def _linked(path: Path) -> ProblemError:

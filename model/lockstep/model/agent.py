@@ -36,6 +36,7 @@ from lockstep.model.names import (
     check_names,
     check_parameters,
 )
+from lockstep.model.written import written
 
 Split = Literal["terms", "jacobian"]
 UNBOUNDED = (-np.inf, np.inf)
@@ -152,7 +153,13 @@ class Agent:
         rhs = [parse_expression(dynamics[key], known, where=f"[agent.dynamics] {key}") for key in states]
         y = [parse_expression(text, known, where=f"[agent.outputs] {key}") for key, text in outputs.items()]
         as_written = ExactAgent.from_texts(
-            name, states=states, inputs=inputs, dynamics=dynamics, outputs=outputs, parameters=parameters
+            name,
+            states=states,
+            inputs=inputs,
+            dynamics=dynamics,
+            outputs=outputs,
+            parameters=parameters,
+            show=written,
         )
         return cls(
             name=name,
@@ -230,7 +237,7 @@ class Agent:
             self.value(expression, algebra, where=f"[agent.outputs] {output}")
             for output, expression in zip(self.outputs, ca.vertsplit(self.y), strict=True)
         ]
-        return ExactAgent.from_values(self.name, *names, rhs, y, algebra.seen)
+        return ExactAgent.from_values(self.name, *names, rhs, y, algebra.seen, written)
 
     @cached_property
     def dynamics(self) -> ca.Function:

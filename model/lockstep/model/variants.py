@@ -10,9 +10,9 @@ from lockstep.check.agent import Agent
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.node import Node, linear, variable
 from lockstep.check.expression.traversal import substitute
-from lockstep.check.expression.written import written
 from lockstep.check.numbers import as_fraction
 from lockstep.check.wording import shorten
+from lockstep.model.written import written
 
 _SAME_BUT_B = (
     "agents that differ in B only: (2) has one A, one C and one h for all, or agreement does not last"

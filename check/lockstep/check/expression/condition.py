@@ -6,7 +6,9 @@ operation is not used.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from lockstep.check.expression.node import Node
 from lockstep.check.expression.switches import TRUE, both
@@ -40,6 +42,14 @@ class Condition:
         """Tell whether it is a discontinuity, not a missing value."""
         return self.kind == "decided"
 
+
+HOLDS: Mapping[str, Callable[..., Any]] = {
+    "nonzero": lambda x: (x[0] > 0) | (x[1] < 0),
+    "positive": lambda x: x[0] > 0,
+    "not negative": lambda x: x[0] >= 0,
+    "within one": lambda x: (x[0] >= -1) & (x[1] <= 1),
+}
+"""What an interval, or a number as both of its ends, has where an operation needs it."""
 
 _TEXT = {
     "nonzero": "divides by something that can be 0",

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from math import inf, isinf
 
-from lockstep.check.expression.condition import Condition
+from lockstep.check.expression.condition import HOLDS, Condition
 from lockstep.check.expression.constants import nearest_double
 from lockstep.check.expression.node import (
     ZERO,
@@ -93,15 +93,6 @@ class Exact:
         return 0.0
 
 
-_OF_A_CONSTANT: Mapping[str, Callable[..., bool]] = {
-    "nonzero": lambda x: x != 0,
-    "positive": lambda x: x > 0,
-    "not negative": lambda x: x >= 0,
-    "within one": lambda x: abs(x) <= 1,
-}
-"""What a constant has or has not; it jumps nowhere, and no rational number is a pole of tan."""
-
-
 class Notes:
     """What one operation needs; it keeps functions as they are written: sin(y - x) sees y - x."""
 
@@ -114,7 +105,8 @@ class Notes:
         if kind == "decided" and all(a.variables <= {self.time} for a in args):
             return
         values = [number(a) for a in args]
-        if None not in values and (kind not in _OF_A_CONSTANT or _OF_A_CONSTANT[kind](values[0])):
+        # A constant jumps nowhere, and no rational number is a pole of tan.
+        if None not in values and (kind not in HOLDS or HOLDS[kind]((values[0], values[0]))):
             return
         self.found[Condition(kind, args, name)] = None
 
