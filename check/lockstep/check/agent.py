@@ -20,7 +20,7 @@ from flint import fmpq
 
 from lockstep.check.bound.graph import Graph
 from lockstep.check.design_file.json_text import number
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.exact import Exact, Value, read_text
 from lockstep.check.expression.node import Node, linear, linear_terms, variable
@@ -31,7 +31,6 @@ from lockstep.check.wording import shorten
 
 Show = Callable[[Node, Sequence[str]], str]
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,59}")
-_LINEAR_OUTPUT = "a sum of states with constant coefficients, y = C x as in (2)"
 
 
 @dataclass(frozen=True)
@@ -165,12 +164,9 @@ class Agent:
         A = self.A.copy()
         for move in moves:
             k, j = move.component, move.argument
-            if not (0 <= k < r and 0 <= j < v):
-                raise ProblemError(
-                    f"a slope is moved from component {k + 1} and argument {j + 1} of phi",
-                    where=f"the agent `{self.name}`",
-                    expected=f"components 1 to {r} and arguments 1 to {v}",
-                )
+            found = f"a slope is moved from component {k + 1} and argument {j + 1} of phi"
+            wanted = f"components 1 to {r} and arguments 1 to {v}"
+            demand(0 <= k < r and 0 <= j < v, found, f"the agent `{self.name}`", wanted)
             amount = fmpq(move.amount.numerator, move.amount.denominator)
             A = A + amount * np.outer(self.G[:, k], self.H[j])
             taken[k].append((-move.amount, variable(j)))
@@ -286,33 +282,21 @@ def _graph(found: Arguments, components: Sequence[Node], needs: Sequence[Conditi
 
 def _output_row(names: _Names, output: str, value: Value) -> Row:
     """Return a row of C: linear in the states, and nothing else."""
-    where = f"[agent.outputs] {output}"
+    where, kind = f"[agent.outputs] {output}", "a sum of states with constant coefficients, y = C x as in (2)"
     offset, terms = linear_terms(value.node)
     others = [(c, x) for c, x in terms if x.op != "variable" or x.data == names.time]
     if others or value.conditions:
-        text = names.text(linear(0, others[:1])) if others else names.text(value.conditions[0].args[0])
-        raise ProblemError(
-            f"{text} is not linear in the states",
-            where=where,
-            expected=_LINEAR_OUTPUT,
-            remedy="make what is measured a state, or measure the states it is made of",
-        )
+        text = names.text(linear(0, others[:1]) if others else value.conditions[0].args[0])
+        remedy = "make what is measured a state, or measure the states it is made of"
+        raise ProblemError(f"{text} is not linear in the states", where=where, expected=kind, remedy=remedy)
     if offset:
-        raise ProblemError(
-            f"the output has the constant {float(offset):.6g}",
-            where=where,
-            expected=_LINEAR_OUTPUT,
-            remedy="leave it out: relative outputs do not see it",
-        )
-    if not terms:
-        raise ProblemError("the output depends on no state", where=where, expected=_LINEAR_OUTPUT)
+        remedy = "leave it out: relative outputs do not see it"
+        found = f"the output has the constant {float(offset):.6g}"
+        raise ProblemError(found, where=where, expected=kind, remedy=remedy)
+    demand(terms, "the output depends on no state", where, kind)
     for name in names.inputs_of(value.node):
-        raise ProblemError(
-            f"the input `{name}` is in an output",
-            where=where,
-            expected=_LINEAR_OUTPUT,
-            remedy="leave the feedthrough out: the controller knows its own input",
-        )
+        remedy = "leave the feedthrough out: the controller knows its own input"
+        raise ProblemError(f"the input `{name}` is in an output", where=where, expected=kind, remedy=remedy)
     return tuple(sorted((x.data, c) for c, x in terms))
 
 

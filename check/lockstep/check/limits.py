@@ -3,7 +3,7 @@
 import unicodedata
 from typing import Any
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.wording import shorten
 
 MOST_KEYS = 50_000
@@ -32,14 +32,11 @@ def _check_part(value: Any, place: tuple[str | int, ...], left: int) -> int:
         return left
     if not isinstance(value, dict | list):
         return left
-    if len(place) > DEEPEST_KEY:
-        raise ProblemError(
-            "it is nested too deeply", where=_shown(place), expected=f"at most {DEEPEST_KEY} levels"
-        )
+    levels = f"at most {DEEPEST_KEY} levels"
+    demand(len(place) <= DEEPEST_KEY, "it is nested too deeply", _shown(place), levels)
     if isinstance(value, dict):
         left -= len(value)
-        if left < 0:
-            raise ProblemError("too many keys", where=_shown(place), expected=f"at most {MOST_KEYS}")
+        demand(left >= 0, "too many keys", _shown(place), f"at most {MOST_KEYS}")
         for key in value:
             _check_text(str(key), place)
     for key, item in value.items() if isinstance(value, dict) else enumerate(value, start=1):

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.files import read_text
 from lockstep.check.limits import check_document
 from lockstep.check.wording import nearest, shorten
@@ -59,61 +59,50 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def only(content: Any, known: Iterable[str], where: str) -> None:
     """Refuse what is no object of JSON, or holds a key that is not known, with the nearest one that is."""
     names = list(known)
-    if not isinstance(content, dict):
-        raise ProblemError(f"a {type(content).__name__}", where=where, expected="an object")
-    if unknown := [key for key in content if key not in names]:
-        raise ProblemError(
-            f"the key `{shorten(unknown[0])}` is unknown",
-            where=where,
-            expected=", ".join(f"`{name}`" for name in names),
-            remedy=nearest(unknown[0], names),
-        )
+    demand(isinstance(content, dict), f"a {type(content).__name__}", where, "an object")
+    for key in content:
+        if key not in names:
+            found, known = f"the key `{shorten(key)}` is unknown", ", ".join(f"`{name}`" for name in names)
+            raise ProblemError(found, where=where, expected=known, remedy=nearest(key, names))
 
 
 def part(content: Mapping[str, Any], key: str, kind: type) -> Any:
     """Return what an object holds under a key, of the kind it has to be."""
     value = content.get(key)
-    if not isinstance(value, kind):
-        raise ProblemError(
-            f"`{key}` is {'missing' if value is None else 'a ' + type(value).__name__}",
-            expected=f"a {kind.__name__}",
-        )
+    found = f"`{key}` is {'missing' if value is None else 'a ' + type(value).__name__}"
+    demand(isinstance(value, kind), found, "", f"a {kind.__name__}")
     return value
 
 
 def number(value: Any, where: str) -> float:
     """Return a number as a finite double."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ProblemError(f"{value!r}", where=where, expected="a finite number")
+    plain = isinstance(value, int | float) and not isinstance(value, bool)
     try:
-        found = float(value)
+        found = float(value) if plain else value
     except OverflowError:
         found = math.inf
-    if not math.isfinite(found):
-        raise ProblemError(f"{found!r}", where=where, expected="a finite number")
-    return found
+    demand(plain and math.isfinite(found), f"{found!r}", where, "a finite number")
+    return float(found)
 
 
 def position(value: Any, where: str) -> int:
     """Return a position that is counted from 1, counted from 0."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise ProblemError(f"{value!r}", where=where, expected="a whole number from 1")
-    return value - 1
+    whole = isinstance(value, int) and not isinstance(value, bool) and value >= 1
+    demand(whole, f"{value!r}", where, "a whole number from 1")
+    return int(value) - 1
 
 
 def not_negative(value: Any, where: str) -> float:
     """Return a finite double from 0 up."""
     found = number(value, where)
-    if found < 0:
-        raise ProblemError(f"{found!r}", where=where, expected="a number from 0 up")
+    demand(found >= 0, f"{found!r}", where, "a number from 0 up")
     return found
 
 
 def above_zero(value: Any, where: str) -> float:
     """Return a finite double above 0."""
     found = number(value, where)
-    if found <= 0:
-        raise ProblemError(f"{found!r}", where=where, expected="a number above 0")
+    demand(found > 0, f"{found!r}", where, "a number above 0")
     return found
 
 
@@ -136,8 +125,7 @@ def one_of(value: Any, known: tuple[T, ...], where: str) -> T:
 
 def item(one: Any, key: str, where: str) -> Any:
     """Return what a nested object holds under a key, or None."""
-    if not isinstance(one, dict):
-        raise ProblemError(f"a {type(one).__name__}", where=where, expected="an object")
+    demand(isinstance(one, dict), f"a {type(one).__name__}", where, "an object")
     return one.get(key)
 
 
@@ -149,9 +137,8 @@ def record(value: Any, where: str, readers: Mapping[str, Reader]) -> list[Any]:
 
 def each(value: Any, where: str, read: Reader, name: str = "entry") -> tuple[Any, ...]:
     """Return the entries of a list, each by the reader and named by its place."""
-    if not isinstance(value, list):
-        found = "it is missing" if value is None else f"a {type(value).__name__}"
-        raise ProblemError(found, where=where, expected="a list")
+    found = "it is missing" if value is None else f"a {type(value).__name__}"
+    demand(isinstance(value, list), found, where, "a list")
     return tuple(read(one, f"{where}, {name} {i}") for i, one in enumerate(value, start=1))
 
 
@@ -176,8 +163,7 @@ def matrix(rows: int | None = None, columns: int | None = None, *, symmetric: bo
         found = np.array([[number(x, where) for x in row] for row in given], dtype=float).reshape(
             height, width
         )
-        if symmetric and not np.array_equal(found, found.T):
-            raise ProblemError("it is not symmetric", where=where, expected="P = P'")
+        demand(not symmetric or np.array_equal(found, found.T), "it is not symmetric", where, "P = P'")
         return found
 
     return read
@@ -187,9 +173,8 @@ def vector(size: int | None = None) -> Reader:
     """Return the reader of a vector; without a size, of one with as many numbers as there are."""
 
     def read(value: Any, where: str) -> Any:
-        if not isinstance(value, list) or len(value) != (len(value) if size is None else size):
-            said = "numbers" if size is None else f"{size} numbers"
-            raise ProblemError("it is missing or has another length", where=where, expected=said)
+        said, whole = f"{'' if size is None else size} numbers", isinstance(value, list)
+        demand(whole and size in (None, len(value)), "it is missing or has another length", where, said)
         return np.array([number(x, where) for x in value], dtype=float)
 
     return read

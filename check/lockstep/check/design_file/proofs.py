@@ -23,7 +23,7 @@ from lockstep.check.design_file.json_text import (
     vector,
 )
 from lockstep.check.design_file.problem_part import Sizes
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.floor.witness import FloorWitness, Piece
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate, Segment
@@ -80,9 +80,9 @@ def _bound(value: Any, where: str) -> BoundProof:
 
 
 def _boxes(value: Any, where: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise ProblemError(f"{value!r}", where=where, expected="a whole number from 0 up")
-    return value
+    whole = isinstance(value, int) and not isinstance(value, bool) and value >= 0
+    demand(whole, f"{value!r}", where, "a whole number from 0 up")
+    return int(value)
 
 
 def _move(value: Any, where: str) -> Move:
@@ -90,8 +90,8 @@ def _move(value: Any, where: str) -> Move:
 
 
 def _rational(value: Any, where: str) -> Fraction:
-    if not isinstance(value, str) or not _AMOUNT.fullmatch(value) or value.endswith("/0"):
-        raise ProblemError(f"{value!r}", where=where, expected='a rational such as "-1/2"')
+    rational = isinstance(value, str) and _AMOUNT.fullmatch(value) and not value.endswith("/0")
+    demand(rational, f"{value!r}", where, 'a rational such as "-1/2"')
     return Fraction(value)
 
 
@@ -120,8 +120,7 @@ def _triangle(value: Any, where: str) -> Any:
     rows = each(value, where, vector(), "row")
     M = np.zeros((len(rows), len(rows)))
     for i, row in enumerate(rows):
-        if len(row) != i + 1:
-            raise ProblemError(f"{len(row)} numbers", where=f"{where}, row {i + 1}", expected=f"{i + 1}")
+        demand(len(row) == i + 1, f"{len(row)} numbers", f"{where}, row {i + 1}", f"{i + 1}")
         M[i, : i + 1] = M[: i + 1, i] = row
     return M
 
