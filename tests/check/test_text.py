@@ -156,6 +156,25 @@ def test_a_constant_that_no_double_is_near_to_is_refused(text, says):
     assert says in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("text", "column"),
+    [
+        ("x^2", 2),
+        ("x // 2", 4),
+        ("x, y", 2),
+        ("x + sin(y", 10),
+        ("2x", 2),
+        ("_x", 1),
+        ("x\ty\n", 3),
+        ("sin", 1),
+        ("()", 2),
+    ],
+)
+def test_the_column_is_that_of_what_cannot_be_read(text, column):
+    with pytest.raises(ProblemError, match=f" at column {column} of `"):
+        read(text)
+
+
 def test_long_numbers_are_not_computed():
     assert LONGEST_CONSTANT <= 1 << 16
     text = "*".join(["(1/3)**999"] * 200)
