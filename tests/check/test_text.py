@@ -40,6 +40,7 @@ def read(text: str) -> Value:
         ("if_else(1/3 < 0.3333333333333333, 1, 2)", Fraction(2)),
         ("if_else(2 >= 2, 1, 1/(k - k + 1))", Fraction(1)),
         ("x - x + 0*y + 7", Fraction(7)),
+        ("max(1, 2,)", Fraction(2)),
         ("(1 + 1e-30) - 1", Fraction(1e-30)),
     ],
 )
@@ -165,7 +166,7 @@ def test_a_constant_that_no_double_is_near_to_is_refused(text, says):
         ("x + sin(y", 10),
         ("2x", 2),
         ("_x", 1),
-        ("x\ty\n", 3),
+        ("x\ty\n", 4),
         ("sin", 1),
         ("()", 2),
     ],

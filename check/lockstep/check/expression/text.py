@@ -4,8 +4,8 @@ Precedence and associativity are Python's: `-x**2` is `-(x**2)`, `x**y**z` is `x
 
     expression = operand {("+" | "-" | "*" | "/") operand}          * and / before + and -, from left to right
     operand    = ("+" | "-") operand | atom ["**" operand]
-    atom       = number | name | function "(" expression {"," expression} ")" | "(" expression ")"
-               | "if_else" "(" expression ("<" | "<=" | ">" | ">=") expression "," expression "," expression ")"
+    atom       = number | name | function "(" expression {"," expression} [","] ")" | "(" expression ")"
+               | "if_else" "(" expression ("<" | "<=" | ">" | ">=") expression "," expression "," expression [","] ")"
 
     names  t  pi  sin cos tan asin acos atan atan2 sinh cosh tanh exp log sqrt abs fabs min max sign
 """
@@ -221,7 +221,7 @@ class _Reader(Generic[V]):
             found, known = f"unknown function `{shorten(name)}`", ", ".join(FUNCTIONS)
             raise self.error(found, start, expected=known, remedy=nearest(name, FUNCTIONS))
         values = [self.condition() if name == "if_else" else self.expression()] if self.next != ")" else []
-        while self.sees(","):
+        while self.sees(",") and self.next != ")":
             values.append(self.expression())
         self.expect(")")
         if not function.fewest <= len(values) <= function.most:
