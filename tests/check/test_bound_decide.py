@@ -71,7 +71,6 @@ CONSTANTS = {
     "logistic": (phi(power(add(ONE, fn("exp", scale(-1, x))), -1)), Box.everywhere(1), 0.25),  # at 0
     "softplus": (phi(fn("log", add(ONE, fn("exp", x)))), Box.everywhere(1), 1),  # towards infinity
     "length": (phi(fn("sqrt", add(ONE, power(x, 2)))), Box.everywhere(1), 1),  # towards infinity
-    "erf": (phi(fn("erf", x)), Box.everywhere(1), lambda: 2 / flint.arb.pi().sqrt()),
     "cube on a box": (phi(power(x, 3)), Box((-2.0,), (1.0,)), 12),
     "modulus": (phi(fn("fabs", x)), Box.everywhere(1), 1),
     "log on a box": (LOG, Box((0.5,), (3.0,)), 2),
