@@ -176,10 +176,10 @@ def test_a_move_of_what_phi_does_not_have_is_refused(move):
 @pytest.mark.parametrize(
     ("dynamics", "says"),
     [
-        (("u*x",), "the input `u` enters through `(x*u)`"),
-        (("u**2",), "the input `u` enters through `u**2`"),
-        (("sin(u)",), "`sin(u)`"),
-        (("u*t",), "the input `u` enters through `(u*t)`"),
+        (("u*x",), "the input `u` enters through a term"),
+        (("u**2",), "the input `u` enters through a term"),
+        (("sin(u)",), "the input `u` enters"),
+        (("u*t",), "the input `u` enters"),
         (("u*u/u",), "the input `u` enters"),
         (("if_else(u < 1, x, 2*x)",), "the input `u` enters"),
     ],
@@ -193,9 +193,9 @@ def test_an_input_that_is_not_linear_is_refused(dynamics, says):
 @pytest.mark.parametrize(
     ("output", "says"),
     [
-        ("x**2", "`x**2` is not linear in the states"),
-        ("x + t", "`t` is not linear in the states"),
-        ("x*x/x", "`x` is not linear in the states"),
+        ("x**2", "a term is not linear in the states"),
+        ("x + t", "a term is not linear in the states"),
+        ("x*x/x", "a term is not linear in the states"),
         ("x + 1", "the output has the constant 1"),
         ("x - x", "the output depends on no state"),
         ("x + u", "the input `u` is in an output"),
@@ -210,13 +210,14 @@ def test_an_output_that_is_not_linear_is_refused(output, says):
 @pytest.mark.parametrize(
     ("names", "says"),
     [
-        ({"states": ["x", "x"]}, "`x` is twice"),
-        ({"states": ["sin"]}, "already a function"),
-        ({"inputs": ["x"]}, "in states too"),
-        ({"dynamics": {}}, "no equation for the state `x`"),
-        ({"dynamics": {"x": "u", "xx": "1"}}, "`xx` is unknown"),
+        ({"states": ["x", "x"]}, "`x`; expected at least one of each, all different"),
+        ({"states": ["sin"]}, "`sin`; expected"),
+        ({"inputs": ["x"]}, "`x`; expected"),
+        ({"dynamics": {}}, "`x`; expected one equation per state"),
+        ({"dynamics": {"x": "u", "xx": "1"}}, "`xx`; expected one equation per state"),
         ({"parameters": {"k": float("inf")}}, "expected a finite number"),
-        ({"name": "float"}, "is a word of C"),
+        ({"name": "a-b"}, "`a-b`; expected"),
+        ({"outputs": {}}, "no outputs"),
     ],
 )
 def test_names_that_could_mean_two_things_are_refused(names, says):
@@ -231,40 +232,3 @@ def test_names_that_could_mean_two_things_are_refused(names, says):
     with pytest.raises(ProblemError) as caught:
         Agent.from_texts(whole.pop("name"), **whole)
     assert says in str(caught.value)
-
-
-TANK = ("-c*y + b*u - tanh(k*x)", "d*t - sqrt(e + x**2)")
-OWN = {"b": 2.0, "c": 1.0, "k": 3.0, "d": 0.5, "e": 4.0, "o": 1.0}
-
-
-def tank(**changed: float) -> Agent:
-    return plant(*TANK, outputs={"y1": "o*x"}, parameters={**OWN, **changed})
-
-
-def test_agents_that_differ_in_B_are_the_same_but_B():
-    common, other = tank(), tank(b=5.0)
-    common.check_same_but_B(other, where="entry 2")
-    assert (common.B != other.B).any()
-
-
-@pytest.mark.parametrize(
-    ("changed", "says"),
-    [
-        ({"c": 1.5}, "A differs: d/dt x has -1.0*y, and -1.5*y here"),
-        ({"o": 2.0}, "C differs: output 1 has 1.0*x, and 2.0*x here"),
-        ({"k": 3.5}, "h differs in d/dt x: `(-tanh((3*x)))` and `(-tanh((3.5*x)))`"),
-        ({"d": 0.75}, "h differs in d/dt y"),
-        ({"e": 4.0000000000000009}, "h differs in d/dt y"),
-    ],
-)
-def test_agents_that_differ_in_more_than_B_are_refused(changed, says):
-    with pytest.raises(ProblemError) as caught:
-        tank().check_same_but_B(tank(**changed), where="entry 2")
-    assert str(caught.value).startswith(f"entry 2: {says}")
-
-
-@pytest.mark.parametrize("others", [("1*y/y", "(x/x)*y/y"), ("1", "y/y")])
-def test_agents_whose_needs_differ_are_refused(others):
-    common, variant = (plant(f"x*{a} + sin(x)", "u") for a in others)
-    with pytest.raises(ProblemError, match="needs to have a value differs"):
-        common.check_same_but_B(variant, where="entry 2")

@@ -75,7 +75,12 @@ def test_c_that_is_not_the_designs_is_no_proof(
         (("problem", "agent", "outputs", 0), False),
         (("problem", "agent", "outputs", 1, 0), [[None, 1]]),
         (("problem", "agent", "domain"), [1]),
+        (("problem", "network", "parameters"), [{}, {"gravity": 3.4}, {}]),
+        (("format",), "lockstep-design/1"),
+        (("proofs", "bound", "boxes"), True),
         (("proofs", "bound", "moves"), [{"component": 1, "argument": 1, "amount": "1/0"}]),
+        (("proofs", "sampled", "P"), [[1.0], []]),
+        (("proofs", "certificate", "m"), [1.0]),
     ],
 )
 def test_a_mistake_is_one_message(

@@ -16,7 +16,6 @@ from typer.testing import CliRunner
 
 from lockstep.check.__main__ import main as check_alone
 from lockstep.check.design_file.content import FORMAT
-from lockstep.check.design_file.upgrade import FORMAT_1, upgraded
 from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.check.local import better_than_proved
 from lockstep.cli.main import app
@@ -26,6 +25,8 @@ from lockstep.lmi.design import design
 from lockstep.lmi.document import file_of, parse, read
 from lockstep.lmi.scope import domain_of
 from lockstep.lmi.stored_bound import bound_again
+from lockstep.lmi.upgrade import FORMAT_1, upgraded
+from lockstep.lmi.written import proofs_document
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, parse_problem
 
@@ -249,7 +250,11 @@ def test_a_file_of_format_1_is_read(tmp_path: Path) -> None:
     assert certify(stored).certified
     assert stored.claims.initial_set == now.claims.initial_set
     assert stored.claims.sampled.rho == now.claims.sampled.rho
-    assert stored.proofs.document() == {**now.proofs.document(), "max_period": None, "bound": None}
+    assert proofs_document(stored.proofs) == {
+        **proofs_document(now.proofs),
+        "max_period": None,
+        "bound": None,
+    }
     assert stored.info["figures"] == now.info["figures"]
     assert stored.info["sampled"]["decay"] == now.claims.sampled.decay, (
         "its checker never looked at it: a remark"

@@ -11,12 +11,12 @@ from lockstep.check.errors import Infeasible, NotCertified, ProblemError
 from lockstep.check.inequality import Certificate, Claim, F_matrix
 from lockstep.check.modes import Modes, mode_matrix
 from lockstep.check.numbers import as_floats
-from lockstep.check.spectrum import decide_spectrum, metric, spectrum_bounds
+from lockstep.check.spectrum import decide_spectrum, metric
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
 from lockstep.lmi.document import file_of, parse
-from lockstep.lmi.methods.modal import prove_modes, segment_ends, shared_gains
+from lockstep.lmi.methods.modal import prove_modes, segment_ends, shared_gains, spectrum_bounds
 from lockstep.lmi.methods.modal_witness import witness
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network

@@ -10,7 +10,7 @@ Each takes for granted what the ones before it decide, and that phi has the boun
 from lockstep.check.decide import decide
 from lockstep.check.floor.witness import FloorWitness, proves_floor
 from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.local import Domain, InitialSet, better_than_proved
+from lockstep.check.local import Domain, InitialSet, better_than_proved, box_text
 from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate, decide_modes
 from lockstep.check.network import Network
@@ -59,7 +59,9 @@ def decide_initial_set(
     """
     found = better_than_proved(network, certificate, domain, claimed)
     if found is None:
-        return Verdict("proved", claimed.text())
+        inside, radius = box_text(claimed.inner), f"|x_d(0)| <= {claimed.radius:.10g}"
+        said = f"while agent {claimed.leader} stays in {inside}, all stay in their domain and agree from {radius}"
+        return Verdict("proved", said)
     return Verdict("undecided", f"other initial states are claimed than are proved: {found}")
 
 

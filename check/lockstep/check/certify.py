@@ -26,8 +26,8 @@ from lockstep.check.certificate import decide_certificate, decide_floor, decide_
 from lockstep.check.design_file import content
 from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.design_file.content import DesignFile
-from lockstep.check.design_file.json_text import A_DESIGN, parse_json
-from lockstep.check.domain import claimed_box, inner_box
+from lockstep.check.design_file.json_text import A_DESIGN, load_json, parse_json
+from lockstep.check.domain import claimed_box
 from lockstep.check.errors import NotCertified
 from lockstep.check.files import as_text, read_inside
 from lockstep.check.inequality import Claim
@@ -77,7 +77,7 @@ def certify(path: Path) -> Certified:
     """
     folder = path if path.is_dir() else None
     if folder is None:
-        stored = content.read(path, Problem.from_document)
+        stored = content.parse(load_json(path), str(path), Problem.from_document)
     else:
         text = as_text(read_inside(folder, DESIGN_NAME, expected=A_DESIGN), DESIGN_NAME, A_DESIGN)
         stored = content.parse(
@@ -114,7 +114,7 @@ def decide(stored: Stored, folder: Path | None = None) -> Iterator[tuple[str, Ve
         yield "floor", decide_floor(network, claim, proofs.floor)
     if claims.initial_set is not None:
         box = problem.box
-        domain = Domain(as_floats(agent.H), box, inner_box(box, 0.5))
+        domain = Domain(as_floats(agent.H), box)
         yield "initial_set", decide_initial_set(network, proofs.certificate, domain, claims.initial_set)
     yield from _sampled(stored, network, folder)
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from lockstep.check.disagreement import Coordinates, disagreement
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.graph import Graph
 from lockstep.check.loop import Loop, Plant, build_loop
 
@@ -29,24 +29,20 @@ class Network:
     def __post_init__(self) -> None:
         self.graph.check_spanning_tree()
         plant, N = self.plant, self.graph.N
-        if len(plant.B) != N:
-            raise ProblemError(
-                f"{len(plant.B)} input matrices for {N} agents", where="network", expected="one B per agent"
-            )
+        demand(
+            len(plant.B) == N, f"{len(plant.B)} input matrices for {N} agents", "network", "one B per agent"
+        )
         n, m, q, r, v = plant.sizes
-        fits = [
-            ("A", plant.A, (n, n)),
-            ("C", plant.C, (q, n)),
-            ("G", plant.G, (n, r)),
-            ("H", plant.H, (v, n)),
-        ]
-        for name, matrix, shape in [*fits, *[(f"B_{i}", B, (n, m)) for i, B in enumerate(plant.B, start=1)]]:
-            if matrix.shape != shape:
-                raise ProblemError(
-                    f"`{name}` is {' x '.join(map(str, matrix.shape))}",
-                    where="network",
-                    expected=f"{shape[0]} x {shape[1]}",
-                )
+        fits = {
+            "A": (plant.A, (n, n)),
+            "C": (plant.C, (q, n)),
+            "G": (plant.G, (n, r)),
+            "H": (plant.H, (v, n)),
+        }
+        fits |= {f"B_{i}": (B, (n, m)) for i, B in enumerate(plant.B, start=1)}
+        for name, (matrix, shape) in fits.items():
+            found = f"`{name}` is {' x '.join(map(str, matrix.shape))}"
+            demand(matrix.shape == shape, found, "network", f"{shape[0]} x {shape[1]}")
 
     @property
     def N(self) -> int:

@@ -15,11 +15,8 @@ from flint import fmpq
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.graph import Graph
-from lockstep.check.numbers import as_floats, exactly
+from lockstep.check.numbers import exactly
 from lockstep.check.psd import Definiteness, decide_positive_definite
-
-OUTSIDE = 1e-9
-"""How far outside the computed eigenvalues the bounds are put, relative to lambda_N: far above rounding errors."""
 
 REMEDY = 'use method = "certified", which takes any graph with a spanning tree'
 
@@ -72,15 +69,6 @@ def metric(graph: Graph) -> Metric:
     return Metric(
         np.array([fmpq((v / least).numerator, (v / least).denominator) for v in known], dtype=object)
     )
-
-
-def spectrum_bounds(graph: Graph, known: Metric) -> tuple[float, float]:
-    """Return (lower, upper) a little outside lambda_2 and lambda_N."""
-    root = np.sqrt(as_floats(known.w))
-    symmetric = root[:, None] * graph.laplacian / root[None, :]
-    values = np.linalg.eigvalsh((symmetric + symmetric.T) / 2)
-    room = OUTSIDE * values[-1]
-    return float(values[1] - room), float(values[-1] + room)
 
 
 def decide_spectrum(graph: Graph, known: Metric, lower: float, upper: float) -> Definiteness:

@@ -4,13 +4,14 @@ A compiler or CMake may read any file of a folder in place of one that was prove
 `src/arm1.h.gch/c99`, `CMakePresets.json`. So nothing stands in the folder but what Lockstep writes there.
 """
 
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
 from lockstep.check.c_source.reader import read_controller
 from lockstep.check.errors import NotCertified, ProblemError
-from lockstep.check.files import as_text, entries_of, read_inside
+from lockstep.check.files import as_text, named, read_inside
 from lockstep.check.wording import shorten
 from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files
 
@@ -18,6 +19,9 @@ DESIGN_NAME = "design.json"
 
 MEASURED = ("report.html", "report.md")
 _FIGURE = re.compile(r"figures/[a-z0-9_-]+\.(png|pdf)")
+
+MOST_ENTRIES = 20_000
+"""Files and folders in a folder: four files for each agent, and figures."""
 
 _MOST_LINES = 20
 """Entries told one by one; of more, their number."""
@@ -62,6 +66,29 @@ def strangers(folder: Path, manifest: Manifest) -> list[str]:
     if len(found) > _MOST_LINES:
         found[_MOST_LINES:] = [f"and {len(found) - _MOST_LINES} more files that were not generated"]
     return found
+
+
+def entries_of(folder: Path) -> dict[str, os.DirEntry[str]]:
+    """Return everything in a folder by its path in it, folders included, links as what they are and never followed.
+
+    Raises:
+        ProblemError: no folder, not readable, or more than `MOST_ENTRIES` entries.
+    """
+    found: dict[str, os.DirEntry[str]] = {}
+    with named(folder, "a folder"):
+        waiting = [("", str(folder))]
+        while waiting:
+            prefix, place = waiting.pop()
+            with os.scandir(place) as listed:
+                for entry in listed:
+                    found[prefix + entry.name] = entry
+                    if len(found) > MOST_ENTRIES:
+                        raise ProblemError(
+                            "it holds too much", where=str(folder), expected=f"at most {MOST_ENTRIES} files"
+                        )
+                    if entry.is_dir(follow_symlinks=False):
+                        waiting.append((f"{prefix}{entry.name}/", entry.path))
+    return dict(sorted(found.items()))
 
 
 def refusals(folder: Path, manifest: Manifest) -> list[str]:

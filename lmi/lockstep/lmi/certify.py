@@ -17,9 +17,9 @@ from lockstep.check.certificate import decide_certificate, decide_floor, decide_
 from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.errors import BoundNotProved
 from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.local import InitialSet, Unavailable
 from lockstep.check.modes import ModalCertificate
 from lockstep.lmi.document import Stored
+from lockstep.lmi.initial import InitialStates, Unavailable
 from lockstep.lmi.scope import Scope, domain_of, initial_states, scope_of
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
@@ -40,7 +40,7 @@ class Verdict:
     scope: Scope | None = None
     margin: float = float("nan")
     figures: Mapping[str, Any] = field(default_factory=dict)
-    initial: InitialSet | Unavailable | None = None
+    initial: InitialStates | Unavailable | None = None
 
 
 def certify(stored: Stored) -> Verdict:

@@ -19,10 +19,10 @@ import numpy as np
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.floor.witness import FloorWitness
 from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.local import InitialSet, Unavailable
 from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate
 from lockstep.lmi.analysis.rounding import prove, short_gains
+from lockstep.lmi.initial import InitialStates, Unavailable
 from lockstep.lmi.sampled.improve import Start
 from lockstep.lmi.scope import Scope, initial_states, scope_of
 from lockstep.lmi.threads import one_thread
@@ -65,7 +65,7 @@ class Design:
         return scope_of(self.network.agent, self.bound) if self.certified else None
 
     @cached_property
-    def initial(self) -> InitialSet | Unavailable | None:
+    def initial(self) -> InitialStates | Unavailable | None:
         """Where the certificate is local: states from which the agents stay in their domain, or why none can be given."""
         if self.certificate is None or self.scope != "local":
             return None

@@ -1,18 +1,21 @@
 """Between a design, its file, and the answers of the commands: what is claimed, what proves it, what is remarked."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
 from lockstep.check.design_file import content as design_file
 from lockstep.check.design_file.claims import Claims, Scales
-from lockstep.check.design_file.content import DesignFile, gains_document
+from lockstep.check.design_file.content import DesignFile
+from lockstep.check.design_file.json_text import load_json
 from lockstep.check.design_file.proofs import BoundProof, Proofs
 from lockstep.check.domain import claimed_box
 from lockstep.check.local import InitialSet
 from lockstep.lmi.design import Design
+from lockstep.lmi.initial import InitialStates
+from lockstep.lmi.upgrade import FORMAT_1, upgraded
+from lockstep.lmi.written import file_document, gains_document
 from lockstep.model.arguments import arguments_text
 from lockstep.model.bound_search import Bound
 from lockstep.model.problem import Problem
@@ -20,8 +23,13 @@ from lockstep.model.problem import Problem
 ALWAYS = ("rho", "floor")
 """Keys of an answer that are there even where nothing is claimed."""
 
-Stored = DesignFile[Problem]
-"""A design file with its problem as this layer builds it."""
+
+class Stored(DesignFile[Problem]):
+    """A design file with its problem as this layer builds it, to be written down."""
+
+    def document(self) -> dict[str, Any]:
+        """Return the file as plain JSON types."""
+        return file_document(self)
 
 
 def file_of(design: Design) -> Stored:
@@ -40,7 +48,7 @@ def file_of(design: Design) -> Stored:
     )
     info = {"figures": design.figures} | ({} if initial is None else {"initial_set": initial.remarks()})
     proofs = Proofs(c, floor, bound=_bound_proof(design, claims))
-    return DesignFile(design.problem, design.gains, claims, proofs, info)
+    return Stored(design.problem, design.gains, claims, proofs, info)
 
 
 def _bound_proof(design: Design, claims: Claims) -> BoundProof | None:
@@ -60,16 +68,18 @@ def _scales(bound: Bound) -> Scales | None:
 
 def read(path: Path) -> Stored:
     """Read a design file; see `parse`."""
-    return design_file.read(path, Problem.from_document)
+    return parse(load_json(path), str(path))
 
 
 def parse(content: Any, where: str) -> Stored:
-    """Return what a design file holds, from its JSON.
+    """Return what a design file holds, from its JSON, a file of format 1 included.
 
     Raises:
         ProblemError: a part missing, unknown, or of the wrong shape; `where` names the file.
     """
-    return design_file.parse(content, where, Problem.from_document)
+    if isinstance(content, dict) and content.get("format") == FORMAT_1:
+        content = upgraded(content)
+    return Stored(**vars(design_file.parse(content, where, Problem.from_document)))
 
 
 def answer(stored: Stored) -> dict[str, Any]:
@@ -77,7 +87,9 @@ def answer(stored: Stored) -> dict[str, Any]:
     claims, info, design = stored.claims, stored.info, stored.problem.design
     initial = {"available": False, **_table(info, "initial_set")}
     if claims.initial_set is not None:
-        named = replace(claims.initial_set, arguments=arguments_text(stored.problem.agent()))
+        named = InitialStates(
+            **vars(claims.initial_set) | {"arguments": arguments_text(stored.problem.agent())}
+        )
         initial |= named.document()
     return {
         "title": stored.problem.title,

@@ -15,7 +15,6 @@ from lockstep.check.agent import Move
 from lockstep.check.domain import argument_box
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.exact import Exact, Value
-from lockstep.check.names import check_agent_name, check_known, check_names
 from lockstep.model.agent_parts import (
     check_bounds,
     check_symbols,
@@ -24,11 +23,20 @@ from lockstep.model.agent_parts import (
 )
 from lockstep.model.bound_search import Box
 from lockstep.model.bound_search.graph import read_value
+from lockstep.model.bound_search.operations import RULES
 from lockstep.model.centring import Centring, centred
 from lockstep.model.control.pbh import Controllability, Observability, controllability, observability
 from lockstep.model.expression import parse_expression
 from lockstep.model.linearise import linearised
 from lockstep.model.lure import Lure, lure_form
+from lockstep.model.names import (
+    check_agent_name,
+    check_formulas,
+    check_known,
+    check_names,
+    check_parameters,
+)
+from lockstep.model.written import written
 
 Split = Literal["terms", "jacobian"]
 UNBOUNDED = (-np.inf, np.inf)
@@ -133,9 +141,10 @@ class Agent:
         array([[0., 1.]])
         """
         parameters = dict(parameters or {})
-        as_written = ExactAgent.from_texts(
-            name, states=states, inputs=inputs, dynamics=dynamics, outputs=outputs, parameters=parameters
-        )
+        check_agent_name(name)
+        check_names(states=states, inputs=inputs, outputs=tuple(outputs), parameters=tuple(parameters))
+        check_formulas(states, dynamics)
+        check_parameters(parameters)
         symbols = {key: ca.SX.sym(key) for key in (*states, *inputs, "t")}
         known: dict[str, ca.SX | float] = {
             **symbols,
@@ -143,6 +152,15 @@ class Agent:
         }
         rhs = [parse_expression(dynamics[key], known, where=f"[agent.dynamics] {key}") for key in states]
         y = [parse_expression(text, known, where=f"[agent.outputs] {key}") for key, text in outputs.items()]
+        as_written = ExactAgent.from_texts(
+            name,
+            states=states,
+            inputs=inputs,
+            dynamics=dynamics,
+            outputs=outputs,
+            parameters=parameters,
+            show=written,
+        )
         return cls(
             name=name,
             x=stack([symbols[key] for key in states]),
@@ -209,7 +227,7 @@ class Agent:
     def _written(self) -> ExactAgent:
         if self.as_written is not None:
             return self.as_written
-        algebra = Exact(self.n + self.m)
+        algebra = Exact(self.n + self.m, RULES)
         names = (self.states, self.inputs, self.outputs)
         rhs = [
             self.value(expression, algebra, where=f"[agent.dynamics] {state}")
@@ -219,7 +237,7 @@ class Agent:
             self.value(expression, algebra, where=f"[agent.outputs] {output}")
             for output, expression in zip(self.outputs, ca.vertsplit(self.y), strict=True)
         ]
-        return ExactAgent.from_values(self.name, *names, rhs, y, algebra.seen)
+        return ExactAgent.from_values(self.name, *names, rhs, y, algebra.seen, written)
 
     @cached_property
     def dynamics(self) -> ca.Function:
@@ -268,7 +286,7 @@ class Agent:
                     remedy="substitute a number for it, or declare it",
                 )
         try:
-            return read_value(expression, ca.vertcat(*own), self.t, algebra or Exact(len(own)))
+            return read_value(expression, ca.vertcat(*own), self.t, algebra or Exact(len(own), RULES))
         except ProblemError as error:
             raise error.within(where) from None
 

@@ -24,7 +24,7 @@ from typing import Annotated, Any
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from lockstep.check.floor.projected import Projected, Side, left_inverse, with_rho, without_rho
+from lockstep.check.floor.projected import Projected, Side, left_inverse, with_rho
 from lockstep.check.loop import Plant
 from lockstep.check.network import Network
 from lockstep.check.numbers import Matrix, exact, exactly, zeros
@@ -66,12 +66,6 @@ def proves_floor(
             return False
         lower = piece.upper
     return True
-
-
-def proves_alpha_impossible(network: Network, alpha: float, point: Piece) -> bool:
-    """Decide exactly whether a dual point proves that no controllers certify alpha, with whatever rho."""
-    plant, slope = exact_agent(network, alpha)
-    return point.upper == 1.0 and excludes(without_rho(plant, slope), point, 1.0)
 
 
 def exact_agent(network: Network, alpha: float) -> tuple[Plant, fmpq]:

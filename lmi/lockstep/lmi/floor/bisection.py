@@ -10,10 +10,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from flint import fmpq
 from jaxtyping import Float
 
-from lockstep.check.floor.projected import Projected, without_rho
+from lockstep.check.floor.projected import Projected, side
 from lockstep.check.floor.witness import FloorWitness, Piece, exact_agent, excludes, of_piece
+from lockstep.check.loop import Plant
+from lockstep.check.numbers import zeros
 from lockstep.lmi.floor.program import Found, Program, Scales, largest_margin
 from lockstep.model.network import Network
 
@@ -88,6 +91,19 @@ def proves_that_none_carries(network: Network, alpha: float) -> bool:
         return False
     stated = without_rho(plant, slope)
     return _point(Program(stated), stated, 1.0, 1.0)[1]
+
+
+def without_rho(plant: Plant, alpha: fmpq) -> Projected:
+    """Return the two sides without disturbance and weight: what a certificate with any rho and any R satisfies.
+
+    They are homogeneous in (X, mu) and in (Y, 1/mu), so that mu = 1 stands for all mu.
+    """
+    n = len(plant.A)
+    B, H = np.hstack(plant.B), alpha * plant.H
+    nothing, border = zeros(n, n, plant.A), (zeros(n, 0, plant.A), zeros(0, 0, plant.A))
+    primal = side(plant.A, plant.C, nothing, H.T @ H, border, plant.G)
+    dual = side(plant.A.T, B.T, nothing, plant.G @ plant.G.T, border, H.T)
+    return Projected(primal, dual)
 
 
 def _guess(network: Network, R: Float[np.ndarray, "n n"]) -> float:

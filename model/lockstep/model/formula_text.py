@@ -1,11 +1,9 @@
-"""The tokens of an expression: the only characters that reach a parser, each at its place.
+"""The usual mistakes in a formula, each told in its own words before `lockstep.check.expression.text` reads it.
 
 Numbers are ASCII decimals, names are ASCII identifiers that are no words of Python, and the rest is + - * /
-** ( ) , and < <= > >=. What Python would read in a way of its own (1_000, 0x10, 007, strings, attributes)
-stops here.
+** ( ) , and < <= > >=. What is from other languages (^, 1_000, 0x10, strings, attributes, and, or) stops here.
 """
 
-import ast
 import keyword
 import math
 import re
@@ -14,16 +12,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.expression.text import DEEPEST, LONGEST, MOST_TOKENS
 from lockstep.check.wording import shorten
-
-LONGEST = 10_000
-"""Characters in one expression. Longer ones come from programs, which can build an `Agent` in Python."""
-
-MOST_TOKENS = 2_000
-"""A chain of this length stays within Python's own limit, whatever has been called before."""
-DEEPEST = 100
-"""Levels of nesting. Chains such as a + b + c do not nest; Python's own limits stay out of reach."""
-
 
 _TOKEN = re.compile(
     r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)|(?P<name>[A-Za-z_][A-Za-z_0-9]*)"
@@ -65,10 +55,6 @@ class Source:
         """Return an error about the expression as a whole."""
         return ProblemError(found, where=self.where, expected=expected, remedy=remedy)
 
-    def segment(self, node: ast.expr) -> str:
-        """Return the text of a node, in short."""
-        return shorten(self.text[node.col_offset : node.end_col_offset], 40)
-
 
 class Token(NamedTuple):
     """A number, a name or an operator, and the column it starts in."""
@@ -76,6 +62,17 @@ class Token(NamedTuple):
     kind: str
     text: str
     column: int
+
+
+def check_text(text: str, where: str) -> None:
+    """Refuse a text that cannot be a formula, in words for what it looks like.
+
+    Raises:
+        ProblemError: what was found, its column, and what to write instead.
+    """
+    if isinstance(text, str):
+        source = Source(text.strip(" \t"), where)
+        check_neighbours(source, tokens(source))
 
 
 def tokens(source: Source) -> list[Token]:
@@ -154,6 +151,12 @@ def _check_word(source: Source, token: Token) -> None:
             f"`{token.text}` is not part of an expression",
             token.column,
             remedy=_REMEDIES.get(token.text, "names cannot be words of Python's own language"),
+        )
+    if token.text.lower() in ("nan", "inf", "infinity"):
+        raise source.error(
+            f"`{token.text}` is no number that can be computed with",
+            token.column,
+            expected="a finite number",
         )
     if token.text.startswith("_"):
         raise source.error(

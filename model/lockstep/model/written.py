@@ -1,4 +1,4 @@
-"""Expressions in words of a problem file, for messages."""
+"""Exact expressions in words of a problem file, for messages."""
 
 from collections.abc import Sequence
 from fractions import Fraction
