@@ -2,14 +2,14 @@
 
 import pytest
 
-from lockstep.check.agent import Agent
+from lockstep.check.agent import ExactAgent
 from lockstep.check.errors import ProblemError
 from lockstep.model.variants import check_same_but_B
 
 
-def plant(*dynamics: str, outputs: dict | None = None, parameters: dict | None = None) -> Agent:
+def plant(*dynamics: str, outputs: dict | None = None, parameters: dict | None = None) -> ExactAgent:
     states = ["x", "y", "z", "w"][: len(dynamics)]
-    return Agent.from_texts(
+    return ExactAgent.from_texts(
         "plant",
         states=states,
         inputs=["u"],
@@ -23,7 +23,7 @@ TANK = ("-c*y + b*u - tanh(k*x)", "d*t - sqrt(e + x**2)")
 OWN = {"b": 2.0, "c": 1.0, "k": 3.0, "d": 0.5, "e": 4.0, "o": 1.0}
 
 
-def tank(**changed: float) -> Agent:
+def tank(**changed: float) -> ExactAgent:
     return plant(*TANK, outputs={"y1": "o*x"}, parameters={**OWN, **changed})
 
 

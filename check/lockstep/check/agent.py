@@ -18,7 +18,7 @@ from typing import Annotated, NoReturn
 import numpy as np
 from flint import fmpq
 
-from lockstep.check.bound.graph import Graph
+from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.design_file.json_text import number
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.expression.condition import Condition
@@ -43,7 +43,7 @@ class Move:
 
 
 @dataclass(frozen=True, eq=False)
-class Agent:
+class ExactAgent:
     """One agent over the rationals: object arrays of `flint.fmpq`, and phi as exact expressions."""
 
     name: str
@@ -55,7 +55,7 @@ class Agent:
     C: Annotated[np.ndarray, "q n"]
     G: Annotated[np.ndarray, "n r"]
     H: Annotated[np.ndarray, "v n"]
-    phi: Graph
+    phi: ExactPhi
     """(v, t) -> w: v numbers and the time in, r numbers out, and what must hold for them to have a value."""
     offset: tuple[Node, ...]
     """n expressions in the time, which is the variable `phi.inputs` as in phi; common to all agents."""
@@ -75,7 +75,7 @@ class Agent:
         outputs: Mapping[str, str],
         parameters: Mapping[str, float] | None = None,
         show: Show | None = None,
-    ) -> "Agent":
+    ) -> "ExactAgent":
         """Read the formulas of a problem file; `dynamics` and `outputs` give one by name, `show` writes terms for messages.
 
         Raises:
@@ -115,7 +115,7 @@ class Agent:
         y: Sequence[Value],
         places: Mapping[Node, int],
         show: Show | None = None,
-    ) -> "Agent":
+    ) -> "ExactAgent":
         """Split right-hand sides and outputs, as nodes over the variables (x, u, t).
 
         Args:
@@ -153,7 +153,7 @@ class Agent:
             offset=tuple(found.restated([row.drive for row in rows], names.n, names.time)),
         )
 
-    def moved(self, moves: Sequence[Move]) -> "Agent":
+    def moved(self, moves: Sequence[Move]) -> "ExactAgent":
         """Return the same agent with S taken from phi and given to A: A + G S H and phi - S v.
 
         Raises:
@@ -269,7 +269,9 @@ def _refuse_cancelled(condition: Condition) -> NoReturn:
     )
 
 
-def _graph(found: Arguments, components: Sequence[Node], needs: Sequence[Condition], names: _Names) -> Graph:
+def _graph(
+    found: Arguments, components: Sequence[Node], needs: Sequence[Condition], names: _Names
+) -> ExactPhi:
     flat = [*components, *(node for c in needs for node in c.nodes)]
     rest = iter(found.restated(flat, names.n, names.time))
     outputs = tuple(next(rest) for _ in components)
@@ -277,7 +279,7 @@ def _graph(found: Arguments, components: Sequence[Node], needs: Sequence[Conditi
     for c in needs:
         guard = next(rest)
         conditions.append(Condition(c.kind, tuple(next(rest) for _ in c.args), c.name, guard))
-    return Graph(outputs, tuple(dict.fromkeys(conditions)), len(found.rows))
+    return ExactPhi(outputs, tuple(dict.fromkeys(conditions)), len(found.rows))
 
 
 def _output_row(names: _Names, output: str, value: Value) -> Row:

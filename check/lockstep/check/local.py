@@ -47,7 +47,7 @@ from lockstep.check.disagreement import disagreement
 from lockstep.check.errors import demand
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate
-from lockstep.check.network import Network
+from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import Matrix, Vector, as_fraction, exactly, eye
 from lockstep.check.psd import decide_positive_definite
 
@@ -87,7 +87,7 @@ class InitialSet:
 
 
 def better_than_proved(
-    network: Network, certificate: Certificate | ModalCertificate, domain: Domain, claimed: InitialSet
+    network: ExactNetwork, certificate: Certificate | ModalCertificate, domain: Domain, claimed: InitialSet
 ) -> str | None:
     """Say what a claimed set has that is not proved; None where all of it is.
 
@@ -111,7 +111,7 @@ def better_than_proved(
     return None
 
 
-def unavailable(network: Network, certificate: Certificate | ModalCertificate, box: Box) -> str | None:
+def unavailable(network: ExactNetwork, certificate: Certificate | ModalCertificate, box: Box) -> str | None:
     """Say why there is no such set; None where there may be one."""
     roots = network.graph.roots
     if box == Box.everywhere(box.size):
@@ -126,7 +126,7 @@ def unavailable(network: Network, certificate: Certificate | ModalCertificate, b
 
 
 def largest_level(
-    network: Network, certificate: Certificate, domain: Domain, inner: Box
+    network: ExactNetwork, certificate: Certificate, domain: Domain, inner: Box
 ) -> tuple[Fraction, int, int]:
     """Return c, and which agent would be the first to reach a side of which v_j, both from 0.
 
@@ -144,7 +144,7 @@ def largest_level(
     return min((d * d / q, i, j) for (i, j, d), q in zip(places, spread, strict=True) if q)
 
 
-def on_disagreement(network: Network, certificate: Certificate) -> Matrix:
+def on_disagreement(network: ExactNetwork, certificate: Certificate) -> Matrix:
     """Return P on x_d, in rationals."""
     n_d = len(network.plant.A) * (network.N - 1)
     return exactly(certificate.P[:n_d, :n_d])
@@ -175,7 +175,7 @@ def _margins(box: Box, inner: Box) -> list[Fraction | None]:
     return found
 
 
-def _order(network: Network, P: Annotated[np.ndarray, "n_x n_x"]) -> int:
+def _order(network: ExactNetwork, P: Annotated[np.ndarray, "n_x n_x"]) -> int:
     """Return n_C from the size n (N - 1) + n_C N of P."""
     n = len(network.plant.A)
     rest = P.shape[0] - n * (network.N - 1)
@@ -184,7 +184,7 @@ def _order(network: Network, P: Annotated[np.ndarray, "n_x n_x"]) -> int:
     return int(rest // network.N)
 
 
-def _row(network: Network, order: int, root: int, i: int, h: Vector) -> Vector:
+def _row(network: ExactNetwork, order: int, root: int, i: int, h: Vector) -> Vector:
     """Return w with w' x_cl = h (x_i - x_root), in rationals: x_i - x_root = ((right_i - right_root) (x) I) x_d."""
     d = disagreement(network.graph, network.coordinates, exact_arithmetic=True)
     w = np.kron(d.right[i] - d.right[root], exactly(h))
@@ -192,7 +192,7 @@ def _row(network: Network, order: int, root: int, i: int, h: Vector) -> Vector:
 
 
 def _at_rest(
-    array: Annotated[np.ndarray, "..."], network: Network, order: int, root: int
+    array: Annotated[np.ndarray, "..."], network: ExactNetwork, order: int, root: int
 ) -> Annotated[np.ndarray, "..."]:
     """Leave the root's controller out of a vector or matrix over x_cl."""
     start = len(network.plant.A) * (network.N - 1) + root * order
@@ -210,7 +210,7 @@ def _squares(P: Matrix, rows: Sequence[Vector]) -> list[Fraction]:
     ]
 
 
-def squared_distance(network: Network) -> Matrix:
+def squared_distance(network: ExactNetwork) -> Matrix:
     """Return D with x_d' D x_d = sum_i |x_i - mean|^2."""
     right = disagreement(network.graph, network.coordinates, exact_arithmetic=True).right
     centred = right - right.sum(axis=0) / network.N

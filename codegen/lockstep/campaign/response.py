@@ -19,8 +19,7 @@ from jaxtyping import Complex, Float
 from lockstep.campaign.functions import Weights
 from lockstep.check.disagreement import orthonormal_factor
 from lockstep.check.loop import Gains, build_loop
-from lockstep.check.sampled.controller import HeldController
-from lockstep.check.sampled.controller import Network as SampledNetwork
+from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.model.network import Network
 

@@ -23,7 +23,7 @@ from lockstep.check.sampled.sector import Sector, common_sector
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import (
     HeldController,
-    Network,
+    SampledNetwork,
     SampledRho,
     SampledVerdict,
     Weights,
@@ -108,7 +108,7 @@ def prove_design(stored: Stored, guess: PairWeights | None = None, *, longest: b
 
 def prove_controllers(
     stored: Stored,
-    network: Network,
+    network: SampledNetwork,
     controllers: tuple[HeldController, ...],
     guess: PairWeights | None = None,
     *,
@@ -178,12 +178,14 @@ def stated_rho(stored: Stored) -> SampledRho | None:
     return _stated_rho(stored, network, sampled_controllers(stored, network.period))
 
 
-def longest_period(stored: Stored, network: Network, guess: PairWeights | None) -> SampledVerdict | None:
+def longest_period(
+    stored: Stored, network: SampledNetwork, guess: PairWeights | None
+) -> SampledVerdict | None:
     """Return the verdict at the largest period certified for a design's gains, or None."""
     return max_period(network, lambda period: sampled_controllers(stored, period), guess)
 
 
-def sampled_network(stored: Stored, period: float) -> Network:
+def sampled_network(stored: Stored, period: float) -> SampledNetwork:
     """Return the agents of a design in rationals, alpha and the entries being proved anew.
 
     Raises:
@@ -192,7 +194,9 @@ def sampled_network(stored: Stored, period: float) -> Network:
     problem = stored.problem
     bound = bound_again(stored).or_raise()
     loop = network_of(problem, bound).loop(stored.gains.order, exact_arithmetic=True)
-    return Network(loop.plant, loop.d, stored.claims.alpha, period, problem.controller.delay, _sector(stored))
+    return SampledNetwork(
+        loop.plant, loop.d, stored.claims.alpha, period, problem.controller.delay, _sector(stored)
+    )
 
 
 def _sector(stored: Stored) -> Sector | None:
@@ -226,7 +230,7 @@ def weights_of(stored: Stored) -> Weights:
 
 
 def _stated_rho(
-    stored: Stored, network: Network, controllers: tuple[HeldController, ...]
+    stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...]
 ) -> SampledRho | None:
     known = _known_rho(stored)
     holds = known and proves_rho(sampled_loop(network, controllers), weights_of(stored), known)
@@ -238,7 +242,7 @@ def _known_rho(stored: Stored) -> SampledRho | None:
     return None if rho is None or witness is None else SampledRho(rho, witness)
 
 
-def _longest_stated(stored: Stored, network: Network) -> SampledVerdict | None:
+def _longest_stated(stored: Stored, network: SampledNetwork) -> SampledVerdict | None:
     """Return the verdict at the period that a design file claims as its longest, if the file's witness proves it."""
     period, witness = stored.claims.sampled.max_period, stored.proofs.max_period
     if period is None or witness is None:

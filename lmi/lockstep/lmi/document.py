@@ -12,7 +12,7 @@ from lockstep.check.design_file.json_text import load_json
 from lockstep.check.design_file.proofs import BoundProof, Proofs
 from lockstep.check.domain import claimed_box
 from lockstep.check.local import InitialSet
-from lockstep.lmi.design import Design
+from lockstep.lmi.design import Proposal
 from lockstep.lmi.initial import InitialStates
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
 from lockstep.lmi.written import file_document, gains_document
@@ -32,7 +32,7 @@ class Stored(DesignFile[Problem]):
         return file_document(self)
 
 
-def file_of(design: Design) -> Stored:
+def file_of(design: Proposal) -> Stored:
     """Return what is to be written down of a design; nothing is claimed of its sampled controllers yet."""
     c, floor, initial = design.certificate, design.floor, design.initial
     claims = Claims(
@@ -51,7 +51,7 @@ def file_of(design: Design) -> Stored:
     return Stored(design.problem, design.gains, claims, proofs, info)
 
 
-def _bound_proof(design: Design, claims: Claims) -> BoundProof | None:
+def _bound_proof(design: Proposal, claims: Claims) -> BoundProof | None:
     """Ask the checker's decision how many boxes it takes for what is claimed, on the box that it is claimed for."""
     agent = design.problem.agent()
     box = claimed_box(claims.scope or "local", agent.argument_box)

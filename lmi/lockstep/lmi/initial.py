@@ -21,7 +21,7 @@ from lockstep.check.local import (
     unavailable,
 )
 from lockstep.check.modes import ModalCertificate
-from lockstep.check.network import Network
+from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import Matrix, as_floats, as_fraction, exact, rounded_down
 from lockstep.check.psd import decide_positive_definite
 
@@ -76,7 +76,11 @@ class InitialStates(InitialSet):
 
 
 def initial_set(
-    network: Network, certificate: Certificate | ModalCertificate, domain: Domain, inner: Box, arguments: str
+    network: ExactNetwork,
+    certificate: Certificate | ModalCertificate,
+    domain: Domain,
+    inner: Box,
+    arguments: str,
 ) -> InitialStates | Unavailable:
     """Return the largest set V <= c of initial disagreements from which the agents stay in their domain.
 

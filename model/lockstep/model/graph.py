@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lockstep.check.graph import Graph as CheckedGraph
+from lockstep.check.graph import Digraph as CheckedGraph
 from lockstep.check.graph import Topology as Topology
 
 

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from lockstep.check.disagreement import Coordinates
 from lockstep.check.errors import ProblemError
 from lockstep.check.loop import Gains, Loop, Plant
-from lockstep.check.network import Network as CheckedNetwork
+from lockstep.check.network import ExactNetwork as CheckedNetwork
 from lockstep.check.numbers import exactly
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph

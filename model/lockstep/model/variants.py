@@ -6,7 +6,7 @@ from typing import Annotated, NoReturn
 
 import numpy as np
 
-from lockstep.check.agent import Agent
+from lockstep.check.agent import ExactAgent
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.node import Node, linear, variable
 from lockstep.check.expression.traversal import substitute
@@ -20,7 +20,7 @@ _SAME_BUT_B = (
 _CHANGE_INPUTS = "change a parameter that multiplies inputs only"
 
 
-def nonlinearity(agent: Agent) -> list[Node]:
+def nonlinearity(agent: ExactAgent) -> list[Node]:
     """Return h(x, t) = G phi(H x, t) + offset(t) as n nodes over the states and, as variable n, the time."""
     values = {variable(agent.phi.inputs): variable(len(agent.states))}
     values |= {variable(j): linear(0, _terms(row)) for j, row in enumerate(agent.H)}
@@ -32,7 +32,7 @@ def nonlinearity(agent: Agent) -> list[Node]:
     ]
 
 
-def check_same_but_B(common: Agent, variant: Agent, *, where: str) -> None:
+def check_same_but_B(common: ExactAgent, variant: ExactAgent, *, where: str) -> None:
     """Refuse a variant of an agent that differs from it in A, in C, in h or in what h needs.
 
     Raises:

@@ -17,10 +17,10 @@ from lockstep.check.bound.program import Boxes, Program
 from lockstep.check.expression.condition import HOLDS, Condition
 from lockstep.check.expression.node import Node
 
-Verdict = Annotated[np.ndarray, " boxes"]
+Holds = Annotated[np.ndarray, " boxes"]
 
 
-_TESTS: dict[str, Callable[..., Verdict]] = {
+_TESTS: dict[str, Callable[..., Holds]] = {
     **HOLDS,
     "no pole": lambda x: ~functions.tan_has_pole(x),
     "off the cut": lambda y, x: (x[0] > 0) | (y[0] > 0) | (y[1] < 0),
@@ -36,7 +36,7 @@ class Conditions:
         self.nodes = [n for c in self.conditions for n in c.nodes]
         self._program = Program(self.nodes)
 
-    def on_boxes(self, lower: Boxes, upper: Boxes) -> list[Verdict]:
+    def on_boxes(self, lower: Boxes, upper: Boxes) -> list[Holds]:
         """Return, per condition, on which boxes it surely holds."""
         found = iter(self._program.on_boxes(lower, upper))
         verdicts = []

@@ -18,7 +18,7 @@ from lockstep.check.expression.node import (
     scale,
     subtract,
 )
-from lockstep.check.expression.operations import Notes, numeric
+from lockstep.check.expression.operations import NoteTaker, numeric
 from lockstep.check.expression.switches import both, choose, either, negate, positive, zero
 
 
@@ -27,18 +27,18 @@ def as_condition(node: Node) -> Node:
     return node if node.op in operations.BOOLEAN else negate(zero(node))
 
 
-def _if_else(reader: Notes, condition: Node, value: Node, other: Node) -> Node:
+def _if_else(reader: NoteTaker, condition: Node, value: Node, other: Node) -> Node:
     return operations.RULES["if_else"](reader, as_condition(condition), value, other)
 
 
-def _copysign(reader: Notes, x: Node, y: Node) -> Node:
+def _copysign(reader: NoteTaker, x: Node, y: Node) -> Node:
     below = positive(scale(-1, y))
     reader.need("decided", "`copysign`", below)
     modulus = function("fabs", x)
     return choose(below, scale(-1, modulus), modulus)
 
 
-def _log1p(reader: Notes, x: Node) -> Node:
+def _log1p(reader: NoteTaker, x: Node) -> Node:
     argument = linear(1, [(1, x)])
     reader.need("positive", "`log1p`", argument)
     return function("log", argument)
@@ -65,7 +65,7 @@ RULES: Mapping[str, Callable[..., Node]] = {
     "if_else": _if_else,
     "if_else_zero": lambda reader, condition, value: _if_else(reader, condition, value, ZERO),
 }
-"""The meaning of each operation: a node, of `Notes` and the nodes it is applied to."""
+"""The meaning of each operation: a node, of `NoteTaker` and the nodes it is applied to."""
 
 INSTEAD: Mapping[int, str] = {
     ca.OP_EXPM1: "write exp(x) - 1",
