@@ -83,6 +83,11 @@ def certify(path: Path) -> Certified:
         stored = content.parse(
             parse_json(text, DESIGN_NAME), str(folder / DESIGN_NAME), Problem.from_document
         )
+    return certified(stored, folder)
+
+
+def certified(stored: Stored, folder: Path | None = None) -> Certified:
+    """Decide every claim of a design file that was read, or of the C in a folder with it, up to the first that fails."""
     verdicts: dict[str, Verdict] = {}
     for name, verdict in decide(stored, folder):
         verdicts[name] = verdict
@@ -131,9 +136,11 @@ def _bound(stored: Stored, agent: Agent) -> Verdict:
 def _sampled(stored: Stored, network: Network, folder: Path | None) -> Iterator[tuple[str, Verdict]]:
     """Yield what is proved of the sampled controllers: of the C of a folder, else of the design's gains."""
     claims, proofs, problem = stored.claims.sampled, stored.proofs, stored.problem
-    if not claims.certified and folder is None:
-        return
     at = _sampled_network(stored, network, problem.period)
+    if not claims.certified and folder is None:
+        if claims.max_period is not None:
+            yield "max_period", _longest(stored, at, proofs.max_period, claims.max_period)
+        return
     held = _held(stored, problem.period)
     if folder is not None:
         read, refused = _read(stored, folder, held)

@@ -118,7 +118,7 @@ def designed_for_period(stored: Stored, tell: Tell, others: Sequence[Start] = ()
     found, m = _searched(stored, tell, others)
     c = _continuous(stored, found)
     claims = replace(stored.claims, rho=c.rho, sampled=SampledClaims())
-    proofs = Proofs(c, stored.proofs.floor)
+    proofs = Proofs(c, stored.proofs.floor, bound=stored.proofs.bound)
     made = replace(stored, gains=found, claims=claims, proofs=proofs)
     sampled, before = prove_design(made, m), stored.claims.sampled
     if not sampled.verdict.certified or sampled.rho is None:
@@ -181,9 +181,16 @@ def _continuous(stored: Stored, gains: Gains) -> Certificate:
 
 def _placed(made: Stored) -> Stored:
     """Return a design file with the initial states that its own certificate proves; those of another say nothing."""
-    initial = certify(replace(made, claims=replace(made.claims, initial_set=None))).initial
+    from lockstep.lmi.scope import initial_states
+    from lockstep.lmi.stored_bound import bound_again
+    from lockstep.model.assembly import network_of
+
+    certificate = made.proofs.certificate
+    if made.claims.scope != "local" or certificate is None:
+        return replace(made, claims=replace(made.claims, initial_set=None))
+    initial = initial_states(network_of(made.problem, bound_again(made)), certificate)
     proved = initial if isinstance(initial, InitialSet) else None
-    remarks = {} if initial is None else {"initial_set": initial.remarks()}
+    remarks = {"initial_set": initial.remarks()}
     return replace(made, claims=replace(made.claims, initial_set=proved), info={**made.info, **remarks})
 
 
