@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from flint import fmpq
 
-from lockstep.check.agent import Agent, Move
+from lockstep.check.agent import ExactAgent, Move
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.exact import Exact, Value, read_text
 from lockstep.check.expression.node import Node, linear, variable
@@ -18,9 +18,9 @@ ROOT = Path(__file__).parents[2]
 FILES = sorted([*ROOT.glob("examples/*.toml"), *ROOT.glob("benchmarks/designs/*.toml")])
 
 
-def plant(*dynamics: str, outputs: dict | None = None, parameters: dict | None = None) -> Agent:
+def plant(*dynamics: str, outputs: dict | None = None, parameters: dict | None = None) -> ExactAgent:
     states = ["x", "y", "z", "w"][: len(dynamics)]
-    return Agent.from_texts(
+    return ExactAgent.from_texts(
         "plant",
         states=states,
         inputs=["u"],
@@ -37,7 +37,7 @@ def values(dynamics: dict, symbols: list[str], parameters: dict) -> list[Node]:
     return [read_text(text, known, Exact(len(symbols) - 1)).node for text in dynamics.values()]
 
 
-def added_up(agent: Agent) -> list[Node]:
+def added_up(agent: ExactAgent) -> list[Node]:
     """A x + B u + G phi(H x, t) + offset(t), over (x, u, t)."""
     n, m = len(agent.states), len(agent.inputs)
     x, u, t = [variable(k) for k in range(n)], [variable(n + k) for k in range(m)], variable(n + m)
@@ -55,7 +55,7 @@ def added_up(agent: Agent) -> list[Node]:
     return [linear(0, [(1, part[i]) for part in parts]) for i in range(n)]
 
 
-def check_adds_up(agent: Agent, dynamics: dict, parameters: dict) -> None:
+def check_adds_up(agent: ExactAgent, dynamics: dict, parameters: dict) -> None:
     symbols = [*agent.states, *agent.inputs, "t"]
     texts = {state: dynamics[state] for state in agent.states}
     for mine, theirs in zip(added_up(agent), values(texts, symbols, parameters), strict=True):
@@ -66,7 +66,7 @@ def check_adds_up(agent: Agent, dynamics: dict, parameters: dict) -> None:
 def test_the_split_of_every_example_is_the_agent_exactly(path):
     table = tomllib.loads(path.read_text(encoding="utf-8"))["agent"]
     parameters = {key: float(value) for key, value in table.get("parameters", {}).items()}
-    agent = Agent.from_texts(
+    agent = ExactAgent.from_texts(
         table["name"],
         states=table["states"],
         inputs=table["inputs"],
@@ -93,7 +93,7 @@ def test_the_arms_are_those_of_the_paper():
         "agent"
     ]
     kept = ("states", "inputs", "dynamics", "outputs", "parameters")
-    agent = Agent.from_texts("arm", **{key: table[key] for key in kept})
+    agent = ExactAgent.from_texts("arm", **{key: table[key] for key in kept})
     A = [
         ["0", "1", "0", "0"],
         ["-48.6", "-1.25", "48.6", "0"],
@@ -229,7 +229,7 @@ def test_names_that_could_mean_two_things_are_refused(names, says):
         **names,
     }
     with pytest.raises(ProblemError) as caught:
-        Agent.from_texts(whole.pop("name"), **whole)
+        ExactAgent.from_texts(whole.pop("name"), **whole)
     assert says in str(caught.value)
 
 
@@ -237,7 +237,7 @@ TANK = ("-c*y + b*u - tanh(k*x)", "d*t - sqrt(e + x**2)")
 OWN = {"b": 2.0, "c": 1.0, "k": 3.0, "d": 0.5, "e": 4.0, "o": 1.0}
 
 
-def tank(**changed: float) -> Agent:
+def tank(**changed: float) -> ExactAgent:
     return plant(*TANK, outputs={"y1": "o*x"}, parameters={**OWN, **changed})
 
 

@@ -21,7 +21,7 @@ from lockstep.check.certify import decide
 from lockstep.check.design_file.content import parse
 from lockstep.check.design_file.json_text import parse_json
 from lockstep.check.errors import LockstepError
-from lockstep.check.problem import Problem as CheckedProblem
+from lockstep.check.problem import ProblemTables
 from lockstep.lmi.document import parse as parse_design
 from lockstep.model.problem import Problem, parse_problem
 
@@ -34,7 +34,7 @@ def problem(text: str) -> None:
     read = parse_problem(text)
     document = read.document()
     read.agent()
-    CheckedProblem.from_document(document)
+    ProblemTables.from_document(document)
 
 
 def expression(formula: str) -> None:
@@ -42,7 +42,7 @@ def expression(formula: str) -> None:
     table = copy.deepcopy(DESIGN["problem"])
     table["agent"]["dynamics"]["omega_l"] = formula
     Problem.from_document(table).agent()
-    CheckedProblem.from_document(table).agent  # noqa: B018 - derived on request
+    ProblemTables.from_document(table).agent  # noqa: B018 - derived on request
 
 
 def design(change: tuple[tuple[Any, ...], Any]) -> None:
@@ -56,7 +56,7 @@ def design(change: tuple[tuple[Any, ...], Any]) -> None:
     text = json.dumps(content)
     parse_design(parse_json(text, "design.json"), "design.json")
     for _, verdict in decide(
-        parse(parse_json(text, "design.json"), "design.json", CheckedProblem.from_document)
+        parse(parse_json(text, "design.json"), "design.json", ProblemTables.from_document)
     ):
         if not verdict.proved:
             break

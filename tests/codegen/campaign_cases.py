@@ -9,7 +9,7 @@ from codegen_cases import TABLE_1
 from lockstep.campaign.engine import Batch, Engine
 from lockstep.campaign.functions import Weights
 from lockstep.campaign.layout import Features
-from lockstep.campaign.source import Source, continuous_source, sampled_source
+from lockstep.campaign.source import CampaignSource, continuous_source, sampled_source
 from lockstep.check.loop import Gains
 from lockstep.codegen.emit import emit
 from lockstep.codegen.manifest import FILE_NAME, Manifest
@@ -40,12 +40,12 @@ def arms_of(examples) -> Network:
     return Network(problem.agent(), problem.graph(), problem.agents_B())
 
 
-def continuous_loop(network: Network, gains: Gains = PUBLISHED, features=BARE, **more) -> Source:
+def continuous_loop(network: Network, gains: Gains = PUBLISHED, features=BARE, **more) -> CampaignSource:
     given = {"period": PERIOD, "step": STEP, "features": features, **more}
     return continuous_source(network, gains, WEIGHTS, **given)
 
 
-def sampled_loop(network: Network, files: dict[str, str], features=BARE, **more) -> Source:
+def sampled_loop(network: Network, files: dict[str, str], features=BARE, **more) -> CampaignSource:
     return sampled_source(network, files, WEIGHTS, **{"step": STEP, "features": features, **more})
 
 

@@ -11,7 +11,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from lockstep.campaign import Guarantee, Table, compute, run_campaign
+from lockstep.campaign import Guarantee, RunTable, compute, run_campaign
 from lockstep.campaign import campaign as running
 from lockstep.campaign.compute import chunks, columns_of
 from lockstep.campaign.draw import FAMILIES, draw
@@ -198,7 +198,7 @@ def test_ties_and_uncovered_runs_among_the_worst():
     columns = ("run", "family", "covered", "diverged", "ratio")
     ratio = np.array([0.5, 0.9, np.inf, 0.9, np.inf, np.nan])
     covered = np.array([1, 1, 0, 1, 1, 1])
-    table = Table(columns, np.column_stack([np.arange(6), np.zeros(6), covered, np.zeros(6), ratio]))
+    table = RunTable(columns, np.column_stack([np.arange(6), np.zeros(6), covered, np.zeros(6), ratio]))
     assert table.worst(3) == [4, 1, 3]
 
 

@@ -7,19 +7,19 @@ from hypothesis import strategies as st
 from lmi_cases import ALPHA, arms, claim, published
 
 from lockstep.lmi.analysis.solve import least_rho
-from lockstep.lmi.search import Search
+from lockstep.lmi.search import GainSearch
 from lockstep.lmi.search.smoothed import SmoothedNorm, descended, refined
 
 DELTAS = [(0.0,) * 4, (0.02, 0.0, 0.01, 0.02)]
 
 
-def search(delta: tuple[float, ...] = (0.0,) * 4) -> Search:
+def search(delta: tuple[float, ...] = (0.0,) * 4) -> GainSearch:
     """The arms with controllers of order 2 and gains up to 50."""
     network = arms()
-    return Search.of(network.loop(2), claim(network, 2, ALPHA, delta=delta), 50.0)
+    return GainSearch.of(network.loop(2), claim(network, 2, ALPHA, delta=delta), 50.0)
 
 
-def with_multipliers(norm: SmoothedNorm, what: Search) -> np.ndarray:
+def with_multipliers(norm: SmoothedNorm, what: GainSearch) -> np.ndarray:
     """Return x of the published gains, with the multipliers of their least rho and a little more of each."""
     found = least_rho(what.loop, published().blocks, what.claim)
     assert found is not None
@@ -67,7 +67,7 @@ def test_without_multipliers_the_level_is_the_norm_that_python_control_computes(
 
     network, K = arms(), published().blocks
     weights = claim(network, 2, 0.0)
-    what = Search.of(network.loop(2), weights, 50.0)
+    what = GainSearch.of(network.loop(2), weights, 50.0)
     norm = what.norm
     x = norm.pack(K, np.full(len(norm.W), 1e9))
     level = np.sqrt(norm.level(x, None, np.geomspace(1e-4, 1e3, 20000)))

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from lockstep.check.agent import Agent as ExactAgent
+from lockstep.check.agent import ExactAgent
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.exact import Exact, Value, read_text
 from lockstep.check.expression.node import constant, linear, variable

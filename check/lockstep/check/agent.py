@@ -17,7 +17,7 @@ from typing import Annotated, NoReturn
 import numpy as np
 from flint import fmpq
 
-from lockstep.check.bound.graph import Graph
+from lockstep.check.bound.graph import ExpressionGraph
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.exact import Exact, Value, read_text
@@ -45,7 +45,7 @@ class Move:
 
 
 @dataclass(frozen=True, eq=False)
-class Agent:
+class ExactAgent:
     """One agent over the rationals: object arrays of `flint.fmpq`, and phi as exact expressions."""
 
     name: str
@@ -57,7 +57,7 @@ class Agent:
     C: Annotated[np.ndarray, "q n"]
     G: Annotated[np.ndarray, "n r"]
     H: Annotated[np.ndarray, "v n"]
-    phi: Graph
+    phi: ExpressionGraph
     """(v, t) -> w: v numbers and the time in, r numbers out, and what must hold for them to have a value."""
     offset: tuple[Node, ...]
     """n expressions in the time, which is the variable `phi.inputs` as in phi; common to all agents."""
@@ -76,7 +76,7 @@ class Agent:
         dynamics: Mapping[str, str],
         outputs: Mapping[str, str],
         parameters: Mapping[str, float] | None = None,
-    ) -> "Agent":
+    ) -> "ExactAgent":
         """Read the formulas of a problem file; `dynamics` and `outputs` give one by name.
 
         Raises:
@@ -113,7 +113,7 @@ class Agent:
         rhs: Sequence[Value],
         y: Sequence[Value],
         places: Mapping[Node, int],
-    ) -> "Agent":
+    ) -> "ExactAgent":
         """Split right-hand sides and outputs, as nodes over the variables (x, u, t).
 
         Args:
@@ -150,7 +150,7 @@ class Agent:
             offset=tuple(found.restated([row.drive for row in rows], names.n, names.time)),
         )
 
-    def moved(self, moves: Sequence[Move]) -> "Agent":
+    def moved(self, moves: Sequence[Move]) -> "ExactAgent":
         """Return the same agent with S taken from phi and given to A: A + G S H and phi - S v.
 
         Raises:
@@ -184,7 +184,7 @@ class Agent:
             for row, c in zip(self.G, drive, strict=True)
         ]
 
-    def check_same_but_B(self, variant: "Agent", *, where: str) -> None:
+    def check_same_but_B(self, variant: "ExactAgent", *, where: str) -> None:
         """Refuse a variant of this agent that differs from it in A, in C, in h or in what h needs.
 
         Raises:
@@ -280,7 +280,9 @@ def _refuse_cancelled(condition: Condition) -> NoReturn:
     )
 
 
-def _graph(found: Arguments, components: Sequence[Node], needs: Sequence[Condition], names: _Names) -> Graph:
+def _graph(
+    found: Arguments, components: Sequence[Node], needs: Sequence[Condition], names: _Names
+) -> ExpressionGraph:
     flat = [*components, *(node for c in needs for node in c.nodes)]
     rest = iter(found.restated(flat, names.n, names.time))
     outputs = tuple(next(rest) for _ in components)
@@ -288,7 +290,7 @@ def _graph(found: Arguments, components: Sequence[Node], needs: Sequence[Conditi
     for c in needs:
         guard = next(rest)
         conditions.append(Condition(c.kind, tuple(next(rest) for _ in c.args), c.name, guard))
-    return Graph(outputs, tuple(dict.fromkeys(conditions)), len(found.rows))
+    return ExpressionGraph(outputs, tuple(dict.fromkeys(conditions)), len(found.rows))
 
 
 def _output_row(names: _Names, output: str, value: Value) -> Row:

@@ -13,13 +13,13 @@ from lockstep.check.inequality import Certificate, Claim
 from lockstep.check.local import Domain, InitialSet, better_than_proved
 from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate, decide_modes
-from lockstep.check.network import Network
+from lockstep.check.network import ExactNetwork
 from lockstep.check.psd import Definiteness
 from lockstep.check.verdict import Verdict
 
 
 def decide_certificate(
-    network: Network, gains: Gains, claim: Claim, certificate: Certificate | ModalCertificate
+    network: ExactNetwork, gains: Gains, claim: Claim, certificate: Certificate | ModalCertificate
 ) -> Verdict:
     """Decide whether a certificate proves its rho for these gains and this claim; undecided where its numbers are too long.
 
@@ -41,7 +41,7 @@ def decide_certificate(
     return _refuted(answer)
 
 
-def decide_floor(network: Network, claim: Claim, witness: FloorWitness) -> Verdict:
+def decide_floor(network: ExactNetwork, claim: Claim, witness: FloorWitness) -> Verdict:
     """Decide whether a witness proves that no controllers certify a rho below its own; one that does not refutes nothing."""
     said = f"no controllers certify a rho below {witness.rho:.10g}"
     if proves_floor(network, claim.alpha_of_floor, claim.R, witness):
@@ -50,7 +50,7 @@ def decide_floor(network: Network, claim: Claim, witness: FloorWitness) -> Verdi
 
 
 def decide_initial_set(
-    network: Network, certificate: Certificate | ModalCertificate, domain: Domain, claimed: InitialSet
+    network: ExactNetwork, certificate: Certificate | ModalCertificate, domain: Domain, claimed: InitialSet
 ) -> Verdict:
     """Decide whether a claimed set is one from which all agents stay in the domain and agree.
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.check.agent import Agent
+from lockstep.check.agent import ExactAgent
 from lockstep.check.asked import shortfalls
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
 from lockstep.check.c_source.reader import read_controller
@@ -33,12 +33,11 @@ from lockstep.check.files import as_text, read_inside
 from lockstep.check.inequality import Claim
 from lockstep.check.local import Domain
 from lockstep.check.modes import ModalCertificate
-from lockstep.check.network import Network
+from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import as_floats
-from lockstep.check.problem import Problem
+from lockstep.check.problem import ProblemTables
 from lockstep.check.sampled.certify import SampledVerdict, decide_sampled
-from lockstep.check.sampled.controller import HeldController
-from lockstep.check.sampled.controller import Network as SampledNetwork
+from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import sampled_loop
@@ -48,7 +47,7 @@ from lockstep.check.verdict import Verdict
 
 DESIGN_NAME = "design.json"
 
-Stored = DesignFile[Problem]
+CheckedFile = DesignFile[ProblemTables]
 
 
 @dataclass(frozen=True)
@@ -77,16 +76,16 @@ def certify(path: Path) -> Certified:
     """
     folder = path if path.is_dir() else None
     if folder is None:
-        stored = content.read(path, Problem.from_document)
+        stored = content.read(path, ProblemTables.from_document)
     else:
         text = as_text(read_inside(folder, DESIGN_NAME, expected=A_DESIGN), DESIGN_NAME, A_DESIGN)
         stored = content.parse(
-            parse_json(text, DESIGN_NAME), str(folder / DESIGN_NAME), Problem.from_document
+            parse_json(text, DESIGN_NAME), str(folder / DESIGN_NAME), ProblemTables.from_document
         )
     return certified(stored, folder)
 
 
-def certified(stored: Stored, folder: Path | None = None) -> Certified:
+def certified(stored: CheckedFile, folder: Path | None = None) -> Certified:
     """Decide every claim of a design file that was read, or of the C in a folder with it, up to the first that fails."""
     verdicts: dict[str, Verdict] = {}
     for name, verdict in decide(stored, folder):
@@ -96,7 +95,7 @@ def certified(stored: Stored, folder: Path | None = None) -> Certified:
     return Certified(stored.problem.title, verdicts)
 
 
-def decide(stored: Stored, folder: Path | None = None) -> Iterator[tuple[str, Verdict]]:
+def decide(stored: CheckedFile, folder: Path | None = None) -> Iterator[tuple[str, Verdict]]:
     """Yield the verdict of one claim after the other; each rests on those before it."""
     problem, claims, proofs = stored.problem, stored.claims, stored.proofs
     if not claims.certified or proofs.certificate is None or proofs.bound is None:
@@ -124,7 +123,7 @@ def decide(stored: Stored, folder: Path | None = None) -> Iterator[tuple[str, Ve
     yield from _sampled(stored, network, folder)
 
 
-def _bound(stored: Stored, agent: Agent) -> Verdict:
+def _bound(stored: CheckedFile, agent: ExactAgent) -> Verdict:
     claims, proof = stored.claims, stored.proofs.bound
     assert proof is not None
     box = claimed_box(claims.scope or "local", stored.problem.box)
@@ -133,7 +132,9 @@ def _bound(stored: Stored, agent: Agent) -> Verdict:
     return decide_bound(agent.phi, box, claims.alpha, D_w, D_v, claims.entries, boxes=boxes)
 
 
-def _sampled(stored: Stored, network: Network, folder: Path | None) -> Iterator[tuple[str, Verdict]]:
+def _sampled(
+    stored: CheckedFile, network: ExactNetwork, folder: Path | None
+) -> Iterator[tuple[str, Verdict]]:
     """Yield what is proved of the sampled controllers: of the C of a folder, else of the design's gains."""
     claims, proofs, problem = stored.claims.sampled, stored.proofs, stored.problem
     at = _sampled_network(stored, network, problem.period)
@@ -167,7 +168,7 @@ def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:
     return Verdict("undecided", broken) if broken else Verdict("proved", found.reason)
 
 
-def _rho(stored: Stored, at: SampledNetwork, held: tuple[HeldController, ...]) -> Verdict:
+def _rho(stored: CheckedFile, at: SampledNetwork, held: tuple[HeldController, ...]) -> Verdict:
     rho, witness = stored.claims.sampled.rho, stored.proofs.sampled_rho
     said = f"the sampled loop has the gain {rho:g}"
     if witness is None or rho is None:
@@ -178,21 +179,21 @@ def _rho(stored: Stored, at: SampledNetwork, held: tuple[HeldController, ...]) -
     return Verdict("proved", said)
 
 
-def _longest(stored: Stored, at: SampledNetwork, witness: Witness | None, period: float) -> Verdict:
+def _longest(stored: CheckedFile, at: SampledNetwork, witness: Witness | None, period: float) -> Verdict:
     if witness is None:
         return Verdict("undecided", f"a largest period of {period:g} s is claimed without a witness")
     found = decide_sampled(at.at(period), _held(stored, period), [witness])
     return Verdict("proved" if found.certified else "undecided", found.reason)
 
 
-def _held(stored: Stored, period: float) -> tuple[HeldController, ...]:
+def _held(stored: CheckedFile, period: float) -> tuple[HeldController, ...]:
     """Return the design's gains sampled with a period and rounded."""
     table = stored.problem.controller
     edges = stored.problem.graph.edges
     return sampled_controllers(stored.gains, edges, period, table["discretization"], table["real"])
 
 
-def _sampled_network(stored: Stored, network: Network, period: float) -> SampledNetwork:
+def _sampled_network(stored: CheckedFile, network: ExactNetwork, period: float) -> SampledNetwork:
     loop = network.loop(stored.gains.order, exact_arithmetic=True)
     problem = stored.problem
     return SampledNetwork(
@@ -200,7 +201,7 @@ def _sampled_network(stored: Stored, network: Network, period: float) -> Sampled
     )
 
 
-def _sector(stored: Stored, loop: Any) -> Sector | None:
+def _sector(stored: CheckedFile, loop: Any) -> Sector | None:
     """Return the sector that takes the place of alpha where the continuous certificate uses entries."""
     c, claims = stored.proofs.certificate, stored.claims
     if not claims.entries or c is None:
@@ -215,7 +216,7 @@ def _sector(stored: Stored, loop: Any) -> Sector | None:
 
 
 def _read(
-    stored: Stored, folder: Path, held: tuple[HeldController, ...]
+    stored: CheckedFile, folder: Path, held: tuple[HeldController, ...]
 ) -> tuple[tuple[HeldController, ...], Verdict]:
     """Read the controllers out of the C, and hold them against the design's."""
     names = [f"{stored.problem.agent.name}{i}" for i in range(1, len(held) + 1)]

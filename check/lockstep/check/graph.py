@@ -18,7 +18,7 @@ MOST_AGENTS = 2_000
 
 
 @dataclass(frozen=True, eq=False)
-class Graph:
+class Digraph:
     """A directed weighted graph of N >= 2 agents.
 
     Args:

@@ -46,7 +46,7 @@ from lockstep.check.disagreement import disagreement
 from lockstep.check.errors import ProblemError
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate
-from lockstep.check.network import Network
+from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import Matrix, Vector, as_floats, exact, exactly, eye, rounded_down
 from lockstep.check.psd import decide_positive_definite
 
@@ -138,7 +138,7 @@ class InitialSet:
 
 
 def initial_set(
-    network: Network, certificate: Certificate | ModalCertificate, domain: Domain
+    network: ExactNetwork, certificate: Certificate | ModalCertificate, domain: Domain
 ) -> InitialSet | Unavailable:
     """Return the largest set V <= c of initial disagreements from which the agents stay in their domain.
 
@@ -164,7 +164,7 @@ def initial_set(
 
 
 def better_than_proved(
-    network: Network, certificate: Certificate | ModalCertificate, domain: Domain, claimed: InitialSet
+    network: ExactNetwork, certificate: Certificate | ModalCertificate, domain: Domain, claimed: InitialSet
 ) -> str | None:
     """Say what a claimed set has that is not proved; None where all of it is.
 
@@ -198,7 +198,7 @@ def _contains(outer: Box, inner: Box) -> bool:
 
 
 def _largest(
-    network: Network, certificate: Certificate, domain: Domain, margins: Sequence[Fraction | None]
+    network: ExactNetwork, certificate: Certificate, domain: Domain, margins: Sequence[Fraction | None]
 ) -> InitialSet | Unavailable:
     root = network.graph.roots[0] - 1
     order = _order(network, certificate.P)
@@ -244,7 +244,7 @@ def _margins(box: Box, inner: Box) -> list[Fraction | None]:
     return found
 
 
-def _order(network: Network, P: Annotated[np.ndarray, "n_x n_x"]) -> int:
+def _order(network: ExactNetwork, P: Annotated[np.ndarray, "n_x n_x"]) -> int:
     """Return n_C from the size n (N - 1) + n_C N of P."""
     n = len(network.plant.A)
     rest = P.shape[0] - n * (network.N - 1)
@@ -257,7 +257,7 @@ def _order(network: Network, P: Annotated[np.ndarray, "n_x n_x"]) -> int:
     return int(rest // network.N)
 
 
-def _row(network: Network, order: int, root: int, i: int, h: Vector) -> Vector:
+def _row(network: ExactNetwork, order: int, root: int, i: int, h: Vector) -> Vector:
     """Return w with w' x_cl = h (x_i - x_root), in rationals: x_i - x_root = ((right_i - right_root) (x) I) x_d."""
     d = disagreement(network.graph, network.coordinates, exact_arithmetic=True)
     w = np.kron(d.right[i] - d.right[root], exactly(h))
@@ -265,7 +265,7 @@ def _row(network: Network, order: int, root: int, i: int, h: Vector) -> Vector:
 
 
 def _at_rest(
-    array: Annotated[np.ndarray, "..."], network: Network, order: int, root: int
+    array: Annotated[np.ndarray, "..."], network: ExactNetwork, order: int, root: int
 ) -> Annotated[np.ndarray, "..."]:
     """Leave the root's controller out of a vector or matrix over x_cl."""
     start = len(network.plant.A) * (network.N - 1) + root * order
@@ -282,12 +282,12 @@ def _squares(P: Matrix, rows: Sequence[Vector]) -> list[Fraction]:
     ]
 
 
-def _radius(network: Network, P: Matrix, level: float) -> float:
+def _radius(network: ExactNetwork, P: Matrix, level: float) -> float:
     """Return r with x_d' P x_d <= level for every sum_i |x_i - mean|^2 <= r^2: level / r^2 is above the largest ratio."""
     return _root_below(Fraction(level) / _ratio_above(P, _squared_distance(network)))
 
 
-def _squared_distance(network: Network) -> Matrix:
+def _squared_distance(network: ExactNetwork) -> Matrix:
     """Return D with x_d' D x_d = sum_i |x_i - mean|^2."""
     right = disagreement(network.graph, network.coordinates, exact_arithmetic=True).right
     centred = right - right.sum(axis=0) / network.N

@@ -31,7 +31,7 @@ from lockstep.check.channels import Inequality
 from lockstep.check.errors import ProblemError
 from lockstep.check.inequality import Claim, disturbance, nonlinearity
 from lockstep.check.loop import Gains, Plant
-from lockstep.check.network import Network
+from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import Matrix, converter, exactly, eye, is_exact, zeros
 from lockstep.check.psd import Definiteness, decide_positive_definite
 from lockstep.check.spectrum import REMEDY, Metric, decide_spectrum, metric
@@ -137,7 +137,7 @@ def mode_matrix(
     return stated.F(P, K[None], np.array([sigma, *own]))
 
 
-def check_covered(network: Network, claim: Claim) -> Metric:
+def check_covered(network: ExactNetwork, claim: Claim) -> Metric:
     """Return the metric of the graph.
 
     Raises:
@@ -162,7 +162,9 @@ def check_covered(network: Network, claim: Claim) -> Metric:
     return known
 
 
-def decide_modes(network: Network, gains: Gains, claim: Claim, certificate: ModalCertificate) -> Definiteness:
+def decide_modes(
+    network: ExactNetwork, gains: Gains, claim: Claim, certificate: ModalCertificate
+) -> Definiteness:
     """Decide exactly whether a certificate proves its rho for identical gains: the whole proof, R > 0 and Q > 0 included.
 
     Raises:

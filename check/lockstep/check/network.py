@@ -4,12 +4,12 @@ from dataclasses import dataclass, field
 
 from lockstep.check.disagreement import Coordinates, disagreement
 from lockstep.check.errors import ProblemError
-from lockstep.check.graph import Graph
+from lockstep.check.graph import Digraph
 from lockstep.check.loop import Loop, Plant, build_loop
 
 
 @dataclass(frozen=True, eq=False)
-class Network:
+class ExactNetwork:
     """N agents x_i' = A x_i + B_i u_i + G phi(H x_i, t) + xi_i, y_i = C x_i on a graph (2), (4).
 
     Args:
@@ -22,7 +22,7 @@ class Network:
     """
 
     plant: Plant
-    graph: Graph
+    graph: Digraph
     coordinates: Coordinates = "orthonormal"
     _loops: dict[tuple[int, bool], Loop] = field(default_factory=dict, repr=False)
 

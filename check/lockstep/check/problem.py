@@ -12,16 +12,16 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from lockstep.check.agent import Agent, Move
+from lockstep.check.agent import ExactAgent, Move
 from lockstep.check.bound.box import Box
 from lockstep.check.design_file.json_text import above_zero, item, not_negative, number, one_of, part
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.disagreement import Coordinates
 from lockstep.check.domain import argument_box
 from lockstep.check.errors import ProblemError
-from lockstep.check.graph import Graph
+from lockstep.check.graph import Digraph
 from lockstep.check.loop import Plant
-from lockstep.check.network import Network
+from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import exactly
 
 DEFAULT_ORDER = 2
@@ -36,7 +36,7 @@ Scales = tuple[Sequence[float], Sequence[float]] | None
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class ProblemTables:
     """The tables of a problem, and what they say.
 
     Raises:
@@ -46,7 +46,7 @@ class Problem:
     tables: Mapping[str, Any]
 
     @classmethod
-    def from_document(cls, tables: Mapping[str, Any]) -> "Problem":
+    def from_document(cls, tables: Mapping[str, Any]) -> "ProblemTables":
         """Build the problem and look at all of it, so that what is wrong with it is told at once."""
         problem = cls(tables)
         _ = problem.sizes, problem.box, problem.weights, problem.period, problem.delay
@@ -76,11 +76,11 @@ class Problem:
         return table
 
     @cached_property
-    def agent(self) -> Agent:
+    def agent(self) -> ExactAgent:
         """The agent as it is written: no slope is moved."""
         return self._agent({})
 
-    def _agent(self, changed: Mapping[str, Any]) -> Agent:
+    def _agent(self, changed: Mapping[str, Any]) -> ExactAgent:
         table = part(self.tables, "agent", dict)
         parameters = part(table, "parameters", dict)
         outputs: dict[str, str] = {}
@@ -97,7 +97,7 @@ class Problem:
         for name in changed:
             if name not in parameters:
                 raise ProblemError(f"`{name}` is no parameter of the agent", where="[network] parameters")
-        return Agent.from_texts(
+        return ExactAgent.from_texts(
             str(table.get("name", "agent")),
             states=_texts(part(table, "states", list), "[agent] states"),
             inputs=_texts(part(table, "inputs", list), "[agent] inputs"),
@@ -107,7 +107,7 @@ class Problem:
         )
 
     @cached_property
-    def graph(self) -> Graph:
+    def graph(self) -> Digraph:
         """Who listens to whom."""
         table = part(self.tables, "network", dict)
         given = [key for key in ("edges", "laplacian", "topology") if table.get(key) is not None]
@@ -115,15 +115,15 @@ class Problem:
             expected = "exactly one of `edges`, `laplacian` and `topology`"
             raise ProblemError(f"{len(given)} of them", where="[network]", expected=expected)
         if given == ["laplacian"]:
-            return Graph.from_laplacian(_rows(table["laplacian"], "[network] laplacian"))
+            return Digraph.from_laplacian(_rows(table["laplacian"], "[network] laplacian"))
         agents = item(table, "agents", "[network]")
         if given == ["topology"]:
-            return Graph.topology(table["topology"], agents)
+            return Digraph.topology(table["topology"], agents)
         edges = part(table, "edges", list)
         for k, edge in enumerate(edges, start=1):
             for end in edge if isinstance(edge, list) else [edge]:
                 number(end, f"[network] edges, edge {k}")
-        return Graph.from_edges(agents, edges)
+        return Digraph.from_edges(agents, edges)
 
     @cached_property
     def inputs(self) -> tuple[Annotated[np.ndarray, "n m"], ...]:
@@ -185,7 +185,7 @@ class Problem:
             _weight(table.get("controller"), sizes.n_C, "[design.weights] controller"),
         )
 
-    def network(self, moves: Sequence[Move], scales: Scales) -> tuple[Network, Agent]:
+    def network(self, moves: Sequence[Move], scales: Scales) -> tuple[ExactNetwork, ExactAgent]:
         """Return the network with slopes moved and G D_w, D_v^-1 H in place of G and H, and the agent that it is of."""
         agent = self.agent.moved(moves)
         D_w, D_v = scales or ((1.0,) * agent.G.shape[1], (1.0,) * agent.H.shape[0])
@@ -200,7 +200,7 @@ class Problem:
         plant = Plant(agent.A, self.inputs, agent.C, G, H)
         chosen = one_of(self.design.get("coordinates"), COORDINATES, "[design] coordinates")
         coordinates: Coordinates = "orthonormal" if chosen == "orthonormal" else "laplacian_rows"
-        return Network(plant, self.graph, coordinates), agent
+        return ExactNetwork(plant, self.graph, coordinates), agent
 
 
 def _texts(value: Any, where: str) -> list[str]:

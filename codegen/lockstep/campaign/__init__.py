@@ -4,27 +4,27 @@
 """
 
 from lockstep.campaign.campaign import Campaign, run_campaign, summary
-from lockstep.campaign.compute import Table, compute
-from lockstep.campaign.engine import Batch, Engine, Outcome
-from lockstep.campaign.functions import Weights
+from lockstep.campaign.compute import RunTable, compute
+from lockstep.campaign.engine import Batch, Engine, RunFigures
 from lockstep.campaign.guarantee import Guarantee
 from lockstep.campaign.layout import Features, Layout
 from lockstep.campaign.plan import Plan, plan_of
 from lockstep.campaign.replay import Replay, replay
-from lockstep.campaign.source import Source, continuous_source, sampled_source
+from lockstep.campaign.source import CampaignSource, continuous_source, sampled_source
+from lockstep.check.sampled.performance import Weights
 
 __all__ = [
     "Batch",
     "Campaign",
+    "CampaignSource",
     "Engine",
     "Features",
     "Guarantee",
     "Layout",
-    "Outcome",
     "Plan",
     "Replay",
-    "Source",
-    "Table",
+    "RunFigures",
+    "RunTable",
     "Weights",
     "compute",
     "continuous_source",

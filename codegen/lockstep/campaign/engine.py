@@ -10,7 +10,7 @@ from jaxtyping import Float, Int64, UInt64
 from lockstep.campaign.lanes import LANES
 from lockstep.campaign.layout import INDICES, Layout
 from lockstep.campaign.library import load
-from lockstep.campaign.source import Source
+from lockstep.campaign.source import CampaignSource
 from lockstep.check.errors import ProblemError
 
 
@@ -101,7 +101,7 @@ class Batch:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class RunFigures:
     """The figures of each run: a table with the columns of `Layout.columns`."""
 
     layout: Layout
@@ -143,14 +143,14 @@ class Engine:
     Raises on its first run: `ProblemError` without a compiler, `ClaimError` if the compiler refuses the C.
     """
 
-    source: Source
+    source: CampaignSource
 
     @property
     def layout(self) -> Layout:
         """The layout of its rows."""
         return self.source.layout
 
-    def run(self, batch: Batch, horizon: float, *, threads: int = 1) -> Outcome:
+    def run(self, batch: Batch, horizon: float, *, threads: int = 1) -> RunFigures:
         """Integrate every run of a batch over a horizon in s, rounded up to whole periods.
 
         Args:
@@ -166,14 +166,14 @@ class Engine:
         load(self.source)
         if len(parts) <= 1:
             self._call(batch, periods, figures)
-            return Outcome(self.layout, figures)
+            return RunFigures(self.layout, figures)
         with ThreadPoolExecutor(threads) as pool:
             for done in [
                 pool.submit(self._call, batch.part(begin, end), periods, figures[begin:end])
                 for begin, end in parts
             ]:
                 done.result()
-        return Outcome(self.layout, figures)
+        return RunFigures(self.layout, figures)
 
     def trace(self, batch: Batch, horizon: float) -> Mapping[str, Float[np.ndarray, "..."]]:
         """Return the first run of a batch step by step: t, x (K, N, n), x_C (K, N, n_C), u (K, N, m)."""

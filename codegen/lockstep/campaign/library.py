@@ -9,7 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from lockstep.campaign.source import Source
+from lockstep.campaign.source import CampaignSource
 from lockstep.check.errors import ClaimError
 from lockstep.verification.shared_library import build_library
 from lockstep.verification.toolchain import Compiler, first_compiler, own_folder
@@ -26,7 +26,7 @@ FOR_THIS_MACHINE = ("-march=native",)
 SYMBOL = "lockstep_campaign"
 
 
-def compiled(source: Source, compiler: Compiler | None = None) -> Path:
+def compiled(source: CampaignSource, compiler: Compiler | None = None) -> Path:
     """Return the path of the library of a source, compiled now if it was not before.
 
     Raises:
@@ -45,7 +45,7 @@ def compiled(source: Source, compiler: Compiler | None = None) -> Path:
 
 
 @lru_cache(maxsize=16)
-def load(source: Source) -> Callable[..., None]:
+def load(source: CampaignSource) -> Callable[..., None]:
     """Return the C function of a source, compiled if need be; calls release the interpreter's lock."""
     return function_in(compiled(source))
 
@@ -60,7 +60,7 @@ def function_in(library: Path) -> Callable[..., None]:
     return found
 
 
-def _key(source: Source, compiler: Compiler) -> str:
+def _key(source: CampaignSource, compiler: Compiler) -> str:
     """A name for the text, the compiler as it is now, and the processor it compiles for."""
     program = Path(compiler.command[0])
     status = program.stat() if program.exists() else None
@@ -81,7 +81,7 @@ def _processor() -> str:
     return next((line for line in lines if line.startswith(("flags", "Features"))), platform.processor())
 
 
-def _build(source: Source, compiler: Compiler, directory: Path) -> Path:
+def _build(source: CampaignSource, compiler: Compiler, directory: Path) -> Path:
     for name, text in source.files:
         (directory / name).write_text(text, encoding="utf-8", newline="\n")
     units, what = [name for name, _ in source.files if name.endswith(".c")], "the campaign's loop"

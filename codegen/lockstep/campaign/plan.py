@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.campaign.functions import LETTERS, Weights
+from lockstep.campaign.functions import LETTERS
 from lockstep.campaign.guarantee import Controllers, Guarantee, guarantee_of
 from lockstep.campaign.layout import Features
 from lockstep.campaign.peaks import Peak, peaks
 from lockstep.campaign.response import Response, continuous_response, sampled_response
-from lockstep.campaign.source import Source, continuous_source, sampled_source
+from lockstep.campaign.source import CampaignSource, continuous_source, sampled_source
 from lockstep.check.errors import ProblemError
+from lockstep.check.sampled.performance import Weights
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.lmi.document import Stored
 from lockstep.model.network import Network
@@ -44,7 +45,7 @@ class Plan:
     peaks: where to disturb;  guarantee: what the runs are held against;  title, controllers: for people.
     """
 
-    source: Source
+    source: CampaignSource
     seed: int
     horizon: float
     spread: float
@@ -112,7 +113,7 @@ def plan_of(
 
 def _sampled(
     stored: Stored, network: Network, weights: Weights, files: Mapping[str, str] | None, step: float
-) -> tuple[Source, Response, Deltas]:
+) -> tuple[CampaignSource, Response, Deltas]:
     """The loop with the C that ships, and its linear response."""
     if files is None:
         raise ProblemError(
@@ -128,7 +129,7 @@ def _sampled(
 
 def _continuous(
     stored: Stored, network: Network, weights: Weights, step: float
-) -> tuple[Source, Response, Deltas]:
+) -> tuple[CampaignSource, Response, Deltas]:
     """The loop with the continuous controllers and Delta of (11), and its linear response."""
     gains, fragility = stored.gains, stored.claims.fragility
     letters = [k for k in LETTERS if fragility[k] > 0 and getattr(gains, k)[0].size]

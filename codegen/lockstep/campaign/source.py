@@ -18,7 +18,6 @@ import numpy as np
 
 from lockstep.campaign.functions import (
     LETTERS,
-    Weights,
     continuous_functions,
     cost_expression,
     monitors,
@@ -29,6 +28,7 @@ from lockstep.campaign.layout import Features, Layout
 from lockstep.campaign.statements import LaneFunction
 from lockstep.check.errors import ProblemError
 from lockstep.check.loop import Gains
+from lockstep.check.sampled.performance import Weights
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.codegen.rendering import render
 from lockstep.model.network import Network
@@ -38,7 +38,7 @@ DIVERGED = 1e6
 
 
 @dataclass(frozen=True)
-class Source:
+class CampaignSource:
     """C files by name and the layout of its rows: all that a worker elsewhere needs."""
 
     files: tuple[tuple[str, str], ...]
@@ -62,7 +62,7 @@ def continuous_source(
     step: float,
     fragility: Mapping[str, float] | None = None,
     features: Features | None = None,
-) -> Source:
+) -> CampaignSource:
     """Return the C of the loop with the continuous controllers (9).
 
     Args:
@@ -94,7 +94,7 @@ def sampled_source(
     step: float,
     delay: int = 0,
     features: Features | None = None,
-) -> Source:
+) -> CampaignSource:
     """Return the C of the loop with the controllers that ship.
 
     Args:
@@ -145,7 +145,7 @@ def _source(
     folder: Mapping[str, str],
     manifest: Manifest | None = None,
     delay: int = 0,
-) -> Source:
+) -> CampaignSource:
     agents = _agents(manifest, network.agent.n)
     q = network.agent.q
     text = render(
@@ -179,7 +179,7 @@ def _source(
     for agent in agents:
         files[f"{agent['name']}.h"] = folder[f"include/{agent['name']}.h"]
         files[f"{agent['name']}.c"] = folder[f"src/{agent['name']}.c"]
-    return Source(tuple(sorted(files.items())), layout)
+    return CampaignSource(tuple(sorted(files.items())), layout)
 
 
 def _agents(manifest: Manifest | None, plant_states: int) -> list[dict[str, Any]]:

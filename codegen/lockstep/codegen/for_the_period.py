@@ -29,7 +29,7 @@ from lockstep.codegen.sampled_design import (
 from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.certify import plant_in_doubles
-from lockstep.lmi.sampled.improve import Start
+from lockstep.lmi.sampled.improve import StartingGains
 from lockstep.lmi.threads import one_thread
 from lockstep.model.problem import Problem
 
@@ -45,7 +45,7 @@ Tell = Callable[[float], None]
 def as_shipped(
     stored: Stored,
     tell: Callable[[str, float], None] = lambda _what, _part: None,
-    others: Sequence[Start] = (),
+    others: Sequence[StartingGains] = (),
 ) -> Stored:
     """Return a design file with what is proved of its controllers sampled and rounded.
 
@@ -102,7 +102,7 @@ def obstacle(stored: Stored) -> str | None:
     return f"the loop has {states} states, more than {MOST_STATES}" if states > MOST_STATES else None
 
 
-def designed_for_period(stored: Stored, tell: Tell, others: Sequence[Start] = ()) -> Stored:
+def designed_for_period(stored: Stored, tell: Tell, others: Sequence[StartingGains] = ()) -> Stored:
     """Return the design file with gains made for its period, both certificates proved anew.
 
     The figures of the gains that are replaced are kept among the remarks, under `replaced`.
@@ -141,7 +141,7 @@ def designed_for_period(stored: Stored, tell: Tell, others: Sequence[Start] = ()
     return with_sampled(made, sampled, **{FOR_PERIOD: True})
 
 
-def _searched(stored: Stored, tell: Tell, others: Sequence[Start]) -> tuple[Gains, PairWeights]:
+def _searched(stored: Stored, tell: Tell, others: Sequence[StartingGains]) -> tuple[Gains, PairWeights]:
     from lockstep.lmi.analysis.rounding import short_gains
     from lockstep.lmi.sampled.improve import AtPeriod, improved
 
@@ -151,7 +151,7 @@ def _searched(stored: Stored, tell: Tell, others: Sequence[Start]) -> tuple[Gain
         raise Infeasible("there is no continuous certificate to start from")
     limit, period = problem.design.gain_limit, problem.controller.period
     at = AtPeriod(sampled_network(stored, period), problem.graph().edges, weights_of(stored), order, limit)
-    starts = [Start(stored.gains.blocks, m, c.rho), *others]
+    starts = [StartingGains(stored.gains.blocks, m, c.rho), *others]
     enough = NEAR * min(one.rho for one in starts)
     found = improved(at, starts, rho_most=problem.design.rho, enough=enough, tell=tell)
     if found is None:

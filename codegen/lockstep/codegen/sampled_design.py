@@ -27,7 +27,7 @@ from lockstep.lmi.certify import Decided, certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import (
     HeldController,
-    Network,
+    SampledNetwork,
     SampledRho,
     SampledVerdict,
     Weights,
@@ -149,12 +149,14 @@ def certify_files(files: Mapping[str, str], stored: Stored) -> Decided:
         return certify(stored, folder)
 
 
-def longest_period(stored: Stored, network: Network, guess: PairWeights | None) -> SampledVerdict | None:
+def longest_period(
+    stored: Stored, network: SampledNetwork, guess: PairWeights | None
+) -> SampledVerdict | None:
     """Return the verdict at the largest period certified for a design's gains, or None."""
     return max_period(network, lambda period: sampled_controllers(stored, period), guess)
 
 
-def sampled_network(stored: Stored, period: float) -> Network:
+def sampled_network(stored: Stored, period: float) -> SampledNetwork:
     """Return the agents of a design in rationals, alpha and the entries being proved anew.
 
     Raises:
@@ -163,7 +165,9 @@ def sampled_network(stored: Stored, period: float) -> Network:
     problem = stored.problem
     bound = bound_again(stored).or_raise()
     loop = network_of(problem, bound).loop(stored.gains.order, exact_arithmetic=True)
-    return Network(loop.plant, loop.d, stored.claims.alpha, period, problem.controller.delay, _sector(stored))
+    return SampledNetwork(
+        loop.plant, loop.d, stored.claims.alpha, period, problem.controller.delay, _sector(stored)
+    )
 
 
 def _sector(stored: Stored) -> Sector | None:
@@ -197,7 +201,7 @@ def weights_of(stored: Stored) -> Weights:
 
 
 def _stated_rho(
-    stored: Stored, network: Network, controllers: tuple[HeldController, ...]
+    stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...]
 ) -> SampledRho | None:
     known = _known_rho(stored)
     holds = known and proves_rho(sampled_loop(network, controllers), weights_of(stored), known)
@@ -209,7 +213,7 @@ def _known_rho(stored: Stored) -> SampledRho | None:
     return None if rho is None or witness is None else SampledRho(rho, witness)
 
 
-def _longest_stated(stored: Stored, network: Network) -> SampledVerdict | None:
+def _longest_stated(stored: Stored, network: SampledNetwork) -> SampledVerdict | None:
     """Return the verdict at the period that a design file claims as its longest, if the file's witness proves it."""
     period, witness = stored.claims.sampled.max_period, stored.proofs.max_period
     if period is None or witness is None:

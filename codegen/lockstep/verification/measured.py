@@ -21,7 +21,7 @@ from lockstep.model.assembly import network_of
 from lockstep.model.network import Network
 from lockstep.model.simulation.perturbation import norms
 from lockstep.model.simulation.scenario import Scenario
-from lockstep.model.simulation.trajectory import Trajectory, Weights, energies
+from lockstep.model.simulation.trajectory import RhoWeights, Trajectory, energies
 
 Kind = Literal["continuous", "sampled", "compiled"]
 
@@ -90,11 +90,11 @@ def network_of_design(stored: Stored) -> Network:
     return network_of(stored.problem, bound_again(stored))
 
 
-def weights_of_design(stored: Stored, network: Network) -> Weights:
+def weights_of_design(stored: Stored, network: Network) -> RhoWeights:
     """Return the weights that the design's rho is measured with."""
     problem = stored.problem
     R, Q = problem.state_weight(network.agent.n), problem.controller_weight(stored.gains.order)
-    return Weights.of(network.graph, R, Q, network.coordinates)
+    return RhoWeights.of(network.graph, R, Q, network.coordinates)
 
 
 def measured(

@@ -9,7 +9,7 @@ from lockstep.workflow.files import of_file
 from lockstep.workflow.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from lockstep.model.bound_search import Progress as BoundProgress
+    from lockstep.model.bound_search import SearchState as BoundProgress
     from lockstep.model.checks import CheckReport
 
 

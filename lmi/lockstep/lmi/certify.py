@@ -13,7 +13,7 @@ from lockstep.check import certify as checker
 from lockstep.check.design_file.content import parse
 from lockstep.check.domain import Scope
 from lockstep.check.plain_json import plain
-from lockstep.check.problem import Problem
+from lockstep.check.problem import ProblemTables
 from lockstep.check.verdict import Verdict
 from lockstep.lmi.document import Stored, with_bound_proof
 
@@ -86,6 +86,6 @@ def certify(stored: Stored, path: Path | None = None) -> Decided:
     content = complete.document() | {
         "problem": plain(stored.problem.document())
     }  # with the gains that it gives, if any
-    file = parse(content, "the design", Problem.from_document)
+    file = parse(content, "the design", ProblemTables.from_document)
     folder = path if path is not None and path.is_dir() else None
     return Decided(stored, checker.certified(file, folder).verdicts)

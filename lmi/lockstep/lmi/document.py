@@ -12,7 +12,7 @@ from lockstep.check.design_file.content import DesignFile, gains_document
 from lockstep.check.design_file.proofs import BoundProof, Proofs
 from lockstep.check.domain import claimed_box
 from lockstep.check.local import InitialSet
-from lockstep.lmi.design import Design
+from lockstep.lmi.design import Proposal
 from lockstep.model.arguments import arguments_text
 from lockstep.model.bound_search import Bound
 from lockstep.model.problem import Problem
@@ -24,7 +24,7 @@ Stored = DesignFile[Problem]
 """A design file with its problem as this layer builds it."""
 
 
-def file_of(design: Design) -> Stored:
+def file_of(design: Proposal) -> Stored:
     """Return what is to be written down of a design; nothing is claimed of its sampled controllers yet."""
     c, floor, initial = design.certificate, design.floor, design.initial
     claims = Claims(

@@ -10,8 +10,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.agent import Agent as ExactAgent
-from lockstep.check.agent import Move
+from lockstep.check.agent import ExactAgent, Move
 from lockstep.check.domain import argument_box
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.exact import Exact, Value

@@ -34,7 +34,7 @@ FAR, FARTHEST = 1e6, 1e12
 
 
 @dataclass(frozen=True)
-class Move:
+class CentringMove:
     """S_kj, taken from phi and given to A: `component` k and `argument` j count from 0."""
 
     component: int
@@ -50,7 +50,7 @@ class Move:
 class Centring:
     """What was moved from phi into A, and why nothing was if nothing was."""
 
-    moves: tuple[Move, ...] = ()
+    moves: tuple[CentringMove, ...] = ()
     reason: str = ""
 
     def matrix(self, r: int, v: int) -> Float[np.ndarray, "r v"]:
@@ -89,7 +89,7 @@ def centred(lure: Lure, box: Box) -> tuple[Lure, Centring]:
     )
     if not len(wanted):
         return lure, Centring(reason="the slopes are around zero already")
-    result, moves = lure, list[Move]()
+    result, moves = lure, list[CentringMove]()
     for k, j in wanted.tolist():
         moved = _move(result, k, j, float(lowest[k, j]), float(highest[k, j]))
         if moved is not None:
@@ -152,14 +152,14 @@ def _size(slopes: Float[np.ndarray, "samples r v"]) -> float:
     return float(np.linalg.norm(slopes, ord=2, axis=(1, 2)).max())
 
 
-def _move(lure: Lure, k: int, j: int, lowest: float, highest: float) -> tuple[Lure, Move] | None:
+def _move(lure: Lure, k: int, j: int, lowest: float, highest: float) -> tuple[Lure, CentringMove] | None:
     """Move the middle of one slope range, or return None if that cannot be done exactly."""
     middle, half = (lowest + highest) / 2, (highest - lowest) / 2
     for wish in _short(middle, half):
         for amount in (wish, *fitting(lure, k, j, wish)):
             found = shifted(lure, k, j, amount)
             if found is not None and abs(amount - Fraction(middle)) < Fraction(half):
-                return found, Move(k, j, lowest, highest, amount)
+                return found, CentringMove(k, j, lowest, highest, amount)
     return None
 
 

@@ -17,10 +17,10 @@ from lockstep.check.bound.program import Boxes, Program
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.node import Node
 
-Verdict = Annotated[np.ndarray, " boxes"]
+Holds = Annotated[np.ndarray, " boxes"]
 
 
-_TESTS: dict[str, Callable[..., Verdict]] = {
+_TESTS: dict[str, Callable[..., Holds]] = {
     "nonzero": lambda x: (x[0] > 0) | (x[1] < 0),
     "positive": lambda x: x[0] > 0,
     "not negative": lambda x: x[0] >= 0,
@@ -42,7 +42,7 @@ class Conditions:
         self.nodes = [n for c in self.conditions for n in c.nodes]
         self._program = Program(self.nodes)
 
-    def on_boxes(self, lower: Boxes, upper: Boxes) -> list[Verdict]:
+    def on_boxes(self, lower: Boxes, upper: Boxes) -> list[Holds]:
         """Return, per condition, on which boxes it surely holds."""
         found = iter(self._program.on_boxes(lower, upper))
         verdicts = []

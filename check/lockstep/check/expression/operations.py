@@ -26,7 +26,7 @@ LARGEST_WHOLE_POWER = 1024
 
 
 @runtime_checkable
-class Notes(Protocol):
+class NoteTaker(Protocol):
     """Whoever takes note of what the operations need."""
 
     def need(self, kind: str, name: str, *args: Node) -> None:
@@ -41,7 +41,7 @@ class Notes(Protocol):
 BOOLEAN = frozenset({"truth", "positive", "zero", "not", "and"})
 
 
-def as_number(notes: Notes, node: Node) -> Node:
+def as_number(notes: NoteTaker, node: Node) -> Node:
     """Return a condition as 1 or 0, which jumps where it changes, and a number as it is."""
     if node.op not in BOOLEAN:
         return node
@@ -61,7 +61,7 @@ def _numeric(rule: Callable[..., Node]) -> Callable[..., Node]:
 def _plain(op: str, kind: str | None = None) -> Callable[..., Node]:
     """Return the rule of a function with a name of its own, and with what it needs."""
 
-    def rule(reader: Notes, x: Node) -> Node:
+    def rule(reader: NoteTaker, x: Node) -> Node:
         if kind is not None:
             reader.need(kind, f"`{op}`", x)
         return reader.make(op, x)
@@ -69,7 +69,7 @@ def _plain(op: str, kind: str | None = None) -> Callable[..., Node]:
     return _numeric(rule)
 
 
-def _add(_: Notes, a: Node, b: Node) -> Node:
+def _add(_: NoteTaker, a: Node, b: Node) -> Node:
     """Join the two halves that `if_else` is lowered to; add anything else."""
     if a.op == b.op == "choose" and a.args[0] is b.args[0]:
         (condition, first, other), (_c, second, third) = a.args, b.args
@@ -80,7 +80,7 @@ def _add(_: Notes, a: Node, b: Node) -> Node:
     return add(a, b)
 
 
-def _divide(reader: Notes, a: Node, b: Node) -> Node:
+def _divide(reader: NoteTaker, a: Node, b: Node) -> Node:
     if not _is_exponential(b):
         reader.need("nonzero", "the division", b)
     return ZERO if b is ZERO else divide(a, b)
@@ -92,7 +92,7 @@ def _is_exponential(x: Node) -> bool:
     return coefficient > 0 and bool(powers) and all(y.op in ("exp", "cosh") for y in powers)
 
 
-def _sqrt(reader: Notes, x: Node) -> Node:
+def _sqrt(reader: NoteTaker, x: Node) -> Node:
     reader.need("not negative", "`sqrt`", x)
     if x.op == "monomial" and x.data == (2,):
         return function("fabs", x.args[0])
@@ -121,7 +121,7 @@ def _powers(node: Node) -> list[tuple[Node, int]]:
     return list(factors(node)[1].items())
 
 
-def _power(reader: Notes, x: Node, y: Node) -> Node:
+def _power(reader: NoteTaker, x: Node, y: Node) -> Node:
     exponent = number(y)
     if exponent is None:
         reader.need("positive", "the power with a varying exponent", x)
@@ -136,7 +136,7 @@ def _power(reader: Notes, x: Node, y: Node) -> Node:
     return function("real_power", x, data=exponent)
 
 
-def _sign_of(reader: Notes, x: Node) -> Node:
+def _sign_of(reader: NoteTaker, x: Node) -> Node:
     condition = positive(x)
     reader.need("decided", "`sign`", condition)
     opposite = positive(scale(-1, x))
@@ -144,7 +144,7 @@ def _sign_of(reader: Notes, x: Node) -> Node:
     return choose(condition, ONE, choose(opposite, constant(-1), ZERO))
 
 
-def _copysign(reader: Notes, x: Node, y: Node) -> Node:
+def _copysign(reader: NoteTaker, x: Node, y: Node) -> Node:
     below = positive(scale(-1, y))
     reader.need("decided", "`copysign`", below)
     modulus = function("fabs", x)
@@ -152,7 +152,7 @@ def _copysign(reader: Notes, x: Node, y: Node) -> Node:
 
 
 def _step(op: str) -> Callable[..., Node]:
-    def rule(reader: Notes, x: Node) -> Node:
+    def rule(reader: NoteTaker, x: Node) -> Node:
         node = function(op, x)
         reader.need("constant", f"`{op}`", node)
         return node
@@ -163,7 +163,7 @@ def _step(op: str) -> Callable[..., Node]:
 def _remainder(op: str, name: str) -> Callable[..., Node]:
     """x - y op(x/y): `fmod` truncates the quotient, `remainder` rounds it to even."""
 
-    def rule(reader: Notes, x: Node, y: Node) -> Node:
+    def rule(reader: NoteTaker, x: Node, y: Node) -> Node:
         reader.need("nonzero", f"`{name}`", y)
         whole = function(op, divide(x, y))
         reader.need("constant", f"`{name}`", whole)
@@ -172,19 +172,19 @@ def _remainder(op: str, name: str) -> Callable[..., Node]:
     return _numeric(rule)
 
 
-def _if_else(reader: Notes, condition: Node, value: Node, other: Node) -> Node:
+def _if_else(reader: NoteTaker, condition: Node, value: Node, other: Node) -> Node:
     condition = as_condition(condition)
     reader.need("decided", "`if_else`", condition)
     return choose(condition, as_number(reader, value), as_number(reader, other))
 
 
-def _atan2(reader: Notes, y: Node, x: Node) -> Node:
+def _atan2(reader: NoteTaker, y: Node, x: Node) -> Node:
     reader.need("off the cut", "`atan2`", y, x)
     return function("atan2", y, x)
 
 
 def _compare(rule: Callable[[Node, Node], Node]) -> Callable[..., Node]:
-    def compare(_: Notes, a: Node, b: Node) -> Node:
+    def compare(_: NoteTaker, a: Node, b: Node) -> Node:
         return rule(a, b)
 
     return _numeric(compare)
@@ -247,4 +247,4 @@ RULES: dict[str, Callable[..., Node]] = {
     "printme": lambda _, x, __: x,
     "lift": lambda _, x, __: x,
 }
-"""The meaning of each operation: a node, of `Notes` and the nodes it is applied to."""
+"""The meaning of each operation: a node, of `NoteTaker` and the nodes it is applied to."""

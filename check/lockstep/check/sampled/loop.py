@@ -19,7 +19,7 @@ import numpy as np
 from lockstep.check.errors import ProblemError
 from lockstep.check.inequality import LETTERS
 from lockstep.check.numbers import Matrix, converter, is_exact, zeros
-from lockstep.check.sampled.controller import HeldController, Network
+from lockstep.check.sampled.controller import HeldController, SampledNetwork
 
 
 class Way(NamedTuple):
@@ -41,7 +41,7 @@ class SampledLoop:
     seen: (x_C, r) of each agent;  messages: the columns of nu;  underflows: those of mu, next to them.
     """
 
-    network: Network
+    network: SampledNetwork
     n_d: int
     n_xi: int
     into: Matrix
@@ -70,7 +70,7 @@ class SampledLoop:
         return np.vstack([x_d, self.held])
 
 
-def sampled_loop(network: Network, controllers: tuple[HeldController, ...]) -> SampledLoop:
+def sampled_loop(network: SampledNetwork, controllers: tuple[HeldController, ...]) -> SampledLoop:
     """Assemble the loop in the kind of number of the network's plant.
 
     Raises:
@@ -101,7 +101,7 @@ def sampled_loop(network: Network, controllers: tuple[HeldController, ...]) -> S
 class _Layout:
     """Where the parts of z are, and what agent i computes from them."""
 
-    def __init__(self, network: Network, controllers: tuple[HeldController, ...]) -> None:
+    def __init__(self, network: SampledNetwork, controllers: tuple[HeldController, ...]) -> None:
         self.network, self.controllers = network, controllers
         n, m, q, _, _ = network.plant.sizes
         N, n_C = len(controllers), controllers[0].order
@@ -178,7 +178,7 @@ class _Layout:
         return rows
 
 
-def _inputs(network: Network) -> tuple[Matrix, Matrix]:
+def _inputs(network: SampledNetwork) -> tuple[Matrix, Matrix]:
     """Return B^ = [the different B_i] and the map from all u to v, such that (T (x) I) diag(B_i) u = (I (x) B^) v."""
     different: list[Matrix] = []
     which = []
@@ -195,7 +195,7 @@ def _inputs(network: Network) -> tuple[Matrix, Matrix]:
     return np.hstack(different), spread
 
 
-def _check(network: Network, controllers: tuple[HeldController, ...]) -> None:
+def _check(network: SampledNetwork, controllers: tuple[HeldController, ...]) -> None:
     _, m, q, _, _ = network.plant.sizes
     N = network.d.N
     if len(controllers) != N:

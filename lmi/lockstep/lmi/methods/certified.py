@@ -15,8 +15,8 @@ from lockstep.lmi.analysis.reach import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.diagnosis.relax import hint, hint_of_stability
 from lockstep.lmi.floor.bisection import proves_that_none_carries
-from lockstep.lmi.sampled.improve import Start
-from lockstep.lmi.search import Outcome, Score, Search, SearchResult, search_gains
+from lockstep.lmi.sampled.improve import StartingGains
+from lockstep.lmi.search import GainSearch, Polished, Score, SearchResult, search_gains
 from lockstep.lmi.search.start import Climbed
 from lockstep.lmi.threads import one_thread
 from lockstep.model.network import Network
@@ -24,7 +24,7 @@ from lockstep.model.problem import Problem
 
 
 @dataclass(frozen=True)
-class Found:
+class CertifiedGains:
     """Gains, the claim they were found for (alpha may have been raised), and its certificate.
 
     others: other gains that the search came to, from which a design for the period may start.
@@ -34,7 +34,7 @@ class Found:
     claim: Claim
     certificate: Certificate
     figures: dict[str, Any]
-    others: tuple[Start, ...] = ()
+    others: tuple[StartingGains, ...] = ()
 
 
 def searched(
@@ -45,7 +45,7 @@ def searched(
     tell: Callable[[str, float], None],
     time_limit: float | None = None,
     score: Score | None = None,
-) -> Found:
+) -> CertifiedGains:
     """Search, round, prove.
 
     Args:
@@ -66,7 +66,7 @@ def searched(
     rho = table.rho if table.objective == "alpha" else None
     tell("looking for limits of any controller", 0.0)
     refuse_the_impossible(problem, network, claim)
-    search = Search.of(network.loop(problem.order), claim, table.gain_limit)
+    search = GainSearch.of(network.loop(problem.order), claim, table.gain_limit)
     found = search_gains(
         search,
         starts=table.starts,
@@ -97,12 +97,14 @@ def searched(
     raise NotCertified(f"{refused}{said}", **refused.figures, **why)
 
 
-def start_of(outcome: Outcome, search: Search) -> Start:
+def start_of(outcome: Polished, search: GainSearch) -> StartingGains:
     """Return where a design for the period starts from an outcome."""
-    return Start(outcome.K, search.units.certificate(outcome.certificate).m, outcome.rho)
+    return StartingGains(outcome.K, search.units.certificate(outcome.certificate).m, outcome.rho)
 
 
-def _proved(problem: Problem, network: Network, claim: Claim, one: Outcome, limit: dict[str, Any]) -> Found:
+def _proved(
+    problem: Problem, network: Network, claim: Claim, one: Polished, limit: dict[str, Any]
+) -> CertifiedGains:
     """Round the gains of an outcome, and prove them.
 
     Raises:
@@ -118,10 +120,10 @@ def _proved(problem: Problem, network: Network, claim: Claim, one: Outcome, limi
     muted = without_idle_parts(gains, network)
     if muted is not gains:
         try:
-            return Found(muted, claim, prove(network, muted, claim, rho=rho), figures)
+            return CertifiedGains(muted, claim, prove(network, muted, claim, rho=rho), figures)
         except NotCertified:
             pass
-    return Found(gains, claim, prove(network, gains, claim, rho=rho), figures)
+    return CertifiedGains(gains, claim, prove(network, gains, claim, rho=rho), figures)
 
 
 def without_idle_parts(gains: Gains, network: Network) -> Gains:

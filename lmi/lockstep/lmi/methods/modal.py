@@ -21,8 +21,8 @@ from lockstep.check.modes import ModalCertificate, Modes, Segment, check_covered
 from lockstep.check.numbers import as_floats
 from lockstep.check.spectrum import Metric, spectrum_bounds
 from lockstep.lmi.analysis.rounding import round_up
-from lockstep.lmi.methods.modal_search import Found, ModalSearch, from_start
-from lockstep.lmi.methods.modal_witness import Witness, witness
+from lockstep.lmi.methods.modal_search import ModalCandidate, ModalSearch, from_start
+from lockstep.lmi.methods.modal_witness import ModalWitness, witness
 from lockstep.model.network import Network
 
 RATIO = 4.0
@@ -61,7 +61,7 @@ def design_modes(
     known = check_covered(network.matrices, claim)
     modes = Modes(network.plant, order)
     search = ModalSearch.of(modes, claim, segment_ends(network, known), gain_limit)
-    best: Found | None = None
+    best: ModalCandidate | None = None
     for index in range(starts):
         if tell is not None:
             tell(index / starts)
@@ -123,7 +123,7 @@ def prove_modes(network: Network, gains: Gains, claim: Claim) -> ModalCertificat
 
 def _fine_enough(
     network: Network, known: Metric, modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim
-) -> tuple[Float[np.ndarray, " s"], Witness | None]:
+) -> tuple[Float[np.ndarray, " s"], ModalWitness | None]:
     """Return segments that are so fine that finer ones lower rho little, and the least sigma with them."""
     ends = segment_ends(network, known)
     least = witness(modes, K, claim, ends)
@@ -146,7 +146,7 @@ def _shortest(
     claim: Claim,
     ends: Float[np.ndarray, " s"],
     rho: float,
-    inside: Witness,
+    inside: ModalWitness,
 ) -> ModalCertificate | None:
     """Return the witness rounded to the fewest digits with which it proves, or None."""
     for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1):

@@ -8,7 +8,7 @@ multistart   many starts, the promising ones pursued side by side over the cores
 """
 
 from lockstep.lmi.search.multistart import SearchResult, search_gains
-from lockstep.lmi.search.polish import Outcome
-from lockstep.lmi.search.start import Score, Search
+from lockstep.lmi.search.polish import Polished
+from lockstep.lmi.search.start import GainSearch, Score
 
-__all__ = ["Outcome", "Score", "Search", "SearchResult", "search_gains"]
+__all__ = ["GainSearch", "Polished", "Score", "SearchResult", "search_gains"]

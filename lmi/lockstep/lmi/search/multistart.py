@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.search.polish import Outcome, polished, reached
-from lockstep.lmi.search.start import Climbed, Score, Search, begin, climb, go_on
+from lockstep.lmi.search.polish import Polished, polished, reached
+from lockstep.lmi.search.start import Climbed, GainSearch, Score, begin, climb, go_on
 from lockstep.lmi.threads import one_thread
 from lockstep.lmi.workers import started_without_interrupts
 
@@ -33,7 +33,7 @@ class SearchResult:
     claim;  cut: whether a deadline cut the search.
     """
 
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[Polished, ...]
     abscissa: float
     nearest: Climbed | None
     least_rho: float
@@ -41,7 +41,7 @@ class SearchResult:
 
 
 def search_gains(
-    search: Search,
+    search: GainSearch,
     *,
     starts: int,
     seed: int,
@@ -92,13 +92,13 @@ def search_gains(
 
 
 def _pursue(
-    search: Search,
+    search: GainSearch,
     score: Score | None,
     index: int,
     K: Float[np.ndarray, "N k l"],
     rho: float | None,
     deadline: float | None,
-) -> tuple[Climbed | None, Outcome | None]:
+) -> tuple[Climbed | None, Polished | None]:
     """Take gains to the whole claim, and polish them there."""
     climbed = climb(search, K, deadline)
     if climbed is None or climbed.certified < 1:
@@ -107,7 +107,7 @@ def _pursue(
     return climbed, polished(search, start, score, rho=rho, deadline=deadline)
 
 
-def _settled(search: Search, best: Outcome, score: Score | None, deadline: float | None) -> Outcome:
+def _settled(search: GainSearch, best: Polished, score: Score | None, deadline: float | None) -> Polished:
     """Polish the best outcome until hardly anything is gained."""
     with one_thread():
         found = polished(search, best, score, worthwhile=SETTLED, deadline=deadline)

@@ -8,22 +8,22 @@ import numpy as np
 from lockstep.check.loop import Plant
 from lockstep.model.bound_search import Bound
 
-Verdict = Literal["ok", "fails", "note"]
+Outcome = Literal["ok", "fails", "note"]
 
 
 @dataclass(frozen=True)
-class Row:
+class CheckRow:
     """One check: `ok`, `fails` (consensus or its proof is lost), or `note` (it holds, with a caveat)."""
 
     name: str
-    verdict: Verdict
+    verdict: Outcome
     figure: str
     """What was found, in a few words or numbers."""
     reason: str
     """Why it matters."""
 
     def __post_init__(self) -> None:
-        if self.verdict not in get_args(Verdict):
+        if self.verdict not in get_args(Outcome):
             raise ValueError(f"the verdict of `{self.name}` is {self.verdict!r}")
 
 
@@ -42,7 +42,7 @@ class CheckReport:
         zeros: per agent, the zeros from u to y with Re s > 0.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[CheckRow, ...]
     bound: Bound
     plant: Plant
     roots: tuple[int, ...]

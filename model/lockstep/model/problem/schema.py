@@ -84,13 +84,13 @@ Weight = Annotated[Any, BeforeValidator(_weight)]
 Outputs = Annotated[Many[Annotated[tuple[str, str], Strict(False)]], BeforeValidator(_pairs)]
 
 
-class Table(BaseModel):
+class ProblemTable(BaseModel):
     """What all tables of the file share."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
-class AgentTable(Table):
+class AgentTable(ProblemTable):
     """[agent]: the agent all nodes of the network share."""
 
     name: str = Field(default="agent", description='a C identifier, such as "arm"')
@@ -118,7 +118,7 @@ class AgentTable(Table):
     )
 
 
-class NetworkTable(Table):
+class NetworkTable(ProblemTable):
     """[network]: the graph, as exactly one of edges, laplacian, topology."""
 
     agents: int | None = Field(default=None, description="a whole number of agents, 2 or more")
@@ -134,14 +134,14 @@ class NetworkTable(Table):
     )
 
 
-class WeightsTable(Table):
+class WeightsTable(ProblemTable):
     """[design] weights: R on the disagreement of the states, Q on the controller states."""
 
     state: Weight = Field(default=1.0, description="a number, a list of numbers or a symmetric matrix")
     controller: Weight = Field(default=1.0, description="a number, a list of numbers or a symmetric matrix")
 
 
-class FragilityTable(Table):
+class FragilityTable(ProblemTable):
     """[design.fragility]: the bounds delta of (11), as spectral norms; 0 is certain."""
 
     A: NotNegative = Field(default=0.0, description="a finite number, 0 or more")
@@ -150,7 +150,7 @@ class FragilityTable(Table):
     D: NotNegative = Field(default=0.0, description="a finite number, 0 or more")
 
 
-class GainsTable(Table):
+class GainsTable(ProblemTable):
     """[[design.gains]]: one agent's controller (9); at order 0 there is D alone."""
 
     A: Matrix = Field(default=(), description="a list of rows of finite numbers")
@@ -159,7 +159,7 @@ class GainsTable(Table):
     D: Matrix = Field(description="a list of rows of finite numbers")
 
 
-class DesignTable(Table):
+class DesignTable(ProblemTable):
     """[design]: what is asked of the controllers."""
 
     method: Literal["certified", "modal", "theorem1", "corollary1", "lipschitz", "given"] = Field(
@@ -189,7 +189,7 @@ class DesignTable(Table):
     gains: Many[GainsTable] | None = Field(default=None, description="one [[design.gains]] table per agent")
 
 
-class ControllerTable(Table):
+class ControllerTable(ProblemTable):
     """[controller]: how the controller runs on the target."""
 
     period: float = Field(
@@ -203,7 +203,7 @@ class ControllerTable(Table):
     delay: Literal[0, 1] = Field(default=0, description="0 or 1 periods")
 
 
-class DisturbanceTable(Table):
+class DisturbanceTable(ProblemTable):
     """[simulation.disturbance]: xi of (2), acting on each state of each agent on its own."""
 
     kind: Literal["none", "noise", "sine", "step", "worst"] = Field(
@@ -222,7 +222,7 @@ class DisturbanceTable(Table):
     )
 
 
-class PerturbationTable(Table):
+class PerturbationTable(ProblemTable):
     """[simulation.perturbation]: gain errors Delta(t) of (11), for continuous controllers."""
 
     kind: Literal["none", "paper", "paper_scaled", "random"] = Field(
@@ -235,7 +235,7 @@ class PerturbationTable(Table):
     )
 
 
-class ChannelTable(Table):
+class ChannelTable(ProblemTable):
     """[simulation.channel]: what happens to messages between sampled controllers."""
 
     delay: int = Field(default=0, ge=0, le=1000, description="a whole number of periods from 0 to 1000")
@@ -246,7 +246,7 @@ class ChannelTable(Table):
     )
 
 
-class SimulationTable(Table):
+class SimulationTable(ProblemTable):
     """[simulation]: the run of the nonlinear closed loop."""
 
     initial: Matrix | Literal["random"] = Field(
@@ -267,7 +267,7 @@ class SimulationTable(Table):
     channel: ChannelTable | None = Field(default=None, description="a table, such as { drop = 0.1 }")
 
 
-class ProblemFile(Table):
+class ProblemFile(ProblemTable):
     """The whole file."""
 
     title: Line = Field(default="", description=f"text on one line, of at most {LONGEST_LINE} characters")
