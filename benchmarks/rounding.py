@@ -61,7 +61,7 @@ def measure(folder: Path, steps: int, seed: int = 0) -> list[Row]:
     }
     controllers = [read_controller(name, *texts[name], names).controller for name in names]
     stored = read(folder / "design.json")
-    plant, _ = plant_in_doubles(sampled_network(stored, stored.problem.controller.period))
+    plant, _ = plant_in_doubles(sampled_network(stored))
     n, m, _, _, _ = plant.sizes
     runs, rng = -(-steps // LENGTH), np.random.default_rng(seed)
     held = [

@@ -14,7 +14,7 @@ import pytest
 from lockstep.check.bound.box import Box
 from lockstep.check.bound.conditions import Condition
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
-from lockstep.check.bound.graph import ExpressionGraph
+from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.bound.result import Entry
 from lockstep.check.domain import argument_box, claimed_box, inner_box
 from lockstep.check.errors import ProblemError
@@ -38,8 +38,8 @@ x, y = variable(0), variable(1)
 ENOUGH = 20_000
 
 
-def phi(*outputs: Node, inputs: int = 1, needs: tuple[Condition, ...] = ()) -> ExpressionGraph:
-    return ExpressionGraph(outputs, needs, inputs)
+def phi(*outputs: Node, inputs: int = 1, needs: tuple[Condition, ...] = ()) -> ExactPhi:
+    return ExactPhi(outputs, needs, inputs)
 
 
 def fn(name: str, *args: Node) -> Node:
@@ -51,7 +51,7 @@ def root(number: int) -> flint.arb:
 
 
 def decide(
-    graph: ExpressionGraph,
+    graph: ExactPhi,
     box: Box,
     alpha: float,
     entries: tuple[Entry, ...] = (),

@@ -9,8 +9,8 @@ from codegen_cases import arms, random_controller, shapes
 
 from lockstep.check.c_source.reader import read_controller
 from lockstep.check.sampled.controller import HeldController
-from lockstep.codegen.as_generated import compared
 from lockstep.codegen.emit import emit
+from lockstep.codegen.folder.as_generated import compared
 from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.lmi import document

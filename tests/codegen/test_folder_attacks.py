@@ -12,9 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from lockstep.cli.main import app
-from lockstep.codegen.bundle import bundle
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder import write_folder
+from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.from_design import specification
 from lockstep.codegen.manifest import load_manifest, sha256
 from lockstep.lmi.document import parse

@@ -17,7 +17,7 @@ from typing import Annotated, NoReturn
 import numpy as np
 from flint import fmpq
 
-from lockstep.check.bound.graph import ExpressionGraph
+from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.exact import Exact, Value, read_text
@@ -57,7 +57,7 @@ class ExactAgent:
     C: Annotated[np.ndarray, "q n"]
     G: Annotated[np.ndarray, "n r"]
     H: Annotated[np.ndarray, "v n"]
-    phi: ExpressionGraph
+    phi: ExactPhi
     """(v, t) -> w: v numbers and the time in, r numbers out, and what must hold for them to have a value."""
     offset: tuple[Node, ...]
     """n expressions in the time, which is the variable `phi.inputs` as in phi; common to all agents."""
@@ -146,7 +146,7 @@ class ExactAgent:
             ),
             G=_matrix([column for column, _ in chosen], names.n).T,
             H=_matrix(found.rows, names.n),
-            phi=_graph(found, components, needs, names),
+            phi=_phi(found, components, needs, names),
             offset=tuple(found.restated([row.drive for row in rows], names.n, names.time)),
         )
 
@@ -280,9 +280,7 @@ def _refuse_cancelled(condition: Condition) -> NoReturn:
     )
 
 
-def _graph(
-    found: Arguments, components: Sequence[Node], needs: Sequence[Condition], names: _Names
-) -> ExpressionGraph:
+def _phi(found: Arguments, components: Sequence[Node], needs: Sequence[Condition], names: _Names) -> ExactPhi:
     flat = [*components, *(node for c in needs for node in c.nodes)]
     rest = iter(found.restated(flat, names.n, names.time))
     outputs = tuple(next(rest) for _ in components)
@@ -290,7 +288,7 @@ def _graph(
     for c in needs:
         guard = next(rest)
         conditions.append(Condition(c.kind, tuple(next(rest) for _ in c.args), c.name, guard))
-    return ExpressionGraph(outputs, tuple(dict.fromkeys(conditions)), len(found.rows))
+    return ExactPhi(outputs, tuple(dict.fromkeys(conditions)), len(found.rows))
 
 
 def _output_row(names: _Names, output: str, value: Value) -> Row:

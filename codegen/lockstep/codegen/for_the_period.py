@@ -150,7 +150,7 @@ def _searched(stored: Stored, tell: Tell, others: Sequence[StartingGains]) -> tu
     if not isinstance(c, Certificate) or m is None:
         raise Infeasible("there is no continuous certificate to start from")
     limit, period = problem.design.gain_limit, problem.controller.period
-    at = AtPeriod(sampled_network(stored, period), problem.graph().edges, weights_of(stored), order, limit)
+    at = AtPeriod(sampled_network(stored), problem.graph().edges, weights_of(stored), order, limit)
     starts = [StartingGains(stored.gains.blocks, m, c.rho), *others]
     enough = NEAR * min(one.rho for one in starts)
     found = improved(at, starts, rho_most=problem.design.rho, enough=enough, tell=tell)
@@ -195,5 +195,5 @@ def _placed(made: Stored) -> Stored:
 
 
 def _abscissa(proved: Stored) -> float:
-    loop = build_loop(*plant_in_doubles(sampled_network(proved, 1.0)), proved.gains.order)
+    loop = build_loop(*plant_in_doubles(sampled_network(proved)), proved.gains.order)
     return float(np.linalg.eigvals(loop.A_cl(proved.gains.blocks)).real.max())

@@ -22,7 +22,7 @@ from lockstep.check.sampled.discretise import sampled_controllers as held_contro
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.sampled.sector import Sector, common_sector
-from lockstep.codegen.contents import DESIGN_NAME
+from lockstep.codegen.folder.contents import DESIGN_NAME
 from lockstep.lmi.certify import Decided, certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import (
@@ -96,7 +96,7 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     """
     period, delay = stored.problem.controller.period, stored.problem.controller.delay
     try:
-        network = sampled_network(stored, period)
+        network = sampled_network(stored)
         controllers = sampled_controllers(stored, period)
     except (BoundNotProved, ProblemError) as error:
         return HeldVerdict(SampledVerdict(False, str(error), period, delay))
@@ -156,8 +156,8 @@ def longest_period(
     return max_period(network, lambda period: sampled_controllers(stored, period), guess)
 
 
-def sampled_network(stored: Stored, period: float) -> SampledNetwork:
-    """Return the agents of a design in rationals, alpha and the entries being proved anew.
+def sampled_network(stored: Stored) -> SampledNetwork:
+    """Return the agents of a design in rationals, at the period of its problem, alpha and the entries being proved anew.
 
     Raises:
         BoundNotProved: alpha does not bound the nonlinearity, or an entry does not bound its slope.
@@ -166,7 +166,12 @@ def sampled_network(stored: Stored, period: float) -> SampledNetwork:
     bound = bound_again(stored).or_raise()
     loop = network_of(problem, bound).loop(stored.gains.order, exact_arithmetic=True)
     return SampledNetwork(
-        loop.plant, loop.d, stored.claims.alpha, period, problem.controller.delay, _sector(stored)
+        loop.plant,
+        loop.d,
+        stored.claims.alpha,
+        problem.controller.period,
+        problem.controller.delay,
+        _sector(stored),
     )
 
 

@@ -86,7 +86,7 @@ def certify(design: Design | Path | str) -> DesignVerdict:
         ProblemError: no design, or a problem in it that cannot be posed. A claim that fails is not raised: `ok` and
             `reason` say it.
     """
-    from lockstep.codegen.as_generated import compared
+    from lockstep.codegen.folder.as_generated import compared
     from lockstep.lmi.certify import certify as decided
 
     found, path = as_design(design)

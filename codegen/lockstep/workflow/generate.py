@@ -60,8 +60,8 @@ def generated_files(design: Design, optimize: str = "speed") -> dict[str, str]:
     Raises:
         NotCertified: the checker refuses the design: C is generated from certified designs only.
     """
-    from lockstep.codegen.bundle import bundle
     from lockstep.codegen.emit import emit
+    from lockstep.codegen.folder.bundle import bundle
     from lockstep.codegen.from_design import specification
     from lockstep.codegen.sampled_design import certify_files, prove_design, with_sampled
     from lockstep.lmi.certify import certify

@@ -17,7 +17,7 @@ import numpy as np
 
 from lockstep.check.bound.box import EVERY_TIME, Box
 from lockstep.check.bound.cover import Cover, Examined, Part, Pool
-from lockstep.check.bound.graph import ExpressionGraph
+from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.bound.result import Entry
 from lockstep.check.bound.slopes import Block, Given, SlopeProblem
 from lockstep.check.bound.tails import Pattern
@@ -52,7 +52,7 @@ class _Spent(Exception):
 
 
 def decide_bound(
-    phi: ExpressionGraph,
+    phi: ExactPhi,
     box: Box,
     alpha: float,
     output_scale: Given,

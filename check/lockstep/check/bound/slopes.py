@@ -13,7 +13,7 @@ from lockstep.check.bound.box import EVERY_TIME, Box, check_time
 from lockstep.check.bound.conditions import Conditions
 from lockstep.check.bound.continuity import settle
 from lockstep.check.bound.cover import Cover
-from lockstep.check.bound.graph import ExpressionGraph
+from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.bound.objective import Objective, blocks
 from lockstep.check.bound.period import reduce_to_period
 from lockstep.check.bound.relaxation import relax
@@ -30,13 +30,13 @@ Block = tuple[list[int], list[int]]
 class SlopeProblem:
     """phi with its continuous switches settled, its slopes d phi_k / d v_l, and the domain of (v, t)."""
 
-    graph: ExpressionGraph
+    graph: ExactPhi
     jacobian: list[list[Node]]
     lower: Annotated[np.ndarray, " variables"]
     upper: Annotated[np.ndarray, " variables"]
 
     @classmethod
-    def of(cls, phi: ExpressionGraph, box: Box, time: tuple[float, float] = EVERY_TIME) -> SlopeProblem:
+    def of(cls, phi: ExactPhi, box: Box, time: tuple[float, float] = EVERY_TIME) -> SlopeProblem:
         """Settle and differentiate phi; raises `ProblemError` if the box does not match it."""
         if box.size != phi.inputs:
             raise ProblemError(

@@ -10,7 +10,7 @@ from math import isfinite
 
 import casadi as ca
 
-from lockstep.check.bound.graph import ExpressionGraph
+from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.exact import Exact, Value
@@ -99,7 +99,7 @@ def _value(step: _Step, values: Sequence[Node], algebra: Exact) -> Value:
         ) from None
 
 
-def read(phi: ca.Function) -> ExpressionGraph:
+def read(phi: ca.Function) -> ExactPhi:
     """Return the expressions of phi(v, t).
 
     Raises `ProblemError` if phi does not map (v, scalar t) to one vector, or uses an operation that has no
@@ -113,7 +113,7 @@ def read(phi: ca.Function) -> ExpressionGraph:
     outputs = tuple(as_number(reader, reader.values[i]) if i >= 0 else ZERO for i in results)
     guards = _guards(steps, results, reader.values) if any(s.op == ca.OP_IF_ELSE_ZERO for s in steps) else {}
     conditions = {c.under(guards.get(i, TRUE)): None for i, c in reader.conditions}
-    return ExpressionGraph(outputs, tuple(c for c in conditions if c.guard is not FALSE), phi.size1_in(0))
+    return ExactPhi(outputs, tuple(c for c in conditions if c.guard is not FALSE), phi.size1_in(0))
 
 
 def _as_sx(phi: ca.Function) -> ca.Function:

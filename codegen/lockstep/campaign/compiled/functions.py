@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.campaign.statements import DOUBLE, LaneFunction, lane_function
+from lockstep.campaign.compiled.statements import DOUBLE, LaneFunction, lane_function
 from lockstep.check.loop import Gains
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.performance import Weights

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.files import read_inside
-from lockstep.codegen.bundle import bundle
-from lockstep.codegen.contents import differs, not_proved, strangers
 from lockstep.codegen.emit import emit
+from lockstep.codegen.folder.bundle import bundle
+from lockstep.codegen.folder.contents import differs, not_proved, strangers
 from lockstep.codegen.from_design import specification
 from lockstep.codegen.manifest import Manifest, changed_files, load_manifest
 from lockstep.lmi.document import Stored
