@@ -268,3 +268,10 @@ def test_agents_whose_needs_differ_are_refused(others):
     common, variant = (plant(f"x*{a} + sin(x)", "u") for a in others)
     with pytest.raises(ProblemError, match="needs to have a value differs"):
         common.check_same_but_B(variant, where="entry 2")
+
+
+@pytest.mark.parametrize("value", [10**400, -(10**400), float("nan"), float("inf"), True, "1"])
+def test_a_parameter_is_a_finite_double(value) -> None:
+    with pytest.raises(ProblemError, match="a finite number"):
+        plant("k*x + u", parameters={"k": value})
+    assert plant("k*x + u", parameters={"k": 1e308}).A[0, 0] == fmpq(int(1e308))

@@ -148,3 +148,12 @@ def test_a_limit_that_is_not_written_is_the_default() -> None:
     large = replace(stored.gains, D=tuple(D * 1e3 for D in stored.gains.D))
     assert list(shortfalls(design, stored.claims, stored.gains)) == []
     assert any("`gain_limit` is 50" in line for line in shortfalls(design, stored.claims, large))
+
+
+@pytest.mark.parametrize("edge", [-1, 1.5, None, "1, 2", {}, [], [1], [[1], 2]])
+def test_an_edge_is_a_list_of_numbers(edge: Any) -> None:
+    """A bare number ended in a TypeError once."""
+    problem = deepcopy(DESIGN["problem"])
+    problem["network"]["edges"][0] = edge
+    with pytest.raises(ProblemError, match="edge"):
+        _ = ProblemTables.from_document(problem).graph

@@ -121,7 +121,7 @@ class ProblemTables:
             return Digraph.topology(table["topology"], agents)
         edges = part(table, "edges", list)
         for k, edge in enumerate(edges, start=1):
-            for end in edge if isinstance(edge, list) else [edge]:
+            for end in edge if isinstance(edge, list) else [None]:
                 number(end, f"[network] edges, edge {k}")
         return Digraph.from_edges(agents, edges)
 
