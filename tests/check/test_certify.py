@@ -157,3 +157,12 @@ def test_an_edge_is_a_list_of_numbers(edge: Any) -> None:
     problem["network"]["edges"][0] = edge
     with pytest.raises(ProblemError, match="edge"):
         _ = ProblemTables.from_document(problem).graph
+
+
+@pytest.mark.parametrize("order", [65, 100_000, 10**400, -1, True, 2.0, "2"])
+def test_an_order_is_a_small_whole_number(order: Any) -> None:
+    """Q of an order of 100 000 alone is 80 GB."""
+    problem = deepcopy(DESIGN["problem"])
+    problem["design"]["order"] = order
+    with pytest.raises(ProblemError, match="order"):
+        ProblemTables.from_document(problem)

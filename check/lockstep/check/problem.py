@@ -23,8 +23,9 @@ from lockstep.check.graph import Digraph
 from lockstep.check.loop import Plant
 from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import exactly
+from lockstep.check.wording import shorten
 
-DEFAULT_ORDER = 2
+DEFAULT_ORDER, MOST_ORDER = 2, 64
 """n_C where a problem states none."""
 
 CONTROLLER = {"discretization": ("tustin", "zoh", "euler"), "real": ("float32", "float64")}
@@ -148,8 +149,9 @@ class ProblemTables:
             first = given[0] if isinstance(given, list) and isinstance(given[0], dict) else {}
             return len(part(first, "A", list))
         order = self.design.get("order", DEFAULT_ORDER)
-        if isinstance(order, bool) or not isinstance(order, int) or order < 0:
-            raise ProblemError(f"{order!r}", where="[design] order", expected="a whole number from 0 up")
+        if isinstance(order, bool) or not isinstance(order, int) or not 0 <= order <= MOST_ORDER:
+            said = f"a whole number from 0 to {MOST_ORDER}"
+            raise ProblemError(shorten(repr(order)), where="[design] order", expected=said)
         return order
 
     @property
