@@ -25,7 +25,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from lockstep.campaign import Batch, Engine, Features, Weights, continuous_source, sampled_source
-from lockstep.campaign.library import load
+from lockstep.campaign.compiled.library import load
 from lockstep.model.network import Network
 from lockstep.workflow.design import load as load_design
 

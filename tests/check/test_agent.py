@@ -232,3 +232,10 @@ def test_names_that_could_mean_two_things_are_refused(names, says):
     with pytest.raises(ProblemError) as caught:
         ExactAgent.from_texts(whole.pop("name"), **whole)
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("value", [10**400, -(10**400), float("nan"), float("inf"), True, "1"])
+def test_a_parameter_is_a_finite_double(value) -> None:
+    with pytest.raises(ProblemError, match="a finite number"):
+        plant("k*x + u", parameters={"k": value})
+    assert plant("k*x + u", parameters={"k": 1e308}).A[0, 0] == fmpq(int(1e308))

@@ -51,7 +51,12 @@ def root(number: int) -> flint.arb:
 
 
 def decide(
-    graph: ExactPhi, box: Box, alpha: float, entries: tuple[Entry, ...] = (), boxes: int = ENOUGH, **scales
+    graph: ExactPhi,
+    box: Box,
+    alpha: float,
+    entries: tuple[Entry, ...] = (),
+    boxes: int = ENOUGH,
+    **scales,
 ):
     given = {"output_scale": None, "input_scale": None, **scales}
     return decide_bound(graph, box, alpha, given["output_scale"], given["input_scale"], entries, boxes=boxes)

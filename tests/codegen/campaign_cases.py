@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from codegen_cases import TABLE_1
 
-from lockstep.campaign.engine import Batch, Engine
-from lockstep.campaign.functions import Weights
-from lockstep.campaign.layout import Features
-from lockstep.campaign.source import CampaignSource, continuous_source, sampled_source
+from lockstep.campaign.compiled.engine import Batch, Engine
+from lockstep.campaign.compiled.functions import Weights
+from lockstep.campaign.compiled.layout import Features
+from lockstep.campaign.compiled.source import CampaignSource, continuous_source, sampled_source
 from lockstep.check.loop import Gains
 from lockstep.codegen.emit import emit
 from lockstep.codegen.manifest import FILE_NAME, Manifest

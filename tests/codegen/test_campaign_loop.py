@@ -18,10 +18,10 @@ from campaign_cases import (
     sampled_loop,
 )
 
-from lockstep.campaign.engine import Batch, Engine
-from lockstep.campaign.functions import Weights
-from lockstep.campaign.layout import Features
-from lockstep.campaign.source import sampled_source
+from lockstep.campaign.compiled.engine import Batch, Engine
+from lockstep.campaign.compiled.functions import Weights
+from lockstep.campaign.compiled.layout import Features
+from lockstep.campaign.compiled.source import sampled_source
 from lockstep.check.loop import Gains
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph

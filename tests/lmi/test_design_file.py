@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lmi_cases import problem, table_1_problem
+from lmi_cases import carts, problem, table_1_problem
 from typer.testing import CliRunner
 
 from lockstep.check.__main__ import main as check_alone
@@ -32,21 +32,7 @@ from lockstep.model.problem import Problem, parse_problem
 
 ARMS = Path(__file__).parents[2] / "generated" / "flexible_joint_arms" / "design.json"
 
-CARTS = """
-[agent]
-states = ["p", "v"]
-inputs = ["f"]
-outputs = { y1 = "p", y2 = "v" }
-dynamics = { p = "v", v = "f - 0.5*sin(v)" }
-[network]
-agents = 4
-topology = "path"
-[design]
-method = "modal"
-order = 0
-gain_limit = 8.0
-starts = 1
-"""
+MODAL = carts(dynamics='{ p = "v", v = "f - 0.5*sin(v)" }', gain_limit="8.0")
 
 
 def led() -> Problem:
@@ -72,7 +58,7 @@ def text_of(name: str) -> str:
     """A certified file, as text: nothing can be changed in it by mistake."""
     if name == "arms":
         return ARMS.read_text(encoding="utf-8")
-    posed = {"modal": lambda: parse_problem(CARTS), "local": led, "fragile": fragile}[name]()
+    posed = {"modal": lambda: parse_problem(MODAL), "local": led, "fragile": fragile}[name]()
     return json.dumps(as_shipped(file_of(design(posed))).document())
 
 

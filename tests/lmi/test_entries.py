@@ -233,7 +233,9 @@ def test_an_entry_that_is_stored_too_small_is_refused(file: dict[str, Any], plac
     changed["claims"]["entries"][place]["bound"] *= 0.999
     verdict = certify(parse(changed, "memory"))
     assert not verdict.certified
-    assert "single slopes" in verdict.reason
+    one = changed["claims"]["entries"][place]
+    assert f"slope ({one['component']}, {one['argument']})" in verdict.reason
+    assert verdict.figures["slope"] > one["bound"], "a slope provably reached"
 
 
 def test_an_entry_that_is_left_out_is_refused(file: dict[str, Any]) -> None:

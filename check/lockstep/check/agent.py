@@ -82,8 +82,8 @@ class ExactAgent:
             ProblemError: a name or formula that is none, an input that enters other than linearly with a constant
                 coefficient, an output that is not linear in the states, a nonlinearity that cancels.
 
-        >>> cart = Agent.from_texts("cart", states=["p", "v"], inputs=["f"], outputs={"y1": "p"},
-        ...                         dynamics={"p": "v", "v": "f - tanh(v)/3"})
+        >>> cart = ExactAgent.from_texts("cart", states=["p", "v"], inputs=["f"], outputs={"y1": "p"},
+        ...                              dynamics={"p": "v", "v": "f - tanh(v)/3"})
         >>> cart.H.tolist(), cart.G.tolist()
         ([[0, 1]], [[0], [1]])
         """
@@ -149,7 +149,7 @@ class ExactAgent:
             ),
             G=_matrix([column for column, _ in chosen], names.n).T,
             H=_matrix(found.rows, names.n),
-            phi=_graph(found, components, needs, names),
+            phi=_phi(found, components, needs, names),
             offset=tuple(found.restated([row.drive for row in rows], names.n, names.time)),
         )
 
@@ -269,9 +269,7 @@ def _refuse_cancelled(condition: Condition) -> NoReturn:
     )
 
 
-def _graph(
-    found: Arguments, components: Sequence[Node], needs: Sequence[Condition], names: _Names
-) -> ExactPhi:
+def _phi(found: Arguments, components: Sequence[Node], needs: Sequence[Condition], names: _Names) -> ExactPhi:
     flat = [*components, *(node for c in needs for node in c.nodes)]
     rest = iter(found.restated(flat, names.n, names.time))
     outputs = tuple(next(rest) for _ in components)

@@ -82,6 +82,11 @@ def certify(path: Path) -> Certified:
         stored = content.parse(
             parse_json(text, DESIGN_NAME), str(folder / DESIGN_NAME), ProblemTables.from_document
         )
+    return certified(stored, folder)
+
+
+def certified(stored: CheckedFile, folder: Path | None = None) -> Certified:
+    """Decide every claim of a design file that was read, or of the C in a folder with it, up to the first that fails."""
     verdicts: dict[str, Verdict] = {}
     for name, verdict in decide(stored, folder):
         verdicts[name] = verdict
@@ -132,20 +137,18 @@ def _sampled(
 ) -> Iterator[tuple[str, Verdict]]:
     """Yield what is proved of the sampled controllers: of the C of a folder, else of the design's gains."""
     claims, proofs, problem = stored.claims.sampled, stored.proofs, stored.problem
-    if not claims.certified and folder is None:
-        return
     at = _sampled_network(stored, network, problem.period)
     held = _held(stored, problem.period)
     if folder is not None:
         read, refused = _read(stored, folder, held)
         yield "code", refused
         held = read
-    witnesses = [one for one in (proofs.sampled,) if one is not None]
-    found = decide_sampled(at, held, witnesses)
-    yield "sampled", _as_claimed(claims, found)
+    if claims.certified or folder is not None:
+        found = decide_sampled(at, held, () if proofs.sampled is None else (proofs.sampled,))
+        yield "sampled", _as_claimed(claims, found)
     if claims.rho is not None:
         yield "sampled_rho", _rho(stored, at, held)
-    if claims.max_period is not None and claims.max_period > problem.period:
+    if claims.max_period is not None and not (claims.certified and claims.max_period <= problem.period):
         yield "max_period", _longest(stored, at, proofs.max_period, claims.max_period)
 
 
@@ -224,17 +227,15 @@ def _read(
             return held, Verdict("undecided", str(error))
         theirs = one.controller
         period = stored.problem.period
-        same = (
-            nearest(one.period_literal, one.real)
-            == float(np.float32(period) if one.real == "float32" else period),
-            one.real == stored.problem.controller["real"],
-            np.array_equal(theirs.table, mine.table),
-            theirs.sources == mine.sources,
-            np.array_equal(theirs.weights, mine.weights),
-        )
-        what = ("period", "arithmetic", "gains", "neighbours", "weights")
-        if not all(same):
-            differs = ", ".join(word for word, holds in zip(what, same, strict=True) if not holds)
+        rounded = float(np.float32(period) if one.real == "float32" else period)
+        same = {
+            "period": nearest(one.period_literal, one.real) == rounded,
+            "arithmetic": one.real == stored.problem.controller["real"],
+            "gains": np.array_equal(theirs.table, mine.table),
+            "neighbours": theirs.sources == mine.sources,
+            "weights": np.array_equal(theirs.weights, mine.weights),
+        }
+        if differs := ", ".join(word for word, holds in same.items() if not holds):
             return held, Verdict("refuted", f"{name}: not the design's {differs}")
         found.append(theirs)
     return tuple(found), Verdict("proved", "the C holds the design's controllers, and no other code")

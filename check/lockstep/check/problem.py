@@ -23,8 +23,9 @@ from lockstep.check.graph import Digraph
 from lockstep.check.loop import Plant
 from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import exactly
+from lockstep.check.wording import shorten
 
-DEFAULT_ORDER = 2
+DEFAULT_ORDER, MOST_ORDER = 2, 64
 """n_C where a problem states none."""
 
 CONTROLLER = {"discretization": ("tustin", "zoh", "euler"), "real": ("float32", "float64")}
@@ -119,7 +120,7 @@ class ProblemTables:
             return Digraph.topology(table["topology"], agents)
         edges = part(table, "edges", list)
         for k, edge in enumerate(edges, start=1):
-            for end in edge if isinstance(edge, list) else [edge]:
+            for end in edge if isinstance(edge, list) else [None]:
                 number(end, f"[network] edges, edge {k}")
         return Digraph.from_edges(agents, edges)
 
@@ -150,8 +151,8 @@ class ProblemTables:
             first = given[0] if isinstance(given, list) and isinstance(given[0], dict) else {}
             return len(part(first, "A", list))
         order = self.design.get("order", DEFAULT_ORDER)
-        whole = isinstance(order, int) and not isinstance(order, bool) and order >= 0
-        demand(whole, f"{order!r}", "[design] order", "a whole number from 0 up")
+        whole = isinstance(order, int) and not isinstance(order, bool) and 0 <= order <= MOST_ORDER
+        demand(whole, shorten(repr(order)), "[design] order", f"a whole number from 0 to {MOST_ORDER}")
         return int(order)
 
     @property

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.campaign.compiled.library import load
 from lockstep.campaign.compute import RunTable, chunks, compute
 from lockstep.campaign.draw import FAMILIES, draw
-from lockstep.campaign.library import load
 from lockstep.campaign.plan import FORMAT, Plan
 from lockstep.campaign.store import Store
 from lockstep.check.errors import ProblemError

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.campaign.compiled.engine import Engine, RunFigures
 from lockstep.campaign.draw import FAMILIES, draw
-from lockstep.campaign.engine import Engine, RunFigures
 from lockstep.campaign.plan import CHUNK, Plan
 
 OWN_COLUMNS = ("run", "family", "covered", "diverged", "ratio", "gain", "stored")

@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.campaign.functions import LETTERS, Weights
+from lockstep.campaign.compiled.functions import LETTERS
+from lockstep.campaign.compiled.layout import Features
+from lockstep.campaign.compiled.source import CampaignSource, continuous_source, sampled_source
 from lockstep.campaign.guarantee import Controllers, Guarantee, guarantee_of
-from lockstep.campaign.layout import Features
 from lockstep.campaign.peaks import Peak, peaks
 from lockstep.campaign.response import Response, continuous_response, sampled_response
-from lockstep.campaign.source import CampaignSource, continuous_source, sampled_source
 from lockstep.check.errors import ProblemError
+from lockstep.check.sampled.performance import Weights
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.lmi.document import Stored
 from lockstep.model.network import Network

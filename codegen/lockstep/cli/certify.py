@@ -40,12 +40,12 @@ def _table(found: "DesignVerdict") -> RenderableType:
     rows["alpha"] = f"{found.design.alpha:.9g}"
     rows |= single_slopes(found.design.document())
     rows["covers"] = COVERS[verdict.scope]
-    if verdict.initial is not None:
-        rows["initial states"] = verdict.initial.text()
+    if "initial_set" in found.answer:
+        rows["initial states"] = found.answer["initial_set"]["text"]
     of_c = "differences" in found.answer
     rows["sampled C" if of_c else "sampled"] = sampled_text(found.sampled)
-    if found.refused:
-        rows["refused"] = found.refused
+    if verdict.certified and not verdict.ok:
+        rows["refused"] = verdict.reason
     if of_c:
         rows["as generated"] = "; ".join(found.differences) or "yes"
     if found.not_proved:

@@ -118,7 +118,7 @@ def designed_for_period(stored: Stored, tell: Tell, others: Sequence[StartingGai
     found, m = _searched(stored, tell, others)
     c = _continuous(stored, found)
     claims = replace(stored.claims, rho=c.rho, sampled=SampledClaims())
-    proofs = Proofs(c, stored.proofs.floor)
+    proofs = Proofs(c, stored.proofs.floor, bound=stored.proofs.bound)
     made = replace(stored, gains=found, claims=claims, proofs=proofs)
     sampled, before = prove_design(made, m), stored.claims.sampled
     if not sampled.verdict.certified or sampled.rho is None:
@@ -150,7 +150,7 @@ def _searched(stored: Stored, tell: Tell, others: Sequence[StartingGains]) -> tu
     if not isinstance(c, Certificate) or m is None:
         raise Infeasible("there is no continuous certificate to start from")
     limit, period = problem.design.gain_limit, problem.controller.period
-    at = AtPeriod(sampled_network(stored, period), problem.graph().edges, weights_of(stored), order, limit)
+    at = AtPeriod(sampled_network(stored), problem.graph().edges, weights_of(stored), order, limit)
     starts = [StartingGains(stored.gains.blocks, m, c.rho), *others]
     enough = NEAR * min(one.rho for one in starts)
     found = improved(at, starts, rho_most=problem.design.rho, enough=enough, tell=tell)
@@ -181,12 +181,19 @@ def _continuous(stored: Stored, gains: Gains) -> Certificate:
 
 def _placed(made: Stored) -> Stored:
     """Return a design file with the initial states that its own certificate proves; those of another say nothing."""
-    initial = certify(replace(made, claims=replace(made.claims, initial_set=None))).initial
+    from lockstep.lmi.scope import initial_states
+    from lockstep.lmi.stored_bound import bound_again
+    from lockstep.model.assembly import network_of
+
+    certificate = made.proofs.certificate
+    if made.claims.scope != "local" or certificate is None:
+        return replace(made, claims=replace(made.claims, initial_set=None))
+    initial = initial_states(network_of(made.problem, bound_again(made)), certificate)
     proved = initial if isinstance(initial, InitialSet) else None
-    remarks = {} if initial is None else {"initial_set": initial.remarks()}
+    remarks = {"initial_set": initial.remarks()}
     return replace(made, claims=replace(made.claims, initial_set=proved), info={**made.info, **remarks})
 
 
 def _abscissa(proved: Stored) -> float:
-    loop = build_loop(*plant_in_doubles(sampled_network(proved, 1.0)), proved.gains.order)
+    loop = build_loop(*plant_in_doubles(sampled_network(proved)), proved.gains.order)
     return float(np.linalg.eigvals(loop.A_cl(proved.gains.blocks)).real.max())

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
-from lockstep.codegen.contents import refusals
+from lockstep.codegen.folder.contents import refusals
 from lockstep.codegen.manifest import AgentEntry, Manifest, load_manifest
 from lockstep.codegen.rendering import render
 from lockstep.model.simulation.sampled import SampledControllers

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.errors import ClaimError, Mismatch, ProblemError
-from lockstep.codegen.contents import refusals
+from lockstep.codegen.folder.contents import refusals
 from lockstep.codegen.manifest import AgentEntry, Manifest, changed_files, load_manifest
 from lockstep.verification.comparison import Difference, compare
 from lockstep.verification.harness import Run

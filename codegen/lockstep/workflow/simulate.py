@@ -238,7 +238,7 @@ def _worst(stored: "Stored", network: "Network", quiet: "Scenario", changes: "Ch
 
 @contextmanager
 def _controllers(path: Path | None, stored: "Stored", kind: "Kind") -> "Iterator[Gains | SampledControllers]":
-    from lockstep.codegen.c_certificate import problem_fits
+    from lockstep.codegen.folder.as_generated import problem_fits
     from lockstep.codegen.manifest import load_manifest
     from lockstep.verification.in_the_loop import design_controllers, reference_controllers
 

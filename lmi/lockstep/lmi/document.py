@@ -1,6 +1,7 @@
 """Between a design, its file, and the answers of the commands: what is claimed, what proves it, what is remarked."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,13 +48,21 @@ def file_of(design: Proposal) -> Stored:
         None if floor is None else floor.rho,
     )
     info = {"figures": design.figures} | ({} if initial is None else {"initial_set": initial.remarks()})
-    proofs = Proofs(c, floor, bound=_bound_proof(design, claims))
+    proofs = Proofs(c, floor, bound=_bound_proof(design.problem, claims))
     return Stored(design.problem, design.gains, claims, proofs, info)
 
 
-def _bound_proof(design: Proposal, claims: Claims) -> BoundProof | None:
+def with_bound_proof(stored: Stored) -> Stored:
+    """Return a design file with what its bound is proved with, which a file of format 1 does not say."""
+    if not stored.claims.certified or stored.proofs.bound is not None:
+        return stored
+    bound = _bound_proof(stored.problem, stored.claims)
+    return replace(stored, proofs=replace(stored.proofs, bound=bound))
+
+
+def _bound_proof(problem: Problem, claims: Claims) -> BoundProof | None:
     """Ask the checker's decision how many boxes it takes for what is claimed, on the box that it is claimed for."""
-    agent = design.problem.agent()
+    agent = problem.agent()
     box = claimed_box(claims.scope or "local", agent.argument_box)
     D_w, D_v = claims.scales or (None, None)
     decided = decide_bound(agent.exact.phi, box, claims.alpha, D_w, D_v, claims.entries, boxes=MOST_BOXES)

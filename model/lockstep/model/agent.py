@@ -23,10 +23,10 @@ from lockstep.model.agent_parts import (
 from lockstep.model.bound_search import Box
 from lockstep.model.bound_search.graph import read_value
 from lockstep.model.bound_search.operations import RULES
-from lockstep.model.centring import Centring, centred
 from lockstep.model.control.pbh import Controllability, Observability, controllability, observability
 from lockstep.model.expression import parse_expression
-from lockstep.model.linearise import linearised
+from lockstep.model.loop_transformation.centring import Centring, centred
+from lockstep.model.loop_transformation.linearise import linearised
 from lockstep.model.lure import Lure, lure_form
 from lockstep.model.names import (
     check_agent_name,
@@ -62,7 +62,7 @@ class Agent:
         split: "terms" takes A and B from the terms linear in x and u; "jacobian" adds the slope of h at the
             origin to A.
         centre: whether the middle of the slopes of phi is moved into A where that shrinks their bound: see
-            `lockstep.model.centring`.
+            `lockstep.model.loop_transformation.centring`.
 
     Raises:
         ProblemError: a shape or a name that does not fit, an input that enters nonlinearly, an output that is

@@ -3,7 +3,7 @@
 import keyword
 import re
 from collections.abc import Mapping, Sequence
-from math import isfinite
+from sys import float_info
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.text import CONSTANTS, FUNCTIONS, RESERVED
@@ -131,7 +131,6 @@ def check_formulas(states: Sequence[str], dynamics: Mapping[str, str]) -> None:
 def check_parameters(parameters: Mapping[str, float]) -> None:
     """Refuse a parameter that is no finite number."""
     for key, value in parameters.items():
-        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-            raise ProblemError(
-                f"`{key}` is {value!r}", where="[agent.parameters]", expected="a finite number"
-            )
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= float_info.max:
+            said = f"`{key}` is {shorten(repr(value))}"
+            raise ProblemError(said, where="[agent.parameters]", expected="a finite number")

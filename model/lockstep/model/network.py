@@ -16,7 +16,7 @@ from jaxtyping import Float
 from lockstep.check.disagreement import Coordinates
 from lockstep.check.errors import ProblemError
 from lockstep.check.loop import Gains, Loop, Plant
-from lockstep.check.network import ExactNetwork as CheckedNetwork
+from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import exactly
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
@@ -74,9 +74,9 @@ class Network:
         )
 
     @cached_property
-    def matrices(self) -> CheckedNetwork:
+    def matrices(self) -> ExactNetwork:
         """What the checker decides about: the plant, the graph and the coordinates, without the equations."""
-        return CheckedNetwork(self.plant, self.graph, self.coordinates)
+        return ExactNetwork(self.plant, self.graph, self.coordinates)
 
     def loop(self, order: int, *, exact_arithmetic: bool = False) -> Loop:
         """Return the loop (15) for controllers of an order, in doubles or in the same rationals."""

@@ -46,7 +46,7 @@ class Proofs:
 
     certificate: of rho, with P, m, t;  floor: dual points;  sampled, sampled_rho, max_period: of the sampled loop, at its
     period, of its rho, and at the largest period claimed;  bound: of alpha and the entries. A claim whose witness is None is
-    proved anew, or is not.
+    not proved.
     """
 
     certificate: Certificate | ModalCertificate | None = None

@@ -16,7 +16,7 @@ from lockstep.lmi.sampled.improve import usable
 from lockstep.lmi.sampled.performance import least_rho
 from lockstep.lmi.sampled.search import common_pair_weights
 from lockstep.lmi.sampled.tustin import tustin
-from lockstep.model.network import SampledNetwork as Agents
+from lockstep.model.network import Network as Agents
 from lockstep.model.problem import Problem
 
 RESOLUTION = 1e-3

@@ -9,6 +9,8 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, Strict
 from pydantic_core import PydanticCustomError
 
+from lockstep.check.problem import MOST_ORDER
+
 T = TypeVar("T")
 Many = Annotated[tuple[T, ...], Strict(False)]
 """A TOML array, kept as a tuple; its items stay strict."""
@@ -21,7 +23,6 @@ NotNegative = Annotated[float, Field(ge=0)]
 LONGEST_LINE = 200
 Line = Annotated[str, Field(max_length=LONGEST_LINE, pattern=r"^[^\t\r\n]*$")]
 
-MOST_ORDER = 64
 MOST_STATES, MOST_INPUTS, MOST_OUTPUTS = 64, 32, 32
 """Of one agent. The agents' matrices are derived in exact arithmetic, and C is written for each entry."""
 

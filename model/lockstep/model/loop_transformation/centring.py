@@ -19,8 +19,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from lockstep.model.bound_search import Box
+from lockstep.model.loop_transformation.shift import fitting, shifted
 from lockstep.model.lure import Lure
-from lockstep.model.shift import fitting, shifted
 
 LEAST_GAIN = 0.02
 """A bound that shrinks by less than 2 % is not worth another A than the one written down."""

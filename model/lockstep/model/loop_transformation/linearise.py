@@ -16,8 +16,8 @@ from jaxtyping import Float
 
 from lockstep.check.agent import Move
 from lockstep.check.errors import ProblemError
+from lockstep.model.loop_transformation.shift import fitting, shifted, without
 from lockstep.model.lure import Lure
-from lockstep.model.shift import fitting, shifted, without
 
 STEP, JUMP = 1e-9, 1e-6
 """A kink shows as a slope that jumps by this part within this distance of the origin."""

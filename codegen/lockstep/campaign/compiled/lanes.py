@@ -2,7 +2,7 @@
 
 import math
 
-from lockstep.campaign.statements import BY_LANE_1, BY_LANE_2
+from lockstep.campaign.compiled.statements import BY_LANE_1, BY_LANE_2
 from lockstep.codegen.rendering import render
 
 LANES = 8

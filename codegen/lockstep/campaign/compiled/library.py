@@ -9,7 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from lockstep.campaign.source import CampaignSource
+from lockstep.campaign.compiled.source import CampaignSource
 from lockstep.check.errors import ClaimError
 from lockstep.verification.shared_library import build_library
 from lockstep.verification.toolchain import Compiler, first_compiler, own_folder

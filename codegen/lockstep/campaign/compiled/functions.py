@@ -3,26 +3,17 @@
 X' of (2) with (9), Delta of (11) included; |z|^2 and |xi_d|^2 in the coordinates of the certificate.
 """
 
-from dataclasses import dataclass
-
 import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.campaign.statements import DOUBLE, LaneFunction, lane_function
+from lockstep.campaign.compiled.statements import DOUBLE, LaneFunction, lane_function
 from lockstep.check.loop import Gains
 from lockstep.check.numbers import as_floats
+from lockstep.check.sampled.performance import Weights
 from lockstep.model.network import Network
 
 LETTERS = "ABCD"
-
-
-@dataclass(frozen=True, eq=False)
-class Weights:
-    """R (n, n) of the disagreement and Q (n_C, n_C) of each controller's state."""
-
-    R: Float[np.ndarray, "n n"]
-    Q: Float[np.ndarray, "n_C n_C"]
 
 
 def continuous_functions(

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int64, UInt64
 
-from lockstep.campaign.lanes import LANES
-from lockstep.campaign.layout import INDICES, Layout
-from lockstep.campaign.library import load
-from lockstep.campaign.source import CampaignSource
+from lockstep.campaign.compiled.lanes import LANES
+from lockstep.campaign.compiled.layout import INDICES, Layout
+from lockstep.campaign.compiled.library import load
+from lockstep.campaign.compiled.source import CampaignSource
 from lockstep.check.errors import ProblemError
 
 

@@ -16,19 +16,19 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.campaign.functions import (
+from lockstep.campaign.compiled.functions import (
     LETTERS,
-    Weights,
     continuous_functions,
     cost_expression,
     monitors,
     sampled_functions,
 )
-from lockstep.campaign.lanes import lanes_header
-from lockstep.campaign.layout import Features, Layout
-from lockstep.campaign.statements import LaneFunction
+from lockstep.campaign.compiled.lanes import lanes_header
+from lockstep.campaign.compiled.layout import Features, Layout
+from lockstep.campaign.compiled.statements import LaneFunction
 from lockstep.check.errors import ProblemError
 from lockstep.check.loop import Gains
+from lockstep.check.sampled.performance import Weights
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.codegen.rendering import render
 from lockstep.model.network import Network
