@@ -86,7 +86,7 @@ def searched(
     limit = {"time_limit": time_limit} if found.cut else {}
     for one in found.outcomes:
         try:
-            proved = _proved(problem, network, claim, one, limit)
+            proved = _proved(problem, network, claim, one, search, limit)
         except NotCertified as error:
             refused = error
         else:
@@ -102,7 +102,9 @@ def start_of(outcome: Outcome, search: Search) -> Start:
     return Start(outcome.K, search.units.certificate(outcome.certificate).m, outcome.rho)
 
 
-def _proved(problem: Problem, network: Network, claim: Claim, one: Outcome, limit: dict[str, Any]) -> Found:
+def _proved(
+    problem: Problem, network: Network, claim: Claim, one: Outcome, search: Search, limit: dict[str, Any]
+) -> Found:
     """Round the gains of an outcome, and prove them.
 
     Raises:
@@ -115,13 +117,14 @@ def _proved(problem: Problem, network: Network, claim: Claim, one: Outcome, limi
         claim = replace(claim, alpha=max(claim.alpha, float(f"{one.alpha * (1 - 1e-4):.6g}")))
     gains = Gains.from_blocks(short_gains(one.K, table.gain_limit), problem.order)
     figures: dict[str, Any] = {"history": list(one.history), **limit}
+    near = search.units.certificate(one.certificate)
     muted = without_idle_parts(gains, network)
     if muted is not gains:
         try:
-            return Found(muted, claim, prove(network, muted, claim, rho=rho), figures)
+            return Found(muted, claim, prove(network, muted, claim, rho=rho, near=near), figures)
         except NotCertified:
             pass
-    return Found(gains, claim, prove(network, gains, claim, rho=rho), figures)
+    return Found(gains, claim, prove(network, gains, claim, rho=rho, near=near), figures)
 
 
 def without_idle_parts(gains: Gains, network: Network) -> Gains:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Float
 
 from lockstep.lmi.search.polish import Outcome, polished, reached
+from lockstep.lmi.search.smoothed import Descended
 from lockstep.lmi.search.start import Climbed, Score, Search, begin, climb, go_on
 from lockstep.lmi.threads import one_thread
 from lockstep.lmi.workers import started_without_interrupts
@@ -73,7 +73,7 @@ def search_gains(
     further.sort(key=lambda one: one.rank)
     pursued = (further or [one for one in drawn if one.abscissa < 0])[:starts]
     ends = cores.run(
-        (0.6, 0.9), _pursue, [(search, score, one.index, one.at.K, rho, deadline) for one in pursued]
+        (0.6, 0.9), _pursue, [(search, score, one.index, one.at, rho, deadline) for one in pursued]
     )
     outcomes = sorted((outcome for _, outcome in ends if outcome is not None), key=lambda one: one.rank)
     least = min((one.rho for one in outcomes), default=np.inf)
@@ -95,12 +95,12 @@ def _pursue(
     search: Search,
     score: Score | None,
     index: int,
-    K: Float[np.ndarray, "N k l"],
+    at: Descended,
     rho: float | None,
     deadline: float | None,
 ) -> tuple[Climbed | None, Outcome | None]:
     """Take gains to the whole claim, and polish them there."""
-    climbed = climb(search, K, deadline)
+    climbed = climb(search, at, deadline)
     if climbed is None or climbed.certified < 1:
         return climbed, None
     start = reached(search, index, climbed.point, score)

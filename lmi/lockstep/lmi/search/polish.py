@@ -110,7 +110,7 @@ def _outcome(
 def _stride(search: Search, point: Point, length: int, deadline: float | None) -> Point:
     """Take one run of the nonlinear program; the point as it was where the run did not lower rho."""
     trial = search.program.improve(point, "rho", Limits(length, deadline=deadline))
-    found = least_rho(search.loop, trial.K, search.claim)
+    found = least_rho(search.loop, trial.K, search.claim, trial.certificate)
     better = found is not None and found.rho < point.certificate.rho
     return Point(trial.K, found) if found is not None and better else point
 

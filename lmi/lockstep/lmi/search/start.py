@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.inequality import Claim
+from lockstep.check.inequality import Certificate, Claim
 from lockstep.check.loop import Loop
 from lockstep.lmi.analysis.solve import AffineF, least_rho
 from lockstep.lmi.search.interior import InteriorProgram, Limits, Point, within
@@ -201,10 +201,11 @@ class Climbed:
     cut: bool = False
 
 
-def climb(search: Search, K: Float[np.ndarray, "N k l"], deadline: float | None = None) -> Climbed | None:
+def climb(search: Search, at: Descended, deadline: float | None = None) -> Climbed | None:
     """Find the part of a claim that gains carry, and raise it with the nonlinear program; None where they carry
     none."""
-    found = least_rho(search.loop, K, search.claim)
+    K = at.K
+    found = least_rho(search.loop, K, search.claim, _known(search, at))
     if found is not None:
         return Climbed(Point(K, found), 1.0, 1.0)
     point, program = first_point(search, K), search.program
@@ -226,3 +227,11 @@ def climb(search: Search, K: Float[np.ndarray, "N k l"], deadline: float | None 
             break
     parts = [point.alpha_fraction, *([point.delta_fraction] if program.ways else [])]
     return Climbed(point, certified, min(parts) ** 0.5, over(deadline))
+
+
+def _known(search: Search, at: Descended) -> Certificate | None:
+    """Return the multipliers and rho of gains after a descent, as a certificate without its P."""
+    if not np.isfinite(at.rho):
+        return None
+    none = np.zeros((search.loop.n_x, search.loop.n_x))
+    return AffineF(search.loop, at.K, search.claim).certificate(none, np.append(at.w, at.rho**2))
