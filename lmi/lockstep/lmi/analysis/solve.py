@@ -33,6 +33,9 @@ UNITS = (1.0, 1e2, 1e4)
 ROOM = 1e-2
 """The part of the largest possible room s that a certificate keeps, for rounding."""
 
+NO_WORSE = 1.001
+"""A rho that is above the one known by more is the solver's failure."""
+
 ACCEPTED = 1e-6
 """By how much, relative to its largest entry, a candidate may miss F <= 0 and still be worth a decision."""
 
@@ -97,14 +100,16 @@ def least_rho(
     balanced = balance(form)
     if balanced is None:
         return None
+    found = None
     for unit in UNITS:
         found, refused = _least(balanced, unit)
-        if found is not None:
-            return found
-        if refused:
+        if found is not None or refused:
             break
-    known = None if near is None else balance_inside(form, near)
-    return None if known is None else _least(known, 1.0)[0]
+    if near is None or (found is not None and found.rho <= NO_WORSE * near.rho):
+        return found
+    known = balance_inside(form, near)
+    again = None if known is None else _least(known, 1.0)[0]
+    return min((one for one in (found, again) if one is not None), key=lambda one: one.rho, default=None)
 
 
 def tight(

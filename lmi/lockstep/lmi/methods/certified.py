@@ -66,7 +66,8 @@ def searched(
     rho = table.rho if table.objective == "alpha" else None
     tell("looking for limits of any controller", 0.0)
     refuse_the_impossible(problem, network, claim)
-    search = Search.of(network.loop(problem.order), claim, table.gain_limit)
+    lag = 0.0 if score is None else (0.5 + problem.controller.delay) * problem.controller.period
+    search = Search.of(network.loop(problem.order), claim, table.gain_limit, lag)
     found = search_gains(
         search,
         starts=table.starts,

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from lockstep.lmi.search.held import hold
 from lockstep.lmi.search.polish import Outcome, polished, reached
 from lockstep.lmi.search.smoothed import Descended
 from lockstep.lmi.search.start import Climbed, Score, Search, begin, climb, go_on
@@ -19,6 +20,10 @@ few of them (successive halving; Jamieson and Talwalkar 2016). Of large loops fe
 
 SETTLED = 0.002
 """The part of rho that a stride has to gain when the best outcome is polished to its end."""
+
+LOST = 1.3
+"""A period with which the best start has a rho that is above the least one by more than this makes it worth while to
+begin from gains made for the late loop."""
 
 Tell = Callable[[float], None]
 T = TypeVar("T")
@@ -71,6 +76,13 @@ def search_gains(
     promising = [one for one in drawn if np.isfinite(one.at.rho)][: KEPT * starts]
     further = cores.run((0.4, 0.6), go_on, [(search, score, one, deadline) for one in promising])
     further.sort(key=lambda one: one.rank)
+    if (
+        search.lag
+        and further
+        and further[0].sampled > LOST * search.units.rho * min(one.at.rho for one in further)
+    ):
+        further = cores.run((0.6, 0.6), hold, [(search, score, one, deadline) for one in further])
+        further.sort(key=lambda one: one.rank)
     pursued = (further or [one for one in drawn if one.abscissa < 0])[:starts]
     ends = cores.run(
         (0.6, 0.9), _pursue, [(search, score, one.index, one.at, rho, deadline) for one in pursued]

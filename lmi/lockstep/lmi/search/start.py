@@ -55,22 +55,23 @@ UNPROVED = 1 - 1e-9
 class Search:
     """What is searched: loop and claim in the units of the search, the gains in those of the file.
 
-    gain_limit: on the spectral norm of each agent's gains.
+    gain_limit: on the spectral norm of each agent's gains;  lag: s, by which sampling and holding make the inputs late.
     """
 
     loop: Loop
     claim: Claim
     units: Units
     gain_limit: float
+    lag: float = 0.0
 
     @classmethod
-    def of(cls, loop: Loop, claim: Claim, gain_limit: float) -> "Search":
+    def of(cls, loop: Loop, claim: Claim, gain_limit: float, lag: float = 0.0) -> "Search":
         """Return the search for a loop and a claim in the units of the file."""
-        return cls(*scaled(loop, claim), gain_limit)
+        return cls(*scaled(loop, claim), gain_limit, lag)
 
-    def __reduce__(self) -> tuple[type["Search"], tuple[Loop, Claim, Units, float]]:
+    def __reduce__(self) -> tuple[type["Search"], tuple[Loop, Claim, Units, float, float]]:
         """Leave what is built from these behind: symbolic expressions do not travel to another process."""
-        return Search, (self.loop, self.claim, self.units, self.gain_limit)
+        return Search, (self.loop, self.claim, self.units, self.gain_limit, self.lag)
 
     @property
     def is_large(self) -> bool:
@@ -129,7 +130,7 @@ def begin(search: Search, score: Score | None, seed: int, index: int, deadline: 
     K, abscissa = stable_gains(search, seed, index)
     if abscissa >= 0:
         return Start(index, abscissa, Descended(K, np.ones(len(search.norm.W)), np.inf, np.inf))
-    return _scored(search, score, Start(index, abscissa, descended(search.norm, K)))
+    return scored(search, score, Start(index, abscissa, descended(search.norm, K)))
 
 
 def go_on(search: Search, score: Score | None, start: Start, deadline: float | None = None) -> Start:
@@ -138,12 +139,13 @@ def go_on(search: Search, score: Score | None, start: Start, deadline: float | N
         return start
     return min(
         start,
-        _scored(search, score, replace(start, at=refined(search.norm, start.at))),
+        scored(search, score, replace(start, at=refined(search.norm, start.at))),
         key=lambda one: one.rank,
     )
 
 
-def _scored(search: Search, score: Score | None, start: Start) -> Start:
+def scored(search: Search, score: Score | None, start: Start) -> Start:
+    """Return a start with what ships, for the gains it has."""
     if score is None or not np.isfinite(start.at.rho):
         return replace(start, sampled=search.units.rho * start.at.rho)
     pairs = AffineF(search.loop, start.at.K, search.claim).pairs
