@@ -13,6 +13,7 @@ from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.design import claim_of, proved_bound
 from lockstep.lmi.search import GainSearch, search_gains
 from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLimits
+from lockstep.lmi.search.smoothed import Descended
 from lockstep.lmi.search.stabilise import _abscissa, abscissa, descend, stabilise
 from lockstep.lmi.search.start import begin, climb
 from lockstep.model.assembly import network_of
@@ -140,14 +141,19 @@ def test_every_start_of_an_easy_problem_leads_somewhere() -> None:
     assert all(np.isfinite(begin(search, None, 0, index).at.rho) for index in range(4))
 
 
+def at_rest(K: np.ndarray) -> Descended:
+    """Gains that no descent has moved, with no rho known."""
+    return Descended(K, np.ones(0), np.inf, np.inf)
+
+
 def test_a_climb_tells_how_far_it_came() -> None:
     """Static gains on two pendulums that measure the angle alone: agreement needs the rate."""
     search = GainSearch.of(*pendulums(), 10.0)
     K = np.array([[[-3.0, 0.1, 0.2], [0.3, -1.0, -1.0]], [[-2.0, 0.2, 0.1], [0.2, -1.0, -2.0]]])
-    whole = climb(search, K)
+    whole = climb(search, at_rest(K))
     assert whole is not None
     assert whole.certified == whole.claimed == 1.0
-    assert climb(search, -K) is None  # not stable: no part of the claim is carried
+    assert climb(search, at_rest(-K)) is None  # not stable: no part of the claim is carried
 
 
 def test_short_gains_stay_within_the_limit() -> None:

@@ -56,7 +56,7 @@ def is_designed(problem: Problem, network: Network, claim: Claim, gain_limit: fl
     search = GainSearch.of(network.loop(problem.order), claim, gain_limit)
     for index in range(STARTS):
         start = begin(search, None, problem.design.seed, index)
-        reached = climb(search, start.at.K) if start.abscissa < 0 else None
+        reached = climb(search, start.at) if start.abscissa < 0 else None
         if reached is None or reached.certified < 1:
             continue
         gains = Gains.from_blocks(short_gains(reached.point.K, gain_limit), problem.order)

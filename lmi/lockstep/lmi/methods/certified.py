@@ -66,7 +66,8 @@ def searched(
     rho = table.rho if table.objective == "alpha" else None
     tell("looking for limits of any controller", 0.0)
     refuse_the_impossible(problem, network, claim)
-    search = GainSearch.of(network.loop(problem.order), claim, table.gain_limit)
+    lag = 0.0 if score is None else (0.5 + problem.controller.delay) * problem.controller.period
+    search = GainSearch.of(network.loop(problem.order), claim, table.gain_limit, lag)
     found = search_gains(
         search,
         starts=table.starts,
@@ -86,7 +87,7 @@ def searched(
     limit = {"time_limit": time_limit} if found.cut else {}
     for one in found.outcomes:
         try:
-            proved = _proved(problem, network, claim, one, limit)
+            proved = _proved(problem, network, claim, one, search, limit)
         except NotCertified as error:
             refused = error
         else:
@@ -103,7 +104,7 @@ def start_of(outcome: Polished, search: GainSearch) -> StartingGains:
 
 
 def _proved(
-    problem: Problem, network: Network, claim: Claim, one: Polished, limit: dict[str, Any]
+    problem: Problem, network: Network, claim: Claim, one: Polished, search: GainSearch, limit: dict[str, Any]
 ) -> CertifiedGains:
     """Round the gains of an outcome, and prove them.
 
@@ -117,13 +118,14 @@ def _proved(
         claim = replace(claim, alpha=max(claim.alpha, float(f"{one.alpha * (1 - 1e-4):.6g}")))
     gains = Gains.from_blocks(short_gains(one.K, table.gain_limit), problem.order)
     figures: dict[str, Any] = {"history": list(one.history), **limit}
+    near = search.units.certificate(one.certificate)
     muted = without_idle_parts(gains, network)
     if muted is not gains:
         try:
-            return CertifiedGains(muted, claim, prove(network, muted, claim, rho=rho), figures)
+            return CertifiedGains(muted, claim, prove(network, muted, claim, rho=rho, near=near), figures)
         except NotCertified:
             pass
-    return CertifiedGains(gains, claim, prove(network, gains, claim, rho=rho), figures)
+    return CertifiedGains(gains, claim, prove(network, gains, claim, rho=rho, near=near), figures)
 
 
 def without_idle_parts(gains: Gains, network: Network) -> Gains:

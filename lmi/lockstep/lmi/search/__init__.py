@@ -4,6 +4,7 @@ units        the loop in units in which its numbers are near one, by powers of t
 smoothed     a smooth stand-in for the H-infinity norm of the loop, as a function of the gains
 start        random stable gains, taken down that norm; the climb of those that it does not help
 polish       gains and certificate together, by a nonlinear program, as long as it pays
+held         starts for a period that the fastest loop is too fast for
 multistart   many starts, the promising ones pursued side by side over the cores
 """
 

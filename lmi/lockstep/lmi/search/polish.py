@@ -110,7 +110,7 @@ def _outcome(
 def _stride(search: GainSearch, point: BarrierPoint, length: int, deadline: float | None) -> BarrierPoint:
     """Take one run of the nonlinear program; the point as it was where the run did not lower rho."""
     trial = search.program.improve(point, "rho", NewtonLimits(length, deadline=deadline))
-    found = least_rho(search.loop, trial.K, search.claim)
+    found = least_rho(search.loop, trial.K, search.claim, trial.certificate)
     better = found is not None and found.rho < point.certificate.rho
     return BarrierPoint(trial.K, found) if found is not None and better else point
 

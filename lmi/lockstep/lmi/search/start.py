@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.inequality import Claim
+from lockstep.check.inequality import Certificate, Claim
 from lockstep.check.loop import Loop
 from lockstep.lmi.analysis.solve import AffineF, least_rho
 from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLimits, within
@@ -55,22 +55,23 @@ UNPROVED = 1 - 1e-9
 class GainSearch:
     """What is searched: loop and claim in the units of the search, the gains in those of the file.
 
-    gain_limit: on the spectral norm of each agent's gains.
+    gain_limit: on the spectral norm of each agent's gains;  lag: s, by which sampling and holding make the inputs late.
     """
 
     loop: Loop
     claim: Claim
     units: Units
     gain_limit: float
+    lag: float = 0.0
 
     @classmethod
-    def of(cls, loop: Loop, claim: Claim, gain_limit: float) -> "GainSearch":
+    def of(cls, loop: Loop, claim: Claim, gain_limit: float, lag: float = 0.0) -> "GainSearch":
         """Return the search for a loop and a claim in the units of the file."""
-        return cls(*scaled(loop, claim), gain_limit)
+        return cls(*scaled(loop, claim), gain_limit, lag)
 
-    def __reduce__(self) -> tuple[type["GainSearch"], tuple[Loop, Claim, Units, float]]:
+    def __reduce__(self) -> tuple[type["GainSearch"], tuple[Loop, Claim, Units, float, float]]:
         """Leave what is built from these behind: symbolic expressions do not travel to another process."""
-        return GainSearch, (self.loop, self.claim, self.units, self.gain_limit)
+        return GainSearch, (self.loop, self.claim, self.units, self.gain_limit, self.lag)
 
     @property
     def is_large(self) -> bool:
@@ -131,7 +132,7 @@ def begin(
     K, abscissa = stable_gains(search, seed, index)
     if abscissa >= 0:
         return StartResult(index, abscissa, Descended(K, np.ones(len(search.norm.W)), np.inf, np.inf))
-    return _scored(search, score, StartResult(index, abscissa, descended(search.norm, K)))
+    return scored(search, score, StartResult(index, abscissa, descended(search.norm, K)))
 
 
 def go_on(
@@ -142,12 +143,13 @@ def go_on(
         return start
     return min(
         start,
-        _scored(search, score, replace(start, at=refined(search.norm, start.at))),
+        scored(search, score, replace(start, at=refined(search.norm, start.at))),
         key=lambda one: one.rank,
     )
 
 
-def _scored(search: GainSearch, score: Score | None, start: StartResult) -> StartResult:
+def scored(search: GainSearch, score: Score | None, start: StartResult) -> StartResult:
+    """Return a start with what ships, for the gains it has."""
     if score is None or not np.isfinite(start.at.rho):
         return replace(start, sampled=search.units.rho * start.at.rho)
     pairs = AffineF(search.loop, start.at.K, search.claim).pairs
@@ -205,10 +207,11 @@ class Climbed:
     cut: bool = False
 
 
-def climb(search: GainSearch, K: Float[np.ndarray, "N k l"], deadline: float | None = None) -> Climbed | None:
+def climb(search: GainSearch, at: Descended, deadline: float | None = None) -> Climbed | None:
     """Find the part of a claim that gains carry, and raise it with the nonlinear program; None where they carry
     none."""
-    found = least_rho(search.loop, K, search.claim)
+    K = at.K
+    found = least_rho(search.loop, K, search.claim, _known(search, at))
     if found is not None:
         return Climbed(BarrierPoint(K, found), 1.0, 1.0)
     point, program = first_point(search, K), search.program
@@ -230,3 +233,11 @@ def climb(search: GainSearch, K: Float[np.ndarray, "N k l"], deadline: float | N
             break
     parts = [point.alpha_fraction, *([point.delta_fraction] if program.ways else [])]
     return Climbed(point, certified, min(parts) ** 0.5, over(deadline))
+
+
+def _known(search: GainSearch, at: Descended) -> Certificate | None:
+    """Return the multipliers and rho of gains after a descent, as a certificate without its P."""
+    if not np.isfinite(at.rho):
+        return None
+    none = np.zeros((search.loop.n_x, search.loop.n_x))
+    return AffineF(search.loop, at.K, search.claim).certificate(none, np.append(at.w, at.rho**2))
