@@ -6,7 +6,8 @@ A box is done where the enclosure of S on it (interval evaluation met with the m
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +19,7 @@ from lockstep.check.bound.program import Boxes, Program
 from lockstep.check.bound.rounding import Interval
 from lockstep.check.expression.node import Node
 from lockstep.check.verdict import Verdict
-from lockstep.model.checks.proved.field import Ends, Field, jacobian
+from lockstep.model.checks.proved.field import Ends, Matrix, at_points, jacobian
 from lockstep.model.checks.proved.matrices import middle, positive_definite, product, stacked, thin
 
 BOXES = 20_000
@@ -28,21 +29,30 @@ FAR = 2.0**20
 
 
 class Question:
-    """S(x, t) > 0 on the domain of a field?"""
+    """S > 0 on a box?"""
 
-    def __init__(self, S: Sequence[Sequence[Node]], field: Field) -> None:
-        """Take the matrix; what f needs to have a value is part of the question."""
-        self.size = len(S)
+    def __init__(
+        self,
+        S: Sequence[Sequence[Node]],
+        conditions: Conditions,
+        lower: Ends,
+        upper: Ends,
+        tighter: Callable[[Interval, list[Interval]], list[Interval]] | None = None,
+    ) -> None:
+        """Take the matrix, what has to hold for it to have a value (part of the question) and the box.
+
+        `tighter` may turn enclosures of the entries over boxes into better ones.
+        """
+        self.size, self.tighter = len(S), tighter
         self.nodes = [node for row in S for node in row]
-        needs: Conditions = field.defined.open_on(field.lower[:, None], field.upper[:, None])
-        self.conditions = needs
-        outputs = [*self.nodes, *needs.nodes]
-        self.lower, self.upper = reduce_to_period(outputs, field.lower, field.upper)
+        self.conditions = conditions.open_on(lower[:, None], upper[:, None])
+        outputs = [*self.nodes, *self.conditions.nodes]
+        self.lower, self.upper = reduce_to_period(outputs, lower, upper)
         self.searched = sorted(frozenset[int]().union(*(node.variables for node in outputs)))
         other = [k for k in range(len(self.lower)) if k not in self.searched]
         self.lower[other] = self.upper[other] = np.clip(0.0, self.lower[other], self.upper[other])
         self.width = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, FAR)
-        self.domain = field.lower, field.upper
+        self.domain = lower, upper
         self.values = Program(self.nodes)
 
     @cached_property
@@ -98,7 +108,9 @@ class Question:
                     size = rounding.magnitude(s) * (part[1][k] - part[0][k])
                     vary[i] += np.where(np.isfinite(size), size, 1e200)
             met = [rounding.meet(v, f) for v, f in zip(values, form, strict=True)]
-            matrix = stacked(met, self.size)
+            matrix = stacked(met if self.tighter is None else self.tighter(part, met), self.size)
+            if self.size == 1:  # only its lower end counts
+                matrix = matrix[0], matrix[0]
             finite = np.isfinite(matrix[0]).all(axis=(0, 1)) & np.isfinite(matrix[1]).all(axis=(0, 1))
             held = defined & finite
             if held.any():
@@ -157,3 +169,61 @@ def _middles(part: tuple[Boxes, Boxes]) -> Ends:
     with np.errstate(all="ignore"):
         centre = 0.5 * part[0] + 0.5 * part[1]
     return np.asarray(np.where(np.isfinite(centre), centre, np.clip(0.0, part[0], part[1])))
+
+
+TOLERANCES = (1e-4, 1e-3, 1e-2, 0.1)
+"""Of a level that is to be proved: how far above what is reached, relative to the size of the values."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """The least upper bound of a quantity over a box: `reached` at `point` of (x, t), and `proved`, None if none was."""
+
+    reached: float
+    point: list[float]
+    proved: float | None
+
+
+def least_level(
+    ask: Callable[[float], Question], reached: float, point: Sequence[float], size: float, boxes: int = BOXES
+) -> Level:
+    """Return the least level for which the question is proved, searched from what is reached upwards.
+
+    Args:
+        ask: the question whether the quantity is below a level everywhere.
+        reached, point: the largest value seen, and where.
+        size: of the quantity, what tolerances are relative to.
+        boxes: for each question.
+    """
+    at = list(point)
+    for tolerance in TOLERANCES:
+        for _ in range(3):
+            level = float(f"{reached + tolerance * max(size, abs(reached)):.8g}")
+            verdict = ask(level).decide(boxes)
+            if verdict.proved:
+                return Level(reached, at, level)
+            if verdict.status == "undecided":
+                break
+            reached = level - float(verdict.figures["value"])
+            at = [*verdict.figures["point"], verdict.figures["t"]]
+    return Level(reached, at, None)
+
+
+def highest(rows: Matrix, points: Boxes) -> tuple[float, list[float], float]:
+    """Return the largest eigenvalue of a symmetric matrix among points, refined around the best, where, and the largest norm."""
+    lower, upper = points.min(axis=1, keepdims=True), points.max(axis=1, keepdims=True)
+    random = np.random.default_rng(1)
+    best, where, size, radius = -np.inf, points[:, 0], 0.0, upper - lower
+    for _ in range(12):
+        values = at_points(rows, points)
+        values = values[good := np.isfinite(values).all(axis=(1, 2))]
+        if len(values):
+            eigen = np.linalg.eigvalsh(0.5 * (values + values.swapaxes(1, 2)))
+            size = max(size, float(np.abs(eigen).max()))
+            top = int(eigen[:, -1].argmax())
+            if eigen[top, -1] > best:
+                best, where = float(eigen[top, -1]), points[:, good][:, top]
+        radius = radius / 3
+        near = where[:, None] + radius * random.uniform(-1, 1, size=(len(where), 100))
+        points = np.clip(near, lower, upper)
+    return best, where.tolist(), size

@@ -8,13 +8,14 @@ the mean value theorem holds for them on every box.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from typing import Annotated
 
 import numpy as np
 
+from lockstep.check.agent import Agent as ExactAgent
 from lockstep.check.bound.conditions import Conditions
 from lockstep.check.bound.continuity import settle
 from lockstep.check.bound.graph import Graph
@@ -46,7 +47,7 @@ class Field:
     @classmethod
     def of(cls, agent: Agent) -> Field:
         """Return the field of an agent on its domain, u = 0, with continuous switches settled."""
-        exact, n = agent.exact, agent.n
+        exact, n = as_written(agent), agent.n
         lower = np.array([*agent.box[:, 0], -np.inf])
         upper = np.array([*agent.box[:, 1], np.inf])
         moved = {variable(exact.phi.inputs): variable(n)}
@@ -122,6 +123,12 @@ class Field:
         parts[:, 1 : count // 2] = np.round(ends)
         points = lower[:, None] + (upper - lower)[:, None] * parts
         return np.clip(points, lower[:, None], upper[:, None])
+
+
+def as_written(agent: Agent) -> ExactAgent:
+    """Return the agent over the rationals with no slope moved from phi into A."""
+    back = [replace(move, amount=-move.amount) for move in agent.moves]
+    return agent.exact.moved(back)
 
 
 def fraction(value: object) -> Fraction:
