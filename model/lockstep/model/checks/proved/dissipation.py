@@ -177,7 +177,7 @@ def not_decaying(field: Field, *, marginal: bool = True) -> tuple[str, dict[str,
         exact = as_written(field.agent)
         stacked = fmpq_mat([*exact.A.tolist(), *exact.H.tolist()])
         if stacked.rank() < field.n:
-            vector = _kernel(stacked)
+            vector = kernel_vector(stacked)
             return "f is the same along a direction of the states", {"direction": vector}
     points = field.samples(SAMPLES)
     J = at_points(field.jacobian, points)
@@ -208,7 +208,7 @@ def _target(field: Field, supply: Supply) -> Rational | None:
     return None if any(x for row in supply.R for x in row) else _product(_transpose(field.C), supply.S)
 
 
-def _kernel(matrix: fmpq_mat) -> list[float]:
+def kernel_vector(matrix: fmpq_mat) -> list[float]:
     """Return a vector that a matrix of deficient rank maps to 0."""
     steps, rank = matrix.rref()
     rows = steps.tolist()[:rank]
