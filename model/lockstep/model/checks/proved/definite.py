@@ -171,7 +171,7 @@ def _middles(part: tuple[Boxes, Boxes]) -> Ends:
     return np.asarray(np.where(np.isfinite(centre), centre, np.clip(0.0, part[0], part[1])))
 
 
-TOLERANCES = (1e-4, 1e-3, 1e-2, 0.1)
+TOLERANCES = (1e-3, 1e-2, 0.1)
 """Of a level that is to be proved: how far above what is reached, relative to the size of the values."""
 
 
@@ -185,7 +185,12 @@ class Level:
 
 
 def least_level(
-    ask: Callable[[float], Question], reached: float, point: Sequence[float], size: float, boxes: int = BOXES
+    ask: Callable[[float], Question],
+    reached: float,
+    point: Sequence[float],
+    size: float,
+    boxes: int = BOXES,
+    tolerances: Sequence[float] = TOLERANCES,
 ) -> Level:
     """Return the least level for which the question is proved, searched from what is reached upwards.
 
@@ -194,9 +199,10 @@ def least_level(
         reached, point: the largest value seen, and where.
         size: of the quantity, what tolerances are relative to.
         boxes: for each question.
+        tolerances: in the order in which they are tried.
     """
     at = list(point)
-    for tolerance in TOLERANCES:
+    for tolerance in tolerances:
         for _ in range(3):
             level = float(f"{reached + tolerance * max(size, abs(reached)):.8g}")
             verdict = ask(level).decide(boxes)

@@ -57,11 +57,16 @@ def symmetric(J: Matrix) -> Matrix:
 
 
 def bounded(field: Field, M: Matrix, boxes: int) -> Level:
-    """Return the least level c that is proved with lambda_max(M(x, t)) < c on the domain."""
+    """Return the least level c that is proved with lambda_max(M(x, t)) <= c on the domain."""
     if all(x is ZERO for row in M for x in row):
         return Level(0.0, [0.0] * (field.n + 1), 0.0)
+    kept = [i for i, row in enumerate(M) if any(x is not ZERO for x in row)]
+    M = tuple(tuple(M[i][j] for j in kept) for i in kept)  # the rows that are 0 have the eigenvalue 0
     reached, at, size = highest(M, field.samples(SAMPLES))
-    return least_level(below(field, M), reached, at, size, boxes)
+    level = least_level(below(field, M), reached, at, size, boxes)
+    if len(kept) == field.n or level.reached > 0:
+        return level
+    return Level(0.0, level.point, None if level.proved is None else max(level.proved, 0.0))
 
 
 def below(field: Field, M: Matrix) -> Callable[[float], Question]:

@@ -13,7 +13,7 @@ from fractions import Fraction
 
 from flint import fmpq, fmpq_mat
 
-from lockstep.check.expression.node import Node, constant, linear, variable
+from lockstep.check.expression.node import ZERO, Node, constant, linear, variable
 from lockstep.model.checks.proved.field import Field, Nodes, as_written, jacobian
 from lockstep.model.checks.proved.finding import Finding, numbers
 from lockstep.model.checks.proved.lie import Point, along, bracket, rank_at, too_long
@@ -42,9 +42,11 @@ def controllability_rank(field: Field, point: Point) -> Finding:
             break
         generation = [bracket(field, field.f, v) for v in generation]
         found += generation
-    for v in list(found):
-        more = [bracket(field, w, v) for w in found[: len(columns) + 2] if w is not v]
-        found += more[: max(0, MOST_BRACKETS - len(found))]
+    for v in found:  # which grows
+        if len(found) >= MOST_BRACKETS or too_long(v):
+            break
+        brackets = [bracket(field, g, v) for g in columns]
+        found += [b for b in brackets if any(x is not ZERO for x in b)]
     rank, sure = rank_at(point, found, n)
     if sure and rank == n:
         figure = f"{n} of {n} at {numbers(point.text)}, by brackets"

@@ -8,15 +8,17 @@ det [s I - J, -B; C, 0] (section 4.3): with all Re s < 0 they are locally expone
 
 from __future__ import annotations
 
+from fractions import Fraction
 from itertools import permutations
 
+import numpy as np
 from flint import acb_poly, arb, arb_mat, arb_poly, fmpq
 
 from lockstep.check.bound.conditions import Conditions
 from lockstep.check.expression.node import ZERO, Node, linear, multiply, number, power, variable
 from lockstep.check.expression.traversal import expand
 from lockstep.model.checks.proved.definite import Question
-from lockstep.model.checks.proved.field import Field, Nodes
+from lockstep.model.checks.proved.field import Field, Nodes, exactly_at
 from lockstep.model.checks.proved.finding import Finding, numbers
 from lockstep.model.checks.proved.lie import Point, along, along_inputs, too_long
 
@@ -90,6 +92,10 @@ def _invertible(field: Field, name: str, degrees: list[int], D: Node, boxes: int
     below, high = _positive(field, linear(0, [(-1, D)]), boxes) if not above else (False, None)
     if above or below:
         return Finding(name, "proved", f"{shown} on the domain", value)
+    origin = np.clip(0.0, field.lower, field.upper)
+    if exactly_at([D], [Fraction(x) for x in origin.tolist()]) == [0]:
+        figure = f"{shown} almost everywhere, but the decoupling matrix is singular at {numbers(origin[:-1])}"
+        return Finding(name, "refuted", figure, None, {"point": origin[:-1].tolist(), "D": 0.0})
     if low is not None and high is not None:
         figure = f"{shown} almost everywhere, but the decoupling matrix changes sign on the domain"
         return Finding(name, "refuted", figure, None, {"negative_at": low, "positive_at": high})

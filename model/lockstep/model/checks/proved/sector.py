@@ -22,7 +22,7 @@ from lockstep.check.expression.node import ZERO, Node, divide, linear, linear_te
 from lockstep.check.expression.traversal import expand, substitute
 from lockstep.model.agent import Agent
 from lockstep.model.arguments import arguments_text
-from lockstep.model.checks.proved.definite import BOXES, Question, highest, least_level
+from lockstep.model.checks.proved.definite import BOXES, TOLERANCES, Question, highest, least_level
 from lockstep.model.checks.proved.field import FAR, Ends, as_written
 from lockstep.model.checks.proved.finding import Finding
 
@@ -111,7 +111,7 @@ def _end(
         question = linear(Fraction(level), [(-1, quotient)])
         return Question(((question,),), Conditions(phi.conditions), lower, upper, tighter)
 
-    found = least_level(ask, reached, at, size, boxes)
+    found = least_level(ask, reached, at, size, boxes, (1e-4, *TOLERANCES))
     return found.proved, found.reached, float(found.point[j])
 
 
