@@ -23,7 +23,9 @@ from lockstep.model.checks.proved.field import Ends, Matrix, at_points, jacobian
 from lockstep.model.checks.proved.matrices import middle, positive_definite, product, stacked, thin
 
 BOXES = 20_000
-BATCH = 256
+BATCH = 128
+SHORT = 30
+"""Operations of expressions whose boxes count as one."""
 FAR = 2.0**20
 """Ranges without an end are cut up to here; beyond, a box is left as it is."""
 
@@ -62,16 +64,21 @@ class Question:
         rows = jacobian(self.nodes, count, of_slopes=True)
         return Program([row[k] for k in self.searched for row in rows])
 
+    @cached_property
+    def weight(self) -> float:
+        """How many boxes one counts as: the longer the expressions, the more."""
+        return max(1.0, (len(self.values.nodes) + len(self.slopes.nodes)) / SHORT + (self.size / 4) ** 3)
+
     def decide(self, boxes: int = BOXES) -> Verdict:
         """Return "proved", "refuted" with a `point` of (x, t), a `direction` and the `value` q' S q, or "undecided"."""
         low, high = self.lower[:, None], self.upper[:, None]
-        used = 0
+        used = 0.0
         while low.shape[1]:
-            if used + min(low.shape[1], BATCH) > boxes:
+            if used + min(low.shape[1], BATCH) * self.weight > boxes:
                 return Verdict("undecided", f"{boxes} boxes do not suffice", {"boxes": used})
             taken = max(0, low.shape[1] - BATCH)
             part, low, high = (low[:, taken:], high[:, taken:]), low[:, :taken], high[:, :taken]
-            used += part[0].shape[1]
+            used += part[0].shape[1] * self.weight
             held, slopes = self._held(part)
             part = part[0][:, ~held], part[1][:, ~held]
             if not part[0].shape[1]:
@@ -171,7 +178,7 @@ def _middles(part: tuple[Boxes, Boxes]) -> Ends:
     return np.asarray(np.where(np.isfinite(centre), centre, np.clip(0.0, part[0], part[1])))
 
 
-TOLERANCES = (1e-3, 1e-2, 0.1)
+TOLERANCES = (1e-3, 1e-2, 0.1, 0.5)
 """Of a level that is to be proved: how far above what is reached, relative to the size of the values."""
 
 
@@ -198,14 +205,15 @@ def least_level(
         ask: the question whether the quantity is below a level everywhere.
         reached, point: the largest value seen, and where.
         size: of the quantity, what tolerances are relative to.
-        boxes: for each question.
+        boxes: for all questions together.
         tolerances: in the order in which they are tried.
     """
-    at = list(point)
-    for tolerance in tolerances:
+    at, left = list(point), boxes
+    for k, tolerance in enumerate(tolerances):
         for _ in range(3):
             level = float(f"{reached + tolerance * max(size, abs(reached)):.8g}")
-            verdict = ask(level).decide(boxes)
+            verdict = ask(level).decide(left // (len(tolerances) - k))
+            left -= int(verdict.figures["boxes"])
             if verdict.proved:
                 return Level(reached, at, level)
             if verdict.status == "undecided":

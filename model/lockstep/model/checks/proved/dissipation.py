@@ -28,7 +28,7 @@ from lockstep.model.checks.proved.finding import Finding, numbers
 from lockstep.model.checks.proved.storage import Rational, Supply, few, propose, rounded
 
 SAMPLES = 300
-PARTS = (0.98, 0.8, 0.5, 0.2, 0.02)
+PARTS = (0.98, 0.7, 0.3, 0.02)
 """Of the rate that the slowest mode allows: which ones are tried."""
 ROUNDS = 4
 """Programs, each with the points that refuted the last."""
@@ -50,6 +50,7 @@ def contraction(field: Field, *, metric: Rational | None = None, boxes: int = BO
     if not fastest > 0:
         return Finding(name, "undecided", "the slowest mode has Re s = 0 to rounding")
     zeros, J = np.zeros((field.n, 1)), few(J)
+    share = boxes // len(PARTS)
     for part in PARTS:
         rate, P = fastest * part, metric
         for _ in range(1 if metric else ROUNDS):
@@ -58,7 +59,7 @@ def contraction(field: Field, *, metric: Rational | None = None, boxes: int = BO
                 P = None if found is None else rounded(found[0], [], None)
             if P is None:
                 break
-            verdict = decided(field, P, None, shown := Fraction(float(f"{rate:.4g}")), boxes)
+            verdict = decided(field, P, None, shown := Fraction(float(f"{rate:.4g}")), share // 2)
             if verdict.proved:
                 value = {"rate": float(shown), "P": _floats(P)}
                 return Finding(name, "proved", f"rate {float(shown):.6g} 1/s in a constant metric", value)
@@ -107,7 +108,7 @@ def _storage(field: Field, supply: Supply, J: np.ndarray, boxes: int) -> Rationa
         P = None if found is None else rounded(found[0], field.B, _target(field, supply))
         if P is None:
             return None
-        verdict = decided(field, P, supply, Fraction(0), boxes)
+        verdict = decided(field, P, supply, Fraction(0), boxes // 2)
         if verdict.proved:
             return P
         if "point" not in verdict.figures:
@@ -125,10 +126,10 @@ def incremental_gain(field: Field, *, boxes: int = BOXES) -> Finding:
     J = few(_slopes(field))
     B, C = _array(field.B), _array(field.C)
     best = propose(J, B, C, Supply.gain(q, m, 1.0), 0.0, gain=True)
-    for more in (1.01, 1.1, 1.5, 3.0) if best is not None else ():
+    for more in (1.02, 1.3, 3.0) if best is not None else ():
         level = float(f"{np.sqrt(max(best[1], 0.0)) * more:.4g}") if best is not None else 0.0
         supply = Supply.gain(q, m, level)
-        P = _storage(field, supply, J, boxes) if level > 0 else None
+        P = _storage(field, supply, J, boxes // 4) if level > 0 else None
         if P is not None:
             return Finding(name, "proved", f"at most {level:.6g}", {"gain": level, "P": _floats(P)})
     return Finding(name, "undecided", "no strict storage function was proved on the domain")

@@ -192,6 +192,8 @@ class _Search:
         if any((low[:-1] <= o.upper).all() and (o.lower <= high[:-1]).all() and not (exact and o.exact) for o in self.found):
             self.open.append((lower.tolist(), upper.tolist()))  # of two branches: one or two
             return
+        hidden = list(self.form.hidden)
+        low[hidden] = high[hidden] = np.clip(0.0, low[hidden], high[hidden])
         self.found.append(Equilibrium(low[:-1], high[:-1], exact, stability(self.field, low, high)))
 
     def _rational(self, low: End, high: End) -> tuple[Fraction, ...] | None:

@@ -50,7 +50,8 @@ def prove(
     field = Field.of(agent)
     progress("equilibria")
     equilibria, found = zeros.equilibria(field, boxes=boxes)
-    point = Point.of(field, found)
+    points = Point.all(field, found)
+    point = points[0]
     findings = [equilibria]
     progress("sectors")
     findings += sectors(agent, boxes=boxes)
@@ -60,6 +61,10 @@ def prove(
     progress("Lie derivatives")
     degree = relative_degree(field, boxes=boxes)
     findings += [degree, zero_dynamics(field, point, degree)]
-    findings += [controllability_rank(field, point), observability_rank(field, point), units]
+    for rank in (controllability_rank, observability_rank):
+        tried = [rank(field, points[0])]
+        tried += [rank(field, p) for p in points[1:] if tried[0].status == "undecided"]
+        findings.append(next((finding for finding in tried if finding.status != "undecided"), tried[0]))
+    findings.append(units)
     progress("stiffness")
     return (*findings, stiffness(field, point, boxes=boxes))

@@ -15,6 +15,7 @@ from lockstep.check.expression.traversal import expand, order
 from lockstep.model.checks.proved.equilibria import Equilibrium
 from lockstep.model.checks.proved.field import Field, Nodes, exactly_at, jacobian
 
+MOST_POINTS = 4
 MOST_NODES = 20_000
 """Of an expression that is differentiated further."""
 
@@ -29,17 +30,23 @@ class Point:
     is_equilibrium: bool
 
     @classmethod
-    def of(cls, field: Field, found: Sequence[Equilibrium]) -> Point:
-        """Return the equilibrium to look at, an exact one if there is one, or the middle of the domain."""
-        chosen = next((one for one in found if one.exact is not None), found[0] if found else None)
-        if chosen is not None and chosen.exact is not None:
-            ends = np.array([*map(float, chosen.exact), 0.0])
-            return cls(ends, ends, (*chosen.exact, Fraction(0)), True)
-        if chosen is not None:
-            return cls(np.append(chosen.lower, 0.0), np.append(chosen.upper, 0.0), None, True)
+    def all(cls, field: Field, found: Sequence[Equilibrium]) -> list[Point]:
+        """Return the equilibria, exact ones first, and then the middle of the domain."""
+        exact = [one for one in found if one.exact is not None]
+        points = [
+            cls(ends, ends, (*one.exact, Fraction(0)), True)
+            for one in exact
+            if one.exact is not None
+            for ends in [np.array([*map(float, one.exact), 0.0])]
+        ]
+        points += [
+            cls(np.append(one.lower, 0.0), np.append(one.upper, 0.0), None, True)
+            for one in found
+            if one.exact is None
+        ]
         middle = field.samples(1)[:, 0]
         middle[-1] = 0.0
-        return cls(middle, middle, tuple(Fraction(x) for x in middle), False)
+        return [*points[:MOST_POINTS], cls(middle, middle, tuple(Fraction(x) for x in middle), False)]
 
     @property
     def text(self) -> list[float]:

@@ -45,7 +45,7 @@ def quadratic_inner_boundedness(field: Field, *, boxes: int = BOXES) -> Finding:
         )
         for i in range(field.n)
     )
-    level = bounded(field, gram, boxes) if used else Level(0.0, [0.0] * (field.n + 1), 0.0)
+    level = bounded(field, gram, boxes, float((J**2).sum(axis=(1, 2)).max(initial=0.0))) if used else Level(0.0, [0.0] * (field.n + 1), 0.0)
     return _finding("quadratic inner-boundedness", "beta", field, level, {"gamma": gamma})
 
 
@@ -56,13 +56,17 @@ def symmetric(J: Matrix) -> Matrix:
     return tuple(tuple(linear(0, [(half, J[i][j]), (half, J[j][i])]) for j in range(n)) for i in range(n))
 
 
-def bounded(field: Field, M: Matrix, boxes: int) -> Level:
-    """Return the least level c that is proved with lambda_max(M(x, t)) <= c on the domain."""
+def bounded(field: Field, M: Matrix, boxes: int, least: float = 0.0) -> Level:
+    """Return the least level c that is proved with lambda_max(M(x, t)) <= c on the domain.
+
+    Tolerances are relative to the values of M, or to `least` where these are smaller.
+    """
     if all(x is ZERO for row in M for x in row):
         return Level(0.0, [0.0] * (field.n + 1), 0.0)
     kept = [i for i, row in enumerate(M) if any(x is not ZERO for x in row)]
     M = tuple(tuple(M[i][j] for j in kept) for i in kept)  # the rows that are 0 have the eigenvalue 0
     reached, at, size = highest(M, field.samples(SAMPLES))
+    size = max(size, least)
     level = least_level(below(field, M), reached, at, size, boxes)
     if len(kept) == field.n or level.reached > 0:
         return level

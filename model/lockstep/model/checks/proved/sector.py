@@ -18,7 +18,7 @@ from lockstep.check.bound.graph import Graph
 from lockstep.check.bound.program import Program
 from lockstep.check.bound.rounding import Interval
 from lockstep.check.expression.derivative import derivative
-from lockstep.check.expression.node import ZERO, Node, divide, linear, linear_terms, variable
+from lockstep.check.expression.node import ZERO, Node, Undefined, divide, linear, linear_terms, variable
 from lockstep.check.expression.traversal import expand, substitute
 from lockstep.model.agent import Agent
 from lockstep.model.arguments import arguments_text
@@ -48,7 +48,10 @@ def _sector(agent: Agent, phi: Graph, k: int, lower: Ends, upper: Ends, boxes: i
         shown = ", ".join(f"v{j + 1}" for j in arguments)
         return Finding(name, "undecided", f"it has the arguments {shown}: a sector is of one")
     (j,) = arguments
-    at_zero = substitute([w], {variable(j): ZERO})[0]
+    try:
+        at_zero = substitute([w], {variable(j): ZERO})[0]
+    except Undefined:  # beyond the domain, or its conditions are open
+        at_zero = w
     if lower[j] <= 0 <= upper[j] and at_zero is not ZERO:
         return _offset(name, j, at_zero, phi.inputs)
     points = _points(lower, upper, j)
@@ -71,6 +74,8 @@ def _offset(name: str, j: int, at_zero: Node, time: int) -> Finding:
     for t in (0.0, 1.0, 0.5):
         point = np.zeros((time + 1, 1))
         point[time] = t
+        if program.nodes[-1].variables - {time}:
+            break
         low, high = program.on_boxes(point, point)[0]
         if low[0] > 0 or high[0] < 0:
             value = 0.5 * float(low[0]) + 0.5 * float(high[0])
