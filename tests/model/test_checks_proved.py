@@ -1,4 +1,4 @@
-"""The checks that prove, each with cases that hold beside cases that do not; then twenty models against dense sampling and facts.
+"""The checks that prove, each with cases that hold beside cases that do not; twenty models against dense sampling and facts.
 
 The facts are in the literature that the model's file names; sampling uses CasADi's numbers, not the enclosures.
 """
@@ -187,7 +187,10 @@ def spring(dynamics, units, parameters=("k", "m", "c")):
 
 def test_units_that_fit():
     assert check_units(spring(SPRING, UNITS)).status == "proved"
-    assert check_units(spring({**SPRING, "v": "(u - k*x*tanh(v**2*m/(k*x**2)) - c*v)/m"}, UNITS)).status == "proved"
+    assert (
+        check_units(spring({**SPRING, "v": "(u - k*x*tanh(v**2*m/(k*x**2)) - c*v)/m"}, UNITS)).status
+        == "proved"
+    )
     part = {name: unit for name, unit in UNITS.items() if name != "k"}
     assert check_units(spring(SPRING, part)).status == "undecided"
     assert check_units(spring(SPRING, {})).status == "undecided"
@@ -219,8 +222,24 @@ def test_stiffness():
 
 
 COUNTS = {  # equilibria on the domain, as the sources of the files have them
-    **{"chua": 3, "van_der_pol": 1, "lorenz": 3, "rossler": 2, "fitzhugh_nagumo": 1, "duffing": 3, "pendulum": 3},
-    **{"lotka_volterra": 2, "cstr": 3, "glucose": 1, "four_tanks": 1, "buck_converter": 1, "acrobot": 9, "dc_motor": 1},
+    **{
+        "chua": 3,
+        "van_der_pol": 1,
+        "lorenz": 3,
+        "rossler": 2,
+        "fitzhugh_nagumo": 1,
+        "duffing": 3,
+        "pendulum": 3,
+    },
+    **{
+        "lotka_volterra": 2,
+        "cstr": 3,
+        "glucose": 1,
+        "four_tanks": 1,
+        "buck_converter": 1,
+        "acrobot": 9,
+        "dc_motor": 1,
+    },
 }
 FAST = ("van_der_pol", "pendulum", "dc_motor", "fitzhugh_nagumo", "lotka_volterra")
 ALL = sorted(path.stem for path in MODELS.glob("*.toml"))
@@ -241,11 +260,18 @@ def held_against_samples(name):
     lower, upper = (np.clip(end, -10.0, 10.0) if np.isinf(end).any() else end for end in agent.box.T)
     random = np.random.default_rng(7)
     x = lower + (upper - lower) * random.uniform(size=(4000, agent.n))
-    x[:2000] = np.where(random.uniform(size=(2000, agent.n)) < 0.5, np.round((x[:2000] - lower) / (upper - lower)) * (upper - lower) + lower, x[:2000])
+    x[:2000] = np.where(
+        random.uniform(size=(2000, agent.n)) < 0.5,
+        np.round((x[:2000] - lower) / (upper - lower)) * (upper - lower) + lower,
+        x[:2000],
+    )
     zero = np.zeros((agent.m, len(x)))
     f = np.asarray(agent.dynamics(x.T, zero, 0.0)).T
     near = np.clip(x + 1e-3 * (upper - lower) * random.normal(size=x.shape), lower, upper)
-    pairs = [(x[::2], f[::2], x[1::2], f[1::2]), (x, f, near, np.asarray(agent.dynamics(near.T, zero, 0.0)).T)]
+    pairs = [
+        (x[::2], f[::2], x[1::2], f[1::2]),
+        (x, f, near, np.asarray(agent.dynamics(near.T, zero, 0.0)).T),
+    ]
     written = as_written(agent)
     A = np.array([[int(v.p) / int(v.q) for v in row] for row in written.A])
     for a, fa, b, fb in pairs:
@@ -265,11 +291,18 @@ def check_pairs(found, agent, d, df, dh, random):
     inner_bound = found["quadratic inner-boundedness"]
     if inner_bound.status == "proved":
         beta, gamma = inner_bound.value["beta"], inner_bound.value["gamma"]
-        assert ((dh**2).sum(axis=1) <= beta * size + gamma * inner + close * ((df**2).sum(axis=1) + (dh**2).sum(axis=1) + abs(gamma) * scale)).all()
+        assert (
+            (dh**2).sum(axis=1)
+            <= beta * size
+            + gamma * inner
+            + close * ((df**2).sum(axis=1) + (dh**2).sum(axis=1) + abs(gamma) * scale)
+        ).all()
     metric = found["contraction"]
     if metric.status == "proved":
         P = np.array(metric.value["P"])
-        assert (((d @ P) * df).sum(axis=1) <= -metric.value["rate"] * ((d @ P) * d).sum(axis=1) * (1 - 1e-6)).all()
+        assert (
+            ((d @ P) * df).sum(axis=1) <= -metric.value["rate"] * ((d @ P) * d).sum(axis=1) * (1 - 1e-6)
+        ).all()
     B, C = agent.lure.B, agent.lure.C
     du = random.normal(size=(len(d), agent.m)) * random.choice([1e-2, 1.0, 1e2], size=(len(d), 1))
     dy = d @ C.T
@@ -279,8 +312,16 @@ def check_pairs(found, agent, d, df, dh, random):
             P = np.array(finding.value["P"])
             rate = 2 * ((d @ P) * (df + du @ B.T)).sum(axis=1)
             passive = name.endswith("passivity")
-            supply = 2 * (dy * du).sum(axis=1) if passive else finding.value["gain"] ** 2 * (du**2).sum(axis=1) - (dy**2).sum(axis=1)
-            assert (rate <= supply + 1e-9 * (np.abs(rate) + np.abs(supply) + (np.abs(d @ P) * np.abs(du @ B.T)).sum(axis=1))).all()
+            supply = (
+                2 * (dy * du).sum(axis=1)
+                if passive
+                else finding.value["gain"] ** 2 * (du**2).sum(axis=1) - (dy**2).sum(axis=1)
+            )
+            assert (
+                rate
+                <= supply
+                + 1e-9 * (np.abs(rate) + np.abs(supply) + (np.abs(d @ P) * np.abs(du @ B.T)).sum(axis=1))
+            ).all()
 
 
 def check_equilibria(finding, agent, starts, lower, upper):
@@ -295,7 +336,12 @@ def check_equilibria(finding, agent, starts, lower, upper):
             assert np.abs(f(point)).max() <= 1e-6 * (1 + np.abs(point).max())
         for start in starts:
             end = root(f, start)
-            if end.success and np.abs(f(end.x)).max() < 1e-9 and (lower <= end.x).all() and (end.x <= upper).all():
+            if (
+                end.success
+                and np.abs(f(end.x)).max() < 1e-9
+                and (lower <= end.x).all()
+                and (end.x <= upper).all()
+            ):
                 assert len(points)
                 # fsolve stops early at a double zero: compare in the size of the domain
                 assert (np.abs(points - end.x) <= 1e-4 * (upper - lower)).all(axis=1).any(), (end.x, points)
@@ -350,7 +396,9 @@ def test_more_facts_from_the_literature():
     zeros = sorted(re for re, _ in tanks["zero dynamics"].value["zeros"])
     assert zeros == pytest.approx([-0.060, -0.018], rel=0.1)
     quadrotor = findings("quadrotor")[1]
-    assert quadrotor["relative degree"].status == "refuted"  # singular until the thrust is a double integrator
+    assert (
+        quadrotor["relative degree"].status == "refuted"
+    )  # singular until the thrust is a double integrator
     lorenz = findings("lorenz")[1]["equilibria"].value["points"]
     side = np.sqrt(72)
     expected = [[-side, -side, 27], [0, 0, 0], [side, side, 27]]

@@ -108,7 +108,8 @@ def check(
     every: Annotated[
         bool,
         typer.Option(
-            "--all", help="Also the checks that prove: equilibria, sectors, passivity, contraction, ranks, units."
+            "--all",
+            help="Also the checks that prove: equilibria, sectors, passivity, contraction, ranks, units.",
         ),
     ] = False,
     json: Json = False,

@@ -149,7 +149,9 @@ class Question:
         score = np.full(low.shape, -1.0)
         for i, k in enumerate(self.searched):
             cuttable = np.nextafter(low[k], np.inf) < high[k]
-            share = np.where(np.isfinite(high[k] - low[k]), (high[k] - low[k]) / max(self.width[k], 1e-300), 4.0)
+            share = np.where(
+                np.isfinite(high[k] - low[k]), (high[k] - low[k]) / max(self.width[k], 1e-300), 4.0
+            )
             cuttable &= (share > 1e-9) & ~((low[k] >= FAR) | (high[k] <= -FAR))
             score[k] = np.where(cuttable, vary[i] + 1e-9 * share, -1.0)
         if (score.max(axis=0) < 0).any():
@@ -165,7 +167,9 @@ def _cut(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return a point between the ends: the middle, or twice as far out where an end is infinite."""
     with np.errstate(all="ignore"):
         middle = 0.5 * low + 0.5 * high
-        out = np.where(np.isinf(low) & np.isinf(high), 0.0, np.where(np.isinf(high), 2 * low + 1, 2 * high - 1))
+        out = np.where(
+            np.isinf(low) & np.isinf(high), 0.0, np.where(np.isinf(high), 2 * low + 1, 2 * high - 1)
+        )
         out = np.where(np.isinf(high) & (low < 0), np.maximum(out, 0.0), out)
         out = np.where(np.isinf(low) & (high > 0), np.minimum(out, 0.0), out)
     return np.where(np.isfinite(middle), middle, out)
@@ -224,7 +228,7 @@ def least_level(
 
 
 def highest(rows: Matrix, points: Boxes) -> tuple[float, list[float], float]:
-    """Return the largest eigenvalue of a symmetric matrix among points, refined around the best, where, and the largest norm."""
+    """Return the largest eigenvalue of a symmetric matrix among points and near the best, where, and the largest norm."""
     lower, upper = points.min(axis=1, keepdims=True), points.max(axis=1, keepdims=True)
     random = np.random.default_rng(1)
     best, where, size, radius = -np.inf, points[:, 0], 0.0, upper - lower

@@ -135,9 +135,7 @@ def incremental_gain(field: Field, *, boxes: int = BOXES) -> Finding:
     return Finding(name, "undecided", "no strict storage function was proved on the domain")
 
 
-def decided(
-    field: Field, P: Rational, supply: Supply | None, rate: Fraction, boxes: int
-) -> Verdict:
+def decided(field: Field, P: Rational, supply: Supply | None, rate: Fraction, boxes: int) -> Verdict:
     """Decide the matrix inequality of `storage` strictly, for every J of the domain, with P > 0.
 
     With R = 0 the off-diagonal block P B - C'S has to vanish, exactly.
@@ -166,14 +164,15 @@ def decided(
     size = [Fraction(2) ** round(np.log2(float(P[i][i]))) if i < n else Fraction(1) for i in range(len(rows))]
     root = [Fraction(2) ** (round(np.log2(float(s))) // 2) for s in size]
     scaled = tuple(
-        tuple(linear(0, [(1 / (root[i] * root[j]), x)]) for j, x in enumerate(row)) for i, row in enumerate(rows)
+        tuple(linear(0, [(1 / (root[i] * root[j]), x)]) for j, x in enumerate(row))
+        for i, row in enumerate(rows)
     )
     question = Question(scaled, Conditions(field.conditions), field.lower, field.upper)
     return question.decide(boxes)
 
 
 def not_decaying(field: Field, *, marginal: bool = True) -> tuple[str, dict[str, object]] | None:
-    """Return why no P > 0 has J'P + P J < 0 on the domain (<= 0 without `marginal`), with a witness; None if that is not shown."""
+    """Return why no P > 0 has J'P + P J < 0 (<= 0 without `marginal`) on the domain, with a witness; None if not shown."""
     if marginal:
         exact = as_written(field.agent)
         stacked = fmpq_mat([*exact.A.tolist(), *exact.H.tolist()])
@@ -185,7 +184,9 @@ def not_decaying(field: Field, *, marginal: bool = True) -> tuple[str, dict[str,
     good = np.isfinite(J).all(axis=(1, 2)) & field.defined_on(points, points)
     if not good.any():
         return None
-    abscissae = np.where(good, np.linalg.eigvals(np.where(good[:, None, None], J, 0.0)).real.max(axis=1), -np.inf)
+    abscissae = np.where(
+        good, np.linalg.eigvals(np.where(good[:, None, None], J, 0.0)).real.max(axis=1), -np.inf
+    )
     point = points[:, int(abscissae.argmax())]
     values = eigenvalues(field, point, point) if abscissae.max() > 0 else None
     worst = max(values, key=lambda s: float(s.real.mid())) if values else None
@@ -197,7 +198,7 @@ def not_decaying(field: Field, *, marginal: bool = True) -> tuple[str, dict[str,
 
 def _slopes(field: Field) -> np.ndarray:
     J = at_points(field.jacobian, field.samples(SAMPLES))
-    return J[np.isfinite(J).all(axis=(1, 2))]
+    return np.asarray(J[np.isfinite(J).all(axis=(1, 2))])
 
 
 def _slopes_at(field: Field, verdict: Verdict) -> np.ndarray:
@@ -246,7 +247,10 @@ def _rank(M: Rational) -> int:
 
 
 def _product(first: Rational, second: Rational) -> Rational:
-    return [[sum((a * b for a, b in zip(r, c, strict=True)), Fraction(0)) for c in zip(*second, strict=True)] for r in first]
+    return [
+        [sum((a * b for a, b in zip(r, c, strict=True)), Fraction(0)) for c in zip(*second, strict=True)]
+        for r in first
+    ]
 
 
 def _transpose(M: Rational) -> Rational:
@@ -259,5 +263,3 @@ def _array(M: Rational) -> np.ndarray:
 
 def _floats(M: Rational) -> list[list[float]]:
     return [[float(x) for x in row] for row in M]
-
-

@@ -66,9 +66,7 @@ def reduced(field: Field) -> Reduced:
         else:
             pivot, lead = terms[0][1].data, terms[0][0]
             solved[pivot] = linear(-row[-1] / lead, [(-c / lead, x) for c, x in terms[1:]])
-    equations = [
-        expand(node) for node in substitute(equations, {variable(j): x for j, x in solved.items()})
-    ]
+    equations = [expand(node) for node in substitute(equations, {variable(j): x for j, x in solved.items()})]
     free = tuple(j for j in range(n) if j not in solved)
     seen = frozenset[int]().union(*(node.variables for node in equations))
     branches = _branches([node for node in equations if number(node) != 0])

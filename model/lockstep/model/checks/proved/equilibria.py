@@ -114,9 +114,7 @@ class _Search:
         if self.open:
             low, high = self.open[0]
             where = [names[j] for j in self.unknowns]
-            shown = [
-                {"states": where, "lower": _plain(a), "upper": _plain(b)} for a, b in self.open[:SHOWN]
-            ]
+            shown = [{"states": where, "lower": _plain(a), "upper": _plain(b)} for a, b in self.open[:SHOWN]]
             figure = (
                 f"{len(self.found)} found, {len(self.open)} boxes open, the first {where} from {numbers(low)} to "
                 f"{numbers(high)}; give ranges in [agent.domain] or raise the budget"
@@ -148,7 +146,9 @@ class _Search:
     def _full(self, lower: Boxes, upper: Boxes) -> tuple[Boxes, Boxes]:
         """Return all states over boxes of the unknowns; the hidden ones over their whole range."""
         n = self.field.n
-        low, high = (np.repeat(end[:, None], lower.shape[1], axis=1) for end in (self.field.lower, self.field.upper))
+        low, high = (
+            np.repeat(end[:, None], lower.shape[1], axis=1) for end in (self.field.lower, self.field.upper)
+        )
         low[list(self.unknowns)], high[list(self.unknowns)] = lower, upper
         for j, value in enumerate(self.states.on_boxes(low, high)):
             if j in self.form.solved:
@@ -189,7 +189,10 @@ class _Search:
             return
         if exact is not None and any(one.exact == exact for one in self.found):
             return
-        if any((low[:-1] <= o.upper).all() and (o.lower <= high[:-1]).all() and not (exact and o.exact) for o in self.found):
+        if any(
+            (low[:-1] <= o.upper).all() and (o.lower <= high[:-1]).all() and not (exact and o.exact)
+            for o in self.found
+        ):
             self.open.append((lower.tolist(), upper.tolist()))  # of two branches: one or two
             return
         hidden = list(self.form.hidden)
@@ -205,12 +208,21 @@ class _Search:
                 if not low[j] <= point[j] <= high[j]:
                     break
             else:
-                try:
-                    full = exactly_at(self.solved, point)
-                    if None not in full and all(v == 0 for v in exactly_at(self.field.f, [*full, Fraction(0)])):  # type: ignore[list-item]
-                        return tuple(full)  # type: ignore[arg-type]
-                except Undefined:
-                    pass
+                full = self._zero_from(point)
+                if full is not None:
+                    return full
+        return None
+
+    def _zero_from(self, point: Sequence[Fraction]) -> tuple[Fraction, ...] | None:
+        """Return the states that go with the unknowns if f is exactly 0 there."""
+        try:
+            full = [value for value in exactly_at(self.solved, point) if value is not None]
+            if len(full) == self.field.n and not any(
+                value != 0 for value in exactly_at(self.field.f, [*full, Fraction(0)])
+            ):
+                return tuple(full)
+        except Undefined:
+            return None
         return None
 
 
@@ -259,10 +271,10 @@ def _roots_within(node: Node) -> float | None:
             return None
         degrees[powers[0][1]] = c
     lead = degrees.pop(max(degrees))
-    return float(rounding.up(np.array(1.0 + float(max([abs(c / lead) for c in (offset, *degrees.values())]))))) * (1 + 1e-12)
+    return float(
+        rounding.up(np.array(1.0 + float(max([abs(c / lead) for c in (offset, *degrees.values())]))))
+    ) * (1 + 1e-12)
 
 
 def _plain(ends: Sequence[float]) -> list[float | None]:
     return [x if isfinite(x) else None for x in ends]
-
-

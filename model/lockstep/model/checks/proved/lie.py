@@ -51,7 +51,11 @@ class Point:
     @property
     def text(self) -> list[float]:
         """The states, to rounding."""
-        return [float(x) for x in self.exact[:-1]] if self.exact else (0.5 * (self.lower + self.upper))[:-1].tolist()
+        return (
+            [float(x) for x in self.exact[:-1]]
+            if self.exact
+            else (0.5 * (self.lower + self.upper))[:-1].tolist()
+        )
 
     def values(self, nodes: Sequence[Node]) -> tuple[list[Fraction] | None, list[arb]]:
         """Return nodes here as rationals, None where one is not, and as balls."""
@@ -85,7 +89,10 @@ def bracket(field: Field, v: Nodes, w: Nodes) -> Nodes:
     Dv, Dw = jacobian(v, field.n), jacobian(w, field.n)
     return tuple(
         expand(
-            add(*(multiply(a, x) for a, x in zip(dw, v, strict=True)), linear(0, [(-1, multiply(a, x)) for a, x in zip(dv, w, strict=True)]))
+            add(
+                *(multiply(a, x) for a, x in zip(dw, v, strict=True)),
+                linear(0, [(-1, multiply(a, x)) for a, x in zip(dv, w, strict=True)]),
+            )
         )
         for dv, dw in zip(Dv, Dw, strict=True)
     )
@@ -97,11 +104,13 @@ def too_long(nodes: Sequence[Node]) -> bool:
 
 
 def rank_at(point: Point, rows: Sequence[Nodes], n: int) -> tuple[int, bool]:
-    """Return the rank of rows of n nodes at a point, and whether it is exact: in balls only full rank is shown, by a minor."""
+    """Return the rank of rows of n nodes at a point, and whether it is exact: in balls a minor shows full rank only."""
     flat = [node for row in rows for node in row]
     rational, balls = point.values(flat)
     if rational is not None:
-        table = [[fmpq(x.numerator, x.denominator) for x in rational[k * n : k * n + n]] for k in range(len(rows))]
+        table = [
+            [fmpq(x.numerator, x.denominator) for x in rational[k * n : k * n + n]] for k in range(len(rows))
+        ]
         return int(fmpq_mat(table).rank()), True
     if not all(ball.is_finite() for ball in balls):
         return 0, False

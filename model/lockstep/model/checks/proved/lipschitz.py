@@ -45,7 +45,11 @@ def quadratic_inner_boundedness(field: Field, *, boxes: int = BOXES) -> Finding:
         )
         for i in range(field.n)
     )
-    level = bounded(field, gram, boxes, float((J**2).sum(axis=(1, 2)).max(initial=0.0))) if used else Level(0.0, [0.0] * (field.n + 1), 0.0)
+    level = (
+        bounded(field, gram, boxes, float((J**2).sum(axis=(1, 2)).max(initial=0.0)))
+        if used
+        else Level(0.0, [0.0] * (field.n + 1), 0.0)
+    )
     return _finding("quadratic inner-boundedness", "beta", field, level, {"gamma": gamma})
 
 

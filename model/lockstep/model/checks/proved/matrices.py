@@ -53,8 +53,8 @@ def middle(matrix: Interval) -> np.ndarray:
 def positive_definite(matrix: Interval) -> np.ndarray:
     """Return on which boxes every symmetric matrix in the enclosure is positive definite: sufficient, never wrong.
 
-    With Q the eigenvectors of the middle, in doubles, the congruence Q' M Q is shown to be strictly diagonally dominant with a
-    positive diagonal. That says that Q is invertible, and that M is positive definite (Gershgorin; Horn and Johnson 2013,
+    With Q the eigenvectors of the middle, in doubles, the congruence Q' M Q is shown to be strictly diagonally dominant with
+    a positive diagonal. That says that Q is invertible, and that M is positive definite (Gershgorin; Horn and Johnson 2013,
     theorem 6.1.10).
     """
     centre = middle(matrix)

@@ -21,7 +21,7 @@ from lockstep.check.bound.rounding import Interval
 from lockstep.check.expression.node import Node, variable
 from lockstep.check.expression.traversal import substitute
 from lockstep.model.checks.proved.field import jacobian
-from lockstep.model.checks.proved.matrices import middle, product, row_sums, stacked, thin
+from lockstep.model.checks.proved.matrices import middle, product, stacked, thin
 
 BATCH = 256
 LARGER = 0.1
@@ -93,7 +93,7 @@ class System:
         reach = np.maximum(LARGER * (part[1] - part[0]), least[:, None])
         around = part[0] - reach, part[1] + reach
         image, regular = self._krawczyk(around)
-        defined = self.defined(*around) & regular
+        defined = np.asarray(self.defined(*around) & regular)
         apart = defined & ((image[0] > part[1]) | (image[1] < part[0])).any(axis=0)
         inside = defined & ((image[0] > around[0]) & (image[1] < around[1])).all(axis=0)
         for i in np.flatnonzero(inside & ~apart):
@@ -102,10 +102,9 @@ class System:
         left, shrunk, usable = _chosen(part, still), _chosen(image, still), defined[still]
         met = np.maximum(left[0], shrunk[0]), np.minimum(left[1], shrunk[1])
         left = np.where(usable, met[0], left[0]), np.where(usable, met[1], left[1])
-        small = (part[1] - part[0] <= least[:, None]).all(axis=0)[still]
+        small = np.asarray((part[1] - part[0] <= least[:, None]).all(axis=0))[still]
         result.open += [(left[0][:, i], left[1][:, i]) for i in np.flatnonzero(small)]
         return self._halves(_chosen(left, ~small), width)
-
 
     def _without_zero(self, part: Interval) -> np.ndarray:
         """Return which boxes an equation has no zero on: by its range, or by its range as a mean value form."""
@@ -140,7 +139,7 @@ class System:
             step = rounding.subtract(product(rest, offset), product(C, value))
             image = rounding.add((centre, centre), (step[0][:, 0], step[1][:, 0]))
         finite = np.isfinite(image[0]).all(axis=0) & np.isfinite(image[1]).all(axis=0)
-        return image, finite
+        return image, np.asarray(finite)
 
     def _record(
         self, image: tuple[End, End], around: tuple[End, End], result: Zeros, known: list[tuple[End, End]]

@@ -70,7 +70,9 @@ def observability_rank(field: Field, point: Point) -> Finding:
         rank, sure = rank_at(point, jacobian(found, n), n)
         if sure and rank == n:
             figure = f"{n} of {n} at {numbers(point.text)}, by {len(found)} Lie derivatives"
-            return Finding(name, "proved", figure, {"rank": n, "point": point.text, "derivatives": len(found)})
+            return Finding(
+                name, "proved", figure, {"rank": n, "point": point.text, "derivatives": len(found)}
+            )
         if too_long(generation):
             break
         generation = [along(field, node) for node in generation]

@@ -1,7 +1,7 @@
 """Relative degree on the domain, and the zero dynamics at an equilibrium (Isidori, Nonlinear Control Systems, 1995).
 
-Output i has the relative degree r_i if L_g L_f^k y_i = 0 identically for k < r_i - 1 and the row L_g L_f^(r_i - 1) y_i is not 0;
-with as many inputs as outputs the matrix D(x) of these rows has to be invertible (definition 5.1.1), here at every point of
+Output i has the relative degree r_i if L_g L_f^k y_i = 0 identically for k < r_i - 1 and the row L_g L_f^(r_i - 1) y_i is
+not 0; with as many inputs as outputs the matrix D(x) of these rows has to be invertible (definition 5.1.1), here at every point of
 the domain. The zero dynamics then have n - sum r_i states; linearised at an equilibrium their eigenvalues are the zeros of
 det [s I - J, -B; C, 0] (section 4.3): with all Re s < 0 they are locally exponentially stable (minimum phase).
 """
@@ -12,7 +12,7 @@ from fractions import Fraction
 from itertools import permutations
 
 import numpy as np
-from flint import acb_poly, arb, arb_mat, arb_poly, fmpq
+from flint import acb, acb_poly, arb, arb_mat, arb_poly, fmpq
 
 from lockstep.check.bound.conditions import Conditions
 from lockstep.check.expression.node import ZERO, Node, linear, multiply, number, power, variable
@@ -37,6 +37,7 @@ def relative_degree(field: Field, *, boxes: int = BOXES) -> Finding:
         for degree in range(1, field.n + 1):
             row = along_inputs(field, node)
             if any(x is not ZERO for x in row):
+                degrees.append(degree)
                 break
             node = along(field, node)
             if too_long([node]):
@@ -44,7 +45,6 @@ def relative_degree(field: Field, *, boxes: int = BOXES) -> Finding:
         else:
             figure = f"{output} has none: no input enters its first {field.n} derivatives"
             return Finding(name, "refuted", figure, None, {"output": output})
-        degrees.append(degree)
         rows.append(row)
     square = len(rows) == len(rows[0])
     if square and len(rows) <= MOST_SQUARE:
@@ -60,7 +60,7 @@ def relative_degree(field: Field, *, boxes: int = BOXES) -> Finding:
 
 def zero_dynamics(field: Field, point: Point, degree: Finding) -> Finding:
     """Decide the stability of the zero dynamics at an equilibrium, from the relative degrees that were found."""
-    name, n = "zero dynamics", field.n
+    name = "zero dynamics"
     left = None if degree.value is None or degree.status != "proved" else degree.value["zero_dynamics"]
     if left is None:
         return Finding(name, "undecided", "they need a relative degree, and as many inputs as outputs")
@@ -72,12 +72,18 @@ def zero_dynamics(field: Field, point: Point, degree: Finding) -> Finding:
     if zeros is None:
         return Finding(name, "undecided", "the zeros could not be enclosed", {"states": left})
     real = [float(z.real.mid()) for z in zeros]
-    value = {"states": left, "zeros": [[float(z.real.mid()), float(z.imag.mid())] for z in zeros], "point": point.text}
+    value = {
+        "states": left,
+        "zeros": [[float(z.real.mid()), float(z.imag.mid())] for z in zeros],
+        "point": point.text,
+    }
     where = f"{left} states, largest Re s = {max(real):.6g} at {numbers(point.text)}"
     if all(z.real < 0 for z in zeros):
         return Finding(name, "proved", f"locally exponentially stable: {where}", value)
     if any(z.real > 0 for z in zeros):
-        return Finding(name, "refuted", f"unstable: {where}", value, {"zero": value["zeros"][real.index(max(real))]})  # type: ignore[index]
+        return Finding(
+            name, "refuted", f"unstable: {where}", value, {"zero": value["zeros"][real.index(max(real))]}
+        )
     return Finding(name, "undecided", f"a zero on the imaginary axis, to rounding: {where}", value)
 
 
@@ -85,7 +91,9 @@ def _invertible(field: Field, name: str, degrees: list[int], D: Node, boxes: int
     value = {"degrees": degrees, "zero_dynamics": field.n - sum(degrees)}
     shown = ", ".join(map(str, degrees))
     if D is ZERO:
-        return Finding(name, "refuted", f"{shown}, but the decoupling matrix is singular everywhere", None, {"D": 0.0})
+        return Finding(
+            name, "refuted", f"{shown}, but the decoupling matrix is singular everywhere", None, {"D": 0.0}
+        )
     if number(D) is not None:
         return Finding(name, "proved", f"{shown}, everywhere", value)
     above, low = _positive(field, D, boxes)
@@ -96,10 +104,13 @@ def _invertible(field: Field, name: str, degrees: list[int], D: Node, boxes: int
     if exactly_at([D], [Fraction(x) for x in origin.tolist()]) == [0]:
         figure = f"{shown} almost everywhere, but the decoupling matrix is singular at {numbers(origin[:-1])}"
         return Finding(name, "refuted", figure, None, {"point": origin[:-1].tolist(), "D": 0.0})
-    if low is not None and high is not None:
+    connected = bool(field.defined_on(field.lower[:, None], field.upper[:, None]).all())
+    if low is not None and high is not None and connected:
         figure = f"{shown} almost everywhere, but the decoupling matrix changes sign on the domain"
         return Finding(name, "refuted", figure, None, {"negative_at": low, "positive_at": high})
-    return Finding(name, "undecided", f"{shown}, unless the decoupling matrix vanishes somewhere", None, value)
+    return Finding(
+        name, "undecided", f"{shown}, unless the decoupling matrix vanishes somewhere", None, value
+    )
 
 
 def _positive(field: Field, node: Node, boxes: int) -> tuple[bool, object]:
@@ -116,7 +127,7 @@ def _determinant(rows: list[Nodes]) -> Node:
     return expand(linear(0, terms))
 
 
-def _zeros(field: Field, point: Point, count: int) -> list[object] | None:
+def _zeros(field: Field, point: Point, count: int) -> list[acb] | None:
     """Return balls around the zeros of det [s I - J, -B; C, 0], whose degree is known."""
     n, m = field.n, len(field.B[0])
     _, balls = point.values([x for row in field.jacobian for x in row])
@@ -126,12 +137,14 @@ def _zeros(field: Field, point: Point, count: int) -> list[object] | None:
     C = [[arb(fmpq(x.numerator, x.denominator)) for x in row] for row in field.C]
     values = []
     for s in range(count + 1):
-        upper = [[(s if i == j else 0) - balls[i * n + j] for j in range(n)] + [-b for b in B[i]] for i in range(n)]
+        upper = [
+            [(s if i == j else 0) - balls[i * n + j] for j in range(n)] + [-b for b in B[i]] for i in range(n)
+        ]
         lower = [[*row, *[arb(0)] * m] for row in C]
         values.append(arb_mat([*upper, *lower]).det())
     polynomial = arb_poly.interpolate([arb(s) for s in range(count + 1)], values)
     try:
-        zeros: list[object] = acb_poly(polynomial).roots()
+        zeros: list[acb] = acb_poly(polynomial).roots()
     except (ValueError, ArithmeticError, AttributeError):
         return None
     return zeros if len(zeros) == count else None

@@ -130,7 +130,11 @@ def _quotient(w: Node, j: int, sign: int) -> Node:
 def _points(lower: Ends, upper: Ends, j: int) -> np.ndarray:
     """Return points of (v, t) with v_j spread over its range, dense near 0, and t over some of its."""
     low, high = max(lower[j], -FAR), min(upper[j], FAR)
-    spread = [*np.linspace(low, high, 400), *(np.geomspace(1e-6, 1.0, 50) * high), *(np.geomspace(1e-6, 1.0, 50) * low)]
+    spread = [
+        *np.linspace(low, high, 400),
+        *(np.geomspace(1e-6, 1.0, 50) * high),
+        *(np.geomspace(1e-6, 1.0, 50) * low),
+    ]
     points = np.zeros((len(lower), len(spread)))
     points[j] = np.clip(spread, lower[j], upper[j])
     points[-1] = np.linspace(0.0, FAR, len(spread))[np.random.default_rng(0).permutation(len(spread))]

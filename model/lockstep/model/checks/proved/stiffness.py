@@ -2,8 +2,8 @@
 
 Stiffness ratio: max |Re s| / min |Re s| over the eigenvalues s of J = df/dx that decay (Lambert, Computational Methods in
 Ordinary Differential Equations, 1973, section 8.1), in balls. Every eigenvalue of J(x, t) on the domain is at most
-w = sup |D^-1 J D|_2, with powers of two D; proved by branch and bound. The period suggested is 0.2 / w, the short end of the rule
-w h = 0.2 to 0.6 (Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997): a suggestion, no proof.
+w = sup |D^-1 J D|_2, with powers of two D; proved by branch and bound. The period suggested is 0.2 / w, the short end of
+the rule w h = 0.2 to 0.6 (Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997): a suggestion, no proof.
 """
 
 from __future__ import annotations
@@ -30,7 +30,11 @@ def stiffness(field: Field, point: Point, *, boxes: int = BOXES) -> Finding:
     w = fastest(field, boxes)
     period = None if not w else PART / w
     more = {"fastest": w, "period": period}
-    said = f"; no eigenvalue on the domain exceeds {w:.4g} 1/s: a period of {period:.2g} s is suggested" if w and period else ""
+    said = (
+        f"; no eigenvalue on the domain exceeds {w:.4g} 1/s: a period of {period:.2g} s is suggested"
+        if w and period
+        else ""
+    )
     values = eigenvalues(field, point.lower, point.upper)
     if values is None:
         return Finding(name, "undecided", f"the eigenvalues could not be told apart{said}", more)

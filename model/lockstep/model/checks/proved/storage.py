@@ -108,7 +108,9 @@ def propose(
         slack = margin * np.eye(n)
         if through is not None:
             form = cp.bmat([[form, through], [through.T, -R]])
-            slack = cp.bmat([[slack, np.zeros((n, B.shape[1]))], [np.zeros((B.shape[1], n)), 0 * np.eye(B.shape[1])]])
+            slack = cp.bmat(
+                [[slack, np.zeros((n, B.shape[1]))], [np.zeros((B.shape[1], n)), 0 * np.eye(B.shape[1])]]
+            )
         limits += [0.5 * (form + form.T) << -slack]
     limits += [margin >= 1e-6] if gain else [margin <= 1.0]
     program = cp.Problem(cp.Minimize(r) if gain else cp.Maximize(margin), limits)
@@ -129,7 +131,9 @@ def rounded(P: Float[np.ndarray, "n n"], B: Rational, target: Rational | None) -
     places = [(i, j) for i in range(n) for j in range(i, n)]
     size = np.sqrt(np.abs(np.diag(P)))
     entries = {
-        (i, j): Fraction(float(f"{P[i, j] / (size[i] * size[j]):.{DIGITS}f}") * float(f"{size[i] * size[j]:.3g}"))
+        (i, j): Fraction(
+            float(f"{P[i, j] / (size[i] * size[j]):.{DIGITS}f}") * float(f"{size[i] * size[j]:.3g}")
+        )
         if i != j
         else Fraction(float(f"{P[i, i]:.{DIGITS}g}"))
         for i, j in places
@@ -161,8 +165,6 @@ def _solve(
         pivot = next(k for k, value in enumerate(row) if value != 0)
         if pivot == len(ordered):
             return False
-        rest = [
-            fraction(c) * entries[ordered[k]] for k, c in enumerate(row[:-1]) if k != pivot and c != 0
-        ]
+        rest = [fraction(c) * entries[ordered[k]] for k, c in enumerate(row[:-1]) if k != pivot and c != 0]
         entries[ordered[pivot]] = fraction(row[-1]) - sum(rest, Fraction(0))
     return True

@@ -1,9 +1,9 @@
 """Dimensions of every term of every formula, from [agent.units], by pint: terms that are added have one dimension.
 
 d/dt x has the dimension of x over time; sin, exp, tanh and their like take and give pure numbers; a power of a quantity has a
-number as its exponent. Angles are pure numbers (BIPM, The International System of Units, 9th ed., 2019, section 5.4.8). A number
-in a formula is pure where every parameter has a unit; without parameters, or with one that has no unit, it may stand for a
-coefficient of any dimension.
+number as its exponent. Angles are pure numbers (BIPM, The International System of Units, 9th ed., 2019, section 5.4.8).
+A number in a formula is pure where every parameter has a unit; without parameters, or with one that has no unit, it may stand
+for a coefficient of any dimension.
 """
 
 from __future__ import annotations
@@ -59,17 +59,34 @@ def check_units(table: AgentTable) -> Finding:
         rate = None if own is None else combined(own, {"[time]": 1.0}, -1)
         _check(text, symbols, algebra, f"[agent.dynamics] {state}", rate, f"d/dt {state}")
     for output, text in table.outputs:
-        _check(text, symbols, algebra, f"[agent.outputs] {output}", known.get(output, Quantity(None)).powers, output)
+        _check(
+            text,
+            symbols,
+            algebra,
+            f"[agent.outputs] {output}",
+            known.get(output, Quantity(None)).powers,
+            output,
+        )
     missing = [name for name in names if name not in table.units]
     if missing:
         figure = f"no contradiction; no unit is given for {', '.join(missing)}"
         return Finding("units", "undecided", figure, None, {"without": missing})
     of = "pure" if pure else "coefficients of any dimension"
-    return Finding("units", "proved", f"every term of {len(table.dynamics)} equations agrees; numbers are {of}", {"pure": pure})
+    return Finding(
+        "units",
+        "proved",
+        f"every term of {len(table.dynamics)} equations agrees; numbers are {of}",
+        {"pure": pure},
+    )
 
 
 def _check(
-    text: str, symbols: Mapping[str, Quantity], algebra: _Dimensions, where: str, asked: Powers | None, of: str
+    text: str,
+    symbols: Mapping[str, Quantity],
+    algebra: _Dimensions,
+    where: str,
+    asked: Powers | None,
+    of: str,
 ) -> None:
     for term in _terms(text):
         try:
@@ -135,13 +152,17 @@ class _Dimensions:
         if operation in ("mul", "div"):
             return _multiplied(*values, sign=1 if operation == "mul" else -1)
         if operation == "sqrt":
-            return Quantity(None if values[0].powers is None else {k: p / 2 for k, p in values[0].powers.items()})
+            return Quantity(
+                None if values[0].powers is None else {k: p / 2 for k, p in values[0].powers.items()}
+            )
         if operation == "pow":
             return _power(*values)
         if operation == "sign":
             return Quantity({})
         if values[0].powers:
-            raise Undefined(f"a function of a quantity of the dimension {shown(values[0].powers)}, not of a number")
+            raise Undefined(
+                f"a function of a quantity of the dimension {shown(values[0].powers)}, not of a number"
+            )
         return Quantity({})
 
 
@@ -198,7 +219,15 @@ def dimension(text: str, name: str) -> Powers:
 
     try:
         powers: dict[str, Any] = dict(getattr(_registry().parse_expression(text), "dimensionality", {}))
-    except (PintError, ArithmeticError, AttributeError, SyntaxError, TypeError, ValueError, KeyError) as error:
+    except (
+        PintError,
+        ArithmeticError,
+        AttributeError,
+        SyntaxError,
+        TypeError,
+        ValueError,
+        KeyError,
+    ) as error:
         raise ProblemError(
             f"`{text}` is no unit: {error}",
             where=f"[agent.units] {name}",
