@@ -1,8 +1,8 @@
 """Relative degree on the domain, and the zero dynamics at an equilibrium (Isidori, Nonlinear Control Systems, 1995).
 
 Output i has the relative degree r_i if L_g L_f^k y_i = 0 identically for k < r_i - 1 and the row L_g L_f^(r_i - 1) y_i is
-not 0; with as many inputs as outputs the matrix D(x) of these rows has to be invertible (definition 5.1.1), here at every point of
-the domain. The zero dynamics then have n - sum r_i states; linearised at an equilibrium their eigenvalues are the zeros of
+not 0; with as many inputs as outputs the matrix D(x) of these rows has to be invertible (definition 5.1.1), on all
+of the domain. The zero dynamics then have n - sum r_i states; linearised at an equilibrium their eigenvalues are the zeros of
 det [s I - J, -B; C, 0] (section 4.3): with all Re s < 0 they are locally exponentially stable (minimum phase).
 """
 
