@@ -105,12 +105,19 @@ def check(
             show_default=False,
         ),
     ] = None,
+    every: Annotated[
+        bool,
+        typer.Option(
+            "--all",
+            help="Also the checks that prove: equilibria, sectors, passivity, contraction, ranks, units.",
+        ),
+    ] = False,
     json: Json = False,
 ) -> None:
     """Check a model symbolically: bound, structure, graph."""
     from lockstep.cli.check import run
 
-    run(problem, boxes=boxes, as_json=json)
+    run(problem, boxes=boxes, every=every, as_json=json)
 
 
 @app.command()

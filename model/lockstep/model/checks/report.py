@@ -7,6 +7,7 @@ import numpy as np
 
 from lockstep.check.loop import Plant
 from lockstep.model.bound_search import Bound
+from lockstep.model.checks.proved.finding import Finding
 
 Outcome = Literal["ok", "fails", "note"]
 
@@ -40,6 +41,7 @@ class CheckReport:
         observable, detectable: whether (A, C) is.
         everywhere: whether the bound holds for every state, so that the certificate is global.
         zeros: per agent, the zeros from u to y with Re s > 0.
+        findings: of the checks that prove, where they were asked for; none of them makes a problem fail.
     """
 
     rows: tuple[CheckRow, ...]
@@ -52,6 +54,7 @@ class CheckReport:
     detectable: bool
     everywhere: bool
     zeros: tuple[tuple[complex, ...], ...]
+    findings: tuple[Finding, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -84,7 +87,8 @@ class CheckReport:
             "checks": [
                 {"name": row.name, "verdict": row.verdict, "figure": row.figure, "reason": row.reason}
                 for row in self.rows
-            ],
+            ]
+            + [finding.document() for finding in self.findings],
         }
 
     def _bound(self) -> dict[str, Any]:

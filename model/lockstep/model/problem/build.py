@@ -26,7 +26,7 @@ def build_agent(table: AgentTable, parameters: Mapping[str, float] | None = None
         outputs=_without_repeats(table.outputs),
         parameters={**table.parameters, **(parameters or {})},
         domain=domain,
-        units=table.units,
+        units={name: unit for name, unit in table.units.items() if name not in table.parameters},
         split=table.split,
         centre=table.centre,
     )

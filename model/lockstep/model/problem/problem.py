@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -21,6 +21,9 @@ from lockstep.model.problem.load import parse_tables, parse_toml, read_problem
 from lockstep.model.problem.schema import ControllerTable, DesignTable, ProblemFile, SimulationTable
 from lockstep.model.problem.toml_text import toml_text
 from lockstep.model.problem.weights import weight_matrix
+
+if TYPE_CHECKING:
+    from lockstep.model.checks import CheckReport
 
 DEFAULT_ORDER = 2
 
@@ -224,6 +227,17 @@ class Problem:
         if len(given) != N:
             raise ProblemError(f"{len(given)} rows for {N} agents", where=where, expected="one row per agent")
         return np.array(given, dtype=float)
+
+    def check(self, *, all: bool = False, boxes: int | None = None) -> "CheckReport":
+        """Check the model: what `lockstep check` does, and with `all` what `lockstep check --all` does.
+
+        Raises:
+            ProblemError, BoundNotProved: see `lockstep.model.checks.check_problem`.
+        """
+        from lockstep.model.bound_search import BOXES
+        from lockstep.model.checks import check_problem
+
+        return check_problem(self, every=all, boxes=BOXES if boxes is None else boxes)
 
     def validate(self) -> None:
         """Refuse a network that cannot agree, or that the method's assumptions do not cover.

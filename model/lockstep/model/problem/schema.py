@@ -111,7 +111,7 @@ class AgentTable(ProblemTable):
     )
     domain: dict[str, Interval] = Field(default={}, description="[lower, upper] by state, as two numbers")
     units: dict[str, Line] = Field(
-        default={}, description='a unit as text by state, input or output, such as "rad"'
+        default={}, description='a unit as text by state, input, output or parameter, such as "rad"'
     )
     split: Literal["terms", "jacobian"] = Field(default="terms", description='"terms" or "jacobian"')
     centre: bool = Field(
