@@ -1,13 +1,50 @@
 """What python-control is told of a design: its loop, continuous or as it ships, and the loop opened somewhere."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lockstep.check.loop import Gains
     from lockstep.lmi.document import Stored
+    from lockstep.lmi.robustness import DiskMargin, Peak
     from lockstep.model.control.hybrid import Hybrid
     from lockstep.model.control.ports import PortedLoop
     from lockstep.model.network import Network
+
+
+@dataclass(frozen=True, eq=False)
+class Margins:
+    """Disk margins of a loop, by what is perturbed at once."""
+
+    rows: "Mapping[str, DiskMargin]"
+
+    def document(self) -> dict[str, Any]:
+        """Return the figures."""
+        return {name: one.document() for name, one in self.rows.items()}
+
+    def table(self) -> list[tuple[str, ...]]:
+        """Return heads and lines, for people."""
+        heads = ("perturbed at once", "alpha", "gain", "phase", "at rad/s", "proved")
+        lines = []
+        for name, one in self.rows.items():
+            proved = "not asked for" if one.proved is None else f"alpha {one.proved:.4g}"
+            gain = f"{one.gain[0]:.3g} to {one.gain[1]:.3g}"
+            lines.append(
+                (name, f"{one.alpha:.4g}", gain, f"{one.phase:.3g} deg", f"{one.frequency:.4g}", proved)
+            )
+        return [heads, *lines]
+
+    def __repr__(self) -> str:
+        """Say the margins, line by line."""
+        return "\n".join("  ".join(cell.ljust(18) for cell in line).rstrip() for line in self.table())
+
+    def _repr_html_(self) -> str:
+        """Return a table, for a notebook."""
+        heads, *lines = (tuple(map(escape, line)) for line in self.table())
+        body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in line) + "</tr>" for line in lines)
+        return f"<table><tr>{''.join(f'<th>{cell}</th>' for cell in heads)}</tr>{body}</table>"
 
 
 class Analysis:
@@ -68,3 +105,35 @@ class Analysis:
             inputs, outputs: by name; by default xi_d and w_d, and x_d, v_d and u.
         """
         return self.loop().hybrid(inputs or (), outputs or ())
+
+    def margins(self, *, sampled: bool = True, skew: float = 0.0, prove: bool = False) -> Margins:
+        """Return the disk margins of the linear loop: the inputs of each agent, of all agents, all links.
+
+        Args:
+            sampled: of the loop with the controllers as they ship.
+            skew: of the disk.
+            prove: also look for margins that are proved at every frequency, for the doubles of the loop's matrices.
+        """
+        from lockstep.lmi.robustness import disk_margin
+
+        loop = self.loop(sampled=sampled)
+        name = loop.network.agent.name
+        places = {f"{name}{i}": loop.inputs_of(i) for i in range(1, loop.network.N + 1)}
+        places |= {"all inputs": loop.inputs_of(), "all links": loop.links()}
+        found = {what: disk_margin(loop.opened(at), skew, prove=prove) for what, at in places.items()}
+        return Margins(found)
+
+    def mu(self, agent: int | None = None, *, sampled: bool = True) -> "Peak":
+        """Return the peak of mu for multiplicative errors (I + Delta_i) of the inputs, a full block for each agent.
+
+        The linear loop is stable for all |Delta_i| < 1 / mu.
+
+        Args:
+            agent: of one, from 1; by default of all at once.
+            sampled: of the loop with the controllers as they ship.
+        """
+        from lockstep.lmi.robustness import peak
+
+        loop = self.loop(sampled=sampled)
+        signals, m = loop.inputs_of(agent), loop.network.agent.m
+        return peak(loop.complementary(signals), [(m, m)] * (len(signals) // m))
