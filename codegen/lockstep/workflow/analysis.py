@@ -137,3 +137,28 @@ class Analysis:
         loop = self.loop(sampled=sampled)
         signals, m = loop.inputs_of(agent), loop.network.agent.m
         return peak(loop.complementary(signals), [(m, m)] * (len(signals) // m))
+
+    def response(self, horizon: float, start: Any = None, xi: Any = 0.0, *, step: float = 1e-3) -> Any:
+        """Return the nonlinear loop with the continuous controllers in time, as `control.TimeResponseData`.
+
+        From compiled C, RK4: what `control.input_output_response` returns of `to_control()`, in milliseconds.
+
+        Args:
+            horizon: in s, rounded up to whole periods.
+            start: (N, n), the agents' states; 0 by default.
+            xi: the disturbance, constant (N, n), or (periods, N n), held for a period each.
+            step: the longest step of the integration, in s.
+        """
+        from lockstep.model.simulation.exchange import to_time_response
+        from lockstep.workflow.response import compiled_run
+
+        return to_time_response(compiled_run(self.stored, self.network, horizon, start, xi, step))
+
+    def linearise(self, x: Any = None, x_C: Any = None, t: float = 0.0) -> Any:
+        """Return the closed loop (12) linearised at states (N, n), (N, n_C) and a time, as a `control.ss`."""
+        import numpy as np
+
+        from lockstep.model.control.operating import linearised_loop
+
+        at = np.zeros((self.network.N, self.network.agent.n)) if x is None else x
+        return linearised_loop(self.network, self.gains, at, x_C, t)
