@@ -162,3 +162,71 @@ class Analysis:
 
         at = np.zeros((self.network.N, self.network.agent.n)) if x is None else x
         return linearised_loop(self.network, self.gains, at, x_C, t)
+
+    def plot(self, what: str = "graph", **options: Any) -> Any:
+        """Return a matplotlib figure: "graph" (who hears whom), "poles" or "margins" of the loop as it ships.
+
+        Args:
+            what: which.
+            options: of `loop`, for "poles" and "margins".
+
+        Raises:
+            ProblemError: another word.
+        """
+        from lockstep.check.errors import ProblemError
+        from lockstep.report.figures import graph_figure
+        from lockstep.report.loop_figures import margins_figure, poles_figure
+
+        if what == "graph":
+            return graph_figure(self.network.graph)
+        loop = self.loop(**options)
+        if what == "poles":
+            system = loop.closed()
+            return poles_figure(system.poles(), system.dt or None)
+        if what == "margins":
+            return margins_figure({f"{a}": loop.sensitivity([a]) for a in loop.inputs_of()})
+        raise ProblemError(f"`{what}`", where="plot", expected='"graph", "poles" or "margins"')
+
+    def explain(self) -> str:
+        """Return what the design is, what is claimed of it and how its linear loop behaves, in plain sentences.
+
+        Claims are the file's: `lockstep.certify` decides them. Poles and gains are computed, not proved.
+        """
+        import numpy as np
+
+        problem, network, sampled = self.stored.problem, self.network, self.stored.claims.sampled
+        agent, edges = network.agent, network.graph.edges
+        claims, poles = self.stored.claims, self.loop().closed().poles()
+        radius, period = float(max(abs(poles), default=0.0)), problem.controller.period
+        slowest = "never" if radius >= 1 else f"in {-period / np.log(radius):.3g} s" if radius else "at once"
+        heard = "; ".join(f"{agent.name}{a} hears {agent.name}{b}" for a, b, _ in edges[:6]) + (
+            "; ..." if edges[6:] else ""
+        )
+        continuous = (
+            "is not claimed to agree"
+            if not claims.certified
+            else (
+                "is claimed to agree for every nonlinearity with the slope bound"
+                + (
+                    ""
+                    if claims.rho is None
+                    else f"; disturbances reach the disagreement with a gain of at most {claims.rho:.4g}"
+                )
+            )
+        )
+        rho = "" if sampled.rho is None else f", with a gain of at most {sampled.rho:.4g}"
+        held = f"are claimed to hold too{rho}" if sampled.certified else "are not claimed to hold"
+        return "\n".join(
+            [
+                f"{problem.title}: {network.N} agents with {agent.n} states ({', '.join(agent.states)}), "
+                f"{agent.m} input(s), {agent.q} output(s).",
+                f"Graph: {heard}.",
+                f"Nonlinearity: |phi(a, t) - phi(b, t)| <= {claims.alpha:.6g} |a - b|.",
+                f"Controllers: one of order {self.gains.order} for each agent, from differences of outputs alone.",
+                f"The loop with the continuous controllers {continuous}.",
+                f"The controllers as they ship, every {period:g} s in {problem.controller.real}, {held}.",
+                f"Linear part, computed: the slowest disagreement shrinks to 1/e {slowest}; "
+                f"largest pole {radius:.6g} in absolute value.",
+                "lockstep.certify(design) decides the claims.",
+            ]
+        )

@@ -7,6 +7,7 @@ v' F v <= 0 (for >: v not 0), or < 0 (for >=), of whole numbers or rationals: an
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any, Literal
 
@@ -81,6 +82,15 @@ class LmiVerdict:
             "constraints": [one.document() for one in self.constraints],
             **error,
         }
+
+    def _repr_html_(self) -> str:
+        """Return a table, for a notebook."""
+        cells = [
+            (f"{one.constraint.name} {one.constraint.sign} 0", one.found, one.method)
+            for one in self.constraints
+        ]
+        lines = ("".join(f"<td>{escape(cell)}</td>" for cell in line) for line in cells)
+        return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
     def __repr__(self) -> str:
         """Say what was decided."""
