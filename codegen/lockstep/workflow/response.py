@@ -31,7 +31,6 @@ def compiled_run(
         ProblemError: shapes that do not fit, no compiler, or a run that does not stay finite.
     """
     from lockstep.campaign.engine import Batch
-    from lockstep.model.simulation.equations import inputs_of
     from lockstep.model.simulation.trajectory import Trajectory
 
     agent, N = network.agent, network.N
@@ -63,9 +62,10 @@ def compiled_run(
     if not all(np.isfinite(value).all() for value in found.values()):
         raise ProblemError("the run does not stay finite", where="response", remedy="take a shorter horizon")
     recorded = np.vstack([rows, rows[-1:]]).reshape(-1, N, agent.n)
-    t, x, x_C = (found[name] for name in ("t", "x", "x_C"))
-    # The trace's last u is that of the step before: u is computed again from the states at every instant.
-    u = inputs_of(network, x, x_C, np.broadcast_to(stored.gains.blocks, (len(t), *stored.gains.blocks.shape)))
+    t, x, x_C, u = (found[name] for name in ("t", "x", "x_C", "u"))
+    gains, r = stored.gains, network.graph.laplacian @ x[-1] @ agent.lure.C.T
+    # The trace's last u is that of the step before.
+    u[-1] = [gains.C[i] @ x_C[-1, i] + gains.D[i] @ r[i] for i in range(N)]
     y = x @ agent.lure.C.T
     return Trajectory(t, x, x_C, u, y, recorded, agent.states, agent.inputs, agent.outputs, agent.name)
 
