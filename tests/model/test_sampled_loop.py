@@ -10,6 +10,7 @@ from scipy.linalg import expm
 
 import lockstep
 from lockstep.check.errors import ProblemError
+from lockstep.check.sampled.discretise import sampled_controllers as held_controllers
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.model.control.hybrid import Hybrid
 
@@ -57,6 +58,28 @@ def test_poles_of_the_sampled_arms_are_those_of_the_brute_force_to_1e_12(arms):
     assert nearest(expected, np.concatenate([system.poles(), common])) < 1e-12
     other = arms.loop(period=0.006).closed().poles()
     assert nearest(other, system.poles()) > 1e-4
+
+
+def test_a_delay_of_one_period_holds_the_input_before():
+    """A double integrator pair, u = -(y_1 - y_2) and alike: by hand, with u computed one period ago in the state."""
+    from lockstep.check.loop import Gains
+    from lockstep.model import Agent, Graph, Network
+    from lockstep.model.control.ports import PortedLoop
+
+    cart = Agent.from_expressions(
+        "cart", states=["p", "v"], inputs=["f"], outputs={"y1": "p", "y2": "v"}, dynamics={"p": "v", "v": "f"}
+    )
+    none = np.zeros((0, 0))
+    gains = Gains(
+        (none,) * 2, (np.zeros((0, 2)),) * 2, (np.zeros((1, 0)),) * 2, (np.array([[-1.0, -2.0]]),) * 2
+    )
+    held = held_controllers(gains, Graph.topology("complete", 2).edges, 0.1, "tustin", "float64")
+    late = PortedLoop(Network(cart, Graph.topology("complete", 2)), held, 0.1, 1)
+    # d = p_1 - p_2: d'' = f_1 - f_2 = -2 (d + 2 d') of one period ago, which is w.
+    T = 0.1
+    by_hand = np.array([[1, T, T**2 / 2], [0, 1, T], [-2, -4, 0]])
+    # The sum of the two inputs is remembered too, and moves nothing: a pole at 0.
+    assert nearest(np.append(np.linalg.eigvals(by_hand), 0.0), late.closed().poles()) < 1e-12
 
 
 def test_one_period_is_what_an_integrator_makes_of_it(arms):
