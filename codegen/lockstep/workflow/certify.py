@@ -74,6 +74,19 @@ class DesignVerdict:
         """Return the contract's keys."""
         return dict(self.answer)
 
+    def __repr__(self) -> str:
+        """Say what was decided."""
+        return f"<DesignVerdict of {self.design.title!r}: {'every claim holds' if self.ok else 'refused'}, {self.reason}>"
+
+    def _repr_html_(self) -> str:
+        """Return the same in a table, for a notebook."""
+        from html import escape
+
+        sampled = "certified" if self.sampled.get("certified") is True else "not certified"
+        rows = {"every claim holds": "yes" if self.ok else "no", "because": self.reason, "sampled": sampled}
+        body = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())
+        return f"<table><caption>{escape(self.design.title)}</caption>{body}</table>"
+
 
 def certify(design: Design | Path | str) -> DesignVerdict:
     """Check a design's proof independently: no solver, exact arithmetic, and nothing that the file says is believed.

@@ -269,6 +269,18 @@ class Agent:
 
         return agent_to_control(self, linear=linear)
 
+    def trim(self, **given: Any) -> Any:
+        """Return an equilibrium: see `lockstep.model.control.operating.trim`."""
+        from lockstep.model.control.operating import trim
+
+        return trim(self, **given)
+
+    def linearise(self, x: Sequence[float], u: Sequence[float], t: float = 0.0) -> Any:
+        """Return the agent linearised at a point as a `control.ss`: see `lockstep.model.control.operating`."""
+        from lockstep.model.control.operating import linearised_agent
+
+        return linearised_agent(self, x, u, t)
+
     def value(self, expression: ca.SX, algebra: Exact | None = None, *, where: str) -> Value:
         """Return an expression in this agent's symbols as an exact value over the variables (x, u, t).
 

@@ -110,11 +110,13 @@ class Network:
             ["dx", "dx_C", "u"],
         )
 
-    def to_control(self, gains: Gains | None = None, *, linear: bool = False) -> Any:
+    def to_control(
+        self, gains: Gains | None = None, *, linear: bool = False, period: float | None = None
+    ) -> Any:
         """Return the network for python-control: see `lockstep.model.control.bridge.network_to_control`."""
         from lockstep.model.control.bridge import network_to_control
 
-        return network_to_control(self, gains, linear=linear)
+        return network_to_control(self, gains, linear=linear, period=period)
 
     def controllers_to_control(self, gains: Gains, **sampling: Any) -> list[Any]:
         """Return the controllers for python-control: see `lockstep.model.control.bridge.controllers_to_control`."""
