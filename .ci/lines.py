@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 
 LIMITS = {
     # 4000 is the aim. It holds the whole language of expressions, the unbounded domains and the readers: only down from here.
-    "check": (["check"], [], 7250),
+    "check": (["check"], [], 6300),
     "cli": (["codegen/lockstep/cli"], [], 1000),
     "check, model, lmi, codegen without campaign": (
         ["check", "model", "lmi", "codegen"],

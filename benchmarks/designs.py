@@ -4,16 +4,19 @@ Run by hand:  python benchmarks/designs.py [--only NAME]... [--seeds 5] [--jobs 
 
 Every run is a process of its own, as a user starts it, with one core, in an empty folder. What was measured is kept in
 build/designs.json under the problem, the seed, the sources and the kernel of linear algebra, so that an interrupted run
-goes on where it stopped. --write puts the table into docs/designs.md; --summary holds the figures against what is asked.
+goes on where it stopped, and several runs may measure parts of one table. --write puts the table into docs/designs.md;
+--summary holds the figures against what is asked.
 """
 
 import argparse
+import fcntl
 import hashlib
 import json
 import math
 import os
 import platform
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -32,13 +35,16 @@ from designs_table import ROOT, Case, Row, Run, cases, summary, table_of, verdic
 
 PAGE, RESULTS = ROOT / "docs" / "designs.md", ROOT / "build" / "designs.json"
 BEGIN, END = "<!-- table: python benchmarks/designs.py --write -->", "<!-- end of the table -->"
+PATIENCE = 20
 PACKAGES = ("casadi", "clarabel", "cvxpy", "numpy", "scipy")
 
 
 def sources() -> str:
     """Return a digest of the package's sources: what was measured of other sources is measured again."""
     digest = hashlib.sha256()
-    for file in sorted(path for root in ("model", "lmi", "codegen") for path in (ROOT / root).rglob("*.py")):
+    for file in sorted(
+        path for root in ("check", "model", "lmi", "codegen") for path in (ROOT / root).rglob("*.py")
+    ):
         digest.update(file.read_bytes())
     return digest.hexdigest()[:12]
 
@@ -73,23 +79,27 @@ def run_of(case: Case, seed: int, limit: float) -> Run:
 
 
 def processor_time(command: Sequence[str], answer: Path, limit: float) -> tuple[float, bool]:
-    """Run a command in the folder of its answer; return its seconds of processor and whether it was stopped."""
+    """Run a command in the folder of its answer; return its seconds of processor and whether it was stopped.
+
+    limit: s of processor, so that a machine that is shared finds what a free one does; on the clock, `PATIENCE` times that.
+    """
     with answer.open("w", encoding="utf-8") as out:
         process = subprocess.Popen(
             command, cwd=answer.parent, stdout=out, stderr=subprocess.DEVNULL, start_new_session=True
         )
+    resource.prlimit(process.pid, resource.RLIMIT_CPU, (math.ceil(limit), math.ceil(limit) + 1))
     stopped = threading.Event()
 
     def stop() -> None:
         stopped.set()
         os.killpg(process.pid, signal.SIGKILL)
 
-    timer = threading.Timer(limit, stop)
+    timer = threading.Timer(PATIENCE * limit, stop)
     timer.start()
     _, status, usage = os.wait4(process.pid, 0)
     timer.cancel()
     process.returncode = os.waitstatus_to_exitcode(status)
-    return usage.ru_utime + usage.ru_stime, stopped.is_set()
+    return usage.ru_utime + usage.ru_stime, stopped.is_set() or process.returncode == -signal.SIGXCPU
 
 
 def read(seed: int, answer: Mapping[str, Any], seconds: float) -> Run:
@@ -112,6 +122,19 @@ def is_final(kept: Mapping[str, Any] | None, limit: float) -> bool:
     return kept is not None and not (kept["stopped_after"] or math.inf) < limit
 
 
+def keep(results: Path, key: str, result: dict[str, Any]) -> dict[str, Any]:
+    """Add a result to those kept, among which may be new ones of another run, and return them all."""
+    results.parent.mkdir(parents=True, exist_ok=True)
+    with results.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        kept: dict[str, Any] = json.loads(results.read_text(encoding="utf-8")) if results.exists() else {}
+        kept[key] = result
+        partial = results.with_suffix(".partial")
+        partial.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+        partial.replace(results)
+    return kept
+
+
 def measure(found: Sequence[Case], seeds: int, jobs: int, limit: float, results: Path) -> list[Row]:
     """Run what has not been run with these sources, write every result at once, and return the rows."""
     kept = json.loads(results.read_text(encoding="utf-8")) if results.exists() else {}
@@ -121,11 +144,7 @@ def measure(found: Sequence[Case], seeds: int, jobs: int, limit: float, results:
     with ThreadPoolExecutor(jobs) as pool:
         started = {pool.submit(run_of, case, seed, limit): key for (case, seed), key in missing}
         for done in as_completed(started):
-            kept[started[done]] = asdict(done.result())
-            results.parent.mkdir(parents=True, exist_ok=True)
-            partial = results.with_suffix(".partial")
-            partial.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
-            partial.replace(results)
+            kept = keep(results, started[done], asdict(done.result()))
             print(started[done].split(" sources")[0], kept[started[done]], file=sys.stderr, flush=True)
     return [Row(case, tuple(Run(**kept[keys[case, seed]]) for seed in range(seeds))) for case in found]
 
@@ -158,7 +177,7 @@ def main() -> int:
         "--jobs", type=int, default=os.cpu_count() or 1, help="designs at a time, one core each"
     )
     parser.add_argument(
-        "--time-limit", type=float, default=900.0, help="s for each design, then it has failed"
+        "--time-limit", type=float, default=900.0, help="s of processor for each design, then it has failed"
     )
     parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--write", type=Path, nargs="?", const=PAGE, help="put the table into a page")

@@ -31,7 +31,7 @@ from lockstep.codegen.cores import CORES
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.kernel import kernel_function
-from lockstep.codegen.manifest import Agent, Manifest, load_manifest
+from lockstep.codegen.manifest import AgentEntry, Manifest, load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.verification.comparison import compare
 from lockstep.verification.emulator import run_on_core
@@ -88,7 +88,7 @@ def build(variant: str, orders: Sequence[int], outputs: Sequence[int], directory
     return folder
 
 
-def hand_written(agent: Agent, manifest: Manifest) -> str:
+def hand_written(agent: AgentEntry, manifest: Manifest) -> str:
     real = manifest.real_type
     rows = [", ".join(real.literal(v) for v in row) for row in agent.table(real)]
     return Template((Path(__file__).parent / "hand_written.c.in").read_text()).substitute(
@@ -103,7 +103,7 @@ def hand_written(agent: Agent, manifest: Manifest) -> str:
     )
 
 
-def with_casadi(source: str, agent: Agent, manifest: Manifest, folder: Path, variant: str) -> str:
+def with_casadi(source: str, agent: AgentEntry, manifest: Manifest, folder: Path, variant: str) -> str:
     """Our source with CasADi's kernel, untouched, in the place of ours."""
     M = agent.table(manifest.real_type)
     name = f"{agent.name}_casadi"

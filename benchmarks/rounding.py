@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from scipy.linalg import expm
 
-from lockstep.codegen.from_c import read_controllers
+from lockstep.check.c_source.reader import read_controller
 from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.sampled_design import sampled_network
 from lockstep.lmi.document import read
@@ -55,9 +55,13 @@ class Row:
 def measure(folder: Path, steps: int, seed: int = 0) -> list[Row]:
     """Run so many steps of each controller and return the worst of each."""
     names = [agent.name for agent in load_manifest(folder).agents]
-    controllers = [one.controller for one in read_controllers(folder, names)]
+    texts = {
+        name: [(folder / path).read_text() for path in (f"include/{name}.h", f"src/{name}.c")]
+        for name in names
+    }
+    controllers = [read_controller(name, *texts[name], names).controller for name in names]
     stored = read(folder / "design.json")
-    plant, _ = plant_in_doubles(sampled_network(stored, stored.problem.controller.period))
+    plant, _ = plant_in_doubles(sampled_network(stored))
     n, m, _, _, _ = plant.sizes
     runs, rng = -(-steps // LENGTH), np.random.default_rng(seed)
     held = [

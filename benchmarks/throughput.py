@@ -24,8 +24,8 @@ import control
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from lockstep.campaign import Batch, Engine, Features, Weights, continuous_source, sampled_source
-from lockstep.campaign.library import load
+from lockstep.campaign import Batch, Engine, Features, Performance, continuous_source, sampled_source
+from lockstep.campaign.compiled.library import load
 from lockstep.model.network import Network
 from lockstep.workflow.design import load as load_design
 
@@ -56,7 +56,9 @@ class Clock:
 def engines(network: Network, stored) -> tuple[Engine, Engine]:
     """The loop with the continuous controllers, and with the C that ships."""
     problem, features = stored.problem, Features()
-    weights = Weights(problem.state_weight(network.agent.n), problem.controller_weight(stored.gains.order))
+    weights = Performance(
+        problem.state_weight(network.agent.n), problem.controller_weight(stored.gains.order)
+    )
     continuous = continuous_source(
         network, stored.gains, weights, period=problem.controller.period, step=STEP, features=features
     )

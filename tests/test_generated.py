@@ -7,7 +7,6 @@ import pytest
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.from_design import specification
-from lockstep.lmi.certify import certify
 from lockstep.lmi.document import parse
 from lockstep.workflow.design import Design, load
 from lockstep.workflow.generate import generated_files
@@ -31,7 +30,7 @@ def test_a_changed_period_changes_the_files(root):
     content = json.loads((folder / "design.json").read_text())
     content["problem"]["controller"]["period"] *= 2
     stored = parse(content, "design.json")
-    spec = specification(stored, certify(stored))
+    spec = specification(stored)
     source = emit(spec)["src/arm1.c"]
     assert source != (folder / "src" / "arm1.c").read_text(encoding="utf-8")
 

@@ -10,9 +10,11 @@ import jsonschema
 import pytest
 
 from lockstep.check.design_file.claims import claims_of
+from lockstep.check.design_file.proofs import Proofs
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.lmi.document import parse
+from lockstep.lmi.written import proofs_document
 from lockstep.model.problem.json_schema import DIALECT, draft_07, problem_schema
 from lockstep.model.problem.load import parse_tables
 
@@ -135,9 +137,7 @@ def test_the_schema_of_designs_and_the_reader_have_the_same_keys():
     claims = claims_of(json.loads((ARMS / "design.json").read_text())["claims"])
     assert set(tables["claims"]["properties"]) == set(claims.document())
     assert set(tables["sampled"]["properties"]) == set(claims.sampled.document())
-    assert set(tables["proofs"]["properties"]) == set(
-        json.loads((ARMS / "design.json").read_text())["proofs"]
-    )
+    assert set(tables["proofs"]["properties"]) == set(proofs_document(Proofs()))
 
 
 BROKEN_PROBLEMS = [

@@ -10,6 +10,8 @@ The steps, each a function that takes objects or the names of files, and what th
     simulate  the nonlinear loop, held against what is proved of it
     build     all of them, and a report
 
+    decide_lmi  a linear matrix inequality with a point, of any origin: `lockstep certify --lmi`
+
 Names are imported when they are first used: `import lockstep` is instant. The parts are in `lockstep.check` (the
 checker), `lockstep.model`, `lockstep.lmi`, `lockstep.codegen`, `lockstep.verification`, `lockstep.campaign`,
 `lockstep.report`.
@@ -21,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lockstep.check.errors import ClaimError, LockstepError, ProblemError
+    from lockstep.lmi.foreign import LmiVerdict, decide_lmi
     from lockstep.model.problem import Problem
     from lockstep.workflow.build import Build, build
     from lockstep.workflow.certify import DesignVerdict, certify
@@ -38,12 +41,14 @@ __all__ = [
     "Design",
     "DesignVerdict",
     "Generated",
+    "LmiVerdict",
     "LockstepError",
     "Problem",
     "ProblemError",
     "Simulation",
     "build",
     "certify",
+    "decide_lmi",
     "design",
     "generate",
     "load",
@@ -56,8 +61,10 @@ _HOMES = {
     "Design": "lockstep.workflow.design",
     "DesignVerdict": "lockstep.workflow.certify",
     "Generated": "lockstep.workflow.generate",
+    "LmiVerdict": "lockstep.lmi.foreign",
     "Problem": "lockstep.model.problem",
     "Simulation": "lockstep.workflow.simulate",
+    "decide_lmi": "lockstep.lmi.foreign",
     "load": "lockstep.workflow.design",
 }
 

@@ -9,14 +9,16 @@ from lockstep.check.bound.result import Entry
 from lockstep.check.certificate import decide_certificate, decide_floor
 from lockstep.check.errors import ProblemError
 from lockstep.check.floor.witness import FloorWitness, Piece
-from lockstep.check.graph import Graph
+from lockstep.check.graph import Digraph
 from lockstep.check.inequality import Certificate, Claim
 from lockstep.check.loop import Gains, Plant
 from lockstep.check.modes import ModalCertificate, Segment
-from lockstep.check.network import Network
+from lockstep.check.network import ExactNetwork
 
 ONE, NONE = np.eye(1), np.zeros((0, 0))
-PAIR = Network(Plant(-ONE, (ONE, ONE), ONE, ONE[:, :0], ONE[:0]), Graph.from_edges(2, [[1, 2], [2, 1]]))
+PAIR = ExactNetwork(
+    Plant(-ONE, (ONE, ONE), ONE, ONE[:, :0], ONE[:0]), Digraph.from_edges(2, [[1, 2], [2, 1]])
+)
 """Two agents x' = -x + u + xi, y = x; with u = 0, rho = 1, the gain of 1 / (s + 1)."""
 
 REST = Gains.from_blocks(np.zeros((2, 1, 1)), 0)

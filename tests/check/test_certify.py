@@ -3,6 +3,7 @@
 import json
 import shutil
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lockstep.check.__main__ import main
+from lockstep.check.asked import shortfalls
 from lockstep.check.certify import certify
+from lockstep.check.design_file.content import parse
 from lockstep.check.errors import LockstepError, ProblemError
+from lockstep.check.problem import ProblemTables
 
 FOLDER = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
 DESIGN = json.loads((FOLDER / "design.json").read_text())
@@ -75,7 +79,12 @@ def test_c_that_is_not_the_designs_is_no_proof(
         (("problem", "agent", "outputs", 0), False),
         (("problem", "agent", "outputs", 1, 0), [[None, 1]]),
         (("problem", "agent", "domain"), [1]),
+        (("problem", "network", "parameters"), [{}, {"gravity": 3.4}, {}]),
+        (("format",), "lockstep-design/1"),
+        (("proofs", "bound", "boxes"), True),
         (("proofs", "bound", "moves"), [{"component": 1, "argument": 1, "amount": "1/0"}]),
+        (("proofs", "sampled", "P"), [[1.0], []]),
+        (("proofs", "certificate", "m"), [1.0]),
     ],
 )
 def test_a_mistake_is_one_message(
@@ -116,3 +125,49 @@ def test_any_value_anywhere_is_an_answer(
     except LockstepError:
         return
     assert all(one.reason for one in found.verdicts.values())
+
+
+ASKED: list[Any] = ["x", [], {}, [[1]], {"A": "x"}, {"Z": 1.0}, True, 10**400]
+
+
+@pytest.mark.parametrize("key", ["gain_limit", "alpha", "rho", "fragility"])
+@pytest.mark.parametrize("value", ASKED)
+def test_what_is_asked_for_may_be_anything_and_is_an_answer(key: str, value: Any) -> None:
+    """Values that are none of their kind ended in a TypeError once; an empty `fragility` asks for nothing."""
+    stored = parse(DESIGN, "memory", ProblemTables.from_document)
+    design = {**stored.problem.design, key: value}
+    if key == "fragility" and value in ([], {}):
+        design[key] = {}
+        assert list(shortfalls(design, stored.claims, stored.gains)) == []
+        return
+    with pytest.raises(ProblemError, match=key):
+        list(shortfalls(design, stored.claims, stored.gains))
+
+
+def test_a_limit_that_is_not_written_is_the_default() -> None:
+    """|K| <= 50, method "certified": a file does not get around the limit by leaving keys out."""
+    stored = parse(DESIGN, "memory", ProblemTables.from_document)
+    design = {
+        key: value for key, value in stored.problem.design.items() if key not in ("gain_limit", "method")
+    }
+    large = replace(stored.gains, D=tuple(D * 1e3 for D in stored.gains.D))
+    assert list(shortfalls(design, stored.claims, stored.gains)) == []
+    assert any("`gain_limit` is 50" in line for line in shortfalls(design, stored.claims, large))
+
+
+@pytest.mark.parametrize("edge", [-1, 1.5, None, "1, 2", {}, [], [1], [[1], 2]])
+def test_an_edge_is_a_list_of_numbers(edge: Any) -> None:
+    """A bare number ended in a TypeError once."""
+    problem = deepcopy(DESIGN["problem"])
+    problem["network"]["edges"][0] = edge
+    with pytest.raises(ProblemError, match="edge"):
+        _ = ProblemTables.from_document(problem).graph
+
+
+@pytest.mark.parametrize("order", [65, 100_000, 10**400, -1, True, 2.0, "2"])
+def test_an_order_is_a_small_whole_number(order: Any) -> None:
+    """Q of an order of 100 000 alone is 80 GB."""
+    problem = deepcopy(DESIGN["problem"])
+    problem["design"]["order"] = order
+    with pytest.raises(ProblemError, match="order"):
+        ProblemTables.from_document(problem)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.graph import Graph
+from lockstep.check.graph import Digraph
 from lockstep.check.loop import Plant
-from lockstep.check.network import Network
+from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import as_floats
 
-GRAPH = Graph.from_edges(2, [[1, 2, 0.5], [2, 1]])
+GRAPH = Digraph.from_edges(2, [[1, 2, 0.5], [2, 1]])
 PLANT = Plant(
     np.array([[0.0, 1.0], [0.1, -1.0]]),
     (np.array([[0.0], [1.0]]), np.array([[0.0], [2.0]])),
@@ -23,7 +23,7 @@ PLANT = Plant(
 
 @pytest.mark.parametrize("coordinates", ["orthonormal", "laplacian_rows"])
 def test_the_loop_is_the_same_in_doubles_and_in_rationals(coordinates):
-    network = Network(PLANT, GRAPH, coordinates)
+    network = ExactNetwork(PLANT, GRAPH, coordinates)
     doubles, rationals = (network.loop(1, exact_arithmetic=exact) for exact in (False, True))
     assert rationals.exact
     assert not doubles.exact
@@ -32,9 +32,10 @@ def test_the_loop_is_the_same_in_doubles_and_in_rationals(coordinates):
 
 
 def test_a_plant_of_rationals_is_taken_as_it_is():
-    exact = Network(PLANT.in_numbers(True), GRAPH)
+    exact = ExactNetwork(PLANT.in_numbers(True), GRAPH)
     assert (
-        exact.loop(1, exact_arithmetic=True).A_0 == Network(PLANT, GRAPH).loop(1, exact_arithmetic=True).A_0
+        exact.loop(1, exact_arithmetic=True).A_0
+        == ExactNetwork(PLANT, GRAPH).loop(1, exact_arithmetic=True).A_0
     ).all()
     assert not exact.loop(1, exact_arithmetic=False).exact
 
@@ -52,10 +53,10 @@ def test_a_plant_of_rationals_is_taken_as_it_is():
 )
 def test_matrices_that_do_not_fit_are_refused(wrong, says):
     with pytest.raises(ProblemError) as refused:
-        Network(replace(PLANT, **wrong), GRAPH)
+        ExactNetwork(replace(PLANT, **wrong), GRAPH)
     assert says in str(refused.value)
 
 
 def test_a_graph_without_a_spanning_tree_is_refused():
     with pytest.raises(ProblemError, match="no spanning tree"):
-        Network(replace(PLANT, B=PLANT.B * 2), Graph.from_edges(4, [[1, 2], [2, 1], [3, 4], [4, 3]]))
+        ExactNetwork(replace(PLANT, B=PLANT.B * 2), Digraph.from_edges(4, [[1, 2], [2, 1], [3, 4], [4, 3]]))

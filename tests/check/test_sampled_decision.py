@@ -19,7 +19,7 @@ from lockstep.check.inequality import Performance
 from lockstep.check.loop import Gains, Plant
 from lockstep.check.numbers import exactly
 from lockstep.check.sampled.certify import decide_sampled
-from lockstep.check.sampled.controller import Network
+from lockstep.check.sampled.controller import SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import sampled_loop
@@ -37,7 +37,7 @@ WITNESS = Witness(np.ones((1, 1)), np.ones(1), np.full(2, 100.0), 0.252, 100.0, 
 @pytest.fixture
 def network():
     d = disagreement(Graph.from_edges(2, EDGES), "laplacian_rows", exact_arithmetic=True)
-    return Network(Plant(ZERO, (ONE, ONE), ONE, ZERO, ZERO), d, 0.0, 0.25)
+    return SampledNetwork(Plant(ZERO, (ONE, ONE), ONE, ZERO, ZERO), d, 0.0, 0.25)
 
 
 @pytest.fixture

@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 from lockstep.check.c_source.reader import read_controller
 from lockstep.check.design_file.json_text import parse_json
 from lockstep.check.errors import LockstepError
-from lockstep.codegen.from_design import fingerprint
-from lockstep.codegen.sampled_design import stated_verdict
+from lockstep.codegen.from_design import fingerprint, specification
 from lockstep.lmi.document import parse
 from lockstep.model.problem import Problem, parse_problem
 
@@ -91,7 +90,7 @@ def test_a_design(place: tuple[Any, ...], value: Any) -> None:
     with suppress(LockstepError):
         read = parse_json(json.dumps(content), "design.json")
         stated = parse(read, "design.json")
-        stated_verdict(stated)
+        specification(stated)
         fingerprint(stated)
 
 

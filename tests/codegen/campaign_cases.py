@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from codegen_cases import TABLE_1
 
-from lockstep.campaign.engine import Batch, Engine
-from lockstep.campaign.functions import Weights
-from lockstep.campaign.layout import Features
-from lockstep.campaign.source import Source, continuous_source, sampled_source
+from lockstep.campaign.compiled.engine import Batch, Engine
+from lockstep.campaign.compiled.functions import Performance
+from lockstep.campaign.compiled.layout import Features
+from lockstep.campaign.compiled.source import CampaignSource, continuous_source, sampled_source
 from lockstep.check.loop import Gains
 from lockstep.codegen.emit import emit
 from lockstep.codegen.manifest import FILE_NAME, Manifest
@@ -23,7 +23,7 @@ from lockstep.model.simulation.scenario import Scenario
 from lockstep.verification.in_the_loop import reference_controllers
 
 STEP, PERIOD, HORIZON = 1e-3, 5e-3, 1.0
-WEIGHTS = Weights(np.diag([1.0, 0.5, 2.0, 1.0]), np.array([[2.0, 0.3], [0.3, 1.0]]))
+WEIGHTS = Performance(np.diag([1.0, 0.5, 2.0, 1.0]), np.array([[2.0, 0.3], [0.3, 1.0]]))
 DELTA = {"A": 0.5, "B": 0.2, "C": 0.2, "D": 0.2}
 PUBLISHED = Gains(*(tuple(np.array(agent[k]) for agent in TABLE_1) for k in range(4)))
 BARE = Features()
@@ -40,12 +40,12 @@ def arms_of(examples) -> Network:
     return Network(problem.agent(), problem.graph(), problem.agents_B())
 
 
-def continuous_loop(network: Network, gains: Gains = PUBLISHED, features=BARE, **more) -> Source:
+def continuous_loop(network: Network, gains: Gains = PUBLISHED, features=BARE, **more) -> CampaignSource:
     given = {"period": PERIOD, "step": STEP, "features": features, **more}
     return continuous_source(network, gains, WEIGHTS, **given)
 
 
-def sampled_loop(network: Network, files: dict[str, str], features=BARE, **more) -> Source:
+def sampled_loop(network: Network, files: dict[str, str], features=BARE, **more) -> CampaignSource:
     return sampled_source(network, files, WEIGHTS, **{"step": STEP, "features": features, **more})
 
 

@@ -5,10 +5,10 @@ import pytest
 from campaign_cases import HORIZON, PERIOD, PUBLISHED, continuous_loop, emitted, sampled_loop, some_runs
 from codegen_cases import random_controller
 
+from lockstep.campaign.compiled.engine import Batch, Engine
+from lockstep.campaign.compiled.lanes import LANES
+from lockstep.campaign.compiled.layout import Features
 from lockstep.campaign.disturbance import disturbance
-from lockstep.campaign.engine import Batch, Engine
-from lockstep.campaign.lanes import LANES
-from lockstep.campaign.layout import Features
 from lockstep.check.errors import ProblemError
 from lockstep.check.loop import Gains
 from lockstep.codegen.emit import emit

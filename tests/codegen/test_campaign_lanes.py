@@ -7,9 +7,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from lockstep.campaign import library
-from lockstep.campaign.lanes import LANES, lanes_header
-from lockstep.campaign.statements import lane_function
+from lockstep.campaign.compiled import library
+from lockstep.campaign.compiled.lanes import LANES, lanes_header
+from lockstep.campaign.compiled.statements import lane_function
 from lockstep.check.errors import ProblemError
 from lockstep.verification.shared_library import build_library
 from lockstep.verification.toolchain import first_compiler

@@ -3,8 +3,8 @@
 import pytest
 from campaign_cases import HORIZON, STEP, continuous_loop, some_runs
 
-from lockstep.campaign import library
-from lockstep.campaign.lanes import LANES
+from lockstep.campaign.compiled import library
+from lockstep.campaign.compiled.lanes import LANES
 from lockstep.check.errors import ProblemError
 from lockstep.verification import toolchain
 from lockstep.verification.toolchain import host_compilers
@@ -18,7 +18,7 @@ def test_every_compiler_gives_the_same_bits(sampled, monkeypatch):
             monkeypatch.setattr(library, "FOR_THIS_MACHINE", machine)
             path = library.compiled(sampled.source, compiler)
             monkeypatch.setattr(
-                "lockstep.campaign.engine.load", lambda _, path=path: library.function_in(path)
+                "lockstep.campaign.compiled.engine.load", lambda _, path=path: library.function_in(path)
             )
             tables.append(sampled.run(batch, HORIZON).table.tobytes())
     assert len(tables) >= 2

@@ -18,10 +18,10 @@ from campaign_cases import (
     sampled_loop,
 )
 
-from lockstep.campaign.engine import Batch, Engine
-from lockstep.campaign.functions import Weights
-from lockstep.campaign.layout import Features
-from lockstep.campaign.source import sampled_source
+from lockstep.campaign.compiled.engine import Batch, Engine
+from lockstep.campaign.compiled.functions import Performance
+from lockstep.campaign.compiled.layout import Features
+from lockstep.campaign.compiled.source import sampled_source
 from lockstep.check.loop import Gains
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
@@ -122,7 +122,7 @@ def test_static_controllers_and_a_leader_of_other_agents():
     D = np.random.default_rng(0).normal(size=(2, 2)) - 2 * np.eye(2)
     gains = Gains(*((np.zeros(shape),) * 3 for shape in ((0, 0), (0, 2), (2, 0))), (D,) * 3)
     files = emitted(graph, gains, real="float64")
-    weights = Weights(np.eye(2), np.zeros((0, 0)))
+    weights = Performance(np.eye(2), np.zeros((0, 0)))
     engine = Engine(sampled_source(network, files, weights, step=STEP, features=Features()))
     start = np.array([[2.0, 0.1], [-0.3, 0.2], [0.4, -0.5]])
     found = engine.run(Batch.at_rest(engine.layout, 1, x=start.ravel()), HORIZON)

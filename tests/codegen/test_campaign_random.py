@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from campaign_cases import HORIZON, SAME_MESSAGES
 
+from lockstep.campaign.compiled.engine import Batch
 from lockstep.campaign.disturbance import DROPS, NOISE, gaussians, random_unit
-from lockstep.campaign.engine import Batch
 
 
 def test_noise_is_of_its_seed(sampled):

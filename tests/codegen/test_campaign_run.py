@@ -11,7 +11,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from lockstep.campaign import Guarantee, Table, compute, run_campaign
+from lockstep.campaign import Guarantee, RunTable, compute, run_campaign
 from lockstep.campaign import campaign as running
 from lockstep.campaign.compute import chunks, columns_of
 from lockstep.campaign.draw import FAMILIES, draw
@@ -198,7 +198,7 @@ def test_ties_and_uncovered_runs_among_the_worst():
     columns = ("run", "family", "covered", "diverged", "ratio")
     ratio = np.array([0.5, 0.9, np.inf, 0.9, np.inf, np.nan])
     covered = np.array([1, 1, 0, 1, 1, 1])
-    table = Table(columns, np.column_stack([np.arange(6), np.zeros(6), covered, np.zeros(6), ratio]))
+    table = RunTable(columns, np.column_stack([np.arange(6), np.zeros(6), covered, np.zeros(6), ratio]))
     assert table.worst(3) == [4, 1, 3]
 
 
@@ -283,9 +283,10 @@ def test_a_rho_that_a_file_claims_without_proof_does_not_count(root, plan, files
     proved = content["claims"]["sampled"]["rho"]
     assert plan.guarantee.rho == pytest.approx(proved, rel=1e-3)
     content["claims"]["sampled"]["rho"] = claimed = 0.9 * proved
-    found = plan_of(parse(content, "design"), files)
     # No proof can go below the gain of the loop linearised at an operating point.
-    assert claimed < max(one.gain for one in found.peaks) < found.guarantee.rho
+    assert claimed < max(one.gain for one in plan.peaks) < plan.guarantee.rho
+    with pytest.raises(NotCertified, match="its witness does not prove it"):
+        plan_of(parse(content, "design"), files)
 
 
 @pytest.fixture

@@ -9,13 +9,11 @@ from codegen_cases import arms, random_controller, shapes
 
 from lockstep.check.c_source.reader import read_controller
 from lockstep.check.sampled.controller import HeldController
-from lockstep.codegen import c_certificate, sampled_design
 from lockstep.codegen.emit import emit
+from lockstep.codegen.folder.as_generated import compared
 from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.lmi import document
-from lockstep.lmi.certify import Verdict
-from lockstep.lmi.sampled import SampledVerdict
 
 
 def heard(count, weight):
@@ -74,17 +72,15 @@ GENERATED = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
 
 
 @pytest.fixture
-def differences(tmp_path, monkeypatch):
-    """What `certify_folder` says of a copy of the worked example that was changed; the proof itself is not asked for."""
-    refused = SampledVerdict(False, "not asked", 0.005, 0)
-    monkeypatch.setattr(sampled_design, "certify_sampled", lambda *_given, **_options: refused)
+def differences(tmp_path):
+    """What `compared` says of a copy of the worked example that was changed; the proof itself is not asked for."""
 
     def of(change):
         folder = tmp_path / "folder"
         shutil.copytree(GENERATED, folder)
         change(folder)
         stored = document.read(folder / "design.json")
-        return c_certificate.certify_folder(folder, stored, Verdict(True, "not asked", "global")).differences
+        return compared(folder, stored).differences
 
     return of
 

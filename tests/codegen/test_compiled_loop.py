@@ -14,7 +14,7 @@ from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.spec import CodegenSpec, Neighbour
 from lockstep.lmi.document import read
 from lockstep.model.network import Network
-from lockstep.model.simulation import Channel, simulate
+from lockstep.model.simulation import MessageChannel, simulate
 from lockstep.model.simulation.from_problem import Changes, scenario_of
 from lockstep.verification.compiled_loop import compiled_controllers
 from lockstep.verification.in_the_loop import design_controllers, reference_controllers
@@ -50,7 +50,7 @@ def equal(a, b) -> bool:
 @needs_compiler
 @pytest.mark.parametrize(
     "channel",
-    [Channel(), Channel(delay=2, drop=0.3, seed=1), Channel(bits=12, full_scale=64.0)],
+    [MessageChannel(), MessageChannel(delay=2, drop=0.3, seed=1), MessageChannel(bits=12, full_scale=64.0)],
     ids=["ideal", "late and lossy", "coarse"],
 )
 @pytest.mark.parametrize("delay", [0, 1])

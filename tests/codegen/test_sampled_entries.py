@@ -63,8 +63,8 @@ def test_they_are_proved_and_no_vertex_of_the_slopes_contradicts_it(stored):
     assert held.verdict.proof == "ball"
     assert stored.proofs.certificate.rho < held.rho.rho < 3 * stored.proofs.certificate.rho
     assert held.longest.period > PERIOD
-    assert "each single slope up to its bound" in signed_lines(held.verdict, stored)["assumes"]
-    assert "single" not in signed_lines(held.verdict, with_claims(stored, entries=()))["assumes"]
+    assert "each single slope up to its bound" in signed_lines(stored)["assumes"]
+    assert "single" not in signed_lines(with_claims(stored, entries=()))["assumes"]
     corners = [(a, b) for a in (-2.0, 2.0) for b in (-0.02, 0.02)]
     for period in (PERIOD, held.longest.period):
         assert max(spectral_radius(one, period) for one in corners) < 1

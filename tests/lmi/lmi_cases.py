@@ -107,3 +107,30 @@ def problem(
 
 DOUBLE_INTEGRATOR = {"p": "v", "v": "u"}
 """x'' = u."""
+
+
+CARTS = """
+[agent]
+name = "cart"
+states = ["p", "v"]
+inputs = ["f"]
+dynamics = { p = "v", v = "f - 0.3*sin(p)" }
+outputs = { y1 = "p", y2 = "v" }
+[network]
+agents = 4
+topology = "path"
+[design]
+method = "modal"
+order = 0
+gain_limit = 50.0
+starts = 1
+"""
+
+
+def carts(**changes: str) -> str:
+    """The carts' file with values of keys replaced, each key at its first line."""
+    lines = CARTS.splitlines()
+    for key, value in changes.items():
+        index = next(i for i, line in enumerate(lines) if line.startswith(f"{key} = "))
+        lines[index] = f"{key} = {value}"
+    return "\n".join(lines)

@@ -7,17 +7,17 @@ from scipy.linalg import block_diag, expm
 from lockstep.check.disagreement import disagreement
 from lockstep.check.loop import Plant
 from lockstep.check.numbers import as_floats
-from lockstep.lmi.sampled import HeldController, Network
+from lockstep.lmi.sampled import HeldController, SampledNetwork
 from lockstep.model.graph import Graph
 
 SLOPES = np.linspace(-1, 1, 9)
 """Constant slopes tried, as parts of alpha: both ends, and zero."""
 
 
-def network(A, B, C, G, H, edges, *, N=3, alpha=1.0, period=0.1, delay=0) -> Network:
+def network(A, B, C, G, H, edges, *, N=3, alpha=1.0, period=0.1, delay=0) -> SampledNetwork:
     A, B, C, G, H = (np.atleast_2d(np.array(M, dtype=float)) for M in (A, B, C, G, H))
     plant = Plant(A, (B,) * N, C, G, H).in_numbers(True)
-    return Network(
+    return SampledNetwork(
         plant, disagreement(Graph.from_edges(N, edges), exact_arithmetic=True), alpha, period, delay
     )
 
@@ -39,7 +39,7 @@ def controllers(tables, order, edges) -> tuple[HeldController, ...]:
     )
 
 
-def one_period(net: Network, ones, slope: float, steps=(1.0,)) -> np.ndarray:
+def one_period(net: SampledNetwork, ones, slope: float, steps=(1.0,)) -> np.ndarray:
     """The matrix of (x, x_C[, u]) of all agents over one period, phi_i = slope H x_i: full coordinates, plain expm.
 
     steps: parts of the period, each with its own factor on the slope.
@@ -83,7 +83,7 @@ def one_period(net: Network, ones, slope: float, steps=(1.0,)) -> np.ndarray:
     return np.vstack([flow[x], compute[xc], compute[uu]])
 
 
-def disagreement_radius(net: Network, matrix: np.ndarray) -> float:
+def disagreement_radius(net: SampledNetwork, matrix: np.ndarray) -> float:
     """The spectral radius on the quotient by consensus: x_1 = ... = x_N with the controllers at rest is invariant."""
     N, n = net.d.N, net.plant.A.shape[0]
     difference = np.hstack([np.eye(N - 1), -np.ones((N - 1, 1))])
@@ -93,7 +93,7 @@ def disagreement_radius(net: Network, matrix: np.ndarray) -> float:
     return float(np.abs(np.linalg.eigvals(down @ matrix @ up)).max())
 
 
-def brute_force_radius(net: Network, ones, rng=None, switching: int = 0) -> float:
+def brute_force_radius(net: SampledNetwork, ones, rng=None, switching: int = 0) -> float:
     """The worst growth per period over constant slopes in [-alpha, alpha], and over some that switch within periods."""
     worst = max(disagreement_radius(net, one_period(net, ones, s * net.alpha)) for s in SLOPES)
     for _ in range(switching):
@@ -134,11 +134,11 @@ def random_problem(seed: int):
     return net, controllers(tables, 1, edges)
 
 
-def with_alpha(net: Network, alpha: float) -> Network:
-    return Network(net.plant, net.d, alpha, net.period, net.delay)
+def with_alpha(net: SampledNetwork, alpha: float) -> SampledNetwork:
+    return SampledNetwork(net.plant, net.d, alpha, net.period, net.delay)
 
 
-def alpha_that_breaks(net: Network, ones) -> float:
+def alpha_that_breaks(net: SampledNetwork, ones) -> float:
     """The least alpha tried for which some constant slope, or some that switches, makes the disagreement grow."""
     low, high = 1e-3, 1e-3
     while brute_force_radius(with_alpha(net, high), ones) < 1:

@@ -13,9 +13,8 @@ import pytest
 from lmi_cases import problem, table_1_problem
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.local import InitialSet
 from lockstep.lmi import document
-from lockstep.lmi.certify import Verdict, certify
+from lockstep.lmi.certify import Decided, certify
 from lockstep.lmi.design import design
 from lockstep.lmi.document import parse
 from lockstep.model.problem import Problem
@@ -31,7 +30,7 @@ def table_1() -> dict[str, Any]:
     return file_of(table_1_problem())
 
 
-def verdict(file: dict[str, Any]) -> Verdict:
+def verdict(file: dict[str, Any]) -> Decided:
     return certify(parse(json.loads(json.dumps(file)), "memory"))
 
 
@@ -136,7 +135,8 @@ def test_a_refusal_shows_the_vector_and_the_value(table_1: dict[str, Any]) -> No
             3.0,
         )
     )
-    assert refuted.figures["witness"] is not None
+    assert refuted.figures["slope"] > 3.0, "a slope provably reached, and where"
+    assert len(refuted.figures["v"]) == 1
 
 
 def test_a_fragility_that_is_claimed_is_decided(table_1: dict[str, Any]) -> None:
@@ -202,10 +202,12 @@ def test_behind_a_leader_a_local_certificate_comes_with_initial_states() -> None
     led = file_of(Problem.from_document(posed))
     answer = verdict(led)
     assert answer.scope == "local"
-    assert isinstance(answer.initial, InitialSet)
-    assert answer.initial.claim() == led["claims"]["initial_set"], "the checker finds it again"
-    assert answer.initial.leader == 1
-    assert verdict(file_of(pendulum())).initial is None
+    assert answer.proves("initial_set")
+    assert led["claims"]["initial_set"]["leader"] == 1
+    larger = changed(led, ("claims", "initial_set", "radius"), 1.01 * led["claims"]["initial_set"]["radius"])
+    assert not verdict(larger).certified
+    assert not verdict(both).proves("initial_set")
+    assert not verdict(file_of(pendulum())).proves("initial_set")
 
 
 SET = {

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from amini.claims import example
-from amini.claims.claim import Measured, PaperClaim, settle
+from amini.claims.claim import Finding, PaperClaim, settle
 from amini.claims.fragility import PLACES, destabilising
 from amini.claims.ledger import all_claims, reproduce
 from amini.claims.markdown import to_markdown
@@ -54,8 +54,8 @@ def test_the_example_is_the_one_that_is_shipped():
 
 
 def test_a_verdict_that_does_not_come_out_is_none():
-    holds = PaperClaim("x", "(1)", "It holds.", "proved", lambda: Measured("1 = 1", True))
-    fails = PaperClaim("y", "(2)", "It fails.", "proved", lambda: Measured("1 = 2", False))
+    holds = PaperClaim("x", "(1)", "It holds.", "proved", lambda: Finding("1 = 1", True))
+    fails = PaperClaim("y", "(2)", "It fails.", "proved", lambda: Finding("1 = 2", False))
     assert settle(holds).verdict == "proved"
     assert settle(fails).verdict is None
     assert "NOT AS EXPECTED" in to_markdown([settle(fails)])
@@ -95,7 +95,7 @@ def test_command_refuses_unknown_claims_and_partial_pages(tmp_path):
 
 
 def test_command_exits_1_where_a_verdict_does_not_come_out(monkeypatch, tmp_path):
-    wrong = PaperClaim("wrong", "(0)", "It fails.", "proved", lambda: Measured("1 = 2", False))
+    wrong = PaperClaim("wrong", "(0)", "It fails.", "proved", lambda: Finding("1 = 2", False))
     monkeypatch.setattr("amini.claims.ledger.all_claims", lambda: (wrong,))
     page = tmp_path / "claims.md"
     result = CliRunner().invoke(app, ["reproduce", "-o", str(page), "--json"])

@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lmi_cases import problem, table_1_problem
+from lmi_cases import carts, problem, table_1_problem
 from typer.testing import CliRunner
 
 from lockstep.check.__main__ import main as check_alone
 from lockstep.check.design_file.content import FORMAT
-from lockstep.check.design_file.upgrade import FORMAT_1, upgraded
 from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.check.local import better_than_proved
 from lockstep.cli.main import app
@@ -26,26 +25,14 @@ from lockstep.lmi.design import design
 from lockstep.lmi.document import file_of, parse, read
 from lockstep.lmi.scope import domain_of
 from lockstep.lmi.stored_bound import bound_again
+from lockstep.lmi.upgrade import FORMAT_1, upgraded
+from lockstep.lmi.written import proofs_document
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, parse_problem
 
 ARMS = Path(__file__).parents[2] / "generated" / "flexible_joint_arms" / "design.json"
 
-CARTS = """
-[agent]
-states = ["p", "v"]
-inputs = ["f"]
-outputs = { y1 = "p", y2 = "v" }
-dynamics = { p = "v", v = "f - 0.5*sin(v)" }
-[network]
-agents = 4
-topology = "path"
-[design]
-method = "modal"
-order = 0
-gain_limit = 8.0
-starts = 1
-"""
+MODAL = carts(dynamics='{ p = "v", v = "f - 0.5*sin(v)" }', gain_limit="8.0")
 
 
 def led() -> Problem:
@@ -71,7 +58,7 @@ def text_of(name: str) -> str:
     """A certified file, as text: nothing can be changed in it by mistake."""
     if name == "arms":
         return ARMS.read_text(encoding="utf-8")
-    posed = {"modal": lambda: parse_problem(CARTS), "local": led, "fragile": fragile}[name]()
+    posed = {"modal": lambda: parse_problem(MODAL), "local": led, "fragile": fragile}[name]()
     return json.dumps(as_shipped(file_of(design(posed))).document())
 
 
@@ -249,7 +236,12 @@ def test_a_file_of_format_1_is_read(tmp_path: Path) -> None:
     assert certify(stored).certified
     assert stored.claims.initial_set == now.claims.initial_set
     assert stored.claims.sampled.rho == now.claims.sampled.rho
-    assert stored.proofs.document() == {**now.proofs.document(), "max_period": None, "bound": None}
+    assert proofs_document(stored.proofs) == {
+        **proofs_document(now.proofs),
+        "decay": None,
+        "max_period": None,
+        "bound": None,
+    }
     assert stored.info["figures"] == now.info["figures"]
     assert stored.info["sampled"]["decay"] == now.claims.sampled.decay, (
         "its checker never looked at it: a remark"

@@ -13,7 +13,7 @@ from lmi_cases import DOUBLE_INTEGRATOR, problem
 
 from lockstep.check.errors import BoundNotProved, Infeasible, NotCertified, ProblemError
 from lockstep.lmi.certify import certify
-from lockstep.lmi.design import Design, design
+from lockstep.lmi.design import Proposal, design
 from lockstep.lmi.document import file_of, parse
 from lockstep.model.problem import Problem
 
@@ -34,7 +34,7 @@ def scalar(design_table: str) -> Problem:
     )
 
 
-def checked(made: Design) -> Design:
+def checked(made: Proposal) -> Proposal:
     """Decide the design again: by the checker from its text, and by the twin from the agents' equations."""
     assert made.certified
     assert made.certificate is not None

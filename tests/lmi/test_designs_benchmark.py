@@ -1,6 +1,7 @@
 """benchmarks/designs: every problem file is sound, the arithmetic of table and summary is right. No design runs here."""
 
 import importlib
+import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -177,8 +178,24 @@ def test_a_command_is_timed_and_stopped(benchmark, tmp_path):
     seconds, late = benchmark.processor_time([sys.executable, "-c", "print('{}')"], answer, 300.0)
     assert (answer.read_text(encoding="utf-8").strip(), late) == ("{}", False)
     assert seconds > 0
-    forever = [sys.executable, "-c", "import time; time.sleep(1000)"]
-    assert benchmark.processor_time(forever, answer, 0.1)[1]
+    for forever in ("import time; time.sleep(1000)", "while True: pass"):
+        assert benchmark.processor_time([sys.executable, "-c", forever], answer, 0.1)[1]
+
+
+def test_runs_side_by_side_keep_the_results_of_each_other(benchmark, table, tmp_path, monkeypatch):
+    """A second run ends while the first is at work: what it found is in the first one's file and table."""
+    kept, (case,) = tmp_path / "designs.json", table.cases(["rooms"])
+
+    def run_of(_case, seed, _limit):
+        if seed == 0:
+            benchmark.keep(kept, "of another run", {})
+        return table.Run(seed, 2.0, True, 3.0, 1.0, 1.0)
+
+    monkeypatch.setattr(benchmark, "run_of", run_of)
+    benchmark.measure([case], 2, 1, 10.0, kept)
+    found = json.loads(kept.read_text(encoding="utf-8"))
+    assert "of another run" in found
+    assert len(found) == 3
 
 
 def test_the_page_keeps_what_is_around_the_table(benchmark):

@@ -15,7 +15,7 @@ from lmi_cases import problem
 
 from lockstep.check.design_file.json_text import load_json
 from lockstep.check.errors import ClaimError, ProblemError
-from lockstep.lmi.certify import Verdict, certify
+from lockstep.lmi.certify import Decided, certify
 from lockstep.lmi.design import design
 from lockstep.lmi.document import file_of, parse, read
 
@@ -76,7 +76,7 @@ def without(path: tuple[Any, ...]) -> dict[str, Any]:
     return file
 
 
-def judged(file: Any) -> Verdict | None:
+def judged(file: Any) -> Decided | None:
     """Parse and certify; bad input and refused claims are answers, anything else that is raised is a failure."""
     try:
         return certify(parse(file, "memory"))
@@ -135,7 +135,7 @@ def test_a_file_without_a_certificate_is_read_and_not_certified() -> None:
         verdict = judged(file)
         assert verdict is not None
         assert not verdict.certified
-        assert "without a certificate" in verdict.reason
+        assert "no certificate" in verdict.reason
 
 
 @settings(max_examples=80)

@@ -27,7 +27,7 @@ from lockstep.lmi.design import claim_of, design, proved_bound
 from lockstep.lmi.document import file_of, parse
 from lockstep.lmi.floor.bisection import largest_floor
 from lockstep.lmi.methods.modal import prove_modes
-from lockstep.lmi.search.interior import InteriorProgram, Point
+from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram
 from lockstep.model.assembly import network_of
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network
@@ -160,7 +160,7 @@ def test_the_nonlinear_program_lowers_rho_with_entries() -> None:
     loop, K = network.loop(0), gains.blocks
     start = least_rho(loop, K, claim)
     assert start is not None
-    better = InteriorProgram(loop, claim, 10.0).improve(Point(K, start), "rho")
+    better = InteriorProgram(loop, claim, 10.0).improve(BarrierPoint(K, start), "rho")
     after = least_rho(loop, better.K, claim)
     assert after is not None
     assert after.rho < 0.2 * start.rho
@@ -233,7 +233,9 @@ def test_an_entry_that_is_stored_too_small_is_refused(file: dict[str, Any], plac
     changed["claims"]["entries"][place]["bound"] *= 0.999
     verdict = certify(parse(changed, "memory"))
     assert not verdict.certified
-    assert "single slopes" in verdict.reason
+    one = changed["claims"]["entries"][place]
+    assert f"slope ({one['component']}, {one['argument']})" in verdict.reason
+    assert verdict.figures["slope"] > one["bound"], "a slope provably reached"
 
 
 def test_an_entry_that_is_left_out_is_refused(file: dict[str, Any]) -> None:

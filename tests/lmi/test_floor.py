@@ -12,9 +12,9 @@ from floor_cases import floor, quarters
 from lmi_cases import ALPHA, arms, claim, published, table_1_problem
 
 from lockstep.check.certificate import decide_floor
+from lockstep.check.design_file.proofs import witness_of
 from lockstep.check.errors import ProblemError
 from lockstep.check.floor.projected import with_rho
-from lockstep.check.floor.text import pieces_document, witness_of
 from lockstep.check.floor.witness import FloorWitness, bound, coupled, not_negative, proves_floor, restored
 from lockstep.check.inequality import Certificate, Claim
 from lockstep.check.loop import Gains, Plant
@@ -25,6 +25,7 @@ from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
 from lockstep.lmi.document import file_of, parse
 from lockstep.lmi.floor.bisection import largest_floor, proves_that_none_carries, rounded_down
+from lockstep.lmi.written import pieces_document
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network

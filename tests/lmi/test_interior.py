@@ -9,8 +9,8 @@ from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, arms, claim, problem, published
 from lockstep.check.inequality import F_matrix
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.design import claim_of, proved_bound
-from lockstep.lmi.search import Search, search_gains
-from lockstep.lmi.search.interior import InteriorProgram, Limits, Point
+from lockstep.lmi.search import GainSearch, search_gains
+from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLimits
 from lockstep.lmi.search.logdet import BalancedF
 from lockstep.lmi.search.start import begin
 from lockstep.model.assembly import network_of
@@ -107,7 +107,7 @@ def test_a_run_lowers_rho_keeps_to_the_limit_and_brings_its_witness() -> None:
     loop, weights, K = network.loop(2), claim(network, 2, ALPHA), published().blocks
     start = least_rho(loop, K, weights)
     assert start is not None
-    better = InteriorProgram(loop, weights, 50.0).improve(Point(K, start), "rho", Limits(20))
+    better = InteriorProgram(loop, weights, 50.0).improve(BarrierPoint(K, start), "rho", NewtonLimits(20))
     assert better.certificate.rho < 0.8 * start.rho
     assert max(np.linalg.norm(block, 2) for block in better.K) < 50.0
     F = F_matrix(loop, better.K, weights, better.certificate)
@@ -122,7 +122,7 @@ def test_a_run_climbs_to_the_whole_claim_delta_included() -> None:
     start = least_rho(loop, K, weights.at(alpha=0.1 * ALPHA, fraction_of_delta=0.1))
     assert start is not None
     climbed = InteriorProgram(loop, weights, 50.0).improve(
-        Point(K, start, 0.01, 0.01), "claim", Limits(100, 10 * start.rho)
+        BarrierPoint(K, start, 0.01, 0.01), "claim", NewtonLimits(100, 10 * start.rho)
     )
     assert climbed.alpha_fraction == climbed.delta_fraction == 1.0
     assert least_rho(loop, climbed.K, weights) is not None
@@ -134,7 +134,7 @@ def test_what_cannot_be_got_inside_comes_back_as_it_was() -> None:
     loop, weights, K = network.loop(2), claim(network, 2, ALPHA), -10 * published().blocks
     good = least_rho(loop, published().blocks, weights)
     assert good is not None
-    start = Point(K, good)
+    start = BarrierPoint(K, good)
     assert InteriorProgram(loop, weights, 50.0).improve(start, "rho") is start
 
 
@@ -151,14 +151,14 @@ def eight_carts() -> tuple:
 
 @pytest.mark.slow
 def test_a_large_search_does_not_depend_on_the_number_of_processes() -> None:
-    search = Search.of(*eight_carts(), 10.0)
+    search = GainSearch.of(*eight_carts(), 10.0)
     one, two = (search_gains(search, starts=2, seed=0, jobs=jobs).outcomes[0] for jobs in (1, 2))
     np.testing.assert_array_equal(one.K, two.K)
     assert one.history == two.history
 
 
 def test_a_start_whose_time_is_over_says_so() -> None:
-    search = Search.of(*eight_carts(), 10.0)
+    search = GainSearch.of(*eight_carts(), 10.0)
     cut = begin(search, None, 0, 0, deadline=float("-inf"))
     assert cut.cut
     assert not np.isfinite(cut.at.rho)

@@ -11,12 +11,13 @@ from lockstep.check.certificate import decide_initial_set
 from lockstep.check.disagreement import disagreement
 from lockstep.check.errors import ProblemError
 from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.local import InitialSet, Unavailable, _ratio_above
+from lockstep.check.local import InitialSet
 from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate, Segment
 from lockstep.check.numbers import as_floats, exactly
 from lockstep.lmi.analysis.rounding import prove
-from lockstep.lmi.scope import domain_of, initial_states
+from lockstep.lmi.initial import Unavailable, _ratio_above
+from lockstep.lmi.scope import domain_of, initial_states, inner_box
 from lockstep.model.agent import Agent
 from lockstep.model.assembly import bound_of
 from lockstep.model.bound_search import Box
@@ -203,6 +204,10 @@ def test_a_larger_inner_box_leaves_a_smaller_set(net, certificate, found):
     assert tighter.radius == pytest.approx(found.radius / 2, rel=1e-9)
     given = initial_states(net, certificate, inner=Box((-0.3,), (0.9,)))
     assert given.level == pytest.approx(found.level / 4, rel=1e-12)
+
+
+def test_the_inner_box_is_around_the_middle():
+    assert inner_box(Box((-1.0,), (3.0,)), 0.5) == Box((0.0,), (2.0,))
 
 
 def test_agents_that_lead_each_other_have_no_set():

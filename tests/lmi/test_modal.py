@@ -6,48 +6,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lmi_cases import CARTS, carts
 
 from lockstep.check.errors import Infeasible, NotCertified, ProblemError
 from lockstep.check.inequality import Certificate, Claim, F_matrix
 from lockstep.check.modes import Modes, mode_matrix
 from lockstep.check.numbers import as_floats
-from lockstep.check.spectrum import decide_spectrum, metric, spectrum_bounds
+from lockstep.check.spectrum import decide_spectrum, metric
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
 from lockstep.lmi.document import file_of, parse
-from lockstep.lmi.methods.modal import prove_modes, segment_ends, shared_gains
+from lockstep.lmi.methods.modal import prove_modes, segment_ends, shared_gains, spectrum_bounds
 from lockstep.lmi.methods.modal_witness import witness
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import parse_problem
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-
-CARTS = """
-[agent]
-name = "cart"
-states = ["p", "v"]
-inputs = ["f"]
-dynamics = { p = "v", v = "f - 0.3*sin(p)" }
-outputs = { y1 = "p", y2 = "v" }
-[network]
-agents = 4
-topology = "path"
-[design]
-method = "modal"
-order = 0
-starts = 1
-"""
-
-
-def carts(**changes: str) -> str:
-    """The carts' file with values of keys replaced, each key at its first line."""
-    lines = CARTS.splitlines()
-    for key, value in changes.items():
-        index = next(i for i, line in enumerate(lines) if line.startswith(f"{key} = "))
-        lines[index] = f"{key} = {value}"
-    return "\n".join(lines)
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ from sampled_cases import brute_force_radius, controllers, network
 
 from lockstep.check.inequality import Performance
 from lockstep.lmi.sampled import certify_sampled, sampled_rho
-from lockstep.lmi.sampled.descent import Descent, Point, limit_barrier
-from lockstep.lmi.sampled.improve import AtPeriod, Start, improved, measured
+from lockstep.lmi.sampled.descent import Descent, DescentPoint, limit_barrier
+from lockstep.lmi.sampled.improve import AtPeriod, StartingGains, improved, measured
 from lockstep.lmi.sampled.tustin import pulled_back, tustin
 
 EDGES = [(1, 2, 1.0), (2, 1, 1.0)]
@@ -18,7 +18,7 @@ WEIGHTS = Performance(np.eye(2), np.eye(1))
 K = np.array([[[-1.0, 0.1, 0.1], [0.0, -4.0, -3.0]]] * 2)
 """Two pendulums that are pulled together: the gains of a fast loop, good at short periods."""
 
-START = Start(K, np.ones(1), 3.0)
+START = StartingGains(K, np.ones(1), 3.0)
 
 
 def pendulums(period, alpha=1.0, delay=0):
@@ -81,7 +81,7 @@ def test_what_no_gains_survive_is_refused():
     """Agents that are unstable: a held input cannot reach them for e^(3 T) = 160 000 times their distance."""
     net = network([[3.0]], [[1.0]], [[1.0]], [[1.0]], [[1.0]], EDGES, N=2, alpha=1.0, period=4.0)
     at = AtPeriod(net, EDGES, Performance(np.eye(1), np.zeros((0, 0))), 0, 10.0)
-    start = Start(np.array([[[-4.0]]] * 2), np.ones(1), 3.0)
+    start = StartingGains(np.array([[[-4.0]]] * 2), np.ones(1), 3.0)
     assert measured(at.at(0.05), start.K, start.m) is not None
     assert improved(at, [start]) is None
 
@@ -129,7 +129,7 @@ def test_a_large_power_mean_crosses_zero_where_rho_is():
 
 def test_a_start_outside_the_gain_limit_is_brought_inside():
     at = pendulums(0.1)
-    ends = list(Descent(at.objective(), 4.0, 9.0).stages(Point(K, np.zeros(1), np.zeros(1))))
+    ends = list(Descent(at.objective(), 4.0, 9.0).stages(DescentPoint(K, np.zeros(1), np.zeros(1))))
     assert ends
     assert all(np.linalg.norm(end.K, 2, axis=(1, 2)).max() < 4.0 for end in ends)
 

@@ -67,7 +67,7 @@ def designs(root, certified):
 )
 def test_the_largest_period_is_confirmed_from_both_sides(designs, name, certified_to, broken_at):
     stored = designs[name]
-    network = sampled_network(stored, 0.005)
+    network = sampled_network(stored).at(0.005)
     longest = longest_period(stored, network, None)
     assert longest.period == pytest.approx(certified_to, rel=2e-3)
     shorter = 0.98 * longest.period
@@ -85,7 +85,7 @@ def test_a_design_for_20_ms_does_better_there(designs):
     weights = Performance(np.eye(4), 2 * np.eye(2))
     found = {}
     for name, m in (("certified", designs["certified"].proofs.certificate.m), ("for 20 ms", M_FOR_20_MS)):
-        network = sampled_network(designs[name], 0.02)
+        network = sampled_network(designs[name]).at(0.02)
         controllers = sampled_controllers(designs[name], 0.02)
         assert certify_sampled(network, controllers, m, thorough=False).certified
         found[name] = sampled_rho(network, controllers, weights, m).rho

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from lmi_cases import ALPHA, arms, claim, published
 
 from lockstep.lmi.analysis.solve import least_rho
-from lockstep.lmi.search import Search
+from lockstep.lmi.search import GainSearch
 from lockstep.lmi.search.smoothed import SmoothedNorm, descended, refined
 
 DELTAS = [(0.0,) * 4, (0.02, 0.0, 0.01, 0.02)]
@@ -21,14 +21,14 @@ ASKED: list[dict[str, np.ndarray]] = [
 """The paper's rho, and one with u weighed, some states disturbed and one output noisy."""
 
 
-def search(delta: tuple[float, ...] = (0.0,) * 4, asked: dict[str, np.ndarray] | None = None) -> Search:
+def search(delta: tuple[float, ...] = (0.0,) * 4, asked: dict[str, np.ndarray] | None = None) -> GainSearch:
     """The arms with controllers of order 2 and gains up to 50."""
     network = arms()
     whole = replace(claim(network, 2, ALPHA, delta=delta), **asked or {})
-    return Search.of(network.loop(2), whole, 50.0, rate=0.1 if asked else None)
+    return GainSearch.of(network.loop(2), whole, 50.0, rate=0.1 if asked else None)
 
 
-def with_multipliers(norm: SmoothedNorm, what: Search) -> np.ndarray:
+def with_multipliers(norm: SmoothedNorm, what: GainSearch) -> np.ndarray:
     """Return x of the published gains, with the multipliers of their least rho and a little more of each."""
     found = least_rho(what.loop, published().blocks, what.claim)
     assert found is not None
@@ -79,7 +79,7 @@ def test_without_multipliers_the_level_is_the_norm_that_python_control_computes(
 
     network, K = arms(), published().blocks
     weights = claim(network, 2, 0.0)
-    what = Search.of(network.loop(2), weights, 50.0)
+    what = GainSearch.of(network.loop(2), weights, 50.0)
     norm = what.norm
     x = norm.pack(K, np.full(len(norm.W), 1e9))
     level = np.sqrt(norm.level(x, None, np.geomspace(1e-4, 1e3, 20000)))

@@ -11,7 +11,7 @@ from lockstep.check.loop import Gains
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.design import claim_of, proved_bound
-from lockstep.lmi.search import Search
+from lockstep.lmi.search import GainSearch
 from lockstep.lmi.search.start import begin
 from lockstep.lmi.search.units import scaled
 from lockstep.model.assembly import network_of
@@ -81,7 +81,7 @@ def test_the_proof_finds_the_rho_of_numbers_that_are_far_from_one() -> None:
     posed = load_problem(EXAMPLES.parent / "benchmarks" / "designs" / "converters.toml")
     bound = proved_bound(posed)
     network, weights = network_of(posed, bound), claim_of(posed, bound)
-    search = Search.of(network.loop(posed.order), weights, posed.design.gain_limit)
+    search = GainSearch.of(network.loop(posed.order), weights, posed.design.gain_limit)
     start = begin(search, None, 0, 0)
     gains = Gains.from_blocks(short_gains(start.at.K, posed.design.gain_limit), posed.order)
     # The response at the frequencies, for multipliers that the certificate may better: no storage function in it.

@@ -11,8 +11,9 @@ from lockstep.check.loop import Loop
 from lockstep.lmi.analysis.rounding import short_gains
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.design import claim_of, proved_bound
-from lockstep.lmi.search import Search, search_gains
-from lockstep.lmi.search.interior import InteriorProgram, Limits, Point
+from lockstep.lmi.search import GainSearch, search_gains
+from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLimits
+from lockstep.lmi.search.smoothed import Descended
 from lockstep.lmi.search.stabilise import _abscissa, abscissa, descend, stabilise
 from lockstep.lmi.search.start import begin, climb
 from lockstep.model.assembly import network_of
@@ -83,7 +84,7 @@ def test_the_nonlinear_program_improves_and_keeps_to_the_gain_limit() -> None:
     K = np.array([[[-3.0, 0.1, 0.2], [0.3, -1.0, -1.0]], [[-2.0, 0.2, 0.1], [0.2, -1.0, -2.0]]])
     start = least_rho(loop, K, weights)
     assert start is not None
-    better = InteriorProgram(loop, weights, 6.0).improve(Point(K, start), "rho", Limits(100))
+    better = InteriorProgram(loop, weights, 6.0).improve(BarrierPoint(K, start), "rho", NewtonLimits(100))
     found = least_rho(loop, better.K, weights)
     assert found is not None
     assert found.rho < 0.9 * start.rho
@@ -91,7 +92,7 @@ def test_the_nonlinear_program_improves_and_keeps_to_the_gain_limit() -> None:
 
 
 def test_one_start_is_a_function_of_its_seed() -> None:
-    search = Search.of(*pendulums("order = 0\ngain_limit = 10.0"), 10.0)
+    search = GainSearch.of(*pendulums("order = 0\ngain_limit = 10.0"), 10.0)
     first, again, other = (begin(search, None, 3, index) for index in (1, 1, 2))
     np.testing.assert_array_equal(first.at.K, again.at.K)
     assert first.rank == again.rank
@@ -100,14 +101,14 @@ def test_one_start_is_a_function_of_its_seed() -> None:
 
 def test_every_other_start_has_equal_gains() -> None:
     """The descent on the abscissa may part them again, where the graph is not symmetric: here it is."""
-    search = Search.of(*pendulums("order = 0\ngain_limit = 10.0"), 10.0)
+    search = GainSearch.of(*pendulums("order = 0\ngain_limit = 10.0"), 10.0)
     K = begin(search, None, 0, 1).at.K
     np.testing.assert_allclose(K[0], K[1], rtol=1e-6)
 
 
 @pytest.mark.slow  # two processes take seconds to come up
 def test_the_search_does_not_depend_on_the_number_of_processes() -> None:
-    search = Search.of(*pendulums("order = 0\ngain_limit = 10.0"), 10.0)
+    search = GainSearch.of(*pendulums("order = 0\ngain_limit = 10.0"), 10.0)
     one, two = (search_gains(search, starts=2, seed=0, jobs=jobs).outcomes[0] for jobs in (1, 2))
     assert one.index == two.index
     np.testing.assert_array_equal(one.K, two.K)
@@ -119,7 +120,7 @@ def test_the_search_does_not_depend_on_the_number_of_processes() -> None:
 
 def test_what_comes_first_ships_best() -> None:
     """With a score that prefers the larger rho, the order of the outcomes is turned around."""
-    search = Search.of(*pendulums("order = 0\ngain_limit = 10.0"), 10.0)
+    search = GainSearch.of(*pendulums("order = 0\ngain_limit = 10.0"), 10.0)
     by_rho = search_gains(search, starts=3, seed=0, jobs=1).outcomes
     assert [one.rho for one in by_rho] == sorted(one.rho for one in by_rho)
     away = search_gains(
@@ -129,25 +130,30 @@ def test_what_comes_first_ships_best() -> None:
 
 
 def test_a_history_never_rises() -> None:
-    search = Search.of(*pendulums(), 10.0)
+    search = GainSearch.of(*pendulums(), 10.0)
     for one in search_gains(search, starts=2, seed=0, jobs=1).outcomes:
         assert all(b <= a * (1 + 1e-9) for a, b in zip(one.history[:-1], one.history[1:], strict=True))
 
 
 def test_every_start_of_an_easy_problem_leads_somewhere() -> None:
     """Two pendulums are stabilised by D = [-1, -1]."""
-    search = Search.of(*pendulums(), 10.0)
+    search = GainSearch.of(*pendulums(), 10.0)
     assert all(np.isfinite(begin(search, None, 0, index).at.rho) for index in range(4))
+
+
+def at_rest(K: np.ndarray) -> Descended:
+    """Gains that no descent has moved, with no rho known."""
+    return Descended(K, np.ones(0), np.inf, np.inf)
 
 
 def test_a_climb_tells_how_far_it_came() -> None:
     """Static gains on two pendulums that measure the angle alone: agreement needs the rate."""
-    search = Search.of(*pendulums(), 10.0)
+    search = GainSearch.of(*pendulums(), 10.0)
     K = np.array([[[-3.0, 0.1, 0.2], [0.3, -1.0, -1.0]], [[-2.0, 0.2, 0.1], [0.2, -1.0, -2.0]]])
-    whole = climb(search, K)
+    whole = climb(search, at_rest(K))
     assert whole is not None
     assert whole.certified == whole.claimed == 1.0
-    assert climb(search, -K) is None  # not stable: no part of the claim is carried
+    assert climb(search, at_rest(-K)) is None  # not stable: no part of the claim is carried
 
 
 def test_short_gains_stay_within_the_limit() -> None:

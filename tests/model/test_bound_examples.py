@@ -174,7 +174,6 @@ def test_the_cube_everywhere_is_refused_at_once():
         (lambda v, _: ca.sqrt(1 + v**2), 1.0),
         (lambda v, _: ca.sin(v) + 0.3 * ca.sin(2 * v), 1.6),
         (lambda v, _: ca.sin(v) + 0.3 * ca.cos(2.1 * v), 1.63),
-        (lambda v, _: ca.erf(v), 2 / math.sqrt(math.pi)),
         (lambda v, _: 1 / ca.cosh(v), 0.5),
     ],
 )
@@ -195,8 +194,6 @@ def test_a_varying_time_is_covered_in_its_range():
 @pytest.mark.parametrize(
     ("step", "alpha"),
     [
-        (lambda v, t: ca.floor(t) * v, 2.0),
-        (lambda v, t: ca.fmod(t, 1) * v, 1.0),
         (lambda v, t: (ca.sign(t - 1) + 0.5) * v, 1.5),
         (lambda v, t: ca.if_else(t == 0.3, 3 * v, v), 3.0),
     ],
@@ -219,8 +216,6 @@ def test_a_norm_and_a_maximum_are_as_tight_as_they_are():
     ("jump", "word"),
     [
         (lambda v, _: ca.sign(v), "sign"),
-        (lambda v, _: ca.floor(v), "floor"),
-        (lambda v, _: ca.fmod(v, 1), "fmod"),
         (lambda v, _: v * (v < 1), "comparison"),
         (lambda v, _: ca.if_else(v > 0, v + 1e-9, v), "if_else"),
         (lambda v, _: ca.if_else(v == 0, 5, v), "if_else"),
@@ -238,10 +233,6 @@ def test_a_jump_is_refused_by_name(jump, word):
     assert not prove_bound(function_of(jump), Box((-1.0,), (2.0,)), 1e9).proved
 
 
-def test_a_step_away_from_its_jump_is_fine():
-    assert smallest_bound(function_of(lambda v, _: v * ca.floor(v)), Box((1.1,), (1.9,))).alpha == 1.0
-
-
 @pytest.mark.parametrize(
     ("expression", "word"),
     [
@@ -249,7 +240,6 @@ def test_a_step_away_from_its_jump_is_fine():
         (lambda v, _: 1 / v, "division"),
         (lambda v, _: ca.sqrt(v), "sqrt"),
         (lambda v, _: ca.asin(v), "asin"),
-        (lambda v, _: ca.acosh(v), "acosh"),
         (lambda v, _: ca.tan(v), "tan"),
         (lambda v, _: ca.power(v, 1.5), "power|sqrt"),
         (lambda v, t: v + 0 * v + ca.log(t) - ca.log(t) + 1 / t, "log|division"),

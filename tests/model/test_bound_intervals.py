@@ -40,9 +40,7 @@ def assert_encloses(result, values):
 
 EXACT = {
     "exp": flint.arb.exp,
-    "expm1": flint.arb.expm1,
     "log": flint.arb.log,
-    "log1p": flint.arb.log1p,
     "sin": flint.arb.sin,
     "cos": flint.arb.cos,
     "tan": flint.arb.tan,
@@ -52,21 +50,12 @@ EXACT = {
     "sinh": flint.arb.sinh,
     "cosh": flint.arb.cosh,
     "tanh": flint.arb.tanh,
-    "asinh": flint.arb.asinh,
-    "acosh": flint.arb.acosh,
-    "atanh": flint.arb.atanh,
-    "erf": flint.arb.erf,
-    "erfinv": flint.arb.erfinv,
     "sech2": lambda x: 1 / x.cosh() ** 2,
 }
 DOMAIN = {
     "log": (1e-300, INF),
-    "log1p": (-1.0, INF),
     "asin": (-1.0, 1.0),
     "acos": (-1.0, 1.0),
-    "acosh": (1.0, INF),
-    "atanh": (-1.0, 1.0),
-    "erfinv": (-1.0, 1.0),
 }
 
 
@@ -83,7 +72,7 @@ def test_a_function_is_enclosed(name):
         )
 
 
-@pytest.mark.parametrize("name", sorted(set(EXACT) - {"tan", "exp", "expm1", "sinh", "cosh", "log", "log1p"}))
+@pytest.mark.parametrize("name", sorted(set(EXACT) - {"tan", "exp", "sinh", "cosh", "log"}))
 def test_a_thin_argument_gives_a_thin_value(name):
     """The enclosure is not vacuous: a few units in the last place at a point."""
     low, high = DOMAIN.get(name, (-3.0, 3.0))

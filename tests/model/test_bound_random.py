@@ -15,8 +15,6 @@ SMOOTH = {
     "cos": ca.cos,
     "tanh": ca.tanh,
     "atan": ca.atan,
-    "asinh": ca.asinh,
-    "erf": ca.erf,
     "bell": lambda x: ca.exp(-(x**2)),
     "square": lambda x: x**2,
     "rational": lambda x: x / (1 + x**2),
@@ -30,7 +28,6 @@ PIECEWISE = {
     "branch": lambda x: ca.if_else(x > 0.5, x**2, x - 0.25),
     "jump": lambda x: ca.if_else(x > 0.5, x, -x),
     "sign": ca.sign,
-    "floor": ca.floor,
     "sqrt": ca.sqrt,
     "inverse": lambda x: 1 / x,
 }

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lockstep.model import Agent, BoundNotProved, Graph, Problem, ProblemError, load_problem, parse_problem
-from lockstep.model.checks import CheckReport, Row, check_problem, nonlinearity, structure
+from lockstep.model.checks import CheckReport, CheckRow, check_problem, nonlinearity, structure
 from lockstep.model.checks.nonlinearity import holds_everywhere
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -34,7 +34,7 @@ def cart(force: str = "f - 2*sin(p)", *, agent: str = "", network: str = CYCLE) 
     """)
 
 
-def row(report: CheckReport, name: str) -> Row:
+def row(report: CheckReport, name: str) -> CheckRow:
     return next(row for row in report.rows if name in row.name)
 
 
@@ -218,7 +218,7 @@ def test_a_failing_row_makes_the_report_not_ok() -> None:
 
 def test_a_verdict_is_one_of_three() -> None:
     with pytest.raises((ValueError, TypeError), match="maybe"):
-        Row("x", "maybe", "1", "because")
+        CheckRow("x", "maybe", "1", "because")
 
 
 def test_the_distance_to_losing_control_is_that_of_the_pair() -> None:

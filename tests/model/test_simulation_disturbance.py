@@ -7,7 +7,7 @@ from simulation_cases import ARMS
 from amini.claims.fragility import errors as ledger_errors
 from lockstep.check.errors import ProblemError
 from lockstep.model.simulation import (
-    Channel,
+    MessageChannel,
     PaperPerturbation,
     Samples,
     Scenario,
@@ -124,25 +124,25 @@ def test_errors_for_other_controllers_are_refused():
 def test_a_converter_rounds_and_clips():
     y = np.array([[0.1, 0.24, 1.9, -5.0, 5.0]])
     # 3 bits to 2.0: multiples of 0.5 from -2 to 1.5
-    assert Channel(bits=3, full_scale=2.0).quantised(y).tolist() == [[0.0, 0.0, 1.5, -2.0, 1.5]]
-    assert Channel().quantised(y) is y
-    single = Channel(real="float32").quantised(np.array([[0.1]]))
+    assert MessageChannel(bits=3, full_scale=2.0).quantised(y).tolist() == [[0.0, 0.0, 1.5, -2.0, 1.5]]
+    assert MessageChannel().quantised(y) is y
+    single = MessageChannel(real="float32").quantised(np.array([[0.1]]))
     assert single.item() == float(np.float32(0.1)) != 0.1
 
 
 def test_losses_have_their_probability_and_their_seed():
-    lost = ~Channel(drop=0.3, seed=1).arrivals(20_000, 3)
+    lost = ~MessageChannel(drop=0.3, seed=1).arrivals(20_000, 3)
     # 60 000 messages: 0.3 to within 4 sigma = 0.0075
     assert abs(lost.mean() - 0.3) < 0.0075
-    assert np.array_equal(lost, ~Channel(drop=0.3, seed=1).arrivals(20_000, 3))
-    assert Channel(drop=0.0).arrivals(5, 3).all()
-    assert not Channel(drop=1.0).arrivals(5, 3).any()
+    assert np.array_equal(lost, ~MessageChannel(drop=0.3, seed=1).arrivals(20_000, 3))
+    assert MessageChannel(drop=0.0).arrivals(5, 3).all()
+    assert not MessageChannel(drop=1.0).arrivals(5, 3).any()
 
 
 @pytest.mark.parametrize("bad", [{"delay": -1}, {"drop": 1.5}, {"bits": 1}, {"full_scale": 0.0}])
 def test_a_channel_that_means_nothing_is_refused(bad):
     with pytest.raises(ProblemError):
-        Channel(**bad)
+        MessageChannel(**bad)
 
 
 def test_the_arms_are_the_papers():

@@ -8,7 +8,14 @@ from scipy.linalg import expm
 from simulation_cases import ARMS, COROLLARY_1, START, cart_gains, carts
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.simulation import Channel, PaperPerturbation, Scenario, exact_controllers, noise, simulate
+from lockstep.model.simulation import (
+    MessageChannel,
+    PaperPerturbation,
+    Scenario,
+    exact_controllers,
+    noise,
+    simulate,
+)
 
 CARTS, PERIOD = carts(), 0.1
 DISCRETE = cart_gains()
@@ -42,14 +49,14 @@ def discrete_loop(periods: int, *, delay: int = 0, message_delay: int = 0, arriv
 
 def run(*, delay=0, channel=None, step=PERIOD):
     controllers = exact_controllers(CARTS.graph, DISCRETE, PERIOD, delay=delay)
-    scenario = Scenario(CART_START, 4.0, step, channel=channel or Channel(), substeps=16)
+    scenario = Scenario(CART_START, 4.0, step, channel=channel or MessageChannel(), substeps=16)
     return simulate(CARTS, controllers, scenario)
 
 
 @pytest.mark.parametrize("delay", [0, 1])
 @pytest.mark.parametrize("message_delay", [0, 1, 3])
 def test_a_linear_loop_is_its_discrete_system(delay, message_delay):
-    found = run(delay=delay, channel=Channel(delay=message_delay))
+    found = run(delay=delay, channel=MessageChannel(delay=message_delay))
     exact = discrete_loop(40, delay=delay, message_delay=message_delay)
     # RK4 with 6 ms steps on poles of 0.5 rad/s: below 1e-10.
     assert np.abs(found.x - exact).max() < 1e-10
@@ -61,11 +68,11 @@ def test_a_linear_loop_is_its_discrete_system(delay, message_delay):
 
 def test_the_delay_makes_a_difference():
     assert np.abs(run(delay=1).x - discrete_loop(40)).max() > 1e-3
-    assert np.abs(run(channel=Channel(delay=1)).x - discrete_loop(40)).max() > 1e-3
+    assert np.abs(run(channel=MessageChannel(delay=1)).x - discrete_loop(40)).max() > 1e-3
 
 
 def test_a_lost_message_is_replaced_by_the_last_one():
-    channel = Channel(drop=0.4, seed=5)
+    channel = MessageChannel(drop=0.4, seed=5)
     arrives = channel.arrivals(40, 3)
     assert 0.3 < 1 - arrives.mean() < 0.5
     assert np.abs(run(channel=channel).x - discrete_loop(40, arrives=arrives)).max() < 1e-10
@@ -73,7 +80,7 @@ def test_a_lost_message_is_replaced_by_the_last_one():
 
 
 def test_agents_that_never_hear_move_by_themselves():
-    found = run(channel=Channel(drop=1.0))
+    found = run(channel=MessageChannel(drop=1.0))
     assert not found.u.any()
     alone = np.array([(expm(CARTS.agent.lure.A * 4.0) @ x) for x in CART_START])
     assert np.abs(found.x[-1] - alone).max() < 1e-10
@@ -121,7 +128,9 @@ def test_quantised_outputs_are_what_is_heard():
     """With one bit pattern for everything near 0, agents that are near agreement do nothing."""
     near = 0.01 * CART_START
     controllers = exact_controllers(CARTS.graph, DISCRETE, PERIOD)
-    rough = simulate(CARTS, controllers, Scenario(near, 1.0, PERIOD, channel=Channel(bits=4, full_scale=8.0)))
+    rough = simulate(
+        CARTS, controllers, Scenario(near, 1.0, PERIOD, channel=MessageChannel(bits=4, full_scale=8.0))
+    )
     exact = simulate(CARTS, controllers, Scenario(near, 1.0, PERIOD))
     assert not rough.u.any()
     assert exact.u.any()
@@ -131,7 +140,7 @@ def test_quantised_outputs_are_what_is_heard():
     ("controllers", "changes", "where"),
     [
         ("sampled", {"perturbation": PaperPerturbation(3, 2)}, "perturbation"),
-        ("continuous", {"channel": Channel(drop=0.1)}, "channel"),
+        ("continuous", {"channel": MessageChannel(drop=0.1)}, "channel"),
         ("sampled", {"step": 0.003}, "scenario"),
     ],
 )

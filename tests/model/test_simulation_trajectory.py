@@ -10,7 +10,7 @@ from lockstep.check.disagreement import orthonormal_factor
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats
 from lockstep.model.graph import Graph
-from lockstep.model.simulation import Trajectory, Weights, effort_indices, energies, indices, l2_gain
+from lockstep.model.simulation import RhoWeights, Trajectory, effort_indices, energies, indices, l2_gain
 from lockstep.model.simulation.table import columns, to_csv
 
 
@@ -70,7 +70,7 @@ def test_the_disagreement_is_the_orthonormal_x_d(seed, N):
 
 
 def weights(N=2, R=1.0, Q=1.0):
-    return Weights.of(Graph.topology("path", N), R * np.eye(1), Q * np.eye(1))
+    return RhoWeights.of(Graph.topology("path", N), R * np.eye(1), Q * np.eye(1))
 
 
 def test_the_gain_of_known_signals():
@@ -119,10 +119,12 @@ def test_agreement_far_from_zero_is_agreement():
 def test_the_rows_of_the_laplacian_measure_in_their_own_metric():
     """T = rows of L: |x_d|^2 = |L_r x|^2, no S; against the definition."""
     x = np.random.default_rng(0).normal(size=(1, 3, 4))
-    w = Weights.of(ARMS.graph, np.eye(4), np.eye(2), "laplacian_rows")
+    w = RhoWeights.of(ARMS.graph, np.eye(4), np.eye(2), "laplacian_rows")
     rows = w.T @ x[0]
     assert np.isclose(w.squared_states(x)[0], (rows**2).sum())
-    assert not np.isclose(Weights.of(ARMS.graph, np.eye(4), np.eye(2)).squared_states(x)[0], (rows**2).sum())
+    assert not np.isclose(
+        RhoWeights.of(ARMS.graph, np.eye(4), np.eye(2)).squared_states(x)[0], (rows**2).sum()
+    )
 
 
 @pytest.mark.parametrize(

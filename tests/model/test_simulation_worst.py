@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from simulation_cases import ARMS, COROLLARY_1, cart_gains, carts, loop_matrix
 
-from lockstep.model.simulation import Scenario, Weights, l2_gain, noise, simulate
+from lockstep.model.simulation import RhoWeights, Scenario, l2_gain, noise, simulate
 from lockstep.model.simulation.agreement import PeakGain, weakest_agreement
 from lockstep.model.simulation.worst import _Climb, worst_disturbance
 
 CARTS, GAINS = carts(), cart_gains()
-CART_WEIGHTS = Weights.of(CARTS.graph, np.diag([1.0, 2.0]), np.eye(1))
-ARM_WEIGHTS = Weights.of(ARMS.graph, np.eye(4), 2 * np.eye(2))
+CART_WEIGHTS = RhoWeights.of(CARTS.graph, np.diag([1.0, 2.0]), np.eye(1))
+ARM_WEIGHTS = RhoWeights.of(ARMS.graph, np.eye(4), 2 * np.eye(2))
 
 PROVED = 13.24
 """rho of Corollary 1's gains, proved exactly (tests/cli/test_commands.py); its least value is 13.23."""

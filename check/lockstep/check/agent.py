@@ -9,7 +9,8 @@ A linear part S v may be moved out of phi and into A, which changes no agent:
 A x + G phi(H x, t) = (A + G S H) x + G (phi(H x, t) - S H x). Which S is a choice of whoever designs (`Move`).
 """
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Annotated, NoReturn
@@ -17,22 +18,19 @@ from typing import Annotated, NoReturn
 import numpy as np
 from flint import fmpq
 
-from lockstep.check.bound.graph import Graph
-from lockstep.check.errors import ProblemError
+from lockstep.check.bound.graph import ExactPhi
+from lockstep.check.design_file.json_text import number
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.exact import Exact, Value, read_text
 from lockstep.check.expression.node import Node, linear, linear_terms, variable
-from lockstep.check.expression.traversal import order, substitute
-from lockstep.check.expression.written import written
-from lockstep.check.names import check_agent_name, check_formulas, check_names, check_parameters
+from lockstep.check.expression.text import RESERVED
+from lockstep.check.expression.traversal import order
 from lockstep.check.structure import Arguments, Row, Terms, arguments, columns, forms_seen
 from lockstep.check.wording import shorten
 
-_LINEAR_OUTPUT = "a sum of states with constant coefficients, y = C x as in (2)"
-_SAME_BUT_B = (
-    "agents that differ in B only: (2) has one A, one C and one h for all, or agreement does not last"
-)
-_CHANGE_INPUTS = "change a parameter that multiplies inputs only"
+Show = Callable[[Node, Sequence[str]], str]
+_NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,59}")
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class Move:
 
 
 @dataclass(frozen=True, eq=False)
-class Agent:
+class ExactAgent:
     """One agent over the rationals: object arrays of `flint.fmpq`, and phi as exact expressions."""
 
     name: str
@@ -57,7 +55,7 @@ class Agent:
     C: Annotated[np.ndarray, "q n"]
     G: Annotated[np.ndarray, "n r"]
     H: Annotated[np.ndarray, "v n"]
-    phi: Graph
+    phi: ExactPhi
     """(v, t) -> w: v numbers and the time in, r numbers out, and what must hold for them to have a value."""
     offset: tuple[Node, ...]
     """n expressions in the time, which is the variable `phi.inputs` as in phi; common to all agents."""
@@ -76,32 +74,35 @@ class Agent:
         dynamics: Mapping[str, str],
         outputs: Mapping[str, str],
         parameters: Mapping[str, float] | None = None,
-    ) -> "Agent":
-        """Read the formulas of a problem file; `dynamics` and `outputs` give one by name.
+        show: Show | None = None,
+    ) -> "ExactAgent":
+        """Read the formulas of a problem file; `dynamics` and `outputs` give one by name, `show` writes terms for messages.
 
         Raises:
             ProblemError: a name or formula that is none, an input that enters other than linearly with a constant
                 coefficient, an output that is not linear in the states, a nonlinearity that cancels.
 
-        >>> cart = Agent.from_texts("cart", states=["p", "v"], inputs=["f"], outputs={"y1": "p"},
-        ...                         dynamics={"p": "v", "v": "f - tanh(v)/3"})
+        >>> cart = ExactAgent.from_texts("cart", states=["p", "v"], inputs=["f"], outputs={"y1": "p"},
+        ...                              dynamics={"p": "v", "v": "f - tanh(v)/3"})
         >>> cart.H.tolist(), cart.G.tolist()
         ([[0, 1]], [[0], [1]])
-        >>> written(cart.phi.outputs[0], ["v", "t"])
-        '(-0.333333*tanh(v))'
         """
         parameters = dict(parameters or {})
-        check_agent_name(name)
-        check_names(states=states, inputs=inputs, outputs=tuple(outputs), parameters=tuple(parameters))
-        check_formulas(states, dynamics)
-        check_parameters(parameters)
+        _check_names(name, states, inputs, tuple(outputs), tuple(parameters))
+        if set(dynamics) != set(states):
+            odd = sorted(set(dynamics) ^ set(states))[0]
+            raise ProblemError(
+                f"`{shorten(odd)}`", where="[agent.dynamics]", expected="one equation per state"
+            )
+        for key, value in parameters.items():
+            number(value, f"[agent.parameters] {key}")
         symbols = (*states, *inputs, "t")
         known: dict[str, Value | float] = {key: Value(variable(k)) for k, key in enumerate(symbols)}
         known |= {key: float(value) for key, value in parameters.items()}
         algebra = Exact(len(symbols) - 1)
         rhs = [read_text(dynamics[key], known, algebra, where=f"[agent.dynamics] {key}") for key in states]
         y = [read_text(outputs[key], known, algebra, where=f"[agent.outputs] {key}") for key in outputs]
-        return cls.from_values(name, states, inputs, tuple(outputs), rhs, y, algebra.seen)
+        return cls.from_values(name, states, inputs, tuple(outputs), rhs, y, algebra.seen, show)
 
     @classmethod
     def from_values(
@@ -113,7 +114,8 @@ class Agent:
         rhs: Sequence[Value],
         y: Sequence[Value],
         places: Mapping[Node, int],
-    ) -> "Agent":
+        show: Show | None = None,
+    ) -> "ExactAgent":
         """Split right-hand sides and outputs, as nodes over the variables (x, u, t).
 
         Args:
@@ -124,8 +126,9 @@ class Agent:
             rhs: n values, variables 0 to n - 1 being the states, n to n + m - 1 the inputs, n + m the time.
             y: q values.
             places: the order in which nonlinear terms are taken: a node in it comes before one of a larger number.
+            show: writes a term in the names of its variables, for messages.
         """
-        names = _Names(tuple(states), tuple(inputs))
+        names = _Names(tuple(states), tuple(inputs), show)
         rows = [_split(names, state, value, places) for state, value in zip(states, rhs, strict=True)]
         chosen = columns([row.of_states for row in rows])
         components = [linear(0, [(c, node) for node, c in part.items()]) for _, part in chosen]
@@ -146,11 +149,11 @@ class Agent:
             ),
             G=_matrix([column for column, _ in chosen], names.n).T,
             H=_matrix(found.rows, names.n),
-            phi=_graph(found, components, needs, names),
+            phi=_phi(found, components, needs, names),
             offset=tuple(found.restated([row.drive for row in rows], names.n, names.time)),
         )
 
-    def moved(self, moves: Sequence[Move]) -> "Agent":
+    def moved(self, moves: Sequence[Move]) -> "ExactAgent":
         """Return the same agent with S taken from phi and given to A: A + G S H and phi - S v.
 
         Raises:
@@ -161,50 +164,35 @@ class Agent:
         A = self.A.copy()
         for move in moves:
             k, j = move.component, move.argument
-            if not (0 <= k < r and 0 <= j < v):
-                raise ProblemError(
-                    f"a slope is moved from component {k + 1} and argument {j + 1} of phi",
-                    where=f"the agent `{self.name}`",
-                    expected=f"components 1 to {r} and arguments 1 to {v}",
-                )
+            found = f"a slope is moved from component {k + 1} and argument {j + 1} of phi"
+            wanted = f"components 1 to {r} and arguments 1 to {v}"
+            demand(0 <= k < r and 0 <= j < v, found, f"the agent `{self.name}`", wanted)
             amount = fmpq(move.amount.numerator, move.amount.denominator)
             A = A + amount * np.outer(self.G[:, k], self.H[j])
             taken[k].append((-move.amount, variable(j)))
         outputs = tuple(linear(0, [(1, w), *parts]) for w, parts in zip(self.phi.outputs, taken, strict=True))
         return replace(self, A=A, phi=replace(self.phi, outputs=outputs))
 
-    def nonlinearity(self) -> list[Node]:
-        """Return h(x, t) = G phi(H x, t) + offset(t) as n nodes over the states and, as variable n, the time."""
-        values = {variable(self.phi.inputs): variable(len(self.states))}
-        values |= {variable(j): linear(0, _terms(row)) for j, row in enumerate(self.H)}
-        nodes = substitute([*self.phi.outputs, *self.offset], values)
-        w, drive = nodes[: self.G.shape[1]], nodes[self.G.shape[1] :]
-        return [
-            linear(0, [(1, c), *((_fraction(g), x) for g, x in zip(row, w, strict=True))])
-            for row, c in zip(self.G, drive, strict=True)
-        ]
 
-    def check_same_but_B(self, variant: "Agent", *, where: str) -> None:
-        """Refuse a variant of this agent that differs from it in A, in C, in h or in what h needs.
-
-        Raises:
-            ProblemError: names the first entry or equation that differs, with both values.
-        """
-        for letter in "AC":
-            _check_equal(letter, getattr(self, letter), getattr(variant, letter), self.states, where)
-        names = (*self.states, "t")
-        for state, mine, theirs in zip(self.states, self.nonlinearity(), variant.nonlinearity(), strict=True):
-            if mine is not theirs:
-                h = [shorten(written(node, names), 50) for node in (mine, theirs)]
-                _refuse_variant(f"h differs in d/dt {state}: `{h[0]}` and `{h[1]}`", where)
-        if self.H.tolist() != variant.H.tolist() or set(self.phi.conditions) != set(variant.phi.conditions):
-            _refuse_variant("what h needs to have a value differs", where)
+def _check_names(name: str, *kinds: Sequence[str]) -> None:
+    """Refuse names that no expression could mention, or that mean two things; outputs may have the name of a state."""
+    states, inputs, outputs, parameters = kinds
+    meant = [*states, *inputs, *parameters]
+    odd = [one for one in {name, *meant, *outputs} if not isinstance(one, str) or not _NAME.fullmatch(one)]
+    odd += [one for one in (*meant, *outputs) if one in RESERVED or meant.count(one) > 1]
+    if odd or not (states and inputs and outputs):
+        raise ProblemError(
+            f"`{shorten(str(odd[0]))}`" if odd else "no states, no inputs or no outputs",
+            where="the names of [agent]",
+            expected="at least one of each, all different: a letter, then at most 59 letters, digits and _; no function",
+        )
 
 
 @dataclass(frozen=True)
 class _Names:
     states: tuple[str, ...]
     inputs: tuple[str, ...]
+    show: Show | None
 
     @property
     def n(self) -> int:
@@ -215,7 +203,8 @@ class _Names:
         return len(self.states) + len(self.inputs)
 
     def text(self, node: Node) -> str:
-        return shorten(written(node, (*self.states, *self.inputs, "t")))
+        """Return a term for a message, if there is something to write it with."""
+        return f"`{shorten(self.show(node, (*self.states, *self.inputs, 't')))}`" if self.show else "a term"
 
     def inputs_of(self, node: Node) -> list[str]:
         return [self.inputs[j - self.n] for j in sorted(node.variables) if self.n <= j < self.time]
@@ -253,7 +242,7 @@ def _check_no_input(names: _Names, state: str, node: Node, text: str) -> None:
     """(2) has B_i u_i with a constant B_i."""
     for name in names.inputs_of(node):
         raise ProblemError(
-            f"the input `{name}` enters through `{text}`",
+            f"the input `{name}` enters through {text}",
             where=f"[agent.dynamics] {state}",
             expected="inputs that enter linearly, with constant coefficients, as in (2)",
             remedy="make the nonlinear actuator a state of the agent, or its output the input",
@@ -280,7 +269,7 @@ def _refuse_cancelled(condition: Condition) -> NoReturn:
     )
 
 
-def _graph(found: Arguments, components: Sequence[Node], needs: Sequence[Condition], names: _Names) -> Graph:
+def _phi(found: Arguments, components: Sequence[Node], needs: Sequence[Condition], names: _Names) -> ExactPhi:
     flat = [*components, *(node for c in needs for node in c.nodes)]
     rest = iter(found.restated(flat, names.n, names.time))
     outputs = tuple(next(rest) for _ in components)
@@ -288,38 +277,26 @@ def _graph(found: Arguments, components: Sequence[Node], needs: Sequence[Conditi
     for c in needs:
         guard = next(rest)
         conditions.append(Condition(c.kind, tuple(next(rest) for _ in c.args), c.name, guard))
-    return Graph(outputs, tuple(dict.fromkeys(conditions)), len(found.rows))
+    return ExactPhi(outputs, tuple(dict.fromkeys(conditions)), len(found.rows))
 
 
 def _output_row(names: _Names, output: str, value: Value) -> Row:
     """Return a row of C: linear in the states, and nothing else."""
-    where = f"[agent.outputs] {output}"
+    where, kind = f"[agent.outputs] {output}", "a sum of states with constant coefficients, y = C x as in (2)"
     offset, terms = linear_terms(value.node)
     others = [(c, x) for c, x in terms if x.op != "variable" or x.data == names.time]
     if others or value.conditions:
-        text = names.text(linear(0, others[:1])) if others else names.text(value.conditions[0].args[0])
-        raise ProblemError(
-            f"`{text}` is not linear in the states",
-            where=where,
-            expected=_LINEAR_OUTPUT,
-            remedy="make what is measured a state, or measure the states it is made of",
-        )
+        text = names.text(linear(0, others[:1]) if others else value.conditions[0].args[0])
+        remedy = "make what is measured a state, or measure the states it is made of"
+        raise ProblemError(f"{text} is not linear in the states", where=where, expected=kind, remedy=remedy)
     if offset:
-        raise ProblemError(
-            f"the output has the constant {float(offset):.6g}",
-            where=where,
-            expected=_LINEAR_OUTPUT,
-            remedy="leave it out: relative outputs do not see it",
-        )
-    if not terms:
-        raise ProblemError("the output depends on no state", where=where, expected=_LINEAR_OUTPUT)
+        remedy = "leave it out: relative outputs do not see it"
+        found = f"the output has the constant {float(offset):.6g}"
+        raise ProblemError(found, where=where, expected=kind, remedy=remedy)
+    demand(terms, "the output depends on no state", where, kind)
     for name in names.inputs_of(value.node):
-        raise ProblemError(
-            f"the input `{name}` is in an output",
-            where=where,
-            expected=_LINEAR_OUTPUT,
-            remedy="leave the feedthrough out: the controller knows its own input",
-        )
+        remedy = "leave the feedthrough out: the controller knows its own input"
+        raise ProblemError(f"the input `{name}` is in an output", where=where, expected=kind, remedy=remedy)
     return tuple(sorted((x.data, c) for c, x in terms))
 
 
@@ -329,30 +306,3 @@ def _matrix(rows: Sequence[Row], width: int) -> Annotated[np.ndarray, "rows widt
         for j, value in row:
             matrix[i, j] = fmpq(value.numerator, value.denominator)
     return matrix
-
-
-def _fraction(value: fmpq) -> Fraction:
-    return Fraction(int(value.p), int(value.q))
-
-
-def _terms(row: Annotated[np.ndarray, " n"]) -> list[tuple[Fraction, Node]]:
-    return [(_fraction(value), variable(j)) for j, value in enumerate(row)]
-
-
-def _check_equal(
-    letter: str,
-    a: Annotated[np.ndarray, "rows n"],
-    b: Annotated[np.ndarray, "rows n"],
-    states: Sequence[str],
-    where: str,
-) -> None:
-    for i, j in np.argwhere(a != b)[:1].tolist():
-        row = f"d/dt {states[i]}" if letter == "A" else f"output {i + 1}"
-        mine, theirs = (float(_fraction(one[i, j])) for one in (a, b))
-        _refuse_variant(
-            f"{letter} differs: {row} has {mine!r}*{states[j]}, and {theirs!r}*{states[j]} here", where
-        )
-
-
-def _refuse_variant(found: str, where: str) -> NoReturn:
-    raise ProblemError(found, where=where, expected=_SAME_BUT_B, remedy=_CHANGE_INPUTS)

@@ -11,11 +11,13 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from lockstep.check.design_file.claims import Claims
+from lockstep.check.design_file.claims import LETTERS, Claims
+from lockstep.check.design_file.json_text import above_zero, matrix, number, only, optional
 from lockstep.check.loop import Gains
 from lockstep.check.numbers import exactly, eye
 from lockstep.check.psd import decide_positive_definite
 
+DESIGN, GAINS = "[design]", "[[design.gains]]"
 LIMITED = ("certified", "modal", "lipschitz")
 """Methods whose gains keep to `gain_limit`; those printed in the paper and those given are what they are."""
 
@@ -24,15 +26,21 @@ def shortfalls(asked: Mapping[str, Any], claims: Claims, gains: Gains) -> Iterat
     """Yield in words whatever a file claims less of than its problem asks for; nothing where it claims enough.
 
     Args:
-        asked: the table [design] of the problem, defaults filled in.
+        asked: the table [design] of the problem.
         claims, gains: of the file.
+
+    Raises:
+        ProblemError: a value of the table that cannot be one of its kind.
     """
-    alpha, rho = asked.get("alpha"), asked.get("rho")
+    alpha, rho = (optional(asked, key, number, DESIGN) for key in ("alpha", "rho"))
+    fragility = asked.get("fragility") or {}
+    only(fragility, LETTERS, "[design.fragility]")
     if alpha is not None and claims.alpha < alpha:
         yield f"`alpha` is {claims.alpha:.10g}, but [design] alpha asks for {alpha:.10g}"
     if claims.entries and (alpha is not None or asked.get("objective") == "alpha"):
         yield "`entries` are used, but [design] asks for every nonlinearity that has alpha"
-    for letter, delta in (asked.get("fragility") or {}).items():
+    for letter in fragility:
+        delta = number(fragility[letter], f"[design.fragility] {letter}")
         if claims.fragility[letter] < delta:
             yield f"`fragility` {letter} is {claims.fragility[letter]:g}, but [design.fragility] asks for {delta:g}"
     if rho is not None and claims.rho is not None and claims.rho > rho:
@@ -47,17 +55,19 @@ def shortfalls(asked: Mapping[str, Any], claims: Claims, gains: Gains) -> Iterat
 
 
 def _other_gains(given: Any, gains: Gains) -> Iterator[str]:
-    for i, one in enumerate(given):
-        for letter in "ABCD":
+    for i, one in enumerate(given[: gains.N]):
+        only(one, LETTERS, GAINS)
+        for letter in LETTERS:
             mine = getattr(gains, letter)[i]
-            if not np.array_equal(mine, np.array(one[letter], dtype=float).reshape(mine.shape)):
+            rows = one.get(letter) or mine[:, :0].tolist()  # at order 0 there is D alone
+            if not np.array_equal(mine, matrix(*mine.shape)(rows, f"{GAINS} {letter}")):
                 yield f"`{letter}` of agent {i + 1} is not the one that [[design.gains]] gives"
 
 
 def _large_gains(asked: Mapping[str, Any], gains: Gains) -> Iterator[str]:
-    if asked.get("method") not in LIMITED:
+    if asked.get("method", "certified") not in LIMITED:
         return
-    limit = asked["gain_limit"]
+    limit = above_zero(asked.get("gain_limit", 50.0), f"{DESIGN} gain_limit")
     for i, K in enumerate(gains.blocks):
         if not norm_is_at_most(K, limit):
             norm = float(np.linalg.norm(K, 2))

@@ -17,17 +17,17 @@ import numpy as np
 from lockstep.check.decide import decide
 from lockstep.check.floor.witness import FloorWitness, proves_floor
 from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.local import Domain, InitialSet, better_than_proved
+from lockstep.check.local import Domain, InitialSet, better_than_proved, box_text
 from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate, decide_modes
-from lockstep.check.network import Network
+from lockstep.check.network import ExactNetwork
 from lockstep.check.psd import Definiteness
 from lockstep.check.stability import is_stable, is_stable_step
 from lockstep.check.verdict import Verdict
 
 
 def decide_certificate(
-    network: Network, gains: Gains, claim: Claim, certificate: Certificate | ModalCertificate
+    network: ExactNetwork, gains: Gains, claim: Claim, certificate: Certificate | ModalCertificate
 ) -> Verdict:
     """Decide whether a certificate proves its rho for these gains and this claim; undecided where its numbers are too long.
 
@@ -59,7 +59,7 @@ def decide_stable_controllers(
     return Verdict("proved", "each controller is stable by itself, decided exactly")
 
 
-def decide_floor(network: Network, claim: Claim, witness: FloorWitness) -> Verdict:
+def decide_floor(network: ExactNetwork, claim: Claim, witness: FloorWitness) -> Verdict:
     """Decide whether a witness proves that no controllers certify a rho below its own; one that does not refutes nothing."""
     said = f"no controllers certify a rho below {witness.rho:.10g}"
     if proves_floor(network, claim.alpha_of_floor, claim.R, witness):
@@ -68,7 +68,7 @@ def decide_floor(network: Network, claim: Claim, witness: FloorWitness) -> Verdi
 
 
 def decide_initial_set(
-    network: Network, certificate: Certificate | ModalCertificate, domain: Domain, claimed: InitialSet
+    network: ExactNetwork, certificate: Certificate | ModalCertificate, domain: Domain, claimed: InitialSet
 ) -> Verdict:
     """Decide whether a claimed set is one from which all agents stay in the domain and agree.
 
@@ -77,7 +77,9 @@ def decide_initial_set(
     """
     found = better_than_proved(network, certificate, domain, claimed)
     if found is None:
-        return Verdict("proved", claimed.text())
+        inside, radius = box_text(claimed.inner), f"|x_d(0)| <= {claimed.radius:.10g}"
+        said = f"while agent {claimed.leader} stays in {inside}, all stay in their domain and agree from {radius}"
+        return Verdict("proved", said)
     return Verdict("undecided", f"other initial states are claimed than are proved: {found}")
 
 

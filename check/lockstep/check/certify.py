@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.check.agent import Agent
+from lockstep.check.agent import ExactAgent
 from lockstep.check.asked import shortfalls
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
 from lockstep.check.c_source.reader import read_controller
@@ -31,19 +31,18 @@ from lockstep.check.certificate import (
 from lockstep.check.design_file import content
 from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.design_file.content import DesignFile
-from lockstep.check.design_file.json_text import A_DESIGN, parse_json
-from lockstep.check.domain import claimed_box, inner_box
+from lockstep.check.design_file.json_text import A_DESIGN, load_json, parse_json
+from lockstep.check.domain import claimed_box
 from lockstep.check.errors import NotCertified
 from lockstep.check.files import as_text, read_inside
 from lockstep.check.inequality import Claim
 from lockstep.check.local import Domain
 from lockstep.check.modes import ModalCertificate
-from lockstep.check.network import Network
+from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import as_floats
-from lockstep.check.problem import Problem
+from lockstep.check.problem import ProblemTables
 from lockstep.check.sampled.certify import SampledVerdict, decide_sampled
-from lockstep.check.sampled.controller import HeldController
-from lockstep.check.sampled.controller import Network as SampledNetwork
+from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.limits import proves_radius
@@ -54,7 +53,7 @@ from lockstep.check.verdict import Verdict
 
 DESIGN_NAME = "design.json"
 
-Stored = DesignFile[Problem]
+CheckedFile = DesignFile[ProblemTables]
 
 
 @dataclass(frozen=True)
@@ -83,12 +82,17 @@ def certify(path: Path) -> Certified:
     """
     folder = path if path.is_dir() else None
     if folder is None:
-        stored = content.read(path, Problem.from_document)
+        stored = content.parse(load_json(path), str(path), ProblemTables.from_document)
     else:
         text = as_text(read_inside(folder, DESIGN_NAME, expected=A_DESIGN), DESIGN_NAME, A_DESIGN)
         stored = content.parse(
-            parse_json(text, DESIGN_NAME), str(folder / DESIGN_NAME), Problem.from_document
+            parse_json(text, DESIGN_NAME), str(folder / DESIGN_NAME), ProblemTables.from_document
         )
+    return certified(stored, folder)
+
+
+def certified(stored: CheckedFile, folder: Path | None = None) -> Certified:
+    """Decide every claim of a design file that was read, or of the C in a folder with it, up to the first that fails."""
     verdicts: dict[str, Verdict] = {}
     for name, verdict in decide(stored, folder):
         verdicts[name] = verdict
@@ -97,7 +101,7 @@ def certify(path: Path) -> Certified:
     return Certified(stored.problem.title, verdicts)
 
 
-def decide(stored: Stored, folder: Path | None = None) -> Iterator[tuple[str, Verdict]]:
+def decide(stored: CheckedFile, folder: Path | None = None) -> Iterator[tuple[str, Verdict]]:
     """Yield the verdict of one claim after the other; each rests on those before it."""
     problem, claims, proofs = stored.problem, stored.claims, stored.proofs
     if not claims.certified or proofs.certificate is None or proofs.bound is None:
@@ -123,12 +127,12 @@ def decide(stored: Stored, folder: Path | None = None) -> Iterator[tuple[str, Ve
         yield "floor", decide_floor(network, claim, proofs.floor)
     if claims.initial_set is not None:
         box = problem.box
-        domain = Domain(as_floats(agent.H), box, inner_box(box, 0.5))
+        domain = Domain(as_floats(agent.H), box)
         yield "initial_set", decide_initial_set(network, proofs.certificate, domain, claims.initial_set)
     yield from _sampled(stored, network, folder)
 
 
-def _decay(stored: Stored, network: Network, claim: Claim) -> Verdict:
+def _decay(stored: CheckedFile, network: ExactNetwork, claim: Claim) -> Verdict:
     decay, certificate = stored.claims.decay, stored.proofs.decay
     said = f"every disagreement decays at {decay:g} 1/s"
     if certificate is None or decay is None:
@@ -137,7 +141,7 @@ def _decay(stored: Stored, network: Network, claim: Claim) -> Verdict:
     return Verdict("proved", said, found.figures) if found.proved else found
 
 
-def _bound(stored: Stored, agent: Agent) -> Verdict:
+def _bound(stored: CheckedFile, agent: ExactAgent) -> Verdict:
     claims, proof = stored.claims, stored.proofs.bound
     assert proof is not None
     box = claimed_box(claims.scope or "local", stored.problem.box)
@@ -146,27 +150,27 @@ def _bound(stored: Stored, agent: Agent) -> Verdict:
     return decide_bound(agent.phi, box, claims.alpha, D_w, D_v, claims.entries, boxes=boxes)
 
 
-def _sampled(stored: Stored, network: Network, folder: Path | None) -> Iterator[tuple[str, Verdict]]:
+def _sampled(
+    stored: CheckedFile, network: ExactNetwork, folder: Path | None
+) -> Iterator[tuple[str, Verdict]]:
     """Yield what is proved of the sampled controllers: of the C of a folder, else of the design's gains."""
     claims, proofs, problem = stored.claims.sampled, stored.proofs, stored.problem
-    if not claims.certified and folder is None:
-        return
     at = _sampled_network(stored, network, problem.period)
     held = _held(stored, problem.period)
     if folder is not None:
         read, refused = _read(stored, folder, held)
         yield "code", refused
         held = read
-    witnesses = [one for one in (proofs.sampled,) if one is not None]
     if stored.claims.controllers_stable:
         n_C = stored.gains.order
         tables = [one.table[:n_C, :n_C] for one in held]
         yield "controllers_stable_sampled", decide_stable_controllers(tables, sampled=True)
-    found = decide_sampled(at, held, witnesses)
-    yield "sampled", _as_claimed(claims, found)
+    if claims.certified or folder is not None:
+        found = decide_sampled(at, held, () if proofs.sampled is None else (proofs.sampled,))
+        yield "sampled", _as_claimed(claims, found)
     if claims.rho is not None:
         yield "sampled_rho", _rho(stored, at, held)
-    if claims.max_period is not None and claims.max_period > problem.period:
+    if claims.max_period is not None and not (claims.certified and claims.max_period <= problem.period):
         yield "max_period", _longest(stored, at, proofs.max_period, claims.max_period)
     if claims.radius is not None:
         yield "limits", _radius(stored, at, held, claims.radius)
@@ -184,7 +188,7 @@ def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:
     return Verdict("undecided", broken) if broken else Verdict("proved", found.reason)
 
 
-def _rho(stored: Stored, at: SampledNetwork, held: tuple[HeldController, ...]) -> Verdict:
+def _rho(stored: CheckedFile, at: SampledNetwork, held: tuple[HeldController, ...]) -> Verdict:
     rho, witness = stored.claims.sampled.rho, stored.proofs.sampled_rho
     said = f"the sampled loop has the gain {rho:g}"
     if witness is None or rho is None:
@@ -195,7 +199,9 @@ def _rho(stored: Stored, at: SampledNetwork, held: tuple[HeldController, ...]) -
     return Verdict("proved", said)
 
 
-def _radius(stored: Stored, at: SampledNetwork, held: tuple[HeldController, ...], radius: float) -> Verdict:
+def _radius(
+    stored: CheckedFile, at: SampledNetwork, held: tuple[HeldController, ...], radius: float
+) -> Verdict:
     witness, limits = stored.proofs.radius, stored.problem.limits
     said = f"from |x_d(0)| <= {radius:g}, controllers at rest, no input meets its limit"
     if witness is None or not proves_radius(sampled_loop(at, held), held, witness, limits, radius):
@@ -203,21 +209,21 @@ def _radius(stored: Stored, at: SampledNetwork, held: tuple[HeldController, ...]
     return Verdict("proved", said)
 
 
-def _longest(stored: Stored, at: SampledNetwork, witness: Witness | None, period: float) -> Verdict:
+def _longest(stored: CheckedFile, at: SampledNetwork, witness: Witness | None, period: float) -> Verdict:
     if witness is None:
         return Verdict("undecided", f"a largest period of {period:g} s is claimed without a witness")
     found = decide_sampled(at.at(period), _held(stored, period), [witness])
     return Verdict("proved" if found.certified else "undecided", found.reason)
 
 
-def _held(stored: Stored, period: float) -> tuple[HeldController, ...]:
+def _held(stored: CheckedFile, period: float) -> tuple[HeldController, ...]:
     """Return the design's gains sampled with a period and rounded."""
     table = stored.problem.controller
     edges = stored.problem.graph.edges
     return sampled_controllers(stored.gains, edges, period, table["discretization"], table["real"])
 
 
-def _sampled_network(stored: Stored, network: Network, period: float) -> SampledNetwork:
+def _sampled_network(stored: CheckedFile, network: ExactNetwork, period: float) -> SampledNetwork:
     loop = network.loop(stored.gains.order, exact_arithmetic=True)
     problem = stored.problem
     return SampledNetwork(
@@ -225,7 +231,7 @@ def _sampled_network(stored: Stored, network: Network, period: float) -> Sampled
     )
 
 
-def _sector(stored: Stored, loop: Any) -> Sector | None:
+def _sector(stored: CheckedFile, loop: Any) -> Sector | None:
     """Return the sector that takes the place of alpha where the continuous certificate uses entries."""
     c, claims = stored.proofs.certificate, stored.claims
     if not claims.entries or c is None:
@@ -240,7 +246,7 @@ def _sector(stored: Stored, loop: Any) -> Sector | None:
 
 
 def _read(
-    stored: Stored, folder: Path, held: tuple[HeldController, ...]
+    stored: CheckedFile, folder: Path, held: tuple[HeldController, ...]
 ) -> tuple[tuple[HeldController, ...], Verdict]:
     """Read the controllers out of the C, and hold them against the design's."""
     names = [f"{stored.problem.agent.name}{i}" for i in range(1, len(held) + 1)]
@@ -255,17 +261,15 @@ def _read(
             return held, Verdict("undecided", str(error))
         theirs = one.controller
         period = stored.problem.period
-        same = (
-            nearest(one.period_literal, one.real)
-            == float(np.float32(period) if one.real == "float32" else period),
-            one.real == stored.problem.controller["real"],
-            np.array_equal(theirs.table, mine.table),
-            theirs.sources == mine.sources,
-            np.array_equal(theirs.weights, mine.weights),
-        )
-        what = ("period", "arithmetic", "gains", "neighbours", "weights")
-        if not all(same):
-            differs = ", ".join(word for word, holds in zip(what, same, strict=True) if not holds)
+        rounded = float(np.float32(period) if one.real == "float32" else period)
+        same = {
+            "period": nearest(one.period_literal, one.real) == rounded,
+            "arithmetic": one.real == stored.problem.controller["real"],
+            "gains": np.array_equal(theirs.table, mine.table),
+            "neighbours": theirs.sources == mine.sources,
+            "weights": np.array_equal(theirs.weights, mine.weights),
+        }
+        if differs := ", ".join(word for word, holds in same.items() if not holds):
             return held, Verdict("refuted", f"{name}: not the design's {differs}")
         found.append(theirs)
     return tuple(found), Verdict("proved", "the C holds the design's controllers, and no other code")

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from lockstep.check.graph import Graph
+from lockstep.check.graph import Digraph
 from lockstep.check.numbers import Matrix, as_floats, converter, eye, inverse
 
 Coordinates = Literal["orthonormal", "laplacian_rows"]
@@ -50,7 +50,7 @@ class Disagreement:
 
 
 def disagreement(
-    graph: Graph, coordinates: Coordinates = "orthonormal", *, exact_arithmetic: bool = False
+    graph: Digraph, coordinates: Coordinates = "orthonormal", *, exact_arithmetic: bool = False
 ) -> Disagreement:
     """Return the disagreement coordinates of a graph with a spanning tree.
 
@@ -69,7 +69,7 @@ def disagreement(
     return Disagreement(T=T, right=right, S=S, L=L, L_r=L @ right)
 
 
-def _dependent_row(graph: Graph) -> int:
+def _dependent_row(graph: Digraph) -> int:
     """Return a row of L that depends on the others: a root's (a leader's zero row is one), the last such.
 
     Removing any other row would lose rank N - 1, which the paper's Section 3 overlooks.

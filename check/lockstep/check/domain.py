@@ -1,4 +1,4 @@
-"""The domain of a bound: the arguments v = H x of states in a box, the leader's smaller box, and what "global" means.
+"""The domain of a bound: the arguments v = H x of states in a box, and what "global" means.
 
 A bound is claimed with a scope. "global": it holds for every v, so that the domain of the problem file plays no part in
 it; "local": on the box of v = H x, and the certificate speaks of trajectories that stay there. What is to be decided
@@ -7,12 +7,11 @@ for either is the same bound on another box (`claimed_box`).
 
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
-from math import inf, isfinite, isinf
+from math import inf, isinf
 from typing import Any, Literal
 
 from lockstep.check.bound.box import Box
-from lockstep.check.errors import ProblemError
-from lockstep.check.numbers import rounded_down
+from lockstep.check.numbers import as_fraction, rounded_down
 
 Scope = Literal["global", "local"]
 
@@ -39,46 +38,10 @@ def argument_box(H: Iterable[Sequence[Any]], states: Iterable[Sequence[float]]) 
     >>> argument_box([[1.0, -2.0], [0.0, 0.0]], [[-1.0, 3.0], [0.0, inf]])
     Box(lower=(-inf, 0.0), upper=(3.0, 0.0))
     """
-    states, rows = list(states), [[_fraction(h) for h in row] for row in H]
+    states, rows = list(states), [[as_fraction(h) for h in row] for row in H]
     lower = [_least(row, states) for row in rows]
     upper = [0.0 - _least([-h for h in row], states) for row in rows]
     return Box(tuple(lower), tuple(upper))
-
-
-def inner_box(box: Box, fraction: float) -> Box:
-    """Return the box with `fraction` of its size around its middle: what is left to a leader (`lockstep.check.local`).
-
-    A side without an opposite one moves towards 0 as if its opposite were -side, and by 1 - fraction if it is 0.
-
-    Raises:
-        ProblemError: a fraction outside of [0, 1), which would leave no room between the boxes.
-
-    >>> inner_box(Box((-4.0, -2.0), (8.0, inf)), 0.5)
-    Box(lower=(-1.0, -1.0), upper=(5.0, inf))
-    """
-    if not 0 <= fraction < 1:
-        raise ProblemError(
-            f"{fraction}",
-            where="the part of the domain left to the leader",
-            expected="from 0 up to, but not, 1",
-        )
-    sides = [_inner_side(low, high, fraction) for low, high in zip(box.lower, box.upper, strict=True)]
-    return Box(tuple(low for low, _ in sides), tuple(high for _, high in sides))
-
-
-def _inner_side(low: float, high: float, fraction: float) -> tuple[float, float]:
-    if isfinite(low) and isfinite(high):
-        middle, half = low / 2 + high / 2, high / 2 - low / 2
-        return middle - fraction * half, middle + fraction * half
-    return (
-        low + (1 - fraction) * (abs(low) or 1.0) if isfinite(low) else low,
-        high - (1 - fraction) * (abs(high) or 1.0) if isfinite(high) else high,
-    )
-
-
-def _fraction(number: Any) -> Fraction:
-    """Return a double, a `Fraction` or an `fmpq` as the rational that it is."""
-    return Fraction(int(number.p), int(number.q)) if hasattr(number, "q") else Fraction(number)
 
 
 def _least(row: Sequence[Fraction], states: Sequence[Sequence[float]]) -> float:

@@ -27,18 +27,18 @@ class ProblemError(LockstepError):
     def __str__(self) -> str:
         """Join the parts that are there into one message."""
         head = f"{self.where}: {self.found}" if self.where else self.found
-        return "; ".join(
-            [
-                head,
-                *([f"expected {self.expected}"] if self.expected else []),
-                *([self.remedy] if self.remedy else []),
-            ]
-        )
+        return "; ".join(filter(None, (head, self.expected and f"expected {self.expected}", self.remedy)))
 
     def within(self, place: str) -> "ProblemError":
         """Return the same error with an outer place put before its own."""
         where = f"{place}, {self.where}" if self.where else place
         return ProblemError(self.found, where=where, expected=self.expected, remedy=self.remedy)
+
+
+def demand(holds: Any, found: str, where: str, expected: str = "", remedy: str = "") -> None:
+    """Raise a `ProblemError` of these parts unless something holds."""
+    if not holds:
+        raise ProblemError(found, where=where, expected=expected, remedy=remedy)
 
 
 class ClaimError(LockstepError):

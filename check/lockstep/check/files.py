@@ -10,14 +10,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.wording import shorten
 
 LARGEST = 10_000_000
 """Bytes: a thousand agents with full gains fit, a wrong file is refused before it fills the memory."""
-
-MOST_ENTRIES = 20_000
-"""Files and folders in a folder: four files for each agent, and figures."""
 
 
 def read_bytes(path: Path, *, expected: str = "a file", at_most: int = LARGEST) -> bytes:
@@ -84,43 +81,13 @@ def inside(relative: str, where: str) -> tuple[str, ...]:
     """
     path = PurePosixPath(relative)
     parts = path.parts
-    if (
-        not parts
-        or path.is_absolute()
-        or ".." in parts
-        or "\\" in relative
-        or "\0" in relative
-        or ":" in relative
-    ):
-        raise ProblemError(f"the path `{shorten(relative)}` leaves the folder", where=where)
+    leaves = not parts or path.is_absolute() or ".." in parts or any(c in relative for c in "\\\0:")
+    demand(not leaves, f"the path `{shorten(relative)}` leaves the folder", where)
     return parts
 
 
-def entries_of(folder: Path) -> dict[str, os.DirEntry[str]]:
-    """Return everything in a folder by its path in it, folders included, links as what they are and never followed.
-
-    Raises:
-        ProblemError: no folder, not readable, or more than `MOST_ENTRIES` entries.
-    """
-    found: dict[str, os.DirEntry[str]] = {}
-    with _named(folder, "a folder"):
-        waiting = [("", str(folder))]
-        while waiting:
-            prefix, place = waiting.pop()
-            with os.scandir(place) as listed:
-                for entry in listed:
-                    found[prefix + entry.name] = entry
-                    if len(found) > MOST_ENTRIES:
-                        raise ProblemError(
-                            "it holds too much", where=str(folder), expected=f"at most {MOST_ENTRIES} files"
-                        )
-                    if entry.is_dir(follow_symlinks=False):
-                        waiting.append((f"{prefix}{entry.name}/", entry.path))
-    return dict(sorted(found.items()))
-
-
 def _read(path: Path, expected: str, at_most: int, *, follow: bool) -> bytes:
-    with _named(path, expected):
+    with named(path, expected):
         status = path.stat() if follow else path.lstat()
         _check(status, path, expected, at_most)
         flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
@@ -130,23 +97,17 @@ def _read(path: Path, expected: str, at_most: int, *, follow: bool) -> bytes:
             # Another file may have taken its place since.
             _check(os.fstat(stream.fileno()), path, expected, at_most)
             content = stream.read(at_most + 1)
-    if len(content) > at_most:
-        raise _too_large(f"more than {at_most}", path, at_most)
+    demand(len(content) <= at_most, f"it has more than {at_most} bytes", str(path), f"at most {at_most}")
     return content
 
 
 def _check(status: os.stat_result, path: Path, expected: str, at_most: int) -> None:
     if stat.S_ISLNK(status.st_mode):
         raise _linked(path)
-    if not stat.S_ISREG(status.st_mode):
-        found = "it is a directory" if stat.S_ISDIR(status.st_mode) else "it is no regular file"
-        raise ProblemError(found, where=str(path), expected=expected)
-    if status.st_size > at_most:
-        raise _too_large(str(status.st_size), path, at_most)
-
-
-def _too_large(size: str, path: Path, at_most: int) -> ProblemError:
-    return ProblemError(f"it has {size} bytes", where=str(path), expected=f"at most {at_most}")
+    found = "it is a directory" if stat.S_ISDIR(status.st_mode) else "it is no regular file"
+    demand(stat.S_ISREG(status.st_mode), found, str(path), expected)
+    small = status.st_size <= at_most
+    demand(small, f"it has {status.st_size} bytes", str(path), f"at most {at_most}")
 
 
 def _linked(path: Path) -> ProblemError:
@@ -159,7 +120,7 @@ def _linked(path: Path) -> ProblemError:
 
 
 @contextmanager
-def _named(path: Path, expected: str) -> Iterator[None]:
+def named(path: Path, expected: str) -> Iterator[None]:
     """Say of an operating system's error which file it is about."""
     try:
         yield

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self, get_args
 
 import numpy as np
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.numbers import Matrix, converter
 
 Topology = Literal["cycle", "path", "ring", "complete", "star", "leader_path"]
@@ -18,7 +18,7 @@ MOST_AGENTS = 2_000
 
 
 @dataclass(frozen=True, eq=False)
-class Graph:
+class Digraph:
     """A directed weighted graph of N >= 2 agents.
 
     Args:
@@ -37,28 +37,13 @@ class Graph:
     adjacency: Annotated[np.ndarray, "N N"]
 
     def __post_init__(self) -> None:
-        a = np.array(self.adjacency, dtype=float)
-        where = "adjacency"
-        if a.ndim != 2 or a.shape[0] != a.shape[1]:
-            raise ProblemError(
-                f"a matrix of shape {' x '.join(map(str, a.shape))}",
-                where=where,
-                expected="a square one, one row and one column per agent",
-            )
-        check_count(a.shape[0])
-        if not np.isfinite(a).all() or (a < 0).any():
-            i, j = np.argwhere(~(np.isfinite(a) & (a >= 0)))[0]
-            raise ProblemError(
-                f"the weight from agent {j + 1} to agent {i + 1} is {a[i, j]}",
-                where=where,
-                expected="a finite weight that is not negative",
-            )
-        if np.diag(a).any():
-            raise ProblemError(
-                f"agent {np.flatnonzero(np.diag(a))[0] + 1} listens to itself",
-                where=where,
-                expected="a zero diagonal",
-            )
+        a, where = np.array(self.adjacency, dtype=float), "adjacency"
+        _check_square(a, where)
+        for i, j in np.argwhere(~(np.isfinite(a) & (a >= 0)))[:1]:
+            found = f"the weight from agent {j + 1} to agent {i + 1} is {a[i, j]}"
+            raise ProblemError(found, where=where, expected="a finite weight that is not negative")
+        for i in np.flatnonzero(np.diag(a))[:1]:
+            raise ProblemError(f"agent {i + 1} listens to itself", where=where, expected="a zero diagonal")
         a.flags.writeable = False
         object.__setattr__(self, "adjacency", a)
 
@@ -69,13 +54,8 @@ class Graph:
         a = np.zeros((agents, agents))
         for k, edge in enumerate(edges, start=1):
             i, j, weight = _edge(agents, k, edge)
-            if a[i, j]:
-                raise ProblemError(
-                    f"edge {k}, {_shown(edge)}, is there twice",
-                    where="[network] edges",
-                    expected="one edge per listener and source",
-                    remedy="add the weights up",
-                )
+            found, once = f"edge {k}, {_shown(edge)}, is there twice", "one edge per listener and source"
+            demand(not a[i, j], found, "[network] edges", once, "add the weights up")
             a[i, j] = weight
         return cls(a)
 
@@ -87,32 +67,19 @@ class Graph:
         """
         where = "[network] laplacian"
         L = np.array(laplacian, dtype=float)
-        if L.ndim != 2 or L.shape[0] != L.shape[1]:
-            raise ProblemError(
-                f"a matrix of shape {' x '.join(map(str, L.shape))}",
-                where=where,
-                expected="a square one, one row and one column per agent",
-            )
-        check_count(L.shape[0])
-        if not np.isfinite(L).all():
-            raise ProblemError("an entry is not a finite number", where=where)
+        _check_square(L, where)
+        demand(np.isfinite(L).all(), "an entry is not a finite number", where)
         off = L - np.diag(np.diag(L))
-        if (off > 0).any():
-            i, j = np.argwhere(off > 0)[0]
+        for i, j in np.argwhere(off > 0)[:1]:
             raise ProblemError(
                 f"the entry of row {i + 1} and column {j + 1} is {L[i, j]}",
                 where=where,
                 expected="off-diagonal entries -a_ij <= 0, as in (1)",
                 remedy="give the Laplacian D - A, not the adjacency matrix",
             )
-        excess = np.abs(L.sum(axis=1)) - 1e-9 * np.abs(L).sum(axis=1)
-        if (excess > 0).any():
-            i = int(np.argmax(excess))
-            raise ProblemError(
-                f"row {i + 1} adds up to {L[i].sum():.6g}",
-                where=where,
-                expected="rows that add up to 0, as in (1)",
-            )
+        for i in np.flatnonzero(np.abs(L.sum(axis=1)) > 1e-9 * np.abs(L).sum(axis=1))[:1]:
+            found = f"row {i + 1} adds up to {L[i].sum():.6g}"
+            raise ProblemError(found, where=where, expected="rows that add up to 0, as in (1)")
         return cls(np.where(off < 0, -off, 0.0))
 
     @classmethod
@@ -126,12 +93,8 @@ class Graph:
         >>> Graph.topology("star", 3).roots
         (1,)
         """
-        if name not in get_args(Topology):
-            raise ProblemError(
-                f"`{name}` is not a topology",
-                where="[network] topology",
-                expected=", ".join(get_args(Topology)),
-            )
+        known = get_args(Topology)
+        demand(name in known, f"`{name}` is not a topology", "[network] topology", ", ".join(known))
         check_count(agents)
         if name == "complete":
             return cls(np.ones((agents, agents)) - np.eye(agents))
@@ -230,44 +193,36 @@ def check_count(agents: int) -> None:
     Raises:
         ProblemError: not a whole number, or one outside of 2 to `MOST_AGENTS`.
     """
-    if isinstance(agents, bool) or not isinstance(agents, int | np.integer):
-        raise ProblemError(f"`agents` is {agents!r}", where="[network] agents", expected="a whole number")
-    if not 2 <= agents <= MOST_AGENTS:
-        raise ProblemError(
-            f"`agents` is {agents}",
-            where="[network] agents",
-            expected=f"from 2 to {MOST_AGENTS}",
-            remedy="agreement needs two agents at least" if agents < 2 else "",
-        )
+    found, where = f"`agents` is {agents!r}", "[network] agents"
+    whole = isinstance(agents, int | np.integer) and not isinstance(agents, bool)
+    demand(whole, found, where, "a whole number")
+    few = "agreement needs two agents at least" if agents < 2 else ""
+    demand(2 <= agents <= MOST_AGENTS, found, where, f"from 2 to {MOST_AGENTS}", few)
+
+
+def _check_square(a: Annotated[np.ndarray, "..."], where: str) -> None:
+    found = f"a matrix of shape {' x '.join(map(str, a.shape))}"
+    demand(
+        a.ndim == 2 and len({*a.shape}) == 1, found, where, "a square one, one row and one column per agent"
+    )
+    check_count(a.shape[0])
 
 
 def _edge(agents: int, k: int, edge: Sequence[int | float]) -> tuple[int, int, float]:
     """Check one edge and return its 0-based listener, 0-based source and weight."""
-    where = "[network] edges"
-    shown = f"edge {k}, {_shown(edge)},"
-    if len(edge) not in (2, 3):
-        raise ProblemError(
-            f"{shown} has {len(edge)} numbers",
-            where=where,
-            expected="[listener, source] or [listener, source, weight]",
-        )
-    if any(isinstance(end, bool) or end != int(end) if np.isfinite(end) else True for end in edge[:2]):
-        raise ProblemError(f"{shown} does not name two agents", where=where, expected="whole numbers")
+    where, shown = "[network] edges", f"edge {k}, {_shown(edge)},"
+    form = "[listener, source] or [listener, source, weight]"
+    demand(len(edge) in (2, 3), f"{shown} has {len(edge)} numbers", where, form)
+    whole = all(np.isfinite(end) and not isinstance(end, bool) and end == int(end) for end in edge[:2])
+    demand(whole, f"{shown} does not name two agents", where, "whole numbers")
     i, j = int(edge[0]), int(edge[1])
-    if not (1 <= i <= agents and 1 <= j <= agents):
-        raise ProblemError(
-            f"{shown} is out of range",
-            where=where,
-            expected=f"agents from 1 to {agents}",
-            remedy="agents count from 1" if 0 in (i, j) else f"`agents` is {agents}: raise it for more",
-        )
-    if i == j:
-        raise ProblemError(f"{shown} is a self loop", where=where, expected="two different agents")
+    remedy = "agents count from 1" if 0 in (i, j) else f"`agents` is {agents}: raise it for more"
+    inside = 1 <= i <= agents and 1 <= j <= agents
+    demand(inside, f"{shown} is out of range", where, f"agents from 1 to {agents}", remedy)
+    demand(i != j, f"{shown} is a self loop", where, "two different agents")
     weight = float(edge[2]) if len(edge) == 3 else 1.0
-    if not np.isfinite(weight) or weight <= 0:
-        raise ProblemError(
-            f"{shown} has the weight {weight}", where=where, expected="a finite weight above 0"
-        )
+    positive = np.isfinite(weight) and weight > 0
+    demand(positive, f"{shown} has the weight {weight}", where, "a finite weight above 0")
     return i - 1, j - 1, weight
 
 

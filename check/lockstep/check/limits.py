@@ -1,10 +1,9 @@
 """What is refused of a file before any work starts: too many keys, too deep, texts that would write over a terminal."""
 
-import re
 import unicodedata
 from typing import Any
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.wording import shorten
 
 MOST_KEYS = 50_000
@@ -13,32 +12,8 @@ MOST_KEYS = 50_000
 DEEPEST_KEY = 16
 """Levels of tables and lists. The deepest of ours is [[design.gains]] A, row, column: 5."""
 
-# Nothing is tried twice: a key part begins where none goes on, and gives nothing back.
-_LONG_KEY = re.compile(
-    rf"""(?<![A-Za-z0-9_-])(?:(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST_KEY}}}"""
-)
-_TABLE = re.compile(r"^[ \t]*\[", re.MULTILINE)
-
 _JOINERS = "\u200c\u200d\u00ad"
 """Of the invisible characters those that scripts need to be read: they join or part letters, and move nothing."""
-
-
-def check_toml(text: str) -> None:
-    """Refuse a text in TOML whose tables would fill the memory while it is parsed.
-
-    Raises:
-        ProblemError: a key of more than `DEEPEST_KEY` parts, or more than `MOST_KEYS` keys and tables.
-    """
-    count = text.count("=") + sum(1 for _ in _TABLE.finditer(text))
-    if count > MOST_KEYS:
-        raise ProblemError(f"some {count} keys and tables", expected=f"at most {MOST_KEYS}")
-    if found := _LONG_KEY.search(text):
-        line = text.count("\n", 0, found.start()) + 1
-        raise ProblemError(
-            f"the key `{shorten(found[0], 40)}` has too many parts",
-            where=f"line {line}",
-            expected=f"at most {DEEPEST_KEY}",
-        )
 
 
 def check_document(document: Any) -> None:
@@ -57,14 +32,11 @@ def _check_part(value: Any, place: tuple[str | int, ...], left: int) -> int:
         return left
     if not isinstance(value, dict | list):
         return left
-    if len(place) > DEEPEST_KEY:
-        raise ProblemError(
-            "it is nested too deeply", where=_shown(place), expected=f"at most {DEEPEST_KEY} levels"
-        )
+    levels = f"at most {DEEPEST_KEY} levels"
+    demand(len(place) <= DEEPEST_KEY, "it is nested too deeply", _shown(place), levels)
     if isinstance(value, dict):
         left -= len(value)
-        if left < 0:
-            raise ProblemError("too many keys", where=_shown(place), expected=f"at most {MOST_KEYS}")
+        demand(left >= 0, "too many keys", _shown(place), f"at most {MOST_KEYS}")
         for key in value:
             _check_text(str(key), place)
     for key, item in value.items() if isinstance(value, dict) else enumerate(value, start=1):

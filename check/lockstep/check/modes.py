@@ -28,10 +28,10 @@ from typing import Annotated, Any
 import numpy as np
 
 from lockstep.check.channels import Channel, Inequality
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.inequality import Claim, Inputs, disturbance, nonlinearity
 from lockstep.check.loop import Gains, Plant
-from lockstep.check.network import Network
+from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import Matrix, converter, exactly, eye, is_exact, zeros
 from lockstep.check.psd import Definiteness, decide_positive_definite
 from lockstep.check.spectrum import REMEDY, Metric, decide_spectrum, metric
@@ -59,12 +59,9 @@ class ModalCertificate:
     def __post_init__(self) -> None:
         """Check that the segments follow each other."""
         ends = self.ends
-        if len(ends) < 2 or any(b < a for a, b in pairwise(ends)):
-            raise ProblemError(
-                f"the segments end at {', '.join(f'{end:g}' for end in ends)}",
-                where="certificate",
-                expected="one or more segments in rising order",
-            )
+        found = f"the segments end at {', '.join(f'{end:g}' for end in ends)}"
+        rising = len(ends) > 1 and all(a <= b for a, b in pairwise(ends))
+        demand(rising, found, "certificate", "one or more segments in rising order")
 
     @property
     def ends(self) -> tuple[float, ...]:
@@ -156,49 +153,35 @@ def mode_matrix(
     return stated.F(P, K[None], np.array([sigma, *own]))
 
 
-def check_covered(network: Network, claim: Claim) -> Metric:
+def check_covered(network: ExactNetwork, claim: Claim) -> Metric:
     """Return the metric of the graph.
 
     Raises:
         ProblemError: a graph, agents or a request that do not split into modes.
     """
     known, where = metric(network.graph), '[design] method = "modal"'
-    if any(not np.array_equal(B, network.plant.B[0]) for B in network.plant.B):
-        raise ProblemError(
-            "the agents have input matrices of their own",
-            where=where,
-            expected="one B for all agents",
-            remedy=REMEDY,
-        )
-    if network.coordinates != "orthonormal":
-        raise ProblemError(
-            f'`coordinates` is "{network.coordinates}"', where=where, expected='"orthonormal"', remedy=REMEDY
-        )
-    if claim.delta.any():
-        raise ProblemError(
-            "`fragility` is asked for", where=where, expected="certain controllers", remedy=REMEDY
-        )
+    same = all(np.array_equal(B, network.plant.B[0]) for B in network.plant.B)
+    demand(same, "the agents have input matrices of their own", where, "one B for all agents", REMEDY)
+    found, plain = f'`coordinates` is "{network.coordinates}"', network.coordinates == "orthonormal"
+    demand(plain, found, where, '"orthonormal"', REMEDY)
+    demand(not claim.delta.any(), "`fragility` is asked for", where, "certain controllers", REMEDY)
     return known
 
 
-def decide_modes(network: Network, gains: Gains, claim: Claim, certificate: ModalCertificate) -> Definiteness:
+def decide_modes(
+    network: ExactNetwork, gains: Gains, claim: Claim, certificate: ModalCertificate
+) -> Definiteness:
     """Decide exactly whether a certificate proves its rho for identical gains: the whole proof, R > 0 and Q > 0 included.
 
     Raises:
         ProblemError: the problem does not split into modes, or the gains differ.
     """
     known, c = check_covered(network, claim), certificate
-    if any(not np.array_equal(block, gains.blocks[0]) for block in gains.blocks):
-        raise ProblemError(
-            "they differ", where="gains", expected='the same for all agents, with a "modal" certificate'
-        )
-    mu = (c.mu, *c.mu_entries)
-    if len(c.mu_entries) != len(claim.entries):
-        raise ProblemError(
-            f"{len(c.mu_entries)} numbers mu",
-            where="certificate",
-            expected=f"{len(claim.entries)}, one an entry",
-        )
+    same = all(np.array_equal(block, gains.blocks[0]) for block in gains.blocks)
+    demand(same, "they differ", "gains", 'the same for all agents, with a "modal" certificate')
+    mu, wanted = (c.mu, *c.mu_entries), len(claim.entries)
+    found = f"{len(c.mu_entries)} numbers mu"
+    demand(len(c.mu_entries) == wanted, found, "certificate", f"{wanted}, one an entry")
     if min(mu) < 0:
         return Definiteness(False, "sign of mu", min(mu), value=min(mu))
     for name, weight in (("R", claim.R), ("Q", claim.Q)):

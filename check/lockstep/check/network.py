@@ -5,14 +5,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lockstep.check.disagreement import Coordinates, disagreement
-from lockstep.check.errors import ProblemError
-from lockstep.check.graph import Graph
+from lockstep.check.errors import demand
+from lockstep.check.graph import Digraph
 from lockstep.check.loop import Loop, Plant, build_loop
 from lockstep.check.numbers import converter, eye
 
 
 @dataclass(frozen=True, eq=False)
-class Network:
+class ExactNetwork:
     """N agents x_i' = A x_i + B_i u_i + G phi(H x_i, t) + xi_i, y_i = C x_i on a graph (2), (4).
 
     Args:
@@ -27,7 +27,7 @@ class Network:
     """
 
     plant: Plant
-    graph: Graph
+    graph: Digraph
     coordinates: Coordinates = "orthonormal"
     decay: float = 0.0
     _loops: dict[tuple[int, bool], Loop] = field(default_factory=dict, repr=False)
@@ -35,33 +35,29 @@ class Network:
     def __post_init__(self) -> None:
         self.graph.check_spanning_tree()
         plant, N = self.plant, self.graph.N
-        if len(plant.B) != N:
-            raise ProblemError(
-                f"{len(plant.B)} input matrices for {N} agents", where="network", expected="one B per agent"
-            )
+        demand(
+            len(plant.B) == N, f"{len(plant.B)} input matrices for {N} agents", "network", "one B per agent"
+        )
         n, m, q, r, v = plant.sizes
-        fits = [
-            ("A", plant.A, (n, n)),
-            ("C", plant.C, (q, n)),
-            ("G", plant.G, (n, r)),
-            ("H", plant.H, (v, n)),
-        ]
-        for name, matrix, shape in [*fits, *[(f"B_{i}", B, (n, m)) for i, B in enumerate(plant.B, start=1)]]:
-            if matrix.shape != shape:
-                raise ProblemError(
-                    f"`{name}` is {' x '.join(map(str, matrix.shape))}",
-                    where="network",
-                    expected=f"{shape[0]} x {shape[1]}",
-                )
+        fits = {
+            "A": (plant.A, (n, n)),
+            "C": (plant.C, (q, n)),
+            "G": (plant.G, (n, r)),
+            "H": (plant.H, (v, n)),
+        }
+        fits |= {f"B_{i}": (B, (n, m)) for i, B in enumerate(plant.B, start=1)}
+        for name, (matrix, shape) in fits.items():
+            found = f"`{name}` is {' x '.join(map(str, matrix.shape))}"
+            demand(matrix.shape == shape, found, "network", f"{shape[0]} x {shape[1]}")
 
     @property
     def N(self) -> int:
         """Number of agents."""
         return self.graph.N
 
-    def decaying(self, decay: float) -> "Network":
+    def decaying(self, decay: float) -> "ExactNetwork":
         """Return the network of e^(decay t) x_cl."""
-        return Network(self.plant, self.graph, self.coordinates, decay)
+        return ExactNetwork(self.plant, self.graph, self.coordinates, decay)
 
     def loop(self, order: int, *, exact_arithmetic: bool) -> Loop:
         """Return the loop (15) for controllers of an order, in doubles or in the same rationals."""

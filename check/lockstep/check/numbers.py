@@ -51,6 +51,11 @@ def _nearest(value: Any) -> float:
         return float("inf") if value > 0 else float("-inf")
 
 
+def as_fraction(value: Any) -> Fraction:
+    """Return a double, a `Fraction` or an `fmpq` as the rational that it is."""
+    return Fraction(int(value.p), int(value.q)) if isinstance(value, fmpq) else Fraction(value)
+
+
 def rounded_down(number: Fraction) -> float:
     """Return the largest double that is not above a rational.
 

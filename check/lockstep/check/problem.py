@@ -12,24 +12,37 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from lockstep.check.agent import Agent, Move
+from lockstep.check.agent import ExactAgent, Move
 from lockstep.check.bound.box import Box
-from lockstep.check.design_file.json_text import above_zero, item, not_negative, number, one_of, only, part
+from lockstep.check.design_file.json_text import (
+    above_zero,
+    item,
+    matrix,
+    not_negative,
+    number,
+    one_of,
+    only,
+    part,
+)
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.disagreement import Coordinates
 from lockstep.check.domain import argument_box
-from lockstep.check.errors import ProblemError
-from lockstep.check.graph import Graph
+from lockstep.check.errors import demand
+from lockstep.check.graph import Digraph
 from lockstep.check.inequality import Performance
 from lockstep.check.loop import Plant
-from lockstep.check.network import Network
+from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import exactly
+from lockstep.check.wording import shorten
 
-DEFAULT_ORDER = 2
+DEFAULT_ORDER, MOST_ORDER = 2, 64
 """n_C where a problem states none."""
 
 CONTROLLER = {"discretization": ("tustin", "zoh", "euler"), "real": ("float32", "float64")}
 """Of [controller], the words that are known."""
+
+_COMMON = ("A", "C", "G", "H", "phi", "offset")
+"""What agents that differ in B only have in common."""
 
 COORDINATES = ("orthonormal", "laplacian_rows")
 
@@ -37,7 +50,7 @@ Scales = tuple[Sequence[float], Sequence[float]] | None
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class ProblemTables:
     """The tables of a problem, and what they say.
 
     Raises:
@@ -47,7 +60,7 @@ class Problem:
     tables: Mapping[str, Any]
 
     @classmethod
-    def from_document(cls, tables: Mapping[str, Any]) -> "Problem":
+    def from_document(cls, tables: Mapping[str, Any]) -> "ProblemTables":
         """Build the problem and look at all of it, so that what is wrong with it is told at once."""
         problem = cls(tables)
         _ = problem.sizes, problem.box, problem.performance, problem.period, problem.delay
@@ -77,28 +90,24 @@ class Problem:
         return table
 
     @cached_property
-    def agent(self) -> Agent:
+    def agent(self) -> ExactAgent:
         """The agent as it is written: no slope is moved."""
         return self._agent({})
 
-    def _agent(self, changed: Mapping[str, Any]) -> Agent:
+    def _agent(self, changed: Mapping[str, Any]) -> ExactAgent:
         table = part(self.tables, "agent", dict)
         parameters = part(table, "parameters", dict)
         outputs: dict[str, str] = {}
+        where = "[agent.outputs]"
         for pair in part(table, "outputs", list):
-            if len(_texts(pair, "[agent.outputs]")) != 2 or pair[0] in outputs:
-                raise ProblemError(
-                    f"{pair!r}", where="[agent.outputs]", expected="pairs of a new name and a formula"
-                )
+            new = len(_texts(pair, where)) == 2 and pair[0] not in outputs
+            demand(new, f"{pair!r}", where, "pairs of a new name and a formula")
             outputs[pair[0]] = pair[1]
-        if not isinstance(changed, dict):
-            raise ProblemError(
-                f"{changed!r}", where="[network] parameters", expected="a table for each agent"
-            )
+        where = "[network] parameters"
+        demand(isinstance(changed, dict), f"{changed!r}", where, "a table for each agent")
         for name in changed:
-            if name not in parameters:
-                raise ProblemError(f"`{name}` is no parameter of the agent", where="[network] parameters")
-        return Agent.from_texts(
+            demand(name in parameters, f"`{name}` is no parameter of the agent", where)
+        return ExactAgent.from_texts(
             str(table.get("name", "agent")),
             states=_texts(part(table, "states", list), "[agent] states"),
             inputs=_texts(part(table, "inputs", list), "[agent] inputs"),
@@ -108,23 +117,22 @@ class Problem:
         )
 
     @cached_property
-    def graph(self) -> Graph:
+    def graph(self) -> Digraph:
         """Who listens to whom."""
         table = part(self.tables, "network", dict)
         given = [key for key in ("edges", "laplacian", "topology") if table.get(key) is not None]
-        if len(given) != 1:
-            expected = "exactly one of `edges`, `laplacian` and `topology`"
-            raise ProblemError(f"{len(given)} of them", where="[network]", expected=expected)
+        expected = "exactly one of `edges`, `laplacian` and `topology`"
+        demand(len(given) == 1, f"{len(given)} of them", "[network]", expected)
         if given == ["laplacian"]:
-            return Graph.from_laplacian(_rows(table["laplacian"], "[network] laplacian"))
+            return Digraph.from_laplacian(matrix()(table["laplacian"], "[network] laplacian"))
         agents = item(table, "agents", "[network]")
         if given == ["topology"]:
-            return Graph.topology(table["topology"], agents)
+            return Digraph.topology(table["topology"], agents)
         edges = part(table, "edges", list)
         for k, edge in enumerate(edges, start=1):
-            for end in edge if isinstance(edge, list) else [edge]:
+            for end in edge if isinstance(edge, list) else [None]:
                 number(end, f"[network] edges, edge {k}")
-        return Graph.from_edges(agents, edges)
+        return Digraph.from_edges(agents, edges)
 
     @cached_property
     def inputs(self) -> tuple[Annotated[np.ndarray, "n m"], ...]:
@@ -132,12 +140,16 @@ class Problem:
         given = part(self.tables, "network", dict).get("parameters")
         if given is None:
             return (self.agent.B,) * self.graph.N
-        if not isinstance(given, list) or len(given) != self.graph.N:
-            raise ProblemError("a list of tables", where="[network] parameters", expected="one per agent")
+        whole = isinstance(given, list) and len(given) == self.graph.N
+        demand(whole, "another number of tables", "[network] parameters", "one per agent")
         found = []
         for k, changed in enumerate(given, start=1):
             variant = self._agent(changed) if changed else self.agent
-            self.agent.check_same_but_B(variant, where=f"[network] parameters, entry {k}")
+            odd = next(
+                (one for one in _COMMON if not _equal(getattr(self.agent, one), getattr(variant, one))), ""
+            )
+            same_but_B = "agents that differ in B only: (2) has one A, one C and one h for all"
+            demand(not odd, f"{odd} differs", f"[network] parameters, entry {k}", same_but_B)
             found.append(variant.B)
         return tuple(found)
 
@@ -149,9 +161,9 @@ class Problem:
             first = given[0] if isinstance(given, list) and isinstance(given[0], dict) else {}
             return len(part(first, "A", list))
         order = self.design.get("order", DEFAULT_ORDER)
-        if isinstance(order, bool) or not isinstance(order, int) or order < 0:
-            raise ProblemError(f"{order!r}", where="[design] order", expected="a whole number from 0 up")
-        return order
+        whole = isinstance(order, int) and not isinstance(order, bool) and 0 <= order <= MOST_ORDER
+        demand(whole, shorten(repr(order)), "[design] order", f"a whole number from 0 to {MOST_ORDER}")
+        return int(order)
 
     @property
     def sizes(self) -> Sizes:
@@ -196,57 +208,47 @@ class Problem:
     @property
     def limits(self) -> Annotated[np.ndarray, " m"]:
         """How far each input may go either way: the nearer of its two limits, infinite where it has none."""
-        table = part({"limits": {}, **part(self.tables, "agent", dict)}, "limits", dict)
+        table = part(self.tables, "agent", dict).get("limits") or {}
         only(table, self.agent.inputs, "[agent.limits]")
         sides = [
             _range(table.get(name, [None, None]), f"[agent.limits] {name}") for name in self.agent.inputs
         ]
         for name, (low, high) in zip(self.agent.inputs, sides, strict=True):
-            if not low < 0 < high:
-                raise ProblemError(
-                    f"[{low}, {high}]", where=f"[agent.limits] {name}", expected="a range around 0"
-                )
+            demand(low < 0 < high, f"[{low}, {high}]", f"[agent.limits] {name}", "a range around 0")
         return np.array([min(-low, high) for low, high in sides])
 
-    def network(self, moves: Sequence[Move], scales: Scales) -> tuple[Network, Agent]:
+    def network(self, moves: Sequence[Move], scales: Scales) -> tuple[ExactNetwork, ExactAgent]:
         """Return the network with slopes moved and G D_w, D_v^-1 H in place of G and H, and the agent that it is of."""
         agent = self.agent.moved(moves)
         D_w, D_v = scales or ((1.0,) * agent.G.shape[1], (1.0,) * agent.H.shape[0])
-        if len(D_w) != agent.G.shape[1] or len(D_v) != agent.H.shape[0]:
-            raise ProblemError(
-                f"scales for {len(D_w)} components and {len(D_v)} arguments",
-                where="claims, `scales`",
-                expected=f"{agent.G.shape[1]} and {agent.H.shape[0]}",
-            )
+        r, v = agent.G.shape[1], agent.H.shape[0]
+        found = f"scales for {len(D_w)} components and {len(D_v)} arguments"
+        demand((len(D_w), len(D_v)) == (r, v), found, "claims, `scales`", f"{r} and {v}")
         G = agent.G * exactly(np.array(D_w)).reshape(1, -1)
         H = agent.H / exactly(np.array(D_v)).reshape(-1, 1)
         plant = Plant(agent.A, self.inputs, agent.C, G, H)
         chosen = one_of(self.design.get("coordinates"), COORDINATES, "[design] coordinates")
         coordinates: Coordinates = "orthonormal" if chosen == "orthonormal" else "laplacian_rows"
-        return Network(plant, self.graph, coordinates), agent
+        return ExactNetwork(plant, self.graph, coordinates), agent
+
+
+def _equal(a: Any, b: Any) -> bool:
+    return bool(np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b)
 
 
 def _texts(value: Any, where: str) -> list[str]:
-    if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
-        raise ProblemError(f"{value!r}", where=where, expected="a list of texts")
-    return value
+    texts = isinstance(value, list) and all(isinstance(one, str) for one in value)
+    demand(texts, f"{value!r}", where, "a list of texts")
+    return list(value)
 
 
 def _range(value: Any, where: str) -> tuple[float, float]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise ProblemError(f"{value!r}", where=where, expected="a lower and an upper bound")
+    demand(isinstance(value, list) and len(value) == 2, f"{value!r}", where, "a lower and an upper bound")
     low, high = value
     return (
         -math.inf if low is None else number(low, where),
         math.inf if high is None else number(high, where),
     )
-
-
-def _rows(value: Any, where: str) -> Annotated[np.ndarray, "k l"]:
-    rows = [[number(x, where) for x in row] for row in value if isinstance(row, list)]
-    if not rows or {len(row) for row in rows} != {len(value)}:
-        raise ProblemError("rows of other lengths", where=where, expected="a square matrix")
-    return np.array(rows)
 
 
 def _scales(value: Any, names: Sequence[str], where: str) -> Annotated[np.ndarray, " k"]:
@@ -265,7 +267,5 @@ def _weight(value: Any, size: int, where: str) -> Annotated[np.ndarray, "k k"]:
         return not_negative(value, where) * np.eye(size)
     if not any(isinstance(row, list) for row in value):
         value = np.diag([number(x, where) for x in value]).tolist()
-    matrix = _rows(value, where) if size else np.zeros((0, 0))
-    if matrix.shape != (size, size) or (matrix != matrix.T).any():
-        raise ProblemError(f"a matrix of {len(matrix)} rows", where=where, expected=f"{size} rows, symmetric")
-    return matrix
+    found: Annotated[np.ndarray, "k k"] = matrix(size, size, symmetric=True)(value if size else [], where)
+    return found

@@ -14,12 +14,9 @@ import numpy as np
 from flint import fmpq
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.graph import Graph
-from lockstep.check.numbers import as_floats, exactly
+from lockstep.check.graph import Digraph
+from lockstep.check.numbers import exactly
 from lockstep.check.psd import Definiteness, decide_positive_definite
-
-OUTSIDE = 1e-9
-"""How far outside the computed eigenvalues the bounds are put, relative to lambda_N: far above rounding errors."""
 
 REMEDY = 'use method = "certified", which takes any graph with a spanning tree'
 
@@ -37,7 +34,7 @@ class Metric:
         return ratio
 
 
-def metric(graph: Graph) -> Metric:
+def metric(graph: Digraph) -> Metric:
     """Return the weights that make W L symmetric, exactly.
 
     Raises:
@@ -74,16 +71,7 @@ def metric(graph: Graph) -> Metric:
     )
 
 
-def spectrum_bounds(graph: Graph, known: Metric) -> tuple[float, float]:
-    """Return (lower, upper) a little outside lambda_2 and lambda_N."""
-    root = np.sqrt(as_floats(known.w))
-    symmetric = root[:, None] * graph.laplacian / root[None, :]
-    values = np.linalg.eigvalsh((symmetric + symmetric.T) / 2)
-    room = OUTSIDE * values[-1]
-    return float(values[1] - room), float(values[-1] + room)
-
-
-def decide_spectrum(graph: Graph, known: Metric, lower: float, upper: float) -> Definiteness:
+def decide_spectrum(graph: Digraph, known: Metric, lower: float, upper: float) -> Definiteness:
     """Decide exactly whether lower < lambda_2 and lambda_N < upper.
 
     With Z a basis of the vectors z with w'z = 0, the invariant complement of 1: Z'(W L - lower W)Z > 0 and
@@ -98,7 +86,7 @@ def decide_spectrum(graph: Graph, known: Metric, lower: float, upper: float) -> 
     return first if not first.positive else decide_positive_definite(high * squares - on_Z)
 
 
-def _refused(graph: Graph, found: str) -> ProblemError:
+def _refused(graph: Digraph, found: str) -> ProblemError:
     values = np.linalg.eigvals(graph.laplacian)
     worst = values[int(np.argmax(np.abs(values.imag)))]
     real = abs(worst.imag) < 1e-9 * max(1.0, float(np.abs(values).max()))

@@ -1,7 +1,6 @@
 """Words for messages: the nearest known name, and texts cut to a readable length."""
 
 import difflib
-import re
 from collections.abc import Iterable
 
 
@@ -16,32 +15,6 @@ def nearest(name: str, known: Iterable[str]) -> str:
     if not close:
         close = [k for k in names if k.lower() == name.lower()][:1]
     return f"did you mean `{close[0]}`?" if close else ""
-
-
-def as_written(text: str) -> str:
-    """Return an expression that CasADi printed as a problem file writes it.
-
-    >>> as_written("(sq((x-y))+fmin(2,fabs(x)))")
-    '((x-y)**2+min(2,abs(x)))'
-    """
-    for theirs, ours in (("fmin", "min"), ("fmax", "max"), ("fabs", "abs")):
-        text = re.sub(rf"\b{theirs}\(", f"{ours}(", text)
-    while (found := re.search(r"\bsq\(", text)) is not None:
-        end = _closing(text, found.end() - 1)
-        inner = text[found.end() : end]
-        whole = inner.isidentifier() or (inner[:1] == "(" and _closing(inner, 0) == len(inner) - 1)
-        text = f"{text[: found.start()]}{inner if whole else f'({inner})'}**2{text[end + 1 :]}"
-    return text
-
-
-def _closing(text: str, start: int) -> int:
-    """Return where the parenthesis that opens at `start` closes; at the end if it does not."""
-    depth = 0
-    for k in range(start, len(text)):
-        depth += {"(": 1, ")": -1}.get(text[k], 0)
-        if depth == 0:
-            return k
-    return len(text)
 
 
 def visible(text: str) -> str:

@@ -4,28 +4,28 @@
 """
 
 from lockstep.campaign.campaign import Campaign, run_campaign, summary
-from lockstep.campaign.compute import Table, compute
-from lockstep.campaign.engine import Batch, Engine, Outcome
-from lockstep.campaign.functions import Weights
+from lockstep.campaign.compiled.engine import Batch, Engine, RunFigures
+from lockstep.campaign.compiled.layout import Features, Layout
+from lockstep.campaign.compiled.source import CampaignSource, continuous_source, sampled_source
+from lockstep.campaign.compute import RunTable, compute
 from lockstep.campaign.guarantee import Guarantee
-from lockstep.campaign.layout import Features, Layout
 from lockstep.campaign.plan import Plan, plan_of
 from lockstep.campaign.replay import Replay, replay
-from lockstep.campaign.source import Source, continuous_source, sampled_source
+from lockstep.check.inequality import Performance
 
 __all__ = [
     "Batch",
     "Campaign",
+    "CampaignSource",
     "Engine",
     "Features",
     "Guarantee",
     "Layout",
-    "Outcome",
+    "Performance",
     "Plan",
     "Replay",
-    "Source",
-    "Table",
-    "Weights",
+    "RunFigures",
+    "RunTable",
     "compute",
     "continuous_source",
     "plan_of",

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.campaign.compute import Table, chunks, compute
+from lockstep.campaign.compiled.library import load
+from lockstep.campaign.compute import RunTable, chunks, compute
 from lockstep.campaign.draw import FAMILIES, draw
-from lockstep.campaign.library import load
 from lockstep.campaign.plan import FORMAT, Plan
 from lockstep.campaign.store import Store
 from lockstep.check.errors import ProblemError
@@ -33,7 +33,7 @@ class Campaign:
     """
 
     plan: Plan
-    table: Table
+    table: RunTable
     folder: Path
     path: Path
     computed: int
@@ -125,7 +125,7 @@ def _on_this_machine(plan: Plan, todo: list[tuple[int, int]], jobs: int, keep: K
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def summary(plan: Plan, table: Table) -> dict[str, Any]:
+def summary(plan: Plan, table: RunTable) -> dict[str, Any]:
     """Return the figures of a campaign as plain JSON types."""
     covered = table.covered
     ratio, finite = table["ratio"][covered], table["diverged"] == 0
@@ -158,7 +158,7 @@ def summary(plan: Plan, table: Table) -> dict[str, Any]:
     }
 
 
-def _quantiles(table: Table, covered: np.ndarray) -> dict[str, dict[str, float | None]]:
+def _quantiles(table: RunTable, covered: np.ndarray) -> dict[str, dict[str, float | None]]:
     shown = {
         "ratio": table["ratio"][covered],
         "disagreement_final": table["disagreement_final"],
@@ -170,7 +170,7 @@ def _quantiles(table: Table, covered: np.ndarray) -> dict[str, dict[str, float |
     }
 
 
-def _family(table: Table, here: np.ndarray, covered: np.ndarray) -> dict[str, Any]:
+def _family(table: RunTable, here: np.ndarray, covered: np.ndarray) -> dict[str, Any]:
     ratio = table["ratio"][here & covered]
     return {
         "runs": int(here.sum()),
@@ -180,7 +180,7 @@ def _family(table: Table, here: np.ndarray, covered: np.ndarray) -> dict[str, An
     }
 
 
-def describe(plan: Plan, table: Table, run: int) -> dict[str, Any]:
+def describe(plan: Plan, table: RunTable, run: int) -> dict[str, Any]:
     """Return a run's figures and what it started from and met, as plain JSON types."""
     batch = draw(plan, run, run + 1).batch
     figures = dict(zip(table.columns, table.values[run], strict=True))

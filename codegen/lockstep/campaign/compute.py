@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.campaign.compiled.engine import Engine, RunFigures
 from lockstep.campaign.draw import FAMILIES, draw
-from lockstep.campaign.engine import Engine, Outcome
 from lockstep.campaign.plan import CHUNK, Plan
 
 OWN_COLUMNS = ("run", "family", "covered", "diverged", "ratio", "gain", "stored")
@@ -48,7 +48,7 @@ def compute(plan: Plan, begin: int, end: int) -> Float[np.ndarray, "runs columns
     return np.hstack([own.astype(float), outcome.table])
 
 
-def ratios(rho: float, stored: Float[np.ndarray, " runs"], outcome: Outcome) -> Float[np.ndarray, " runs"]:
+def ratios(rho: float, stored: Float[np.ndarray, " runs"], outcome: RunFigures) -> Float[np.ndarray, " runs"]:
     """Return |z| / (V + rho^2 |xi_d|^2)^1/2; infinite for a diverged run, 0 for one at rest."""
     with np.errstate(divide="ignore", invalid="ignore"):
         found = np.sqrt(outcome["z_squared"] / (stored + rho**2 * outcome["w_squared"]))
@@ -57,7 +57,7 @@ def ratios(rho: float, stored: Float[np.ndarray, " runs"], outcome: Outcome) -> 
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class RunTable:
     """All runs of a campaign, in the order of their indices."""
 
     columns: tuple[str, ...]

@@ -7,7 +7,7 @@ of its place (SplitMix64's finalizer: Steele, Lea and Flood, "Fast splittable ps
 import numpy as np
 from jaxtyping import Float, UInt64
 
-from lockstep.campaign.engine import Batch
+from lockstep.campaign.compiled.engine import Batch
 
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 NOISE, DROPS = 1, 2

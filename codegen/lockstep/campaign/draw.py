@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.campaign.engine import Batch
+from lockstep.campaign.compiled.engine import Batch
 from lockstep.campaign.plan import Plan
 
 FAMILIES = ("peak", "sine", "noise", "step", "start", "drops")

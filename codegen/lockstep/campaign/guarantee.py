@@ -15,7 +15,7 @@ from lockstep.check.disagreement import disagreement
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.inequality import Certificate
 from lockstep.check.numbers import as_floats
-from lockstep.codegen.c_certificate import certify_texts
+from lockstep.codegen.sampled_design import certify_files
 from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored
 
@@ -64,12 +64,13 @@ def guarantee_of(stored: Stored, files: Mapping[str, str] | None, kind: Controll
         raise ProblemError(
             "no emitted C", where="campaign", expected="that of the design, for sampled controllers"
         )
-    held = certify_texts(files, stored, longest=False)
-    if held.rho is None:
-        why = "no rho was found beside their certificate" if held.verdict.certified else held.verdict.reason
+    decided, rho = certify_files(files, stored), stored.claims.sampled.rho
+    witness = stored.proofs.sampled_rho
+    if not decided.proves("sampled_rho") or rho is None or witness is None:
+        why = "the design claims none beside their certificate" if decided.ok else decided.reason
         raise NotCertified(
             f"there is no proved rho of the sampled controllers to hold a campaign against: {why};"
             " hold one of the continuous controllers against theirs (`--controllers continuous`), or shorten [controller]"
             " period"
         )
-    return Guarantee(held.rho.rho, T, held.rho.witness.P[:n_d, :n_d])
+    return Guarantee(rho, T, witness.P[:n_d, :n_d])

@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.campaign.functions import LETTERS, Weights
+from lockstep.campaign.compiled.functions import LETTERS
+from lockstep.campaign.compiled.layout import Features
+from lockstep.campaign.compiled.source import CampaignSource, continuous_source, sampled_source
 from lockstep.campaign.guarantee import Controllers, Guarantee, guarantee_of
-from lockstep.campaign.layout import Features
 from lockstep.campaign.peaks import Peak, peaks
 from lockstep.campaign.response import Response, continuous_response, sampled_response
-from lockstep.campaign.source import Source, continuous_source, sampled_source
 from lockstep.check.errors import ProblemError
+from lockstep.check.inequality import Performance
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.lmi.document import Stored
 from lockstep.model.network import Network
@@ -44,7 +45,7 @@ class Plan:
     peaks: where to disturb;  guarantee: what the runs are held against;  title, controllers: for people.
     """
 
-    source: Source
+    source: CampaignSource
     seed: int
     horizon: float
     spread: float
@@ -94,7 +95,9 @@ def plan_of(
     problem = stored.problem
     kind = controllers or ("continuous" if any(stored.claims.fragility.values()) else "sampled")
     network = Network(problem.agent(), problem.graph(), problem.agents_B(), problem.design.coordinates)
-    weights = Weights(problem.state_weight(network.agent.n), problem.controller_weight(stored.gains.order))
+    weights = Performance(
+        problem.state_weight(network.agent.n), problem.controller_weight(stored.gains.order)
+    )
     made = _sampled(stored, network, weights, files, step) if kind == "sampled" else None
     source, response, deltas = made or _continuous(stored, network, weights, step)
     return Plan(
@@ -111,8 +114,8 @@ def plan_of(
 
 
 def _sampled(
-    stored: Stored, network: Network, weights: Weights, files: Mapping[str, str] | None, step: float
-) -> tuple[Source, Response, Deltas]:
+    stored: Stored, network: Network, weights: Performance, files: Mapping[str, str] | None, step: float
+) -> tuple[CampaignSource, Response, Deltas]:
     """The loop with the C that ships, and its linear response."""
     if files is None:
         raise ProblemError(
@@ -127,8 +130,8 @@ def _sampled(
 
 
 def _continuous(
-    stored: Stored, network: Network, weights: Weights, step: float
-) -> tuple[Source, Response, Deltas]:
+    stored: Stored, network: Network, weights: Performance, step: float
+) -> tuple[CampaignSource, Response, Deltas]:
     """The loop with the continuous controllers and Delta of (11), and its linear response."""
     gains, fragility = stored.gains, stored.claims.fragility
     letters = [k for k in LETTERS if fragility[k] > 0 and getattr(gains, k)[0].size]

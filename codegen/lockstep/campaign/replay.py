@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.campaign.compiled.engine import Engine
 from lockstep.campaign.compute import columns_of, compute
 from lockstep.campaign.disturbance import disturbance
 from lockstep.campaign.draw import FAMILIES, draw
-from lockstep.campaign.engine import Engine
 from lockstep.campaign.plan import Plan
 from lockstep.check.errors import ProblemError
 from lockstep.model.agent import Agent

@@ -16,11 +16,10 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Complex, Float
 
-from lockstep.campaign.functions import Weights
 from lockstep.check.disagreement import orthonormal_factor
+from lockstep.check.inequality import Performance
 from lockstep.check.loop import Gains, build_loop
-from lockstep.check.sampled.controller import HeldController
-from lockstep.check.sampled.controller import Network as SampledNetwork
+from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.model.network import Network
 
@@ -29,7 +28,7 @@ Response = Callable[[Float[np.ndarray, "n n"]], Transfer]
 """From the agents' A at an operating point, and from a frequency in rad/s."""
 
 
-def continuous_response(network: Network, gains: Gains, weights: Weights) -> Response:
+def continuous_response(network: Network, gains: Gains, weights: Performance) -> Response:
     """Return the response of the loop with continuous controllers."""
     base = network.loop(gains.order)
     W, back = _weighing(network, weights, base.n_x)
@@ -43,7 +42,7 @@ def continuous_response(network: Network, gains: Gains, weights: Weights) -> Res
 
 
 def sampled_response(
-    network: Network, controllers: tuple[HeldController, ...], weights: Weights, period: float, delay: int
+    network: Network, controllers: tuple[HeldController, ...], weights: Performance, period: float, delay: int
 ) -> Response:
     """Return the response of the loop with sampled controllers, at the sampling instants."""
     from scipy.linalg import expm
@@ -73,7 +72,7 @@ def sampled_response(
 
 
 def _weighing(
-    network: Network, weights: Weights, width: int
+    network: Network, weights: Performance, width: int
 ) -> tuple[Float[np.ndarray, "n_z width"], Float[np.ndarray, "n_d n_d"]]:
     """W with |W (x_d, x_C, ...)| = |z|, and the map from orthonormal coordinates to those of the loop."""
     n, N = network.agent.n, network.N

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.campaign.compute import Table, chunks, columns_of
+from lockstep.campaign.compute import RunTable, chunks, columns_of
 from lockstep.campaign.draw import FAMILIES
 from lockstep.campaign.plan import Plan
 from lockstep.check.errors import ProblemError
@@ -74,9 +74,9 @@ class Store:
         fits = table.shape == (end - begin, len(columns_of(self.plan))) and table.dtype == np.float64
         return table if fits and np.array_equal(table[:, 0], np.arange(begin, end)) else None
 
-    def table(self, runs: int) -> Table:
+    def table(self, runs: int) -> RunTable:
         """Return all runs; every chunk must be there."""
-        return Table(columns_of(self.plan), np.vstack([self._present(*chunk) for chunk in chunks(runs)]))
+        return RunTable(columns_of(self.plan), np.vstack([self._present(*chunk) for chunk in chunks(runs)]))
 
     def _present(self, begin: int, end: int) -> Float[np.ndarray, "runs columns"]:
         found = self.read(begin, end)
@@ -91,7 +91,7 @@ class Store:
     def _path(self, begin: int, end: int) -> Path:
         return self.folder / "chunks" / f"{begin:07d}-{end:07d}.npy"
 
-    def publish(self, table: Table, documents: dict[str, Any]) -> Path:
+    def publish(self, table: RunTable, documents: dict[str, Any]) -> Path:
         """Write the table and JSON documents by file name; return the table's path."""
         for name, document in documents.items():
             write(self.folder / name, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
@@ -110,7 +110,7 @@ def write(path: Path, content: bytes) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def _write_table(table: Table, folder: Path) -> Path:
+def _write_table(table: RunTable, folder: Path) -> Path:
     """Parquet if pyarrow is installed, else CSV with numbers that read back to the same bits."""
     try:
         import pyarrow
@@ -125,14 +125,14 @@ def _write_table(table: Table, folder: Path) -> Path:
     return folder / "runs.parquet"
 
 
-def _csv(table: Table) -> str:
+def _csv(table: RunTable) -> str:
     typed = {name: values.tolist() for name, values in _typed(table).items()}
     show: Callable[[Any], str] = lambda value: repr(value) if isinstance(value, float) else str(value)  # noqa: E731
     lines = [",".join(typed), *(",".join(map(show, row)) for row in zip(*typed.values(), strict=True))]
     return "\n".join(lines) + "\n"
 
 
-def _typed(table: Table) -> dict[str, np.ndarray]:
+def _typed(table: RunTable) -> dict[str, np.ndarray]:
     found: dict[str, np.ndarray] = {}
     for name in table.columns:
         values = table[name]

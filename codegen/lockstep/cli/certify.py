@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 
+from lockstep.check.errors import ProblemError
 from lockstep.cli.console import Answer, respond, two_columns
 from lockstep.cli.design import floor_row, sampled_text, single_slopes
 
@@ -18,14 +19,16 @@ COVERS = {
 }
 
 
-def run(path: Path, *, as_json: bool) -> None:
-    """Certify a design file, or a folder of generated C."""
-    respond(as_json, lambda: _certify(path))
+def run(path: Path | None, lmi: Path | None, *, as_json: bool) -> None:
+    """Certify a design file, a folder of generated C, or an LMI file."""
+    respond(as_json, lambda: _certify(path, lmi))
 
 
-def _certify(path: Path) -> Answer:
+def _certify(path: Path | None, lmi: Path | None) -> Answer:
     import lockstep
 
+    if path is None or lmi is not None:
+        return _inequality(path, lmi)
     found = lockstep.certify(path)
     return Answer(found.document(), _table(found), found.ok)
 
@@ -40,14 +43,30 @@ def _table(found: "DesignVerdict") -> RenderableType:
     rows["alpha"] = f"{found.design.alpha:.9g}"
     rows |= single_slopes(found.design.document())
     rows["covers"] = COVERS[verdict.scope]
-    if verdict.initial is not None:
-        rows["initial states"] = verdict.initial.text()
+    if "initial_set" in found.answer:
+        rows["initial states"] = found.answer["initial_set"]["text"]
     of_c = "differences" in found.answer
     rows["sampled C" if of_c else "sampled"] = sampled_text(found.sampled)
-    if found.refused:
-        rows["refused"] = found.refused
+    if verdict.certified and not verdict.ok:
+        rows["refused"] = verdict.reason
     if of_c:
         rows["as generated"] = "; ".join(found.differences) or "yes"
     if found.not_proved:
         rows["not proved"] = f"what is in {', '.join(found.not_proved)}"
     return two_columns(found.design.title, rows)
+
+
+def _inequality(path: Path | None, lmi: Path | None) -> Answer:
+    if path is not None or lmi is None:
+        found = "neither a design nor --lmi" if lmi is None else "a design and --lmi"
+        raise ProblemError(found, where="lockstep certify", expected="one of the two")
+    from lockstep.lmi.foreign import decide_lmi
+
+    decided = decide_lmi(lmi)
+    rows = {"certified": "yes" if decided.ok else "NO", "because": decided.reason}
+    for one in decided.constraints:
+        said = f"{one.found}: {one.method}"
+        if one.vector is not None:
+            said += f"; v = ({', '.join(map(str, one.vector))}), v' F v = {one.value}"
+        rows[f"{one.constraint.name} {one.constraint.sign} 0"] = said
+    return Answer(decided.document(), two_columns(lmi.name, rows), decided.ok)

@@ -13,19 +13,22 @@ from lockstep.cli.console import Answer, progress_display, respond
 if TYPE_CHECKING:
     from lockstep.model.checks import CheckReport
 
-STYLES = {"ok": "green", "note": "yellow", "fails": "bold red"}
+STYLES = {
+    **{"ok": "green", "note": "yellow", "fails": "bold red"},
+    **{"proved": "green", "refuted": "cyan", "undecided": "yellow"},
+}
 
 
-def run(path: Path, *, as_json: bool, boxes: int | None = None) -> None:
+def run(path: Path, *, as_json: bool, boxes: int | None = None, every: bool = False) -> None:
     """Check a problem file; `boxes` is the budget of the search that proves the bound."""
-    respond(as_json, lambda: _check(path, boxes))
+    respond(as_json, lambda: _check(path, boxes, every))
 
 
-def _check(path: Path, boxes: int | None) -> Answer:
+def _check(path: Path, boxes: int | None, every: bool) -> Answer:
     from lockstep.workflow.check import check
 
     with progress_display() as tell:
-        problem, report = check(path, boxes=boxes, progress=tell)
+        problem, report = check(path, boxes=boxes, every=every, progress=tell)
     return Answer(report.document(), table_of(report, problem.title), report.ok)
 
 
@@ -38,4 +41,6 @@ def table_of(report: "CheckReport", title: str) -> RenderableType:
     for row in report.rows:
         said = Text(row.figure).append(f"\n{row.reason}", style="dim")
         table.add_row(row.name, Text(row.verdict, style=STYLES[row.verdict]), said)
+    for finding in report.findings:
+        table.add_row(finding.name, Text(finding.status, style=STYLES[finding.status]), Text(finding.figure))
     return table

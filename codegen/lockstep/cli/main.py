@@ -105,12 +105,19 @@ def check(
             show_default=False,
         ),
     ] = None,
+    every: Annotated[
+        bool,
+        typer.Option(
+            "--all",
+            help="Also the checks that prove: equilibria, sectors, passivity, contraction, ranks, units.",
+        ),
+    ] = False,
     json: Json = False,
 ) -> None:
     """Check a model symbolically: bound, structure, graph."""
     from lockstep.cli.check import run
 
-    run(problem, boxes=boxes, as_json=json)
+    run(problem, boxes=boxes, every=every, as_json=json)
 
 
 @app.command()
@@ -134,11 +141,23 @@ def design(
 
 
 @app.command()
-def certify(design: DesignFile, json: Json = False) -> None:
-    """Check a design's proof independently: no solver, exact arithmetic."""
+def certify(
+    design: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[DESIGN]", help="A design file, or a folder that holds one.", show_default=False
+        ),
+    ] = None,
+    lmi: Annotated[
+        Path | None,
+        typer.Option(help="Instead: a linear matrix inequality with a point (JSON).", show_default=False),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Check a design's proof, or an inequality of yours, independently: no solver, exact arithmetic."""
     from lockstep.cli.certify import run
 
-    run(design, as_json=json)
+    run(design, lmi, as_json=json)
 
 
 @app.command()

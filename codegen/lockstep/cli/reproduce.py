@@ -13,7 +13,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.cli.console import Answer, progress_display, respond
 
 if TYPE_CHECKING:
-    from amini.claims.claim import Row
+    from amini.claims.claim import ClaimRow
 
 COMMAND = "lockstep reproduce"
 
@@ -57,7 +57,7 @@ def _claims(names: Sequence[str], output: Path | None) -> Answer:
     return Answer({"ok": holds, "claims": [row.document() for row in rows]}, _table(rows), holds)
 
 
-def _table(rows: Sequence["Row"]) -> Table:
+def _table(rows: Sequence["ClaimRow"]) -> Table:
     counts = Counter(row.verdict or "NOT AS EXPECTED" for row in rows)
     table = Table(
         title=", ".join(f"{count} {verdict}" for verdict, count in counts.items()), title_justify="left"

@@ -21,14 +21,14 @@ from lockstep.codegen.kernel import Kernel, straight_line
 from lockstep.codegen.manifest import (
     FILE_NAME,
     FORMAT,
-    Agent,
+    AgentEntry,
     Arithmetic,
     Coefficients,
-    Gains,
+    GainsEntry,
     Manifest,
     Named,
-    Plant,
-    Source,
+    NeighbourEntry,
+    PlantEntry,
     sha256,
 )
 from lockstep.codegen.rendering import render
@@ -206,26 +206,26 @@ def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: M
     )
 
 
-def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None) -> Agent:
+def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None) -> AgentEntry:
     c, n, M, shape = agent.controller, agent.controller.order, agent.table, agent.shape
     blocks = {"A": M[:n, :n], "B": M[:n, n:], "C": M[n:, :n], "D": M[n:, n:]}
-    return Agent(
+    return AgentEntry(
         name=c.name,
         order=n,
         outputs=tuple(Named(name=s.name, unit=s.unit) for s in c.outputs),
         inputs=tuple(Named(name=s.name, unit=s.unit) for s in c.inputs),
         neighbours=tuple(
-            Source(source=s.source, weight=float(real.decimal(w)))
+            NeighbourEntry(source=s.source, weight=float(real.decimal(w)))
             for s, w in zip(c.neighbours, agent.weights, strict=True)
         ),
         continuous={"A": _rows(c.A), "B": _rows(c.B), "C": _rows(c.C), "D": _rows(c.D)},
-        sampled=Gains(**{letter: Coefficients.of(block, real) for letter, block in blocks.items()}),
+        sampled=GainsEntry(**{letter: Coefficients.of(block, real) for letter, block in blocks.items()}),
         state_bytes=state_bytes(shape, real),
         stack_budget_bytes=stack_budgets(shape, real),
         flash_budget_bytes=flash_budgets(shape, real),
         plant=None
         if plant is None
-        else Plant(
+        else PlantEntry(
             A=_rows(plant.A), B=_rows(plant.B), C=_rows(plant.C), x0=tuple(float(v) for v in plant.x0)
         ),
     )

@@ -29,7 +29,7 @@ from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.sampled.certify import plant_in_doubles
-from lockstep.lmi.sampled.improve import Start
+from lockstep.lmi.sampled.improve import StartingGains
 from lockstep.lmi.threads import one_thread
 from lockstep.model.problem import Problem
 
@@ -45,7 +45,7 @@ Tell = Callable[[float], None]
 def as_shipped(
     stored: Stored,
     tell: Callable[[str, float], None] = lambda _what, _part: None,
-    others: Sequence[Start] = (),
+    others: Sequence[StartingGains] = (),
 ) -> Stored:
     """Return a design file with what is proved of its controllers sampled and rounded.
 
@@ -102,7 +102,7 @@ def obstacle(stored: Stored) -> str | None:
     return f"the loop has {states} states, more than {MOST_STATES}" if states > MOST_STATES else None
 
 
-def designed_for_period(stored: Stored, tell: Tell, others: Sequence[Start] = ()) -> Stored:
+def designed_for_period(stored: Stored, tell: Tell, others: Sequence[StartingGains] = ()) -> Stored:
     """Return the design file with gains made for its period, both certificates proved anew.
 
     The figures of the gains that are replaced are kept among the remarks, under `replaced`.
@@ -144,7 +144,7 @@ def designed_for_period(stored: Stored, tell: Tell, others: Sequence[Start] = ()
     return with_sampled(made, sampled, **{FOR_PERIOD: True})
 
 
-def _searched(stored: Stored, tell: Tell, others: Sequence[Start]) -> tuple[Gains, PairWeights]:
+def _searched(stored: Stored, tell: Tell, others: Sequence[StartingGains]) -> tuple[Gains, PairWeights]:
     from lockstep.lmi.analysis.rounding import short_gains
     from lockstep.lmi.sampled.improve import AtPeriod, improved
 
@@ -153,8 +153,8 @@ def _searched(stored: Stored, tell: Tell, others: Sequence[Start]) -> tuple[Gain
     if not isinstance(c, Certificate) or m is None:
         raise Infeasible("there is no continuous certificate to start from")
     limit, period = problem.design.gain_limit, problem.controller.period
-    at = AtPeriod(sampled_network(stored, period), problem.graph().edges, problem.performance, order, limit)
-    starts = [Start(stored.gains.blocks, m, c.rho), *others]
+    at = AtPeriod(sampled_network(stored), problem.graph().edges, problem.performance, order, limit)
+    starts = [StartingGains(stored.gains.blocks, m, c.rho), *others]
     enough = NEAR * min(one.rho for one in starts)
     found = improved(at, starts, rho_most=problem.design.rho, enough=enough, tell=tell)
     if found is None:
@@ -186,12 +186,19 @@ def _continuous(stored: Stored, gains: Gains) -> tuple[Certificate, Guarantees]:
 
 def _placed(made: Stored) -> Stored:
     """Return a design file with the initial states that its own certificate proves; those of another say nothing."""
-    initial = certify(replace(made, claims=replace(made.claims, initial_set=None))).initial
+    from lockstep.lmi.scope import initial_states
+    from lockstep.lmi.stored_bound import bound_again
+    from lockstep.model.assembly import network_of
+
+    certificate = made.proofs.certificate
+    if made.claims.scope != "local" or certificate is None:
+        return replace(made, claims=replace(made.claims, initial_set=None))
+    initial = initial_states(network_of(made.problem, bound_again(made)), certificate)
     proved = initial if isinstance(initial, InitialSet) else None
-    remarks = {} if initial is None else {"initial_set": initial.remarks()}
+    remarks = {"initial_set": initial.remarks()}
     return replace(made, claims=replace(made.claims, initial_set=proved), info={**made.info, **remarks})
 
 
 def _abscissa(proved: Stored) -> float:
-    loop = build_loop(*plant_in_doubles(sampled_network(proved, 1.0)), proved.gains.order)
+    loop = build_loop(*plant_in_doubles(sampled_network(proved)), proved.gains.order)
     return float(np.linalg.eigvals(loop.A_cl(proved.gains.blocks)).real.max())

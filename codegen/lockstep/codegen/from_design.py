@@ -7,31 +7,20 @@ import math
 import numpy as np
 
 from lockstep.check.sampled.controller import PRECISIONS
-from lockstep.codegen.sampled_design import HeldVerdict
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Neighbour, Optimize, Signal
-from lockstep.lmi.certify import Verdict
 from lockstep.lmi.document import Stored
-from lockstep.lmi.sampled import SampledVerdict
 
 CONTINUOUS_ONLY = (
     "the continuous controller in real arithmetic; the sampled, rounded one of this folder is not covered yet"
 )
 
 
-def specification(
-    stored: Stored,
-    verdict: Verdict,
-    *,
-    optimize: Optimize = "speed",
-    held: HeldVerdict | None = None,
-) -> CodegenSpec:
-    """Return what to generate for a stored design.
+def specification(stored: Stored, *, optimize: Optimize = "speed") -> CodegenSpec:
+    """Return what to generate for a stored design. Its datasheet prints what the design claims: decide that first.
 
     Args:
         stored: the design.
-        verdict: what the checker says of it just now; what the file says of itself does not count.
         optimize: "speed" or "size".
-        held: what is proved of the numbers that will be printed, sampled and rounded; None: nothing.
     """
     problem, agent = stored.problem, stored.problem.agent()
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
@@ -62,7 +51,7 @@ def specification(
         optimize=optimize,
         name=f"{agent.name}_controllers",
         title=problem.title,
-        certificate=_datasheet(stored, verdict, held),
+        certificate=_datasheet(stored),
         design_hash=fingerprint(stored),
         plants=plants,
     )
@@ -74,25 +63,24 @@ def fingerprint(stored: Stored) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _datasheet(
-    stored: Stored, verdict: Verdict, held: HeldVerdict | None
-) -> dict[str, str | float | bool | None]:
-    if not verdict.certified or stored.proofs.certificate is None:
+def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
+    claims, sampled = stored.claims, stored.claims.sampled
+    if not claims.certified:
         return {"certified": False}
-    delta = {f"delta_{letter}": value for letter, value in stored.claims.fragility.items() if value}
-    covered = held is not None and held.verdict.certified
-    lines = signed_lines(held.verdict, stored) if held and covered else {"covers": CONTINUOUS_ONLY}
-    if verdict.scope == "local":
-        said = "assumes" if "assumes" in lines else "covers"
+    delta = {f"delta_{letter}": value for letter, value in claims.fragility.items() if value}
+    covered, scope = sampled.certified, claims.scope or "local"
+    lines = signed_lines(stored) if covered else {"covers": CONTINUOUS_ONLY}
+    if scope == "local":
+        said = "assumes" if covered else "covers"
         lines = {**lines, said: f"{lines[said]}; {_domain(stored)}"}
     return {
         "certified": True,
         "proof": "ball" if covered else "exact",
         **lines,
-        "scope": verdict.scope,
-        "rho": stored.proofs.certificate.rho,
-        **({"rho_sampled": held.rho.rho if held.rho else "not proved"} if held and covered else {}),
-        "alpha": stored.claims.alpha,
+        "scope": scope,
+        "rho": claims.rho,
+        **({"rho_sampled": sampled.rho or "not proved"} if covered else {}),
+        "alpha": claims.alpha,
         **delta,
         **({"rho and delta are": "of the continuous controllers (proof: exact)"} if covered else {}),
     }
@@ -106,20 +94,19 @@ def _domain(stored: Stored) -> str:
     return f"every agent stays in its domain ({sides}), which is not proved of sampled controllers"
 
 
-def signed_lines(sampled: SampledVerdict, stored: Stored) -> dict[str, str]:
-    """Return what is proved of the sampled controllers, under which assumptions, and what remains."""
-    real = stored.problem.controller.real
-    applied = "one period after its sample" if sampled.delay else "at once"
-    unit = PRECISIONS[real].u
+def signed_lines(stored: Stored) -> dict[str, str]:
+    """Return what is claimed of the sampled controllers, under which assumptions, and what remains."""
+    sampled, table = stored.claims.sampled, stored.problem.controller
+    applied = "one period after its sample" if table.delay else "at once"
+    residual, rms = (_two_digits(one) for one in (sampled.residual, sampled.residual_rms))
     return {
-        "proved": f"all agents come to agree, between the samples too, under these {real} controllers stepped every"
-        f" {sampled.period!r} s with u held, every rounding of a step counted",
+        "proved": f"all agents come to agree, between the samples too, under these {table.real} controllers stepped every"
+        f" {table.period!r} s with u held, every rounding of a step counted",
         "assumes": f"the agents obey their model with slopes up to {_slopes(stored)}; all step at one instant; every message"
         f" arrives; u acts {applied} and unclipped; no step overflows",
         "remains": "at the sampling instants, in the end, a distance of the states from agreement of up to"
-        f" {_two_digits(sampled.residual)} times the largest error of a message or of an own reading (root mean square:"
-        f" {_two_digits(sampled.residual_rms)} times);"
-        f" rounding a message to {real} errs by {unit:.1e} of its size",
+        f" {residual} times the largest error of a message or of an own reading (root mean square: {rms} times);"
+        f" rounding a message to {table.real} errs by {PRECISIONS[table.real].u:.1e} of its size",
     }
 
 
@@ -127,12 +114,14 @@ def _slopes(stored: Stored) -> str:
     return "alpha, and each single slope up to its bound" if stored.claims.entries else "alpha"
 
 
-def _two_digits(value: float) -> str:
+def _two_digits(value: float | None) -> str:
     """Round up to two digits, so that the last bits of a machine's arithmetic do not show.
 
     >>> _two_digits(4177144.9)
     '4.2e+06'
     """
+    if value is None:
+        return "an unclaimed number of"
     if value <= 0 or not math.isfinite(value):
         return f"{value:g}"
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)

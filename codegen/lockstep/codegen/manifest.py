@@ -77,14 +77,14 @@ class Named(_Record):
     unit: str
 
 
-class Source(_Record):
+class NeighbourEntry(_Record):
     """A neighbour and its weight a_ij, rounded to the target type."""
 
     source: str
     weight: float
 
 
-class Gains(_Record):
+class GainsEntry(_Record):
     """[A B; C D] of the sampled controller, rounded to the target type."""
 
     A: Coefficients
@@ -96,7 +96,7 @@ class Gains(_Record):
 Rows = tuple[tuple[float, ...], ...]
 
 
-class Plant(_Record):
+class PlantEntry(_Record):
     """The agent's linear part and start: closed-loop test data are made from it."""
 
     A: Rows
@@ -105,20 +105,20 @@ class Plant(_Record):
     x0: tuple[float, ...]
 
 
-class Agent(_Record):
+class AgentEntry(_Record):
     """One controller of the folder."""
 
     name: str
     order: int = Field(ge=0)
     outputs: tuple[Named, ...] = Field(min_length=1)
     inputs: tuple[Named, ...] = Field(min_length=1)
-    neighbours: tuple[Source, ...] = Field(max_length=MAX_NEIGHBOURS)
+    neighbours: tuple[NeighbourEntry, ...] = Field(max_length=MAX_NEIGHBOURS)
     continuous: dict[Literal["A", "B", "C", "D"], Rows]
-    sampled: Gains
+    sampled: GainsEntry
     state_bytes: int
     stack_budget_bytes: dict[str, int]
     flash_budget_bytes: dict[str, int]
-    plant: Plant | None = None
+    plant: PlantEntry | None = None
 
     def table(self, real: RealType) -> Float[np.ndarray, "nc+m nc+q"]:
         """[A B; C D] in the target type."""
@@ -157,7 +157,7 @@ class Manifest(_Record):
     optimize: Optimize
     arithmetic: Arithmetic
     certificate: dict[str, str | float | bool | None]
-    agents: tuple[Agent, ...] = Field(min_length=1)
+    agents: tuple[AgentEntry, ...] = Field(min_length=1)
     files: dict[str, str]
     digest: str = ""
 

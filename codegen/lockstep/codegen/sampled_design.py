@@ -1,11 +1,12 @@
-"""What is proved of a design's controllers sampled and rounded, before or after they are printed.
+"""What can be claimed of a design's controllers sampled and rounded, with its witnesses; and the checker's word on their C.
 
-Both sides meet here: `lockstep.lmi.sampled` proves and knows no C, this layer samples and rounds as `emit` does. What a
-file says of its sampled controllers is never believed: its witnesses are put to the proof again.
+Both sides meet here: `lockstep.lmi.sampled` looks for witnesses and knows no C, this layer samples and rounds as `emit` does.
 """
 
-import math
+import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.errors import BoundNotProved, ProblemError
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate
+from lockstep.check.plain_json import to_json
 from lockstep.check.sampled.certify import decide_sampled
 from lockstep.check.sampled.discretise import sampled_controllers as held_controllers
 from lockstep.check.sampled.inequality import Witness
@@ -22,10 +24,12 @@ from lockstep.check.sampled.limits import proves_radius
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.sampled.sector import Sector, common_sector
+from lockstep.codegen.folder.contents import DESIGN_NAME
+from lockstep.lmi.certify import Decided, certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import (
     HeldController,
-    Network,
+    SampledNetwork,
     SampledRho,
     SampledVerdict,
     certify_sampled,
@@ -84,48 +88,22 @@ class HeldVerdict:
         searched = {} if self.verdict.certified else self.verdict.figures
         return {"reason": self.verdict.reason, **searched}
 
-    def figures(self) -> dict[str, Any]:
-        """Return the contract's `sampled`."""
-        sampled = self.verdict
-        at = {"period": sampled.period, "delay": sampled.delay}
-        return {**self.remarks(), **sampled.figures, **self.claims().document(), **at}
 
-
-def prove_design(stored: Stored, guess: PairWeights | None = None, *, longest: bool = True) -> HeldVerdict:
-    """Prove what the C of a design file will compute: its gains sampled and rounded as `emit` does.
+def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdict:
+    """Look for what can be proved of a design's gains sampled and rounded as `emit` does: agreement, rho, the largest period.
 
     The counts of roundings are those of full rows; C that skips zeros rounds less often.
 
     Args:
         stored: the design; its witnesses are tried first.
         guess: pair weights to start from; by default those of the design.
-        longest: whether to look for the largest period too, where the one that the file states is not proved.
     """
     period, delay = stored.problem.controller.period, stored.problem.controller.delay
     try:
-        network = sampled_network(stored, period)
+        network = sampled_network(stored)
         controllers = sampled_controllers(stored, period)
     except (BoundNotProved, ProblemError) as error:
         return HeldVerdict(SampledVerdict(False, str(error), period, delay))
-    return prove_controllers(stored, network, controllers, guess, longest=longest)
-
-
-def prove_controllers(
-    stored: Stored,
-    network: Network,
-    controllers: tuple[HeldController, ...],
-    guess: PairWeights | None = None,
-    *,
-    longest: bool = True,
-) -> HeldVerdict:
-    """Prove sampled controllers of a design's network: agreement, rho, and the largest period of the design's gains.
-
-    Args:
-        stored: the design; its witnesses are tried first.
-        network: its agents, at the period of the controllers;  controllers: these.
-        guess: pair weights to start from; by default those of the design.
-        longest: whether to look for the largest period too, where the one that the file states is not proved.
-    """
     if guess is None:
         guess = _guess(stored)
     verdict = certify_sampled(network, controllers, guess, witness=stored.proofs.sampled)
@@ -133,9 +111,7 @@ def prove_controllers(
     if verdict.certified:
         weights = stored.problem.performance
         rho = _stated_rho(stored, network, controllers) or sampled_rho(network, controllers, weights, guess)
-    reach = _longest_stated(stored, network)
-    if reach is None and longest:
-        reach = longest_period(stored, network, guess)
+    reach = _longest_stated(stored, network) or longest_period(stored, network, guess)
     if verdict.certified and (reach is None or reach.period < verdict.period):
         reach = verdict
     radius = _radius(stored, network, controllers) if verdict.certified else None
@@ -143,7 +119,7 @@ def prove_controllers(
 
 
 def _radius(
-    stored: Stored, network: Network, controllers: tuple[HeldController, ...]
+    stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...]
 ) -> tuple[float, Witness] | None:
     """Return the radius that a design file states if its witness proves it, or a large one that is found and proved."""
     limits, stated, witness = stored.problem.limits, stored.claims.sampled.radius, stored.proofs.radius
@@ -177,32 +153,29 @@ def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
     )
 
 
-def stated_verdict(stored: Stored) -> HeldVerdict | None:
-    """Return what a design file claims of its sampled controllers, believed for once: what its C's comments print."""
-    claimed, table = stored.claims.sampled, stored.problem.controller
-    if not claimed.certified:
-        return None
-    figures = (claimed.decay, claimed.residual, claimed.residual_rms, claimed.underflow)
-    decay, residual, rms, underflow = (math.nan if one is None else one for one in figures)
-    stated = SampledVerdict(
-        True, "stated", table.period, table.delay, "ball", decay, residual, rms, underflow
-    )
-    return HeldVerdict(stated, rho=_known_rho(stored))
+def certify_files(files: Mapping[str, str], stored: Stored) -> Decided:
+    """Decide a design by the numbers in its C, which is printed and not yet written.
+
+    Args:
+        files: what `emit` returns: relative path -> text;  stored: the design that they were emitted from.
+    """
+    with tempfile.TemporaryDirectory(prefix="lockstep-") as temporary:
+        folder = Path(temporary)
+        for path, text in {**files, DESIGN_NAME: to_json(stored.document())}.items():
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_text(text, encoding="utf-8")
+        return certify(stored, folder)
 
 
-def stated_rho(stored: Stored) -> SampledRho | None:
-    """Return the sampled rho of a design file with its witness, if that proves it now."""
-    network = sampled_network(stored, stored.problem.controller.period)
-    return _stated_rho(stored, network, sampled_controllers(stored, network.period))
-
-
-def longest_period(stored: Stored, network: Network, guess: PairWeights | None) -> SampledVerdict | None:
+def longest_period(
+    stored: Stored, network: SampledNetwork, guess: PairWeights | None
+) -> SampledVerdict | None:
     """Return the verdict at the largest period certified for a design's gains, or None."""
     return max_period(network, lambda period: sampled_controllers(stored, period), guess)
 
 
-def sampled_network(stored: Stored, period: float) -> Network:
-    """Return the agents of a design in rationals, alpha and the entries being proved anew.
+def sampled_network(stored: Stored) -> SampledNetwork:
+    """Return the agents of a design in rationals, at the period of its problem, alpha and the entries being proved anew.
 
     Raises:
         BoundNotProved: alpha does not bound the nonlinearity, or an entry does not bound its slope.
@@ -210,7 +183,14 @@ def sampled_network(stored: Stored, period: float) -> Network:
     problem = stored.problem
     bound = bound_again(stored).or_raise()
     loop = network_of(problem, bound).loop(stored.gains.order, exact_arithmetic=True)
-    return Network(loop.plant, loop.d, stored.claims.alpha, period, problem.controller.delay, _sector(stored))
+    return SampledNetwork(
+        loop.plant,
+        loop.d,
+        stored.claims.alpha,
+        problem.controller.period,
+        problem.controller.delay,
+        _sector(stored),
+    )
 
 
 def _sector(stored: Stored) -> Sector | None:
@@ -238,7 +218,7 @@ def sampled_controllers(stored: Stored, period: float) -> tuple[HeldController, 
 
 
 def _stated_rho(
-    stored: Stored, network: Network, controllers: tuple[HeldController, ...]
+    stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...]
 ) -> SampledRho | None:
     known = _known_rho(stored)
     weights = stored.problem.performance
@@ -251,7 +231,7 @@ def _known_rho(stored: Stored) -> SampledRho | None:
     return None if rho is None or witness is None else SampledRho(rho, witness)
 
 
-def _longest_stated(stored: Stored, network: Network) -> SampledVerdict | None:
+def _longest_stated(stored: Stored, network: SampledNetwork) -> SampledVerdict | None:
     """Return the verdict at the period that a design file claims as its longest, if the file's witness proves it."""
     period, witness = stored.claims.sampled.max_period, stored.proofs.max_period
     if period is None or witness is None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import ProblemError
 from lockstep.model.graph import Graph
 from lockstep.report.canvas import legend, logarithmic, panels, rows_of
 from lockstep.report.style import LIGHT, WIDTH, line, styled
@@ -131,6 +132,47 @@ def disagreement_figure(runs: Mapping[str, "Trajectory"]) -> "Figure":
     axes.margins(x=0)
     if len(runs) > 1:
         legend(figure, axes, columns)
+    return figure
+
+
+def run_figure(
+    trajectory: "Trajectory", what: str, title: str = "", units: Mapping[str, str] | None = None
+) -> "Figure":
+    """Draw one of the figures of a run: "states", "disagreement", "effort" or "phase".
+
+    Raises:
+        ProblemError: another word.
+    """
+    if what == "phase":
+        return phase_figure(trajectory, units=units)
+    if what == "disagreement":
+        return disagreement_figure({title: trajectory})
+    if what == "effort":
+        return effort_figure(trajectory, units=units)
+    if what != "states":
+        raise ProblemError(
+            f"`{what}`", where="plot", expected='"states", "disagreement", "effort" or "phase"'
+        )
+    return states_figure(trajectory, units=units)
+
+
+@styled
+def phase_figure(
+    trajectory: "Trajectory", states: tuple[str, str] | None = None, units: Mapping[str, str] | None = None
+) -> "Figure":
+    """Draw two states of every agent against each other, by default the first two; a dot where each begins."""
+    names = states or (trajectory.state_names * 2)[:2]
+    figure, (axes,) = panels(1, 2.6, rows=_rows(trajectory))
+    first, second = (trajectory.x[:, :, trajectory.state_names.index(name)] for name in names)
+    for i in range(trajectory.N):
+        drawn = axes.plot(
+            first[:, i], second[:, i], label=f"{trajectory.agent}{i + 1}", **line(i % MOST_NAMED)
+        )
+        axes.plot(first[:1, i], second[:1, i], "o", color=drawn[0].get_color(), markersize=4)
+    axes.set_xlabel(_with_unit(names[0], units))
+    axes.set_title(f"{_with_unit(names[1], units)} against {names[0]}")
+    if trajectory.N <= MOST_NAMED:
+        legend(figure, axes, LEGEND_COLUMNS)
     return figure
 
 

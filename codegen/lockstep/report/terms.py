@@ -14,7 +14,7 @@ GIVEN = "asked for"
 
 
 @dataclass(frozen=True)
-class Term:
+class DatasheetTerm:
     """A figure of the certificate."""
 
     name: str
@@ -23,7 +23,7 @@ class Term:
     meaning: str
 
 
-def terms_of(facts: Facts) -> list[Term]:
+def terms_of(facts: Facts) -> list[DatasheetTerm]:
     """Return the figures in the order in which they are worth reading."""
     return [*_continuous(facts), *_sampled(facts), *_gains(facts)]
 
@@ -37,9 +37,9 @@ def up(value: float, digits: int) -> str:
     return f"{float(Context(prec=digits, rounding=ROUND_CEILING).create_decimal(repr(value))):.{digits}g}"
 
 
-def _continuous(facts: Facts) -> Iterator[Term]:
+def _continuous(facts: Facts) -> Iterator[DatasheetTerm]:
     claims, bound = facts.stored.claims, facts.checks.bound
-    yield Term(
+    yield DatasheetTerm(
         "ρ",
         "none" if claims.rho is None else up(claims.rho, 6),
         EXACT,
@@ -47,7 +47,7 @@ def _continuous(facts: Facts) -> Iterator[Term]:
         " controllers",
     )
     if claims.floor is not None:
-        yield Term(
+        yield DatasheetTerm(
             "floor of ρ",
             f"{claims.floor:.10g}",
             EXACT,
@@ -55,14 +55,14 @@ def _continuous(facts: Facts) -> Iterator[Term]:
         )
     linear = facts.problem.agent().lure.is_linear
     reached = f"a slope of {bound.lower:.6g} is reached"
-    yield Term(
+    yield DatasheetTerm(
         "α",
         f"{claims.alpha:.9g}",
         "proved, interval arithmetic" if not linear else "by the form of the equations",
         f"incremental bound of the nonlinearity; {'the agents here are linear' if linear else reached}",
     )
     for one in claims.entries:
-        yield Term(
+        yield DatasheetTerm(
             f"r of φ{one.component + 1} by v{one.argument + 1}",
             f"{one.bound:.9g}",
             "proved, interval arithmetic",
@@ -70,20 +70,20 @@ def _continuous(facts: Facts) -> Iterator[Term]:
         )
     for letter, delta in claims.fragility.items():
         if delta:
-            yield Term(
+            yield DatasheetTerm(
                 f"δ of {letter}",
                 f"{delta:g}",
                 EXACT,
                 f"{letter} of each continuous controller may be off by this, as a spectral norm",
             )
     if not any(claims.fragility.values()):
-        yield Term("δ", "0", GIVEN, "the continuous gains are taken exactly as they stand")
+        yield DatasheetTerm("δ", "0", GIVEN, "the continuous gains are taken exactly as they stand")
 
 
-def _sampled(facts: Facts) -> Iterator[Term]:
+def _sampled(facts: Facts) -> Iterator[DatasheetTerm]:
     sampled = facts.stored.claims.sampled
     if sampled.rho is not None:
-        yield Term(
+        yield DatasheetTerm(
             "ρ, sampled",
             up(sampled.rho, 6),
             BALL,
@@ -91,24 +91,26 @@ def _sampled(facts: Facts) -> Iterator[Term]:
         )
     if sampled.period is None or sampled.decay is None:
         reason = sampled_answer(facts.stored).get("reason")
-        yield Term("sampled loop", "not certified", "no proof", str(reason or "not looked at"))
+        yield DatasheetTerm("sampled loop", "not certified", "no proof", str(reason or "not looked at"))
         return
-    yield Term(
+    yield DatasheetTerm(
         "period",
         f"{sampled.period:g} s",
         BALL,
         "stepped so often, the loop agrees, between the samples too",
     )
     if sampled.max_period is not None:
-        yield Term("longest period", f"{sampled.max_period:g} s", BALL, "the same gains, sampled anew")
-    yield Term(
+        yield DatasheetTerm(
+            "longest period", f"{sampled.max_period:g} s", BALL, "the same gains, sampled anew"
+        )
+    yield DatasheetTerm(
         "decay",
         up(sampled.decay, 6),
         BALL,
         "of the Lyapunov function from one sample to the next, up to the noise of rounded messages",
     )
     largest = {letter: max(one[letter] for one in sampled.rounding) for letter in "ABCD"}
-    yield Term(
+    yield DatasheetTerm(
         "rounding",
         ", ".join(f"{letter} {up(value, 2)}" for letter, value in largest.items()),
         BALL,
@@ -117,7 +119,7 @@ def _sampled(facts: Facts) -> Iterator[Term]:
     for residual, name in ((sampled.residual, "residue"), (sampled.residual_rms, "residue, rms")):
         if residual is None:
             continue
-        yield Term(
+        yield DatasheetTerm(
             name,
             f"{up(residual, 2)} e",
             BALL,
@@ -125,14 +127,14 @@ def _sampled(facts: Facts) -> Iterator[Term]:
         )
 
 
-def _gains(facts: Facts) -> Iterator[Term]:
+def _gains(facts: Facts) -> Iterator[DatasheetTerm]:
     figures = facts.stored.info["figures"]
     norms = figures["gain_norms"]
     limit = facts.problem.design.gain_limit
     said = ", ".join(f"{norm:.4g}" for norm in norms[:12]) + (", ..." if len(norms) > 12 else "")
-    yield Term(
+    yield DatasheetTerm(
         "gain norms", said, DOUBLES, f"spectral norm of each [A B; C D]; the limit asked for is {limit:g}"
     )
-    yield Term(
+    yield DatasheetTerm(
         "slowest pole", f"{figures['abscissa']:.4g} 1/s", DOUBLES, "real part, linear part of the loop"
     )

@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
-from lockstep.codegen.contents import refusals
-from lockstep.codegen.manifest import Agent, Manifest, load_manifest
+from lockstep.codegen.folder.contents import refusals
+from lockstep.codegen.manifest import AgentEntry, Manifest, load_manifest
 from lockstep.codegen.rendering import render
 from lockstep.model.simulation.sampled import SampledControllers
 from lockstep.verification.harness import layout, product_sources
@@ -29,7 +29,7 @@ from lockstep.verification.toolchain import WARNINGS, Compiler, first_compiler
 class CompiledStepper:
     """One agent's C functions and one instance of its state."""
 
-    def __init__(self, library: ctypes.CDLL, agent: Agent, manifest: Manifest) -> None:
+    def __init__(self, library: ctypes.CDLL, agent: AgentEntry, manifest: Manifest) -> None:
         self._real = manifest.real_type.dtype
         self._u = np.zeros(len(agent.inputs), self._real)
         self._shapes = (len(agent.outputs),), (len(agent.neighbours), len(agent.outputs))

@@ -16,7 +16,7 @@ import numpy as np
 
 from lockstep.check.errors import ClaimError
 from lockstep.codegen.cores import Core, Registers, emulated, registers_of
-from lockstep.codegen.manifest import Agent, Manifest
+from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.harness import Run, inputs, output_arrays, outputs, text_bytes
 from lockstep.verification.image import Image, build_image, load_image
 from lockstep.verification.stimulus import Calls
@@ -46,7 +46,7 @@ def run_on_core(
     directory: Path,
     *,
     strict: bool = True,
-) -> Iterator[tuple[Agent, Run]]:
+) -> Iterator[tuple[AgentEntry, Run]]:
     """Build once, then run each agent's calls: some with every instruction observed, and all plainly.
 
     The stack is what the observed calls take at the most, and what all calls leave changed in a painted one.
@@ -120,7 +120,7 @@ class Machine:
             if not any(start <= page <= end for start, end in mapped):
                 self.core.mem_map(page, 0x1000)
 
-    def run(self, manifest: Manifest, agent: Agent, calls: Calls) -> tuple[Any, int]:
+    def run(self, manifest: Manifest, agent: AgentEntry, calls: Calls) -> tuple[Any, int]:
         """Place the arrays, call the harness, read the arrays back: (trace, sizeof state)."""
         count = len(calls)
         given = inputs(calls)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.errors import ClaimError
-from lockstep.codegen.manifest import Agent, Manifest
+from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.codegen.rendering import render
 from lockstep.verification.stimulus import Calls, Trace
 from lockstep.verification.toolchain import COMPILE_SECONDS, RUN_SECONDS, WARNINGS, Compiler, run
@@ -28,7 +28,7 @@ class Run:
     stack_bytes: int | None = None
 
 
-def layout(agent: Agent, manifest: Manifest) -> dict[str, Any]:
+def layout(agent: AgentEntry, manifest: Manifest) -> dict[str, Any]:
     """What the driver's templates need to know of an agent."""
     return {
         "name": agent.name,
@@ -88,7 +88,7 @@ def run_on_host(
     compiler: Compiler,
     flags: Sequence[str],
     directory: Path,
-) -> Iterator[tuple[Agent, Run]]:
+) -> Iterator[tuple[AgentEntry, Run]]:
     """Build once, then run each agent's calls; `directory` is a temporary one."""
     product = compile_objects(
         compiler, flags, product_sources(manifest, folder), folder / "include", directory
@@ -126,7 +126,7 @@ def inputs(calls: Calls) -> list[bytes]:
 
 
 def output_arrays(
-    agent: Agent, manifest: Manifest, count: int
+    agent: AgentEntry, manifest: Manifest, count: int
 ) -> list[tuple[str, np.dtype[Any], tuple[int, ...]]]:
     """Name, type and shape of the arrays that the harness writes, in its order."""
     real, n, q, m, nn = (
@@ -147,7 +147,7 @@ def output_arrays(
     ]
 
 
-def outputs(agent: Agent, manifest: Manifest, count: int, blob: bytes) -> Trace:
+def outputs(agent: AgentEntry, manifest: Manifest, count: int, blob: bytes) -> Trace:
     """Read a trace from the arrays that the harness wrote one after the other."""
     parts: dict[str, np.ndarray] = {}
     offset = 0

@@ -14,7 +14,6 @@ from jaxtyping import Float
 from lockstep.check.domain import argument_box
 from lockstep.check.inequality import Certificate
 from lockstep.check.numbers import as_floats
-from lockstep.codegen.sampled_design import stated_rho
 from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.stored_bound import bound_again
@@ -22,7 +21,7 @@ from lockstep.model.assembly import network_of
 from lockstep.model.network import Network
 from lockstep.model.simulation.perturbation import norms
 from lockstep.model.simulation.scenario import Scenario
-from lockstep.model.simulation.trajectory import Trajectory, Weights, energies
+from lockstep.model.simulation.trajectory import RhoWeights, Trajectory, energies
 
 Kind = Literal["continuous", "sampled", "compiled"]
 
@@ -78,13 +77,12 @@ def promise(stored: Stored, kind: Kind) -> Promise:
         c = stored.proofs.certificate
         P = c.P if isinstance(c, Certificate) else None
         return Promise(kind, None if c is None else c.rho, verdict.scope, P, verdict.reason)
-    found = stated_rho(stored)
-    if found is None:
+    witness = stored.proofs.sampled_rho
+    if not verdict.proves("sampled_rho") or witness is None:
         reason = "no rho of the sampled loop is proved in the design file"
         return Promise(kind, None, verdict.scope, None, reason)
-    return Promise(
-        kind, found.rho, verdict.scope, found.witness.P, "proved of the sampled loop in ball arithmetic"
-    )
+    rho, reason = stored.claims.sampled.rho, "proved of the sampled loop in ball arithmetic"
+    return Promise(kind, rho, verdict.scope, witness.P, reason)
 
 
 def network_of_design(stored: Stored) -> Network:
@@ -92,11 +90,11 @@ def network_of_design(stored: Stored) -> Network:
     return network_of(stored.problem, bound_again(stored))
 
 
-def weights_of_design(stored: Stored, network: Network) -> Weights:
+def weights_of_design(stored: Stored, network: Network) -> RhoWeights:
     """Return the weights that the design's rho is measured with."""
     problem = stored.problem
     R, Q = problem.state_weight(network.agent.n), problem.controller_weight(stored.gains.order)
-    return Weights.of(network.graph, R, Q, network.coordinates)
+    return RhoWeights.of(network.graph, R, Q, network.coordinates)
 
 
 def measured(

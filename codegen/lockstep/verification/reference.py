@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64
 
 from lockstep.check.errors import ProblemError
-from lockstep.codegen.manifest import Agent, Manifest
+from lockstep.codegen.manifest import AgentEntry, Manifest
 
 OK, NOT_FINITE, OVERFLOW = 0, 1, 2
 _SATURATED = 2**32 - 1
@@ -51,7 +51,7 @@ class Reference:
         self.init()
 
     @classmethod
-    def of(cls, agent: Agent, manifest: Manifest) -> "Reference":
+    def of(cls, agent: AgentEntry, manifest: Manifest) -> "Reference":
         """The reference of one agent of a generated folder."""
         real = manifest.real_type
         skip = manifest.arithmetic.zero_terms == "skipped"

@@ -11,7 +11,7 @@ import scipy.linalg
 from jaxtyping import Float, Int, UInt
 
 from lockstep.check.errors import ProblemError
-from lockstep.codegen.manifest import Agent, Manifest, Plant
+from lockstep.codegen.manifest import AgentEntry, Manifest, PlantEntry
 from lockstep.verification.reference import Reference, closed_loop
 
 STEP, STEP_RELATIVE, RESET, STEP_ALIASED = 0, 1, 2, 3
@@ -82,7 +82,7 @@ def _call(reference: Reference, calls: Calls, k: int) -> tuple[int, np.ndarray]:
     return reference.step(calls.y[k], calls.neighbour_y[k], int(calls.received[k]))
 
 
-def _neighbour_rows(manifest: Manifest, agent: Agent, outputs: Sequence[np.ndarray]) -> np.ndarray:
+def _neighbour_rows(manifest: Manifest, agent: AgentEntry, outputs: Sequence[np.ndarray]) -> np.ndarray:
     """Each neighbour's outputs at each step; one outside the folder sends this agent's at other times."""
     by_name = {a.name: y for a, y in zip(manifest.agents, outputs, strict=True)}
     own = by_name[agent.name]
@@ -130,7 +130,7 @@ def recorded_outputs(manifest: Manifest, steps: int) -> list[Float[np.ndarray, "
     return outputs
 
 
-def _plant_outputs(manifest: Manifest, plants: list[Plant], steps: int) -> list[np.ndarray]:
+def _plant_outputs(manifest: Manifest, plants: list[PlantEntry], steps: int) -> list[np.ndarray]:
     """x' = A x + B u, y = C x with u held over each period, started at x0."""
     matrices, states = [], []
     for plant in plants:
@@ -167,7 +167,7 @@ def given_outputs(
     return [y[:steps].astype(manifest.real_type.dtype) for y in each]
 
 
-def adversarial_calls(manifest: Manifest, agent: Agent, steps: int) -> Calls:
+def adversarial_calls(manifest: Manifest, agent: AgentEntry, steps: int) -> Calls:
     """Subnormal, huge, signed-zero, alternating, non-finite values; lost messages; resets; overlap.
 
     The kind changes every 50 calls, so that subnormal states live among subnormals and huge ones overflow.

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.codegen.cores import CORES, Core
-from lockstep.codegen.manifest import Agent, Manifest
+from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.emulator import missing_packages, run_on_core
 from lockstep.verification.harness import Run, run_on_host
 from lockstep.verification.stimulus import Calls
 from lockstep.verification.toolchain import TO_INSTALL, Compiler, arm_gcc, host_compilers, run, zig
 
-Runner = Callable[[Manifest, Path, Mapping[str, Calls], Path], Iterator[tuple[Agent, Run]]]
+Runner = Callable[[Manifest, Path, Mapping[str, Calls], Path], Iterator[tuple[AgentEntry, Run]]]
 
 GROUPS = ("host", "sanitizers", *CORES)
 """host: each compiler at -O0, -O2, -O3. sanitizers: address, undefined behaviour. The rest is emulated."""
@@ -100,21 +100,21 @@ def _emulated(
     folder: Path,
     calls: Mapping[str, Calls],
     directory: Path,
-) -> Iterator[tuple[Agent, Run]]:
+) -> Iterator[tuple[AgentEntry, Run]]:
     return run_on_core(manifest, folder, calls, core, compiler, level, directory)
 
 
 def _on_host(compiler: Compiler, flags: Sequence[str]) -> Runner:
     def start(
         manifest: Manifest, folder: Path, calls: Mapping[str, Calls], directory: Path
-    ) -> Iterator[tuple[Agent, Run]]:
+    ) -> Iterator[tuple[AgentEntry, Run]]:
         return run_on_host(manifest, folder, calls, compiler, flags, directory)
 
     return start
 
 
 def _skipped(name: str, reason: str) -> Target:
-    def never(*_: object) -> Iterator[tuple[Agent, Run]]:
+    def never(*_: object) -> Iterator[tuple[AgentEntry, Run]]:
         raise ClaimError(f"{name} is skipped: {reason}")
 
     return Target(name, never, reason)

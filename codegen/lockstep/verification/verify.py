@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.errors import ClaimError, Mismatch, ProblemError
-from lockstep.codegen.contents import refusals
-from lockstep.codegen.manifest import Agent, Manifest, changed_files, load_manifest
+from lockstep.codegen.folder.contents import refusals
+from lockstep.codegen.manifest import AgentEntry, Manifest, changed_files, load_manifest
 from lockstep.verification.comparison import Difference, compare
 from lockstep.verification.harness import Run
 from lockstep.verification.reference import Reference
@@ -188,7 +188,9 @@ def _run_target(
     results = []
     with tempfile.TemporaryDirectory(prefix="lockstep-") as temporary:
         try:
-            runs: Iterator[tuple[Agent, Run]] = target.run(manifest, folder, calls, Path(temporary).resolve())
+            runs: Iterator[tuple[AgentEntry, Run]] = target.run(
+                manifest, folder, calls, Path(temporary).resolve()
+            )
             for agent, run in runs:
                 tell(f"{target.name}: {agent.name}")
                 results.append(_agent_result(agent, run, compare(run.trace, expected[agent.name])))
@@ -210,7 +212,7 @@ def _run_target(
     )
 
 
-def _agent_result(agent: Agent, run: Run, difference: Difference) -> AgentResult:
+def _agent_result(agent: AgentEntry, run: Run, difference: Difference) -> AgentResult:
     return AgentResult(
         agent.name,
         difference.bitwise,
@@ -246,7 +248,7 @@ def _problems(results: Sequence[TargetResult], changed: Sequence[str], manifest:
             yield from _broken_promises(result, found, stated[found.agent])
 
 
-def _broken_promises(target: TargetResult, found: AgentResult, stated: Agent) -> Iterator[str]:
+def _broken_promises(target: TargetResult, found: AgentResult, stated: AgentEntry) -> Iterator[str]:
     """The header bounds RAM, stack and flash; what is measured must keep to that."""
     if found.ram_bytes != stated.state_bytes:
         ram = f"takes {found.ram_bytes} bytes of RAM, not {stated.state_bytes} as stated"

@@ -146,8 +146,8 @@ def _reported(
 
 def _written(files: dict[str, str], report: "Report", folder: Path) -> tuple[str, ...]:
     """Write everything, and return the names of the files."""
-    from lockstep.codegen.bundle import bundle
     from lockstep.codegen.folder import write_folder
+    from lockstep.codegen.folder.bundle import bundle
 
     extras: dict[str, str | bytes] = {**report.texts, **report.figures}
     whole = bundle(files, extras)

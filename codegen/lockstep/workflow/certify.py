@@ -1,10 +1,8 @@
-"""The independent checker, of a design file or of a folder of generated C.
+"""What the checker says of a design file or of a folder of generated C, and whether the folder is as it is generated.
 
-Of a design file it proves the continuous controllers, and the sampled, rounded ones that would ship. It is refused where
-a claim of the file fails: the continuous one, or the sampled one (that it is certified, its rho, its max_period) if the
-file makes it; no period is looked for. A file that says itself that its sampled controllers are not certified claims
-nothing of them and is not refused, though the answer says it all the same. Of a folder it proves the C in it, which
-claims both: either failing refuses it.
+Every claim is decided by `lockstep.check.certify`, which is what `lockstep-check` runs. A claim that the file makes is
+checked; what it does not claim is not searched for. What is beyond the checker is about folders: nothing stands in them
+but what Lockstep writes there, and every text file that follows from the design is rendered again and compared, byte by byte.
 """
 
 from collections.abc import Mapping
@@ -17,8 +15,10 @@ from lockstep.workflow.files import of_file
 from lockstep.workflow.folders import is_generated
 
 if TYPE_CHECKING:
-    from lockstep.lmi.certify import Verdict
-    from lockstep.lmi.document import Stored
+    from lockstep.lmi.certify import Decided
+
+UNCLAIMED = "the file does not claim it"
+UNDECIDED = "not decided: it rests on a claim that fails"
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,15 +27,13 @@ class DesignVerdict:
 
     Args:
         design: what was checked.
-        verdict: of the continuous controllers.
+        verdict: of each of its claims.
         answer: the contract's keys.
-        refused: which claim of a design file about its sampled controllers fails; None if none does.
     """
 
     design: Design
-    verdict: "Verdict"
+    verdict: "Decided"
     answer: Mapping[str, Any]
-    refused: str | None = None
 
     @property
     def ok(self) -> bool:
@@ -76,6 +74,19 @@ class DesignVerdict:
         """Return the contract's keys."""
         return dict(self.answer)
 
+    def __repr__(self) -> str:
+        """Say what was decided."""
+        return f"<DesignVerdict of {self.design.title!r}: {'every claim holds' if self.ok else 'refused'}, {self.reason}>"
+
+    def _repr_html_(self) -> str:
+        """Return the same in a table, for a notebook."""
+        from html import escape
+
+        sampled = "certified" if self.sampled.get("certified") is True else "not certified"
+        rows = {"every claim holds": "yes" if self.ok else "no", "because": self.reason, "sampled": sampled}
+        body = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())
+        return f"<table><caption>{escape(self.design.title)}</caption>{body}</table>"
+
 
 def certify(design: Design | Path | str) -> DesignVerdict:
     """Check a design's proof independently: no solver, exact arithmetic, and nothing that the file says is believed.
@@ -88,80 +99,40 @@ def certify(design: Design | Path | str) -> DesignVerdict:
         ProblemError: no design, or a problem in it that cannot be posed. A claim that fails is not raised: `ok` and
             `reason` say it.
     """
+    from lockstep.codegen.folder.as_generated import compared
     from lockstep.lmi.certify import certify as decided
 
     found, path = as_design(design)
-    stored = found.stored
     with of_file(path):
-        verdict = decided(stored)
-        if path is not None and is_generated(path):
-            return _with_folder(path, found, verdict)
-        return _with_design(found, verdict)
+        of_c = path is not None and is_generated(path)
+        file = path / DESIGN_NAME if path is not None and path.is_dir() and not of_c else path
+        verdict = decided(found.stored, file)
+        document = _document(found, verdict)
+        if of_c and path is not None:
+            proved = verdict.certified and verdict.proves("sampled")
+            folder = compared(path, found.stored)
+            document |= {
+                "ok": verdict.ok and not folder.differences,
+                "certified": proved,
+                "proof": "ball" if proved else "none",
+                "design": {key: document[key] for key in ("certified", "proof")},
+                "differences": list(folder.differences),
+                "not_proved": list(folder.not_proved),
+            }
+    return DesignVerdict(found, verdict, document)
 
 
-def _with_design(design: Design, verdict: "Verdict") -> DesignVerdict:
-    """Certify a design file alone: its gains, and the controllers they are sampled and rounded to."""
-    from lockstep.codegen.sampled_design import prove_design
-    from lockstep.lmi.certify import broken_claim
-
-    stored = design.stored
-    held = prove_design(stored, longest=False)
-    document = certificate_document(stored, verdict)
-    broken = broken_claim(stored, held.claims(), held.verdict.reason)
-    if verdict.certified and broken:
-        document |= _not_certified(broken, held.verdict.figures)
-    document |= {"ok": verdict.certified and not broken, "sampled": held.figures()}
-    return DesignVerdict(design, verdict, document, broken)
-
-
-def _not_certified(reason: str, figures: Mapping[str, Any]) -> dict[str, Any]:
-    error = {"kind": "NotCertified", "message": reason, "figures": dict(figures)}
-    return {"error": error, "reason": reason}
-
-
-def _with_folder(path: Path, design: Design, verdict: "Verdict") -> DesignVerdict:
-    """Certify the design and the C beside it: both must hold, and the C must be what its manifest says."""
-    from lockstep.codegen.c_certificate import certify_folder
-    from lockstep.codegen.sampled_design import prove_design
-    from lockstep.lmi.certify import broken_claim
-
-    stored = design.stored
-    if verdict.certified:
-        designed = prove_design(stored, longest=False)
-        broken = broken_claim(stored, designed.claims(), designed.verdict.reason)
-        verdict = replace(verdict, certified=False, reason=f"{DESIGN_NAME}: {broken}") if broken else verdict
-    folder = certify_folder(path, stored, verdict)
-    proved = folder.held.verdict
-    certified = verdict.certified and proved.certified
-    document = certificate_document(stored, verdict)
-    if verdict.certified and not proved.certified:
-        document |= _not_certified(proved.reason, proved.figures)
-    document |= {
-        "ok": verdict.certified and folder.ok,
-        "certified": certified,
-        "proof": "ball" if certified else "none",
-        "design": {"certified": verdict.certified, "proof": document["proof"]},
-        "differences": list(folder.differences),
-        "not_proved": list(folder.not_proved),
-        "sampled": folder.held.figures(),
-    }
-    return DesignVerdict(design, verdict, document)
-
-
-def certificate_document(stored: "Stored", verdict: "Verdict") -> dict[str, Any]:
-    """Return the contract's keys for a verdict."""
+def _document(design: Design, verdict: "Decided") -> dict[str, Any]:
+    """Return the contract's keys for what is decided of a design file."""
     from lockstep.lmi.document import answer
 
-    said = answer(stored)
-    floor = stored.claims.floor if verdict.certified else None
-    refused = (
-        {}
-        if verdict.certified
-        else {"error": {"kind": "NotCertified", "message": verdict.reason, "figures": dict(verdict.figures)}}
-    )
+    stored, proved = design.stored, verdict.certified
+    said, floor = answer(stored), stored.claims.floor if proved else None
+    error = {"kind": "NotCertified", "message": verdict.reason, "figures": dict(verdict.figures)}
     return {
-        "certified": verdict.certified,
-        "proof": "exact" if verdict.certified else "none",
+        "ok": verdict.ok,
+        "certified": proved,
+        "proof": "exact" if proved else "none",
         "rho": said["rho"],
         "floor": floor,
         "floor_proof": "none" if floor is None else "exact",
@@ -169,6 +140,35 @@ def certificate_document(stored: "Stored", verdict: "Verdict") -> dict[str, Any]
         "reason": verdict.reason,
         "scope": verdict.scope,
         "margin": verdict.margin,
-        **({} if verdict.initial is None else {"initial_set": verdict.initial.document()}),
-        **refused,
+        **({"initial_set": _initial_set(design)} if verdict.scope == "local" else {}),
+        **({} if verdict.ok else {"error": error}),
+        "sampled": _sampled(design, verdict),
     }
+
+
+def _initial_set(design: Design) -> dict[str, Any]:
+    """Return the states from which the agents stay in their domain, as they are claimed."""
+    from lockstep.lmi.initial import InitialStates, Unavailable
+    from lockstep.model.arguments import arguments_text
+
+    claimed = design.stored.claims.initial_set
+    if claimed is None:
+        return Unavailable(UNCLAIMED).document()
+    named = InitialStates(**vars(claimed) | {"arguments": arguments_text(design.problem.agent())})
+    return named.document()
+
+
+def _sampled(design: Design, verdict: "Decided") -> dict[str, Any]:
+    """Return what is proved of the controllers as they ship; what is not, or is not claimed, is None."""
+    from lockstep.check.design_file.claims import SampledClaims
+
+    claims, table = design.stored.claims.sampled, design.problem.controller
+    certified = verdict.proves("sampled")
+    longest = claims.max_period if verdict.proves("max_period") else None
+    shown = SampledClaims(max_period=longest)
+    if certified:
+        rho = claims.rho if verdict.proves("sampled_rho") else None
+        shown = replace(claims, certified=True, rho=rho, max_period=longest or table.period)
+    made = verdict.verdicts.get("sampled") or verdict.verdicts.get("code")
+    reason = made.reason if made else UNDECIDED if claims.certified else UNCLAIMED
+    return {"reason": reason, **shown.document(), "period": table.period, "delay": table.delay}

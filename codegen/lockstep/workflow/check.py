@@ -9,18 +9,23 @@ from lockstep.workflow.files import of_file
 from lockstep.workflow.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from lockstep.model.bound_search import Progress as BoundProgress
+    from lockstep.model.bound_search import SearchState as BoundProgress
     from lockstep.model.checks import CheckReport
 
 
 def check(
-    problem: Problem | Path | str, *, boxes: int | None = None, progress: Progress = silent
+    problem: Problem | Path | str,
+    *,
+    boxes: int | None = None,
+    every: bool = False,
+    progress: Progress = silent,
 ) -> tuple[Problem, "CheckReport"]:
     """Return a problem and what was found of it.
 
     Args:
         problem: itself, or its file.
         boxes: budget of the search that proves the bound.
+        every: also the checks that prove equilibria, sectors, contraction and the like.
         progress: told the enclosure of the bound so far, and the part of the budget that is spent.
 
     Raises:
@@ -36,6 +41,8 @@ def check(
             posed,
             boxes=BOXES if boxes is None else boxes,
             progress=lambda p: progress(enclosure(p), p.part),
+            every=every,
+            proving=lambda name: progress(f"proving: {name}", 0.0),
         )
     return posed, found
 

@@ -12,6 +12,7 @@ from lockstep.check.files import as_text, read_inside
 from lockstep.check.plain_json import to_json
 from lockstep.lmi.document import Stored, answer, file_of, parse, read, sampled_answer
 from lockstep.model.problem import Problem
+from lockstep.workflow.analysis import Analysis
 from lockstep.workflow.check import problem_of
 from lockstep.workflow.files import check_writable, of_file, seen, write_text
 from lockstep.workflow.progress import Progress, silent
@@ -25,7 +26,7 @@ DESIGN_NAME = "design.json"
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class Design(Analysis):
     """A design file: the problem, one controller per agent, what is claimed of the loop, and the witnesses.
 
     Its figures are claims, made by whoever wrote the file; `lockstep.certify` decides whether they hold.
@@ -128,22 +129,6 @@ class Design:
         from lockstep.model.assembly import network_of
 
         return network_of(self.problem, bound_again(self.stored))
-
-    def to_control(self, *, linear: bool = False) -> Any:
-        """Return the closed loop (12) for python-control: inputs xi_i, outputs x_i, y_i, u_i, by the model's names.
-
-        Args:
-            linear: leave phi out: the linear part (15), in disagreement coordinates.
-        """
-        return self.network.to_control(self.gains, linear=linear)
-
-    def controllers_to_control(self, **sampling: Any) -> list[Any]:
-        """Return the controllers (9) for python-control, one `control.ss` per agent, from r_i to u_i.
-
-        Args:
-            sampling: `period` in s and `method` ("tustin" or "zoh"), for discrete ones.
-        """
-        return self.network.controllers_to_control(self.gains, **sampling)
 
     def document(self) -> dict[str, Any]:
         """Return the contract's keys: claims at the top, remarks beside them."""

@@ -54,30 +54,33 @@ def generate(design: Design | Path | str, folder: Path | str, *, optimize: str =
 def generated_files(design: Design, optimize: str = "speed") -> dict[str, str]:
     """Certify a design, and return the files generated from it: relative path -> text.
 
+    What the design claims of its sampled controllers is printed in the C. Where it claims nothing of them, or what is not
+    proved, what can be claimed is looked for here. The checker then decides the folder: the claims, by the numbers in the C.
+
     Raises:
         NotCertified: the checker refuses the design: C is generated from certified designs only.
     """
-    from lockstep.codegen.bundle import bundle
-    from lockstep.codegen.c_certificate import certify_texts
     from lockstep.codegen.emit import emit
+    from lockstep.codegen.folder.bundle import bundle
     from lockstep.codegen.from_design import specification
-    from lockstep.codegen.sampled_design import prove_design, with_sampled
+    from lockstep.codegen.sampled_design import certify_files, prove_design, with_sampled
     from lockstep.lmi.certify import certify
+    from lockstep.lmi.document import with_bound_proof
 
     if optimize not in ("speed", "size"):
         raise ProblemError(f"`--optimize` is {optimize!r}", expected='"speed" or "size"')
-    stored = design.stored
+    stored = with_bound_proof(design.stored)
     verdict = certify(stored)
     if not verdict.certified:
         raise NotCertified(
             f"no C is generated from a design that is not certified: {verdict.reason}", **verdict.figures
         )
-    # Printed twice: the numbers do not depend on what is said of them, and what is said is proved of the printed ones.
-    # The design file claims of its gains what can be proved without the C, which may round less often.
-    stored = with_sampled(
-        replace(stored, claims=replace(stored.claims, scope=verdict.scope)), prove_design(stored)
-    )
-    draft = emit(specification(stored, verdict, optimize=optimize))  # type: ignore[arg-type]
-    held = certify_texts(draft, stored, longest=False)
-    spec = specification(stored, verdict, optimize=optimize, held=held)  # type: ignore[arg-type]
-    return bundle(emit(spec), {DESIGN_NAME: to_json(stored.document()) + "\n"})
+    claims = stored.claims.sampled
+    if not (verdict.ok and claims.certified and claims.rho and claims.max_period):
+        stored = with_sampled(stored, prove_design(stored))
+    stored = replace(stored, claims=replace(stored.claims, scope=verdict.scope))
+    files = emit(specification(stored, optimize=optimize))  # type: ignore[arg-type]
+    decided = certify_files(files, stored)
+    if stored.claims.sampled.certified and not decided.ok:
+        raise NotCertified(f"the C does not hold what its design claims: {decided.reason}", **decided.figures)
+    return bundle(files, {DESIGN_NAME: to_json(stored.document()) + "\n"})

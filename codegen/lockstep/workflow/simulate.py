@@ -92,6 +92,51 @@ class Simulation:
             **error,
         }
 
+    def to_control(self) -> Any:
+        """Return the run as `control.TimeResponseData`, with the names of `Design.to_control`."""
+        from lockstep.model.simulation.exchange import to_time_response
+
+        return to_time_response(self.trajectory)
+
+    def to_pandas(self) -> Any:
+        """Return the run as a `pandas.DataFrame` by t, a column for each signal (extra `notebook`)."""
+        from lockstep.model.simulation.exchange import to_pandas
+
+        return to_pandas(self.trajectory)
+
+    def plot(self, what: str = "states") -> Any:
+        """Return a matplotlib figure of the run: "states", "disagreement", "effort", or "phase" of two states.
+
+        Raises:
+            ProblemError: another word.
+        """
+        from lockstep.report.figures import run_figure
+
+        return run_figure(self.trajectory, what, self.design.title, dict(self.design.problem.agent().units))
+
+    def __repr__(self) -> str:
+        """Say how far apart the agents were and are, and what the run is held against."""
+        d, ratio = self.trajectory.disagreement(), self.measured.ratio
+        held = "held against nothing proved" if ratio is None else f"at {ratio:.3g} of what is proved"
+        return (
+            f"<Simulation of {self.design.title!r}: {self.controllers} controllers, {self.trajectory.horizon:g} s, "
+            f"disagreement {d[0]:.3g} to {d[-1]:.3g}, {held}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return the same in a table, for a notebook."""
+        from html import escape
+
+        d, ratio = self.trajectory.disagreement(), self.measured.ratio
+        rows = {
+            "controllers": self.controllers,
+            "horizon": f"{self.trajectory.horizon:g} s",
+            "disagreement": f"{d[0]:.3g} at first, {d.max():.3g} at most, {d[-1]:.3g} at last",
+            "against what is proved": "nothing is proved of it" if ratio is None else f"{ratio:.3g} of it",
+        }
+        body = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())
+        return f"<table><caption>{escape(self.design.title)}</caption>{body}</table>"
+
     def figures(self) -> dict[str, bytes]:
         """Return the states, the disagreement and the effort as PNG and PDF: file name -> bytes."""
         return _drawn(self.trajectory, self.design.stored)
@@ -238,7 +283,7 @@ def _worst(stored: "Stored", network: "Network", quiet: "Scenario", changes: "Ch
 
 @contextmanager
 def _controllers(path: Path | None, stored: "Stored", kind: "Kind") -> "Iterator[Gains | SampledControllers]":
-    from lockstep.codegen.c_certificate import problem_fits
+    from lockstep.codegen.folder.as_generated import problem_fits
     from lockstep.codegen.manifest import load_manifest
     from lockstep.verification.in_the_loop import design_controllers, reference_controllers
 

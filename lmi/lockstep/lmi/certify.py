@@ -1,111 +1,91 @@
-"""The independent checker: from a design file to a verdict, by symbolic algebra and exact arithmetic alone.
+"""What the checker says of a design, for whoever proposes, ships or shows it: `lockstep.check.certify` alone.
 
-It imports no solver and believes nothing but the problem: the agent's matrices are derived again from its
-equations, alpha is proved again in interval arithmetic, the inequality is built again over the rationals, and
-an exact decision is made (`lockstep.check.certificate`). What a reader has to trust is `lockstep.check`, this file,
-`stored_bound`, `scope`, and the model layer under them.
+A design file is read again by the checker itself; a design that is not in a file yet is given to it as the file it would
+be. Nothing is decided here, and nothing is searched for.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-import numpy as np
+from lockstep.check import certify as checker
+from lockstep.check.design_file.content import parse
+from lockstep.check.domain import Scope
+from lockstep.check.plain_json import plain
+from lockstep.check.problem import ProblemTables
+from lockstep.check.verdict import Verdict
+from lockstep.lmi.document import Stored, with_bound_proof
 
-from lockstep.check.asked import shortfalls
-from lockstep.check.certificate import decide_certificate, decide_floor, decide_initial_set
-from lockstep.check.design_file.claims import SampledClaims
-from lockstep.check.errors import BoundNotProved
-from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.local import InitialSet, Unavailable
-from lockstep.check.modes import ModalCertificate
-from lockstep.lmi.document import Stored
-from lockstep.lmi.scope import Scope, domain_of, initial_states, scope_of
-from lockstep.lmi.stored_bound import bound_again
-from lockstep.model.assembly import network_of
-from lockstep.model.network import Network
+OF_WHAT_SHIPS = ("code", "sampled", "sampled_rho", "max_period")
+"""Claims about the controllers as they ship; all others are about the continuous ones."""
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """Whether a design is certified, and if not, which claim fails and by how much.
+class Decided:
+    """What is decided of a design file, claim by claim; the first claim that fails is the last one."""
 
-    scope: "global", or "local" where the bound holds on the agent's domain only, and with it all that is proved;
-    initial: where it is local, states from which the agents stay in their domain, or why none can be given;
-    margin: the smallest eigenvalue of -F scaled to a unit diagonal, in doubles, for information.
-    """
+    stored: Stored
+    verdicts: Mapping[str, Verdict]
 
-    certified: bool
-    reason: str
-    scope: Scope | None = None
-    margin: float = float("nan")
-    figures: Mapping[str, Any] = field(default_factory=dict)
-    initial: InitialSet | Unavailable | None = None
+    def proves(self, name: str) -> bool:
+        """Whether a claim was made and is proved."""
+        return name in self.verdicts and self.verdicts[name].proved
 
+    @property
+    def ok(self) -> bool:
+        """Whether every claim is proved."""
+        return self.failed is None
 
-def certify(stored: Stored) -> Verdict:
-    """Decide whether the stored gains have the properties the file claims, from the file's problem alone.
+    @property
+    def failed(self) -> str | None:
+        """The claim that is not proved, or None."""
+        return next((name for name, one in self.verdicts.items() if not one.proved), None)
 
-    Raises:
-        ProblemError: the problem in the file cannot be posed: no spanning tree, no finite bound, ...
-    """
-    problem, c, claims = stored.problem, stored.proofs.certificate, stored.claims
-    if c is None:
-        return Verdict(False, "the file holds gains without a certificate")
-    if not claims.certified:
-        return Verdict(False, "the file does not claim that its gains are certified")
-    problem.validate()
-    agent = problem.agent()
-    try:
-        bound = bound_again(stored)
-    except BoundNotProved as error:
-        return Verdict(False, str(error), figures=error.figures)
-    network = network_of(problem, bound)
-    delta = np.tile([claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
-    claim = Claim.of(claims.alpha, problem.performance, delta, claims.entries)
-    decided = decide_certificate(network.matrices, stored.gains, claim, c)
-    margin = decided.figures.get("margin", float("nan"))
-    if not decided.proved:
-        return Verdict(False, decided.reason, None, margin, decided.figures)
-    short = list(shortfalls(problem.document()["design"], claims, stored.gains))
-    if short:
-        return Verdict(False, f"the file claims less than its problem asks for: {'; '.join(short)}")
-    scope = scope_of(agent, bound)
-    initial = initial_states(network, c) if scope == "local" else None
-    for broken in (_floor(stored, network, claim), _place(stored, network, c, scope)):
-        if broken:
-            return Verdict(False, broken)
-    return Verdict(True, decided.reason, scope, margin, initial=initial)
+    @property
+    def certified(self) -> bool:
+        """Whether everything that is claimed of the continuous controllers is proved."""
+        return self.failed is None or self.failed in OF_WHAT_SHIPS
+
+    @property
+    def reason(self) -> str:
+        """Which claim fails and by how much, or how the certificate was decided."""
+        return self.verdicts[self.failed or "certificate"].reason
+
+    @property
+    def figures(self) -> Mapping[str, Any]:
+        """What shows that a claim fails."""
+        return {} if self.failed is None else self.verdicts[self.failed].figures
+
+    @property
+    def scope(self) -> Scope | None:
+        """Where the certificate holds: "global", or "local", in the agent's domain; None where none is proved."""
+        return (self.stored.claims.scope or "local") if self.certified else None
+
+    @property
+    def margin(self) -> float:
+        """The smallest eigenvalue of -F scaled to a unit diagonal, in doubles, for information."""
+        found = self.verdicts.get("certificate")
+        return float("nan") if found is None else float(found.figures.get("margin", "nan"))
 
 
-def _floor(stored: Stored, network: Network, claim: Claim) -> str | None:
-    """Say that the floor is claimed and not proved; None if it is, or none is claimed."""
-    witness = stored.proofs.floor
-    decided = None if witness is None else decide_floor(network.matrices, claim, witness)
-    return None if decided is None or decided.proved else decided.reason
-
-
-def _place(
-    stored: Stored, network: Network, certificate: Certificate | ModalCertificate, scope: Scope
-) -> str | None:
-    """Say whether the certificate is claimed for more states than it is proved for; None if it is not."""
-    claimed = stored.claims.initial_set
-    if stored.claims.scope == "global" and scope == "local":
-        return f"the file says that the certificate is global, but {scope} is proved"
-    if claimed is None:
-        return None
-    decided = decide_initial_set(network.matrices, certificate, domain_of(network.agent), claimed)
-    return None if decided.proved else decided.reason
-
-
-def broken_claim(stored: Stored, proved: SampledClaims, reason: str) -> str | None:
-    """Say which claim of a design file about its sampled controllers is better than what is proved; None if none is.
+def certify(stored: Stored, path: Path | None = None) -> Decided:
+    """Decide what a design file claims, or a folder of C with its design.
 
     Args:
-        stored: the design file.
-        proved: what was proved of its controllers, sampled and rounded;  reason: why not, where they are not certified.
+        stored: the design.
+        path: the file, or the folder of generated C, that it was read from, if it was: the checker reads it for itself.
+
+    Raises:
+        ProblemError: the problem in the file cannot be posed: no spanning tree, a domain for no state, ...
     """
-    claimed = stored.claims.sampled
-    if claimed.certified and not proved.certified:
-        return reason
-    return next(claimed.better_than(proved), None)
+    # A file of format 1 does not say how its bound is proved: that is proposed anew, and the checker gets both.
+    complete = with_bound_proof(stored)
+    if path is not None and complete is stored:
+        return Decided(stored, checker.certify(path).verdicts)
+    content = complete.document() | {
+        "problem": plain(stored.problem.document())
+    }  # with the gains that it gives, if any
+    file = parse(content, "the design", ProblemTables.from_document)
+    folder = path if path is not None and path.is_dir() else None
+    return Decided(stored, checker.certified(file, folder).verdicts)

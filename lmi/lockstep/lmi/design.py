@@ -19,12 +19,12 @@ import numpy as np
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.floor.witness import FloorWitness
 from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.local import InitialSet, Unavailable
 from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.guarantees import Guarantees, guarantees
-from lockstep.lmi.sampled.improve import Start
+from lockstep.lmi.initial import InitialStates, Unavailable
+from lockstep.lmi.sampled.improve import StartingGains
 from lockstep.lmi.scope import Scope, initial_states, scope_of
 from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import bound_of, network_of
@@ -37,7 +37,7 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class Design:
+class Proposal:
     """Gains, what is claimed of the loop with them, and the certificate, if one was proved.
 
     figures: what else is known: abscissa, gain norms, the history of the search, the audit of a
@@ -54,7 +54,7 @@ class Design:
     certificate: Certificate | ModalCertificate | None
     figures: dict[str, Any] = field(default_factory=dict)
     floor: FloorWitness | None = None
-    others: tuple[Start, ...] = ()
+    others: tuple[StartingGains, ...] = ()
     guarantees: Guarantees = field(default_factory=Guarantees)
 
     @property
@@ -68,7 +68,7 @@ class Design:
         return scope_of(self.network.agent, self.bound) if self.certified else None
 
     @cached_property
-    def initial(self) -> InitialSet | Unavailable | None:
+    def initial(self) -> InitialStates | Unavailable | None:
         """Where the certificate is local: states from which the agents stay in their domain, or why none can be given."""
         if self.certificate is None or self.scope != "local":
             return None
@@ -81,7 +81,7 @@ def design(
     jobs: int | None = None,
     progress: Progress | None = None,
     time_limit: float | None = None,
-) -> Design:
+) -> Proposal:
     """Design or take the gains of a problem and prove them.
 
     Args:
@@ -102,7 +102,7 @@ def design(
         return _designed(problem, jobs, progress or (lambda _what, _part: None), time_limit)
 
 
-def _designed(problem: Problem, jobs: int | None, tell: Progress, time_limit: float | None) -> Design:
+def _designed(problem: Problem, jobs: int | None, tell: Progress, time_limit: float | None) -> Proposal:
     problem.validate()
     if time_limit is not None and not time_limit > 0:
         raise ProblemError(f"{time_limit} s", where="--time-limit", expected="a number of seconds above 0")
@@ -171,7 +171,7 @@ def _searched(
     jobs: int | None,
     tell: Progress,
     time_limit: float | None,
-) -> Design:
+) -> Proposal:
     from lockstep.lmi.methods.certified import searched
     from lockstep.lmi.sampled.score import SampledScore
 
@@ -179,19 +179,19 @@ def _searched(
     found = searched(problem, network, claim, jobs, tell, time_limit, score)
     figures = found.figures | _figures(network, found.gains)
     floor = _floor(network, found.claim, found.certificate.rho, tell)
-    return Design(
+    return Proposal(
         problem, network, bound, found.claim, found.gains, found.certificate, figures, floor, found.others
     )
 
 
-def _given(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Design:
+def _given(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Proposal:
     gains = given_gains(problem)
     tell("looking for a certificate of the given gains", 0.0)
     certificate = prove(network, gains, claim, rho=problem.design.rho)
-    return Design(problem, network, bound, claim, gains, certificate, _figures(network, gains))
+    return Proposal(problem, network, bound, claim, gains, certificate, _figures(network, gains))
 
 
-def _as_printed(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Design:
+def _as_printed(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Proposal:
     from lockstep.lmi.methods.paper import solve_as_printed
 
     tell(f"solving {'(34)' if problem.design.method == 'corollary1' else '(19)'} as printed", 0.0)
@@ -214,12 +214,12 @@ def _as_printed(problem: Problem, network: Network, bound: Bound, claim: Claim, 
             f" size, and the recovered loop has the abscissa {audit.abscissa:.3g}; {error}",
             residual=audit.residual,
             abscissa=audit.abscissa,
-            design=Design(problem, network, bound, claim, audit.gains, None, figures),
+            design=Proposal(problem, network, bound, claim, audit.gains, None, figures),
         ) from None
-    return Design(problem, network, bound, claim, audit.gains, certificate, figures)
+    return Proposal(problem, network, bound, claim, audit.gains, certificate, figures)
 
 
-def _protocol(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Design:
+def _protocol(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Proposal:
     from lockstep.lmi.methods.lipschitz import design_protocol, protocol_gains
 
     if problem.order:
@@ -243,10 +243,10 @@ def _protocol(problem: Problem, network: Network, bound: Bound, claim: Claim, te
         },
     }
     floor = _floor(network, claim, certificate.rho, tell)
-    return Design(problem, network, bound, claim, gains, certificate, figures, floor)
+    return Proposal(problem, network, bound, claim, gains, certificate, figures, floor)
 
 
-def _modal(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Design:
+def _modal(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Proposal:
     from lockstep.lmi.methods.certified import rate_of_controllers
     from lockstep.lmi.methods.modal import design_modes, prove_modes
 
@@ -271,7 +271,7 @@ def _modal(problem: Problem, network: Network, bound: Bound, claim: Claim, tell:
         },
     }
     floor = _floor(network, claim, certificate.rho, tell)
-    return Design(problem, network, bound, claim, gains, certificate, figures, floor)
+    return Proposal(problem, network, bound, claim, gains, certificate, figures, floor)
 
 
 def _figures(network: Network, gains: Gains) -> dict[str, Any]:

@@ -8,11 +8,15 @@ from typing import Any
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
 from lockstep.check.design_file import content as design_file
 from lockstep.check.design_file.claims import Claims, Scales
-from lockstep.check.design_file.content import DesignFile, gains_document
+from lockstep.check.design_file.content import DesignFile
+from lockstep.check.design_file.json_text import load_json
 from lockstep.check.design_file.proofs import BoundProof, Proofs
 from lockstep.check.domain import claimed_box
 from lockstep.check.local import InitialSet
-from lockstep.lmi.design import Design
+from lockstep.lmi.design import Proposal
+from lockstep.lmi.initial import InitialStates
+from lockstep.lmi.upgrade import FORMAT_1, upgraded
+from lockstep.lmi.written import file_document, gains_document
 from lockstep.model.arguments import arguments_text
 from lockstep.model.bound_search import Bound
 from lockstep.model.problem import Problem
@@ -20,11 +24,16 @@ from lockstep.model.problem import Problem
 ALWAYS = ("rho", "floor")
 """Keys of an answer that are there even where nothing is claimed."""
 
-Stored = DesignFile[Problem]
-"""A design file with its problem as this layer builds it."""
+
+class Stored(DesignFile[Problem]):
+    """A design file with its problem as this layer builds it, to be written down."""
+
+    def document(self) -> dict[str, Any]:
+        """Return the file as plain JSON types."""
+        return file_document(self)
 
 
-def file_of(design: Design) -> Stored:
+def file_of(design: Proposal) -> Stored:
     """Return what is to be written down of a design; nothing is claimed of its sampled controllers yet."""
     c, floor, initial, decay = design.certificate, design.floor, design.initial, design.guarantees.decay
     claims = Claims(
@@ -41,13 +50,21 @@ def file_of(design: Design) -> Stored:
         design.guarantees.stable,
     )
     info = {"figures": design.figures} | ({} if initial is None else {"initial_set": initial.remarks()})
-    proofs = Proofs(c, None if decay is None else decay[1], floor, bound=_bound_proof(design, claims))
-    return DesignFile(design.problem, design.gains, claims, proofs, info)
+    proofs = Proofs(c, None if decay is None else decay[1], floor, bound=_bound_proof(design.problem, claims))
+    return Stored(design.problem, design.gains, claims, proofs, info)
 
 
-def _bound_proof(design: Design, claims: Claims) -> BoundProof | None:
+def with_bound_proof(stored: Stored) -> Stored:
+    """Return a design file with what its bound is proved with, which a file of format 1 does not say."""
+    if not stored.claims.certified or stored.proofs.bound is not None:
+        return stored
+    bound = _bound_proof(stored.problem, stored.claims)
+    return replace(stored, proofs=replace(stored.proofs, bound=bound))
+
+
+def _bound_proof(problem: Problem, claims: Claims) -> BoundProof | None:
     """Ask the checker's decision how many boxes it takes for what is claimed, on the box that it is claimed for."""
-    agent = design.problem.agent()
+    agent = problem.agent()
     box = claimed_box(claims.scope or "local", agent.argument_box)
     D_w, D_v = claims.scales or (None, None)
     decided = decide_bound(agent.exact.phi, box, claims.alpha, D_w, D_v, claims.entries, boxes=MOST_BOXES)
@@ -62,16 +79,18 @@ def _scales(bound: Bound) -> Scales | None:
 
 def read(path: Path) -> Stored:
     """Read a design file; see `parse`."""
-    return design_file.read(path, Problem.from_document)
+    return parse(load_json(path), str(path))
 
 
 def parse(content: Any, where: str) -> Stored:
-    """Return what a design file holds, from its JSON.
+    """Return what a design file holds, from its JSON, a file of format 1 included.
 
     Raises:
         ProblemError: a part missing, unknown, or of the wrong shape; `where` names the file.
     """
-    return design_file.parse(content, where, Problem.from_document)
+    if isinstance(content, dict) and content.get("format") == FORMAT_1:
+        content = upgraded(content)
+    return Stored(**vars(design_file.parse(content, where, Problem.from_document)))
 
 
 def answer(stored: Stored) -> dict[str, Any]:
@@ -79,7 +98,9 @@ def answer(stored: Stored) -> dict[str, Any]:
     claims, info, design = stored.claims, stored.info, stored.problem.design
     initial = {"available": False, **_table(info, "initial_set")}
     if claims.initial_set is not None:
-        named = replace(claims.initial_set, arguments=arguments_text(stored.problem.agent()))
+        named = InitialStates(
+            **vars(claims.initial_set) | {"arguments": arguments_text(stored.problem.agent())}
+        )
         initial |= named.document()
     return {
         "title": stored.problem.title,

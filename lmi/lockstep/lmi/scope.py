@@ -1,10 +1,14 @@
 """Where a certificate holds: for every state, or only while all agents stay in the box their bound was proved on."""
 
+from math import isfinite
+
 from lockstep.check.bound.box import Box
-from lockstep.check.domain import Scope, inner_box
+from lockstep.check.domain import Scope
+from lockstep.check.errors import ProblemError
 from lockstep.check.inequality import Certificate
-from lockstep.check.local import Domain, InitialSet, Unavailable, initial_set
+from lockstep.check.local import Domain
 from lockstep.check.modes import ModalCertificate
+from lockstep.lmi.initial import InitialStates, Unavailable, initial_set
 from lockstep.model.agent import Agent
 from lockstep.model.arguments import arguments_text
 from lockstep.model.bound_search import Bound
@@ -22,20 +26,40 @@ def scope_of(agent: Agent, bound: Bound) -> Scope:
     return "global" if holds_everywhere(agent, bound) else "local"
 
 
-def domain_of(agent: Agent, *, fraction: float = HALF, inner: Box | None = None) -> Domain:
-    """Return the box of v = H x over the agent's domain, and the leader's in it.
+def domain_of(agent: Agent) -> Domain:
+    """Return the box of v = H x over the agent's domain."""
+    return Domain(agent.lure.H, agent.argument_box)
 
-    Args:
-        agent: whose domain it is.
-        fraction: the part of the box, around its middle, that the leader is to stay in (`model.domain.inner_box`).
-        inner: the leader's box itself, in place of a fraction.
+
+def inner_box(box: Box, fraction: float) -> Box:
+    """Return the box with `fraction` of its size around its middle: what is left to a leader (`lockstep.check.local`).
+
+    A side without an opposite one moves towards 0 as if its opposite were -side, and by 1 - fraction if it is 0.
 
     Raises:
-        ProblemError: a fraction outside of [0, 1).
+        ProblemError: a fraction outside of [0, 1), which would leave no room between the boxes.
+
+    >>> inner_box(Box((-4.0, -2.0), (8.0, float("inf"))), 0.5)
+    Box(lower=(-1.0, -1.0), upper=(5.0, inf))
     """
-    box = agent.argument_box
-    inner = inner_box(box, fraction) if inner is None else inner
-    return Domain(agent.lure.H, box, inner, arguments_text(agent))
+    if not 0 <= fraction < 1:
+        raise ProblemError(
+            f"{fraction}",
+            where="the part of the domain left to the leader",
+            expected="from 0 up to, but not, 1",
+        )
+    sides = [_inner_side(low, high, fraction) for low, high in zip(box.lower, box.upper, strict=True)]
+    return Box(tuple(low for low, _ in sides), tuple(high for _, high in sides))
+
+
+def _inner_side(low: float, high: float, fraction: float) -> tuple[float, float]:
+    if isfinite(low) and isfinite(high):
+        middle, half = low / 2 + high / 2, high / 2 - low / 2
+        return middle - fraction * half, middle + fraction * half
+    return (
+        low + (1 - fraction) * (abs(low) or 1.0) if isfinite(low) else low,
+        high - (1 - fraction) * (abs(high) or 1.0) if isfinite(high) else high,
+    )
 
 
 def initial_states(
@@ -44,8 +68,18 @@ def initial_states(
     *,
     fraction: float = HALF,
     inner: Box | None = None,
-) -> InitialSet | Unavailable:
-    """Return the set of `lockstep.check.local` for a network; see `domain_of` for the other arguments."""
-    return initial_set(
-        network.matrices, certificate, domain_of(network.agent, fraction=fraction, inner=inner)
-    )
+) -> InitialStates | Unavailable:
+    """Return the largest set of `lockstep.check.local` for a network.
+
+    Args:
+        network: the agents and the graph.
+        certificate: decided for the bound that was proved on their domain.
+        fraction: the part of the box, around its middle, that the leader is to stay in (`inner_box`).
+        inner: the leader's box itself, in place of a fraction.
+
+    Raises:
+        ProblemError: a fraction outside of [0, 1).
+    """
+    domain = domain_of(network.agent)
+    inner = inner_box(domain.box, fraction) if inner is None else inner
+    return initial_set(network.matrices, certificate, domain, inner, arguments_text(network.agent))

@@ -10,12 +10,10 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.agent import Agent as ExactAgent
-from lockstep.check.agent import Move
+from lockstep.check.agent import ExactAgent, Move
 from lockstep.check.domain import argument_box
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.exact import Exact, Value
-from lockstep.check.names import check_agent_name, check_known, check_names
 from lockstep.model.agent_parts import (
     check_bounds,
     check_symbols,
@@ -24,11 +22,20 @@ from lockstep.model.agent_parts import (
 )
 from lockstep.model.bound_search import Box
 from lockstep.model.bound_search.graph import read_value
-from lockstep.model.centring import Centring, centred
+from lockstep.model.bound_search.operations import RULES
 from lockstep.model.control.pbh import Controllability, Observability, controllability, observability
 from lockstep.model.expression import parse_expression
-from lockstep.model.linearise import linearised
+from lockstep.model.loop_transformation.centring import Centring, centred
+from lockstep.model.loop_transformation.linearise import linearised
 from lockstep.model.lure import Lure, lure_form
+from lockstep.model.names import (
+    check_agent_name,
+    check_formulas,
+    check_known,
+    check_names,
+    check_parameters,
+)
+from lockstep.model.written import written
 
 Split = Literal["terms", "jacobian"]
 UNBOUNDED = (-np.inf, np.inf)
@@ -55,7 +62,7 @@ class Agent:
         split: "terms" takes A and B from the terms linear in x and u; "jacobian" adds the slope of h at the
             origin to A.
         centre: whether the middle of the slopes of phi is moved into A where that shrinks their bound: see
-            `lockstep.model.centring`.
+            `lockstep.model.loop_transformation.centring`.
 
     Raises:
         ProblemError: a shape or a name that does not fit, an input that enters nonlinearly, an output that is
@@ -133,9 +140,10 @@ class Agent:
         array([[0., 1.]])
         """
         parameters = dict(parameters or {})
-        as_written = ExactAgent.from_texts(
-            name, states=states, inputs=inputs, dynamics=dynamics, outputs=outputs, parameters=parameters
-        )
+        check_agent_name(name)
+        check_names(states=states, inputs=inputs, outputs=tuple(outputs), parameters=tuple(parameters))
+        check_formulas(states, dynamics)
+        check_parameters(parameters)
         symbols = {key: ca.SX.sym(key) for key in (*states, *inputs, "t")}
         known: dict[str, ca.SX | float] = {
             **symbols,
@@ -143,6 +151,15 @@ class Agent:
         }
         rhs = [parse_expression(dynamics[key], known, where=f"[agent.dynamics] {key}") for key in states]
         y = [parse_expression(text, known, where=f"[agent.outputs] {key}") for key, text in outputs.items()]
+        as_written = ExactAgent.from_texts(
+            name,
+            states=states,
+            inputs=inputs,
+            dynamics=dynamics,
+            outputs=outputs,
+            parameters=parameters,
+            show=written,
+        )
         return cls(
             name=name,
             x=stack([symbols[key] for key in states]),
@@ -209,7 +226,7 @@ class Agent:
     def _written(self) -> ExactAgent:
         if self.as_written is not None:
             return self.as_written
-        algebra = Exact(self.n + self.m)
+        algebra = Exact(self.n + self.m, RULES)
         names = (self.states, self.inputs, self.outputs)
         rhs = [
             self.value(expression, algebra, where=f"[agent.dynamics] {state}")
@@ -219,7 +236,7 @@ class Agent:
             self.value(expression, algebra, where=f"[agent.outputs] {output}")
             for output, expression in zip(self.outputs, ca.vertsplit(self.y), strict=True)
         ]
-        return ExactAgent.from_values(self.name, *names, rhs, y, algebra.seen)
+        return ExactAgent.from_values(self.name, *names, rhs, y, algebra.seen, written)
 
     @cached_property
     def dynamics(self) -> ca.Function:
@@ -252,6 +269,18 @@ class Agent:
 
         return agent_to_control(self, linear=linear)
 
+    def trim(self, **given: Any) -> Any:
+        """Return an equilibrium: see `lockstep.model.control.operating.trim`."""
+        from lockstep.model.control.operating import trim
+
+        return trim(self, **given)
+
+    def linearise(self, x: Sequence[float], u: Sequence[float], t: float = 0.0) -> Any:
+        """Return the agent linearised at a point as a `control.ss`: see `lockstep.model.control.operating`."""
+        from lockstep.model.control.operating import linearised_agent
+
+        return linearised_agent(self, x, u, t)
+
     def value(self, expression: ca.SX, algebra: Exact | None = None, *, where: str) -> Value:
         """Return an expression in this agent's symbols as an exact value over the variables (x, u, t).
 
@@ -268,7 +297,7 @@ class Agent:
                     remedy="substitute a number for it, or declare it",
                 )
         try:
-            return read_value(expression, ca.vertcat(*own), self.t, algebra or Exact(len(own)))
+            return read_value(expression, ca.vertcat(*own), self.t, algebra or Exact(len(own), RULES))
         except ProblemError as error:
             raise error.within(where) from None
 

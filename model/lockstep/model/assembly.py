@@ -25,7 +25,7 @@ from lockstep.model.bound_search import (
     Bound,
     Box,
     Entry,
-    Progress,
+    SearchState,
     confirmed,
     prove_bound,
     read,
@@ -43,7 +43,7 @@ ALLOWED_GAP = 1.02
 TIGHTENINGS = 12
 """Alphas tried for that: each halves the gap, or ends the search."""
 
-Report = Callable[[Progress], None]
+Report = Callable[[SearchState], None]
 
 
 def bound_of(

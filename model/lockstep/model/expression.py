@@ -1,6 +1,7 @@
 """Expressions of a problem file as CasADi SX, operation by operation as they are written.
 
 The text is read by `lockstep.check.expression.text`, as the checker reads it; only what the operations build differs.
+`formula_text` looks first for what people usually get wrong.
 """
 
 import math
@@ -9,6 +10,7 @@ from collections.abc import Callable, Mapping
 import casadi as ca
 
 from lockstep.check.expression.text import parse
+from lockstep.model.formula_text import check_text
 
 _OPERATIONS: Mapping[str, Callable[..., ca.SX]] = {
     "add": lambda a, b: a + b,
@@ -53,4 +55,5 @@ def parse_expression(text: str, symbols: Mapping[str, ca.SX | float], *, where: 
     lockstep.check.errors.ProblemError: unknown symbol `y` at column 3 of `2*y`; expected x, t, pi or a
     function ...
     """
+    check_text(text, where)
     return parse(text, symbols, _Symbolic(), where=where)

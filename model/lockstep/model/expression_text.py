@@ -18,26 +18,13 @@ import casadi as ca
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.wording import shorten
+from lockstep.model.bound_search.operations import INSTEAD
 from lockstep.model.expression import parse_expression
 from lockstep.model.expression_writer import ARITY, COMPARISONS, REPEATED, Step, write
 
 _TRUTHS = frozenset({*COMPARISONS, ca.OP_NOT})
 _NAMES: Mapping[int, str] = {
     getattr(ca, key): key.removeprefix("OP_").lower() for key in dir(ca) if key.startswith("OP_")
-}
-_INSTEAD: Mapping[int, str] = {
-    ca.OP_EXPM1: "write exp(x) - 1",
-    ca.OP_LOG1P: "write log(1 + x)",
-    ca.OP_HYPOT: "write sqrt(x**2 + y**2)",
-    ca.OP_ASINH: "write log(x + sqrt(x**2 + 1))",
-    ca.OP_ACOSH: "write log(x + sqrt(x**2 - 1))",
-    ca.OP_ATANH: "write log((1 + x)/(1 - x))/2",
-    ca.OP_COPYSIGN: "write sign(y)*fabs(x)",
-    ca.OP_AND: "nest if_else for more than one condition",
-    ca.OP_OR: "nest if_else for more than one condition",
-    ca.OP_EQ: "use <, <=, > or >= in if_else",
-    ca.OP_NE: "use <, <=, > or >= in if_else",
-    ca.OP_CALL: "expand function calls before building the agent",
 }
 
 
@@ -121,7 +108,7 @@ def _steps(value: ca.SX, symbols: Mapping[str, ca.SX], where: str) -> list[Step]
                 f"the operation `{_NAMES.get(op, op)}` of CasADi",
                 where=where,
                 expected="one that a formula in a problem file has",
-                remedy=_INSTEAD.get(op, ""),
+                remedy=INSTEAD.get(op, ""),
             )
         work[graph.instruction_output(k)[0]] = len(steps)
         steps.append(step)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.tokens import LONGEST
+from lockstep.check.expression.text import LONGEST
 
 FUNCTIONS: Mapping[int, str] = {
     ca.OP_SIN: "sin",

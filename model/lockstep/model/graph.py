@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from lockstep.check.graph import Graph as CheckedGraph
+from lockstep.check.graph import Digraph
 from lockstep.check.graph import Topology as Topology
 
 
-class Graph(CheckedGraph):
+class Graph(Digraph):
     """A directed weighted graph of N >= 2 agents; see `lockstep.check.graph`.
 
     >>> Graph.from_edges(3, [[1, 2], [2, 3], [3, 1]]).is_balanced

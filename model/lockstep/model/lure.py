@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.agent import Agent as ExactAgent
+from lockstep.check.agent import ExactAgent
 from lockstep.check.numbers import is_double
 from lockstep.model.symbolic import rounds, symbolic, to_double
 

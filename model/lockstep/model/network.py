@@ -16,7 +16,7 @@ from jaxtyping import Float
 from lockstep.check.disagreement import Coordinates
 from lockstep.check.errors import ProblemError
 from lockstep.check.loop import Gains, Loop, Plant
-from lockstep.check.network import Network as CheckedNetwork
+from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import exactly
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
@@ -76,9 +76,9 @@ class Network:
         )
 
     @cached_property
-    def matrices(self) -> CheckedNetwork:
+    def matrices(self) -> ExactNetwork:
         """What the checker decides about: the plant, the graph and the coordinates, without the equations."""
-        return CheckedNetwork(self.plant, self.graph, self.coordinates, self.decay)
+        return ExactNetwork(self.plant, self.graph, self.coordinates, self.decay)
 
     def decaying(self, decay: float) -> "Network":
         """Return the network of e^(decay t) x_cl."""
@@ -116,11 +116,13 @@ class Network:
             ["dx", "dx_C", "u"],
         )
 
-    def to_control(self, gains: Gains | None = None, *, linear: bool = False) -> Any:
+    def to_control(
+        self, gains: Gains | None = None, *, linear: bool = False, period: float | None = None
+    ) -> Any:
         """Return the network for python-control: see `lockstep.model.control.bridge.network_to_control`."""
         from lockstep.model.control.bridge import network_to_control
 
-        return network_to_control(self, gains, linear=linear)
+        return network_to_control(self, gains, linear=linear, period=period)
 
     def controllers_to_control(self, gains: Gains, **sampling: Any) -> list[Any]:
         """Return the controllers for python-control: see `lockstep.model.control.bridge.controllers_to_control`."""

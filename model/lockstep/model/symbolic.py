@@ -127,7 +127,4 @@ _BUILD: Mapping[str, Callable[[Node, Sequence[ca.SX]], ca.SX]] = {
     "not": lambda _, args: ca.logic_not(args[0]),
     "and": lambda _, args: ca.logic_and(args[0], args[1]),
     "choose": lambda _, args: ca.if_else(args[0], args[1], args[2]),
-    # What is left over a whole number, truncated or rounded to even, is exact.
-    "trunc": lambda _, args: args[0] - ca.fmod(args[0], 1),
-    "rint": lambda _, args: args[0] - ca.remainder(args[0], 1),
 }

@@ -6,13 +6,13 @@ from typing import Literal
 
 import numpy as np
 
-Verdict = Literal["proved", "reproduced", "refuted", "underdetermined"]
+ClaimVerdict = Literal["proved", "reproduced", "refuted", "underdetermined"]
 """proved: by exact arithmetic or algebra;  reproduced: the figure is met numerically;  refuted: a counterexample is
 computed;  underdetermined: the paper does not give what a verdict needs."""
 
 
 @dataclass(frozen=True)
-class Measured:
+class Finding:
     """What a run found: the figure, and whether it bears the verdict out."""
 
     figure: str
@@ -26,19 +26,19 @@ class PaperClaim:
     name: str
     where: str
     claim: str
-    verdict: Verdict
-    measure: Callable[[], Measured]
+    verdict: ClaimVerdict
+    measure: Callable[[], Finding]
 
 
 @dataclass(frozen=True)
-class Row:
+class ClaimRow:
     """A claim with what was measured this time; `verdict` is None where the run does not bear it out."""
 
     name: str
     where: str
     claim: str
-    expected: Verdict
-    verdict: Verdict | None
+    expected: ClaimVerdict
+    verdict: ClaimVerdict | None
     figure: str
 
     @property
@@ -59,8 +59,8 @@ class Row:
         }
 
 
-def settle(claim: PaperClaim) -> Row:
+def settle(claim: PaperClaim) -> ClaimRow:
     """Measure a claim."""
     found = claim.measure()
     verdict = claim.verdict if found.supports else None
-    return Row(claim.name, claim.where, claim.claim, claim.verdict, verdict, found.figure)
+    return ClaimRow(claim.name, claim.where, claim.claim, claim.verdict, verdict, found.figure)

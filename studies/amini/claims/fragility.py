@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from amini.claims.claim import Measured, PaperClaim
+from amini.claims.claim import Finding, PaperClaim
 from amini.claims.example import ALPHA, DELTA, TABLE_1, Source, abscissa, loop, slope
 from lockstep.lmi.search.stabilise import abscissa as abscissa_and_slope
 
@@ -36,32 +36,32 @@ def errors(t: float) -> Float[np.ndarray, "3 3 4"]:
     return np.stack([block] * 3)
 
 
-def _peak_A() -> Measured:
+def _peak_A() -> Finding:
     peak = max(float(np.linalg.norm(error_A(t), 2)) for t in INSTANTS)
-    return Measured(f"|Delta A_C| reaches {peak:.4g}, and delta_A_C = 0.5", peak > 0.8)
+    return Finding(f"|Delta A_C| reaches {peak:.4g}, and delta_A_C = 0.5", peak > 0.8)
 
 
-def _peak_C() -> Measured:
+def _peak_C() -> Finding:
     peak = max(float(np.linalg.norm(error_C(t), 2)) for t in INSTANTS)
-    return Measured(f"|Delta C_C| reaches {peak:.4g}, and delta_C_C = 0.2", peak > 0.25)
+    return Finding(f"|Delta C_C| reaches {peak:.4g}, and delta_C_C = 0.2", peak > 0.25)
 
 
-def _shapes() -> Measured:
+def _shapes() -> Finding:
     B, D = TABLE_1["theorem_1"].B[0], TABLE_1["theorem_1"].D[0]
     repeated = 0.2 * np.sqrt(2)
-    return Measured(
+    return Finding(
         f"Delta B_C is 2 x 1 for a B_C of {B.shape[0]} x {B.shape[1]}, Delta D_C 1 x 1 for a D_C of {D.shape[0]} x"
         f" {D.shape[1]}; with the column repeated both reach {repeated:.3g}, and delta = 0.2",
         B.shape == (2, 2) and D.shape == (1, 2),
     )
 
 
-def _unsquared() -> Measured:
+def _unsquared() -> Finding:
     C_r = np.hstack([Y.T for Y in (row[2:, :8] for row in loop().Y)]).T
     norm = float(np.linalg.norm(C_r, 2))
     x = np.linalg.svd(C_r)[2][0]
     left, right = float(np.linalg.norm(C_r @ x) ** 2), norm
-    return Measured(
+    return Finding(
         f"|C_r| = {norm:.4g}: with Delta D_C = delta I, |z_2|^2 = {left:.4g} delta^2 |x_r|^2 is reached, and (29)"
         f" allows {right:.4g}",
         left > 1.5 * right,
@@ -116,29 +116,29 @@ def _admitted(error: Float[np.ndarray, "3 3 4"]) -> bool:
     )
 
 
-def _breaks_linear() -> Measured:
+def _breaks_linear() -> Finding:
     _, linear = destabilising("theorem_1", 0.0)
     _, hanging = destabilising("theorem_1", -ALPHA)
-    return Measured(
+    return Finding(
         f"constant errors within (11) move the abscissa of the linear loop to {linear:.1f}, and of the loop at the"
         f" hanging equilibrium to {hanging:.1f}",
         linear > 0.1 and hanging > 0.05,
     )
 
 
-def _sturdier() -> Measured:
+def _sturdier() -> Finding:
     _, ours = destabilising("theorem_1", 0.0)
     _, theirs = destabilising("corollary_1", 0.0)
-    return Measured(
+    return Finding(
         f"the same search moves the abscissa of the linear loop to {ours:.1f} with Theorem 1; with Corollary 1,"
         " designed for no errors at all, it stays below 0",
         ours > 0.1 and theirs < 0,
     )
 
 
-def _certified_part() -> Measured:
+def _certified_part() -> Finding:
     _, broken = destabilising("theorem_1", ALPHA, 0.05)
-    return Measured(
+    return Finding(
         "5 % of the printed delta, with a slope of 3.33, moves the abscissa to"
         f" {broken:.2f}: there is none even for a twentieth",
         broken > 0.01,
@@ -161,25 +161,25 @@ def floquet_rate(source: Source, phi_slope: float, *, disturbed: bool) -> float:
     return float(np.log(np.abs(np.linalg.eigvals(end)).max()) / (2 * np.pi))
 
 
-def _hanging() -> Measured:
+def _hanging() -> Finding:
     rate = floquet_rate("theorem_1", -ALPHA, disturbed=True)
-    return Measured(
+    return Finding(
         f"around theta_l = 0 the disagreement shrinks at {-rate:.2f} 1/s with the errors of Section 4 (Floquet)",
         rate < 0,
     )
 
 
-def _upright() -> Measured:
+def _upright() -> Finding:
     rate = floquet_rate("theorem_1", ALPHA, disturbed=True)
-    return Measured(
+    return Finding(
         f"around theta_l = pi it grows at {rate:.2f} 1/s with the errors of Section 4 (Floquet)", rate > 0
     )
 
 
-def _faster() -> Measured:
+def _faster() -> Finding:
     certain = -floquet_rate("corollary_1", -ALPHA, disturbed=False)
     uncertain = -floquet_rate("theorem_1", -ALPHA, disturbed=True)
-    return Measured(
+    return Finding(
         f"around theta_l = 0: {certain:.2f} 1/s for Corollary 1, {uncertain:.2f} 1/s for Theorem 1 with its errors",
         certain > uncertain > 0,
     )

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 
-from amini.claims.claim import PaperClaim, Row, settle
+from amini.claims.claim import ClaimRow, PaperClaim, settle
 from lockstep.check.errors import ProblemError
 from lockstep.check.wording import nearest
 from lockstep.workflow.files import check_writable, write_text
@@ -19,7 +19,7 @@ def all_claims() -> tuple[PaperClaim, ...]:
     return tuple(claim for chapter in chapters for claim in chapter.CLAIMS)
 
 
-def reproduce(names: Sequence[str] = (), tell: Callable[[str, float], None] | None = None) -> list[Row]:
+def reproduce(names: Sequence[str] = (), tell: Callable[[str, float], None] | None = None) -> list[ClaimRow]:
     """Settle the named claims, or all of them.
 
     Raises:
@@ -46,7 +46,7 @@ def _named(name: str) -> PaperClaim:
     return known[name]
 
 
-def page(output: Path, tell: Callable[[str, float], None] | None = None) -> list[Row]:
+def page(output: Path, tell: Callable[[str, float], None] | None = None) -> list[ClaimRow]:
     """Settle all claims, and write the page (Markdown) if every verdict is as it stands.
 
     Raises:

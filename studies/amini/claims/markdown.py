@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import get_args
 
-from amini.claims.claim import Row, Verdict
+from amini.claims.claim import ClaimRow, ClaimVerdict
 
 HEAD = """# The paper's claims, one by one
 
@@ -23,14 +23,14 @@ A refuted claim is a fact about the paper. The command fails only where a verdic
 COLUMNS = "| where | claim | verdict | figure | command |\n|---|---|---|---|---|\n"
 
 
-def to_markdown(rows: Sequence[Row]) -> str:
+def to_markdown(rows: Sequence[ClaimRow]) -> str:
     """Return the page.
 
     >>> print(to_markdown([Row("x", "(1)", "It holds.", "proved", "proved", "1 = 1")]).splitlines()[-1])
     | (1) | It holds. | proved | 1 = 1 | `lockstep reproduce x` |
     """
     counts = Counter(row.verdict for row in rows)
-    total = ", ".join(f"{counts[verdict]} {verdict}" for verdict in get_args(Verdict))
+    total = ", ".join(f"{counts[verdict]} {verdict}" for verdict in get_args(ClaimVerdict))
     lines = "".join(
         f"| {_cell(row.where)} | {_cell(row.claim)} | {row.verdict or 'NOT AS EXPECTED'} | {_cell(row.figure)} |"
         f" `{row.how}` |\n"

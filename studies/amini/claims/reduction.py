@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Shaped
 
-from amini.claims.claim import Measured, PaperClaim
+from amini.claims.claim import Finding, PaperClaim
 from amini.claims.example import TABLE_1, A, B, C, claim, cycle, loop
 from lockstep.check.disagreement import Disagreement
 from lockstep.check.loop import Loop, build_loop
@@ -11,7 +11,7 @@ from lockstep.check.numbers import Matrix, exactly, eye, inverse
 from lockstep.lmi.analysis.solve import AffineF, least_rho, run
 
 
-def _lemmas() -> Measured:
+def _lemmas() -> Finding:
     L = exactly(cycle().laplacian)
     one = exactly(np.eye(1))
     identities = {size: np.kron(exactly(np.eye(size)), one) for size in (2, 3, 4)}
@@ -22,25 +22,25 @@ def _lemmas() -> Measured:
         ).all()
         for rows, M in ((2, exactly(C)), (4, exactly(A)))
     ]
-    return Measured("both sides equal L (x) C and L (x) A, entry by entry over the rationals", all(commutes))
+    return Finding("both sides equal L (x) C and L (x) A, entry by entry over the rationals", all(commutes))
 
 
-def _C_r() -> Measured:
+def _C_r() -> Finding:
     loops = loop(exact_arithmetic=True)
     d = loops.d
     pseudo_inverse = d.T.T @ inverse(d.T @ d.T.T)
     C_r = np.kron(d.L @ pseudo_inverse, exactly(C))
     whole = C_r @ np.kron(d.T, eye(4, d.T)) == np.kron(d.L, exactly(C))
-    return Measured("C_r (L_hat (x) I) = L (x) C over the rationals", bool(whole.all()))
+    return Finding("C_r (L_hat (x) I) = L (x) C over the rationals", bool(whole.all()))
 
 
-def _reduction() -> Measured:
+def _reduction() -> Finding:
     exact_loop = loop(exact_arithmetic=True)
     gains = TABLE_1["theorem_1"]
     K = exactly(gains.blocks)
     lift = _lift(exact_loop.d.T)
     left, right = lift @ _full_matrix(K), exact_loop.A_cl(K) @ lift
-    return Measured(
+    return Finding(
         "with the gains of Table 1, diag(L_hat (x) I, I) times the matrix of (12) is A_cl times"
         " diag(L_hat (x) I, I), over the rationals",
         bool((left == right).all()),
@@ -72,7 +72,7 @@ def _full_matrix(K: Shaped[np.ndarray, "3 3 4"]) -> Matrix:
     return M
 
 
-def _rows_matter() -> Measured:
+def _rows_matter() -> Finding:
     K = TABLE_1["corollary_1"].blocks
     plant = loop().plant
     values = []
@@ -83,7 +83,7 @@ def _rows_matter() -> Measured:
         values.append(_rho(build_loop(plant, Disagreement(T, right, np.eye(2), L, L @ right), 2), K))
     orthonormal = _rho(loop(coordinates="orthonormal"), K)
     shown = ", ".join(f"{value:.4g}" for value in values)
-    return Measured(
+    return Finding(
         f"gains of Corollary 1: {shown} without row 1, 2, 3 of L; {orthonormal:.4g} in orthonormal coordinates, where"
         " it is the gain from disagreement to disagreement",
         max(values) > 1.01 * min(values)
@@ -101,11 +101,11 @@ SLOWER = 20
 """By what A_C is divided, so that the disturbance (19) puts on x_C is felt."""
 
 
-def _charged() -> Measured:
+def _charged() -> Finding:
     K = TABLE_1["corollary_1"].blocks.copy()
     K[:, :2, :2] /= SLOWER
     usual, wide = _rho(loop(), K), _rho_on_everything(K)
-    return Measured(
+    return Finding(
         f"gains of Corollary 1 with A_C / {SLOWER}: rho = {usual:.3g} for disturbances that enter x_r, {wide:.3g} as"
         " charged in (19), on x_C too",
         wide > 1.05 * usual,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from amini.claims.claim import Measured, PaperClaim
+from amini.claims.claim import Finding, PaperClaim
 from amini.claims.example import (
     ALPHA,
     TABLE_1,
@@ -26,54 +26,54 @@ SINGLE: dict[Source, tuple[float, float]] = {"theorem_1": (0.30, 0.31), "corolla
 """H = I with the paper's one multiplier: certified at the first, not at the second; 0.305 and 0.224 are between."""
 
 
-def _stable() -> Measured:
+def _stable() -> Finding:
     values = {source: abscissa(loop().A_cl(gains.blocks)) for source, gains in TABLE_1.items()}
     first, second = values["theorem_1"], values["corollary_1"]
-    return Measured(
+    return Finding(
         f"abscissa of (15): {first:.3f} with Theorem 1, {second:.3f} with Corollary 1",
         abs(first + 0.990) < 6e-4 and abs(second + 0.965) < 6e-4,
     )
 
 
-def _carried(source: Source) -> Measured:
+def _carried(source: Source) -> Finding:
     K = TABLE_1[source].blocks
     alpha, steep = CARRIED[source], DESTABILISING[source]
     found = least_rho(loop(), K, claim(alpha))
     unstable = abscissa(loop().A_cl(K) + slope(steep))
-    return Measured(
+    return Finding(
         f"with G = e_4, H = e_3', full P and pair multipliers: a certificate at alpha = {alpha}; a constant slope of"
         f" {steep:g} makes the loop unstable",
         found is not None and unstable > 0,
     )
 
 
-def _rho(source: Source) -> Measured:
+def _rho(source: Source) -> Finding:
     found = least_rho(loop(), TABLE_1[source].blocks, claim())
     rho = np.nan if found is None else found.rho
-    return Measured(
+    return Finding(
         f"least rho at alpha = {ALPHA}, rows of L, full P: {rho:.3g}",
         abs(rho / {"theorem_1": 212.3, "corollary_1": 12.153}[source] - 1) < 2e-3,
     )
 
 
-def _proved() -> Measured:
+def _proved() -> Finding:
     from lockstep.lmi.analysis.rounding import prove
 
     certificate = prove(network(), TABLE_1["corollary_1"], claim())
-    return Measured(
+    return Finding(
         f"rho = {certificate.rho:.4g} in orthonormal coordinates, decided over the rationals",
         certificate.rho < 13.3,
     )
 
 
-def _unstructured() -> Measured:
+def _unstructured() -> Finding:
     supported = all(
         (_one_multiplier(source, low), _one_multiplier(source, high)) == (True, False)
         for source, (low, high) in SINGLE.items()
     )
     pairs = least_rho(loop(structured=False), TABLE_1["theorem_1"].blocks, claim(ALPHA)) is None
     brackets = "; ".join(f"{low} to {high}" for low, high in SINGLE.values())
-    return Measured(
+    return Finding(
         f"with H = I and one multiplier the gains carry alpha = {brackets} (Theorem 1; Corollary 1); the arms need"
         f" {ALPHA}",
         supported and pairs,
@@ -98,37 +98,37 @@ def _one_multiplier(source: Source, alpha: float) -> bool:
     return run(cp.Problem(cp.Minimize(r2), [P >> 0, (F + F.T) / 2 << 0]))
 
 
-def _silent() -> Measured:
+def _silent() -> Finding:
     K = TABLE_1["corollary_1"].blocks.copy()
     ratio = float(np.linalg.norm(K[2, 2:, 2:]) / np.linalg.norm(K[0, 2:, 2:]))
     K[2, 2:, :] = 0
     value = abscissa(loop().A_cl(K))
     rotation = np.roll(np.eye(3), 1, axis=0)
     symmetric = bool((rotation @ cycle().laplacian == cycle().laplacian @ rotation).all())
-    return Measured(
+    return Finding(
         f"|D_C3| is {100 * ratio:.1f} % of |D_C1| although (39) treats all agents alike; without agent 3's input the"
         f" abscissa is {value:.3f}",
         symmetric and ratio < 0.02 and value < -0.9,
     )
 
 
-def _misprint() -> Measured:
+def _misprint() -> Finding:
     corners = [float(block[1, 1]) for block in TABLE_1["corollary_1"].A]
     spread = abs(corners[1] - corners[2])
     gap = abs(corners[0] - corners[1])
-    return Measured(
+    return Finding(
         f"A_C(2, 2) of Corollary 1: {corners[0]}, {corners[1]}, {corners[2]}; the first is {gap:.3f} off where"
         f" the others agree to {spread:.4f}, perhaps -1.819",
         gap > 10 * spread,
     )
 
 
-def _oscillation() -> Measured:
+def _oscillation() -> Finding:
     damping = {}
     for source, gains in TABLE_1.items():
         values = np.linalg.eigvals(loop().A_cl(gains.blocks) + slope(-ALPHA))
         damping[source] = float((-values.real / np.abs(values)).min())
-    return Measured(
+    return Finding(
         f"least damping ratio around theta_l = 0: {damping['theorem_1']:.2f} with Theorem 1,"
         f" {damping['corollary_1']:.2f} with Corollary 1; how much of it is seen depends on"
         " initial states that are not given",

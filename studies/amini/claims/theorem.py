@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float
 
-from amini.claims.claim import Measured, PaperClaim
+from amini.claims.claim import Finding, PaperClaim
 from amini.claims.example import ALPHA, DELTA, TABLE_1, A, B, Source, claim, loop, network
 from lockstep.check.inequality import Claim
 from lockstep.check.numbers import exactly, inverse
@@ -35,46 +35,46 @@ def _program() -> _Printed:
     return _Printed(network("laplacian_rows"), 2, np.eye(4), 2 * np.eye(2), None)
 
 
-def _no_dynamics() -> Measured:
+def _no_dynamics() -> Finding:
     with_states, without = printed(2, False).objective, printed(0, False).objective
-    return Measured(
+    return Finding(
         f"least objective of (34): {with_states:.1f} at order 2, {without:.1f} at order 0: with P = diag(P_S, P_C) the"
         " block of x_r must hold with B_C = C_C = 0",
         without <= 1.001 * with_states,
     )
 
 
-def _dynamics_of_table_1() -> Measured:
+def _dynamics_of_table_1() -> Finding:
     K = TABLE_1["corollary_1"].blocks.copy()
     whole = least_rho(loop(), K, claim())
     static = least_rho(loop(order=0), K[:, 2:, 2:], claim(order=0))
     values = [np.nan if found is None else found.rho for found in (whole, static)]
-    return Measured(
+    return Finding(
         f"rho of the gains of Corollary 1 at alpha = 3.33: {values[0]:.4g}, and {values[1]:.4g} with D_C alone",
         abs(values[0] - values[1]) < 1e-3 * values[0],
     )
 
 
-def _last_column() -> Measured:
+def _last_column() -> Finding:
     v, n, N, n_C = 1, 4, 3, 2
     rows, columns = v * (N - 1) + n_C * N, n * (N - 1)
-    return Measured(
+    return Finding(
         f"for H = e_3' the printed column has {rows} x {columns} entries where {n * (N - 1) + n_C * N} x {v * (N - 1)}"
         " are needed: H_hat is its transpose",
         (rows, columns) != (n * (N - 1) + n_C * N, v * (N - 1)),
     )
 
 
-def _hadamard_shapes() -> Measured:
+def _hadamard_shapes() -> Finding:
     T, q = loop().d.T, 2
-    return Measured(
+    return Finding(
         f"L_hat (x) 1_n is {4 * T.shape[0]} x {T.shape[1]}, the other factor {4 * T.shape[0]} x {q * T.shape[1]}: the"
         " Hadamard product needs J_{n x q}",
         q * T.shape[1] != T.shape[1],
     )
 
 
-def _hadamard() -> Measured:
+def _hadamard() -> Finding:
     T = loop().d.T
     p_s = np.arange(16.0).reshape(4, 4) + np.arange(16.0).reshape(4, 4).T
     D = [np.array([[1.0, 2.0]]), np.array([[-3.0, 5.0]]), np.array([[7.0, -4.0]])]
@@ -84,42 +84,42 @@ def _hadamard() -> Measured:
         whole[4 * i : 4 * i + 4, 2 * i : 2 * i + 2] = 10 * B @ block
     left = np.kron(np.eye(2), p_s) @ np.kron(T, np.eye(4)) @ whole
     right = np.kron(T, np.ones((4, 2))) * np.kron(np.ones((2, 1)), np.hstack(bodies))
-    return Measured("equal, entry by entry, for whole numbers, with J_{n x q}", bool((left == right).all()))
+    return Finding("equal, entry by entry, for whole numbers, with J_{n x q}", bool((left == right).all()))
 
 
-def _untransposed() -> Measured:
+def _untransposed() -> Finding:
     N, n, m = 3, 4, 1
-    return Measured(
+    return Finding(
         f"B' is {N * m} x {N * n} and L_hat_n {(N - 1) * n} x {N * n}: the product needs L_hat_n'",
         N * n != (N - 1) * n,
     )
 
 
-def _schur() -> Measured:
+def _schur() -> Finding:
     # Over the rationals: the complement of the last block of (19) with gamma_hat = tau gamma is the term of (33).
     H_hat = exactly(np.arange(1.0, 7.0).reshape(2, 3))
     tau, gamma = exactly(np.array([3.0]))[0], exactly(np.diag([2.0, 5.0]))
     side = tau * H_hat.T
     left, right = side @ inverse(tau * gamma) @ side.T, tau * (H_hat.T @ inverse(gamma) @ H_hat)
-    return Measured(
+    return Finding(
         "tau H'(tau Gamma)^-1 tau H = tau H'Gamma^-1 H, over the rationals", bool((left == right).all())
     )
 
 
-def _recovery() -> Measured:
+def _recovery() -> Finding:
     lost = [printed(2, fragile).residual for fragile in (False, True)]
-    return Measured(
+    return Finding(
         f"as printed, k_i or f_i misses the range of p_s B_i by more than {LOST:.0f} times its size, in (34) and in"
         " (19)",
         min(lost) > LOST,
     )
 
 
-def _mended() -> Measured:
+def _mended() -> Finding:
     # p_s B = B X and B = b e_2 make p_s = diag(omega_m | rest); the rest then needs a Hurwitz A without row omega_m.
     rest = np.delete(np.delete(A, 1, axis=0), 1, axis=1)
     singular = bool((rest @ np.array([1.0, 1.0, 0.0]) == 0).all())
-    return Measured(
+    return Finding(
         "p_s B_i = B_i X_i splits omega_m off p_s, and the other states need a Hurwitz matrix; theirs has the"
         " eigenvalue 0 with (1, 1, 0), exactly: infeasible",
         singular and not _solvable_with_range(),
@@ -137,35 +137,35 @@ def _solvable_with_range() -> bool:
     return run(cp.Problem(cp.Minimize(program.r2), conditions))
 
 
-def _stable(fragile: bool) -> Measured:
+def _stable(fragile: bool) -> Finding:
     audit = printed(2, fragile)
     which = "(19)" if fragile else "(34)"
     objective = f"{audit.objective:.1e}" if fragile else f"{audit.objective:.1f}"
-    return Measured(
+    return Finding(
         f"{which} is feasible (objective {objective}, alpha = {audit.alpha[0]:.2g}), and the loop with the gains of"
         f" (22) has an abscissa above {SHORT_OF_STABLE:g}",
         audit.abscissa > SHORT_OF_STABLE,
     )
 
 
-def _reached() -> Measured:
+def _reached() -> Finding:
     alpha = printed(2, False).alpha[0]
-    return Measured(f"minimising (34) gives alpha = {alpha:.3f}; the arms need {ALPHA}", alpha < 0.6)
+    return Finding(f"minimising (34) gives alpha = {alpha:.3f}; the arms need {ALPHA}", alpha < 0.6)
 
 
-def _objective() -> Measured:
+def _objective() -> Finding:
     low, high = (_rho_at(alpha) for alpha in ALPHA_BRACKET)
     alpha = printed(2, False).alpha[0]
-    return Measured(
+    return Finding(
         f"(34) is feasible at alpha = {ALPHA_BRACKET[0]} with rho = {low:.2f}, but its objective stops at {alpha:.3f}:"
         " gamma_hat = tau gamma, so a small gamma_hat is not a small gamma",
         low < np.inf and high == np.inf and alpha < ALPHA_BRACKET[0],
     )
 
 
-def _unstructured() -> Measured:
+def _unstructured() -> Finding:
     high = ALPHA_BRACKET[1]
-    return Measured(
+    return Finding(
         f"with H_hat = I_8 (34) has no solution at alpha = {high}, whatever rho; the arms need {ALPHA}",
         _rho_at(high) == np.inf,
     )
@@ -183,10 +183,10 @@ def _rho_at(alpha: float) -> float:
     return float(np.sqrt(max(float(program.r2.value), 0.0)))
 
 
-def _not_minimal() -> Measured:
+def _not_minimal() -> Finding:
     least = printed(2, False).objective
     ours = _objective_of("corollary_1")
-    return Measured(
+    return Finding(
         f"the printed gains reach {ours:.1e} at best in (34) with P of (18), against a minimum of {least:.1f}",
         ours > 100 * least,
     )
@@ -206,16 +206,16 @@ def _objective_of(source: Source) -> float:
     return float(problem.value) if run(problem) and problem.value is not None else float("inf")
 
 
-def _static_as_printed() -> Measured:
+def _static_as_printed() -> Finding:
     audit = printed(0, False)
-    return Measured(
+    return Finding(
         f"(34) at order 0: objective {audit.objective:.1f}, and (22) again misses k_i by more than {LOST:.0f} times its"
         f" size, abscissa above {SHORT_OF_STABLE:g}",
         audit.residual > LOST and audit.abscissa > SHORT_OF_STABLE,
     )
 
 
-def _static_certified() -> Measured:
+def _static_certified() -> Finding:
     from lockstep.check.loop import Gains
     from lockstep.lmi.analysis.rounding import prove
 
@@ -224,7 +224,7 @@ def _static_certified() -> Measured:
     gains = Gains((empty[0],) * 3, (empty[1],) * 3, (empty[2],) * 3, D)
     zero: Float[np.ndarray, "3 4"] = np.zeros((3, 4))
     certificate = prove(network(), gains, Claim(ALPHA, np.eye(4), np.zeros((0, 0)), zero))
-    return Measured(
+    return Finding(
         f"D_C of Corollary 1 alone: certified at alpha = {ALPHA} with rho = {certificate.rho:.4g} (orthonormal),"
         " proof exact",
         certificate.rho < 13.5,

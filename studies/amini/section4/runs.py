@@ -8,7 +8,7 @@ import numpy as np
 from amini.claims.example import claim
 from amini.section4.contestants import Contestant, contestants
 from lockstep.check.disagreement import Coordinates
-from lockstep.model.simulation import Scenario, Trajectory, Weights, energies, noise, simulate
+from lockstep.model.simulation import RhoWeights, Scenario, Trajectory, energies, noise, simulate
 
 START = np.array([[0.8, 0.0, 0.8, 0.0], [-0.5, 0.0, -0.5, 0.0], [0.2, 0.0, 0.2, 0.0]])
 """Initial states in rad and rad/s, those of examples/flexible_joint_arms.toml: the paper gives none."""
@@ -76,6 +76,6 @@ def runs_of(one: Contestant) -> Runs:
     noisy = Scenario(START, HORIZON, STEP, shaking, one.perturbation)
     rest = Scenario(np.zeros((N, n)), HORIZON, STEP, shaking, one.perturbation)
     asked = claim(order=one.gains.order)
-    weights = Weights.of(one.network.graph, asked.R, asked.Q, COORDINATES)
+    weights = RhoWeights.of(one.network.graph, asked.R, asked.Q, COORDINATES)
     gain = energies(simulate(one.network, one.gains, rest), weights).gain
     return Runs(one, simulate(one.network, one.gains, quiet), simulate(one.network, one.gains, noisy), gain)

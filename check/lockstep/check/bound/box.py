@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 
 EVERY_TIME = (-math.inf, math.inf)
 
@@ -24,12 +24,8 @@ class Box:
     def __post_init__(self) -> None:
         object.__setattr__(self, "lower", tuple(float(x) for x in self.lower))
         object.__setattr__(self, "upper", tuple(float(x) for x in self.upper))
-        if len(self.lower) != len(self.upper):
-            raise ProblemError(
-                f"{len(self.lower)} lower and {len(self.upper)} upper limits",
-                where="the domain",
-                expected="one of each per component",
-            )
+        found = f"{len(self.lower)} lower and {len(self.upper)} upper limits"
+        demand(len(self.lower) == len(self.upper), found, "the domain", "one of each per component")
         for i, (low, high) in enumerate(zip(self.lower, self.upper, strict=True)):
             _check_range(low, high, f"the domain, component {i + 1}")
 
@@ -52,9 +48,5 @@ def check_time(time: tuple[float, float]) -> tuple[float, float]:
 
 
 def _check_range(low: float, high: float, where: str) -> None:
-    if not low <= high or low == math.inf or high == -math.inf:
-        raise ProblemError(
-            f"the range is [{low}, {high}]",
-            where=where,
-            expected="a lower limit that is not above the upper one, neither of them NaN",
-        )
+    holds, said = low <= high and low < math.inf and high > -math.inf, f"the range is [{low}, {high}]"
+    demand(holds, said, where, "a lower limit that is not above the upper one, neither of them NaN")

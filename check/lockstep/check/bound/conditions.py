@@ -14,23 +14,17 @@ import numpy as np
 
 from lockstep.check.bound import functions
 from lockstep.check.bound.program import Boxes, Program
-from lockstep.check.expression.condition import Condition
+from lockstep.check.expression.condition import HOLDS, Condition
 from lockstep.check.expression.node import Node
 
-Verdict = Annotated[np.ndarray, " boxes"]
+Holds = Annotated[np.ndarray, " boxes"]
 
 
-_TESTS: dict[str, Callable[..., Verdict]] = {
-    "nonzero": lambda x: (x[0] > 0) | (x[1] < 0),
-    "positive": lambda x: x[0] > 0,
-    "not negative": lambda x: x[0] >= 0,
-    "within one": lambda x: (x[0] >= -1) & (x[1] <= 1),
-    "inside one": lambda x: (x[0] > -1) & (x[1] < 1),
-    "above one": lambda x: x[0] >= 1,
+_TESTS: dict[str, Callable[..., Holds]] = {
+    **HOLDS,
     "no pole": lambda x: ~functions.tan_has_pole(x),
     "off the cut": lambda y, x: (x[0] > 0) | (y[0] > 0) | (y[1] < 0),
     "decided": lambda x: x[0] == x[1],
-    "constant": lambda x: (x[0] == x[1]) & np.isfinite(x[0]),
 }
 
 
@@ -42,7 +36,7 @@ class Conditions:
         self.nodes = [n for c in self.conditions for n in c.nodes]
         self._program = Program(self.nodes)
 
-    def on_boxes(self, lower: Boxes, upper: Boxes) -> list[Verdict]:
+    def on_boxes(self, lower: Boxes, upper: Boxes) -> list[Holds]:
         """Return, per condition, on which boxes it surely holds."""
         found = iter(self._program.on_boxes(lower, upper))
         verdicts = []

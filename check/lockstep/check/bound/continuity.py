@@ -13,7 +13,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 from lockstep.check.bound.conditions import Conditions
-from lockstep.check.bound.graph import Graph
+from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.bound.program import Boxes
 from lockstep.check.expression.node import (
     ZERO,
@@ -29,7 +29,7 @@ from lockstep.check.expression.switches import FALSE, TRUE
 from lockstep.check.expression.traversal import expand, order, substitute
 
 
-def settle(graph: Graph, lower: Boxes, upper: Boxes) -> Graph:
+def settle(graph: ExactPhi, lower: Boxes, upper: Boxes) -> ExactPhi:
     """Return the graph with its continuous switches marked weak and their conditions dropped."""
     switches = [n for n in order(_roots(graph)) if n.op in ("positive", "zero") and not n.data]
     proved: set[Node] = set()
@@ -42,7 +42,7 @@ def settle(graph: Graph, lower: Boxes, upper: Boxes) -> Graph:
     return replace(graph, outputs=tuple(substitute(graph.outputs, weak)), conditions=needed)
 
 
-def _roots(graph: Graph) -> list[Node]:
+def _roots(graph: ExactPhi) -> list[Node]:
     return [*graph.outputs, *(a for c in graph.conditions for a in c.args)]
 
 
@@ -56,7 +56,7 @@ def _plane(switch: Node) -> Node:
     return scale(1 / (terms[0][0] if terms else offset), switch.args[0])
 
 
-def _is_continuous(graph: Graph, plane: Node, own: list[Node], lower: Boxes, upper: Boxes) -> bool:
+def _is_continuous(graph: ExactPhi, plane: Node, own: list[Node], lower: Boxes, upper: Boxes) -> bool:
     offset, terms = linear_terms(plane)
     if any(x.op != "variable" for _, x in terms):
         return False
@@ -76,7 +76,7 @@ def _is_continuous(graph: Graph, plane: Node, own: list[Node], lower: Boxes, upp
 
 
 def _on_plane(
-    graph: Graph, own: list[Node], side: int, eliminated: Node, solution: Node, lower: Boxes, upper: Boxes
+    graph: ExactPhi, own: list[Node], side: int, eliminated: Node, solution: Node, lower: Boxes, upper: Boxes
 ) -> list[Node]:
     """Return the outputs on the plane by one side's formula; raises `Undefined` where it has no value."""
     truths = {s: _truth(s, side) for s in own}

@@ -17,11 +17,11 @@ import numpy as np
 
 from lockstep.check.bound.box import EVERY_TIME, Box
 from lockstep.check.bound.cover import Cover, Examined, Part, Pool
-from lockstep.check.bound.graph import Graph
+from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.bound.result import Entry
 from lockstep.check.bound.slopes import Block, Given, SlopeProblem
 from lockstep.check.bound.tails import Pattern
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.verdict import Verdict
 
 MOST_BOXES = 1_000_000
@@ -34,10 +34,8 @@ class Budget:
     """How many boxes there are, and how many have been used."""
 
     def __init__(self, boxes: int) -> None:
-        if not 0 <= boxes <= MOST_BOXES:
-            raise ProblemError(
-                f"{boxes} boxes", where="the proof of the bound", expected=f"a number from 0 to {MOST_BOXES}"
-            )
+        some = 0 <= boxes <= MOST_BOXES
+        demand(some, f"{boxes} boxes", "the proof of the bound", f"a number from 0 to {MOST_BOXES}")
         self.boxes, self.used = boxes, 0
 
     def spend(self, count: int) -> None:
@@ -52,7 +50,7 @@ class _Spent(Exception):
 
 
 def decide_bound(
-    phi: Graph,
+    phi: ExactPhi,
     box: Box,
     alpha: float,
     output_scale: Given,
@@ -103,10 +101,7 @@ def decide_norm(problem: SlopeProblem, alpha: float, budget: Budget) -> Verdict:
 
 def check_level(alpha: float) -> float:
     """Return a bound to decide as a float; raises `ProblemError` if it is none."""
-    if not 0 <= alpha < math.inf:
-        raise ProblemError(
-            f"alpha is {alpha}", where="the bound to decide", expected="a finite number from 0 up"
-        )
+    demand(0 <= alpha < math.inf, f"alpha is {alpha}", "the bound to decide", "a finite number from 0 up")
     return float(alpha)
 
 
@@ -114,13 +109,10 @@ def decide_entries(problem: SlopeProblem, entries: Sequence[Entry], budget: Budg
     """Decide bounds of single slopes, and whether those that are not named are 0."""
     stated = {(one.component, one.argument): one.bound for one in entries}
     rows, columns = len(problem.jacobian), problem.graph.inputs
-    if len(stated) < len(entries) or any(k >= rows or l >= columns for k, l in stated):
-        shown = ", ".join(f"({one.component + 1}, {one.argument + 1})" for one in entries)
-        raise ProblemError(
-            f"entries for the slopes {shown}",
-            where="entries",
-            expected=f"each slope of {rows} components by {columns} arguments at most once",
-        )
+    shown = ", ".join(f"({one.component + 1}, {one.argument + 1})" for one in entries)
+    once = len(stated) == len(entries) and all(k < rows and l < columns for k, l in stated)
+    expected = f"each slope of {rows} components by {columns} arguments at most once"
+    demand(once, f"entries for the slopes {shown}", "entries", expected)
     for k, l in problem.places:
         verdict = decide_block(problem, ([k], [l]), stated.get((k, l), 0.0), budget)
         if not verdict.proved:

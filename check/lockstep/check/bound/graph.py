@@ -7,7 +7,7 @@ from lockstep.check.expression.node import Node
 
 
 @dataclass(frozen=True)
-class Graph:
+class ExactPhi:
     """phi(v, t): `outputs` over the variables 0..inputs-1 (v) and `inputs` (t), and what it needs."""
 
     outputs: tuple[Node, ...]

@@ -9,35 +9,11 @@ from typing import Annotated, Any
 import numpy as np
 
 from lockstep.check.bound import functions, rounding
-from lockstep.check.bound.rounding import INF, Interval
+from lockstep.check.bound.rounding import Interval
 from lockstep.check.expression.node import Node
 from lockstep.check.expression.traversal import order
 
 Boxes = Annotated[np.ndarray, "variables boxes"]
-
-_UNARY: dict[str, Callable[[Interval], Interval]] = {
-    "sin": functions.sin,
-    "cos": functions.cos,
-    "tan": functions.tan,
-    "acos": functions.acos,
-    "cosh": functions.cosh,
-    "sech2": functions.sech2,
-    "sqrt": rounding.root,
-    "fabs": rounding.absolute,
-}
-_BINARY: dict[str, Callable[[Interval, Interval], Interval]] = {
-    "hypot": functions.hypot,
-    "direction": functions.direction,
-    "atan2": functions.atan2,
-    "fmin": lambda x, y: (np.minimum(x[0], y[0]), np.minimum(x[1], y[1])),
-    "fmax": lambda x, y: (np.maximum(x[0], y[0]), np.maximum(x[1], y[1])),
-}
-_STEPS: dict[str, Callable[[Any], Any]] = {
-    "floor": np.floor,
-    "ceil": np.ceil,
-    "trunc": np.trunc,
-    "rint": np.rint,
-}
 
 
 class Program:
@@ -75,30 +51,18 @@ class Program:
         return values
 
     def _enclosure(self, node: Node, args: list[Interval], shape: np.ndarray) -> Interval:
-        op = node.op
-        if op == "linear":
+        if node.op == "linear":
             return self._linear(node, args)
-        if op == "monomial":
-            return _monomial(node, args)
-        if op in _UNARY:
-            return _UNARY[op](args[0])
-        if op in _BINARY:
-            return _BINARY[op](args[0], args[1])
-        if op in ("constant", "inverse_sqrt_pi"):
-            low, high = self._constants[node] if op == "constant" else functions.inverse_sqrt_pi()
+        if node.op == "constant":
+            low, high = self._constants[node]
             return np.full_like(shape, low), np.full_like(shape, high)
-        if op in _STEPS:
-            return _STEPS[op](args[0][0]), _STEPS[op](args[0][1])
-        if op == "real_power":
-            return functions.real_power(args[0], node.data)
-        if op == "flat":
-            constant = (args[0][0] == args[0][1]) & np.isfinite(args[0][0])
-            return np.where(constant, 0.0, -INF), np.where(constant, 0.0, INF)
-        if op == "decreasing":
-            return _decreasing(args)
-        if op in _CONDITIONS:
-            return _CONDITIONS[op](node, args, shape)
-        return functions.increasing(op, args[0])
+        if node.op == "truth":
+            return np.full_like(shape, bool(node.data)), np.full_like(shape, bool(node.data))
+        if node.op in _OF_ARGUMENTS:
+            return _OF_ARGUMENTS[node.op](*args)
+        if node.op in _OF_NODE:
+            return _OF_NODE[node.op](node, args)
+        return functions.increasing(node.op, args[0])
 
     def _linear(self, node: Node, args: list[Interval]) -> Interval:
         coefficients, offset = self._coefficients[node]
@@ -127,12 +91,11 @@ def _monomial(node: Node, args: list[Interval]) -> Interval:
     return total
 
 
-def _decreasing(args: list[Interval]) -> Interval:
+def _decreasing(term: Interval, slope: Interval, end: Interval) -> Interval:
     """A positive term, the sign of its derivative in the tail variable, and the term at the tail's inner end.
 
     On the tail s in (0, e] a term that grows with s is at most its value at e.
     """
-    term, slope, end = args
     bounded = slope[0] >= 0
     return np.where(bounded, np.maximum(term[0], 0.0), term[0]), np.where(
         bounded, np.minimum(term[1], end[1]), term[1]
@@ -143,7 +106,7 @@ def _truth(true: Any, false: Any) -> Interval:
     return np.where(true, 1.0, 0.0), np.where(false, 0.0, 1.0)
 
 
-def _positive(node: Node, args: list[Interval], _: np.ndarray) -> Interval:
+def _positive(node: Node, args: list[Interval]) -> Interval:
     low, high = args[0]
     if not node.data:
         return _truth(low > 0, high <= 0)
@@ -151,27 +114,41 @@ def _positive(node: Node, args: list[Interval], _: np.ndarray) -> Interval:
     return _truth((low >= 0) & ~pinned, (high <= 0) & ~pinned)
 
 
-def _zero(node: Node, args: list[Interval], _: np.ndarray) -> Interval:
+def _zero(node: Node, args: list[Interval]) -> Interval:
     low, high = args[0]
     pinned = (low == 0) & (high == 0)
     return _truth(pinned, (low > 0) | (high < 0) | (bool(node.data) & ~pinned))
 
 
-def _choose(node: Node, args: list[Interval], _: np.ndarray) -> Interval:
+def _choose(node: Node, args: list[Interval]) -> Interval:
     (true, possible), a, b = args
     open_hull = rounding.everything(a[0]) if node.data else rounding.hull(a, b)
     cases = [true == 1, possible == 0]
     return np.select(cases, [a[0], b[0]], open_hull[0]), np.select(cases, [a[1], b[1]], open_hull[1])
 
 
-_CONDITIONS: dict[str, Callable[[Node, list[Interval], np.ndarray], Interval]] = {
-    "truth": lambda node, _, shape: (
-        np.full_like(shape, bool(node.data)),
-        np.full_like(shape, bool(node.data)),
-    ),
+_OF_ARGUMENTS: dict[str, Callable[..., Interval]] = {
+    "sin": functions.sin,
+    "cos": functions.cos,
+    "tan": functions.tan,
+    "acos": functions.acos,
+    "cosh": functions.cosh,
+    "sech2": functions.sech2,
+    "sqrt": rounding.root,
+    "fabs": rounding.absolute,
+    "hypot": functions.hypot,
+    "direction": functions.direction,
+    "atan2": functions.atan2,
+    "fmin": lambda x, y: (np.minimum(x[0], y[0]), np.minimum(x[1], y[1])),
+    "fmax": lambda x, y: (np.maximum(x[0], y[0]), np.maximum(x[1], y[1])),
+    "and": lambda x, y: (np.minimum(x[0], y[0]), np.minimum(x[1], y[1])),
+    "not": lambda x: (1 - x[1], 1 - x[0]),
+    "decreasing": _decreasing,
+}
+_OF_NODE: dict[str, Callable[[Node, list[Interval]], Interval]] = {
+    "monomial": _monomial,
+    "real_power": lambda node, args: functions.real_power(args[0], node.data),
     "positive": _positive,
     "zero": _zero,
-    "not": lambda _, args, __: (1 - args[0][1], 1 - args[0][0]),
-    "and": lambda _, args, __: (np.minimum(args[0][0], args[1][0]), np.minimum(args[0][1], args[1][1])),
     "choose": _choose,
 }

@@ -13,11 +13,11 @@ from lockstep.check.bound.box import EVERY_TIME, Box, check_time
 from lockstep.check.bound.conditions import Conditions
 from lockstep.check.bound.continuity import settle
 from lockstep.check.bound.cover import Cover
-from lockstep.check.bound.graph import Graph
+from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.bound.objective import Objective, blocks
 from lockstep.check.bound.period import reduce_to_period
 from lockstep.check.bound.relaxation import relax
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.expression.derivative import derivative
 from lockstep.check.expression.node import ZERO, Node, scale
 
@@ -30,20 +30,16 @@ Block = tuple[list[int], list[int]]
 class SlopeProblem:
     """phi with its continuous switches settled, its slopes d phi_k / d v_l, and the domain of (v, t)."""
 
-    graph: Graph
+    graph: ExactPhi
     jacobian: list[list[Node]]
     lower: Annotated[np.ndarray, " variables"]
     upper: Annotated[np.ndarray, " variables"]
 
     @classmethod
-    def of(cls, phi: Graph, box: Box, time: tuple[float, float] = EVERY_TIME) -> SlopeProblem:
+    def of(cls, phi: ExactPhi, box: Box, time: tuple[float, float] = EVERY_TIME) -> SlopeProblem:
         """Settle and differentiate phi; raises `ProblemError` if the box does not match it."""
-        if box.size != phi.inputs:
-            raise ProblemError(
-                f"the domain has {box.size} components, phi takes {phi.inputs}",
-                where="the domain",
-                expected="one range per component of v",
-            )
+        found = f"the domain has {box.size} components, phi takes {phi.inputs}"
+        demand(box.size == phi.inputs, found, "the domain", "one range per component of v")
         low, high = check_time(time)
         lower, upper = np.array([*box.lower, low]), np.array([*box.upper, high])
         phi = settle(phi, lower[:, None], upper[:, None])
@@ -91,6 +87,6 @@ class SlopeProblem:
 
 def _scales(given: Given, size: int, name: str) -> list[Fraction]:
     scales = np.ones(size) if given is None else np.asarray(given, dtype=np.float64)
-    if scales.shape != (size,) or not (np.isfinite(scales).all() and (scales > 0).all()):
-        raise ProblemError(f"`{name}` is {given}", where="the bound", expected=f"{size} positive numbers")
+    positive = scales.shape == (size,) and np.isfinite(scales).all() and (scales > 0).all()
+    demand(positive, f"`{name}` is {given}", "the bound", f"{size} positive numbers")
     return [Fraction(x) for x in scales.tolist()]

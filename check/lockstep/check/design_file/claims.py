@@ -42,8 +42,8 @@ class SampledClaims:
     period: they agree when stepped so often, in s;  delay: periods until u acts;  decay: V shrinks by it from sample to
     sample (smaller is better);  rho: the disturbance gain (smaller is better);  residual, residual_rms, underflow: what
     remains of the disagreement (smaller is better);  rounding: per agent and letter, the gain error that stands for every
-    rounding of a step (smaller is better);  max_period: the same gains, sampled anew, agree at it too (larger is better);  radius: from disagreements up to it, controllers at rest, no input meets
-    its limit (larger is better).
+    rounding of a step (smaller is better);  max_period: the same gains, sampled anew, agree at it too (larger is better);
+    radius: from disagreements up to it, controllers at rest, no input meets its limit (larger is better).
     """
 
     certified: bool = False

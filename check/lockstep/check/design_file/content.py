@@ -13,17 +13,14 @@ IEEE double it denotes, and that double is taken exactly.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from lockstep.check.design_file.claims import Claims, claims_of
-from lockstep.check.design_file.json_text import A_DESIGN, load_json, matrix, only, part
+from lockstep.check.design_file.json_text import A_DESIGN, each, matrix, only, part, record
 from lockstep.check.design_file.problem_part import ProblemPart, Sizes
 from lockstep.check.design_file.proofs import Proofs, proofs_of
-from lockstep.check.design_file.upgrade import FORMAT_1, upgraded
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.loop import Gains
-from lockstep.check.plain_json import plain
 from lockstep.check.wording import shorten
 
 FORMAT = "lockstep-design/2"
@@ -49,48 +46,15 @@ class DesignFile(Generic[P]):
     def __post_init__(self) -> None:
         """Check that the parts belong together."""
         N = self.problem.sizes.N
-        if self.gains.N != N:
-            raise ProblemError(f"gains for {self.gains.N} agents", where="gains", expected=f"{N}")
-        witnessed = {"rho": self.proofs.certificate, "floor": self.proofs.floor}
-        for name, witness in witnessed.items():
-            if witness is not None and witness.rho != getattr(self.claims, name):
-                raise ProblemError(
-                    f"a witness of {name} = {witness.rho}", where="proofs", expected="what is claimed"
-                )
-
-    def document(self) -> dict[str, Any]:
-        """Return the file as plain JSON types; gains that the problem gives are written once, under `gains`."""
-        problem = self.problem.document()
-        design = {key: value for key, value in problem["design"].items() if key != "gains"}
-        table: dict[str, Any] = plain(
-            {
-                "format": FORMAT,
-                "problem": {**problem, "design": design},
-                "gains": gains_document(self.gains),
-                "claims": self.claims.document(),
-                "proofs": self.proofs.document(),
-                "info": self.info,
-            }
-        )
-        return table
-
-
-def gains_document(gains: Gains) -> list[dict[str, Any]]:
-    """Return A, B, C and D of each agent as plain JSON types."""
-    return [{letter: getattr(gains, letter)[i].tolist() for letter in "ABCD"} for i in range(gains.N)]
-
-
-def read(path: Path, problem_of: Callable[[Mapping[str, Any]], P]) -> DesignFile[P]:
-    """Read a design file; see `parse`.
-
-    Raises:
-        ProblemError: not there, not JSON, not a design file, or a part missing or of the wrong shape.
-    """
-    return parse(load_json(path), str(path), problem_of)
+        demand(self.gains.N == N, f"gains for {self.gains.N} agents", "gains", f"{N}")
+        for name, witness in (("rho", self.proofs.certificate), ("floor", self.proofs.floor)):
+            if witness is not None:
+                claimed, found = getattr(self.claims, name), f"a witness of {name} = {witness.rho}"
+                demand(witness.rho == claimed, found, "proofs", "what is claimed")
 
 
 def parse(content: Any, where: str, problem_of: Callable[[Mapping[str, Any]], P]) -> DesignFile[P]:
-    """Return what a design file holds, a file of format 1 included.
+    """Return what a design file holds.
 
     Args:
         content: its JSON;  where: its name, for messages;  problem_of: builds the problem from its tables.
@@ -98,20 +62,13 @@ def parse(content: Any, where: str, problem_of: Callable[[Mapping[str, Any]], P]
     Raises:
         ProblemError: a part missing, unknown, or of the wrong shape.
     """
-    if not isinstance(content, dict):
-        raise ProblemError(
-            f"it holds a JSON {type(content).__name__}, not an object", where=where, expected=A_DESIGN
-        )
+    found = f"it holds a JSON {type(content).__name__}, not an object"
+    demand(isinstance(content, dict), found, where, A_DESIGN)
     found = content.get("format")
-    if found not in (FORMAT, FORMAT_1):
-        raise ProblemError(
-            f"`format` is {shorten(repr(found))}",
-            where=where,
-            expected=f"{FORMAT!r} or {FORMAT_1!r}",
-            remedy=f"give {A_DESIGN}",
-        )
+    remedy = f"give {A_DESIGN}; `lockstep generate` writes an older one anew"
+    demand(found == FORMAT, f"`format` is {shorten(repr(found))}", where, repr(FORMAT), remedy)
     try:
-        return _parsed(content if found == FORMAT else upgraded(content), problem_of)
+        return _parsed(content, problem_of)
     except ProblemError as error:
         raise error.within(where) from None
 
@@ -136,13 +93,6 @@ def _with_given_gains(content: Mapping[str, Any]) -> dict[str, Any]:
 
 def _gains(content: Mapping[str, Any], sizes: Sizes) -> Gains:
     n_C, m, q = sizes.n_C, sizes.m, sizes.q
-    shapes = {"A": (n_C, n_C), "B": (n_C, q), "C": (m, n_C), "D": (m, q)}
-    rows = part(content, "gains", list)
-    for i, one in enumerate(rows, start=1):
-        only(one, shapes, f"gains of agent {i}")
-    return Gains(
-        *(
-            tuple(matrix(one, letter, f"gains of agent {i}", shape) for i, one in enumerate(rows, start=1))
-            for letter, shape in shapes.items()
-        )
-    )
+    readers = {"A": matrix(n_C, n_C), "B": matrix(n_C, q), "C": matrix(m, n_C), "D": matrix(m, q)}
+    found = each(content.get("gains"), "gains", lambda one, place: record(one, place, readers), "agent")
+    return Gains(*(tuple(one[k] for one in found) for k in range(4)))

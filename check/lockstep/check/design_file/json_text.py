@@ -9,12 +9,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.files import read_text
 from lockstep.check.limits import check_document
 from lockstep.check.wording import nearest, shorten
 
 T = TypeVar("T")
+Reader = Callable[[Any, str], Any]
+"""From a value of JSON and its place to what it says, or a `ProblemError` that names the place."""
 
 A_DESIGN = "a file written by `lockstep design`"
 
@@ -57,61 +59,50 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def only(content: Any, known: Iterable[str], where: str) -> None:
     """Refuse what is no object of JSON, or holds a key that is not known, with the nearest one that is."""
     names = list(known)
-    if not isinstance(content, dict):
-        raise ProblemError(f"a {type(content).__name__}", where=where, expected="an object")
-    if unknown := [key for key in content if key not in names]:
-        raise ProblemError(
-            f"the key `{shorten(unknown[0])}` is unknown",
-            where=where,
-            expected=", ".join(f"`{name}`" for name in names),
-            remedy=nearest(unknown[0], names),
-        )
+    demand(isinstance(content, dict), f"a {type(content).__name__}", where, "an object")
+    for key in content:
+        if key not in names:
+            found, known = f"the key `{shorten(key)}` is unknown", ", ".join(f"`{name}`" for name in names)
+            raise ProblemError(found, where=where, expected=known, remedy=nearest(key, names))
 
 
 def part(content: Mapping[str, Any], key: str, kind: type) -> Any:
     """Return what an object holds under a key, of the kind it has to be."""
     value = content.get(key)
-    if not isinstance(value, kind):
-        raise ProblemError(
-            f"`{key}` is {'missing' if value is None else 'a ' + type(value).__name__}",
-            expected=f"a {kind.__name__}",
-        )
+    found = f"`{key}` is {'missing' if value is None else 'a ' + type(value).__name__}"
+    demand(isinstance(value, kind), found, "", f"a {kind.__name__}")
     return value
 
 
 def number(value: Any, where: str) -> float:
     """Return a number as a finite double."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ProblemError(f"{value!r}", where=where, expected="a finite number")
+    plain = isinstance(value, int | float) and not isinstance(value, bool)
     try:
-        found = float(value)
+        found = float(value) if plain else value
     except OverflowError:
         found = math.inf
-    if not math.isfinite(found):
-        raise ProblemError(f"{found!r}", where=where, expected="a finite number")
-    return found
+    demand(plain and math.isfinite(found), f"{found!r}", where, "a finite number")
+    return float(found)
 
 
 def position(value: Any, where: str) -> int:
     """Return a position that is counted from 1, counted from 0."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise ProblemError(f"{value!r}", where=where, expected="a whole number from 1")
-    return value - 1
+    whole = isinstance(value, int) and not isinstance(value, bool) and value >= 1
+    demand(whole, f"{value!r}", where, "a whole number from 1")
+    return int(value) - 1
 
 
 def not_negative(value: Any, where: str) -> float:
     """Return a finite double from 0 up."""
     found = number(value, where)
-    if found < 0:
-        raise ProblemError(f"{found!r}", where=where, expected="a number from 0 up")
+    demand(found >= 0, f"{found!r}", where, "a number from 0 up")
     return found
 
 
 def above_zero(value: Any, where: str) -> float:
     """Return a finite double above 0."""
     found = number(value, where)
-    if found <= 0:
-        raise ProblemError(f"{found!r}", where=where, expected="a number above 0")
+    demand(found > 0, f"{found!r}", where, "a number above 0")
     return found
 
 
@@ -134,43 +125,56 @@ def one_of(value: Any, known: tuple[T, ...], where: str) -> T:
 
 def item(one: Any, key: str, where: str) -> Any:
     """Return what a nested object holds under a key, or None."""
-    if not isinstance(one, dict):
-        raise ProblemError(f"a {type(one).__name__}", where=where, expected="an object")
+    demand(isinstance(one, dict), f"a {type(one).__name__}", where, "an object")
     return one.get(key)
 
 
-def matrix(content: Any, key: str, where: str, shape: tuple[int, int]) -> Any:
-    """Return the matrix that an object holds under a key."""
-    rows = content.get(key) if isinstance(content, dict) else None
-    place = f"{where}, `{key}`"
-    if (
-        not isinstance(rows, list)
-        or len(rows) != shape[0]
-        or any(not isinstance(row, list) or len(row) != shape[1] for row in rows)
-    ):
-        raise ProblemError(
-            "it is missing or has another shape",
-            where=place,
-            expected=f"{shape[0]} rows of {shape[1]} numbers",
+def record(value: Any, where: str, readers: Mapping[str, Reader]) -> list[Any]:
+    """Return what an object holds under each key, by the reader of the key; it may hold no others."""
+    only(value, readers, where)
+    return [read(value.get(key), f"{where}, `{key}`") for key, read in readers.items()]
+
+
+def each(value: Any, where: str, read: Reader, name: str = "entry") -> tuple[Any, ...]:
+    """Return the entries of a list, each by the reader and named by its place."""
+    found = "it is missing" if value is None else f"a {type(value).__name__}"
+    demand(isinstance(value, list), found, where, "a list")
+    return tuple(read(one, f"{where}, {name} {i}") for i, one in enumerate(value, start=1))
+
+
+def or_none(read: Reader) -> Reader:
+    """Return the reader of what need not be there."""
+    return lambda value, where: None if value is None else read(value, where)
+
+
+def matrix(rows: int | None = None, columns: int | None = None, *, symmetric: bool = False) -> Reader:
+    """Return the reader of a matrix by rows; without a size, of one with as many as there are.
+
+    symmetric: whether it has to be its own transpose, exactly.
+    """
+
+    def read(value: Any, where: str) -> Any:
+        given = value if isinstance(value, list) and all(isinstance(row, list) for row in value) else None
+        height = rows if rows is not None else len(given or [])
+        width = columns if columns is not None else max(map(len, given or []), default=0)
+        if given is None or len(given) != height or any(len(row) != width for row in given):
+            said = f"{height} rows of {width} numbers"
+            raise ProblemError("it is missing or has another shape", where=where, expected=said)
+        found = np.array([[number(x, where) for x in row] for row in given], dtype=float).reshape(
+            height, width
         )
-    return np.array([[number(value, place) for value in row] for row in rows], dtype=float).reshape(shape)
+        demand(not symmetric or np.array_equal(found, found.T), "it is not symmetric", where, "P = P'")
+        return found
+
+    return read
 
 
-def rows_or_none(stored: Mapping[str, Any], key: str, shape: tuple[int, int], where: str) -> Any:
-    """Return a matrix that a file need not hold where it has no rows."""
-    return matrix({key: [], **stored}, key, where, shape)
+def vector(size: int | None = None) -> Reader:
+    """Return the reader of a vector; without a size, of one with as many numbers as there are."""
 
+    def read(value: Any, where: str) -> Any:
+        said, whole = f"{'' if size is None else size} numbers", isinstance(value, list)
+        demand(whole and size in (None, len(value)), "it is missing or has another length", where, said)
+        return np.array([number(x, where) for x in value], dtype=float)
 
-def symmetric(P: Any, where: str) -> Any:
-    """Return a matrix that is its own transpose, exactly."""
-    if not np.array_equal(P, P.T):
-        raise ProblemError("it is not symmetric", where=where, expected="P = P'")
-    return P
-
-
-def vector(content: Mapping[str, Any], key: str, size: int, where: str) -> Any:
-    """Return the vector that an object holds under a key."""
-    values, place = content.get(key), f"{where}, `{key}`"
-    if not isinstance(values, list) or len(values) != size:
-        raise ProblemError("it is missing or has another length", where=place, expected=f"{size} numbers")
-    return np.array([number(value, place) for value in values], dtype=float)
+    return read

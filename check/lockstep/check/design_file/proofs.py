@@ -1,37 +1,36 @@
 """`proofs` of a design file: the witnesses of its claims. Each is put to the proof; none is believed."""
 
+import math
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import Any
+
+import numpy as np
 
 from lockstep.check.agent import Move
 from lockstep.check.design_file.claims import Claims
 from lockstep.check.design_file.json_text import (
+    Reader,
     above_zero,
-    item,
+    each,
     matrix,
     number,
     one_of,
-    only,
-    optional,
-    part,
+    or_none,
     position,
-    rows_or_none,
-    symmetric,
+    record,
     vector,
 )
 from lockstep.check.design_file.problem_part import Sizes
-from lockstep.check.errors import ProblemError
-from lockstep.check.floor.text import pieces_document, witness_of
-from lockstep.check.floor.witness import FloorWitness
+from lockstep.check.errors import demand
+from lockstep.check.floor.witness import FloorWitness, Piece
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate, Segment
 from lockstep.check.sampled.inequality import NUMBERS, Witness
 
-MODAL = "modal"
-CERTIFICATE = "proofs, certificate"
+_AMOUNT = re.compile("-?[0-9]{1,400}(/[0-9]{1,400})?")
 
 
 @dataclass(frozen=True)
@@ -40,14 +39,6 @@ class BoundProof:
 
     boxes: int = 0
     moves: tuple[Move, ...] = ()
-
-    def document(self) -> dict[str, Any]:
-        """Return it as plain JSON types; components and arguments are counted from 1, amounts are rationals as text."""
-        moves = [
-            {"component": one.component + 1, "argument": one.argument + 1, "amount": str(one.amount)}
-            for one in self.moves
-        ]
-        return {"boxes": self.boxes, "moves": moves}
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,37 +60,6 @@ class Proofs:
     radius: Witness | None = None
     bound: BoundProof | None = None
 
-    def document(self) -> dict[str, Any]:
-        """Return the witnesses as plain JSON types."""
-        sampled = {
-            key: None if (one := getattr(self, key)) is None else one.document()
-            for key in ("sampled", "sampled_rho", "max_period", "radius")
-        }
-        return {
-            "certificate": None if self.certificate is None else certificate_document(self.certificate),
-            "decay": None
-            if self.decay is None
-            else {"rho": self.decay.rho, **certificate_document(self.decay)},
-            "floor": None if self.floor is None else pieces_document(self.floor),
-            **sampled,
-            "bound": None if self.bound is None else self.bound.document(),
-        }
-
-
-def certificate_document(c: Certificate | ModalCertificate) -> dict[str, Any]:
-    """Return a certificate as plain JSON types, but for its rho, which is claimed."""
-    if isinstance(c, ModalCertificate):
-        return {
-            "kind": MODAL,
-            "lower": c.lower,
-            "segments": [{"upper": segment.upper, "P": segment.P.tolist()} for segment in c.segments],
-            "mu": c.mu,
-            **({"mu_entries": list(c.mu_entries)} if c.mu_entries else {}),
-            "P_mean": c.P_mean.tolist(),
-        }
-    own = {"m_entries": c.m_entries.tolist()} if len(c.m_entries) else {}
-    return {"P": c.P.tolist(), "m": c.m.tolist(), "t": c.t.tolist(), **own}
-
 
 def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
     """Read `proofs`, of claims about loops of these sizes.
@@ -107,93 +67,103 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
     Raises:
         ProblemError: a key missing or unknown, a witness of another shape, or a floor that is claimed without one.
     """
-    only(content, Proofs().document(), "proofs")
-    floor = None
-    if claims.floor is not None:
-        floor = witness_of(claims.floor, content.get("floor"), "proofs, `floor`")
-    sampled, rho, longest, radius = (
-        optional(content, key, sampled_witness_of, "proofs")
-        for key in ("sampled", "sampled_rho", "max_period", "radius")
-    )
-    bound = optional(content, "bound", _bound, "proofs")
-    certificate = _certificate(content.get("certificate"), claims, sizes, claims.rho, CERTIFICATE)
-    decay = dict(part(content, "decay", dict)) if content.get("decay") is not None else None
-    own = None if decay is None else above_zero(decay.pop("rho", None), "proofs, decay `rho`")
-    decaying = _certificate(decay, claims, sizes, own, "proofs, decay")
-    return Proofs(certificate, decaying, floor, sampled, rho, longest, radius, bound)
-
-
-_AMOUNT = re.compile("-?[0-9]{1,400}(/[0-9]{1,400})?")
+    rho = claims.floor
+    readers: dict[str, Reader] = {
+        "certificate": or_none(partial(_certificate, claims, sizes, claims.rho)),
+        "decay": or_none(partial(_decaying, claims, sizes)),
+        "floor": lambda value, where: None if rho is None else witness_of(rho, value, where),
+        **dict.fromkeys(("sampled", "sampled_rho", "max_period", "radius"), or_none(sampled_witness_of)),
+        "bound": or_none(_bound),
+    }
+    return Proofs(*record(content, "proofs", readers))
 
 
 def _bound(value: Any, where: str) -> BoundProof:
-    only(value, ("boxes", "moves"), where)
-    boxes, moves = part(value, "boxes", int), []
-    if isinstance(boxes, bool) or boxes < 0:
-        raise ProblemError(f"{boxes!r}", where=f"{where}, `boxes`", expected="a whole number from 0 up")
-    for i, one in enumerate(part(value, "moves", list), start=1):
-        place = f"{where}, move {i}"
-        component, argument, amount = (item(one, key, place) for key in ("component", "argument", "amount"))
-        only(one, ("component", "argument", "amount"), place)
-        if not isinstance(amount, str) or not _AMOUNT.fullmatch(amount) or amount.endswith("/0"):
-            raise ProblemError(
-                f"{amount!r}", where=f"{place}, `amount`", expected='a rational such as "-1/2"'
-            )
-        numbers = position(component, f"{place}, `component`"), position(argument, f"{place}, `argument`")
-        moves.append(Move(*numbers, Fraction(amount)))
-    return BoundProof(boxes, tuple(moves))
+    return BoundProof(
+        *record(value, where, {"boxes": _boxes, "moves": partial(each, read=_move, name="move")})
+    )
+
+
+def _boxes(value: Any, where: str) -> int:
+    whole = isinstance(value, int) and not isinstance(value, bool) and value >= 0
+    demand(whole, f"{value!r}", where, "a whole number from 0 up")
+    return int(value)
+
+
+def _move(value: Any, where: str) -> Move:
+    return Move(*record(value, where, {"component": position, "argument": position, "amount": _rational}))
+
+
+def _rational(value: Any, where: str) -> Fraction:
+    rational = isinstance(value, str) and _AMOUNT.fullmatch(value) and not value.endswith("/0")
+    demand(rational, f"{value!r}", where, 'a rational such as "-1/2"')
+    return Fraction(value)
 
 
 def sampled_witness_of(value: Any, where: str) -> Witness:
     """Read a witness of the sampled loop; whether its sizes fit is decided with the loop."""
-    sizes = [len(rows) if isinstance(rows := item(value, key, where), list) else 0 for key in ("P", "m", "t")]
-    only(value, ("P", "m", "t", *NUMBERS), where)
-    # Files written before mu had a number of its own counted it like nu.
-    numbers = {"kappa_mu": value.get("kappa"), **value}
-    return Witness(
-        matrix(value, "P", where, (sizes[0], sizes[0])),
-        vector(value, "m", sizes[1], where),
-        vector(value, "t", sizes[2], where),
-        *(number(numbers.get(key), f"{where}, `{key}`") for key in NUMBERS),
+    if isinstance(value, dict):  # files written before mu had a number of its own counted it like nu
+        value = {"kappa_mu": value.get("kappa"), **value}
+    readers = {"P": matrix(), "m": vector(), "t": vector(), **dict.fromkeys(NUMBERS, number)}
+    return Witness(*record(value, where, readers))
+
+
+def witness_of(rho: float, pieces: Any, where: str) -> FloorWitness:
+    """Read the witness of a floor rho: of the symmetric Z and Z_dual the lower triangles, row by row.
+
+    Raises:
+        ProblemError: it is not one by its form.
+    """
+    end = lambda value, where: math.inf if value is None else number(value, where)  # noqa: E731
+    readers = {"upper": end, "Z": _triangle, "Z_dual": _triangle, "k": matrix()}
+    return FloorWitness(
+        rho, each(pieces, where, lambda one, place: Piece(*record(one, place, readers)), "piece")
     )
 
 
+def _triangle(value: Any, where: str) -> Any:
+    rows = each(value, where, vector(), "row")
+    M = np.zeros((len(rows), len(rows)))
+    for i, row in enumerate(rows):
+        demand(len(row) == i + 1, f"{len(row)} numbers", f"{where}, row {i + 1}", f"{i + 1}")
+        M[i, : i + 1] = M[: i + 1, i] = row
+    return M
+
+
+def _decaying(claims: Claims, sizes: Sizes, stored: Any, where: str) -> Certificate | ModalCertificate:
+    """Read a certificate with a rho of its own."""
+    demand(isinstance(stored, dict), f"a {type(stored).__name__}", where, "an object")
+    rho = above_zero(stored.get("rho"), f"{where}, `rho`")
+    return _certificate(claims, sizes, rho, {key: one for key, one in stored.items() if key != "rho"}, where)
+
+
 def _certificate(
-    stored: Any, claims: Claims, sizes: Sizes, rho: float | None, where: str
-) -> Certificate | ModalCertificate | None:
-    if stored is None:
-        return None
-    if not isinstance(stored, dict):
-        raise ProblemError(f"a {type(stored).__name__}", where=where, expected="an object with P, m and t")
+    claims: Claims, sizes: Sizes, rho: float | None, stored: Any, where: str
+) -> Certificate | ModalCertificate:
     rho, entries = number(rho, "claims, `rho`"), len(claims.entries)
-    if "kind" in stored:
-        return _modal_certificate(stored, rho, sizes, entries, where)
-    only(stored, ("P", "m", "t", "m_entries"), where)
+    if isinstance(stored, dict) and "kind" in stored:
+        return _modal_certificate(rho, sizes, entries, {"mu_entries": [], **stored}, where)
+    if isinstance(stored, dict):
+        stored = {"m_entries": [], **stored}
     N, n, m, q, n_C = sizes
     n_x, pairs = n * (N - 1) + n_C * N, N * (N - 1) // 2
     blocks = {"A": n_C * n_C, "B": n_C * q, "C": m * n_C, "D": m * q}
     ways = N * sum(1 for letter in "ABCD" if claims.fragility[letter] > 0 and blocks[letter])
-    weights, t = vector(stored, "m", pairs, where), vector(stored, "t", ways, where)
-    P = symmetric(matrix(stored, "P", where, (n_x, n_x)), f"{where}, `P`")
-    return Certificate(rho, P, weights, t, rows_or_none(stored, "m_entries", (entries, pairs), where))
+    readers = {"P": matrix(n_x, n_x, symmetric=True), "m": vector(pairs), "t": vector(ways)}
+    return Certificate(rho, *record(stored, where, {**readers, "m_entries": matrix(entries, pairs)}))
 
 
-def _modal_certificate(
-    stored: Mapping[str, Any], rho: float, sizes: Sizes, entries: int, where: str
-) -> ModalCertificate:
-    one_of(stored["kind"], (MODAL,), f"{where}, `kind`")
-    only(stored, ("kind", "lower", "segments", "mu", "mu_entries", "P_mean"), where)
-    n_C, size = sizes.n_C, sizes.n + sizes.n_C
-    segments = tuple(
-        Segment(
-            number(item(one, "upper", place), f"{place}, `upper`"),
-            symmetric(matrix(one, "P", place, (size, size)), f"{place}, `P`"),
-        )
-        for one, place in (
-            (one, f"{where}, segment {i}") for i, one in enumerate(part(stored, "segments", list), start=1)
-        )
-    )
-    P_mean = symmetric(matrix(stored, "P_mean", where, (n_C, n_C)), f"{where}, `P_mean`")
-    lower, mu = (number(stored.get(key), f"{where}, `{key}`") for key in ("lower", "mu"))
-    own = tuple(vector({"mu_entries": [], **stored}, "mu_entries", entries, where).tolist())
-    return ModalCertificate(rho, lower, segments, mu, P_mean, own)
+def _modal_certificate(rho: float, sizes: Sizes, entries: int, stored: Any, where: str) -> ModalCertificate:
+    size, n_C = sizes.n + sizes.n_C, sizes.n_C
+    of_one = {"upper": number, "P": matrix(size, size, symmetric=True)}
+    readers: dict[str, Reader] = {
+        "kind": lambda value, place: one_of(value, ("modal",), place),
+        "lower": number,
+        "segments": partial(
+            each, read=lambda one, place: Segment(*record(one, place, of_one)), name="segment"
+        ),
+        "mu": number,
+        "P_mean": matrix(n_C, n_C, symmetric=True),
+        "mu_entries": lambda value, place: tuple(vector(entries)(value, place).tolist()),
+    }
+    return ModalCertificate(rho, *record(stored, where, readers)[1:])

@@ -6,7 +6,9 @@ operation is not used.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from lockstep.check.expression.node import Node
 from lockstep.check.expression.switches import TRUE, both
@@ -38,19 +40,24 @@ class Condition:
     @property
     def jumps(self) -> bool:
         """Tell whether it is a discontinuity, not a missing value."""
-        return self.kind in ("decided", "constant")
+        return self.kind == "decided"
 
+
+HOLDS: Mapping[str, Callable[..., Any]] = {
+    "nonzero": lambda x: (x[0] > 0) | (x[1] < 0),
+    "positive": lambda x: x[0] > 0,
+    "not negative": lambda x: x[0] >= 0,
+    "within one": lambda x: (x[0] >= -1) & (x[1] <= 1),
+}
+"""What an interval, or a number as both of its ends, has where an operation needs it."""
 
 _TEXT = {
     "nonzero": "divides by something that can be 0",
     "positive": "is not defined where its argument is not positive",
     "not negative": "is not defined where its argument is negative",
     "within one": "is not defined where its argument is outside [-1, 1]",
-    "inside one": "is not defined where its argument is not inside (-1, 1)",
-    "above one": "is not defined where its argument is below 1",
     "no pole": "has a pole",
     "off the cut": "jumps where the second argument is not positive and the first is 0",
     "decided": "jumps where its condition changes and cannot be shown to be continuous there; "
     "write it with min, max or abs",
-    "constant": "jumps; write it with min, max or abs",
 }

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from math import inf, isinf
 
-from lockstep.check.expression.condition import Condition
+from lockstep.check.expression.condition import HOLDS, Condition
 from lockstep.check.expression.constants import nearest_double
 from lockstep.check.expression.node import (
     ZERO,
@@ -45,10 +45,11 @@ class Exact:
 
     Args:
         time: the number of the variable that is the time: what jumps in t alone is no condition.
+        rules: what each operation means.
     """
 
-    def __init__(self, time: int) -> None:
-        self.time = time
+    def __init__(self, time: int, rules: Mapping[str, Callable[..., Node]] = RULES) -> None:
+        self.time, self.rules = time, rules
         self.seen: dict[Node, int] = {}
         """Every node that was a term of a value, by its first place: the order of the text."""
 
@@ -60,12 +61,12 @@ class Exact:
         """Return the operation on values; `Undefined`, with the IEEE value as its text, if it has none."""
         notes = Notes(self.time)
         nodes = [value.node for value in values]
-        if operation in ("div", "inv") and nodes[-1] is ZERO:
+        if operation == "div" and nodes[-1] is ZERO:
             raise Undefined("a division by zero")
-        if operation in ("pow", "constpow"):
+        if operation == "pow":
             _check_power(*nodes)
         try:
-            node = RULES[operation](notes, *nodes)
+            node = self.rules[operation](notes, *nodes)
         except Undefined:
             raise Undefined("inf") from None
         if not node.variables and node.op not in BOOLEAN and number(node) is None:
@@ -92,17 +93,6 @@ class Exact:
         return 0.0
 
 
-_OF_A_CONSTANT: Mapping[str, Callable[..., bool]] = {
-    "nonzero": lambda x: x != 0,
-    "positive": lambda x: x > 0,
-    "not negative": lambda x: x >= 0,
-    "within one": lambda x: abs(x) <= 1,
-    "inside one": lambda x: abs(x) < 1,
-    "above one": lambda x: x >= 1,
-}
-"""What a constant has or has not; it jumps nowhere, and no rational number is a pole of tan."""
-
-
 class Notes:
     """What one operation needs; it keeps functions as they are written: sin(y - x) sees y - x."""
 
@@ -112,10 +102,11 @@ class Notes:
 
     def need(self, kind: str, name: str, *args: Node) -> None:
         """Note what the operation needs; a jump in t alone leaves h(., t) continuous for every t."""
-        if kind in ("decided", "constant") and all(a.variables <= {self.time} for a in args):
+        if kind == "decided" and all(a.variables <= {self.time} for a in args):
             return
         values = [number(a) for a in args]
-        if None not in values and (kind not in _OF_A_CONSTANT or _OF_A_CONSTANT[kind](values[0])):
+        # A constant jumps nowhere, and no rational number is a pole of tan.
+        if None not in values and (kind not in HOLDS or HOLDS[kind]((values[0], values[0]))):
             return
         self.found[Condition(kind, args, name)] = None
 

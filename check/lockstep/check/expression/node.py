@@ -12,7 +12,7 @@ import hashlib
 import itertools
 import math
 import weakref
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from fractions import Fraction
 from typing import Any
 
@@ -197,34 +197,12 @@ def divide(a: Node, b: Node) -> Node:
 
 # Values at 0 that are exact, and what a function makes of a negated argument.
 _AT_ZERO = {
-    "exp": ONE,
-    "cos": ONE,
-    "cosh": ONE,
-    "sech2": ONE,
-    "sin": ZERO,
-    "tan": ZERO,
-    "asin": ZERO,
-    "atan": ZERO,
-    "sinh": ZERO,
-    "tanh": ZERO,
-    "asinh": ZERO,
-    "atanh": ZERO,
-    "erf": ZERO,
-    "expm1": ZERO,
-    "log1p": ZERO,
-    "sqrt": ZERO,
-    "fabs": ZERO,
-    "erfinv": ZERO,
-    "floor": ZERO,
-    "ceil": ZERO,
-    "trunc": ZERO,
-    "rint": ZERO,
+    **dict.fromkeys(("exp", "cos", "cosh", "sech2"), ONE),
+    **dict.fromkeys(("sin", "tan", "asin", "atan", "sinh", "tanh", "sqrt", "fabs"), ZERO),
 }
 
 
-_ODD = frozenset(
-    {"sin", "tan", "asin", "atan", "sinh", "tanh", "asinh", "atanh", "erf", "erfinv", "trunc", "rint"}
-)
+_ODD = frozenset({"sin", "tan", "asin", "atan", "sinh", "tanh"})
 
 
 _EVEN = frozenset({"cos", "cosh", "sech2", "fabs"})
@@ -265,17 +243,7 @@ def _fold(op: str, value: Fraction) -> Node | None:
     if op == "sqrt" and value > 0 and value.denominator < 1 << 200:
         root = Fraction(_integer_root(value.numerator) or 0, _integer_root(value.denominator) or 1)
         return constant(root) if root * root == value else None
-    if op in _WHOLE:
-        return constant(_WHOLE[op](value))
     return None
-
-
-_WHOLE: dict[str, Callable[[Fraction], int]] = {
-    "floor": math.floor,
-    "ceil": math.ceil,
-    "trunc": math.trunc,
-    "rint": round,
-}
 
 
 def _integer_root(value: int) -> int | None:

@@ -1,23 +1,23 @@
 """Expressions of a problem file, read into whatever an `Algebra` builds; no Python is ever run.
 
-The text is cut into tokens first, so that nothing but numbers, names and the operators below reaches Python's
-parser (`ast`, which builds a tree and evaluates nothing). Then a walker hands the node types it knows to the
-algebra, and refuses the rest. Precedence and associativity are Python's: `-x**2` is `-(x**2)`, `x**y**z` is
-`x**(y**z)`.
+Precedence and associativity are Python's: `-x**2` is `-(x**2)`, `x**y**z` is `x**(y**z)`. The grammar, in full:
 
-    numbers  names  t  pi  + - * / **  ( )  sin cos tan asin acos atan atan2 sinh cosh tanh exp log sqrt
-    abs fabs min max sign  if_else(a < b, then, otherwise) with < <= > >=
+    expression = operand {("+" | "-" | "*" | "/") operand}          * and / before + and -, from left to right
+    operand    = ("+" | "-") operand | atom ["**" operand]
+    atom       = number | name | function "(" expression {"," expression} [","] ")" | "(" expression ")"
+               | "if_else" "(" expression ("<" | "<=" | ">" | ">=") expression "," expression "," expression [","] ")"
+
+    names  t  pi  sin cos tan asin acos atan atan2 sinh cosh tanh exp log sqrt abs fabs min max sign
 """
 
-import ast
 import math
+import re
 from collections.abc import Mapping
 from functools import reduce
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import Generic, NamedTuple, NoReturn, Protocol, TypeVar
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.node import Undefined
-from lockstep.check.tokens import DEEPEST, Source, check_neighbours, tokens
 from lockstep.check.wording import nearest, shorten
 
 
@@ -42,20 +42,21 @@ CONSTANTS: Mapping[str, float] = {"pi": math.pi}
 RESERVED = frozenset(FUNCTIONS) | frozenset(CONSTANTS) | {"t"}
 """Names a state, an input, an output or a parameter cannot have."""
 
-_OPERATORS: Mapping[type[ast.operator], str] = {
-    ast.Add: "add",
-    ast.Sub: "sub",
-    ast.Mult: "mul",
-    ast.Div: "div",
-    ast.Pow: "pow",
-}
-_COMPARISONS: Mapping[type[ast.cmpop], tuple[str, bool]] = {
-    ast.Lt: ("lt", False),
-    ast.LtE: ("le", False),
-    ast.Gt: ("lt", True),
-    ast.GtE: ("le", True),
-}
+LONGEST = 10_000
+"""Characters in one expression. Longer ones come from programs, which can build an `Agent` in Python."""
+MOST_TOKENS = 2_000
+"""Numbers, names and operators in one."""
+DEEPEST = 100
+"""Levels of nesting. Chains such as a + b + c do not nest; Python's own limits stay out of reach."""
+
+_TOKEN = re.compile(
+    r"[ \t]*((?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[A-Za-z][A-Za-z_0-9]*|\*\*|<=|>=|[-+*/()<>,])[ \t]*"
+)
+_OPERATORS = {"+": (1, "add"), "-": (1, "sub"), "*": (2, "mul"), "/": (2, "div")}
+"""How tightly each binds, and the operation it stands for."""
+_COMPARISONS = {"<": ("lt", False), "<=": ("le", False), ">": ("lt", True), ">=": ("le", True)}
 """The operation of each comparison, and whether its sides are swapped."""
+_A_FORMULA = "one formula such as -k*(x - y) + 2*sin(x); comparisons stand in the first place of if_else only"
 
 V = TypeVar("V")
 
@@ -76,7 +77,7 @@ class Algebra(Protocol[V]):
         ...
 
     def worst_constant(self, value: V) -> float:
-        """Return a constant inside of the value that is no finite double, 0 if there is none."""
+        """Return a constant inside the value that is no finite number, or 0 if there is none."""
         ...
 
 
@@ -93,156 +94,153 @@ def parse(text: str, symbols: Mapping[str, V | float], algebra: Algebra[V], *, w
         ProblemError: whatever is not in the language, with its column; an unknown name, with the nearest
             known one; a constant part that is not a finite number, such as 1/0 or log(0).
     """
-    if not isinstance(text, str):
-        raise ProblemError(f"{shorten(repr(text))} is no text", where=where, expected="a formula as text")
-    source = Source(text.strip(" \t"), where)
-    check_neighbours(source, tokens(source))
-    value = _Walker(source, symbols, algebra).expression(_tree(source).body, 0)
+    if not isinstance(text, str) or len(text) > LONGEST:
+        found = (
+            f"an expression of {len(text)} characters"
+            if isinstance(text, str)
+            else f"{text!r:.60} is no text"
+        )
+        raise ProblemError(found, where=where, expected=f"a formula as text, of at most {LONGEST} characters")
+    reader = _Reader(text, symbols, algebra, where)
+    value = reader.expression()
+    if reader.next:
+        reader.refuse()
     worst = algebra.worst_constant(value)
     if not math.isfinite(worst):
-        raise source.whole(
-            f"the constants of `{shorten(source.text)}` multiply to {worst}", expected="finite numbers"
-        )
+        found = f"the constants of `{shorten(text)}` multiply to {worst}"
+        raise ProblemError(found, where=where, expected="finite numbers")
     return value
 
 
-def _tree(source: Source) -> ast.Expression:
-    """Build the tree. The tokens are ours by now, so what fails here is their order."""
-    try:
-        return ast.parse(source.text, mode="eval")
-    except (RecursionError, MemoryError):
-        raise source.whole(
-            "the expression is too long or nested too deeply for Python's parser",
-            remedy="name its parts as parameters, or build the agent in Python",
-        ) from None
-    except SyntaxError as error:
-        column = min(max((error.offset or 1) - 1, 0), len(source.text) - 1)
-        raise source.error(
-            "the expression cannot be read", column, expected="one formula such as -k*(x - y) + 2*sin(x)"
-        ) from None
+class _Reader(Generic[V]):
+    """Goes through the tokens from left to right, one method for each rule of the grammar."""
 
-
-class _Walker(Generic[V]):
-    """Hands the nodes of the language to the algebra, and refuses every other one by name."""
-
-    def __init__(self, source: Source, symbols: Mapping[str, V | float], algebra: Algebra[V]) -> None:
-        self.source = source
+    def __init__(self, text: str, symbols: Mapping[str, V | float], algebra: Algebra[V], where: str) -> None:
+        self.text, self.where, self.algebra = text, where, algebra
         self.symbols: Mapping[str, V | float] = {**CONSTANTS, **symbols}
-        self.algebra = algebra
+        self.tokens: list[tuple[str, int, int]] = []
+        """Each with the columns at which it begins and ends; the last one is the end of the text, and empty."""
+        self.at, self.depth, place = 0, -1, 0
+        while place < len(text.rstrip(" \t")):
+            match = _TOKEN.match(text, place)
+            if match is None or len(self.tokens) == MOST_TOKENS:
+                character = shorten(text[len(text) - len(text[place:].lstrip(" \t")) :][:1])
+                found = f"`{character}` is not part of an expression"
+                expected = "numbers, names, + - * / ** ( ) , and < <= > >= in if_else"
+                if match is not None:
+                    found, expected = "it goes on", f"at most {MOST_TOKENS} numbers, names and operators"
+                raise self.error(found, place, expected=expected)
+            self.tokens.append((match[1], *match.span(1)))
+            place = match.end()
+        self.tokens.append(("", len(text), len(text)))
 
-    def expression(self, node: ast.expr, depth: int) -> V:
-        """Walk down a chain of operators in a loop, so that only nesting costs depth."""
-        if depth > DEEPEST:
-            raise self.error(
-                "the expression is nested too deeply", node, expected=f"at most {DEEPEST} levels"
-            )
-        chain: list[ast.BinOp] = []
-        while isinstance(node, ast.BinOp):
-            chain.append(node)
-            node = node.left
-        value = self.operand(node, depth)
-        for link in reversed(chain):
-            value = self.binary(link, value, self.expression(link.right, depth + 1))
+    @property
+    def next(self) -> str:
+        """The next token; empty at the end."""
+        return self.tokens[self.at][0]
+
+    @property
+    def column(self) -> int:
+        """Where the next token begins."""
+        return self.tokens[self.at][1]
+
+    def sees(self, token: str) -> bool:
+        """Pass a token if it is the next one."""
+        found = self.next == token
+        self.at += found
+        return found
+
+    def expect(self, token: str) -> None:
+        """Pass a token that has to be there."""
+        if not self.sees(token):
+            self.refuse()
+
+    def expression(self, rank: int = 1) -> V:
+        """Read operands joined by operators that bind as tightly as `rank`, or tighter."""
+        start, value = self.column, self.operand()
+        while (found := _OPERATORS.get(self.next)) and found[0] >= rank:
+            self.at += 1
+            right = self.expression(found[0] + 1)
+            if found[1] == "div" and self.algebra.size(right) == 0.0:
+                raise self.error(f"`{self.since(start)}` is a division by zero", start)
+            value = self.apply(found[1], start, value, right)
         return value
 
-    def operand(self, node: ast.expr, depth: int) -> V:
-        match node:
-            case ast.Constant(value=int() | float() as number):
-                return self.algebra.number(float(number))
-            case ast.Name(id=name):
-                return self.symbol(name, node)
-            case ast.UnaryOp(op=ast.USub(), operand=inner):
-                return self.algebra.apply("neg", self.expression(inner, depth + 1))
-            case ast.UnaryOp(op=ast.UAdd(), operand=inner):
-                return self.expression(inner, depth + 1)
-            case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
-                return self.call(name, node, arguments, depth)
-            case ast.Compare():
-                raise self.error(
-                    f"a comparison, `{self.source.segment(node)}`,",
-                    node,
-                    expected="a number here: comparisons stand in the first place of if_else",
-                )
-            case ast.Tuple():
-                raise self.error(
-                    "a list of values", node, expected="one formula", remedy="write decimals with a point"
-                )
-            case _:
-                raise self.error(f"`{self.source.segment(node)}` is not part of an expression", node)
-
-    def binary(self, node: ast.BinOp, left: V, right: V) -> V:
-        operator = _OPERATORS.get(type(node.op))
-        if operator is None:
-            raise self.error(f"`{self.source.segment(node)}` is not part of an expression", node)
-        if isinstance(node.op, ast.Div) and self.algebra.size(right) == 0.0:
-            raise self.error(f"a division by zero: `{self.source.segment(node.right)}` is 0", node.right)
-        return self.applied(operator, node, left, right)
-
-    def symbol(self, name: str, node: ast.expr) -> V:
-        if name in self.symbols:
-            value = self.symbols[name]
-            return self.algebra.number(value) if isinstance(value, float | int) else value
-        if name in FUNCTIONS:
+    def operand(self) -> V:
+        """Read a power, or an operand with a sign."""
+        start, self.depth = self.column, self.depth + 1
+        if self.depth > DEEPEST:
             raise self.error(
-                f"the function `{name}` without its arguments", node, remedy=f"write {name}(...)"
+                "the expression is nested too deeply", start, expected=f"at most {DEEPEST} levels"
             )
-        if name.lower() in ("nan", "inf", "infinity"):
-            raise self.error(
-                f"`{name}` is no number that can be computed with", node, expected="a finite number"
-            )
-        known = [*self.symbols, *FUNCTIONS]
-        raise self.error(
-            f"unknown symbol `{shorten(name)}`",
-            node,
-            expected=self.known_names(),
-            remedy=nearest(name, known) or "declare it as a state, an input or a parameter",
-        )
-
-    def known_names(self) -> str:
-        names = [name for name in self.symbols if name not in ("t", "pi")]
-        return f"{shorten(', '.join([*names, 't']), 120)}, pi or a function ({', '.join(FUNCTIONS)})"
-
-    def call(self, name: str, node: ast.expr, arguments: list[ast.expr], depth: int) -> V:
-        function = FUNCTIONS.get(name)
-        if function is None and name in self.symbols:
-            raise self.error(
-                f"`{name}` is a symbol, not a function", node, remedy=f"write `{name}` alone, or {name}*(...)"
-            )
-        if function is None:
-            raise self.error(
-                f"unknown function `{shorten(name)}`",
-                node,
-                expected=", ".join(FUNCTIONS),
-                remedy=nearest(name, FUNCTIONS),
-            )
-        if not function.fewest <= len(arguments) <= function.most:
-            raise self.error(f"`{name}` with {len(arguments)} arguments", node, expected=_arity(function))
-        if name == "if_else":
-            first = self.condition(arguments[0], depth + 1)
+        if self.sees("-"):
+            value = self.algebra.apply("neg", self.operand())
+        elif self.sees("+"):
+            value = self.operand()
         else:
-            first = self.expression(arguments[0], depth + 1)
-        rest = [self.expression(argument, depth + 1) for argument in arguments[1:]]
-        if function.operation in ("fmin", "fmax"):
-            return reduce(lambda a, b: self.applied(function.operation, node, a, b), rest, first)
-        return self.applied(function.operation, node, first, *rest)
+            value = self.atom()
+            if self.sees("**"):
+                value = self.apply("pow", start, value, self.operand())
+        self.depth -= 1
+        return value
 
-    def condition(self, node: ast.expr, depth: int) -> V:
-        match node:
-            case ast.Compare(left=left, ops=[operator], comparators=[right]) if (
-                type(operator) in _COMPARISONS
-            ):
-                name, swapped = _COMPARISONS[type(operator)]
-                sides = self.expression(left, depth), self.expression(right, depth)
-                return self.applied(name, node, *(reversed(sides) if swapped else sides))
-            case _:
+    def atom(self) -> V:
+        token, start = self.next, self.column
+        if self.sees("("):
+            value = self.expression()
+            self.expect(")")
+            return value
+        if token[:1].isdecimal() or token[:1] == ".":
+            self.at += 1
+            if not math.isfinite(float(token)) or re.fullmatch("0[0-9]+", token):
+                expected = "at most 1.79e308 (double precision), without leading zeros"
                 raise self.error(
-                    f"`{self.source.segment(node)}` is not a condition",
-                    node,
-                    expected="one comparison, such as x < 1, in the first place of if_else",
-                    remedy="nest if_else for more than one",
+                    f"`{shorten(token, 30)}` is no number that is read", start, expected=expected
                 )
+            return self.algebra.number(float(token))
+        if not token[:1].isalpha():
+            self.refuse()
+        self.at += 1
+        if self.sees("("):
+            return self.call(token, start)
+        if token not in self.symbols:
+            names = ", ".join([*(name for name in self.symbols if name not in ("t", "pi")), "t"])
+            raise self.error(
+                f"unknown symbol `{shorten(token)}`",
+                start,
+                expected=f"{shorten(names, 120)}, pi or a function ({', '.join(FUNCTIONS)})",
+                remedy=f"write {token}(...)" if token in FUNCTIONS else nearest(token, self.symbols),
+            )
+        known = self.symbols[token]
+        return self.algebra.number(known) if isinstance(known, float | int) else known
 
-    def applied(self, operation: str, node: ast.expr, *values: V) -> V:
+    def call(self, name: str, start: int) -> V:
+        """Read the arguments of a function, its name and parenthesis being read."""
+        function = FUNCTIONS.get(name)
+        if function is None:
+            found, known = f"unknown function `{shorten(name)}`", ", ".join(FUNCTIONS)
+            raise self.error(found, start, expected=known, remedy=nearest(name, FUNCTIONS))
+        values = [self.condition() if name == "if_else" else self.expression()] if self.next != ")" else []
+        while self.sees(",") and self.next != ")":
+            values.append(self.expression())
+        self.expect(")")
+        if not function.fewest <= len(values) <= function.most:
+            expected = f"{function.fewest}" + " or more" * (function.most > function.fewest)
+            raise self.error(f"`{name}` with {len(values)} arguments", start, expected=expected)
+        if len(values) > 1 and function.operation in ("fmin", "fmax"):
+            return reduce(lambda a, b: self.apply(function.operation, start, a, b), values)
+        return self.apply(function.operation, start, *values)
+
+    def condition(self) -> V:
+        start, left = self.column, self.expression()
+        if (found := _COMPARISONS.get(self.next)) is None:
+            expected = "one comparison, such as x < 1, in the first place of if_else"
+            raise self.error(f"`{self.since(start)}` is not a condition", start, expected=expected)
+        self.at += 1
+        sides = left, self.expression()
+        return self.apply(found[0], start, *(reversed(sides) if found[1] else sides))
+
+    def apply(self, operation: str, start: int, *values: V) -> V:
         """Apply an operation, and refuse a constant that is no finite number."""
         try:
             value = self.algebra.apply(operation, *values)
@@ -253,13 +251,17 @@ class _Walker(Generic[V]):
             if size is None or math.isfinite(size):
                 return value
             found = str(size)
-        raise self.error(f"`{self.source.segment(node)}` is {found}", node, expected="a finite number")
+        raise self.error(f"`{self.since(start)}` is {found}", start, expected="a finite number")
 
-    def error(self, found: str, node: ast.expr, *, expected: str = "", remedy: str = "") -> ProblemError:
-        return self.source.error(found, node.col_offset, expected=expected, remedy=remedy)
+    def since(self, start: int) -> str:
+        """Return the text from a column to the last token that was read, in short."""
+        return shorten(self.text[start : self.tokens[self.at - 1][2]], 40)
 
+    def refuse(self) -> NoReturn:
+        """Refuse the next token."""
+        raise self.error("the expression cannot be read", self.column, expected=_A_FORMULA)
 
-def _arity(function: Function) -> str:
-    if function.fewest == function.most:
-        return f"{function.fewest}"
-    return f"{function.fewest} or more" if function.most > 2 else f"{function.fewest} to {function.most}"
+    def error(self, found: str, column: int, *, expected: str = "", remedy: str = "") -> ProblemError:
+        """Return an error about one column, counted from 0."""
+        place = f"{found} at column {column + 1} of `{shorten(self.text)}`"
+        return ProblemError(place, where=self.where, expected=expected, remedy=remedy)

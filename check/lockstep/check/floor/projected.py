@@ -83,21 +83,8 @@ def with_rho(
     """
     B, H, I = np.hstack(plant.B), alpha * plant.H, eye(len(plant.A), plant.A)
     G, H_out = _kept(plant.G, phi_in_primal), _kept(H.T, phi_in_dual)
-    primal = _side(plant.A, plant.C, R / rho, H.T @ H, (I, rho * I), G)
-    dual = _side(plant.A.T, B.T, I / rho, plant.G @ plant.G.T, (R / rho, R / rho), H_out)
-    return Projected(primal, dual)
-
-
-def without_rho(plant: Plant, alpha: fmpq) -> Projected:
-    """Return the two sides without disturbance and weight: what a certificate with any rho and any R satisfies.
-
-    They are homogeneous in (X, mu) and in (Y, 1/mu), so that mu = 1 stands for all mu.
-    """
-    n = len(plant.A)
-    B, H = np.hstack(plant.B), alpha * plant.H
-    nothing, border = zeros(n, n, plant.A), (zeros(n, 0, plant.A), zeros(0, 0, plant.A))
-    primal = _side(plant.A, plant.C, nothing, H.T @ H, border, plant.G)
-    dual = _side(plant.A.T, B.T, nothing, plant.G @ plant.G.T, border, H.T)
+    primal = side(plant.A, plant.C, R / rho, H.T @ H, (I, rho * I), G)
+    dual = side(plant.A.T, B.T, I / rho, plant.G @ plant.G.T, (R / rho, R / rho), H_out)
     return Projected(primal, dual)
 
 
@@ -105,9 +92,7 @@ def _kept(columns: Matrix, kept: bool) -> Matrix:
     return columns if kept else columns[:, :0]
 
 
-def _side(
-    A: Matrix, C: Matrix, head: Matrix, slope: Matrix, border: tuple[Matrix, Matrix], G: Matrix
-) -> Side:
+def side(A: Matrix, C: Matrix, head: Matrix, slope: Matrix, border: tuple[Matrix, Matrix], G: Matrix) -> Side:
     """Assemble [N'(He(X A) + head + mu slope)N, N'X E, N'X G; *, -corner, 0; *, 0, -mu I]."""
     rows, N = row_space_and_kernel(C)
     E, corner = border

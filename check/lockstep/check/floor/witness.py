@@ -24,9 +24,9 @@ from typing import Annotated, Any
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from lockstep.check.floor.projected import Projected, Side, left_inverse, with_rho, without_rho
+from lockstep.check.floor.projected import Projected, Side, left_inverse, with_rho
 from lockstep.check.loop import Plant
-from lockstep.check.network import Network
+from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import Matrix, exact, exactly, zeros
 from lockstep.check.psd import decide_positive_definite
 
@@ -53,7 +53,7 @@ class FloorWitness:
 
 
 def proves_floor(
-    network: Network, alpha: float, R: Annotated[np.ndarray, "n n"], witness: FloorWitness
+    network: ExactNetwork, alpha: float, R: Annotated[np.ndarray, "n n"], witness: FloorWitness
 ) -> bool:
     """Decide exactly whether a witness proves that no controllers can certify a rho below its own."""
     ends = [piece.upper for piece in witness.pieces]
@@ -68,13 +68,7 @@ def proves_floor(
     return True
 
 
-def proves_alpha_impossible(network: Network, alpha: float, point: Piece) -> bool:
-    """Decide exactly whether a dual point proves that no controllers certify alpha, with whatever rho."""
-    plant, slope = exact_agent(network, alpha)
-    return point.upper == 1.0 and excludes(without_rho(plant, slope), point, 1.0)
-
-
-def exact_agent(network: Network, alpha: float) -> tuple[Plant, fmpq]:
+def exact_agent(network: ExactNetwork, alpha: float) -> tuple[Plant, fmpq]:
     """Return the plant in rationals and alpha; without phi where it has no rows or alpha is 0."""
     plant = network.plant.in_numbers(True)
     if alpha == 0 or not plant.G.shape[1]:
@@ -83,7 +77,12 @@ def exact_agent(network: Network, alpha: float) -> tuple[Plant, fmpq]:
 
 
 def of_piece(
-    network: Network, alpha: float, R: Annotated[np.ndarray, "n n"], rho: float, lower: float, upper: float
+    network: ExactNetwork,
+    alpha: float,
+    R: Annotated[np.ndarray, "n n"],
+    rho: float,
+    lower: float,
+    upper: float,
 ) -> Projected:
     """Return the sides that hold on a piece.
 

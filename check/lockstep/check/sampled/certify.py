@@ -19,7 +19,7 @@ import numpy as np
 from lockstep.check.numbers import Matrix, exactly
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.conjugate import no_conjugate_point
-from lockstep.check.sampled.controller import HeldController, Network
+from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import W_matrix, Witness, metric, multiplier
 from lockstep.check.sampled.lifting import Lifted, copies, lift
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
@@ -72,7 +72,7 @@ class SampledVerdict:
 
 
 def decide_sampled(
-    network: Network,
+    network: SampledNetwork,
     controllers: tuple[HeldController, ...],
     witnesses: Iterable[Witness],
     figures: Mapping[str, Any] = NOTHING,
@@ -143,7 +143,7 @@ def _bounds_the_distance(exact_loop: SampledLoop, witness: Witness) -> bool:
 
 
 def refused(
-    network: Network, controllers: tuple[HeldController, ...], reason: str, figures: Mapping[str, Any]
+    network: SampledNetwork, controllers: tuple[HeldController, ...], reason: str, figures: Mapping[str, Any]
 ) -> SampledVerdict:
     """Return the verdict that nothing is proved, and why."""
     deltas = tuple(dict(one.deltas) for one in controllers)
@@ -151,7 +151,10 @@ def refused(
 
 
 def _accepted(
-    network: Network, controllers: tuple[HeldController, ...], witness: Witness, figures: Mapping[str, Any]
+    network: SampledNetwork,
+    controllers: tuple[HeldController, ...],
+    witness: Witness,
+    figures: Mapping[str, Any],
 ) -> SampledVerdict:
     """State what follows, rounded up by far more than these few operations lose."""
     messages = ROUNDED_UP * math.hypot(*(one.message_noise(1.0) for one in controllers))

@@ -148,7 +148,7 @@ class HeldController:
 
 
 @dataclass(frozen=True, eq=False)
-class Network:
+class SampledNetwork:
     """What the controllers are in a loop with: the agents' matrices, the coordinates, alpha, period and delay.
 
     plant, d: in rationals, as `lockstep.model.network.Network.loop(order, exact_arithmetic=True)` has them;  alpha:
@@ -170,7 +170,7 @@ class Network:
         if self.delay not in (0, 1):
             raise ProblemError(f"the delay is {self.delay!r}", where="delay", expected="0 or 1 periods")
 
-    def at(self, period: float) -> "Network":
+    def at(self, period: float) -> "SampledNetwork":
         """Return the same with another period."""
         return replace(self, period=period)
 

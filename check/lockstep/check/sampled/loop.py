@@ -20,7 +20,7 @@ import numpy as np
 from lockstep.check.errors import ProblemError
 from lockstep.check.inequality import LETTERS
 from lockstep.check.numbers import Matrix, converter, is_exact, zeros
-from lockstep.check.sampled.controller import HeldController, Network
+from lockstep.check.sampled.controller import HeldController, SampledNetwork
 
 NO_NOISE = np.zeros(0)
 
@@ -45,7 +45,7 @@ class SampledLoop:
     n_d;  applied, computed: (N m, n_z), what the inputs are during the next period, and what the controllers compute.
     """
 
-    network: Network
+    network: SampledNetwork
     n_d: int
     n_xi: int
     into: Matrix
@@ -78,7 +78,7 @@ class SampledLoop:
 
 
 def sampled_loop(
-    network: Network,
+    network: SampledNetwork,
     controllers: tuple[HeldController, ...],
     noise: Annotated[np.ndarray, " q"] = NO_NOISE,
 ) -> SampledLoop:
@@ -122,7 +122,7 @@ class _Layout:
 
     def __init__(
         self,
-        network: Network,
+        network: SampledNetwork,
         controllers: tuple[HeldController, ...],
         noise: Annotated[np.ndarray, " q"],
     ) -> None:
@@ -207,7 +207,7 @@ class _Layout:
         return rows
 
 
-def _inputs(network: Network) -> tuple[Matrix, Matrix]:
+def _inputs(network: SampledNetwork) -> tuple[Matrix, Matrix]:
     """Return B^ = [the different B_i] and the map from all u to v, such that (T (x) I) diag(B_i) u = (I (x) B^) v."""
     different: list[Matrix] = []
     which = []
@@ -224,7 +224,7 @@ def _inputs(network: Network) -> tuple[Matrix, Matrix]:
     return np.hstack(different), spread
 
 
-def _check(network: Network, controllers: tuple[HeldController, ...]) -> None:
+def _check(network: SampledNetwork, controllers: tuple[HeldController, ...]) -> None:
     _, m, q, _, _ = network.plant.sizes
     N = network.d.N
     if len(controllers) != N:

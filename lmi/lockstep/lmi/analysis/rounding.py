@@ -85,7 +85,9 @@ def _short_block(K: Float[np.ndarray, "k l"], limit: float, places: int) -> Floa
     return np.zeros_like(K)
 
 
-def prove(network: Network, gains: Gains, claim: Claim, *, rho: float | None = None) -> Certificate:
+def prove(
+    network: Network, gains: Gains, claim: Claim, *, rho: float | None = None, near: Certificate | None = None
+) -> Certificate:
     """Find a certificate for given gains and prove it exactly.
 
     Args:
@@ -93,33 +95,37 @@ def prove(network: Network, gains: Gains, claim: Claim, *, rho: float | None = N
         gains: the controllers, taken as they are.
         claim: alpha, R, Q, delta.
         rho: the rho to certify; by default the least one found, rounded up with a little slack.
+        near: of gains next to these, in the units of the file, for a loop that the solver has trouble with.
 
     Raises:
         NotCertified: no certificate was found; the figures say how near the search came.
     """
     loop, exact_loop = network.loop(gains.order), network.loop(gains.order, exact_arithmetic=True)
     K = gains.blocks
-    asked = _in_both_units(loop, claim)
-    found = [(least_rho(one.loop, K, one.claim), one.units) for one in asked]
-    rhos = [c.rho * units.rho for c, units in found if c is not None]
-    if not rhos:
+    found = [
+        (one, c.rho * one.units.rho)
+        for one in _in_all_units(loop, claim, near)
+        if (c := least_rho(one.loop, K, one.claim, one.near)) is not None
+    ]
+    if not found:
         raise NotCertified(
             f"no certificate was found for these gains at alpha = {claim.alpha:.6g}",
             alpha=claim.alpha,
             abscissa=float(np.linalg.eigvals(loop.A_cl(K)).real.max()),
         )
-    levels = [rho] if rho is not None else [round_up(min(rhos) * (1 + slack)) for slack in SLACKS]
-    for level, one in itertools.product(levels, asked):
-        candidate = tight(one.loop, K, one.claim, level / one.units.rho)
+    for slack, (one, least) in itertools.product(SLACKS if rho is None else (0.0,), found):
+        level = rho if rho is not None else round_up(least * (1 + slack))
+        candidate = tight(one.loop, K, one.claim, level / one.units.rho, one.near)
         if candidate is None:
             continue
         here = replace(one.units.certificate(candidate), rho=level)
         proved = shortest_that_proves(loop, exact_loop, K, claim, here)
         if proved is not None:
             return proved
+    least = min(rho for _, rho in found)
     raise NotCertified(
-        f"the solver's candidate at rho = {min(rhos):.6g} did not survive the exact check",
-        rho=min(rhos),
+        f"the solver's candidate at rho = {least:.6g} did not survive the exact check",
+        rho=least,
         alpha=claim.alpha,
     )
 
@@ -130,19 +136,22 @@ class _Asked(NamedTuple):
     loop: Loop
     claim: Claim
     units: Units
+    near: Certificate | None = None
 
 
-def _in_both_units(loop: Loop, claim: Claim) -> list[_Asked]:
-    """Return the problem as it is, and in units in which its numbers are near one.
+def _in_all_units(loop: Loop, claim: Claim, near: Certificate | None) -> list[_Asked]:
+    """Return the problem as it is, in units in which its numbers are near one, and in those of a point near one known.
 
     The solver's accuracy decides which serves: the first for numbers that were near one already, the second for time
-    constants of hours. Powers of two bring its answer back exactly.
+    constants of hours, the third for poles far apart. Powers of two bring its answer back exactly. In units that do not
+    serve, its rho may be far too small, so each is tried at its own.
     """
     ones = np.ones((loop.U[0].shape[1], loop.Y[0].shape[0]))
-    return [
+    asked = [
         _Asked(loop, claim, Units(ones, np.ones(loop.n_x), 1.0, 1.0, 1.0, 1.0)),
         _Asked(*scaled(loop, claim)),
     ]
+    return asked if near is None else [*asked, asked[1]._replace(near=asked[1].units.scaled(near))]
 
 
 def shortest_that_proves(
@@ -157,5 +166,13 @@ def shortest_that_proves(
 
 
 def _passes_in_doubles(loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim, trial: Certificate) -> bool:
-    F = F_matrix(loop, K, claim, trial)
-    return bool(np.linalg.eigvalsh(trial.P)[0] > 0 > np.linalg.eigvalsh((F + F.T) / 2)[-1])
+    return all(_definite(matrix) for matrix in (trial.P, -F_matrix(loop, K, claim, trial)))
+
+
+def _definite(matrix: Float[np.ndarray, "n n"]) -> bool:
+    """Tell in doubles whether a matrix is positive definite, with its diagonal scaled to one, whatever its units."""
+    diagonal = np.diag(matrix)
+    if (diagonal <= 0).any():
+        return False
+    scale = 1 / np.sqrt(diagonal)
+    return bool(np.linalg.eigvalsh(scale[:, None] * (matrix + matrix.T) / 2 * scale)[0] > 0)

@@ -16,6 +16,7 @@ from jaxtyping import Float
 from lockstep.check.channels import Inequality
 from lockstep.check.inequality import Certificate, Claim, inequality, split
 from lockstep.check.loop import Loop
+from lockstep.lmi.analysis.inside import inside
 
 if TYPE_CHECKING:
     import cvxpy as cp
@@ -31,6 +32,9 @@ UNITS = (1.0, 1e2, 1e4)
 
 ROOM = 1e-2
 """The part of the largest possible room s that a certificate keeps, for rounding."""
+
+NO_WORSE = 1.001
+"""A rho that is above the one known by more is the solver's failure."""
 
 ACCEPTED = 1e-6
 """By how much, relative to its largest entry, a candidate may miss F <= 0 and still be worth a decision."""
@@ -84,28 +88,43 @@ class AffineF:
         return Certificate(float(np.sqrt(max(w[-1], 0.0))), (P + P.T) / 2, m, t, m_entries)
 
 
-def least_rho(loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim) -> Certificate | None:
-    """Minimise rho^2 over P > 0, m >= 0, t >= 0 with F <= 0; None where the solver finds nothing."""
-    balanced = balance(AffineF(loop, gains, claim))
+def least_rho(
+    loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim, near: Certificate | None = None
+) -> Certificate | None:
+    """Minimise rho^2 over P > 0, m >= 0, t >= 0 with F <= 0; None where the solver finds nothing.
+
+    near: multipliers and a rho of these gains, or of gains next to them: where they are right, the solver takes its units
+    from a point inside.
+    """
+    form = AffineF(loop, gains, claim)
+    balanced = balance(form)
     if balanced is None:
         return None
+    found = None
     for unit in UNITS:
         found, refused = _least(balanced, unit)
         if found is not None or refused:
-            return found
-    return None
+            break
+    if near is None or (found is not None and found.rho <= NO_WORSE * near.rho):
+        return found
+    known = balance_inside(form, near)
+    again = None if known is None else _least(known, 1.0)[0]
+    return min((one for one in (found, again) if one is not None), key=lambda one: one.rho, default=None)
 
 
-def tight(loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim, rho: float) -> Certificate | None:
+def tight(
+    loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim, rho: float, near: Certificate | None = None
+) -> Certificate | None:
     """For a given rho, return the smallest V that proves it with a little room for rounding; None if none is found.
 
     First s is maximised with F + s I <= 0, P >= s I; then the trace of P is minimised with a small part of that s kept.
     The smallest V fits these gains and hardly any others, so a file whose gains were changed does not pass by chance.
+
+    near: as for `least_rho`; None for the units of a Lyapunov equation.
     """
-    balanced = balance(AffineF(loop, gains, claim))
-    if balanced is None:
-        return None
-    return _smallest(balanced, rho)
+    form = AffineF(loop, gains, claim)
+    balanced = balance(form) if near is None else balance_inside(form, near)
+    return None if balanced is None else _smallest(balanced, rho)
 
 
 def _smallest(b: "Balanced", rho: float) -> Certificate | None:
@@ -130,7 +149,7 @@ def _smallest(b: "Balanced", rho: float) -> Certificate | None:
 @dataclass(frozen=True)
 class Balanced:
     """The inequality in coordinates where the solver meets numbers near one: P = L P^ L', F^ = D F D', w = w^
-    / norms.
+    / norms; F^ = J P^ Z + (J P^ Z)' + ...
 
     L is the Cholesky factor of the solution of P A_cl + A_cl' P = -diag(R, Q), so P^ = I is a good first
     guess however
@@ -139,6 +158,7 @@ class Balanced:
 
     form: AffineF
     L: Float[np.ndarray, "n_x n_x"]
+    J: Float[np.ndarray, "n_F n_x"]
     Z: Float[np.ndarray, "n_x n_F"]
     constant: Float[np.ndarray, "n_F n_F"]
     slopes: Float[np.ndarray, "w n_F n_F"]
@@ -171,11 +191,27 @@ def balance(form: AffineF) -> Balanced | None:
     D = np.eye(len(form.constant))
     D[:n_x, :n_x] = np.linalg.inv(L)
     D[n_x : n_x + n_d, n_x : n_x + n_d] /= np.linalg.norm(L, 2)
-    slopes = D @ form.slopes @ D.T
-    norms = np.linalg.norm(slopes, 2, axis=(1, 2))
-    return Balanced(
-        form, L, L.T @ form.Z @ D.T, D @ form.constant @ D.T, slopes / norms[:, None, None], norms
-    )
+    return _balanced(form, L, D, np.linalg.norm(D @ form.slopes @ D.T, 2, axis=(1, 2)))
+
+
+def balance_inside(form: AffineF, near: Certificate) -> Balanced | None:
+    """Return the inequality in the units of a point inside it: P^ = I, w^ = 1 and -1 on the diagonal of F^; None where
+    multipliers near those given have none."""
+    found = inside(form.Z, form.constant, form.slopes, np.array([*near.pair_weights, *near.t, near.rho**2]))
+    if found is None:
+        return None
+    P, w, F = found
+    return _balanced(form, np.linalg.cholesky(P), np.diag(1 / np.sqrt(-np.diag(F))), 1 / w)
+
+
+def _balanced(
+    form: AffineF,
+    L: Float[np.ndarray, "n_x n_x"],
+    D: Float[np.ndarray, "n_F n_F"],
+    norms: Float[np.ndarray, " w"],
+) -> Balanced:
+    J, slopes = D[:, : len(L)] @ L, D @ form.slopes @ D.T / norms[:, None, None]
+    return Balanced(form, L, J, L.T @ form.Z @ D.T, D @ form.constant @ D.T, slopes, norms)
 
 
 def _least(b: Balanced, unit: float) -> tuple[Certificate | None, bool]:
@@ -202,8 +238,8 @@ def _expression(b: Balanced, P: "cp.Variable", w: "cp.Variable", unit: float) ->
     import cvxpy as cp
     import scipy.sparse as sp
 
-    n_x, n_F = b.Z.shape
-    half = sp.csr_array(np.eye(n_F, n_x)) @ P @ b.Z
+    n_F = b.Z.shape[1]
+    half = sp.csr_array(b.J) @ P @ b.Z
     weighted = sp.csc_array(b.slopes.reshape(len(b.slopes), -1).T) @ w
     F = half + half.T + b.constant / unit + cp.reshape(weighted, (n_F, n_F), order="C")
     return (F + F.T) / 2

@@ -19,7 +19,7 @@ from lockstep.check.inequality import Claim
 from lockstep.check.loop import Gains
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.search.stabilise import stabilise_mode
-from lockstep.lmi.search.start import Search, begin, climb
+from lockstep.lmi.search.start import GainSearch, begin, climb
 from lockstep.lmi.threads import one_thread
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
@@ -53,10 +53,10 @@ def hint_of_stability(problem: Problem, network: Network, claim: Claim) -> Hint:
 
 def is_designed(problem: Problem, network: Network, claim: Claim, gain_limit: float) -> bool:
     """Tell whether a short search finds gains for the whole claim and their certificate is proved."""
-    search = Search.of(network.loop(problem.order), claim, gain_limit)
+    search = GainSearch.of(network.loop(problem.order), claim, gain_limit)
     for index in range(STARTS):
         start = begin(search, None, problem.design.seed, index)
-        reached = climb(search, start.at.K) if start.abscissa < 0 else None
+        reached = climb(search, start.at) if start.abscissa < 0 else None
         if reached is None or reached.certified < 1:
             continue
         gains = Gains.from_blocks(short_gains(reached.point.K, gain_limit), problem.order)

@@ -26,14 +26,14 @@ MARGIN = 1e-3
 
 
 @dataclass(frozen=True)
-class Point:
+class TradeOffPoint:
     """An alpha and the least rho found for it; infinite where none was."""
 
     alpha: float
     rho: float
 
 
-def curve(stored: Stored, points: int = 12) -> tuple[Point, ...]:
+def curve(stored: Stored, points: int = 12) -> tuple[TradeOffPoint, ...]:
     """Return the curve of a design file's gains, from alpha = 0 to the largest alpha they carry.
 
     Args:
@@ -61,10 +61,10 @@ def curve(stored: Stored, points: int = 12) -> tuple[Point, ...]:
         )
         most = largest_alpha(loop, K, claim) * (1 - MARGIN)
         found = trade_off(loop, K, claim, [float(f"{alpha:.6g}") for alpha in np.linspace(0.0, most, points)])
-    return tuple(Point(alpha, float(rho)) for alpha, rho in found)
+    return tuple(TradeOffPoint(alpha, float(rho)) for alpha, rho in found)
 
 
-def as_csv(points: tuple[Point, ...]) -> str:
+def as_csv(points: tuple[TradeOffPoint, ...]) -> str:
     """Return the curve as CSV, rho left empty where it is infinite.
 
     >>> print(as_csv((Point(0.0, 1.5), Point(2.0, math.inf))), end="")

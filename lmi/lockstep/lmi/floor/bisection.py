@@ -10,11 +10,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from flint import fmpq
 from jaxtyping import Float
 
-from lockstep.check.floor.projected import Projected, without_rho
+from lockstep.check.floor.projected import Projected, side
 from lockstep.check.floor.witness import FloorWitness, Piece, exact_agent, excludes, of_piece
-from lockstep.lmi.floor.program import Found, Program, Scales, largest_margin
+from lockstep.check.loop import Plant
+from lockstep.check.numbers import zeros
+from lockstep.lmi.floor.program import FloorProgram, FloorSolution, Scales, largest_margin
 from lockstep.model.network import Network
 
 STEP = 4.0
@@ -87,7 +90,20 @@ def proves_that_none_carries(network: Network, alpha: float) -> bool:
     if not plant.G.shape[1]:
         return False
     stated = without_rho(plant, slope)
-    return _point(Program(stated), stated, 1.0, 1.0)[1]
+    return _point(FloorProgram(stated), stated, 1.0, 1.0)[1]
+
+
+def without_rho(plant: Plant, alpha: fmpq) -> Projected:
+    """Return the two sides without disturbance and weight: what a certificate with any rho and any R satisfies.
+
+    They are homogeneous in (X, mu) and in (Y, 1/mu), so that mu = 1 stands for all mu.
+    """
+    n = len(plant.A)
+    B, H = np.hstack(plant.B), alpha * plant.H
+    nothing, border = zeros(n, n, plant.A), (zeros(n, 0, plant.A), zeros(0, 0, plant.A))
+    primal = side(plant.A, plant.C, nothing, H.T @ H, border, plant.G)
+    dual = side(plant.A.T, B.T, nothing, plant.G @ plant.G.T, border, H.T)
+    return Projected(primal, dual)
 
 
 def _guess(network: Network, R: Float[np.ndarray, "n n"]) -> float:
@@ -133,7 +149,7 @@ class _Cover:
     R: Float[np.ndarray, "n n"]
     rho: float
     tried: int = 0
-    programs: dict[tuple[bool, bool], tuple[Projected, Program]] = field(default_factory=dict)
+    programs: dict[tuple[bool, bool], tuple[Projected, FloorProgram]] = field(default_factory=dict)
 
     def pieces(self) -> tuple[Piece, ...] | None:
         """Return proved pieces that cover all mu > 0, or None where some mu stands in the way."""
@@ -153,16 +169,18 @@ class _Cover:
         right = None if left is None else self._between(mu, upper)
         return None if left is None or right is None else (*left, *right)
 
-    def _point(self, lower: float, upper: float) -> tuple[Found | None, bool]:
+    def _point(self, lower: float, upper: float) -> tuple[FloorSolution | None, bool]:
         key = lower == 0, math.isinf(upper)
         if key not in self.programs:
             stated = of_piece(self.network.matrices, self.alpha, self.R, self.rho, lower, upper)
-            self.programs[key] = stated, Program(stated)
+            self.programs[key] = stated, FloorProgram(stated)
         stated, program = self.programs[key]
         return _point(program, stated, lower, upper)
 
 
-def _point(program: Program, stated: Projected, lower: float, upper: float) -> tuple[Found | None, bool]:
+def _point(
+    program: FloorProgram, stated: Projected, lower: float, upper: float
+) -> tuple[FloorSolution | None, bool]:
     """Return the dual point of the last turn, and whether it is proved; None where there is nothing to find."""
     scales, found = Scales.ones(stated), None
     for _ in range(TURNS if program.count else 0):

@@ -29,7 +29,7 @@ Matrix = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True)
-class Found:
+class FloorSolution:
     """What the solver returned: the margin t, the dual point, where mu stands in the way, and scales for another turn."""
 
     t: float
@@ -72,7 +72,7 @@ class Linear(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Program:
+class FloorProgram:
     """The unknowns v = (Z, Z_*, k): triangles of the two as the solver stores them, and k row by row."""
 
     stated: Projected
@@ -149,7 +149,7 @@ class _InDoubles(NamedTuple):
         return half + half.T, (self.held @ columns).ravel(), constant, slope
 
 
-def largest_margin(program: Program, scales: Scales, lower: float, upper: float) -> Found | None:
+def largest_margin(program: FloorProgram, scales: Scales, lower: float, upper: float) -> FloorSolution | None:
     """Return the dual point for mu from `lower` to `upper` with the largest margin; None where the solver stops early."""
     import clarabel
     from scipy.sparse import csc_matrix
@@ -170,7 +170,7 @@ def largest_margin(program: Program, scales: Scales, lower: float, upper: float)
     v = x[: program.count] * program.columns(scales)
     Z, Z_dual, k = program.point(v)
     again = scales.from_point(Z, Z_dual, program.K_of(v))
-    return Found(
+    return FloorSolution(
         float(x[-1]), Piece(upper, Z, Z_dual, k), math.nan if unit is None else _where(z[-3:], unit), again
     )
 
@@ -181,7 +181,7 @@ def _where(moments: Vector, unit: float) -> float:
 
 
 def _constraints(
-    program: Program, scales: Scales, lower: float, upper: float
+    program: FloorProgram, scales: Scales, lower: float, upper: float
 ) -> tuple[list[Matrix], list[Any], float | None]:
     """Return the rows of A with b - A (v^, lambda, t) in the cones, b being 1 in the first row and 0 in all others.
 

@@ -15,8 +15,8 @@ from lockstep.lmi.analysis.reach import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.diagnosis.relax import hint, hint_of_stability
 from lockstep.lmi.floor.bisection import proves_that_none_carries
-from lockstep.lmi.sampled.improve import Start
-from lockstep.lmi.search import Outcome, Score, Search, SearchResult, search_gains
+from lockstep.lmi.sampled.improve import StartingGains
+from lockstep.lmi.search import GainSearch, Polished, Score, SearchResult, search_gains
 from lockstep.lmi.search.start import Climbed
 from lockstep.lmi.threads import one_thread
 from lockstep.model.network import Network
@@ -27,7 +27,7 @@ FORGOTTEN = 100
 
 
 @dataclass(frozen=True)
-class Found:
+class CertifiedGains:
     """Gains, the claim they were found for (alpha may have been raised), and its certificate.
 
     others: other gains that the search came to, from which a design for the period may start.
@@ -37,7 +37,7 @@ class Found:
     claim: Claim
     certificate: Certificate
     figures: dict[str, Any]
-    others: tuple[Start, ...] = ()
+    others: tuple[StartingGains, ...] = ()
 
 
 def searched(
@@ -48,7 +48,7 @@ def searched(
     tell: Callable[[str, float], None],
     time_limit: float | None = None,
     score: Score | None = None,
-) -> Found:
+) -> CertifiedGains:
     """Search, round, prove.
 
     Args:
@@ -69,10 +69,10 @@ def searched(
     rho = table.rho if table.objective == "alpha" else None
     tell("looking for limits of any controller", 0.0)
     refuse_the_impossible(problem, network, claim)
+    lag = 0.0 if score is None else (0.5 + problem.controller.delay) * problem.controller.period
     decaying = network if table.decay is None else network.decaying(table.decay)
-    search = Search.of(
-        decaying.loop(problem.order), claim, table.gain_limit, rate=rate_of_controllers(problem)
-    )
+    rate = rate_of_controllers(problem)
+    search = GainSearch.of(decaying.loop(problem.order), claim, table.gain_limit, lag, rate)
     found = search_gains(
         search,
         starts=table.starts,
@@ -92,7 +92,7 @@ def searched(
     limit = {"time_limit": time_limit} if found.cut else {}
     for one in found.outcomes:
         try:
-            proved = _proved(problem, network, claim, one, limit)
+            proved = _proved(problem, network, claim, one, search, limit)
         except NotCertified as error:
             refused = error
         else:
@@ -114,12 +114,14 @@ def rate_of_controllers(problem: Problem) -> float | None:
     return max(1 / (FORGOTTEN * problem.controller.period), problem.design.decay or 0.0)
 
 
-def start_of(outcome: Outcome, search: Search) -> Start:
+def start_of(outcome: Polished, search: GainSearch) -> StartingGains:
     """Return where a design for the period starts from an outcome."""
-    return Start(outcome.K, search.units.certificate(outcome.certificate).m, outcome.rho)
+    return StartingGains(outcome.K, search.units.certificate(outcome.certificate).m, outcome.rho)
 
 
-def _proved(problem: Problem, network: Network, claim: Claim, one: Outcome, limit: dict[str, Any]) -> Found:
+def _proved(
+    problem: Problem, network: Network, claim: Claim, one: Polished, search: GainSearch, limit: dict[str, Any]
+) -> CertifiedGains:
     """Round the gains of an outcome, and prove them.
 
     Raises:
@@ -132,13 +134,14 @@ def _proved(problem: Problem, network: Network, claim: Claim, one: Outcome, limi
         claim = replace(claim, alpha=max(claim.alpha, float(f"{one.alpha * (1 - 1e-4):.6g}")))
     gains = Gains.from_blocks(short_gains(one.K, table.gain_limit), problem.order)
     figures: dict[str, Any] = {"history": list(one.history), **limit}
+    near = search.units.certificate(one.certificate)
     muted = without_idle_parts(gains, network)
     if muted is not gains:
         try:
-            return Found(muted, claim, prove(network, muted, claim, rho=rho), figures)
+            return CertifiedGains(muted, claim, prove(network, muted, claim, rho=rho, near=near), figures)
         except NotCertified:
             pass
-    return Found(gains, claim, prove(network, gains, claim, rho=rho), figures)
+    return CertifiedGains(gains, claim, prove(network, gains, claim, rho=rho, near=near), figures)
 
 
 def without_idle_parts(gains: Gains, network: Network) -> Gains:

@@ -15,15 +15,19 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import Infeasible, NotCertified
+from lockstep.check.graph import Digraph
 from lockstep.check.inequality import Claim
 from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate, Modes, Segment, check_covered, decide_modes
 from lockstep.check.numbers import as_floats
-from lockstep.check.spectrum import Metric, spectrum_bounds
+from lockstep.check.spectrum import Metric
 from lockstep.lmi.analysis.rounding import round_up
-from lockstep.lmi.methods.modal_search import Found, ModalSearch, from_start
-from lockstep.lmi.methods.modal_witness import Witness, witness
+from lockstep.lmi.methods.modal_search import ModalCandidate, ModalSearch, from_start
+from lockstep.lmi.methods.modal_witness import ModalWitness, witness
 from lockstep.model.network import Network
+
+OUTSIDE = 1e-9
+"""How far outside the computed eigenvalues the bounds are put, relative to lambda_N: far above rounding errors."""
 
 RATIO = 4.0
 """How far apart the ends of a segment may be while gains are searched for: finer ones cost time."""
@@ -62,7 +66,7 @@ def design_modes(
     known = check_covered(network.matrices, claim)
     modes = Modes(network.plant, order, network.decay)
     search = ModalSearch.of(modes, claim, segment_ends(network, known), gain_limit, rate)
-    best: Found | None = None
+    best: ModalCandidate | None = None
     for index in range(starts):
         if tell is not None:
             tell(index / starts)
@@ -132,7 +136,7 @@ def least_sigma(network: Network, gains: Gains, claim: Claim) -> float | None:
 
 def _fine_enough(
     network: Network, known: Metric, modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim
-) -> tuple[Float[np.ndarray, " s"], Witness | None]:
+) -> tuple[Float[np.ndarray, " s"], ModalWitness | None]:
     """Return segments that are so fine that finer ones lower rho little, and the least sigma with them."""
     ends = segment_ends(network, known)
     least = witness(modes, K, claim, ends)
@@ -155,7 +159,7 @@ def _shortest(
     claim: Claim,
     ends: Float[np.ndarray, " s"],
     rho: float,
-    inside: Witness,
+    inside: ModalWitness,
 ) -> ModalCertificate | None:
     """Return the witness rounded to the fewest digits with which it proves, or None."""
     for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1):
@@ -175,3 +179,12 @@ def _rounded(P: Float[np.ndarray, "k k"], digits: int) -> Float[np.ndarray, "k k
         return P
     places = digits - 1 - math.floor(math.log10(max(float(np.abs(P).max()), 1e-300)))
     return np.round(P, min(places, 300))
+
+
+def spectrum_bounds(graph: Digraph, known: Metric) -> tuple[float, float]:
+    """Return (lower, upper) a little outside lambda_2 and lambda_N."""
+    root = np.sqrt(as_floats(known.w))
+    symmetric = root[:, None] * graph.laplacian / root[None, :]
+    values = np.linalg.eigvalsh((symmetric + symmetric.T) / 2)
+    room = OUTSIDE * values[-1]
+    return float(values[1] - room), float(values[-1] + room)

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.graph import Graph
+from lockstep.check.graph import Digraph
 from lockstep.check.inequality import Claim
 from lockstep.check.loop import Plant
 from lockstep.check.modes import Modes
-from lockstep.check.network import Network
-from lockstep.lmi.methods.modal_witness import Witness, witness
+from lockstep.check.network import ExactNetwork
+from lockstep.lmi.methods.modal_witness import ModalWitness, witness
 from lockstep.lmi.search.smoothed import SmoothedNorm, descended, refined
 from lockstep.lmi.search.stabilise import DEFECTIVE, descend
 from lockstep.lmi.search.units import scaled
@@ -37,11 +37,11 @@ DRAWS = 4
 
 
 @dataclass(frozen=True)
-class Found:
+class ModalCandidate:
     """Gains with a witness for the full alpha, or None and the part of alpha that was reached."""
 
     K: Float[np.ndarray, "a b"] | None
-    witness: Witness | None
+    witness: ModalWitness | None
     fraction: float
 
     @property
@@ -72,14 +72,14 @@ class ModalSearch:
         """Return the search over the modes of a plant at the ends of segments; A_C is to have a rate of its own if given."""
         graph, plant = graph_of(ends), modes.plant
         plant = Plant(plant.A, (plant.B[0],) * graph.N, plant.C, plant.G, plant.H)
-        loop = Network(plant, graph, decay=modes.decay).loop(modes.order, exact_arithmetic=False)
+        loop = ExactNetwork(plant, graph, decay=modes.decay).loop(modes.order, exact_arithmetic=False)
         few = replace(claim, delta=np.zeros((graph.N, 4)))
         loop, few, units = scaled(loop, few)
         norm = SmoothedNorm(loop, few, gain_limit, units.gains, shared=True, rate=rate)
         return cls(modes, claim, ends, gain_limit, norm)
 
 
-def graph_of(eigenvalues: Float[np.ndarray, " s"]) -> Graph:
+def graph_of(eigenvalues: Float[np.ndarray, " s"]) -> Digraph:
     """Return an undirected graph whose Laplacian has these eigenvalues besides 0; those that are one are taken once.
 
     Agent k + 1 and each of the agents 1 to k before it are joined with one weight v_k. The vector (1, ..., 1, -k, 0, ..., 0)
@@ -98,7 +98,7 @@ def graph_of(eigenvalues: Float[np.ndarray, " s"]) -> Graph:
         weight = (falling[k - 1] - total) / (k + 1)
         adjacency[k, :k] = adjacency[:k, k] = weight
         total += weight
-    return Graph(adjacency)
+    return Digraph(adjacency)
 
 
 def stabilised(search: ModalSearch, K: Float[np.ndarray, "a b"]) -> Float[np.ndarray, "a b"]:
@@ -159,27 +159,27 @@ def _worst(
     return worst, slope
 
 
-def from_start(search: ModalSearch, seed: int, index: int) -> Found:
+def from_start(search: ModalSearch, seed: int, index: int) -> ModalCandidate:
     """Run one start: draw gains, make them stable, and lower rho; the same arguments, the same outcome."""
-    generator, found = np.random.default_rng([seed, index]), Found(None, None, 0.0)
+    generator, found = np.random.default_rng([seed, index]), ModalCandidate(None, None, 0.0)
     for _ in range(DRAWS):
         found = min(found, _descent(search, generator), key=lambda one: (one.sigma, -one.fraction))
     return found
 
 
-def _descent(search: ModalSearch, generator: np.random.Generator) -> Found:
+def _descent(search: ModalSearch, generator: np.random.Generator) -> ModalCandidate:
     ends, norm, limit = search.ends, search.norm, search.gain_limit
     size = generator.choice([0.5, 1.0, 2.0]) / np.sqrt(ends[0] * ends[-1]) ** 0.5
     K = stabilised(search, size * generator.standard_normal(norm.shape[1:]))
     K = K * min(1.0, 0.9 * limit / max(float(np.linalg.norm(K, 2)), 1e-300))
     if _worst(_ways(search), K)[0] >= 0:
-        return Found(None, None, 0.0)
+        return ModalCandidate(None, None, 0.0)
     at = descended(norm, np.repeat(K[None], norm.shape[0], axis=0))
     K = (refined(norm, at) if np.isfinite(at.rho) else at).K[0]
     found = witness(search.modes, K, search.claim, ends)
     if found is not None:
-        return Found(K, found, 1.0)
+        return ModalCandidate(K, found, 1.0)
     parts = (
         f for f in FRACTIONS if witness(search.modes, K, search.claim.at(alpha=f * search.claim.alpha), ends)
     )
-    return Found(None, None, next(parts, 0.0))
+    return ModalCandidate(None, None, next(parts, 0.0))

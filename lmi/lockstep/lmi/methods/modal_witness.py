@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Witness:
+class ModalWitness:
     """P of each segment, mu of each sector, sigma and P_mean, in doubles."""
 
     P: tuple[Float[np.ndarray, "k k"], ...]
@@ -31,7 +31,7 @@ def witness(
     claim: Claim,
     ends: Float[np.ndarray, "s"],
     sigma: float | None = None,
-) -> Witness | None:
+) -> ModalWitness | None:
     """Minimise sigma, or, for a given one, go as far inside as possible; None where the solver finds nothing.
 
     Each segment is written in coordinates in which P = I solves the Lyapunov equation at its middle.
@@ -61,7 +61,7 @@ def witness(
         return None
     found = tuple(base @ (one.value + one.value.T) @ base.T / 2 for one, base in zip(P, L, strict=True))
     weights = np.maximum(mu.value, 0.0) * unit if modes.plant.G.shape[1] else np.zeros(1)
-    return Witness(found, weights, float(s2.value) * unit if sigma is None else sigma, P_mean)
+    return ModalWitness(found, weights, float(s2.value) * unit if sigma is None else sigma, P_mean)
 
 
 def _basis(

@@ -14,7 +14,7 @@ from lockstep.check.disagreement import Disagreement
 from lockstep.check.loop import Plant
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.certify import SampledVerdict, decide_sampled, refused
-from lockstep.check.sampled.controller import HeldController, Network
+from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.lifting import Lifted, lift
 from lockstep.check.sampled.loop import NO_NOISE, SampledLoop, sampled_loop
@@ -26,7 +26,7 @@ TRIES = 3
 
 
 def certify_sampled(
-    network: Network,
+    network: SampledNetwork,
     controllers: tuple[HeldController, ...],
     guess: Float[np.ndarray, " pairs"] | None = None,
     *,
@@ -85,14 +85,16 @@ def first_guess(d: Disagreement, guess: Float[np.ndarray, " pairs"] | None) -> F
 
 
 def in_doubles(
-    network: Network, controllers: tuple[HeldController, ...], noise: Float[np.ndarray, " q"] = NO_NOISE
+    network: SampledNetwork,
+    controllers: tuple[HeldController, ...],
+    noise: Float[np.ndarray, " q"] = NO_NOISE,
 ) -> SampledLoop:
     """Return the loop in doubles, for the search."""
     plant, d = plant_in_doubles(network)
     return sampled_loop(replace(network, plant=plant, d=d), controllers, noise)
 
 
-def plant_in_doubles(network: Network) -> tuple[Plant, Disagreement]:
+def plant_in_doubles(network: SampledNetwork) -> tuple[Plant, Disagreement]:
     """Return the agents and the coordinates in doubles."""
     p, d = network.plant, network.d
     plant = Plant(

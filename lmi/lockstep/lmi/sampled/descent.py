@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
-from lockstep.lmi.sampled.objective import Objective, Slopes
+from lockstep.lmi.sampled.objective import SampledObjective, ValueAndSlopes
 from lockstep.lmi.search.stabilise import abscissa, descend
 
 
@@ -56,7 +56,7 @@ FARTHEST = 0.7
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class DescentPoint:
     """Gains K (N, n_C + m, n_C + q), log m of the sampled multiplier, log m of the continuous one."""
 
     K: Float[np.ndarray, "N k l"]
@@ -67,13 +67,13 @@ class Point:
         """Return all of it in one piece."""
         return np.concatenate([self.K.ravel(), self.logs, self.logs_c])
 
-    def at(self, x: Float[np.ndarray, " x"]) -> "Point":
+    def at(self, x: Float[np.ndarray, " x"]) -> "DescentPoint":
         """Return the point of the same shape with other numbers."""
         K, rest = x[: self.K.size].reshape(self.K.shape), x[self.K.size :]
-        return Point(K, rest[: len(self.logs)], rest[len(self.logs) :])
+        return DescentPoint(K, rest[: len(self.logs)], rest[len(self.logs) :])
 
 
-Value = Callable[[Point], Slopes | None]
+Value = Callable[[DescentPoint], ValueAndSlopes | None]
 
 
 class Descent:
@@ -82,21 +82,21 @@ class Descent:
     objective: its loops;  limit: of the spectral norm of each K_i;  rho_c: the largest rho of the continuous loop.
     """
 
-    def __init__(self, objective: Objective, limit: float, rho_c: float) -> None:
+    def __init__(self, objective: SampledObjective, limit: float, rho_c: float) -> None:
         self.objective, self.limit, self.log_rho_c = objective, limit, float(np.log(rho_c))
         self.most = self.log_rho_c + float(np.log(LARGE_RHO))
 
-    def stages(self, point: Point) -> Iterator[Point]:
+    def stages(self, point: DescentPoint) -> Iterator[DescentPoint]:
         """Yield the point after each stage; nothing where the start is not brought back."""
         within_limit = within(point.K, FIRST * self.limit)
-        found = self._recovered(Point(within_limit, point.logs, point.logs_c))
+        found = self._recovered(DescentPoint(within_limit, point.logs, point.logs_c))
         if found is None:
             return
         for p, weight in STAGES:
             found = self._descended(found, _Root(self, found, p).slopes, weight, ITERATIONS)
             yield found
 
-    def _recovered(self, start: Point) -> Point | None:
+    def _recovered(self, start: DescentPoint) -> DescentPoint | None:
         """Return a point with a finite rho_p, or None."""
         point = self._steadied(start)
         first = STAGES[0]
@@ -105,7 +105,7 @@ class Descent:
                 return None
             points = self.objective.angles(point.K)
 
-            def mean(at: Point, points: Complex[np.ndarray, " s"] = points) -> Slopes | None:
+            def mean(at: DescentPoint, points: Complex[np.ndarray, " s"] = points) -> ValueAndSlopes | None:
                 return self.objective.sampled(at.K, at.logs, self.most, points, first.p)
 
             here = mean(point)
@@ -114,7 +114,7 @@ class Descent:
             point = self._descended(point, mean, first.weight, FEW)
         return None
 
-    def _steadied(self, point: Point) -> Point | None:
+    def _steadied(self, point: DescentPoint) -> DescentPoint | None:
         """Lower the growth of both linear loops until they decay; None where they do not."""
         shape = point.K.shape
 
@@ -138,10 +138,10 @@ class Descent:
             if growth(point.K)[0] < 0:
                 return point
             K = descend(value, point.K.ravel(), FEW).reshape(shape)
-            point = Point(K, point.logs, point.logs_c)
+            point = DescentPoint(K, point.logs, point.logs_c)
         return None
 
-    def _descended(self, start: Point, value: Value, weight: float, iterations: int) -> Point:
+    def _descended(self, start: DescentPoint, value: Value, weight: float, iterations: int) -> DescentPoint:
         frequencies = self.objective.frequencies(start.K)
 
         def total(x: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
@@ -155,7 +155,7 @@ class Descent:
         return start.at(descend(total, start.vector(), iterations))
 
     def _total(
-        self, at: Point, value: Value, weight: float, frequencies: Complex[np.ndarray, " s"]
+        self, at: DescentPoint, value: Value, weight: float, frequencies: Complex[np.ndarray, " s"]
     ) -> tuple[float, Float[np.ndarray, " x"]] | None:
         room = limit_barrier(at.K, self.limit)
         if room is None:
@@ -176,12 +176,12 @@ class Descent:
 class _Root:
     """rho_p of one descent: its points are fixed, and the last root is the next guess."""
 
-    def __init__(self, descent: Descent, start: Point, p: float) -> None:
+    def __init__(self, descent: Descent, start: DescentPoint, p: float) -> None:
         self.objective, self.p = descent.objective, p
         self.points = self.objective.angles(start.K)
         self.guess, self.ceiling = descent.log_rho_c, descent.most
 
-    def slopes(self, at: Point) -> Slopes | None:
+    def slopes(self, at: DescentPoint) -> ValueAndSlopes | None:
         """Return log rho_p, and its slopes in K and log m; None where there is none."""
         s, low, high = self.guess, -np.inf, np.inf
         for _ in range(TRIALS):
@@ -189,7 +189,7 @@ class _Root:
             if g is not None and abs(g.value) < NEAR and g.log_rho < 0:
                 self.guess = s - g.value / g.log_rho
                 self.ceiling = self.guess + FARTHEST
-                return Slopes(self.guess, -g.K / g.log_rho, -g.logs / g.log_rho, 0.0)
+                return ValueAndSlopes(self.guess, -g.K / g.log_rho, -g.logs / g.log_rho, 0.0)
             low, high = (s, high) if g is None or g.value > 0 else (low, s)
             if low > self.ceiling or high - low < 1e-9:
                 return None

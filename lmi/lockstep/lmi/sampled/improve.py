@@ -15,11 +15,10 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.inequality import Performance
-from lockstep.check.sampled.controller import PRECISIONS, HeldController
-from lockstep.check.sampled.controller import Network as SampledNetwork
+from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork
 from lockstep.lmi.sampled.certify import in_doubles
-from lockstep.lmi.sampled.descent import Descent, Point, within
-from lockstep.lmi.sampled.objective import Objective
+from lockstep.lmi.sampled.descent import Descent, DescentPoint, within
+from lockstep.lmi.sampled.objective import SampledObjective
 from lockstep.lmi.sampled.performance import least_rho
 from lockstep.lmi.sampled.tustin import tustin
 
@@ -37,7 +36,7 @@ ROOM = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class SampledCandidate:
     """Gains K (N, n_C + m, n_C + q), weights m of the sampled multiplier, and rho of the sampled loop, unproved."""
 
     K: Float[np.ndarray, "N k l"]
@@ -46,7 +45,7 @@ class Measured:
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class StartingGains:
     """Gains to start from, multiplier weights for them (of the continuous certificate, say), and its rho."""
 
     K: Float[np.ndarray, "N k l"]
@@ -85,11 +84,11 @@ class AtPeriod:
             for i, table in enumerate(tables, start=1)
         )
 
-    def objective(self) -> Objective:
+    def objective(self) -> SampledObjective:
         """Return the loops as functions of the gains."""
         _, m, q, _, _ = self.network.plant.sizes
         zero = np.zeros((self.network.d.N, self.order + m, self.order + q))
-        return Objective(in_doubles(self.network, self.controllers(zero)), self.weights, self.order)
+        return SampledObjective(in_doubles(self.network, self.controllers(zero)), self.weights, self.order)
 
 
 def measured(
@@ -97,7 +96,7 @@ def measured(
     K: Float[np.ndarray, "N k l"],
     m: Float[np.ndarray, " pairs"],
     scales: Sequence[float] = SCALES,
-) -> Measured | None:
+) -> SampledCandidate | None:
     """Return the sampled rho of gains with their best scale of m; None where none of them shows one."""
     try:
         controllers = at.controllers(tustin(K, at.order, at.network.period))
@@ -107,17 +106,17 @@ def measured(
     weights = usable(m, len(at.network.d.pairs()))
     found = [(least_rho(loop, at.weights, scale * weights), scale) for scale in scales]
     rho, scale = min(((rho, scale) for rho, scale in found if rho is not None), default=(None, 1.0))
-    return None if rho is None else Measured(K, scale * weights, rho)
+    return None if rho is None else SampledCandidate(K, scale * weights, rho)
 
 
 def improved(
     at: AtPeriod,
-    starts: Sequence[Start],
+    starts: Sequence[StartingGains],
     *,
     rho_most: float | None = None,
     enough: float = 0.0,
     tell: Callable[[float], None] = lambda _part: None,
-) -> Measured | None:
+) -> SampledCandidate | None:
     """Return the gains with the least sampled rho found, the starts' own included; None where none has any.
 
     Args:
@@ -127,7 +126,7 @@ def improved(
         enough: the sampled rho at which no more starts are pursued.
         tell: called with the part that is done.
     """
-    best: Measured | None = None
+    best: SampledCandidate | None = None
     for index, start in enumerate(starts):
         tell(index / len(starts))
         limits = [kept * start.rho for kept in RHO_KEPT] if rho_most is None else [rho_most]
@@ -140,7 +139,7 @@ def improved(
     return best
 
 
-def _pursued(at: AtPeriod, start: Start, rho_c: float) -> Measured | None:
+def _pursued(at: AtPeriod, start: StartingGains, rho_c: float) -> SampledCandidate | None:
     """Return the best of what a descent reaches; through shorter periods where the asked one is out of reach at once."""
     found, _ = _reached(at, start, rho_c)
     if found is not None:
@@ -150,15 +149,17 @@ def _pursued(at: AtPeriod, start: Start, rho_c: float) -> Measured | None:
         found, last = _reached(at.at(at.network.period / part), here, rho_c)
         if last is None:
             return None
-        here = Start(last.K, np.exp(last.logs), start.rho)
+        here = StartingGains(last.K, np.exp(last.logs), start.rho)
     return found
 
 
-def _reached(at: AtPeriod, start: Start, rho_c: float) -> tuple[Measured | None, Point | None]:
+def _reached(
+    at: AtPeriod, start: StartingGains, rho_c: float
+) -> tuple[SampledCandidate | None, DescentPoint | None]:
     objective, known = at.objective(), usable(start.m, len(at.network.d.pairs()))
     logs = np.log(known) if objective.has_phi else np.zeros(0)
     best, last = None, None
-    for last in Descent(objective, at.gain_limit, rho_c).stages(Point(start.K, logs, logs)):
+    for last in Descent(objective, at.gain_limit, rho_c).stages(DescentPoint(start.K, logs, logs)):
         m = np.exp(last.logs) if objective.has_phi else known
         found = measured(at, within(last.K, (1 - ROOM) * at.gain_limit), m, (1.0,))
         if found is not None and (best is None or found.rho < best.rho):

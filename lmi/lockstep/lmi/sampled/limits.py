@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.sampled.controller import HeldController, Network
+from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness, metric, multiplier, step_matrix
 from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.limits import proves_radius
@@ -34,7 +34,7 @@ DEAR = 1e8
 
 
 def largest_radius(
-    network: Network, controllers: tuple[HeldController, ...], limits: Float[np.ndarray, " m"]
+    network: SampledNetwork, controllers: tuple[HeldController, ...], limits: Float[np.ndarray, " m"]
 ) -> tuple[float, Witness] | None:
     """Find and prove a large radius, in short decimals; None if none is proved.
 

@@ -33,7 +33,7 @@ FREQUENCIES = 100
 """Points of a grid, besides those of the loop's poles."""
 
 
-class Slopes(NamedTuple):
+class ValueAndSlopes(NamedTuple):
     """A value and its slopes in the gains, log m and log rho."""
 
     value: float
@@ -49,7 +49,7 @@ class Closed(NamedTuple):
     advanced: Float[np.ndarray, "r n_xi"]
 
 
-class Objective:
+class SampledObjective:
     """The two loops of one problem, for any gains."""
 
     def __init__(self, loop: SampledLoop, weights: Performance, order: int) -> None:
@@ -151,7 +151,7 @@ class Objective:
         log_rho: float,
         points: Complex[np.ndarray, " s"],
         p: float,
-    ) -> Slopes | None:
+    ) -> ValueAndSlopes | None:
         """Return g_p of the sampled loop; None where it is not stable, or the period alone exceeds rho."""
         one = lifted_period(*self._agents, *self._ways(logs, log_rho), self.period)
         if one is None:
@@ -165,7 +165,7 @@ class Objective:
         n_d = self.loop.n_d
         into_start = A_d.T @ mean.N[:n_d] + 2 * Q @ start @ mean.Q
         EE, FF = one.pulled_back(mean.N[:n_d] @ start.T, mean.S, start @ mean.Q @ start.T)
-        return Slopes(
+        return ValueAndSlopes(
             mean.value,
             self._gains(K, into_start, mean.N[n_d:]),
             *self._numbers(logs, log_rho, EE, FF),
@@ -225,7 +225,7 @@ class Objective:
         points: Complex[np.ndarray, " s"],
         p: float,
         edge: float = 0.0,
-    ) -> Slopes | None:
+    ) -> ValueAndSlopes | None:
         """Return PENALTY max(0, g_p)^2 of the continuous loop, and its edge; None where it is not stable."""
         loop, n_d = self.continuous, self.loop.n_d
         A_cl = loop.A_cl(K)
@@ -242,7 +242,7 @@ class Objective:
         rate = 2 * PENALTY * excess
         slope = self._U_t @ (rate * mean.N + edge * near_slope) @ self._Y_t
         by_logs, by_rho = self._numbers(logs, log_rho, rate * mean.S, rate * mean.Q[:n_d, :n_d])
-        return Slopes(PENALTY * excess**2 + edge * near, slope, by_logs, by_rho)
+        return ValueAndSlopes(PENALTY * excess**2 + edge * near, slope, by_logs, by_rho)
 
     def frequencies(self, K: Float[np.ndarray, "N k l"]) -> Complex[np.ndarray, " s"]:
         """Return points on the imaginary axis: a grid over the loop's poles, and their frequencies."""

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from lockstep.check.inequality import Performance
 from lockstep.check.numbers import Matrix
-from lockstep.check.sampled.controller import HeldController, Network
+from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness, multiplier
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
@@ -50,7 +50,7 @@ PRICE = 1e8
 
 
 def sampled_rho(
-    network: Network,
+    network: SampledNetwork,
     controllers: tuple[HeldController, ...],
     weights: Performance,
     guess: Float[np.ndarray, " pairs"] | None = None,

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.certify import SampledVerdict
-from lockstep.check.sampled.controller import HeldController, Network
+from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.lmi.sampled.certify import (
     certify_sampled,
     first_guess,
@@ -37,7 +37,7 @@ BACK_OFF = (0.999, 0.998, 0.995, 0.98, 0.95, 0.85, 0.7, 0.4, 0.2, 0.1, 0.03, 0.0
 
 
 def max_period(
-    network: Network, controllers_at: ControllersAt, guess: Float[np.ndarray, " pairs"] | None = None
+    network: SampledNetwork, controllers_at: ControllersAt, guess: Float[np.ndarray, " pairs"] | None = None
 ) -> SampledVerdict | None:
     """Return the proved verdict at the largest period found, rounded down to four digits; None if there is none.
 
@@ -66,7 +66,7 @@ class _Edge:
 
     def __init__(
         self,
-        network: Network,
+        network: SampledNetwork,
         controllers_at: ControllersAt,
         guess: Float[np.ndarray, " pairs"] | None,
     ) -> None:

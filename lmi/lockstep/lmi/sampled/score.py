@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from lockstep.check.inequality import Certificate, Claim, split
 from lockstep.check.loop import Loop
-from lockstep.check.sampled.controller import PRECISIONS, HeldController, Network
+from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork
 from lockstep.check.sampled.sector import common_sector
 from lockstep.lmi.sampled.certify import in_doubles
 from lockstep.lmi.sampled.improve import usable
@@ -35,7 +35,7 @@ class SampledScore:
 
     loop: Loop
     claim: Claim
-    network: Network
+    network: SampledNetwork
     heard: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...]
     discretization: str
 
@@ -48,7 +48,7 @@ class SampledScore:
             (tuple(int(j) for j in np.flatnonzero(row)), tuple(float(a) for a in row[row != 0]))
             for row in adjacency
         )
-        network = Network(loop.plant, loop.d, claim.alpha, table.period, table.delay)
+        network = SampledNetwork(loop.plant, loop.d, claim.alpha, table.period, table.delay)
         return cls(loop, claim, network, heard, table.discretization)
 
     def __call__(self, K: Float[np.ndarray, "N k l"], weights: Float[np.ndarray, " weights"]) -> float:

@@ -4,11 +4,12 @@ units        the loop in units in which its numbers are near one, by powers of t
 smoothed     a smooth stand-in for the H-infinity norm of the loop, as a function of the gains
 start        random stable gains, taken down that norm; the climb of those that it does not help
 polish       gains and certificate together, by a nonlinear program, as long as it pays
+held         starts for a period that the fastest loop is too fast for
 multistart   many starts, the promising ones pursued side by side over the cores
 """
 
 from lockstep.lmi.search.multistart import SearchResult, search_gains
-from lockstep.lmi.search.polish import Outcome
-from lockstep.lmi.search.start import Score, Search
+from lockstep.lmi.search.polish import Polished
+from lockstep.lmi.search.start import GainSearch, Score
 
-__all__ = ["Outcome", "Score", "Search", "SearchResult", "search_gains"]
+__all__ = ["GainSearch", "Polished", "Score", "SearchResult", "search_gains"]

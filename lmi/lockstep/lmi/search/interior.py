@@ -67,7 +67,7 @@ Goal = Callable[[Float[np.ndarray, " x"]], tuple[float, dict[int, float], dict[i
 
 
 @dataclass(frozen=True)
-class Point:
+class BarrierPoint:
     """Gains with the witnesses that go with them, and the fractions of alpha^2 and delta^2 they carry."""
 
     K: Float[np.ndarray, "N k l"]
@@ -77,7 +77,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Limits:
+class NewtonLimits:
     """How long a run may take (a count: the same input gives the same answer), the range of rho, and a deadline.
 
     deadline: of `time.monotonic`, or None; where it cuts a run, the answer depends on the machine.
@@ -88,7 +88,7 @@ class Limits:
     deadline: float | None = None
 
 
-class Bound(NamedTuple):
+class VariableBound(NamedTuple):
     """sign * (x[place] - limit) > 0."""
 
     place: int
@@ -104,7 +104,7 @@ class Task:
     """
 
     goal: Goal
-    bounds: list[Bound]
+    bounds: list[VariableBound]
     free: Int[np.ndarray, " free"]
     done: Callable[[Float[np.ndarray, " x"]], bool]
     storages: tuple[Float[np.ndarray, "n_C n_C"], ...] = ()
@@ -118,7 +118,9 @@ class InteriorProgram:
         self.rate, self.order_kept = rate or 0.0, loop.order if rate is not None else 0
         self.ways = gain_errors(loop, claim.delta)
 
-    def improve(self, start: Point, aim: Aim = "rho", limits: Limits | None = None) -> Point:
+    def improve(
+        self, start: BarrierPoint, aim: Aim = "rho", limits: NewtonLimits | None = None
+    ) -> BarrierPoint:
         """Return better gains with their witnesses; the start itself where it cannot be got inside.
 
         Args:
@@ -127,7 +129,7 @@ class InteriorProgram:
                 start's.
             limits: Newton steps for each mu, the largest rho of "claim", and a deadline.
         """
-        limits = limits or Limits()
+        limits = limits or NewtonLimits()
         try:
             F = BalancedF(self.loop, self.claim, np.linalg.cholesky(start.certificate.P))
         except np.linalg.LinAlgError:
@@ -141,9 +143,9 @@ class InteriorProgram:
         f_a, f_d = (
             min(float(x[F.place[name].start]), np.inf if aim == "alpha" else 1.0) for name in ("f_a", "f_d")
         )
-        return Point(F.K(x).copy(), F.certificate(x), f_a, f_d)
+        return BarrierPoint(F.K(x).copy(), F.certificate(x), f_a, f_d)
 
-    def _inside(self, F: BalancedF, start: Point, aim: Aim) -> Float[np.ndarray, " x"] | None:
+    def _inside(self, F: BalancedF, start: BarrierPoint, aim: Aim) -> Float[np.ndarray, " x"] | None:
         """Return x with F < 0 near the start."""
         largest = max(float(np.linalg.norm(block, 2)) for block in start.K)
         K = start.K * min(1.0, (1 - 1e-6) * self.gain_limit / max(largest, 1e-300))
@@ -166,14 +168,14 @@ class InteriorProgram:
 
     def _task(self, F: BalancedF, x: Float[np.ndarray, " x"], aim: Aim, rho_most: float) -> Task:
         r2, f_a, f_d = (F.place[name].start for name in ("r2", "f_a", "f_d"))
-        bounds = [Bound(i, 1.0, 0.0) for i in range(F.place["m"].start, r2 + 1)]
+        bounds = [VariableBound(i, 1.0, 0.0) for i in range(F.place["m"].start, r2 + 1)]
         moving = {"rho": [], "claim": [f_a, *([f_d] if self.ways else [])], "alpha": [f_a]}[aim]
         if not self.loop.plant.G.shape[1]:
             moving = [place for place in moving if place != f_a]
-        bounds += [Bound(i, 1.0, 0.0) for i in moving]
+        bounds += [VariableBound(i, 1.0, 0.0) for i in moving]
         if aim == "claim":
-            bounds += [Bound(i, -1.0, BEYOND) for i in moving]
-            bounds.append(Bound(r2, -1.0, max(rho_most**2, 2 * x[r2])))
+            bounds += [VariableBound(i, -1.0, BEYOND) for i in moving]
+            bounds.append(VariableBound(r2, -1.0, max(rho_most**2, 2 * x[r2])))
         weights = {"rho": {r2: 1.0}, "claim": {r2: RHO_IN_CLAIM}, "alpha": {}}[aim] | dict.fromkeys(
             moving, -1.0
         )
@@ -199,7 +201,7 @@ class InteriorProgram:
         self,
         F: BalancedF,
         x: Float[np.ndarray, " x"],
-        bounds: list[Bound],
+        bounds: list[VariableBound],
         storages: tuple[Float[np.ndarray, "n_C n_C"], ...] = (),
     ) -> float:
         """Return the barrier; infinite outside."""
@@ -249,7 +251,7 @@ class InteriorProgram:
         return np.block([[self.gain_limit * np.eye(k), K], [K.T, self.gain_limit * np.eye(l)]])
 
     def _settled(
-        self, F: BalancedF, x: Float[np.ndarray, " x"], task: Task, mu: float, limits: Limits
+        self, F: BalancedF, x: Float[np.ndarray, " x"], task: Task, mu: float, limits: NewtonLimits
     ) -> Float[np.ndarray, " x"]:
         """Take Newton steps until the decrement is small."""
 

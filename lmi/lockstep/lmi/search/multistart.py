@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Float
 
-from lockstep.lmi.search.polish import Outcome, polished, reached
-from lockstep.lmi.search.start import Climbed, Score, Search, begin, climb, go_on
+from lockstep.lmi.search.held import hold
+from lockstep.lmi.search.polish import Polished, polished, reached
+from lockstep.lmi.search.smoothed import Descended
+from lockstep.lmi.search.start import Climbed, GainSearch, Score, begin, climb, go_on
 from lockstep.lmi.threads import one_thread
 from lockstep.lmi.workers import started_without_interrupts
 
@@ -19,6 +20,10 @@ few of them (successive halving; Jamieson and Talwalkar 2016). Of large loops fe
 
 SETTLED = 0.002
 """The part of rho that a stride has to gain when the best outcome is polished to its end."""
+
+LOST = 1.3
+"""A period with which the best start has a rho that is above the least one by more than this makes it worth while to
+begin from gains made for the late loop."""
 
 Tell = Callable[[float], None]
 T = TypeVar("T")
@@ -33,7 +38,7 @@ class SearchResult:
     claim;  cut: whether a deadline cut the search.
     """
 
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[Polished, ...]
     abscissa: float
     nearest: Climbed | None
     least_rho: float
@@ -41,7 +46,7 @@ class SearchResult:
 
 
 def search_gains(
-    search: Search,
+    search: GainSearch,
     *,
     starts: int,
     seed: int,
@@ -71,9 +76,16 @@ def search_gains(
     promising = [one for one in drawn if np.isfinite(one.at.rho)][: KEPT * starts]
     further = cores.run((0.4, 0.6), go_on, [(search, score, one, deadline) for one in promising])
     further.sort(key=lambda one: one.rank)
+    if (
+        search.lag
+        and further
+        and further[0].sampled > LOST * search.units.rho * min(one.at.rho for one in further)
+    ):
+        further = cores.run((0.6, 0.6), hold, [(search, score, one, deadline) for one in further])
+        further.sort(key=lambda one: one.rank)
     pursued = (further or [one for one in drawn if one.abscissa < 0])[:starts]
     ends = cores.run(
-        (0.6, 0.9), _pursue, [(search, score, one.index, one.at.K, rho, deadline) for one in pursued]
+        (0.6, 0.9), _pursue, [(search, score, one.index, one.at, rho, deadline) for one in pursued]
     )
     outcomes = sorted((outcome for _, outcome in ends if outcome is not None), key=lambda one: one.rank)
     least = min((one.rho for one in outcomes), default=np.inf)
@@ -92,22 +104,22 @@ def search_gains(
 
 
 def _pursue(
-    search: Search,
+    search: GainSearch,
     score: Score | None,
     index: int,
-    K: Float[np.ndarray, "N k l"],
+    at: Descended,
     rho: float | None,
     deadline: float | None,
-) -> tuple[Climbed | None, Outcome | None]:
+) -> tuple[Climbed | None, Polished | None]:
     """Take gains to the whole claim, and polish them there."""
-    climbed = climb(search, K, deadline)
+    climbed = climb(search, at, deadline)
     if climbed is None or climbed.certified < 1:
         return climbed, None
     start = reached(search, index, climbed.point, score)
     return climbed, polished(search, start, score, rho=rho, deadline=deadline)
 
 
-def _settled(search: Search, best: Outcome, score: Score | None, deadline: float | None) -> Outcome:
+def _settled(search: GainSearch, best: Polished, score: Score | None, deadline: float | None) -> Polished:
     """Polish the best outcome until hardly anything is gained."""
     with one_thread():
         found = polished(search, best, score, worthwhile=SETTLED, deadline=deadline)

@@ -13,8 +13,8 @@ from jaxtyping import Float
 from lockstep.check.inequality import Certificate
 from lockstep.lmi.analysis.reach import largest_alpha
 from lockstep.lmi.analysis.solve import least_rho
-from lockstep.lmi.search.interior import Limits, Point
-from lockstep.lmi.search.start import Score, Search, over
+from lockstep.lmi.search.interior import BarrierPoint, NewtonLimits
+from lockstep.lmi.search.start import GainSearch, Score, over
 
 STRIDES = 12
 """At most so many; one that does not pay ends it before."""
@@ -33,7 +33,7 @@ WORSE = 1.05
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Polished:
     """Gains with an (unproved) certificate for the whole claim.
 
     index: of the start;  K: in the units of the file;  certificate: in those of the search;  rho: in those of the
@@ -57,20 +57,20 @@ class Outcome:
         return -self.alpha, self.sampled, self.rho, self.index
 
 
-def reached(search: Search, index: int, point: Point, score: Score | None) -> Outcome:
+def reached(search: GainSearch, index: int, point: BarrierPoint, score: Score | None) -> Polished:
     """Return gains with a certificate for the whole claim, in the units of the search, as an outcome."""
     return _outcome(search, index, point, score, ())
 
 
 def polished(
-    search: Search,
-    start: Outcome,
+    search: GainSearch,
+    start: Polished,
     score: Score | None = None,
     *,
     rho: float | None = None,
     worthwhile: float = WORTHWHILE,
     deadline: float | None = None,
-) -> Outcome:
+) -> Polished:
     """Lower rho from an outcome, and return the one on the way that ships best.
 
     Args:
@@ -81,7 +81,7 @@ def polished(
         worthwhile: the part of rho that a stride has to gain.
         deadline: of `time.monotonic`.
     """
-    point, best, idle = Point(start.K, start.certificate), start, 0
+    point, best, idle = BarrierPoint(start.K, start.certificate), start, 0
     length = SHORT
     for _ in range(STRIDES):
         if over(deadline) or (rho is not None and best.rho <= rho):
@@ -100,22 +100,22 @@ def polished(
 
 
 def _outcome(
-    search: Search, index: int, point: Point, score: Score | None, history: tuple[float, ...]
-) -> Outcome:
+    search: GainSearch, index: int, point: BarrierPoint, score: Score | None, history: tuple[float, ...]
+) -> Polished:
     c = search.units.certificate(point.certificate)
     sampled = c.rho if score is None else max(c.rho, score(point.K, c.pair_weights))
-    return Outcome(index, point.K, point.certificate, c.rho, sampled, (*history, min([c.rho, *history])))
+    return Polished(index, point.K, point.certificate, c.rho, sampled, (*history, min([c.rho, *history])))
 
 
-def _stride(search: Search, point: Point, length: int, deadline: float | None) -> Point:
+def _stride(search: GainSearch, point: BarrierPoint, length: int, deadline: float | None) -> BarrierPoint:
     """Take one run of the nonlinear program; the point as it was where the run did not lower rho."""
-    trial = search.program.improve(point, "rho", Limits(length, deadline=deadline))
-    found = least_rho(search.loop, trial.K, search.claim)
+    trial = search.program.improve(point, "rho", NewtonLimits(length, deadline=deadline))
+    found = least_rho(search.loop, trial.K, search.claim, trial.certificate)
     better = found is not None and found.rho < point.certificate.rho
-    return Point(trial.K, found) if found is not None and better else point
+    return BarrierPoint(trial.K, found) if found is not None and better else point
 
 
-def _with_alpha_raised(search: Search, best: Outcome, rho: float, deadline: float | None) -> Outcome:
+def _with_alpha_raised(search: GainSearch, best: Polished, rho: float, deadline: float | None) -> Polished:
     """Raise alpha with rho at most the one given; alpha stays 0 where rho itself was not reached."""
     if best.rho > rho:
         return best
@@ -128,7 +128,7 @@ def _with_alpha_raised(search: Search, best: Outcome, rho: float, deadline: floa
             break
         part = (alpha / claim.alpha) ** 2
         trial = program.improve(
-            Point(K, replace(start, rho=most), part), "alpha", Limits(LONG, deadline=deadline)
+            BarrierPoint(K, replace(start, rho=most), part), "alpha", NewtonLimits(LONG, deadline=deadline)
         ).K
         higher = largest_alpha(loop, trial, claim, rho=most, from_alpha=alpha)
         if higher <= alpha:

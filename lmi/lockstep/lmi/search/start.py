@@ -15,10 +15,10 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.inequality import Claim
+from lockstep.check.inequality import Certificate, Claim
 from lockstep.check.loop import Loop
 from lockstep.lmi.analysis.solve import AffineF, least_rho
-from lockstep.lmi.search.interior import InteriorProgram, Limits, Point, within
+from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLimits, within
 from lockstep.lmi.search.smoothed import Descended, SmoothedNorm, descended, refined
 from lockstep.lmi.search.stabilise import abscissa as abscissa_of
 from lockstep.lmi.search.stabilise import stabilise
@@ -52,27 +52,30 @@ UNPROVED = 1 - 1e-9
 
 
 @dataclass(frozen=True)
-class Search:
+class GainSearch:
     """What is searched: loop and claim in the units of the search, the gains in those of the file.
 
-    gain_limit: on the spectral norm of each agent's gains;  rate: that each A_Ci
-    is to have by itself, Re lambda < -rate, in 1/s; None to ask nothing of them.
+    gain_limit: on the spectral norm of each agent's gains;  lag: s, by which sampling makes the inputs late;  rate:
+    that each A_Ci is to have by itself, Re lambda < -rate, in 1/s; None to ask nothing of them.
     """
 
     loop: Loop
     claim: Claim
     units: Units
     gain_limit: float
+    lag: float = 0.0
     rate: float | None = None
 
     @classmethod
-    def of(cls, loop: Loop, claim: Claim, gain_limit: float, *, rate: float | None = None) -> "Search":
+    def of(
+        cls, loop: Loop, claim: Claim, gain_limit: float, lag: float = 0.0, rate: float | None = None
+    ) -> "GainSearch":
         """Return the search for a loop and a claim in the units of the file."""
-        return cls(*scaled(loop, claim), gain_limit, rate)
+        return cls(*scaled(loop, claim), gain_limit, lag, rate)
 
-    def __reduce__(self) -> tuple[type["Search"], tuple[Loop, Claim, Units, float, float | None]]:
-        """Leave what is built from these behind: it is built again where it is needed."""
-        return Search, (self.loop, self.claim, self.units, self.gain_limit, self.rate)
+    def __reduce__(self) -> tuple[type["GainSearch"], tuple[Loop, Claim, Units, float, float, float | None]]:
+        """Leave what is built from these behind: symbolic expressions do not travel to another process."""
+        return GainSearch, (self.loop, self.claim, self.units, self.gain_limit, self.lag, self.rate)
 
     @property
     def is_large(self) -> bool:
@@ -96,7 +99,7 @@ doubles; infinite where it has none."""
 
 
 @dataclass(frozen=True)
-class Start:
+class StartResult:
     """What one start came to.
 
     index: which one;  abscissa: of its loop;  at: its gains, with rho in the units of the search where the whole
@@ -116,7 +119,9 @@ class Start:
         return self.sampled, self.at.rho, self.at.gain, self.abscissa, self.index
 
 
-def begin(search: Search, score: Score | None, seed: int, index: int, deadline: float | None = None) -> Start:
+def begin(
+    search: GainSearch, score: Score | None, seed: int, index: int, deadline: float | None = None
+) -> StartResult:
     """Return one start; the same arguments give the same one.
 
     Args:
@@ -127,25 +132,28 @@ def begin(search: Search, score: Score | None, seed: int, index: int, deadline: 
     """
     if over(deadline):
         nowhere = Descended(np.zeros(search.norm.shape), np.ones(0), np.inf, np.inf)
-        return Start(index, np.inf, nowhere, cut=True)
+        return StartResult(index, np.inf, nowhere, cut=True)
     K, abscissa = stable_gains(search, seed, index)
     if abscissa >= 0:
-        return Start(index, abscissa, Descended(K, np.ones(len(search.norm.W)), np.inf, np.inf))
-    return _scored(search, score, Start(index, abscissa, descended(search.norm, K)))
+        return StartResult(index, abscissa, Descended(K, np.ones(len(search.norm.W)), np.inf, np.inf))
+    return scored(search, score, StartResult(index, abscissa, descended(search.norm, K)))
 
 
-def go_on(search: Search, score: Score | None, start: Start, deadline: float | None = None) -> Start:
+def go_on(
+    search: GainSearch, score: Score | None, start: StartResult, deadline: float | None = None
+) -> StartResult:
     """Return a start with its gains taken further, or as it is where that made what ships worse."""
     if over(deadline):
         return start
     return min(
         start,
-        _scored(search, score, replace(start, at=refined(search.norm, start.at))),
+        scored(search, score, replace(start, at=refined(search.norm, start.at))),
         key=lambda one: one.rank,
     )
 
 
-def _scored(search: Search, score: Score | None, start: Start) -> Start:
+def scored(search: GainSearch, score: Score | None, start: StartResult) -> StartResult:
+    """Return a start with what ships, for the gains it has."""
     if score is None or not np.isfinite(start.at.rho):
         return replace(start, sampled=search.units.rho * start.at.rho)
     pairs = AffineF(search.loop, start.at.K, search.claim).pairs
@@ -158,7 +166,7 @@ def over(deadline: float | None) -> bool:
     return deadline is not None and time.monotonic() >= deadline
 
 
-def stable_gains(search: Search, seed: int, index: int) -> tuple[Float[np.ndarray, "N k l"], float]:
+def stable_gains(search: GainSearch, seed: int, index: int) -> tuple[Float[np.ndarray, "N k l"], float]:
     """Return gains within the limit whose loop is stable, if a descent from random ones finds such, and its
     abscissa."""
     generator, limit = np.random.default_rng([seed, index]), search.gain_limit
@@ -178,14 +186,14 @@ def stable_gains(search: Search, seed: int, index: int) -> tuple[Float[np.ndarra
     return best
 
 
-def first_point(search: Search, K: Float[np.ndarray, "N k l"]) -> Point | None:
+def first_point(search: GainSearch, K: Float[np.ndarray, "N k l"]) -> BarrierPoint | None:
     """Return gains with a certificate for some part of the claim, or None where not even the least part has one."""
     claim = search.claim
     for fraction in FEW_FRACTIONS if search.is_large else FRACTIONS:
         part = claim.at(alpha=fraction * claim.alpha, fraction_of_delta=fraction)
         found = least_rho(search.loop, K, part)
         if found is not None:
-            return Point(K, found, fraction**2, fraction**2)
+            return BarrierPoint(K, found, fraction**2, fraction**2)
     return None
 
 
@@ -198,18 +206,19 @@ class Climbed:
     the climb.
     """
 
-    point: Point
+    point: BarrierPoint
     certified: float
     claimed: float
     cut: bool = False
 
 
-def climb(search: Search, K: Float[np.ndarray, "N k l"], deadline: float | None = None) -> Climbed | None:
+def climb(search: GainSearch, at: Descended, deadline: float | None = None) -> Climbed | None:
     """Find the part of a claim that gains carry, and raise it with the nonlinear program; None where they carry
     none."""
-    found = least_rho(search.loop, K, search.claim)
+    K = at.K
+    found = least_rho(search.loop, K, search.claim, _known(search, at))
     if found is not None:
-        return Climbed(Point(K, found), 1.0, 1.0)
+        return Climbed(BarrierPoint(K, found), 1.0, 1.0)
     point, program = first_point(search, K), search.program
     if point is None:
         return None
@@ -217,10 +226,10 @@ def climb(search: Search, K: Float[np.ndarray, "N k l"], deadline: float | None 
     for _ in range(CLIMBS):
         if over(deadline):
             break
-        trial = program.improve(point, "claim", Limits(150, rho_most, deadline))
+        trial = program.improve(point, "claim", NewtonLimits(150, rho_most, deadline))
         found = least_rho(search.loop, trial.K, search.claim)
         if found is not None:
-            return Climbed(Point(trial.K, found), 1.0, 1.0)
+            return Climbed(BarrierPoint(trial.K, found), 1.0, 1.0)
         trial = replace(trial, alpha_fraction=min(trial.alpha_fraction, UNPROVED))
         before, after = (p.alpha_fraction * p.delta_fraction for p in (point, trial))
         if after > before:
@@ -229,3 +238,11 @@ def climb(search: Search, K: Float[np.ndarray, "N k l"], deadline: float | None 
             break
     parts = [point.alpha_fraction, *([point.delta_fraction] if program.ways else [])]
     return Climbed(point, certified, min(parts) ** 0.5, over(deadline))
+
+
+def _known(search: GainSearch, at: Descended) -> Certificate | None:
+    """Return the multipliers and rho of gains after a descent, as a certificate without its P."""
+    if not np.isfinite(at.rho):
+        return None
+    none = np.zeros((search.loop.n_x, search.loop.n_x))
+    return AffineF(search.loop, at.K, search.claim).certificate(none, np.append(at.w, at.rho**2))

@@ -55,6 +55,17 @@ class Units:
             weights * found.m_entries,
         )
 
+    def scaled(self, found: Certificate) -> Certificate:
+        """Return a certificate of the loop of the file as one of the scaled loop."""
+        weights = self.cost * self.multiplier
+        return Certificate(
+            found.rho / self.rho,
+            found.P / (self.cost * self.time * np.outer(self.state, self.state)),
+            found.m / weights,
+            found.t / self.cost,
+            found.m_entries / weights,
+        )
+
 
 def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
     """Return the loop and the claim in units of the search, for gains in the units of the file.

@@ -11,8 +11,8 @@ from lockstep.check.bound.result import Entry
 from lockstep.model.bound_search.entries import entry_bounds, with_entries
 from lockstep.model.bound_search.graph import read
 from lockstep.model.bound_search.proof import BOXES, confirmed, prove_bound, search_bound, smallest_bound
-from lockstep.model.bound_search.result import Bound, Witness
-from lockstep.model.bound_search.search import UNFINISHED, Progress
+from lockstep.model.bound_search.result import Bound, SlopeWitness
+from lockstep.model.bound_search.search import UNFINISHED, SearchState
 
 __all__ = [
     "BOXES",
@@ -21,8 +21,8 @@ __all__ = [
     "Bound",
     "Box",
     "Entry",
-    "Progress",
-    "Witness",
+    "SearchState",
+    "SlopeWitness",
     "confirmed",
     "entry_bounds",
     "prove_bound",

@@ -22,7 +22,7 @@ from lockstep.check.bound.slopes import Block, SlopeProblem
 from lockstep.model.bound_search.graph import read
 from lockstep.model.bound_search.proof import BOXES, LOOSEST, ROOMS, TOLERANCES, search_block
 from lockstep.model.bound_search.result import Bound
-from lockstep.model.bound_search.search import Limits
+from lockstep.model.bound_search.search import SearchBudget
 
 
 def entry_bounds(
@@ -67,7 +67,7 @@ def _search(problem: SlopeProblem, boxes: int) -> tuple[tuple[Entry, ...], int]:
     found, used = [], 0
     for k, l in places:
         tolerance = TOLERANCES.get(len(problem.jacobian[k][l].variables), LOOSEST)
-        limits = Limits(tolerance, max(1, boxes // len(places)))
+        limits = SearchBudget(tolerance, max(1, boxes // len(places)))
         outcome = search_block(problem, ([k], [l]), limits)
         decided = _decided(problem, ([k], [l]), outcome.upper, 4 * outcome.boxes + 10_000)
         if decided is None:

@@ -10,43 +10,22 @@ from math import isfinite
 
 import casadi as ca
 
-from lockstep.check.bound.graph import Graph
+from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.exact import Exact, Value
-from lockstep.check.expression.node import ZERO, Node, Undefined, constant, function, variable
-from lockstep.check.expression.operations import RULES, as_condition, as_number
+from lockstep.check.expression.node import ONE, ZERO, Node, Undefined, constant, function, variable
+from lockstep.check.expression.operations import as_number
 from lockstep.check.expression.switches import FALSE, TRUE, both, either
+from lockstep.model.bound_search.operations import INSTEAD, RULES, as_condition
 
 NAMES = {getattr(ca, key): key[3:].lower() for key in dir(ca) if key.startswith("OP_")}
 """The name of each operation of CasADi, by which the checker knows it."""
 
-_BINARY = frozenset(
-    {
-        "add",
-        "sub",
-        "mul",
-        "div",
-        "pow",
-        "constpow",
-        "atan2",
-        "hypot",
-        "fmin",
-        "fmax",
-        "copysign",
-        "fmod",
-        "remainder",
-        "lt",
-        "le",
-        "eq",
-        "ne",
-        "and",
-        "or",
-        "if_else_zero",
-        "printme",
-        "lift",
-    }
+_TWO = (
+    "add sub mul div pow constpow atan2 hypot fmin fmax copysign lt le eq ne and or if_else_zero printme lift"
 )
+_BINARY = frozenset(_TWO.split())
 
 
 @dataclass(frozen=True)
@@ -65,7 +44,7 @@ def read_value(expression: ca.SX, variables: ca.SX, time: ca.SX, algebra: Exact)
         ProblemError: an operation without a meaning here, or a part that has no value, such as a constant over 0.
 
     >>> x, t = ca.SX.sym("x"), ca.SX.sym("t")
-    >>> value = read_value((x + 3 * x) / 2 - ca.log(t), x, t, Exact(1))
+    >>> value = read_value((x + 3 * x) / 2 - ca.log(t), x, t, Exact(1, RULES))
     >>> value.node.data, [c.text for c in value.conditions]
     ((Fraction(0, 1), (Fraction(2, 1), Fraction(-1, 1))), ['`log` is not defined where its argument is not positive'])
     """
@@ -92,14 +71,15 @@ def _value(step: _Step, values: Sequence[Node], algebra: Exact) -> Value:
             raise ProblemError(f"a coefficient of an expression is {step.value}", expected="a finite number")
         return algebra.number(step.value)
     try:
-        return algebra.apply(NAMES[step.op], *(Value(values[i]) for i in step.reads))
+        name, given = NAMES[step.op], tuple(Value(values[i]) for i in step.reads)
+        return algebra.apply("div", Value(ONE), *given) if name == "inv" else algebra.apply(name, *given)
     except Undefined as error:
         raise ProblemError(
             f"`{NAMES[step.op]}` of constants is {error}", expected="a finite number"
         ) from None
 
 
-def read(phi: ca.Function) -> Graph:
+def read(phi: ca.Function) -> ExactPhi:
     """Return the expressions of phi(v, t).
 
     Raises `ProblemError` if phi does not map (v, scalar t) to one vector, or uses an operation that has no
@@ -113,7 +93,7 @@ def read(phi: ca.Function) -> Graph:
     outputs = tuple(as_number(reader, reader.values[i]) if i >= 0 else ZERO for i in results)
     guards = _guards(steps, results, reader.values) if any(s.op == ca.OP_IF_ELSE_ZERO for s in steps) else {}
     conditions = {c.under(guards.get(i, TRUE)): None for i, c in reader.conditions}
-    return Graph(outputs, tuple(c for c in conditions if c.guard is not FALSE), phi.size1_in(0))
+    return ExactPhi(outputs, tuple(c for c in conditions if c.guard is not FALSE), phi.size1_in(0))
 
 
 def _as_sx(phi: ca.Function) -> ca.Function:
@@ -168,7 +148,8 @@ def _single_assignment(phi: ca.Function) -> tuple[list[_Step], list[int]]:
             raise ProblemError(
                 f"the operation `{NAMES[op]}` has no bound here",
                 where="the nonlinearity phi",
-                expected="elementary functions of scalars",
+                expected="one that a formula in a problem file has",
+                remedy=INSTEAD.get(op, ""),
             )
         work[writes[0]] = len(steps)
         steps.append(step)

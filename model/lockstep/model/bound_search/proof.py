@@ -23,10 +23,10 @@ from lockstep.check.verdict import Verdict
 from lockstep.model.bound_search.graph import read
 from lockstep.model.bound_search.point_slopes import PointSlopes
 from lockstep.model.bound_search.reach import Reach
-from lockstep.model.bound_search.result import Bound, Witness
+from lockstep.model.bound_search.result import Bound, SlopeWitness
 from lockstep.model.bound_search.sampling import sample_points
 from lockstep.model.bound_search.scaling import choose_scaling
-from lockstep.model.bound_search.search import Limits, Outcome, Progress, Search
+from lockstep.model.bound_search.search import CoverSearch, SearchBudget, SearchState, SlopeRange
 
 BOXES = 250_000
 """The budget. A core examines about ten thousand a second, so that a domain in six variables that takes all of them is done
@@ -39,7 +39,7 @@ LOOSEST = 5e-3
 ROOMS = (0.0, 1e-15, 1e-14, 1e-12, 1e-9, 1e-6, 1e-4)
 """By which part a bound is raised, tried in this order, until the checker decides it."""
 
-Report = Callable[[Progress], None]
+Report = Callable[[SearchState], None]
 
 
 def smallest_bound(
@@ -89,7 +89,7 @@ def search_bound(
     parts = problem.blocks
     if not parts:
         return nothing(problem, None)
-    limits = Limits(_tolerance(tolerance, problem), max(1, boxes // len(parts)), progress)
+    limits = SearchBudget(_tolerance(tolerance, problem), max(1, boxes // len(parts)), progress)
     outcomes = []
     for rows, columns in parts:
         D_w[rows], D_v[columns] = _scaling(problem, (rows, columns))
@@ -213,20 +213,20 @@ class _Watched(Budget):
     def spend(self, count: int) -> None:
         super().spend(count)
         if self.progress is not None:
-            self.progress(Progress(self.used, self.lower, math.inf, self.used / self.boxes))
+            self.progress(SearchState(self.used, self.lower, math.inf, self.used / self.boxes))
 
 
-def search_block(problem: SlopeProblem, block: Block, limits: Limits) -> Outcome:
+def search_block(problem: SlopeProblem, block: Block, limits: SearchBudget) -> SlopeRange:
     """Search the largest modulus of one block of the slopes, on both of its covers where there are two."""
     original = problem.lower, problem.upper
     direct, relaxed = problem.covers(problem.objective(block))
     if relaxed is None:
-        return Search(direct, limits, original).run()
+        return CoverSearch(direct, limits, original).run()
     half = replace(limits, boxes=max(1, limits.boxes // 2))
     size = relaxed.objective.variables
     own = replace(half, tolerance=max(limits.tolerance / 4, 1e-10))
-    ceiling = Search(relaxed, own, (relaxed.lower[:size], relaxed.upper[:size])).run().upper
-    return Search(direct, replace(half, ceiling=ceiling), original).run()
+    ceiling = CoverSearch(relaxed, own, (relaxed.lower[:size], relaxed.upper[:size])).run().upper
+    return CoverSearch(direct, replace(half, ceiling=ceiling), original).run()
 
 
 def _reached(problem: SlopeProblem) -> tuple[float, np.ndarray | None]:
@@ -285,14 +285,14 @@ def _given(scales: Sequence[float] | None, size: int) -> tuple[float, ...]:
     return (1.0,) * size if scales is None else tuple(map(float, scales))
 
 
-def _witness(point: np.ndarray | None, slope: float) -> Witness | None:
+def _witness(point: np.ndarray | None, slope: float) -> SlopeWitness | None:
     if point is None:
         return None
     *v, t = (float(x) for x in point)
-    return Witness(tuple(v), t, slope)
+    return SlopeWitness(tuple(v), t, slope)
 
 
-def _reason(outcomes: list[Outcome], alpha: float, lower: float, converged: bool) -> str:
+def _reason(outcomes: list[SlopeRange], alpha: float, lower: float, converged: bool) -> str:
     for outcome in outcomes:
         if outcome.upper == math.inf:
             return outcome.reason

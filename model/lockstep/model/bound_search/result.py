@@ -10,7 +10,7 @@ from lockstep.check.errors import BoundNotProved
 
 
 @dataclass(frozen=True)
-class Witness:
+class SlopeWitness:
     """A point (v, t) with the slope that phi provably reaches there."""
 
     v: tuple[float, ...]
@@ -42,7 +42,7 @@ class Bound:
 
     alpha: float
     lower: float
-    witness: Witness | None
+    witness: SlopeWitness | None
     proved: bool
     refuted: bool
     converged: bool

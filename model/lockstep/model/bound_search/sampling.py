@@ -12,7 +12,7 @@ Points = Float[np.ndarray, "variables points"]
 
 
 @runtime_checkable
-class Slopes(Protocol):
+class SlopeEstimator(Protocol):
     """Anything that estimates slopes at points (v, t)."""
 
     @property
@@ -31,7 +31,7 @@ class Slopes(Protocol):
 
 
 def sample_points(
-    slopes: Slopes,
+    slopes: SlopeEstimator,
     lower: Float[np.ndarray, " variables"],
     upper: Float[np.ndarray, " variables"],
     kinks: list[list[float]],
@@ -80,7 +80,11 @@ def _along(generator: np.random.Generator, low: float, high: float, kinks: list[
 
 
 def _polished(
-    generator: np.random.Generator, slopes: Slopes, points: Points, lower: np.ndarray, upper: np.ndarray
+    generator: np.random.Generator,
+    slopes: SlopeEstimator,
+    points: Points,
+    lower: np.ndarray,
+    upper: np.ndarray,
 ) -> Float[np.ndarray, "variables best"]:
     """Search around the best points with shrinking steps."""
     width = np.where(np.isfinite(upper - lower), upper - lower, 2.0)[:, None]

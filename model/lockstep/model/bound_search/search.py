@@ -29,7 +29,7 @@ UNFINISHED = "the budget was spent before every part of the domain had a finite 
 
 
 @dataclass(frozen=True)
-class Progress:
+class SearchState:
     """Where a search stands: boxes examined, the slope reached and the bound proved so far, the part of the budget spent."""
 
     boxes: int
@@ -39,7 +39,7 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class Limits:
+class SearchBudget:
     """When to stop: the relative gap, or a budget.
 
     boxes: the budget, a count, so that no answer depends on a clock. A batch counts as `BATCH` boxes at least: it takes
@@ -48,12 +48,12 @@ class Limits:
 
     tolerance: float
     boxes: int
-    progress: Callable[[Progress], None] | None = None
+    progress: Callable[[SearchState], None] | None = None
     ceiling: float = INF  # a bound known from elsewhere
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SlopeRange:
     """The largest slope lies in [lower, upper]; `point` = (v, t) reaches `lower`."""
 
     lower: float
@@ -65,11 +65,11 @@ class Outcome:
 
 
 @dataclass
-class Search:
+class CoverSearch:
     """One search of a cover; points are drawn from `original`, the domain of v and t before it was reduced."""
 
     cover: Cover
-    limits: Limits
+    limits: SearchBudget
     original: tuple[Float[np.ndarray, " plain"], Float[np.ndarray, " plain"]]
     done: float = 0.0
     boxes: int = 0
@@ -79,7 +79,7 @@ class Search:
     def __post_init__(self) -> None:
         self.reach = Reach(PointSlopes(self.cover.objective), *self.original)
 
-    def run(self) -> Outcome:
+    def run(self) -> SlopeRange:
         """Return the enclosure of the largest slope."""
         self.reach.sample(self.cover.cutter.kinks, polish=False)
         self._examine(self.cover.root)
@@ -95,7 +95,7 @@ class Search:
             self._step()
             if self.limits.progress is not None:
                 part = min(1.0, self.spent / self.limits.boxes)
-                self.limits.progress(Progress(self.boxes, max(self.reach.slope, 0.0), self._upper(), part))
+                self.limits.progress(SearchState(self.boxes, max(self.reach.slope, 0.0), self._upper(), part))
         return self._outcome(None)
 
     @property
@@ -169,7 +169,7 @@ class Search:
         top = float(pool.bound.max())
         return top, float(pool.depth[pool.bound == top].max())
 
-    def _outcome(self, hopeless: tuple[Pattern, Pool] | None) -> Outcome:
+    def _outcome(self, hopeless: tuple[Pattern, Pool] | None) -> SlopeRange:
         lower, upper, reason = max(self.reach.slope, 0.0), self._upper(), ""
         if hopeless is not None and self.limits.ceiling == INF:
             pattern, pool = hopeless
@@ -181,4 +181,4 @@ class Search:
             reason = UNFINISHED
         # A rounding above the cutoff is what a single point's enclosure costs.
         converged = upper <= self.cutoff * (1.0 + 1e-12)
-        return Outcome(lower, upper, self.reach.point, self.boxes, converged, reason)
+        return SlopeRange(lower, upper, self.reach.point, self.boxes, converged, reason)

@@ -1,6 +1,6 @@
 """Symbolic checks of a problem, each with a figure and the reason why it matters."""
 
 from lockstep.model.checks.check import check_problem
-from lockstep.model.checks.report import CheckReport, Row
+from lockstep.model.checks.report import CheckReport, CheckRow
 
-__all__ = ["CheckReport", "Row", "check_problem"]
+__all__ = ["CheckReport", "CheckRow", "check_problem"]

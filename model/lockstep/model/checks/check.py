@@ -1,23 +1,36 @@
 """All symbolic checks of a problem, in the order in which they are worth reading."""
 
+from collections.abc import Callable
+
 from lockstep.model.assembly import Report, bound_of, network_of
 from lockstep.model.bound_search import BOXES
 from lockstep.model.checks import nonlinearity, structure
+from lockstep.model.checks.proved.definite import BOXES as PROVING_BOXES
+from lockstep.model.checks.proved.everything import prove
 from lockstep.model.checks.report import CheckReport
 from lockstep.model.problem import Problem
 
 
-def check_problem(problem: Problem, *, boxes: int = BOXES, progress: Report | None = None) -> CheckReport:
+def check_problem(
+    problem: Problem,
+    *,
+    boxes: int = BOXES,
+    progress: Report | None = None,
+    every: bool = False,
+    proving: Callable[[str], None] = lambda _: None,
+) -> CheckReport:
     """Check what the certificate will rest on, and report it row by row.
 
     Args:
         problem: the problem.
         boxes: the budget of the search that proves the bound, a count.
         progress: called with the state of that proof now and then.
+        every: also run the checks that prove (`lockstep.model.checks.proved`), each question with at most so many boxes.
+        proving: called with the name of the next of these.
 
     Raises:
         ProblemError: no spanning tree, a pair that is not stabilisable or detectable, or no finite bound: the
-            input is bad, and the message says what to change.
+            input is bad, and the message says what to change; with `every` also units that contradict each other.
         BoundNotProved: [design] alpha is given and does not bound the nonlinearity (with a witness), or could
             not be proved within the budget.
 
@@ -35,6 +48,7 @@ def check_problem(problem: Problem, *, boxes: int = BOXES, progress: Report | No
     >>> report.ok, report.document()["bound"]["alpha"], report.roots
     (True, 2.0, (1, 2, 3))
     """
+    findings = prove(problem, boxes=min(boxes, PROVING_BOXES), progress=proving) if every else ()
     problem.validate()
     agent, graph, agents_B = problem.agent(), problem.graph(), problem.agents_B()
     bound = bound_of(agent, boxes=boxes, alpha=problem.design.alpha, progress=progress)
@@ -66,4 +80,5 @@ def check_problem(problem: Problem, *, boxes: int = BOXES, progress: Report | No
         detectable=outputs.detectable,
         everywhere=everywhere,
         zeros=right,
+        findings=findings,
     )

@@ -8,29 +8,31 @@ from lockstep.check.domain import claimed_box
 from lockstep.model.agent import Agent
 from lockstep.model.arguments import arguments_text
 from lockstep.model.bound_search import BOXES, Bound, read
-from lockstep.model.checks.report import Row
+from lockstep.model.checks.report import CheckRow
 from lockstep.model.graph import Graph
 
 TIMES = np.concatenate([[0.0], np.linspace(-50.0, 50.0, 1001), np.geomspace(1e-3, 1e6, 200)])
 """Where an offset that depends on t is looked at."""
 
 
-def bound(agent: Agent, proved: Bound) -> Row:
+def bound(agent: Agent, proved: Bound) -> CheckRow:
     """|phi(a, t) - phi(b, t)| <= alpha |a - b|, proved; the sharpest alpha lies between the two figures."""
     reason = (
         "the certificate is as true as this bound, an incremental one: (30) needs that, (3) does not give it"
     )
     name = "bound of the nonlinearity"
     if agent.lure.is_linear:
-        return Row(name, "ok", "alpha = 0: the agent is linear", reason)
+        return CheckRow(name, "ok", "alpha = 0: the agent is linear", reason)
     head = f"alpha = {proved.alpha:.10g}"
     where = arguments_text(agent)
     if proved.asked is not None:
-        return Row(name, "ok", f"{head} as asked, proved; {proved.lower:.10g} is reached ({where})", reason)
+        return CheckRow(
+            name, "ok", f"{head} as asked, proved; {proved.lower:.10g} is reached ({where})", reason
+        )
     if not proved.converged:
         figure = f"{head} proved, but not shown to be the smallest: {proved.lower:.10g} is reached ({where})"
-        return Row(name, "note", figure, reason)
-    return Row(name, "ok", f"{head} proved, {proved.lower:.10g} is reached ({where})", reason)
+        return CheckRow(name, "note", figure, reason)
+    return CheckRow(name, "ok", f"{head} proved, {proved.lower:.10g} is reached ({where})", reason)
 
 
 EVERYWHERE = BOXES // 10
@@ -62,14 +64,14 @@ def holds_everywhere(agent: Agent, proved: Bound) -> bool:
     return boxes_everywhere(agent, proved) is not None
 
 
-def entries(agent: Agent, proved: Bound) -> Row:
+def entries(agent: Agent, proved: Bound) -> CheckRow:
     """A bound of its own for each slope d phi_k / d v_l, where a component of phi has several arguments."""
     reason = "one number alpha for all arguments grants the largest slope to each of them"
     shown = ", ".join(
         f"|d phi{one.component + 1} / d v{one.argument + 1}| <= {slope:.6g}"
         for one, slope in zip(proved.entries, slopes_of(proved), strict=True)
     )
-    return Row("entries of the slope", "ok", f"proved: {shown} ({arguments_text(agent)})", reason)
+    return CheckRow("entries of the slope", "ok", f"proved: {shown} ({arguments_text(agent)})", reason)
 
 
 def slopes_of(proved: Bound) -> tuple[float, ...]:
@@ -78,7 +80,7 @@ def slopes_of(proved: Bound) -> tuple[float, ...]:
     return tuple(one.bound * ratio * (1 + 2**-50) for one, ratio in zip(proved.entries, ratios, strict=True))
 
 
-def reach(agent: Agent, graph: Graph, *, everywhere: bool) -> Row:
+def reach(agent: Agent, graph: Graph, *, everywhere: bool) -> CheckRow:
     """Where the certificate holds: for every state, or only while all agents stay in the box.
 
     With a single root the certificate gives initial states from which they stay (`lockstep.check.local`).
@@ -86,7 +88,9 @@ def reach(agent: Agent, graph: Graph, *, everywhere: bool) -> Row:
     reason = "a bound on a box says nothing about trajectories that leave it"
     if everywhere:
         aside = "; the box of [agent.domain] is not needed for it" if agent.domain else ""
-        return Row("where the bound holds", "ok", f"everywhere: the certificate is global{aside}", reason)
+        return CheckRow(
+            "where the bound holds", "ok", f"everywhere: the certificate is global{aside}", reason
+        )
     box = agent.argument_box
     sides = ", ".join(
         f"{low:.4g} <= v{k} <= {high:.4g}"
@@ -96,7 +100,7 @@ def reach(agent: Agent, graph: Graph, *, everywhere: bool) -> Row:
         f"on {sides} only ({arguments_text(agent)}): the certificate is local, true while every agent stays "
         f"there; {_staying(graph)}"
     )
-    return Row("where the bound holds", "note", figure, reason)
+    return CheckRow("where the bound holds", "note", figure, reason)
 
 
 def _staying(graph: Graph) -> str:
@@ -110,44 +114,46 @@ def _staying(graph: Graph) -> str:
     )
 
 
-def numbers(agent: Agent) -> Row:
+def numbers(agent: Agent) -> CheckRow:
     """Whether A, B, C, G, H and phi hold the file's numbers exactly, as doubles, or some of them rounded once."""
     reason = "what is proved is proved of these doubles: one rounding is 2^-53 of a coefficient at most"
     rounded = agent.lure.rounded
     if not rounded:
-        return Row(
+        return CheckRow(
             "numbers", "ok", "none is rounded: the matrices are the terms of the file, as doubles", reason
         )
     shown = ", ".join(rounded[:8]) + (", ..." if len(rounded) > 8 else "")
-    return Row("numbers", "note", f"rounded once, as no double holds the sum of their terms: {shown}", reason)
+    return CheckRow(
+        "numbers", "note", f"rounded once, as no double holds the sum of their terms: {shown}", reason
+    )
 
 
-def centring(agent: Agent) -> Row:
+def centring(agent: Agent) -> CheckRow:
     """What was moved from phi into A so that the slopes of phi lie around zero."""
     reason = "alpha is half the range of the slopes if they lie around zero, and up to the whole range if not"
     name = "slopes around zero"
     if not agent.centring.moves:
-        return Row(name, "ok", f"A is as written: {agent.centring.reason}", reason)
+        return CheckRow(name, "ok", f"A is as written: {agent.centring.reason}", reason)
     moved = ", ".join(
         f"{float(move.amount):.6g} v{move.argument + 1} from phi{move.component + 1}"
         for move in agent.centring.moves
     )
     figure = f"moved into A: {moved} ({arguments_text(agent)}); [agent] centre = false leaves A as written"
-    return Row(name, "note", figure, reason)
+    return CheckRow(name, "note", figure, reason)
 
 
-def origin(agent: Agent) -> Row:
+def origin(agent: Agent) -> CheckRow:
     """h(t, 0) = 0, which (3) contains and consensus does not need."""
     reason = "(3) needs h(t, 0) = 0; consensus does not: what all agents share cancels in the disagreement"
     size, exact = _offset(agent)
     if size == 0.0:
         figure = "0" if exact else "0 at every t looked at"
-        return Row("h(t, 0) = 0", "ok", figure, reason)
+        return CheckRow("h(t, 0) = 0", "ok", figure, reason)
     figure = (
         f"|h(t, 0)| {'=' if exact else 'reaches'} {size:.4g}: (3) fails at the origin; "
         "the offset cancels and the incremental bound carries the proof"
     )
-    return Row("h(t, 0) = 0", "note", figure, reason)
+    return CheckRow("h(t, 0) = 0", "note", figure, reason)
 
 
 def _offset(agent: Agent) -> tuple[float, bool]:

@@ -7,23 +7,24 @@ import numpy as np
 
 from lockstep.check.loop import Plant
 from lockstep.model.bound_search import Bound
+from lockstep.model.checks.proved.finding import Finding
 
-Verdict = Literal["ok", "fails", "note"]
+Outcome = Literal["ok", "fails", "note"]
 
 
 @dataclass(frozen=True)
-class Row:
+class CheckRow:
     """One check: `ok`, `fails` (consensus or its proof is lost), or `note` (it holds, with a caveat)."""
 
     name: str
-    verdict: Verdict
+    verdict: Outcome
     figure: str
     """What was found, in a few words or numbers."""
     reason: str
     """Why it matters."""
 
     def __post_init__(self) -> None:
-        if self.verdict not in get_args(Verdict):
+        if self.verdict not in get_args(Outcome):
             raise ValueError(f"the verdict of `{self.name}` is {self.verdict!r}")
 
 
@@ -40,9 +41,10 @@ class CheckReport:
         observable, detectable: whether (A, C) is.
         everywhere: whether the bound holds for every state, so that the certificate is global.
         zeros: per agent, the zeros from u to y with Re s > 0.
+        findings: of the checks that prove, where they were asked for; none of them makes a problem fail.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[CheckRow, ...]
     bound: Bound
     plant: Plant
     roots: tuple[int, ...]
@@ -52,6 +54,7 @@ class CheckReport:
     detectable: bool
     everywhere: bool
     zeros: tuple[tuple[complex, ...], ...]
+    findings: tuple[Finding, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -84,7 +87,8 @@ class CheckReport:
             "checks": [
                 {"name": row.name, "verdict": row.verdict, "figure": row.figure, "reason": row.reason}
                 for row in self.rows
-            ],
+            ]
+            + [finding.document() for finding in self.findings],
         }
 
     def _bound(self) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.model.agent import Agent
-from lockstep.model.checks.report import Row, Verdict
+from lockstep.model.checks.report import CheckRow, Outcome
 from lockstep.model.control.pbh import Controllability, Observability, controllability
 from lockstep.model.control.zeros import Zeros, zeros_of
 from lockstep.model.graph import Graph
@@ -15,7 +15,7 @@ from lockstep.model.graph import Graph
 Matrices = Sequence[Float[np.ndarray, "n m"]]
 
 
-def spanning_tree(graph: Graph) -> Row:
+def spanning_tree(graph: Graph) -> CheckRow:
     """Some agent's information reaches every other one, which is rank L = N - 1."""
     reason = (
         "agreement needs one agent at least that all others hear from: L then has one zero eigenvalue only"
@@ -23,11 +23,11 @@ def spanning_tree(graph: Graph) -> Row:
     if not graph.has_spanning_tree:
         groups = ", ".join(str(list(group)) for group in graph.origins[:4])
         figure = f"none: the groups {groups} hear nothing from each other"
-        return Row("spanning tree", "fails", figure, reason)
-    return Row("spanning tree", "ok", f"{_agents(graph.roots)} can be its root", reason)
+        return CheckRow("spanning tree", "fails", figure, reason)
+    return CheckRow("spanning tree", "ok", f"{_agents(graph.roots)} can be its root", reason)
 
 
-def row_sums(graph: Graph) -> Row:
+def row_sums(graph: Graph) -> CheckRow:
     """L 1 = 0, in exact arithmetic on the weights and in the doubles that L is stored in."""
     reason = "agreement must be at rest: controllers see L (x) C, which has to vanish where all agents agree"
     worst = max(abs(sum((Fraction(float(x)) for x in row), Fraction(0))) for row in graph.laplacian)
@@ -36,10 +36,10 @@ def row_sums(graph: Graph) -> Row:
         if not worst
         else f"exactly with exact sums on the diagonal; to {float(worst):.1e} in doubles"
     )
-    return Row("L 1 = 0", "ok", figure, reason)
+    return CheckRow("L 1 = 0", "ok", figure, reason)
 
 
-def controllable(agent: Agent, agents_B: Matrices) -> tuple[Row, Controllability]:
+def controllable(agent: Agent, agents_B: Matrices) -> tuple[CheckRow, Controllability]:
     """(A, B_i) of the agent that has the least of it: controllable, stabilisable at least, or neither."""
     checks = [controllability(agent.lure.A, B) for B in _distinct(agents_B)]
     worst = min(checks, key=lambda check: (check.controllable, check.stabilisable, check.margin))
@@ -48,7 +48,7 @@ def controllable(agent: Agent, agents_B: Matrices) -> tuple[Row, Controllability
     return row, worst
 
 
-def observable(agent: Agent) -> tuple[Row, Observability]:
+def observable(agent: Agent) -> tuple[CheckRow, Observability]:
     """(A, C): observable, detectable at least, or neither."""
     check = agent.observability()
     row = _pair(
@@ -57,7 +57,7 @@ def observable(agent: Agent) -> tuple[Row, Observability]:
     return row, check
 
 
-def zeros(agent: Agent, agents_B: Matrices) -> tuple[Row, tuple[tuple[complex, ...], ...]]:
+def zeros(agent: Agent, agents_B: Matrices) -> tuple[CheckRow, tuple[tuple[complex, ...], ...]]:
     """The zeros from u to y, per agent; those in the right half-plane limit every controller."""
     found = [zeros_of(agent.lure.A, B, agent.lure.C) for B in agents_B]
     reason = "no controller moves them: one at Re s > 0 limits the rho and the speed that any gains can reach"
@@ -65,8 +65,8 @@ def zeros(agent: Agent, agents_B: Matrices) -> tuple[Row, tuple[tuple[complex, .
     right = tuple(z.right_half_plane for z in found)
     if worst.right_half_plane:
         figure = f"{_listed(worst.right_half_plane)} in the right half-plane"
-        return Row("zeros from u to y", "note", figure, reason), right
-    return Row("zeros from u to y", "ok", _no_right(worst), reason), right
+        return CheckRow("zeros from u to y", "note", figure, reason), right
+    return CheckRow("zeros from u to y", "ok", _no_right(worst), reason), right
 
 
 def _no_right(zeros: Zeros) -> str:
@@ -77,16 +77,16 @@ def _no_right(zeros: Zeros) -> str:
 
 def _pair(
     name: str, check: Controllability | Observability, holds: bool, enough: bool, weaker: str, what: str
-) -> Row:
+) -> CheckRow:
     reason = "the paper assumes it under (2); a mode that is lost cannot be brought to agreement, and agrees if it decays"
     if holds:
         near = f"{check.margin:.3g} from losing it at most, at s = {_number(check.eigenvalue)}"
         # Below this the figures of a design would be made of rounding.
-        verdict: Verdict = "ok" if check.relative_margin > 1e-8 else "note"
-        return Row(name, verdict, near, reason)
+        verdict: Outcome = "ok" if check.relative_margin > 1e-8 else "note"
+        return CheckRow(name, verdict, near, reason)
     lost = check.unstable_eigenvalue if check.unstable_eigenvalue is not None else check.eigenvalue
     state = f"{weaker}, the mode decays by itself, which is enough" if enough else f"not {weaker} either"
-    return Row(
+    return CheckRow(
         name, "note" if enough else "fails", f"{what} the mode at s = {_number(lost)}: {state}", reason
     )
 

@@ -96,7 +96,9 @@ def agent_from_control(system: System, *, name: str = "") -> Agent:
     )
 
 
-def network_to_control(network: "Network", gains: Gains | None = None, *, linear: bool = False) -> System:
+def network_to_control(
+    network: "Network", gains: Gains | None = None, *, linear: bool = False, period: float | None = None
+) -> System:
     """Return a network as one system.
 
     Args:
@@ -106,7 +108,21 @@ def network_to_control(network: "Network", gains: Gains | None = None, *, linear
         linear: leave phi and the offset out. With gains this gives (15) in disagreement coordinates,
             orthonormal ones unless the network's are the rows of L: inputs xi_d and w_d, which takes the
             place of phi_d, and outputs x_d, v_d = (I (x) H) x_d and u; G and H as in `network.plant`.
+        period: in s: the linear part without gains, its inputs held, exactly discretised, for `control.interconnect`
+            with sampled controllers.
+
+    Raises:
+        ProblemError: a period and gains: `lockstep.model.control.ports` has the sampled loop.
     """
+    if period is not None:
+        if gains is not None:
+            raise ProblemError(
+                "a period and gains",
+                where="network_to_control",
+                expected="a period for the network without controllers",
+                remedy="PortedLoop(network, controllers, period) is the sampled loop",
+            )
+        return _held(_open_linear(network), period)
     if gains is None:
         return _open_linear(network) if linear else _open(network)
     return _reduced(network, gains) if linear else _closed(network, gains)
@@ -180,6 +196,15 @@ def _open_linear(network: "Network") -> System:
     A, C = np.kron(np.eye(N), lure.A), _output_map(network)
     B = np.hstack([block_diag(*network.B), np.eye(A.shape[0])])
     return control.ss(A, B, C, np.zeros((C.shape[0], B.shape[1])), **_open_names(network.agent, N))
+
+
+def _held(system: System, period: float) -> System:
+    """Return a linear system with its inputs held, at the instants."""
+    import control
+
+    held = control.sample_system(system, period, method="zoh")
+    names = {"inputs": system.input_labels, "outputs": system.output_labels, "states": system.state_labels}
+    return control.ss(held.A, held.B, held.C, held.D, period, name=system.name, **names)
 
 
 def _output_map(network: "Network") -> Float[np.ndarray, "outputs states"]:

@@ -9,6 +9,7 @@ from lockstep.check.wording import nearest, shorten
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.problem.schema import AgentTable, NetworkTable, ProblemFile
+from lockstep.model.variants import check_same_but_B
 
 
 def build_agent(table: AgentTable, parameters: Mapping[str, float] | None = None) -> Agent:
@@ -25,7 +26,7 @@ def build_agent(table: AgentTable, parameters: Mapping[str, float] | None = None
         outputs=_without_repeats(table.outputs),
         parameters={**table.parameters, **(parameters or {})},
         domain=domain,
-        units=table.units,
+        units={name: unit for name, unit in table.units.items() if name not in table.parameters},
         split=table.split,
         centre=table.centre,
     )
@@ -65,7 +66,7 @@ def _variant(common: Agent, table: AgentTable, k: int, parameters: Mapping[str, 
         variant = build_agent(table, parameters)
     except ProblemError as error:
         raise error.within(where) from None
-    common.exact.check_same_but_B(variant.exact, where=where)
+    check_same_but_B(common.exact, variant.exact, where=where)
     return variant
 
 

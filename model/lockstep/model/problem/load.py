@@ -9,9 +9,16 @@ from pydantic import ValidationError
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.files import read_text
-from lockstep.check.limits import check_document, check_toml
+from lockstep.check.limits import DEEPEST_KEY, MOST_KEYS, check_document
+from lockstep.check.wording import shorten
 from lockstep.model.problem.messages import problem_error
 from lockstep.model.problem.schema import ProblemFile
+
+# Nothing is tried twice: a key part begins where none goes on, and gives nothing back.
+_LONG_KEY = re.compile(
+    rf"""(?<![A-Za-z0-9_-])(?:(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST_KEY}}}"""
+)
+_TABLE = re.compile(r"^[ \t]*\[", re.MULTILINE)
 
 
 def read_problem(path: Path) -> str:
@@ -21,6 +28,24 @@ def read_problem(path: Path) -> str:
         ProblemError: missing, no regular file, too large, not readable, or not UTF-8.
     """
     return read_text(path, expected="a problem file in TOML").removeprefix("\ufeff")
+
+
+def check_toml(text: str) -> None:
+    """Refuse a text in TOML whose tables would fill the memory while it is parsed.
+
+    Raises:
+        ProblemError: a key of more than `DEEPEST_KEY` parts, or more than `MOST_KEYS` keys and tables.
+    """
+    count = text.count("=") + sum(1 for _ in _TABLE.finditer(text))
+    if count > MOST_KEYS:
+        raise ProblemError(f"some {count} keys and tables", expected=f"at most {MOST_KEYS}")
+    if found := _LONG_KEY.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        raise ProblemError(
+            f"the key `{shorten(found[0], 40)}` has too many parts",
+            where=f"line {line}",
+            expected=f"at most {DEEPEST_KEY}",
+        )
 
 
 def parse_toml(text: str) -> dict[str, Any]:

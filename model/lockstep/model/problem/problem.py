@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -28,6 +28,9 @@ from lockstep.model.problem.schema import (
 )
 from lockstep.model.problem.toml_text import toml_text
 from lockstep.model.problem.weights import input_weight, scale_of_each, weight_matrix
+
+if TYPE_CHECKING:
+    from lockstep.model.checks import CheckReport
 
 DEFAULT_ORDER = 2
 
@@ -222,7 +225,7 @@ class Problem:
         return Performance(
             self.state_weight(n),
             self.controller_weight(self.order),
-            input_weight(self.design.weights.input, m),
+            input_weight(self.design.weights.input or 0.0, m),
             scale_of_each(scales.states, agent.states, where=f"{where} states", per="state"),
             scale_of_each(
                 scales.outputs,
@@ -235,7 +238,7 @@ class Problem:
     @cached_property
     def limits(self) -> Float[np.ndarray, " m"]:
         """How far each input may go either way, (m,): the nearer of its two limits, infinite where it has none."""
-        known, where = self.file.agent.limits, "[agent.limits]"
+        known, where = self.file.agent.limits or {}, "[agent.limits]"
         for name, (low, high) in known.items():
             if name not in self.file.agent.inputs:
                 names = ", ".join(f"`{one}`" for one in self.file.agent.inputs)
@@ -261,6 +264,17 @@ class Problem:
         if len(given) != N:
             raise ProblemError(f"{len(given)} rows for {N} agents", where=where, expected="one row per agent")
         return np.array(given, dtype=float)
+
+    def check(self, *, all: bool = False, boxes: int | None = None) -> "CheckReport":
+        """Check the model: what `lockstep check` does, and with `all` what `lockstep check --all` does.
+
+        Raises:
+            ProblemError, BoundNotProved: see `lockstep.model.checks.check_problem`.
+        """
+        from lockstep.model.bound_search import BOXES
+        from lockstep.model.checks import check_problem
+
+        return check_problem(self, every=all, boxes=BOXES if boxes is None else boxes)
 
     def validate(self) -> None:
         """Refuse a network that cannot agree, or that the method's assumptions do not cover.

@@ -9,6 +9,8 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, Strict
 from pydantic_core import PydanticCustomError
 
+from lockstep.check.problem import MOST_ORDER
+
 T = TypeVar("T")
 Many = Annotated[tuple[T, ...], Strict(False)]
 """A TOML array, kept as a tuple; its items stay strict."""
@@ -21,7 +23,6 @@ NotNegative = Annotated[float, Field(ge=0)]
 LONGEST_LINE = 200
 Line = Annotated[str, Field(max_length=LONGEST_LINE, pattern=r"^[^\t\r\n]*$")]
 
-MOST_ORDER = 64
 MOST_STATES, MOST_INPUTS, MOST_OUTPUTS = 64, 32, 32
 """Of one agent. The agents' matrices are derived in exact arithmetic, and C is written for each entry."""
 
@@ -85,13 +86,13 @@ Scales = NotNegative | dict[str, NotNegative] | None
 Outputs = Annotated[Many[Annotated[tuple[str, str], Strict(False)]], BeforeValidator(_pairs)]
 
 
-class Table(BaseModel):
+class ProblemTable(BaseModel):
     """What all tables of the file share."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
-class AgentTable(Table):
+class AgentTable(ProblemTable):
     """[agent]: the agent all nodes of the network share."""
 
     name: str = Field(default="agent", description='a C identifier, such as "arm"')
@@ -109,12 +110,12 @@ class AgentTable(Table):
     outputs: Outputs = Field(
         max_length=MOST_OUTPUTS, description='a formula as text by name, such as y1 = "position"'
     )
-    limits: dict[str, Interval] = Field(
-        default={}, description="[lowest, highest] of an actuator by input, as two numbers around 0"
+    limits: dict[str, Interval] | None = Field(
+        default=None, description="[lowest, highest] of an actuator by input, as two numbers around 0"
     )
     domain: dict[str, Interval] = Field(default={}, description="[lower, upper] by state, as two numbers")
     units: dict[str, Line] = Field(
-        default={}, description='a unit as text by state, input or output, such as "rad"'
+        default={}, description='a unit as text by state, input, output or parameter, such as "rad"'
     )
     split: Literal["terms", "jacobian"] = Field(default="terms", description='"terms" or "jacobian"')
     centre: bool = Field(
@@ -122,7 +123,7 @@ class AgentTable(Table):
     )
 
 
-class NetworkTable(Table):
+class NetworkTable(ProblemTable):
     """[network]: the graph, as exactly one of edges, laplacian, topology."""
 
     agents: int | None = Field(default=None, description="a whole number of agents, 2 or more")
@@ -138,18 +139,18 @@ class NetworkTable(Table):
     )
 
 
-class WeightsTable(Table):
+class WeightsTable(ProblemTable):
     """[design] weights: R on the disagreement of the states, Q on the controller states, W on the inputs."""
 
     state: Weight = Field(default=1.0, description="a number, a list of numbers or a symmetric matrix")
     controller: Weight = Field(default=1.0, description="a number, a list of numbers or a symmetric matrix")
 
-    input: Weight = Field(
-        default=0.0, description="a number, 0 or more, a list of such numbers or a symmetric matrix"
+    input: Weight | None = Field(
+        default=None, description="a number, 0 or more, a list of such numbers or a symmetric matrix"
     )
 
 
-class DisturbancesTable(Table):
+class DisturbancesTable(ProblemTable):
     """[design.disturbances]: what rho is a gain from."""
 
     states: Scales = Field(
@@ -162,7 +163,7 @@ class DisturbancesTable(Table):
     )
 
 
-class FragilityTable(Table):
+class FragilityTable(ProblemTable):
     """[design.fragility]: the bounds delta of (11), as spectral norms; 0 is certain."""
 
     A: NotNegative = Field(default=0.0, description="a finite number, 0 or more")
@@ -171,7 +172,7 @@ class FragilityTable(Table):
     D: NotNegative = Field(default=0.0, description="a finite number, 0 or more")
 
 
-class GainsTable(Table):
+class GainsTable(ProblemTable):
     """[[design.gains]]: one agent's controller (9); at order 0 there is D alone."""
 
     A: Matrix = Field(default=(), description="a list of rows of finite numbers")
@@ -180,7 +181,7 @@ class GainsTable(Table):
     D: Matrix = Field(description="a list of rows of finite numbers")
 
 
-class DesignTable(Table):
+class DesignTable(ProblemTable):
     """[design]: what is asked of the controllers."""
 
     method: Literal["certified", "modal", "theorem1", "corollary1", "lipschitz", "given"] = Field(
@@ -217,7 +218,7 @@ class DesignTable(Table):
     gains: Many[GainsTable] | None = Field(default=None, description="one [[design.gains]] table per agent")
 
 
-class ControllerTable(Table):
+class ControllerTable(ProblemTable):
     """[controller]: how the controller runs on the target."""
 
     period: float = Field(
@@ -231,7 +232,7 @@ class ControllerTable(Table):
     delay: Literal[0, 1] = Field(default=0, description="0 or 1 periods")
 
 
-class DisturbanceTable(Table):
+class DisturbanceTable(ProblemTable):
     """[simulation.disturbance]: xi of (2), acting on each state of each agent on its own."""
 
     kind: Literal["none", "noise", "sine", "step", "worst"] = Field(
@@ -250,7 +251,7 @@ class DisturbanceTable(Table):
     )
 
 
-class PerturbationTable(Table):
+class PerturbationTable(ProblemTable):
     """[simulation.perturbation]: gain errors Delta(t) of (11), for continuous controllers."""
 
     kind: Literal["none", "paper", "paper_scaled", "random"] = Field(
@@ -263,7 +264,7 @@ class PerturbationTable(Table):
     )
 
 
-class ChannelTable(Table):
+class ChannelTable(ProblemTable):
     """[simulation.channel]: what happens to messages between sampled controllers."""
 
     delay: int = Field(default=0, ge=0, le=1000, description="a whole number of periods from 0 to 1000")
@@ -274,7 +275,7 @@ class ChannelTable(Table):
     )
 
 
-class SimulationTable(Table):
+class SimulationTable(ProblemTable):
     """[simulation]: the run of the nonlinear closed loop."""
 
     initial: Matrix | Literal["random"] = Field(
@@ -295,7 +296,7 @@ class SimulationTable(Table):
     channel: ChannelTable | None = Field(default=None, description="a table, such as { drop = 0.1 }")
 
 
-class ProblemFile(Table):
+class ProblemFile(ProblemTable):
     """The whole file."""
 
     title: Line = Field(default="", description=f"text on one line, of at most {LONGEST_LINE} characters")

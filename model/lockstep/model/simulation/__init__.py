@@ -1,6 +1,6 @@
 """The nonlinear closed loop in time: `simulate(network, controllers, scenario)` gives a `Trajectory`."""
 
-from lockstep.model.simulation.channel import Channel
+from lockstep.model.simulation.channel import MessageChannel
 from lockstep.model.simulation.disturbance import Quiet, Samples, Sines, Steps, Sum, noise
 from lockstep.model.simulation.divergence import Diverged
 from lockstep.model.simulation.indices import Indices, effort_indices, indices
@@ -8,16 +8,17 @@ from lockstep.model.simulation.perturbation import HeldPerturbation, PaperPertur
 from lockstep.model.simulation.run import simulate
 from lockstep.model.simulation.sampled import SampledControllers, exact_controllers
 from lockstep.model.simulation.scenario import Scenario
-from lockstep.model.simulation.trajectory import Energies, Trajectory, Weights, energies, l2_gain
+from lockstep.model.simulation.trajectory import Energies, RhoWeights, Trajectory, energies, l2_gain
 
 __all__ = [
-    "Channel",
     "Diverged",
     "Energies",
     "HeldPerturbation",
     "Indices",
+    "MessageChannel",
     "PaperPerturbation",
     "Quiet",
+    "RhoWeights",
     "SampledControllers",
     "Samples",
     "Scenario",
@@ -25,7 +26,6 @@ __all__ = [
     "Steps",
     "Sum",
     "Trajectory",
-    "Weights",
     "effort_indices",
     "energies",
     "exact_controllers",

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from lockstep.check.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.simulation.equations import closed_loop
-from lockstep.model.simulation.trajectory import Weights
+from lockstep.model.simulation.trajectory import RhoWeights
 
 DRAWS, FREQUENCIES, REFINEMENTS = 48, 160, 40
 
@@ -23,7 +23,7 @@ OPEN_RANGE = np.pi
 class PeakGain:
     """a -> sup over omega of the largest singular value from xi_d to z of the loop linearised around agreement in a."""
 
-    def __init__(self, network: Network, gains: Gains, weights: Weights) -> None:
+    def __init__(self, network: Network, gains: Gains, weights: RhoWeights) -> None:
         n, N = network.agent.n, network.N
         self._n, self._N = n, N
         f = closed_loop(network, gains)
@@ -57,7 +57,7 @@ class PeakGain:
 
 
 def weakest_agreement(
-    network: Network, gains: Gains, weights: Weights, *, seed: int = 0
+    network: Network, gains: Gains, weights: RhoWeights, *, seed: int = 0
 ) -> tuple[Float[np.ndarray, " n"], float]:
     """Return the common state with the largest linear peak gain that a seeded search finds, and that gain."""
     from scipy.optimize import minimize

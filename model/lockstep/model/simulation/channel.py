@@ -19,7 +19,7 @@ from lockstep.check.errors import ProblemError
 
 
 @dataclass(frozen=True)
-class Channel:
+class MessageChannel:
     """delay: whole periods;  drop: the probability that a message is lost, each by itself;  seed: of the losses.
 
     bits, full_scale: outputs are rounded to multiples of full_scale / 2^(bits - 1) and clipped to +-full_scale, as a

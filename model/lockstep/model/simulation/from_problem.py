@@ -7,7 +7,7 @@ import numpy as np
 from lockstep.check.errors import ProblemError
 from lockstep.model.problem import Problem
 from lockstep.model.problem.schema import ChannelTable, DisturbanceTable, PerturbationTable, SimulationTable
-from lockstep.model.simulation.channel import Channel
+from lockstep.model.simulation.channel import MessageChannel
 from lockstep.model.simulation.disturbance import Disturbance, Sines, Steps, noise
 from lockstep.model.simulation.integrate import Method
 from lockstep.model.simulation.perturbation import PaperPerturbation, Perturbation, random_perturbation
@@ -156,7 +156,7 @@ def _perturbation(
     return PaperPerturbation(N, agent.q, scaled=table.kind == "paper_scaled")
 
 
-def _channel(table: ChannelTable | None, seed: int) -> Channel:
+def _channel(table: ChannelTable | None, seed: int) -> MessageChannel:
     if table is None:
-        return Channel()
-    return Channel(table.delay, table.drop, seed, table.bits, table.full_scale)
+        return MessageChannel()
+    return MessageChannel(table.delay, table.drop, seed, table.bits, table.full_scale)

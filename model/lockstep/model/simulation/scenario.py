@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.simulation.channel import Channel
+from lockstep.model.simulation.channel import MessageChannel
 from lockstep.model.simulation.disturbance import Disturbance, Quiet, Samples, Sum
 from lockstep.model.simulation.integrate import Method
 from lockstep.model.simulation.perturbation import Perturbation
@@ -41,7 +41,7 @@ class Scenario:
     step: float = 0.005
     disturbance: Disturbance | None = None
     perturbation: Perturbation | None = None
-    channel: Channel = field(default_factory=Channel)
+    channel: MessageChannel = field(default_factory=MessageChannel)
     method: Method = "rk4"
     substeps: int = 4
     tolerance: float = 1e-10

@@ -105,7 +105,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True, eq=False)
-class Weights:
+class RhoWeights:
     """What rho is measured with: coordinates T (N-1, N) with metric S, R (n, n) of the states, Q (n_C, n_C)."""
 
     T: Float[np.ndarray, "N-1 N"]
@@ -120,7 +120,7 @@ class Weights:
         R: Float[np.ndarray, "n n"],
         Q: Float[np.ndarray, "n_C n_C"],
         coordinates: Coordinates = "orthonormal",
-    ) -> "Weights":
+    ) -> "RhoWeights":
         """Return the weights of a certificate on a graph, in the coordinates it was made in."""
         d = disagreement(graph, coordinates)
         return cls(as_floats(d.T), as_floats(d.S), np.asarray(R, dtype=float), np.asarray(Q, dtype=float))
@@ -172,7 +172,7 @@ class Energies:
         return float((self.output[there] / allowed[there]).max()) if there.any() else None
 
 
-def energies(trajectory: Trajectory, weights: Weights) -> Energies:
+def energies(trajectory: Trajectory, weights: RhoWeights) -> Energies:
     """Return the energies of performance output and disturbance along a run.
 
     Smooth signals are integrated by the trapezoidal rule, whose relative error is about (omega h)^2 / 12 for signals
@@ -186,7 +186,7 @@ def energies(trajectory: Trajectory, weights: Weights) -> Energies:
     return Energies(trajectory.t, output, entered, bool(at_rest and not trajectory.x_C[0].any()))
 
 
-def l2_gain(trajectory: Trajectory, weights: Weights) -> float:
+def l2_gain(trajectory: Trajectory, weights: RhoWeights) -> float:
     """Return |z|_L2 / |xi_d|_L2 of a run from agreement: at most the certified rho if the certificate covers the run.
 
     Raises:

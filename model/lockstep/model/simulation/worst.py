@@ -27,7 +27,7 @@ from lockstep.model.simulation.disturbance import Samples
 from lockstep.model.simulation.equations import closed_loop
 from lockstep.model.simulation.integrate import runge_kutta_step
 from lockstep.model.simulation.scenario import Scenario
-from lockstep.model.simulation.trajectory import Weights
+from lockstep.model.simulation.trajectory import RhoWeights
 
 LINEAR = 1e-3
 """Energy |xi_d| at which the search starts: small enough for the loop to be linear, and far above rounding."""
@@ -68,7 +68,7 @@ class Worst:
 def worst_disturbance(
     network: Network,
     gains: Gains,
-    weights: Weights,
+    weights: RhoWeights,
     *,
     horizon: float = 10.0,
     step: float = 0.02,
@@ -103,7 +103,7 @@ def worst_disturbance(
 class _Climb:
     """J and its gradient for disturbances of K samples, in coordinates w with |w|^2 = int |xi_d|^2 dt."""
 
-    def __init__(self, network: Network, gains: Gains, weights: Weights, K: int, step: float) -> None:
+    def __init__(self, network: Network, gains: Gains, weights: RhoWeights, K: int, step: float) -> None:
         self._network, self._K, self._step = network, K, step
         self._lift = np.kron(_factor(weights), np.eye(network.agent.n)) / np.sqrt(step)
         self._both = self._value_and_gradient(gains, weights)
@@ -151,7 +151,7 @@ class _Climb:
         J, slope = self._both(w, a)
         return float(J), np.asarray(slope)
 
-    def _value_and_gradient(self, gains: Gains, weights: Weights) -> ca.Function:
+    def _value_and_gradient(self, gains: Gains, weights: RhoWeights) -> ca.Function:
         """Build (w, a) -> (J, dJ/dw), J by trapezoids over the samples."""
         N, n, h = self._network.N, self._network.agent.n, self._step
         f = closed_loop(self._network, gains, pinned=True)
@@ -169,13 +169,13 @@ class _Climb:
         return ca.Function("J", [w, a], [J, ca.gradient(J, w)])
 
 
-def _factor(weights: Weights) -> Float[np.ndarray, "N N-1"]:
+def _factor(weights: RhoWeights) -> Float[np.ndarray, "N N-1"]:
     """Return F with F' (T'ST) F = I whose columns span the disagreements."""
     values, vectors = np.linalg.eigh(weights.metric)
     return np.asarray(vectors[:, 1:] / np.sqrt(values[1:]))
 
 
-def _output_form(weights: Weights, N: int) -> Float[np.ndarray, "X X"]:
+def _output_form(weights: RhoWeights, N: int) -> Float[np.ndarray, "X X"]:
     """Return |z|^2 as a form on X."""
     states, rest = np.kron(weights.metric, weights.R), np.kron(np.eye(N), weights.Q)
     form = np.zeros((len(states) + len(rest),) * 2)

@@ -1,0 +1,84 @@
+"""Starts for a long period: gains for the loop with the delay that sampling and holding put into it.
+
+The continuous loop with the least rho may be far too fast for its period. Held outputs come half a period late on the
+mean, and a period more for each period of delay (Franklin, Powell and Workman, Digital Control of Dynamic Systems, 1998,
+section 6.3). With B_i = F b_i, and this lag tau as a Pade approximant of order one, (2/tau - s) / (2/tau + s),
+
+    x' = A x + F z - B_i u + G phi + xi,      z' = -(2/tau) z + (4/tau) b_i u,
+
+whose smoothed norm is lowered in place of the loop's own: what it is small for, the period carries.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from lockstep.check.inequality import Claim
+from lockstep.check.loop import Loop, Plant, build_loop
+from lockstep.lmi.search.interior import within
+from lockstep.lmi.search.smoothed import SmoothedNorm, descended, refined
+from lockstep.lmi.search.stabilise import abscissa, stabilise
+from lockstep.lmi.search.start import INSIDE, STABLE, GainSearch, Score, StartResult, over, scored
+
+ABSENT = 1e-12
+"""A singular value of the inputs, relative to the largest, that is rounding."""
+
+
+def late(loop: Loop, claim: Claim, lag: float) -> tuple[Loop, Claim]:
+    """Return the loop with its inputs late by `lag`, in its unit of time, and the claim; z has no weight and no xi.
+
+    Args:
+        loop: in units of the search, gains in those of the file.
+        claim: of that loop.
+        lag: tau.
+    """
+    plant, n_d = loop.plant, loop.n_d
+    basis, sizes, _ = np.linalg.svd(np.hstack(plant.B))
+    F = basis[:, : len(sizes)][:, sizes > ABSENT * max(float(sizes.max(initial=0.0)), 1e-300)]
+    n, k = F.shape
+    pole = 2 / lag
+    whole = Plant(
+        np.block([[plant.A, F], [np.zeros((k, n)), -pole * np.eye(k)]]),
+        tuple(np.vstack([-B, 2 * pole * F.T @ B]) for B in plant.B),
+        np.hstack([plant.C, np.zeros((len(plant.C), k))]),
+        np.vstack([plant.G, np.zeros((k, plant.G.shape[1]))]),
+        np.hstack([plant.H, np.zeros((len(plant.H), k))]),
+    )
+    found = build_loop(whole, loop.d, loop.order)
+    for U, Y, U_C, Y_C in zip(found.U, found.Y, loop.U, loop.Y, strict=True):
+        U[found.n_d :], Y[:, found.n_d :] = U_C[n_d:], Y_C[:, n_d:]
+    own = np.flatnonzero(np.arange(found.n_d) % (n + k) < n)
+    E = np.zeros_like(found.E)
+    E[np.ix_(own, own)] = loop.E[:n_d]
+    R = np.zeros((n + k, n + k))
+    R[:n, :n] = claim.R
+    return replace(found, E=E), replace(claim, R=R)
+
+
+def late_norm(search: GainSearch) -> SmoothedNorm:
+    """Return the smoothed norm of the loop with its inputs late."""
+    loop, claim = late(search.loop, search.claim, search.lag / search.units.time)
+    norm = SmoothedNorm(loop, claim, search.gain_limit, search.units.gains)
+    norm.into = norm.into[:, np.abs(norm.into).max(axis=0) > 0]
+    return norm
+
+
+def hold(
+    search: GainSearch, score: Score | None, start: StartResult, deadline: float | None = None
+) -> StartResult:
+    """Return a start with its gains made for the late loop, or as it is where that made what ships worse."""
+    if over(deadline) or start.abscissa >= 0:
+        return start
+    norm, limit = late_norm(search), search.gain_limit
+    K = start.at.K
+    if abscissa(norm.loop, K)[0] >= 0:
+        K = within(stabilise(norm.loop, K, STABLE * limit, units=search.units.gains)[0], INSIDE * limit)
+    if abscissa(norm.loop, K)[0] >= 0:
+        return start
+    found = descended(norm, K)
+    if np.isfinite(found.rho):
+        found = refined(norm, found)
+    own, x = search.norm, search.norm.pack(found.K, found.w)
+    square = own.level(x, None, own.frequencies(x)) if np.isfinite(found.rho) else np.inf
+    held = scored(search, score, replace(start, at=replace(found, rho=float(np.sqrt(square)))))
+    return min(start, held, key=lambda one: one.rank)

@@ -1,0 +1,243 @@
+"""Dimensions of every term of every formula, from [agent.units], by pint: terms that are added have one dimension.
+
+d/dt x has the dimension of x over time; sin, exp, tanh and their like take and give pure numbers; a power of a quantity has a
+number as its exponent. Angles are pure numbers (BIPM, The International System of Units, 9th ed., 2019, section 5.4.8).
+A number in a formula is pure where every parameter has a unit; without parameters, or with one that has no unit, it may stand
+for a coefficient of any dimension.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from lockstep.check.errors import ProblemError
+from lockstep.check.expression.node import Undefined
+from lockstep.check.expression.text import parse
+from lockstep.model.checks.proved.finding import Finding
+from lockstep.model.problem.schema import AgentTable
+
+Powers = Mapping[str, float]
+"""Exponents of the base dimensions, none of them 0."""
+
+SAME = frozenset({"add", "sub", "fmin", "fmax"})
+COMPARED = frozenset({"lt", "le", "atan2"})
+KEPT = frozenset({"neg", "fabs"})
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A part of a formula: its dimension, None where it may be any, and its value where it is a number."""
+
+    powers: Powers | None
+    value: float | None = None
+
+
+def check_units(table: AgentTable) -> Finding:
+    """Check the formulas of [agent].
+
+    Returns:
+        "proved" where every name has a unit, "undecided" where some have none.
+
+    Raises:
+        ProblemError: a unit that pint does not know, or a formula whose terms differ in dimension: names the term.
+    """
+    if not table.units:
+        return Finding("units", "undecided", "[agent.units] is empty")
+    names = [*table.states, *table.inputs, *table.parameters]
+    pure = bool(table.parameters) and all(name in table.units for name in table.parameters)
+    known = {name: Quantity(dimension(text, name)) for name, text in table.units.items()}
+    symbols = {name: known.get(name, Quantity(None)) for name in names}
+    symbols = {name: Quantity(q.powers, table.parameters.get(name)) for name, q in symbols.items()}
+    symbols["t"] = Quantity({"[time]": 1.0})
+    algebra = _Dimensions(pure)
+    for state, text in table.dynamics.items():
+        own = symbols[state].powers
+        rate = None if own is None else combined(own, {"[time]": 1.0}, -1)
+        _check(text, symbols, algebra, f"[agent.dynamics] {state}", rate, f"d/dt {state}")
+    for output, text in table.outputs:
+        _check(
+            text,
+            symbols,
+            algebra,
+            f"[agent.outputs] {output}",
+            known.get(output, Quantity(None)).powers,
+            output,
+        )
+    missing = [name for name in names if name not in table.units]
+    if missing:
+        figure = f"no contradiction; no unit is given for {', '.join(missing)}"
+        return Finding("units", "undecided", figure, None, {"without": missing})
+    of = "pure" if pure else "coefficients of any dimension"
+    return Finding(
+        "units",
+        "proved",
+        f"every term of {len(table.dynamics)} equations agrees; numbers are {of}",
+        {"pure": pure},
+    )
+
+
+def _check(
+    text: str,
+    symbols: Mapping[str, Quantity],
+    algebra: _Dimensions,
+    where: str,
+    asked: Powers | None,
+    of: str,
+) -> None:
+    for term in _terms(text):
+        try:
+            found = parse(term, symbols, algebra, where=where)
+        except ProblemError as error:
+            raise ProblemError(
+                error.found,
+                where=error.where,
+                expected="parts whose dimensions fit",
+                remedy="correct the formula, or a unit in [agent.units]",
+            ) from None
+        if asked is None:
+            asked, of = found.powers, f"`{term}`"
+        elif found.powers is not None and found.powers != asked:
+            raise ProblemError(
+                f"the term `{term}` has the dimension {shown(found.powers)}",
+                where=where,
+                expected=f"{shown(asked)}, that of {of}",
+                remedy="correct the formula, or a unit in [agent.units]",
+            )
+
+
+def _terms(text: str) -> Iterator[str]:
+    """Yield the terms of a sum as they are written."""
+    source = text.strip(" \t")
+    found: list[ast.expr] = []
+    todo: list[ast.expr] = [ast.parse(source, mode="eval").body]
+    while todo:
+        node = todo.pop()
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
+            todo += [node.left, node.right]
+        else:
+            found.append(node)
+    found.sort(key=lambda node: node.col_offset)
+    for node in found:
+        yield ast.get_source_segment(source, node) or source
+
+
+class _Dimensions:
+    """The algebra of dimensions for `text.parse`; `Undefined` says what does not fit."""
+
+    def __init__(self, pure: bool) -> None:
+        self.pure = pure
+
+    def number(self, value: float) -> Quantity:
+        return Quantity({} if self.pure and value else None, value)
+
+    def size(self, value: Quantity) -> float | None:
+        return value.value
+
+    def worst_constant(self, value: Quantity) -> float:  # noqa: ARG002
+        return 0.0
+
+    def apply(self, operation: str, *values: Quantity) -> Quantity:
+        if operation in KEPT:
+            sign = -1.0 if operation == "neg" else 1.0
+            return Quantity(values[0].powers, None if values[0].value is None else sign * values[0].value)
+        if operation in SAME or operation in COMPARED:
+            powers = _same(*values)
+            return Quantity(powers if operation in SAME else {})
+        if operation == "if_else":
+            return Quantity(_same(*values[1:]))
+        if operation in ("mul", "div"):
+            return _multiplied(*values, sign=1 if operation == "mul" else -1)
+        if operation == "sqrt":
+            return Quantity(
+                None if values[0].powers is None else {k: p / 2 for k, p in values[0].powers.items()}
+            )
+        if operation == "pow":
+            return _power(*values)
+        if operation == "sign":
+            return Quantity({})
+        if values[0].powers:
+            raise Undefined(
+                f"a function of a quantity of the dimension {shown(values[0].powers)}, not of a number"
+            )
+        return Quantity({})
+
+
+def _same(a: Quantity, b: Quantity) -> Powers | None:
+    if a.powers is None or b.powers is None:
+        return a.powers if b.powers is None else b.powers
+    if a.powers != b.powers:
+        raise Undefined(f"made of parts of the dimensions {shown(a.powers)} and {shown(b.powers)}")
+    return a.powers
+
+
+def _multiplied(a: Quantity, b: Quantity, *, sign: int) -> Quantity:
+    value = None
+    if a.value is not None and b.value is not None and (sign > 0 or b.value):
+        value = a.value * b.value if sign > 0 else a.value / b.value
+    if a.powers is None or b.powers is None:
+        return Quantity(None, value)
+    return Quantity(combined(a.powers, b.powers, sign), value)
+
+
+def _power(base: Quantity, exponent: Quantity) -> Quantity:
+    if exponent.powers:
+        raise Undefined(f"a power whose exponent has the dimension {shown(exponent.powers)}")
+    if not base.powers:
+        return Quantity(base.powers)
+    if exponent.value is None:
+        raise Undefined(f"a quantity of the dimension {shown(base.powers)} to a power that varies")
+    return Quantity({k: p * exponent.value for k, p in base.powers.items() if exponent.value})
+
+
+def combined(a: Powers, b: Powers, sign: int) -> Powers:
+    """Return the dimension of a product (1) or a quotient (-1)."""
+    total = {k: a.get(k, 0.0) + sign * b.get(k, 0.0) for k in (*a, *b)}
+    return {k: p for k, p in total.items() if abs(p) > 1e-12}
+
+
+def shown(powers: Powers) -> str:
+    """Return a dimension as text.
+
+    >>> shown({"[length]": 1.0, "[time]": -2.0}), shown({})
+    ('[length] [time]^-2', 'of a pure number')
+    """
+    parts = [k if p == 1 else f"{k}^{p:.6g}" for k, p in sorted(powers.items())]
+    return " ".join(parts) or "of a pure number"
+
+
+def dimension(text: str, name: str) -> Powers:
+    """Return the dimension of a unit, such as "N m/rad".
+
+    Raises:
+        ProblemError: text that pint does not read as a unit.
+    """
+    from pint.errors import PintError
+
+    try:
+        powers: dict[str, Any] = dict(getattr(_registry().parse_expression(text), "dimensionality", {}))
+    except (
+        PintError,
+        ArithmeticError,
+        AttributeError,
+        SyntaxError,
+        TypeError,
+        ValueError,
+        KeyError,
+    ) as error:
+        raise ProblemError(
+            f"`{text}` is no unit: {error}",
+            where=f"[agent.units] {name}",
+            expected='a unit as pint reads it, such as "rad/s^2" or "N m", or "1" for a pure number',
+        ) from None
+    return {k: float(p) for k, p in powers.items() if p}
+
+
+@lru_cache(maxsize=1)
+def _registry() -> Any:
+    from pint import UnitRegistry
+
+    return UnitRegistry(cache_folder=None)

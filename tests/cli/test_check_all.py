@@ -1,0 +1,53 @@
+"""`lockstep check --all`: verdicts in the table and in JSON, and units that are refused."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from lockstep.cli.main import app
+
+PENDULUM = Path(__file__).parents[1] / "models" / "pendulum.toml"
+
+
+def run(*words):
+    result = CliRunner().invoke(app, ["check", *map(str, words)])
+    return result.exit_code, result.stdout
+
+
+@pytest.fixture(scope="module")
+def answer():
+    status, said = run(PENDULUM, "--all", "--json")
+    assert status == 0
+    return json.loads(said)
+
+
+def test_each_check_has_a_name_a_verdict_a_value_and_a_witness(answer):
+    proved = {one["name"]: one for one in answer["checks"] if "value" in one}
+    assert {one["verdict"] for one in proved.values()} <= {"proved", "refuted", "undecided"}
+    assert all({"name", "verdict", "value", "witness", "figure"} == set(one) for one in proved.values())
+    assert proved["equilibria"]["value"]["count"] == 3
+    assert proved["contraction"]["witness"]["real_part"] > 0
+
+
+def test_without_all_it_answers_as_before(answer):
+    plain = json.loads(run(PENDULUM, "--json")[1])
+    assert plain["checks"] == answer["checks"][: len(plain["checks"])]
+    assert not any("value" in one for one in plain["checks"])
+
+
+def test_the_table_has_them():
+    status, said = run(PENDULUM, "--all", "--boxes", "2000")
+    assert status == 0
+    assert "exactly 3" in said
+    assert "refuted" in said
+
+
+def test_units_that_contradict_each_other_are_bad_input(tmp_path):
+    wrong = tmp_path / "wrong.toml"
+    wrong.write_text(PENDULUM.read_text(encoding="utf-8").replace("k/m*omega", "k*omega"), encoding="utf-8")
+    status, said = run(wrong, "--all", "--json")
+    assert status == 2
+    assert "the term `k*omega`" in json.dumps(json.loads(said))
+    assert run(wrong, "--json")[0] == 0
