@@ -16,6 +16,7 @@ from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.files import read_inside
 from lockstep.codegen.bundle import bundle
 from lockstep.codegen.contents import DESIGN_NAME, differs, not_proved, strangers
+from lockstep.codegen.doors import doors_of, with_doors
 from lockstep.codegen.emit import emit
 from lockstep.codegen.from_c import read_controllers
 from lockstep.codegen.from_design import specification
@@ -92,7 +93,8 @@ def _rendered(folder: Path, stored: Stored, verdict: Verdict, manifest: Manifest
     The files print what the design claims of its sampled controllers, which does not depend on the last bits of a
     machine; that it claims no more than is proved is asked apart.
     """
-    files = emit(specification(stored, verdict, optimize=manifest.optimize, held=stated_verdict(stored)))
+    spec = specification(stored, verdict, optimize=manifest.optimize, held=stated_verdict(stored))
+    files = with_doors(emit(spec), doors_of(manifest))
     others = {path: _bytes(folder, path) for path in manifest.files if path not in files}
     together = bundle(files, others)
     return {path: str(together[path]) for path in files}

@@ -12,6 +12,7 @@ from lockstep.check.c_source.reader import read_controller
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.files import as_text, entries_of, read_inside
 from lockstep.check.wording import shorten
+from lockstep.codegen.doors import door_paths
 from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files
 
 DESIGN_NAME = "design.json"
@@ -117,6 +118,7 @@ def _expected(manifest: Manifest) -> set[str]:
     return {
         *("CMakeLists.txt", "README.md", DESIGN_NAME, *MEASURED),
         *(form.format(name) for name in names for form in per_agent),
+        *door_paths(manifest),
     }
 
 

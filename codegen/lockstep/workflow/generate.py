@@ -1,6 +1,7 @@
 """C for each agent, with the design it was proved by."""
 
 import json
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,13 +31,16 @@ class Generated:
         return {"ok": True, "directory": str(self.folder), "files": sorted(self.files)}
 
 
-def generate(design: Design | Path | str, folder: Path | str, *, optimize: str = "speed") -> Generated:
+def generate(
+    design: Design | Path | str, folder: Path | str, *, optimize: str = "speed", doors: Collection[str] = ()
+) -> Generated:
     """Certify a design, emit its C, prove the controllers by the numbers in the C, and write the folder.
 
     Args:
         design: itself, its file, or a folder that holds one.
         folder: the folder to write; one that Lockstep wrote before is replaced as a whole.
         optimize: "speed" unrolls, "size" loops over a table.
+        doors: more files: "pil" (test vectors and a runner for any board).
 
     Raises:
         ProblemError: no design, or a folder that cannot be written.
@@ -46,12 +50,12 @@ def generate(design: Design | Path | str, folder: Path | str, *, optimize: str =
 
     folder = Path(folder)
     check_generated(folder)
-    files = generated_files(as_design(design)[0], optimize)
+    files = generated_files(as_design(design)[0], optimize, doors)
     write_folder(files, folder)
     return Generated(Design.of(json.loads(files[DESIGN_NAME]), DESIGN_NAME, folder), folder, files)
 
 
-def generated_files(design: Design, optimize: str = "speed") -> dict[str, str]:
+def generated_files(design: Design, optimize: str = "speed", doors: Collection[str] = ()) -> dict[str, str]:
     """Certify a design, and return the files generated from it: relative path -> text.
 
     Raises:
@@ -59,6 +63,7 @@ def generated_files(design: Design, optimize: str = "speed") -> dict[str, str]:
     """
     from lockstep.codegen.bundle import bundle
     from lockstep.codegen.c_certificate import certify_texts
+    from lockstep.codegen.doors import with_doors
     from lockstep.codegen.emit import emit
     from lockstep.codegen.from_design import specification
     from lockstep.codegen.sampled_design import prove_design, with_sampled
@@ -80,4 +85,4 @@ def generated_files(design: Design, optimize: str = "speed") -> dict[str, str]:
     draft = emit(specification(stored, verdict, optimize=optimize))  # type: ignore[arg-type]
     held = certify_texts(draft, stored, longest=False)
     spec = specification(stored, verdict, optimize=optimize, held=held)  # type: ignore[arg-type]
-    return bundle(emit(spec), {DESIGN_NAME: to_json(stored.document()) + "\n"})
+    return bundle(with_doors(emit(spec), doors), {DESIGN_NAME: to_json(stored.document()) + "\n"})
