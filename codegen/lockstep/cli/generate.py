@@ -15,5 +15,6 @@ def _generate(path: Path, output: Path, optimize: str, doors: Collection[str]) -
     import lockstep
 
     made = lockstep.generate(path, output, optimize=optimize, doors=doors)
-    sizes = {name: f"{len(made.files[name].encode())} bytes" for name in sorted(made.files)}
+    bytes_of = {name: text if isinstance(text, bytes) else text.encode() for name, text in made.files.items()}
+    sizes = {name: f"{len(bytes_of[name])} bytes" for name in sorted(bytes_of)}
     return Answer(made.document(), two_columns(f"{made.design.title}: {output}", sizes))

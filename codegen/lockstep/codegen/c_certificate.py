@@ -17,6 +17,7 @@ from lockstep.check.files import read_inside
 from lockstep.codegen.bundle import bundle
 from lockstep.codegen.contents import DESIGN_NAME, differs, not_proved, strangers
 from lockstep.codegen.doors import doors_of, with_doors
+from lockstep.codegen.doors.fmu import archives_differ
 from lockstep.codegen.emit import emit
 from lockstep.codegen.from_c import read_controllers
 from lockstep.codegen.from_design import specification
@@ -83,7 +84,8 @@ def certify_folder(folder: Path, stored: Stored, verdict: Verdict) -> FolderVerd
     if held.verdict.certified:
         differences += [f"{DESIGN_NAME}: {said}" for said in stored.claims.sampled.better_than(held.claims())]
     if verdict.certified:
-        differences += differs(folder, _rendered(folder, stored, verdict, manifest))
+        rendered = _rendered(folder, stored, verdict, manifest)
+        differences += differs(folder, rendered) + archives_differ(folder, manifest, rendered)
     return FolderVerdict(held, tuple(differences), not_proved(manifest))
 
 

@@ -19,12 +19,12 @@ class Generated:
     Args:
         design: the one in the folder, with what is proved of the controllers in its C.
         folder: where the files are.
-        files: relative path -> text.
+        files: relative path -> text, or the bytes of a compiled unit.
     """
 
     design: Design
     folder: Path
-    files: dict[str, str]
+    files: dict[str, str | bytes]
 
     def document(self) -> dict[str, Any]:
         """Return the contract's keys."""
@@ -40,19 +40,23 @@ def generate(
         design: itself, its file, or a folder that holds one.
         folder: the folder to write; one that Lockstep wrote before is replaced as a whole.
         optimize: "speed" unrolls, "size" loops over a table.
-        doors: more files: "pil" (test vectors and a runner for any board).
+        doors: more files: "pil" (test vectors and a runner for any board),
+            "fmu" (FMI 3.0 co-simulation units, compiled for this machine if it has a compiler).
 
     Raises:
         ProblemError: no design, or a folder that cannot be written.
         NotCertified: the checker refuses the design: C is generated from certified designs only.
     """
+    from lockstep.codegen.bundle import bundle
     from lockstep.codegen.folder import write_folder
+    from lockstep.verification.units import units
 
     folder = Path(folder)
     check_generated(folder)
-    files = generated_files(as_design(design)[0], optimize, doors)
+    texts = generated_files(as_design(design)[0], optimize, doors)
+    files: dict[str, str | bytes] = bundle(texts, units(texts)) if "fmu" in doors else {**texts}
     write_folder(files, folder)
-    return Generated(Design.of(json.loads(files[DESIGN_NAME]), DESIGN_NAME, folder), folder, files)
+    return Generated(Design.of(json.loads(texts[DESIGN_NAME]), DESIGN_NAME, folder), folder, files)
 
 
 def generated_files(design: Design, optimize: str = "speed", doors: Collection[str] = ()) -> dict[str, str]:

@@ -9,12 +9,15 @@ from collections.abc import Callable, Collection, Mapping
 
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.bundle import bundle
-from lockstep.codegen.doors import pil
+from lockstep.codegen.doors import fmu, pil
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 
 Texts = dict[str, str]
 
-DOORS: dict[str, Callable[[Manifest, Mapping[str, str]], Texts]] = {"pil": pil.files}
+DOORS: dict[str, Callable[[Manifest, Mapping[str, str]], Texts]] = {
+    "pil": pil.files,
+    "fmu": fmu.files,
+}
 """By name, which is the option of `generate` and the first part of the paths: (manifest, the folder's texts) -> texts."""
 
 
