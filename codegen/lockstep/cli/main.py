@@ -150,12 +150,13 @@ def generate(
         bool, typer.Option("--pil", help="Test vectors and a runner for any board, for `verify --from`.")
     ] = False,
     fmu: Annotated[bool, typer.Option("--fmu", help="FMI 3.0 co-simulation units.")] = False,
+    rust: Annotated[bool, typer.Option("--rust", help="A Rust crate over the C.")] = False,
     json: Json = False,
 ) -> None:
     """Emit C for each agent's controller."""
     from lockstep.cli.generate import run
 
-    doors = [name for name, wanted in {"pil": pil, "fmu": fmu}.items() if wanted]
+    doors = [name for name, wanted in {"pil": pil, "fmu": fmu, "rust": rust}.items() if wanted]
     run(design, output, optimize=optimize, doors=doors, as_json=json)
 
 

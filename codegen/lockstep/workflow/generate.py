@@ -41,7 +41,8 @@ def generate(
         folder: the folder to write; one that Lockstep wrote before is replaced as a whole.
         optimize: "speed" unrolls, "size" loops over a table.
         doors: more files: "pil" (test vectors and a runner for any board),
-            "fmu" (FMI 3.0 co-simulation units, compiled for this machine if it has a compiler).
+            "fmu" (FMI 3.0 co-simulation units, compiled for this machine if it has a compiler),
+            "rust" (a `no_std` crate over the C).
 
     Raises:
         ProblemError: no design, or a folder that cannot be written.

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Mapping
 
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.bundle import bundle
-from lockstep.codegen.doors import fmu, pil
+from lockstep.codegen.doors import fmu, pil, rust
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 
 Texts = dict[str, str]
@@ -17,6 +17,7 @@ Texts = dict[str, str]
 DOORS: dict[str, Callable[[Manifest, Mapping[str, str]], Texts]] = {
     "pil": pil.files,
     "fmu": fmu.files,
+    "rust": rust.files,
 }
 """By name, which is the option of `generate` and the first part of the paths: (manifest, the folder's texts) -> texts."""
 

@@ -14,6 +14,7 @@ from typing import Any
 from lockstep.check.errors import ProblemError
 from lockstep.check.files import read_inside
 from lockstep.codegen.doors.pil import identity
+from lockstep.codegen.doors.view import agent_view
 from lockstep.codegen.emit import plain
 from lockstep.codegen.manifest import Agent, Manifest
 from lockstep.codegen.rendering import render
@@ -99,7 +100,7 @@ def _binaries(content: bytes, name: str) -> dict[str, bytes]:
 
 
 def _view(agent: Agent, manifest: Manifest) -> dict[str, Any]:
-    q, nn, m = len(agent.outputs), len(agent.neighbours), len(agent.inputs)
+    q, nn = len(agent.outputs), len(agent.neighbours)
     inputs = [
         {"name": f"y[{k}]", "description": plain(y.name), "unit": plain(y.unit)}
         for k, y in enumerate(agent.outputs)
@@ -118,16 +119,7 @@ def _view(agent: Agent, manifest: Manifest) -> dict[str, Any]:
         for k, u in enumerate(agent.inputs)
     ]
     return {
-        "a": {
-            "name": agent.name,
-            "NAME": agent.name.upper(),
-            "q": q,
-            "m": m,
-            "out": 1 + (1 + nn) * q,
-            "c_real": manifest.real_type.c_name,
-            "real": manifest.real,
-            "mask_bits": 64 if nn > 32 else 32,
-        },
+        "a": agent_view(agent, manifest) | {"out": 1 + (1 + nn) * q},
         "type": manifest.real.capitalize(),
         "title": plain(manifest.title),
         "token": f"{agent.name}-{identity(manifest)}",
@@ -135,5 +127,4 @@ def _view(agent: Agent, manifest: Manifest) -> dict[str, Any]:
         "inputs": inputs,
         "outputs": outputs,
         "units": sorted({one["unit"] for one in inputs + outputs if one["unit"]}),
-        "all_received": 2**nn - 1,
     }

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lockstep.codegen.doors.vectors import Vectors, vectors
+from lockstep.codegen.doors.view import agent_view
 from lockstep.codegen.manifest import Agent, Manifest, sha256
 from lockstep.codegen.rendering import render
 
@@ -52,15 +53,7 @@ def _view(agent: Agent, manifest: Manifest, calls: Vectors) -> dict[str, Any]:
     values = np.concatenate([calls.y, calls.neighbour_y.reshape(S, nn * q), calls.r], axis=1)
     bits = np.ascontiguousarray(values).view(f"u{width}")
     suffix = "u" if width == 4 else "ull"
-    return {
-        "name": agent.name,
-        "NAME": agent.name.upper(),
-        "order": agent.order,
-        "q": q,
-        "m": len(agent.inputs),
-        "nn": nn,
-        "wide": nn > 32,
-        "c_real": manifest.real_type.c_name,
+    return agent_view(agent, manifest) | {
         "bits": 8 * width,
         "operation": calls.operation.tolist(),
         "received": [f"0x{mask:x}{'ull' if nn > 32 else 'u'}" for mask in calls.received.tolist()],
