@@ -32,13 +32,13 @@ def generated(root, folder, *options):
     return folder
 
 
-def run(command, cwd, **options):
+def run(command, cwd, *, errors_too=False, **options):
     """Run a command; what it printed."""
     done = subprocess.run(
         list(map(str, command)), cwd=cwd, capture_output=True, check=False, timeout=300, **options
     )
     assert done.returncode == 0, done.stderr.decode(errors="replace")[-3000:]
-    return done.stdout
+    return done.stdout + done.stderr if errors_too else done.stdout
 
 
 def log_of(folder, tmp_path, *flags):
@@ -47,6 +47,7 @@ def log_of(folder, tmp_path, *flags):
         *folder.glob("src/*.c"),
         *folder.glob("pil/*_pil.c"),
         folder / "pil/pil.c",
+        folder / "pil/pil_run.c",
         folder / "pil/pil_stdio.c",
     ]
     program = tmp_path / "runner"

@@ -151,12 +151,14 @@ def generate(
     ] = False,
     fmu: Annotated[bool, typer.Option("--fmu", help="FMI 3.0 co-simulation units.")] = False,
     rust: Annotated[bool, typer.Option("--rust", help="A Rust crate over the C.")] = False,
+    arduino: Annotated[bool, typer.Option("--arduino", help="A library in Arduino's layout.")] = False,
     json: Json = False,
 ) -> None:
     """Emit C for each agent's controller."""
     from lockstep.cli.generate import run
 
-    doors = [name for name, wanted in {"pil": pil, "fmu": fmu, "rust": rust}.items() if wanted]
+    wanted = {"pil": pil, "fmu": fmu, "rust": rust, "arduino": arduino}
+    doors = [name for name, chosen in wanted.items() if chosen]
     run(design, output, optimize=optimize, doors=doors, as_json=json)
 
 

@@ -42,7 +42,7 @@ def generate(
         optimize: "speed" unrolls, "size" loops over a table.
         doors: more files: "pil" (test vectors and a runner for any board),
             "fmu" (FMI 3.0 co-simulation units, compiled for this machine if it has a compiler),
-            "rust" (a `no_std` crate over the C).
+            "rust" (a `no_std` crate over the C), "arduino" (a library in Arduino's layout).
 
     Raises:
         ProblemError: no design, or a folder that cannot be written.

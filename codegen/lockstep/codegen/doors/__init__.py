@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Mapping
 
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.bundle import bundle
-from lockstep.codegen.doors import fmu, pil, rust
+from lockstep.codegen.doors import arduino, fmu, pil, rust
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 
 Texts = dict[str, str]
@@ -18,6 +18,7 @@ DOORS: dict[str, Callable[[Manifest, Mapping[str, str]], Texts]] = {
     "pil": pil.files,
     "fmu": fmu.files,
     "rust": rust.files,
+    "arduino": arduino.files,
 }
 """By name, which is the option of `generate` and the first part of the paths: (manifest, the folder's texts) -> texts."""
 

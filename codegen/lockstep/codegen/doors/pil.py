@@ -31,7 +31,7 @@ def runner(manifest: Manifest, calls: Mapping[str, Vectors]) -> dict[str, str]:
     views = [_view(agent, manifest, calls[agent.name]) for agent in manifest.agents if agent.name in calls]
     shared = {
         f"pil/{name}": render(f"doors/{name}.j2", agents=views)
-        for name in ("README.md", "pil.h", "pil.c", "pil_semihosting.c", "pil_stdio.c")
+        for name in ("README.md", "pil.h", "pil.c", "pil_run.c", "pil_semihosting.c", "pil_stdio.c")
     }
     head = f"{LOG_FORMAT} {identity(manifest)}"
     return shared | {
