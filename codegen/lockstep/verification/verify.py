@@ -13,10 +13,14 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.errors import ClaimError, Mismatch, ProblemError
+from lockstep.check.files import read_bytes
+from lockstep.codegen.doors import doors_of
+from lockstep.codegen.doors.vectors import ADVERSARIAL, ORDINARY, vectors
 from lockstep.codegen.folder.contents import refusals
 from lockstep.codegen.manifest import AgentEntry, Manifest, changed_files, load_manifest
 from lockstep.verification.comparison import Difference, compare
 from lockstep.verification.harness import Run
+from lockstep.verification.pil_log import runs
 from lockstep.verification.reference import Reference
 from lockstep.verification.stimulus import (
     Calls,
@@ -151,6 +155,34 @@ def verify_folder(
     return VerifyReport(not problems, results, changed, problems)
 
 
+def verify_log(directory: Path | str, log: Path | str) -> VerifyReport:
+    """Compare what the runner in a folder's `pil/` printed, on any board, with the reference; nothing is run.
+
+    Raises `ProblemError` if the folder has no such runner, or if the log is not one of it as a whole.
+    """
+    folder, log = Path(directory).absolute(), Path(log)
+    manifest = load_manifest(folder)
+    if "pil" not in doors_of(manifest):
+        raise ProblemError("it has no pil/", where=str(directory), remedy="generate it with `--pil`")
+    changed = changed_files(folder, manifest)
+    calls = {agent.name: Calls(*vectors(agent, manifest)) for agent in manifest.agents}
+    text = read_bytes(log, expected="the log of the runner in pil/", at_most=_LARGEST_LOG).decode(
+        errors="replace"
+    )
+    results = [
+        _agent_result(
+            agent, run, compare(run.trace, run_reference(Reference.of(agent, manifest), calls[agent.name]))
+        )
+        for agent, run in runs(text, manifest, {name: len(one) for name, one in calls.items()}, str(log))
+    ]
+    target = _target_result(f"log {log.name}", results, (ORDINARY, ADVERSARIAL))
+    problems = (*refusals(folder, manifest), *_problems([target], (), manifest))
+    return VerifyReport(not problems, (target,), changed, problems)
+
+
+_LARGEST_LOG = 1_000_000_000
+
+
 class _Teller:
     """Counts what is done for the progress display."""
 
@@ -198,8 +230,14 @@ def _run_target(
             return TargetResult(
                 target.name, False, *steps, error=str(error), core=target.core, agents=tuple(results)
             )
+    return _target_result(target.name, results, steps, target.core)
+
+
+def _target_result(
+    name: str, results: Sequence[AgentResult], steps: tuple[int, int], core: str = ""
+) -> TargetResult:
     return TargetResult(
-        target.name,
+        name,
         all(r.bitwise for r in results),
         *steps,
         max_abs_error=max(r.max_abs_error for r in results),
@@ -207,7 +245,7 @@ def _run_target(
         text_bytes=_most([r.text_bytes for r in results]),
         ram_bytes=_most([r.ram_bytes for r in results]),
         stack_bytes=_most([r.stack_bytes for r in results]),
-        core=target.core,
+        core=core,
         agents=tuple(results),
     )
 

@@ -87,7 +87,7 @@ class _Key:
 def _engine(key: _Key, step: float) -> "Engine":
     """Return the compiled loop; its C is written once for each design."""
     from lockstep.campaign.compiled.engine import Engine
-    from lockstep.campaign.compiled.functions import Weights
+    from lockstep.check.sampled.performance import Weights
     from lockstep.campaign.compiled.layout import Features
     from lockstep.campaign.compiled.source import continuous_source
 
