@@ -62,18 +62,18 @@ _FLASHES = {
 
 
 def state_bytes(shape: Shape, real: RealType) -> int:
-    """`sizeof` of the state with natural alignment: x, u, held, then the mask and two counters per neighbour.
+    """`sizeof` of the state with natural alignment: x, u, held, the mask, two counters per neighbour, and the mark.
 
     >>> from lockstep.codegen.arithmetic import RealType
     >>> state_bytes(Shape(2, 2, 1, 1), RealType("float32"))
-    32
+    36
     """
     neighbours = shape.neighbours
     mask = 0 if neighbours == 0 else 4 if neighbours <= 32 else 8
     reals = real.bytes * (shape.order + shape.inputs + neighbours * shape.outputs)
-    alignment = max(real.bytes, mask)
+    alignment = max(real.bytes, mask, 4)
     start = -(-reals // mask) * mask if mask else reals
-    return -(-(start + mask + 8 * neighbours) // alignment) * alignment
+    return -(-(start + mask + 8 * neighbours + 4) // alignment) * alignment
 
 
 def stack_budgets(shape: Shape, real: RealType) -> dict[str, int]:

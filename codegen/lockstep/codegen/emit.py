@@ -12,12 +12,15 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.c_source.kernel import Shape
+from lockstep.check.c_source.reader import ANSWERS
 from lockstep.check.sampled.discretise import SampledGains, discretise
 from lockstep.codegen.agent_view import agent_view
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.budget import flash_budgets, stack_budgets, state_bytes
 from lockstep.codegen.cores import CORES
+from lockstep.codegen.identity import Identity
 from lockstep.codegen.kernel import Kernel, straight_line
+from lockstep.codegen.known_answers import known_answers
 from lockstep.codegen.manifest import (
     FILE_NAME,
     FORMAT,
@@ -131,6 +134,7 @@ def _figure(value: str | float | bool | None) -> str:
 
 
 def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
+    identity = Identity.of(spec)
     return {
         "format": FORMAT,
         "name": spec.name,
@@ -144,6 +148,9 @@ def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
         "real_name": real.name,
         "c_real": real.c_name,
         "zero": real.literal(0.0),
+        "digits": "FLT_MANT_DIG != 24" if real.c_name == "float" else "DBL_MANT_DIG != 53",
+        "identity": identity.design,
+        "identity_word": identity.word,
         "optimize": spec.optimize,
         "claims": claims(spec.certificate),
     }
@@ -161,7 +168,11 @@ def _agent_context(agent: Sampled, real: RealType, optimize: str) -> dict[str, A
         table=[[real.literal(v) for v in row] for row in M],
         weight_literals=[real.literal(w) for w in agent.weights],
     )
+    known = known_answers(shape, M, agent.weights, optimize == "speed", controller.name)
+    view |= {"given": [real.literal(v) for v in known.given.ravel()]}
+    view |= {"known": [real.literal(v) for v in known.answers.ravel()]}
     return view | {
+        "answers": ANSWERS,
         "outputs": [{"name": plain(s.name), "unit": plain(s.unit)} for s in controller.outputs],
         "inputs": [{"name": plain(s.name), "unit": plain(s.unit)} for s in controller.inputs],
         "neighbours": [

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.errors import ClaimError, Mismatch, ProblemError
-from lockstep.codegen.contents import refusals
+from lockstep.codegen.contents import refusals, strangers
 from lockstep.codegen.manifest import Agent, Manifest, changed_files, load_manifest
 from lockstep.verification.comparison import Difference, compare
 from lockstep.verification.harness import Run
@@ -23,6 +23,7 @@ from lockstep.verification.stimulus import (
     Trace,
     adversarial_calls,
     closed_loop_calls,
+    fault_calls,
     given_outputs,
     recorded_outputs,
     run_reference,
@@ -54,6 +55,7 @@ class TargetResult:
 
     bitwise            equal to the last bit; None if the target was skipped
     steps              closed-loop steps, and as many adversarial calls as `adversarial_steps` says
+    fault_steps        calls with each fault once: always fed, whatever the other two are
     instructions_per_step  most instructions (never cycles) of one `<agent>_step`
     skipped            why the target did not run; empty if it ran
     error              the compiler's or program's message if it failed
@@ -64,6 +66,7 @@ class TargetResult:
     bitwise: bool | None
     steps: int = 0
     adversarial_steps: int = 0
+    fault_steps: int = 0
     max_abs_error: float | None = None
     instructions_per_step: int | None = None
     text_bytes: int | None = None
@@ -94,6 +97,15 @@ class VerifyReport:
         """Plain data for JSON."""
         return asdict(self)
 
+    @property
+    def fed(self) -> str:
+        """What the targets that ran were fed."""
+        ran = [target for target in self.targets if target.bitwise is not None]
+        if not ran:
+            return "nothing was run"
+        calls = f"{ran[0].steps} closed-loop steps and {ran[0].adversarial_steps} adversarial calls per agent"
+        return f"{calls}, and every fault once in {ran[0].fault_steps}: NaN, infinity, overflow, no message, no init"
+
     def require(self) -> "VerifyReport":
         """Return self, or raise `Mismatch` with the figures if a claim does not hold."""
         if not self.ok:
@@ -115,7 +127,7 @@ def verify_folder(
 
     steps              closed-loop steps: of `stimulus`, else of the manifest's plants, else of a built-in
     signal
-    adversarial_steps  calls with subnormal, huge, alternating and non-finite values
+    adversarial_steps  calls with subnormal, huge, alternating and non-finite values; each fault is fed once besides
     targets            names of target groups (see `targets.GROUPS`); default: all
     stimulus           outputs y of every agent, one S x q array each or one S x N x q array
     run_changed        compile and run C that was changed since it was generated, or that has another form; without
@@ -138,16 +150,17 @@ def verify_folder(
     chosen = targets_of(targets or GROUPS, manifest)
     tell = _Teller(progress, len(manifest.agents) * (1 + len(chosen)))
     calls = _calls(manifest, steps, adversarial_steps, stimulus)
+    faults = max(len(given) for given in calls.values()) - steps - adversarial_steps
     expected: dict[str, Trace] = {}
     for agent in manifest.agents:
         tell(f"reference of {agent.name}")
         expected[agent.name] = run_reference(Reference.of(agent, manifest), calls[agent.name])
     results = tuple(
-        _run_target(target, manifest, folder, calls, expected, (steps, adversarial_steps), tell)
+        _run_target(target, manifest, folder, calls, expected, (steps, adversarial_steps, faults), tell)
         for target in chosen
     )
     tell("done")
-    problems = tuple(_problems(results, changed, manifest))
+    problems = (*strangers(folder, manifest), *_problems(results, changed, manifest))
     return VerifyReport(not problems, results, changed, problems)
 
 
@@ -166,12 +179,15 @@ class _Teller:
 def _calls(
     manifest: Manifest, steps: int, adversarial_steps: int, stimulus: Sequence[np.ndarray] | np.ndarray | None
 ) -> dict[str, Calls]:
-    """Closed-loop calls first: they start from rest, as the closed loop does."""
+    """Closed-loop calls first: they start from rest, as the closed loop does. Every fault once, whatever is asked for."""
     recorded = (
         recorded_outputs(manifest, steps) if stimulus is None else given_outputs(manifest, stimulus, steps)
     )
     loop = closed_loop_calls(manifest, recorded)
-    return {a.name: loop[a.name] + adversarial_calls(manifest, a, adversarial_steps) for a in manifest.agents}
+    return {
+        a.name: loop[a.name] + fault_calls(manifest, a) + adversarial_calls(manifest, a, adversarial_steps)
+        for a in manifest.agents
+    }
 
 
 def _run_target(
@@ -180,7 +196,7 @@ def _run_target(
     folder: Path,
     calls: Mapping[str, Calls],
     expected: Mapping[str, Trace],
-    steps: tuple[int, int],
+    steps: tuple[int, int, int],
     tell: _Teller,
 ) -> TargetResult:
     if target.skipped:

@@ -26,7 +26,7 @@
  *   rho and delta are = of the continuous controllers (proof: exact)
  *
  * WHAT IT COSTS
- *   RAM              32 bytes per instance (sizeof(arm1_state_t), natural alignment)
+ *   RAM              36 bytes per instance (sizeof(arm1_state_t), natural alignment)
  *   at -O2 and -Os, with the emulated cores of `lockstep verify`, which checks it:
  *   stack            at most 128 bytes on Cortex-M4F, Cortex-M7, RV32IMAFC; interrupt frame not counted
  *   stack            at most 232 bytes on RV32IMAC; interrupt frame not counted
@@ -42,12 +42,15 @@
  *
  * WHAT THE CALLER DOES
  *   once             enable the floating-point unit, leave its defaults (round to nearest, no flush to zero),
- *                    call arm1_init
+ *                    call arm1_init and look at its status: UNFIT says that this build computes otherwise, and no
+ *                    step will be taken; arm1_self_check repeats that question at any time
  *   every 0.005 s   sample y, take the neighbours' latest outputs, call arm1_step, apply u at once
  *   at every call    look at the status; on a fault u repeats the last good value: decide what is safe for the plant.
  *                    A fault of the inputs ends with the inputs. An OVERFLOW that the state itself causes stays, since
  *                    the state is held: then call arm1_reset
  *   after a stop     call arm1_reset
+ *   a first message  moves u by D a_j (y - y_j) and nothing else: before it the neighbour's term is 0, and no message
+ *                    from before a reset is used; with the neighbour in agreement u does not move
  *   Instances share nothing. One instance is not to be stepped from two contexts at a time.
  *   Pointers are valid, none overlaps *state; u may overlap y or the neighbours' outputs.
  */
@@ -65,6 +68,9 @@ extern "C" {
 #define ARM1_INPUTS 1
 #define ARM1_NEIGHBOURS 1
 #define ARM1_PERIOD_S 0.005f
+/* The SHA-256 of the design that the gains come from; its first 32 bits, the last of them set, mark a ready state. */
+#define ARM1_DESIGN_ID "abc0f8b9017f2246c98f9860f14a06dc8b602b75f05d2564691cf458f5fb4515"
+#define ARM1_DESIGN_WORD 0xabc0f8b9u
 #define ARM1_ALL_RECEIVED 0x1u
 
 /* One bit per neighbour: set if its message arrived since the last step. Bits beyond the neighbours are ignored. */
@@ -72,13 +78,19 @@ typedef uint32_t arm1_mask_t;
 
 typedef enum {
     ARM1_OK = 0,
-    /* An input that was read is NaN or infinite. Nothing in *state changed; u is the last good output. */
+    /*
+     * An input that was read is NaN or infinite. u is the last good output; in *state only `age` and `misses` went on.
+     */
     ARM1_NOT_FINITE = 1,
     /*
-     * The inputs are finite, but r, x+ or u is not. Nothing in *state changed; u is the last good output. If it
-     * comes from the state alone, every further step gives it again until a reset.
+     * The inputs are finite, but r, x+ or u is not; else as before. If it comes from the state alone, every further
+     * step gives it again until a reset.
      */
-    ARM1_OVERFLOW = 2
+    ARM1_OVERFLOW = 2,
+    /* *state was never initialised, by another design, or init found the build unfit. u is 0. */
+    ARM1_NOT_READY = 3,
+    /* Of init and self_check: known answers came out otherwise (contraction, flush to zero, another rounding, ...). */
+    ARM1_UNFIT = 4
 } arm1_status_t;
 
 typedef struct {
@@ -86,12 +98,19 @@ typedef struct {
     float u[1]; /* last good output */
     float held[1][2]; /* last message of each neighbour */
     arm1_mask_t heard; /* neighbours that have been heard at least once */
-    uint32_t age[1]; /* steps since the last message, or since init or reset; saturates */
+    uint32_t age[1]; /* steps since the message in `held`, faults among them, or since init or reset; saturates */
     uint32_t misses[1]; /* steps without a message since init; saturates */
+    uint32_t ready; /* ARM1_DESIGN_WORD from init on */
 } arm1_state_t;
 
-/* Set everything to the state before the first step. */
-void arm1_init(arm1_state_t *state);
+/*
+ * Step an instance of its own through known answers and compare every bit: OK or UNFIT. It sees contraction, another
+ * order of sums, flush to zero, another rounding: of this compiler, with these flags, on this machine in its present mode.
+ */
+arm1_status_t arm1_self_check(void);
+
+/* Set everything to the state before the first step and return what the self-check says; unfit, *state stays refused. */
+arm1_status_t arm1_init(arm1_state_t *state);
 
 /* Go back to rest: states and held output 0, neighbours not yet heard. The counts of misses stay. */
 void arm1_reset(arm1_state_t *state);

@@ -26,8 +26,12 @@ _SOURCE = re.compile(
     r"^ \* +neighbour ([0-9]+) +([A-Za-z][A-Za-z0-9_]*), weight a = ([^ ,]{1,99}), bit 0x[0-9a-f]+ of `received`$",
     re.MULTILINE,
 )
+_IDENTITY = re.compile('#define ([A-Z0-9_]+)_DESIGN_ID "([0-9a-f]{64})"')
 MAX_NEIGHBOURS = 64
 """One bit of the `received` mask each, and no C99 integer is wider than 64 bits."""
+
+ANSWERS = 3
+"""Steps of the self-check: what it is given and finds is read, and not judged. It can only refuse to run what is proved."""
 
 _LOOPS_FROM = 9
 """Products: below, a loop takes more bytes than its unrolled body, and is left to the compiler."""
@@ -67,6 +71,9 @@ def read_controller(name: str, header: str, source: str, names: Sequence[str]) -
             f"no agent has {shape.outputs} outputs, {shape.inputs} inputs, {shape.neighbours} neighbours"
         )
     period = _macro(top, words, "PERIOD_S")
+    if not (identity := _IDENTITY.fullmatch(top.take())) or identity[1] != words["AGENT"]:
+        raise top.refusal(f"{words['AGENT']}_DESIGN_ID is not defined in its place")
+    words["IDENTITY"] = f"0x{int(identity[2][:8], 16) | 1:08x}u"
     real: Real = "float32" if period.endswith("f") else "float64"
     agent = _Agent(code, shape, real, words)
     top.expect(agent.expected(c.HEADER))
@@ -87,9 +94,12 @@ class _Agent:
     def __init__(self, file: CText, shape: Shape, real: Real, words: dict[str, str]) -> None:
         n, q, m, nn = shape
         self.file, self.shape, self.real = file, shape, real
-        kind, zero = ("float", "0.0f") if real == "float32" else ("double", "0.0")
+        single = real == "float32"
+        kind, zero, prefix, digits = ("float", "0.0f", "FLT", 24) if single else ("double", "0.0", "DBL", 53)
         bits = 32 if nn <= 32 else 64
         self.words = words | {"real": kind, "ZERO": zero, "NOTHING": ", ".join([zero] * q)}
+        self.words |= {"DIGITS": f"{prefix}_MANT_DIG != {digits}", "FORMAT": "binary32" if single else "binary64"}
+        self.words |= {"ANSWERS": str(ANSWERS), "READY": c.expected(c.READY, set(), words)}
         self.words |= {"MASK": f"uint{bits}_t", "RECEIVED": f"0x{2**nn - 1:x}u" + "ll" * (bits > 32)}
         self.words |= {"ORDER": str(n), "OUTPUTS": str(q), "INPUTS": str(m), "NEIGHBOURS": str(nn)}
         self.words |= {"MESSAGES": str(nn * q), "ROWS": str(n + m), "COLUMNS": str(n + q)}
@@ -126,6 +136,12 @@ class _Agent:
         else:
             self.kinds.add("unit")
         file.expect(self.expected(c.SOURCE_END))
+        n, q, m, nn = self.shape
+        for name, count in (("given", (ANSWERS + nn) * q), ("answer", ANSWERS * (n + m))):
+            file.expect(self.expected(c.KNOWN.format(name, count)))
+            file.row(count, self.real)
+            file.expect(";")
+        file.expect(self.expected(c.SELF_CHECK_END))
         file.end()
         return table, roundings, weights
 
