@@ -50,7 +50,9 @@ class Variation:
         return self.dot(self, terms)
 
 
-def known_answers(shape: Shape, table: np.ndarray, weights: np.ndarray, skip: bool, seed: str) -> KnownAnswers:
+def known_answers(
+    shape: Shape, table: np.ndarray, weights: np.ndarray, skip: bool, seed: str
+) -> KnownAnswers:
     """Choose inputs for the self-check of one agent, and compute its answers.
 
     Args:
@@ -110,7 +112,9 @@ def _run(
             r = _relative(v, y, given[k + 1 : k + 1 + shape.neighbours], weights)
         z = np.concatenate([x, r])
         for i, row in enumerate(table):
-            terms = [(np.broadcast_to(a, z[j].shape), z[j]) for j, a in enumerate(row) if not (skip and a == 0)]
+            terms = [
+                (np.broadcast_to(a, z[j].shape), z[j]) for j, a in enumerate(row) if not (skip and a == 0)
+            ]
             if not skip:
                 terms.insert(0, (np.zeros_like(z[0]), np.zeros_like(z[0])))  # the loop starts from +0
             found[k, i] = v.total(terms) if terms else 0

@@ -44,12 +44,10 @@ HEADER = """
 #define AGENT_DESIGN_WORD IDENTITY
 #define AGENT_ALL_RECEIVED RECEIVED
 typedef MASK agent_mask_t; typedef enum { AGENT_OK = 0, AGENT_NOT_FINITE = 1, AGENT_OVERFLOW = 2,
-    AGENT_NOT_READY = 3, AGENT_UNFIT = 4 } agent_status_t;
-typedef struct {
+    AGENT_NOT_READY = 3, AGENT_UNFIT = 4 } agent_status_t; typedef struct {
 [state]    real x[ORDER];
            real u[INPUTS];
-[hears]    real held[NEIGHBOURS][OUTPUTS];
-[hears]    agent_mask_t heard; uint32_t age[NEIGHBOURS]; uint32_t misses[NEIGHBOURS];
+[hears]    real held[NEIGHBOURS][OUTPUTS]; agent_mask_t heard; uint32_t age[NEIGHBOURS]; uint32_t misses[NEIGHBOURS];
     uint32_t ready; } agent_state_t;
 agent_status_t agent_self_check(void); agent_status_t agent_init(agent_state_t *state);
 void agent_reset(agent_state_t *state);
@@ -88,11 +86,6 @@ SOURCE_TOP = """
 #endif
 #elif defined(__GNUC__)
 #define LOCKSTEP_ONE_COPY __attribute__((noinline, noclone))
-#if !defined(__STRICT_ANSI__) && !defined(LOCKSTEP_FP_CONTRACT_IS_OFF)
-#if defined(__FP_FAST_FMAF) || defined(__FP_FAST_FMA) || defined(__ARM_FEATURE_FMA) || defined(__FMA__)
-#error "Compile with -ffp-contract=off and -DLOCKSTEP_FP_CONTRACT_IS_OFF (the CMakeLists.txt does), or with -std=c99."
-#endif
-#endif
 #pragma GCC optimize("fp-contract=off")
 #else
 #define LOCKSTEP_ONE_COPY
@@ -107,15 +100,12 @@ TABLE = "static const real agent_gain[ROWS][COLUMNS] = {"
 KERNEL = "static void agent_kernel(XGIVEN const real r[OUTPUTS], XNEXT real u_next[INPUTS]) {"
 
 SOURCE = """
-[speed] UNREAD }
-[speed] static agent_status_t agent_advance(agent_state_t *state, const real r[OUTPUTS]) {
+[speed] UNREAD } static agent_status_t agent_advance(agent_state_t *state, const real r[OUTPUTS]) {
 [speed]    agent_status_t status = AGENT_OVERFLOW;
 [speed][state] real x_next[ORDER];
-[speed]    real u_next[INPUTS]; real check;
-[speed]    agent_kernel(XPASSED u_next);
+[speed]    real u_next[INPUTS]; real check; agent_kernel(XPASSED u_next);
 [speed]    CHECKS if (check == ZERO) { WRITES status = AGENT_OK; } return status; }
-[size] };
-[size] static agent_status_t agent_advance(agent_state_t *state, const real r[OUTPUTS], real inputs) {
+[size] }; static agent_status_t agent_advance(agent_state_t *state, const real r[OUTPUTS], real inputs) {
 [size]    agent_status_t status = (inputs == ZERO) ? AGENT_OVERFLOW : AGENT_NOT_FINITE;
 [size]    real next[ROWS]; real check = inputs; uint32_t i; uint32_t j;
 [size]KEPT
@@ -124,13 +114,10 @@ SOURCE = """
 [size][state] for (j = 0u; j < ORDERu; j++) { const real product = agent_gain[i][j] * state->x[j]; sum = sum + product; }
 [size]KEPT
 [size]       for (j = 0u; j < OUTPUTSu; j++) { const real product = agent_gain[i][AFTER j] * r[j]; sum = sum + product; }
-[size]       next[i] = sum; check = check + (sum - sum); }
-[size]    if (check == ZERO) {
+[size]       next[i] = sum; check = check + (sum - sum); } if (check == ZERO) {
 [size][state] for (i = 0u; i < ORDERu; i++) { state->x[i] = next[i]; }
-[size]       for (i = 0u; i < INPUTSu; i++) { state->u[i] = next[AFTER i]; }
-[size]       status = AGENT_OK; } return status; }
-static real agent_check(const real *values, uint32_t count) {
-    real check = ZERO; uint32_t k;
+[size]       for (i = 0u; i < INPUTSu; i++) { state->u[i] = next[AFTER i]; } status = AGENT_OK; } return status; }
+static real agent_check(const real *values, uint32_t count) { real check = ZERO; uint32_t k;
     for (k = 0u; k < count; k++) { check = check + (values[k] - values[k]); } return check; }
 static void agent_output(const agent_state_t *state, real u[INPUTS]) {
     uint32_t k; for (k = 0u; k < INPUTSu; k++) { u[k] = state->u[k]; } }
@@ -140,8 +127,7 @@ void agent_reset(agent_state_t *state) { uint32_t k;
     for (k = 0u; k < INPUTSu; k++) { state->u[k] = ZERO; }
 [hears] state->heard = 0u; for (j = 0u; j < NEIGHBOURSu; j++) {
 [hears]     for (k = 0u; k < OUTPUTSu; k++) { state->held[j][k] = ZERO; } state->age[j] = 0u; }
-}
-static void agent_start(agent_state_t *state) {
+} static void agent_start(agent_state_t *state) {
 [hears] uint32_t j; for (j = 0u; j < NEIGHBOURSu; j++) { state->misses[j] = 0u; }
     agent_reset(state); state->ready = AGENT_DESIGN_WORD; }
 LOCKSTEP_ONE_COPY agent_status_t agent_step_relative(agent_state_t *state, const real r[OUTPUTS], real u[INPUTS]) { READY
@@ -159,8 +145,7 @@ WEIGHTS = "static const real weight[NEIGHBOURS] ="
 
 SOURCE_END = """
 [hears][size] real check = ZERO;
-[hears]     uint32_t j; uint32_t k;
-[hears]     for (k = 0u; k < OUTPUTSu; k++) { r[k] = ZERO;
+[hears]     uint32_t j; uint32_t k; for (k = 0u; k < OUTPUTSu; k++) { r[k] = ZERO;
 [hears][size] check = check + (y[k] - y[k]);
 [hears]     } for (j = 0u; j < NEIGHBOURSu; j++) {
 [hears]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j); const real *source = y;
@@ -172,8 +157,7 @@ SOURCE_END = """
 [hears][size]       check = check + (source[k] - source[k]);
 [hears] } }
 [hears][size] return check;
-[hears] }
-[hears] static void agent_remember(agent_state_t *state, const real neighbour_y[MESSAGES], agent_mask_t received,
+[hears] } static void agent_remember(agent_state_t *state, const real neighbour_y[MESSAGES], agent_mask_t received,
 [hears]     agent_status_t status) { uint32_t j; uint32_t k; for (j = 0u; j < NEIGHBOURSu; j++) {
 [hears]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j);
 [hears]         if ((received & bit) == 0u) { state->misses[j] += (state->misses[j] < UINT32_MAX) ? 1u : 0u; }
@@ -187,7 +171,8 @@ SOURCE_END = """
 [hears][speed]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j);
 [hears][speed]         if ((received & bit) != 0u) { check = check + agent_check(&neighbour_y[j * OUTPUTSu], OUTPUTSu); } }
 [hears][speed]     return (check == ZERO) ? AGENT_OVERFLOW : AGENT_NOT_FINITE; }
-LOCKSTEP_ONE_COPY agent_status_t agent_step(agent_state_t *state, const real y[OUTPUTS], HEARD, agent_mask_t received, real u[INPUTS]) {
+LOCKSTEP_ONE_COPY agent_status_t agent_step(
+    agent_state_t *state, const real y[OUTPUTS], HEARD, agent_mask_t received, real u[INPUTS]) {
 [hears]        real r[OUTPUTS]; READY
 [hears][speed] agent_relative(state, y, neighbour_y, received, r); status = agent_advance(state, r);
 [hears][speed] if (status != AGENT_OK) { status = agent_fault(y, neighbour_y, received); }
@@ -198,8 +183,7 @@ LOCKSTEP_ONE_COPY agent_status_t agent_step(agent_state_t *state, const real y[O
 [alone]        (void)neighbour_y; (void)received; if (state->ready == AGENT_DESIGN_WORD) {
 [alone][speed] status = AGENT_NOT_FINITE; if (agent_check(y, OUTPUTSu) == ZERO) { status = agent_advance(state, r); }
 [alone][size]  status = agent_advance(state, r, agent_check(y, OUTPUTSu));
-    } else { agent_reset(state); } agent_output(state, u); return status; }
-agent_status_t agent_self_check(void) {
+    } else { agent_reset(state); } agent_output(state, u); return status; } agent_status_t agent_self_check(void) {
 """
 
 KNOWN = "static const real {}[{}] ="
@@ -207,18 +191,12 @@ KNOWN = "static const real {}[{}] ="
 SELF_CHECK_END = """
     volatile uint32_t first = 0u; agent_state_t state; const unsigned char *const found = (const unsigned char *)&state;
     uint32_t differs = 0u; uint32_t j; uint32_t k; agent_start(&state);
-#if defined(__clang__)
-#pragma clang loop unroll(disable)
-#endif
-    for (k = first; k < ANSWERSu; k++) {
+LOOP for (k = first; k < ANSWERSu; k++) {
         const unsigned char *const expected = (const unsigned char *)&answer[k * ROWSu]; real u[INPUTS];
 [hears] if (k == 0u) { (void)agent_step_relative(&state, given, u); } else { (void)agent_step(&state,
 [hears]     &given[k * OUTPUTSu], &given[(k + 1u) * OUTPUTSu], AGENT_ALL_RECEIVED, u); }
 [alone] (void)agent_step_relative(&state, &given[k * OUTPUTSu], u);
-#if defined(__clang__)
-#pragma clang loop unroll(disable) vectorize(disable)
-#endif
-        for (j = 0u; j < (ROWSu * (uint32_t)sizeof(real)); j++) {
+LOOP    for (j = 0u; j < (ROWSu * (uint32_t)sizeof(real)); j++) {
             differs |= (uint32_t)found[j] ^ (uint32_t)expected[j]; } }
     return (differs == 0u) ? AGENT_OK : AGENT_UNFIT; }
 agent_status_t agent_init(agent_state_t *state) { const agent_status_t status = agent_self_check();
