@@ -146,12 +146,16 @@ def generate(
     design: DesignFile,
     output: Annotated[Path, typer.Option("-o", "--output", help="The folder to write.", show_default=False)],
     optimize: Annotated[str, typer.Option(help='"speed" unrolls, "size" loops over a table.')] = "speed",
+    name: Annotated[str, typer.Option(help="The CMake target's and the umbrella header's name.")] = "",
+    prefix: Annotated[
+        str, typer.Option(help="Put before the agents' names: two designs fit one program.")
+    ] = "",
     json: Json = False,
 ) -> None:
     """Emit C for each agent's controller."""
     from lockstep.cli.generate import run
 
-    run(design, output, optimize=optimize, as_json=json)
+    run(design, output, optimize=optimize, name=name, prefix=prefix, as_json=json)
 
 
 @app.command()

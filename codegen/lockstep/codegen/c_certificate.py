@@ -68,7 +68,7 @@ def certify_folder(folder: Path, stored: Stored, verdict: Verdict) -> FolderVerd
         f"{path} is not what manifest.json says it is" for path in changed_files(folder, manifest)
     ]
     names = [agent.name for agent in manifest.agents]
-    differences += _misnamed(names, stored)
+    differences += _misnamed(names, stored, manifest.prefix)
     network = sampled_network(stored, manifest.period)
     try:
         read = read_controllers(folder, names)
@@ -92,7 +92,10 @@ def _rendered(folder: Path, stored: Stored, verdict: Verdict, manifest: Manifest
     The files print what the design claims of its sampled controllers, which does not depend on the last bits of a
     machine; that it claims no more than is proved is asked apart.
     """
-    files = emit(specification(stored, verdict, optimize=manifest.optimize, held=stated_verdict(stored)))
+    names = {"name": manifest.name, "prefix": manifest.prefix}
+    files = emit(
+        specification(stored, verdict, optimize=manifest.optimize, held=stated_verdict(stored), **names)
+    )
     others = {path: _bytes(folder, path) for path in manifest.files if path not in files}
     together = bundle(files, others)
     return {path: str(together[path]) for path in files}
@@ -134,9 +137,9 @@ def _period(read: list[ReadController], manifest: Manifest) -> float:
     return manifest.period if same else read[0].period
 
 
-def _misnamed(names: list[str], stored: Stored) -> list[str]:
+def _misnamed(names: list[str], stored: Stored, prefix: str) -> list[str]:
     """Say whether the agents are not in the design's order: each is proved with the inputs B of its place in it."""
-    expected = [f"{stored.problem.agent().name}{i}" for i in range(1, stored.gains.N + 1)]
+    expected = [f"{prefix}{stored.problem.agent().name}{i}" for i in range(1, stored.gains.N + 1)]
     if names == expected:
         return []
     return [

@@ -28,6 +28,7 @@ from lockstep.codegen.manifest import (
     Arithmetic,
     Coefficients,
     Gains,
+    Identification,
     Manifest,
     Named,
     Plant,
@@ -82,8 +83,14 @@ def emit(spec: CodegenSpec) -> dict[str, str]:
         files[f"proof/{view['name']}_eva.c"] = render(
             "eva.c.j2", **context, a=view, limit=real.literal(EVA_LIMIT)
         )
-    for name in ("CMakeLists.txt", "README.md"):
-        files[name] = render(f"{name}.j2", **context, agents=views)
+    whole = {
+        f"include/{spec.name}.h": "umbrella.h",
+        f"src/{spec.name}.c": "umbrella.c",
+        f"cmake/{spec.name}-config.cmake": "config.cmake",
+    }
+    whole |= {"CMakeLists.txt": "CMakeLists.txt", "README.md": "README.md"}
+    for path, template in whole.items():
+        files[path] = render(f"{template}.j2", **context, agents=views)
     files[FILE_NAME] = _manifest(spec, agents, real, files).sealed().text()
     return files
 
@@ -138,6 +145,7 @@ def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "name": spec.name,
+        "NAME": spec.name.upper(),
         "title": plain(spec.title),
         "design_hash": plain(spec.design_hash),
         "discretization": spec.discretization,
@@ -151,6 +159,7 @@ def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
         "digits": "FLT_MANT_DIG != 24" if real.c_name == "float" else "DBL_MANT_DIG != 53",
         "identity": identity.design,
         "identity_word": identity.word,
+        "claims_id": identity.claims,
         "optimize": spec.optimize,
         "claims": claims(spec.certificate),
     }
@@ -196,9 +205,10 @@ def _by_core(budgets: Mapping[str, int]) -> list[dict[str, Any]]:
 
 
 def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: Mapping[str, str]) -> Manifest:
+    identity = Identity.of(spec)
     plants: list[LinearPlant | None] = list(spec.plants) or [None] * len(agents)
     return Manifest(
-        format="lockstep-controllers/1",
+        format="lockstep-controllers/2",
         name=spec.name,
         title=spec.title,
         design_hash=spec.design_hash,
@@ -212,6 +222,8 @@ def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: M
             contraction="off",
         ),
         certificate=dict(spec.certificate),
+        identity=Identification(design=identity.design, claims=identity.claims),
+        prefix=spec.prefix,
         agents=tuple(_agent_record(a, real, p) for a, p in zip(agents, plants, strict=True)),
         files={path: sha256(text) for path, text in files.items()},
     )

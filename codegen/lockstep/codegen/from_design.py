@@ -24,6 +24,8 @@ def specification(
     *,
     optimize: Optimize = "speed",
     held: HeldVerdict | None = None,
+    name: str = "",
+    prefix: str = "",
 ) -> CodegenSpec:
     """Return what to generate for a stored design.
 
@@ -32,10 +34,12 @@ def specification(
         verdict: what the checker says of it just now; what the file says of itself does not count.
         optimize: "speed" or "size".
         held: what is proved of the numbers that will be printed, sampled and rounded; None: nothing.
+        name: of the folder's target and umbrella header; "": the agent's, and `_controllers`.
+        prefix: put before the agent's name in all that is generated.
     """
     problem, agent = stored.problem, stored.problem.agent()
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
-    names = [f"{agent.name}{i}" for i in range(1, graph.N + 1)]
+    names = [f"{prefix}{agent.name}{i}" for i in range(1, graph.N + 1)]
     units = agent.units
     sources: list[list[Neighbour]] = [[] for _ in names]
     for listener, source, weight in graph.edges:
@@ -60,7 +64,8 @@ def specification(
         discretization=table.discretization,
         real=table.real,
         optimize=optimize,
-        name=f"{agent.name}_controllers",
+        name=name or f"{prefix}{agent.name}_controllers",
+        prefix=prefix,
         title=problem.title,
         certificate=_datasheet(stored, verdict, held),
         design_hash=fingerprint(stored),

@@ -30,28 +30,39 @@ class Generated:
         return {"ok": True, "directory": str(self.folder), "files": sorted(self.files)}
 
 
-def generate(design: Design | Path | str, folder: Path | str, *, optimize: str = "speed") -> Generated:
+def generate(
+    design: Design | Path | str,
+    folder: Path | str,
+    *,
+    optimize: str = "speed",
+    name: str = "",
+    prefix: str = "",
+) -> Generated:
     """Certify a design, emit its C, prove the controllers by the numbers in the C, and write the folder.
 
     Args:
         design: itself, its file, or a folder that holds one.
         folder: the folder to write; one that Lockstep wrote before is replaced as a whole.
         optimize: "speed" unrolls, "size" loops over a table.
+        name: of the CMake target and the umbrella header; by default the agent's name and `_controllers`.
+        prefix: put before the agents' names, so that two designs fit one program.
 
     Raises:
-        ProblemError: no design, or a folder that cannot be written.
+        ProblemError: no design, a name that is no C identifier, or a folder that cannot be written.
         NotCertified: the checker refuses the design: C is generated from certified designs only.
     """
     from lockstep.codegen.folder import write_folder
 
     folder = Path(folder)
     check_generated(folder)
-    files = generated_files(as_design(design)[0], optimize)
+    files = generated_files(as_design(design)[0], optimize, name=name, prefix=prefix)
     write_folder(files, folder)
     return Generated(Design.of(json.loads(files[DESIGN_NAME]), DESIGN_NAME, folder), folder, files)
 
 
-def generated_files(design: Design, optimize: str = "speed") -> dict[str, str]:
+def generated_files(
+    design: Design, optimize: str = "speed", *, name: str = "", prefix: str = ""
+) -> dict[str, str]:
     """Certify a design, and return the files generated from it: relative path -> text.
 
     Raises:
@@ -77,7 +88,8 @@ def generated_files(design: Design, optimize: str = "speed") -> dict[str, str]:
     stored = with_sampled(
         replace(stored, claims=replace(stored.claims, scope=verdict.scope)), prove_design(stored)
     )
-    draft = emit(specification(stored, verdict, optimize=optimize))  # type: ignore[arg-type]
+    names = {"name": name, "prefix": prefix}
+    draft = emit(specification(stored, verdict, optimize=optimize, **names))  # type: ignore[arg-type]
     held = certify_texts(draft, stored, longest=False)
-    spec = specification(stored, verdict, optimize=optimize, held=held)  # type: ignore[arg-type]
+    spec = specification(stored, verdict, optimize=optimize, held=held, **names)  # type: ignore[arg-type]
     return bundle(emit(spec), {DESIGN_NAME: to_json(stored.document()) + "\n"})
