@@ -107,7 +107,10 @@ def test_a_broken_sensor_lets_the_motor_go_and_is_counted(firmware):
 
 def test_a_message_that_is_half_written_is_not_taken(firmware, root):
     """The radio writes while the handler reads: at the start (odd), or between the two halves."""
-    board, reference = Board(firmware), references(load_manifest(root / "generated" / "flexible_joint_arms"))["arm1"]
+    board, reference = (
+        Board(firmware),
+        references(load_manifest(root / "generated" / "flexible_joint_arms"))["arm1"],
+    )
     board.reset()
     y, old, new = (np.array(v, np.float32) for v in ((0.5, 0.1), (0.2, 0.3), (-0.4, 0.9)))
     assert board.tick(y, old, 1).tobytes() == reference.step(y, old[None], 1)[1].tobytes()
@@ -130,7 +133,19 @@ def test_a_message_that_is_half_written_is_not_taken(firmware, root):
 
 
 def test_the_firmware_holds_no_library(firmware):
-    ours = ("arm1", "receive", "taken", "Reset_", "Stop_", "SysTick_", "main", "vectors", "controller", "startup.c", "$")
+    ours = (
+        "arm1",
+        "receive",
+        "taken",
+        "Reset_",
+        "Stop_",
+        "SysTick_",
+        "main",
+        "vectors",
+        "controller",
+        "startup.c",
+        "$",
+    )
     linker = {"_stack_top", "_data_load", "_data_start", "_data_end", "_bss_start", "_bss_end"}
     names = set(load_image(firmware).symbols) - linker
     assert [name for name in names if not name.startswith(ours)] == []
