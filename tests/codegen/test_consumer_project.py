@@ -33,7 +33,8 @@ int main(void)
     if ((left_arm1_init(&left) != LEFT_ARM1_OK) || (spare_arm1_init(&spare) != SPARE_ARM1_OK)) return 1;
     for (k = 0u; k < LEFT_ARM_CONTROLLERS_AGENTS; k++) {
         const left_arm_controllers_descriptor_t *d = &left_arm_controllers_descriptors[k];
-        printf("%s %s %s %g %u %u\\n", d->name, d->design, d->claims, (double)d->period, (unsigned)d->order, (unsigned)d->state_bytes);
+        printf("%s %s %s ", d->name, d->design, d->claims);
+        printf("%g %u %u\\n", (double)d->period, (unsigned)d->order, (unsigned)d->state_bytes);
     }
     printf("%s %s\\n", fallback_descriptors[0].name, fallback_descriptors[0].design);
     return 0;

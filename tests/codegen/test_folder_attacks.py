@@ -159,15 +159,15 @@ def signs_of_the_self_check(folder: Path) -> None:
 
 MANIFEST = load_manifest(GENERATED)
 DESIGN, CLAIMS = MANIFEST.identity.design, MANIFEST.identity.claims
-OTHER = "0" * 64
+OTHER, WORD = "0" * 64, f"0x{int(DESIGN[:8], 16) | 1:08x}u"
 UMBRELLA = "src/arm_controllers.c"
 MUTATIONS = {
     "another identity in a header": (replaced("include/arm1.h", DESIGN, OTHER), "include/arm1.h"),
-    "another word in a header": (replaced("include/arm1.h", f"0x{int(DESIGN[:8], 16) | 1:08x}u", "0x00000001u"), "include/arm1.h"),
+    "another word in a header": (replaced("include/arm1.h", WORD, "0x00000001u"), "include/arm1.h"),
     "another identity everywhere": (
         all_of(
             *(replaced(f"include/arm{k}.h", DESIGN, OTHER) for k in (1, 2, 3)),
-            *(replaced(f"include/arm{k}.h", f"0x{int(DESIGN[:8], 16) | 1:08x}u", "0x00000001u") for k in (1, 2, 3)),
+            *(replaced(f"include/arm{k}.h", WORD, "0x00000001u") for k in (1, 2, 3)),
             manifest_with(design_hash=OTHER, identity=MANIFEST.identity.model_copy(update={"design": OTHER})),
         ),
         "include/arm1.h",
@@ -198,7 +198,7 @@ MUTATIONS = {
         "cmake/arm_controllers-config.cmake",
     ),
     "an alias of another target": (replaced("CMakeLists.txt", "ALIAS arm_controllers", "ALIAS other"), "CMakeLists.txt"),
-    "a header installed from elsewhere": (replaced("CMakeLists.txt", "DIRECTORY include/", "DIRECTORY src/"), "CMakeLists.txt"),
+    "a header from elsewhere": (replaced("CMakeLists.txt", "DIRECTORY include/", "DIRECTORY src/"), "CMakeLists.txt"),
     "a flag left out": (replaced("CMakeLists.txt", "-ffp-contract=off ", ""), "CMakeLists.txt"),
     "answers to other questions": (signs_of_the_self_check, "src/arm1.c"),
     "a self-check of no steps": (replaced("src/arm1.c", "k = first; k < 3u", "k = first; k < 0u"), "src/arm1.c"),

@@ -264,4 +264,7 @@ def test_the_answers_are_those_of_the_reference_and_tell_every_variation():
             for k, row in enumerate(known.answers):
                 given = known.given[k]
                 reference.step(given, known.given[k + 1 : k + 3], 3) if k else reference.step_relative(given)
-                assert np.concatenate([reference.state.x, reference.state.u]).tobytes() == row.tobytes()
+                scale = real(1 if k else 2.0**100)
+                assert (
+                    np.concatenate([reference.state.x, reference.state.u]) * scale
+                ).tobytes() == row.tobytes()

@@ -20,7 +20,7 @@ from lockstep.codegen.budget import flash_budgets, stack_budgets, state_bytes
 from lockstep.codegen.cores import CORES
 from lockstep.codegen.identity import Identity
 from lockstep.codegen.kernel import Kernel, straight_line
-from lockstep.codegen.known_answers import known_answers
+from lockstep.codegen.known_answers import SCALE, known_answers
 from lockstep.codegen.manifest import (
     FILE_NAME,
     FORMAT,
@@ -156,6 +156,8 @@ def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
         "real_name": real.name,
         "c_real": real.c_name,
         "zero": real.literal(0.0),
+        "one": real.literal(1.0),
+        "scale": real.literal(SCALE),
         "digits": "FLT_MANT_DIG != 24" if real.c_name == "float" else "DBL_MANT_DIG != 53",
         "identity": identity.design,
         "identity_word": identity.word,

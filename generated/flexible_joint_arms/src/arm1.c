@@ -237,10 +237,11 @@ static arm1_status_t arm1_fault(const float y[2], const float neighbour_y[2], ar
 LOCKSTEP_ONE_COPY arm1_status_t arm1_step(arm1_state_t *state, const float y[2],
     const float neighbour_y[2], arm1_mask_t received, float u[1])
 {
-    float r[2];
     arm1_status_t status = ARM1_NOT_READY;
 
     if (state->ready == ARM1_DESIGN_WORD) {
+        float r[2];
+
         arm1_relative(state, y, neighbour_y, received, r);
         status = arm1_advance(state, r);
         if (status != ARM1_OK) {
@@ -258,10 +259,9 @@ arm1_status_t arm1_self_check(void)
 {
     /* Row 0 is a relative output near the smallest number; from row 1 on: y, and the neighbours' in the rows below. */
     static const float given[8] = {9.56313e-40f, 1.380653e-39f, 0.16501515f, -1.1097896f, 0.7071962f, 0.4021854f, 0.19538234f, -0.4649762f};
-    static const float answer[9] = {2.73e-43f, -2.4088e-41f, -1.8186707e-38f, 0.0012527077f, 0.014974823f, 11.955755f, 0.0027827702f, 0.0011306022f, -9.878007f};
+    static const float answer[9] = {3.4638958e-13f, -3.0535574e-11f, -2.305439e-08f, 0.0012527077f, 0.014974823f, 11.955755f, 0.0027827702f, 0.0011306022f, -9.878007f};
     volatile uint32_t first = 0u; /* so that it is computed where it runs, and not by the compiler */
     arm1_state_t state;
-    const unsigned char *const found = (const unsigned char *)&state; /* x and u come first in it */
     uint32_t differs = 0u;
     uint32_t j;
     uint32_t k;
@@ -271,7 +271,7 @@ arm1_status_t arm1_self_check(void)
 #pragma clang loop unroll(disable)
 #endif
     for (k = first; k < 3u; k++) {
-        const unsigned char *const expected = (const unsigned char *)&answer[k * 3u];
+        const float scale = (k == 0u) ? 1.2676506e+30f : 1.0f; /* where it is flushed to zero, 0 equals the tiny */
         float u[1];
 
         if (k == 0u) {
@@ -279,11 +279,11 @@ arm1_status_t arm1_self_check(void)
         } else {
             (void)arm1_step(&state, &given[k * 2u], &given[(k + 1u) * 2u], ARM1_ALL_RECEIVED, u);
         }
-#if defined(__clang__)
-#pragma clang loop unroll(disable)
-#endif
-        for (j = 0u; j < (3u * (uint32_t)sizeof(float)); j++) {
-            differs |= (uint32_t)found[j] ^ (uint32_t)expected[j]; /* values would be equal where flushed to zero */
+        for (j = 0u; j < 2u; j++) {
+            differs |= ((state.x[j] * scale) == answer[(k * 3u) + j]) ? 0u : 1u;
+        }
+        for (j = 0u; j < 1u; j++) {
+            differs |= ((u[j] * scale) == answer[(k * 3u) + 2u + j]) ? 0u : 1u;
         }
     }
     return (differs == 0u) ? ARM1_OK : ARM1_UNFIT;

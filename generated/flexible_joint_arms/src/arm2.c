@@ -237,10 +237,11 @@ static arm2_status_t arm2_fault(const float y[2], const float neighbour_y[2], ar
 LOCKSTEP_ONE_COPY arm2_status_t arm2_step(arm2_state_t *state, const float y[2],
     const float neighbour_y[2], arm2_mask_t received, float u[1])
 {
-    float r[2];
     arm2_status_t status = ARM2_NOT_READY;
 
     if (state->ready == ARM2_DESIGN_WORD) {
+        float r[2];
+
         arm2_relative(state, y, neighbour_y, received, r);
         status = arm2_advance(state, r);
         if (status != ARM2_OK) {
@@ -258,10 +259,9 @@ arm2_status_t arm2_self_check(void)
 {
     /* Row 0 is a relative output near the smallest number; from row 1 on: y, and the neighbours' in the rows below. */
     static const float given[8] = {1.5e-43f, -5.96e-43f, 0.5689954f, 0.31535092f, -0.8184466f, -0.5950447f, 0.8898714f, 1.3234633f};
-    static const float answer[9] = {-3e-45f, 3e-45f, 3.35e-43f, -0.13474311f, 0.042236146f, -15.199989f, 0.019078167f, -0.009499183f, 15.945675f};
+    static const float answer[9] = {-3.5527137e-15f, 3.5527137e-15f, 4.2454928e-13f, -0.13474311f, 0.042236146f, -15.199989f, 0.019078167f, -0.009499183f, 15.945675f};
     volatile uint32_t first = 0u; /* so that it is computed where it runs, and not by the compiler */
     arm2_state_t state;
-    const unsigned char *const found = (const unsigned char *)&state; /* x and u come first in it */
     uint32_t differs = 0u;
     uint32_t j;
     uint32_t k;
@@ -271,7 +271,7 @@ arm2_status_t arm2_self_check(void)
 #pragma clang loop unroll(disable)
 #endif
     for (k = first; k < 3u; k++) {
-        const unsigned char *const expected = (const unsigned char *)&answer[k * 3u];
+        const float scale = (k == 0u) ? 1.2676506e+30f : 1.0f; /* where it is flushed to zero, 0 equals the tiny */
         float u[1];
 
         if (k == 0u) {
@@ -279,11 +279,11 @@ arm2_status_t arm2_self_check(void)
         } else {
             (void)arm2_step(&state, &given[k * 2u], &given[(k + 1u) * 2u], ARM2_ALL_RECEIVED, u);
         }
-#if defined(__clang__)
-#pragma clang loop unroll(disable)
-#endif
-        for (j = 0u; j < (3u * (uint32_t)sizeof(float)); j++) {
-            differs |= (uint32_t)found[j] ^ (uint32_t)expected[j]; /* values would be equal where flushed to zero */
+        for (j = 0u; j < 2u; j++) {
+            differs |= ((state.x[j] * scale) == answer[(k * 3u) + j]) ? 0u : 1u;
+        }
+        for (j = 0u; j < 1u; j++) {
+            differs |= ((u[j] * scale) == answer[(k * 3u) + 2u + j]) ? 0u : 1u;
         }
     }
     return (differs == 0u) ? ARM2_OK : ARM2_UNFIT;

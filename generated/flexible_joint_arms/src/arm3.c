@@ -237,10 +237,11 @@ static arm3_status_t arm3_fault(const float y[2], const float neighbour_y[2], ar
 LOCKSTEP_ONE_COPY arm3_status_t arm3_step(arm3_state_t *state, const float y[2],
     const float neighbour_y[2], arm3_mask_t received, float u[1])
 {
-    float r[2];
     arm3_status_t status = ARM3_NOT_READY;
 
     if (state->ready == ARM3_DESIGN_WORD) {
+        float r[2];
+
         arm3_relative(state, y, neighbour_y, received, r);
         status = arm3_advance(state, r);
         if (status != ARM3_OK) {
@@ -258,10 +259,9 @@ arm3_status_t arm3_self_check(void)
 {
     /* Row 0 is a relative output near the smallest number; from row 1 on: y, and the neighbours' in the rows below. */
     static const float given[8] = {2.82932e-40f, -8.0937e-40f, 0.26969385f, 0.39646527f, 0.6035032f, -0.48592544f, 0.19697f, -0.8333436f};
-    static const float answer[9] = {-7.09e-43f, 2.8e-44f, -2.34049e-40f, 0.000836073f, -1.9445666e-05f, 0.28246674f, -0.00016358744f, -0.00024971826f, -0.4650414f};
+    static const float answer[9] = {-8.9883656e-13f, 3.5527137e-14f, -2.9669245e-10f, 0.000836073f, -1.9445666e-05f, 0.28246674f, -0.00016358744f, -0.00024971826f, -0.4650414f};
     volatile uint32_t first = 0u; /* so that it is computed where it runs, and not by the compiler */
     arm3_state_t state;
-    const unsigned char *const found = (const unsigned char *)&state; /* x and u come first in it */
     uint32_t differs = 0u;
     uint32_t j;
     uint32_t k;
@@ -271,7 +271,7 @@ arm3_status_t arm3_self_check(void)
 #pragma clang loop unroll(disable)
 #endif
     for (k = first; k < 3u; k++) {
-        const unsigned char *const expected = (const unsigned char *)&answer[k * 3u];
+        const float scale = (k == 0u) ? 1.2676506e+30f : 1.0f; /* where it is flushed to zero, 0 equals the tiny */
         float u[1];
 
         if (k == 0u) {
@@ -279,11 +279,11 @@ arm3_status_t arm3_self_check(void)
         } else {
             (void)arm3_step(&state, &given[k * 2u], &given[(k + 1u) * 2u], ARM3_ALL_RECEIVED, u);
         }
-#if defined(__clang__)
-#pragma clang loop unroll(disable)
-#endif
-        for (j = 0u; j < (3u * (uint32_t)sizeof(float)); j++) {
-            differs |= (uint32_t)found[j] ^ (uint32_t)expected[j]; /* values would be equal where flushed to zero */
+        for (j = 0u; j < 2u; j++) {
+            differs |= ((state.x[j] * scale) == answer[(k * 3u) + j]) ? 0u : 1u;
+        }
+        for (j = 0u; j < 1u; j++) {
+            differs |= ((u[j] * scale) == answer[(k * 3u) + 2u + j]) ? 0u : 1u;
         }
     }
     return (differs == 0u) ? ARM3_OK : ARM3_UNFIT;

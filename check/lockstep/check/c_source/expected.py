@@ -173,7 +173,7 @@ SOURCE_END = """
 [hears][speed]     return (check == ZERO) ? AGENT_OVERFLOW : AGENT_NOT_FINITE; }
 LOCKSTEP_ONE_COPY agent_status_t agent_step(
     agent_state_t *state, const real y[OUTPUTS], HEARD, agent_mask_t received, real u[INPUTS]) {
-[hears]        real r[OUTPUTS]; READY
+[hears]        READY real r[OUTPUTS];
 [hears][speed] agent_relative(state, y, neighbour_y, received, r); status = agent_advance(state, r);
 [hears][speed] if (status != AGENT_OK) { status = agent_fault(y, neighbour_y, received); }
 [hears][size]  const real inputs = agent_relative(state, y, neighbour_y, received, r);
@@ -189,15 +189,13 @@ LOCKSTEP_ONE_COPY agent_status_t agent_step(
 KNOWN = "static const real {}[{}] ="
 
 SELF_CHECK_END = """
-    volatile uint32_t first = 0u; agent_state_t state; const unsigned char *const found = (const unsigned char *)&state;
-    uint32_t differs = 0u; uint32_t j; uint32_t k; agent_start(&state);
-LOOP for (k = first; k < ANSWERSu; k++) {
-        const unsigned char *const expected = (const unsigned char *)&answer[k * ROWSu]; real u[INPUTS];
+    volatile uint32_t first = 0u; agent_state_t state; uint32_t differs = 0u; uint32_t j; uint32_t k; agent_start(&state);
+LOOP for (k = first; k < ANSWERSu; k++) { const real scale = (k == 0u) ? SCALE; real u[INPUTS];
 [hears] if (k == 0u) { (void)agent_step_relative(&state, given, u); } else { (void)agent_step(&state,
 [hears]     &given[k * OUTPUTSu], &given[(k + 1u) * OUTPUTSu], AGENT_ALL_RECEIVED, u); }
 [alone] (void)agent_step_relative(&state, &given[k * OUTPUTSu], u);
-LOOP    for (j = 0u; j < (ROWSu * (uint32_t)sizeof(real)); j++) {
-            differs |= (uint32_t)found[j] ^ (uint32_t)expected[j]; } }
+[state] for (j = 0u; j < ORDERu; j++) { differs |= ((state.x[j] * scale) == answer[(k * ROWSu) + j]) ? 0u : 1u; }
+        for (j = 0u; j < INPUTSu; j++) { differs |= ((u[j] * scale) == answer[(k * ROWSu) + AFTER j]) ? 0u : 1u; } }
     return (differs == 0u) ? AGENT_OK : AGENT_UNFIT; }
 agent_status_t agent_init(agent_state_t *state) { const agent_status_t status = agent_self_check();
     agent_start(state); if (status != AGENT_OK) { state->ready = 0u; } return status; }

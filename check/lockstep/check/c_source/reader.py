@@ -99,6 +99,7 @@ class _Agent:
         kind, zero, digits, form = (
             single if real == "float32" else ("double", "0.0", "DBL_MANT_DIG != 53", "binary64")
         )
+        scale = "1.2676506e+30f : 1.0f" if real == "float32" else "1.2676506002282294e+30 : 1.0"
         bits = 32 if nn <= 32 else 64
         self.words = words | {"real": kind, "ZERO": zero, "NOTHING": ", ".join([zero] * q)}
         self.words |= {"MASK": f"uint{bits}_t", "RECEIVED": f"0x{2**nn - 1:x}u" + "ll" * (bits > 32)}
@@ -109,7 +110,12 @@ class _Agent:
         self.words |= dict(
             zip(("XGIVEN", "XNEXT", "XPASSED", "AFTER"), states if n else ("", "", "r,", ""), strict=True)
         )
-        self.words |= {"KEPT": c.KEPT if shape.terms >= _LOOPS_FROM else "", "LOOP": c.KEPT, "DIGITS": digits}
+        self.words |= {
+            "KEPT": c.KEPT if shape.terms >= _LOOPS_FROM else "",
+            "LOOP": c.KEPT,
+            "DIGITS": digits,
+            "SCALE": scale,
+        }
         self.words |= {"FORMAT": form, "ANSWERS": str(ANSWERS), "READY": c.expected(c.READY, set(), words)}
         self.kinds = {"hears" if nn else "alone"} | ({"state"} if n else set())
 
