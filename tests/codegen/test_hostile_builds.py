@@ -25,6 +25,7 @@ from lockstep.verification.harness import inputs, layout, outputs, product_sourc
 from lockstep.verification.reference import NOT_READY, Reference
 from lockstep.verification.stimulus import (
     STEP_RELATIVE,
+    adversarial_calls,
     closed_loop_calls,
     fault_calls,
     recorded_outputs,
@@ -89,7 +90,10 @@ class Bench:
     def __init__(self, folder, place):
         self.folder, self.manifest, self.place = folder, load_manifest(folder), place
         loop = closed_loop_calls(self.manifest, recorded_outputs(self.manifest, 200))
-        self.calls = {a.name: loop[a.name] + fault_calls(self.manifest, a) for a in self.manifest.agents}
+        self.calls = {
+            a.name: loop[a.name] + fault_calls(self.manifest, a) + adversarial_calls(self.manifest, a, 800)
+            for a in self.manifest.agents
+        }
         self.expected = {
             a.name: run_reference(Reference.of(a, self.manifest), self.calls[a.name])
             for a in self.manifest.agents
