@@ -171,6 +171,10 @@ def generate(
     fmu: Annotated[bool, typer.Option("--fmu", help="FMI 3.0 co-simulation units.")] = False,
     rust: Annotated[bool, typer.Option("--rust", help="A Rust crate over the C.")] = False,
     arduino: Annotated[bool, typer.Option("--arduino", help="A library in Arduino's layout.")] = False,
+    name: Annotated[str, typer.Option(help="The CMake target's and the umbrella header's name.")] = "",
+    prefix: Annotated[
+        str, typer.Option(help="Put before the agents' names: two designs fit one program.")
+    ] = "",
     json: Json = False,
 ) -> None:
     """Emit C for each agent's controller."""
@@ -178,7 +182,7 @@ def generate(
 
     wanted = {"pil": pil, "fmu": fmu, "rust": rust, "arduino": arduino}
     doors = [name for name, chosen in wanted.items() if chosen]
-    run(design, output, optimize=optimize, doors=doors, as_json=json)
+    run(design, output, as_json=json, optimize=optimize, doors=doors, name=name, prefix=prefix)
 
 
 @app.command()

@@ -46,5 +46,7 @@ def table_of(report: "VerifyReport") -> RenderableType:
             reasons.append(f"{target.name}: {said}, {why}")
         numbers = ["-" if cell is None else str(cell) for cell in cells]
         table.add_row(Text(target.name), said, str(target.steps), *numbers)
-    verdict = "every bit is equal" if report.ok else "NOT as claimed: " + "; ".join(report.problems)
+    verdict = (
+        f"every bit is equal: {report.fed}" if report.ok else "NOT as claimed: " + "; ".join(report.problems)
+    )
     return Group(table, *map(Text, reasons), Text(verdict, style="bold"))

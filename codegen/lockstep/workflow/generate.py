@@ -32,7 +32,13 @@ class Generated:
 
 
 def generate(
-    design: Design | Path | str, folder: Path | str, *, optimize: str = "speed", doors: Collection[str] = ()
+    design: Design | Path | str,
+    folder: Path | str,
+    *,
+    optimize: str = "speed",
+    doors: Collection[str] = (),
+    name: str = "",
+    prefix: str = "",
 ) -> Generated:
     """Certify a design, emit its C, prove the controllers by the numbers in the C, and write the folder.
 
@@ -43,9 +49,11 @@ def generate(
         doors: more files: "pil" (test vectors and a runner for any board),
             "fmu" (FMI 3.0 co-simulation units, compiled for this machine if it has a compiler),
             "rust" (a `no_std` crate over the C), "arduino" (a library in Arduino's layout).
+        name: of the CMake target and the umbrella header; by default the agent's name and `_controllers`.
+        prefix: put before the agents' names, so that two designs fit one program.
 
     Raises:
-        ProblemError: no design, or a folder that cannot be written.
+        ProblemError: no design, a name that is no C identifier, or a folder that cannot be written.
         NotCertified: the checker refuses the design: C is generated from certified designs only.
     """
     from lockstep.codegen.folder import write_folder
@@ -54,13 +62,15 @@ def generate(
 
     folder = Path(folder)
     check_generated(folder)
-    texts = generated_files(as_design(design)[0], optimize, doors)
+    texts = generated_files(as_design(design)[0], optimize, doors, name=name, prefix=prefix)
     files: dict[str, str | bytes] = bundle(texts, units(texts)) if "fmu" in doors else {**texts}
     write_folder(files, folder)
     return Generated(Design.of(json.loads(texts[DESIGN_NAME]), DESIGN_NAME, folder), folder, files)
 
 
-def generated_files(design: Design, optimize: str = "speed", doors: Collection[str] = ()) -> dict[str, str]:
+def generated_files(
+    design: Design, optimize: str = "speed", doors: Collection[str] = (), *, name: str = "", prefix: str = ""
+) -> dict[str, str]:
     """Certify a design, and return the files generated from it: relative path -> text.
 
     What the design claims of its sampled controllers is printed in the C. Where it claims nothing of them, or what is not
@@ -89,7 +99,8 @@ def generated_files(design: Design, optimize: str = "speed", doors: Collection[s
     if not (verdict.ok and claims.certified and claims.rho and claims.max_period):
         stored = with_sampled(stored, prove_design(stored))
     stored = replace(stored, claims=replace(stored.claims, scope=verdict.scope))
-    files = with_doors(emit(specification(stored, optimize=optimize)), doors)  # type: ignore[arg-type]
+    spec = specification(stored, optimize=optimize, name=name, prefix=prefix)  # type: ignore[arg-type]
+    files = with_doors(emit(spec), doors)
     decided = certify_files(files, stored)
     if stored.claims.sampled.certified and not decided.ok:
         raise NotCertified(f"the C does not hold what its design claims: {decided.reason}", **decided.figures)

@@ -87,9 +87,9 @@ class _Key:
 def _engine(key: _Key, step: float) -> "Engine":
     """Return the compiled loop; its C is written once for each design."""
     from lockstep.campaign.compiled.engine import Engine
-    from lockstep.check.sampled.performance import Weights
     from lockstep.campaign.compiled.layout import Features
     from lockstep.campaign.compiled.source import continuous_source
+    from lockstep.check.sampled.performance import Weights
 
     stored, network, problem = key.stored, key.network, key.stored.problem
     source = continuous_source(

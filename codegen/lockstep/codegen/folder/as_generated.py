@@ -46,7 +46,7 @@ def compared(folder: Path, stored: Stored) -> Comparison:
     differences += [
         f"{path} is not what manifest.json says it is" for path in changed_files(folder, manifest)
     ]
-    differences += _misnamed([agent.name for agent in manifest.agents], stored)
+    differences += _misnamed([agent.name for agent in manifest.agents], stored, manifest.prefix)
     rendered = _rendered(folder, stored, manifest)
     differences += differs(folder, rendered) + archives_differ(folder, manifest, rendered)
     return Comparison(tuple(differences), not_proved(manifest))
@@ -54,7 +54,8 @@ def compared(folder: Path, stored: Stored) -> Comparison:
 
 def _rendered(folder: Path, stored: Stored, manifest: Manifest) -> dict[str, str]:
     """Return the text of every file that follows from the design; of the manifest only the hashes of others are read."""
-    files = with_doors(emit(specification(stored, optimize=manifest.optimize)), doors_of(manifest))
+    spec = specification(stored, optimize=manifest.optimize, name=manifest.name, prefix=manifest.prefix)
+    files = with_doors(emit(spec), doors_of(manifest))
     others = {path: _bytes(folder, path) for path in manifest.files if path not in files}
     together = bundle(files, others)
     return {path: str(together[path]) for path in files}
@@ -68,9 +69,9 @@ def _bytes(folder: Path, path: str) -> bytes:
         return b""
 
 
-def _misnamed(names: list[str], stored: Stored) -> list[str]:
+def _misnamed(names: list[str], stored: Stored, prefix: str) -> list[str]:
     """Say whether the agents are not in the design's order: each is proved with the inputs B of its place in it."""
-    expected = [f"{stored.problem.agent().name}{i}" for i in range(1, stored.gains.N + 1)]
+    expected = [f"{prefix}{stored.problem.agent().name}{i}" for i in range(1, stored.gains.N + 1)]
     if names == expected:
         return []
     return [

@@ -146,6 +146,7 @@ def _expected(manifest: Manifest) -> set[str]:
     per_agent = ("include/{}.h", "src/{}.c", "proof/{}_eva.c")
     return {
         *("CMakeLists.txt", "README.md", DESIGN_NAME, *MEASURED),
+        *(f"include/{manifest.name}.h", f"src/{manifest.name}.c", f"cmake/{manifest.name}-config.cmake"),
         *(form.format(name) for name in names for form in per_agent),
         *door_paths(manifest),
         *archives(manifest),
