@@ -27,10 +27,12 @@ from string import Template
 import casadi as ca
 import numpy as np
 
+from lockstep.check.c_source.kernel import Shape
 from lockstep.codegen.cores import CORES
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.kernel import kernel_function
+from lockstep.codegen.known_answers import SCALE, known_answers
 from lockstep.codegen.manifest import AgentEntry, Manifest, load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.verification.comparison import compare
@@ -90,7 +92,13 @@ def build(variant: str, orders: Sequence[int], outputs: Sequence[int], directory
 
 def hand_written(agent: AgentEntry, manifest: Manifest) -> str:
     real = manifest.real_type
-    rows = [", ".join(real.literal(v) for v in row) for row in agent.table(real)]
+    shape = Shape(agent.order, len(agent.outputs), len(agent.inputs), len(agent.neighbours))
+    M, weights = agent.table(real), agent.weights(real)
+    known = known_answers(shape, M, weights, skip=False, seed=agent.name)
+    lines = {
+        name: ",\n".join(f"    {{{', '.join(real.literal(v) for v in row)}}}" for row in rows)
+        for name, rows in {"rows": M, "given": known.given, "known": known.answers}.items()
+    }
     return Template((Path(__file__).parent / "hand_written.c.in").read_text()).substitute(
         name=agent.name,
         NAME=agent.name.upper(),
@@ -98,8 +106,10 @@ def hand_written(agent: AgentEntry, manifest: Manifest) -> str:
         outputs=len(agent.outputs),
         inputs=len(agent.inputs),
         neighbours=len(agent.neighbours),
-        rows=",\n".join(f"    {{{row}}}" for row in rows),
-        weights=", ".join(real.literal(w) for w in agent.weights(real)),
+        answers=len(known.answers),
+        scale=real.literal(SCALE),
+        weights=", ".join(real.literal(w) for w in weights),
+        **lines,
     )
 
 

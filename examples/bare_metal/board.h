@@ -16,7 +16,7 @@ typedef struct {
     float command;     /* to the motor, V */
     uint32_t faults;   /* steps whose status was not OK */
     float radio[2];    /* the neighbour's last message: its angle and rate */
-    uint32_t received; /* 1: the message is new; written to 0 once it is read */
+    uint32_t sequence; /* raised by 1 before the radio writes a message, and by 1 after: odd while it does */
 } board_t;
 
 #define BOARD ((volatile board_t *)0x40000000u)

@@ -84,7 +84,7 @@ int JOIN(node_, AGENT)(node_t *node)
     uint32_t seed = node->seed * 2654435761u + node->agent;
     unsigned silent = 0;
 
-    OF_AGENT(_init)(&controller);
+    if (OF_AGENT(_init)(&controller) != 0) return 5;
     for (uint32_t tick = 0; tick < node->ticks; tick++) {
         message_t out = {node->agent, tick, {(float)node->x[0], (float)node->x[1]}};
         message_t in = {0};

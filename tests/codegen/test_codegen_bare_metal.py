@@ -66,9 +66,12 @@ class Board:
         assert self.core.reg_read(self.names.pc) & ~1 == asleep
 
     def tick(self, y, radio, received):
-        """One timer interrupt; returns the command."""
+        """One timer interrupt, with a new message (its sequence number raised by two) or an old one; returns the command."""
         self.core.mem_write(BOARD, struct.pack("<2f", *y))
-        self.core.mem_write(BOARD + 16, struct.pack("<2fI", *radio, received))
+        self.core.mem_write(BOARD + 16, struct.pack("<2fI", *radio, self.word(BOARD + 24) + 2 * received))
+        return self.interrupt()
+
+    def interrupt(self):
         self.core.reg_write(self.names.link, RETURN | 1)
         self.core.emu_start(self.vectors[14], RETURN, timeout=HANGS)
         assert self.core.reg_read(self.names.pc) & ~1 == RETURN
@@ -89,7 +92,6 @@ def test_the_timer_interrupt_steps_the_controller_bit_for_bit(firmware, root):
         status, u = reference.step(y, radio[None], received)
         assert status == 0
         assert board.tick(y, radio, received).tobytes() == u[0].tobytes()
-        assert board.word(BOARD + 24) == 0, "the message was taken"
     assert board.word(BOARD + 12) == 0
     assert reference.state.misses[0] > 10
 
@@ -103,8 +105,47 @@ def test_a_broken_sensor_lets_the_motor_go_and_is_counted(firmware):
     assert board.tick([0.5, 0], [0, 0], 1) != 0, "and it recovers"
 
 
+def test_a_message_that_is_half_written_is_not_taken(firmware, root):
+    """The radio writes while the handler reads: at the start (odd), or between the two halves."""
+    board, reference = (
+        Board(firmware),
+        references(load_manifest(root / "generated" / "flexible_joint_arms"))["arm1"],
+    )
+    board.reset()
+    y, old, new = (np.array(v, np.float32) for v in ((0.5, 0.1), (0.2, 0.3), (-0.4, 0.9)))
+    assert board.tick(y, old, 1).tobytes() == reference.step(y, old[None], 1)[1].tobytes()
+    board.core.mem_write(BOARD + 16, struct.pack("<2fI", new[0], old[1], 3))
+    assert board.interrupt().tobytes() == reference.step(y, old[None], 0)[1].tobytes()
+    board.core.mem_write(BOARD + 16, struct.pack("<2fI", *old, 2))
+
+    from unicorn import UC_HOOK_MEM_READ
+
+    def write_in_between(core, _access, address, *_):
+        if address == BOARD + 20:
+            core.mem_write(BOARD + 20, struct.pack("<fI", new[1], 6))
+
+    board.core.mem_write(BOARD + 16, struct.pack("<2fI", *old, 4))
+    hook = board.core.hook_add(UC_HOOK_MEM_READ, write_in_between)
+    assert board.interrupt().tobytes() == reference.step(y, old[None], 0)[1].tobytes()
+    board.core.hook_del(hook)
+    board.core.mem_write(BOARD + 16, struct.pack("<2fI", *new, 6))
+    assert board.interrupt().tobytes() == reference.step(y, new[None], 1)[1].tobytes()
+
+
 def test_the_firmware_holds_no_library(firmware):
-    ours = ("arm1", "Reset_", "Stop_", "SysTick_", "main", "vectors", "controller", "startup.c", "$")
+    ours = (
+        "arm1",
+        "receive",
+        "taken",
+        "Reset_",
+        "Stop_",
+        "SysTick_",
+        "main",
+        "vectors",
+        "controller",
+        "startup.c",
+        "$",
+    )
     linker = {"_stack_top", "_data_load", "_data_start", "_data_end", "_bss_start", "_bss_end"}
     names = set(load_image(firmware).symbols) - linker
     assert [name for name in names if not name.startswith(ours)] == []

@@ -89,7 +89,7 @@ def test_a_strange_input_changes_nothing(reference, bad):
     ):
         status, u = call()
         assert (status, u.tolist()) == (NOT_FINITE, last.tolist())
-        assert reference.state.x.tolist() == before.tolist() and reference.state.age == [0]
+        assert reference.state.x.tolist() == before.tolist() and reference.state.held.tolist() == [[0.5, 0.5]]
     assert reference.step(f32(0, 0), f32(0, bad)[None], 0)[0] == OK  # its bit is clear: not read
 
 

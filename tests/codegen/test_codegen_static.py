@@ -112,6 +112,20 @@ def test_misra_deviations_are_those_of_the_table(tmp_path, root):
     assert found >= documented(root, "cppcheck")
 
 
+@needs("gcc")
+def test_floats_are_compared_for_equality_only_where_the_misra_page_says(folder):
+    """v - v is 0 or NaN: what is compared is always a sum of these, and nothing but 0."""
+    _, text = said(
+        ["gcc", "-std=c99", "-Wfloat-equal", "-fsyntax-only", "-Iinclude", *sources(folder)], folder
+    )
+    sites = re.findall(r"^ +[0-9]+ \| (.*)$", text, re.M)
+    assert len(sites) == text.count("[-Wfloat-equal]") > 0
+    allowed = (
+        r"\(check == 0\.0f\)|\(inputs == 0\.0f\)|_check\([yr], \d+u\) [!=]= 0\.0f\)|\* scale\) == answer\["
+    )
+    assert [site for site in sites if not re.search(allowed, site)] == []
+
+
 @needs("cppcheck")
 def test_a_new_deviation_would_be_seen(tmp_path, root):
     folder = write_folder(emit(arms()), tmp_path / "arms")

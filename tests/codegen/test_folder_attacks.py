@@ -130,6 +130,105 @@ ATTACKS = {
 }  # fmt: skip
 
 
+def manifest_with(**update) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        manifest = load_manifest(folder)
+        (folder / "manifest.json").write_text(manifest.model_copy(update=update).sealed().text())
+
+    return change
+
+
+def all_of(*changes: Callable[[Path], None]) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        for one in changes:
+            one(folder)
+
+    return change
+
+
+def signs_of_the_self_check(folder: Path) -> None:
+    source = folder / "src" / "arm1.c"
+    head, rest = source.read_text().split("given[8] = {", 1)
+    numbers, tail = rest.split("}", 1)
+    flipped = numbers.replace("-", "") if "-" in numbers else f"-{numbers}"
+    source.write_text(f"{head}given[8] = {{{flipped}}}{tail}")
+
+
+MANIFEST = load_manifest(GENERATED)
+DESIGN, CLAIMS = MANIFEST.identity.design, MANIFEST.identity.claims
+OTHER, WORD = "0" * 64, f"0x{int(DESIGN[:8], 16) | 1:08x}u"
+UMBRELLA = "src/arm_controllers.c"
+MUTATIONS = {
+    "another identity in a header": (replaced("include/arm1.h", DESIGN, OTHER), "include/arm1.h"),
+    "another word in a header": (replaced("include/arm1.h", WORD, "0x00000001u"), "include/arm1.h"),
+    "another identity everywhere": (
+        all_of(
+            *(replaced(f"include/arm{k}.h", DESIGN, OTHER) for k in (1, 2, 3)),
+            *(replaced(f"include/arm{k}.h", WORD, "0x00000001u") for k in (1, 2, 3)),
+            manifest_with(design_hash=OTHER, identity=MANIFEST.identity.model_copy(update={"design": OTHER})),
+        ),
+        "include/arm1.h",
+    ),
+    "an identity in the manifest": (
+        manifest_with(identity=MANIFEST.identity.model_copy(update={"design": OTHER})), "manifest.json",
+    ),
+    "claims in a descriptor": (replaced(UMBRELLA, CLAIMS, OTHER), UMBRELLA),
+    "claims in descriptor and manifest": (
+        all_of(
+            replaced(UMBRELLA, CLAIMS, OTHER),
+            manifest_with(identity=MANIFEST.identity.model_copy(update={"claims": OTHER})),
+        ),
+        UMBRELLA,
+    ),
+    "a name in a descriptor": (replaced(UMBRELLA, '"arm1"', '"arm9"'), UMBRELLA),
+    "an order in a descriptor": (replaced(UMBRELLA, "ARM1_PERIOD_S, 2u", "ARM1_PERIOD_S, 3u"), UMBRELLA),
+    "a version in a descriptor": (replaced(UMBRELLA, "lockstep-controllers/2", "lockstep-controllers/9"), UMBRELLA),
+    "a period in a descriptor": (replaced(UMBRELLA, "ARM2_PERIOD_S", "0.01f"), UMBRELLA),
+    "a size in a descriptor": (replaced(UMBRELLA, "sizeof(arm3_state_t)", "sizeof(float)"), UMBRELLA),
+    "code beside the descriptors": (replaced(UMBRELLA, "};", "};\nint main(void);"), UMBRELLA),
+    "a type in the umbrella header": (
+        replaced("include/arm_controllers.h", "#include <stdint.h>", "#include <stdint.h>\n#define float double"),
+        "include/arm_controllers.h",
+    ),
+    "a package that sets flags": (
+        replaced("cmake/arm_controllers-config.cmake", "include(", "add_compile_options(-ffast-math)\ninclude("),
+        "cmake/arm_controllers-config.cmake",
+    ),
+    "an alias of another target": (replaced("CMakeLists.txt", "ALIAS arm_controllers", "ALIAS other"), "CMakeLists.txt"),
+    "a header from elsewhere": (replaced("CMakeLists.txt", "DIRECTORY include/", "DIRECTORY src/"), "CMakeLists.txt"),
+    "a flag left out": (replaced("CMakeLists.txt", "-ffp-contract=off ", ""), "CMakeLists.txt"),
+    "answers to other questions": (signs_of_the_self_check, "src/arm1.c"),
+    "a self-check of no steps": (replaced("src/arm1.c", "k = first; k < 3u", "k = first; k < 0u"), "src/arm1.c"),
+    "a self-check that is not heeded": (replaced("src/arm1.c", "state->ready = 0u;", "state->ready = 1u;"), "src/arm1.c"),
+    "a state that is always ready": (
+        replaced("src/arm1.c", "state->ready == ARM1_DESIGN_WORD", "state->ready >= 0u"), "src/arm1.c",
+    ),
+    "messages kept in faults": (replaced("src/arm1.c", " && (status == ARM1_OK)) {", ") {"), "src/arm1.c"),
+    "misses that are not counted": (replaced("src/arm1.c", "state->misses[j] += ", "state->misses[j] = "), "src/arm1.c"),
+    "copies of a step": (replaced("src/arm1.c", "noinline, noclone", "always_inline"), "src/arm1.c"),
+    "contraction let in": (replaced("src/arm1.c", '"fp-contract=off"', '"fp-contract=fast"'), "src/arm1.c"),
+    "excess precision let in": (replaced("src/arm1.c", "FLT_EVAL_METHOD != 0", "FLT_EVAL_METHOD > 2"), "src/arm1.c"),
+    "fast math let in": (replaced("src/arm1.c", "defined(__FAST_MATH__) || ", ""), "src/arm1.c"),
+    "another status for a fault": (replaced("include/arm1.h", "NOT_FINITE = 1", "NOT_FINITE = 0"), "include/arm1.h"),
+    "another name of the folder": (manifest_with(name="other"), "arm_controllers"),
+    "another prefix": (manifest_with(prefix="left_"), "manifest.json lists the agents as"),
+    "a better rho in the manifest": (manifest_with(certificate={**MANIFEST.certificate, "rho": 0.1}), "manifest.json"),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MUTATIONS)
+def test_a_mutation_is_caught_hashes_mended(folder, name):
+    change, expected = MUTATIONS[name]
+    change(folder)
+    reseal(folder)
+    code, answer = certify(folder)
+    assert code == 1
+    assert not answer["ok"]
+    said = [*answer["differences"], answer.get("error", {}).get("message", "")]
+    assert any(expected in line for line in said), said
+
+
 def test_the_folder_untouched_is_certified(folder):
     code, answer = certify(folder)
     assert (code, answer["ok"], answer["differences"], answer["not_proved"]) == (0, True, [], [])

@@ -249,7 +249,9 @@ def _read(
     stored: CheckedFile, folder: Path, held: tuple[HeldController, ...]
 ) -> tuple[tuple[HeldController, ...], Verdict]:
     """Read the controllers out of the C, and hold them against the design's."""
-    names = [f"{stored.problem.agent.name}{i}" for i in range(1, len(held) + 1)]
+    listed = parse_json(as_text(read_inside(folder, "manifest.json"), "manifest.json"), "manifest.json")
+    prefix = listed.get("prefix", "") if isinstance(listed, dict) else ""
+    names = [f"{prefix}{stored.problem.agent.name}{i}" for i in range(1, len(held) + 1)]
     found = []
     for name, mine in zip(names, held, strict=True):
         header, source = (

@@ -165,12 +165,24 @@ def generate(
     design: DesignFile,
     output: Annotated[Path, typer.Option("-o", "--output", help="The folder to write.", show_default=False)],
     optimize: Annotated[str, typer.Option(help='"speed" unrolls, "size" loops over a table.')] = "speed",
+    pil: Annotated[
+        bool, typer.Option("--pil", help="Test vectors and a runner for any board, for `verify --from`.")
+    ] = False,
+    fmu: Annotated[bool, typer.Option("--fmu", help="FMI 3.0 co-simulation units.")] = False,
+    rust: Annotated[bool, typer.Option("--rust", help="A Rust crate over the C.")] = False,
+    arduino: Annotated[bool, typer.Option("--arduino", help="A library in Arduino's layout.")] = False,
+    name: Annotated[str, typer.Option(help="The CMake target's and the umbrella header's name.")] = "",
+    prefix: Annotated[
+        str, typer.Option(help="Put before the agents' names: two designs fit one program.")
+    ] = "",
     json: Json = False,
 ) -> None:
     """Emit C for each agent's controller."""
     from lockstep.cli.generate import run
 
-    run(design, output, optimize=optimize, as_json=json)
+    wanted = {"pil": pil, "fmu": fmu, "rust": rust, "arduino": arduino}
+    doors = [name for name, chosen in wanted.items() if chosen]
+    run(design, output, as_json=json, optimize=optimize, doors=doors, name=name, prefix=prefix)
 
 
 @app.command()
@@ -186,12 +198,18 @@ def verify(
     run_changed: Annotated[
         bool, typer.Option("--run-changed", help="Compile and run files that were changed, too.")
     ] = False,
+    log: Annotated[
+        Path | None,
+        typer.Option(
+            "--from", metavar="LOG", help="Compare a board's log of pil/ instead.", show_default=False
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Compile and run the C, and compare it, bit by bit, with the Python reference."""
     from lockstep.cli.verify import run
 
-    run(folder, steps=steps, targets=target or (), run_changed=run_changed, as_json=json)
+    run(folder, steps=steps, targets=target or None, run_changed=run_changed, log=log, as_json=json)
 
 
 @app.command()

@@ -1,8 +1,8 @@
 """`lockstep verify`: the compiled C against the Python reference."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich import box
 from rich.console import Group, RenderableType
@@ -16,19 +16,18 @@ if TYPE_CHECKING:
     from lockstep.verification.verify import VerifyReport
 
 
-def run(folder: Path, *, steps: int, targets: Sequence[str], run_changed: bool, as_json: bool) -> None:
-    """Verify a generated folder."""
-    respond(as_json, lambda: _verify(folder, steps, targets, run_changed))
+def run(folder: Path, *, as_json: bool, **options: Any) -> None:
+    """Verify a generated folder; options: of `lockstep.verify`."""
+    respond(as_json, lambda: _verify(folder, options))
 
 
-def _verify(folder: Path, steps: int, targets: Sequence[str], run_changed: bool) -> Answer:
+def _verify(folder: Path, options: Mapping[str, Any]) -> Answer:
     import lockstep
 
-    remark("verify compiles the C of the folder and runs it on this machine")
+    if options["log"] is None:
+        remark("verify compiles the C of the folder and runs it on this machine")
     with progress_display() as tell:
-        report = lockstep.verify(
-            folder, steps=steps, targets=targets or None, run_changed=run_changed, progress=tell
-        )
+        report = lockstep.verify(folder, **options, progress=tell)
     return Answer(plain(report.as_dict()), table_of(report), report.ok)
 
 
@@ -47,5 +46,7 @@ def table_of(report: "VerifyReport") -> RenderableType:
             reasons.append(f"{target.name}: {said}, {why}")
         numbers = ["-" if cell is None else str(cell) for cell in cells]
         table.add_row(Text(target.name), said, str(target.steps), *numbers)
-    verdict = "every bit is equal" if report.ok else "NOT as claimed: " + "; ".join(report.problems)
+    verdict = (
+        f"every bit is equal: {report.fed}" if report.ok else "NOT as claimed: " + "; ".join(report.problems)
+    )
     return Group(table, *map(Text, reasons), Text(verdict, style="bold"))

@@ -12,12 +12,15 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.c_source.kernel import Shape
+from lockstep.check.c_source.reader import ANSWERS
 from lockstep.check.sampled.discretise import SampledGains, discretise
 from lockstep.codegen.agent_view import agent_view
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.budget import flash_budgets, stack_budgets, state_bytes
 from lockstep.codegen.cores import CORES
+from lockstep.codegen.identity import Identity
 from lockstep.codegen.kernel import Kernel, straight_line
+from lockstep.codegen.known_answers import SCALE, known_answers
 from lockstep.codegen.manifest import (
     FILE_NAME,
     FORMAT,
@@ -25,6 +28,7 @@ from lockstep.codegen.manifest import (
     Arithmetic,
     Coefficients,
     GainsEntry,
+    Identification,
     Manifest,
     Named,
     NeighbourEntry,
@@ -79,8 +83,14 @@ def emit(spec: CodegenSpec) -> dict[str, str]:
         files[f"proof/{view['name']}_eva.c"] = render(
             "eva.c.j2", **context, a=view, limit=real.literal(EVA_LIMIT)
         )
-    for name in ("CMakeLists.txt", "README.md"):
-        files[name] = render(f"{name}.j2", **context, agents=views)
+    whole = {
+        f"include/{spec.name}.h": "umbrella.h",
+        f"src/{spec.name}.c": "umbrella.c",
+        f"cmake/{spec.name}-config.cmake": "config.cmake",
+    }
+    whole |= {"CMakeLists.txt": "CMakeLists.txt", "README.md": "README.md"}
+    for path, template in whole.items():
+        files[path] = render(f"{template}.j2", **context, agents=views)
     files[FILE_NAME] = _manifest(spec, agents, real, files).sealed().text()
     return files
 
@@ -131,9 +141,11 @@ def _figure(value: str | float | bool | None) -> str:
 
 
 def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
+    identity = Identity.of(spec)
     return {
         "format": FORMAT,
         "name": spec.name,
+        "NAME": spec.name.upper(),
         "title": plain(spec.title),
         "design_hash": plain(spec.design_hash),
         "discretization": spec.discretization,
@@ -144,6 +156,12 @@ def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
         "real_name": real.name,
         "c_real": real.c_name,
         "zero": real.literal(0.0),
+        "one": real.literal(1.0),
+        "scale": real.literal(SCALE),
+        "digits": "FLT_MANT_DIG != 24" if real.c_name == "float" else "DBL_MANT_DIG != 53",
+        "identity": identity.design,
+        "identity_word": identity.word,
+        "claims_id": identity.claims,
         "optimize": spec.optimize,
         "claims": claims(spec.certificate),
     }
@@ -161,7 +179,11 @@ def _agent_context(agent: Sampled, real: RealType, optimize: str) -> dict[str, A
         table=[[real.literal(v) for v in row] for row in M],
         weight_literals=[real.literal(w) for w in agent.weights],
     )
+    known = known_answers(shape, M, agent.weights, optimize == "speed", controller.name)
+    view |= {"given": [real.literal(v) for v in known.given.ravel()]}
+    view |= {"known": [real.literal(v) for v in known.answers.ravel()]}
     return view | {
+        "answers": ANSWERS,
         "outputs": [{"name": plain(s.name), "unit": plain(s.unit)} for s in controller.outputs],
         "inputs": [{"name": plain(s.name), "unit": plain(s.unit)} for s in controller.inputs],
         "neighbours": [
@@ -185,9 +207,10 @@ def _by_core(budgets: Mapping[str, int]) -> list[dict[str, Any]]:
 
 
 def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: Mapping[str, str]) -> Manifest:
+    identity = Identity.of(spec)
     plants: list[LinearPlant | None] = list(spec.plants) or [None] * len(agents)
     return Manifest(
-        format="lockstep-controllers/1",
+        format="lockstep-controllers/2",
         name=spec.name,
         title=spec.title,
         design_hash=spec.design_hash,
@@ -201,6 +224,8 @@ def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: M
             contraction="off",
         ),
         certificate=dict(spec.certificate),
+        identity=Identification(design=identity.design, claims=identity.claims),
+        prefix=spec.prefix,
         agents=tuple(_agent_record(a, real, p) for a, p in zip(agents, plants, strict=True)),
         files={path: sha256(text) for path, text in files.items()},
     )

@@ -15,16 +15,20 @@ CONTINUOUS_ONLY = (
 )
 
 
-def specification(stored: Stored, *, optimize: Optimize = "speed") -> CodegenSpec:
+def specification(
+    stored: Stored, *, optimize: Optimize = "speed", name: str = "", prefix: str = ""
+) -> CodegenSpec:
     """Return what to generate for a stored design. Its datasheet prints what the design claims: decide that first.
 
     Args:
         stored: the design.
         optimize: "speed" or "size".
+        name: of the folder's target and umbrella header; "": the agent's, and `_controllers`.
+        prefix: put before the agent's name in all that is generated.
     """
     problem, agent = stored.problem, stored.problem.agent()
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
-    names = [f"{agent.name}{i}" for i in range(1, graph.N + 1)]
+    names = [f"{prefix}{agent.name}{i}" for i in range(1, graph.N + 1)]
     units = agent.units
     sources: list[list[Neighbour]] = [[] for _ in names]
     for listener, source, weight in graph.edges:
@@ -49,7 +53,8 @@ def specification(stored: Stored, *, optimize: Optimize = "speed") -> CodegenSpe
         discretization=table.discretization,
         real=table.real,
         optimize=optimize,
-        name=f"{agent.name}_controllers",
+        name=name or f"{prefix}{agent.name}_controllers",
+        prefix=prefix,
         title=problem.title,
         certificate=_datasheet(stored),
         design_hash=fingerprint(stored),

@@ -24,7 +24,7 @@ from lockstep.check.sampled.discretise import Discretization, Real
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.spec import Optimize, check_identifier
 
-FORMAT = "lockstep-controllers/1"
+FORMAT = "lockstep-controllers/2"
 FILE_NAME = "manifest.json"
 
 _INNERMOST_LIST = re.compile(r'\[(?:\s*(?:-?[\d.eE+-]+|"[-+0-9a-fx.p]+"),?)+\s*\]')
@@ -144,10 +144,17 @@ class Arithmetic(_Record):
     contraction: Literal["off"]
 
 
+class Identification(_Record):
+    """SHA-256 of the design and of what is claimed of it: the macros and the descriptors of the C say the same."""
+
+    design: str = Field(pattern="^[0-9a-f]{64}$")
+    claims: str = Field(pattern="^[0-9a-f]{64}$")
+
+
 class Manifest(_Record):
     """The whole of manifest.json."""
 
-    format: Literal["lockstep-controllers/1"]
+    format: Literal["lockstep-controllers/2"]
     name: str
     title: str
     design_hash: str
@@ -159,6 +166,8 @@ class Manifest(_Record):
     certificate: dict[str, str | float | bool | None]
     agents: tuple[AgentEntry, ...] = Field(min_length=1)
     files: dict[str, str]
+    identity: Identification
+    prefix: str = ""
     digest: str = ""
 
     @model_validator(mode="after")
@@ -218,6 +227,7 @@ def load_manifest(directory: Path | str) -> Manifest:
             where=str(path),
             remedy="generate the folder again",
         ) from None
+    check_identifier(manifest.name, str(path))
     for agent in manifest.agents:
         check_identifier(agent.name, str(path))
         agent.table(manifest.real_type)

@@ -184,7 +184,8 @@ class CodegenSpec:
     discretization  "tustin" (default), "zoh" or "euler"
     real            arithmetic of the C code
     optimize        "speed" (unrolled, gains as literals) or "size" (a loop over a table)
-    name            the CMake target
+    name            the CMake target, the umbrella header and its table of descriptors; no agent's name
+    prefix          what the agents' names begin with besides their design's: so that two folders fit one program
     title           one line for headers and README
     certificate     figures for the datasheet (alpha, rho, fragility, certified, proof, ...); printed, never
     interpreted,
@@ -205,6 +206,7 @@ class CodegenSpec:
     design_hash: str = ""
     plants: tuple[LinearPlant, ...] = ()
     delay: int = 0
+    prefix: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "agents", tuple(self.agents))
@@ -228,6 +230,10 @@ class CodegenSpec:
                 "two agents have one name (letter case aside)",
                 where="agents",
                 remedy="give each its own prefix",
+            )
+        if self.name.lower() in names:
+            raise ProblemError(
+                f"`{self.name}` names an agent too", where="name", remedy="give the folder another name"
             )
 
         by_name = {agent.name: agent for agent in self.agents}

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.codegen.folder.contents import refusals
 from lockstep.codegen.manifest import AgentEntry, Manifest, load_manifest
 from lockstep.codegen.rendering import render
@@ -42,8 +42,8 @@ class CompiledStepper:
         self._init = getattr(library, f"{name}_init")
         self._read = getattr(library, f"loop_{name}_x")
         self._step = getattr(library, f"loop_{name}_step")
-        self._init.restype = self._read.restype = None
-        self._step.restype = ctypes.c_int
+        self._read.restype = None
+        self._init.restype = self._step.restype = ctypes.c_int
         self._step.argtypes = [ctypes.c_void_p] * 3 + [ctypes.c_uint64, ctypes.c_void_p]
         self._init.argtypes, self._read.argtypes = [ctypes.c_void_p], [ctypes.c_void_p] * 2
         self.init()
@@ -55,8 +55,9 @@ class CompiledStepper:
         return self._x[: self._order].copy()
 
     def init(self) -> None:
-        """Call `<agent>_init`."""
-        self._init(self._state.ctypes.data)
+        """Call `<agent>_init`; raises `ClaimError` if the self-check finds the build or the processor unfit."""
+        if self._init(self._state.ctypes.data) != 0:
+            raise ClaimError("the self-check of the compiled controller fails: this build computes otherwise")
 
     def step(
         self, y: Float[np.ndarray, " q"], neighbour_y: Float[np.ndarray, "nn q"], received: int

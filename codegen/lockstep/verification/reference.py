@@ -13,7 +13,7 @@ from jaxtyping import Float, Float32, Float64
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.manifest import AgentEntry, Manifest
 
-OK, NOT_FINITE, OVERFLOW = 0, 1, 2
+OK, NOT_FINITE, OVERFLOW, NOT_READY = 0, 1, 2, 3
 _SATURATED = 2**32 - 1
 
 Reals = Float32[np.ndarray, "..."] | Float64[np.ndarray, "..."]
@@ -80,6 +80,11 @@ class Reference:
         self.init()
         self.state.misses = misses
 
+    def step_unready(self) -> tuple[int, Float[np.ndarray, " m"]]:
+        """One step on a state that was never initialised: refused, u = 0; then it is initialised."""
+        self.init()
+        return NOT_READY, self.state.u.copy()
+
     def step_relative(self, r: Float[np.ndarray, " q"]) -> tuple[int, Float[np.ndarray, " m"]]:
         """One step with the relative output r (already of the target type)."""
         return self._advance(r, bool(np.isfinite(r).all())), self.state.u.copy()
@@ -91,8 +96,7 @@ class Reference:
         arrived = [bool(received >> j & 1) for j in range(len(self.weights))]
         finite = bool(np.isfinite(y).all() and np.isfinite(neighbour_y[arrived]).all())
         status = self._advance(self._relative(y, neighbour_y, arrived), finite)
-        if status == OK:
-            self._remember(neighbour_y, arrived)
+        self._remember(neighbour_y, arrived, status)
         return status, self.state.u.copy()
 
     def _relative(self, y: np.ndarray, neighbour_y: np.ndarray, arrived: list[bool]) -> np.ndarray:
@@ -130,15 +134,17 @@ class Reference:
         total[self._empty] = self._zero
         return total
 
-    def _remember(self, neighbour_y: np.ndarray, arrived: list[bool]) -> None:
+    def _remember(self, neighbour_y: np.ndarray, arrived: list[bool], status: int) -> None:
+        """Keep what arrived, unless the step failed; a message that is not kept is a step older."""
         state = self.state
         for j, here in enumerate(arrived):
-            if here:
+            if not here:
+                state.misses[j] = min(state.misses[j] + 1, _SATURATED)
+            if here and status == OK:
                 state.held[j] = neighbour_y[j]
                 state.heard[j], state.age[j] = True, 0
             else:
                 state.age[j] = min(state.age[j] + 1, _SATURATED)
-                state.misses[j] = min(state.misses[j] + 1, _SATURATED)
 
 
 def references(manifest: Manifest) -> dict[str, Reference]:

@@ -14,8 +14,9 @@ from lockstep.check.errors import ProblemError
 from lockstep.codegen.manifest import AgentEntry, Manifest, PlantEntry
 from lockstep.verification.reference import Reference, closed_loop
 
-STEP, STEP_RELATIVE, RESET, STEP_ALIASED = 0, 1, 2, 3
-"""Operations; STEP_ALIASED passes one buffer as y and as u, and must give the same as STEP."""
+STEP, STEP_RELATIVE, RESET, STEP_ALIASED, STEP_UNREADY = 0, 1, 2, 3, 4
+"""Operations; STEP_ALIASED passes one buffer as y and as u, and must give the same as STEP; STEP_UNREADY takes a state
+that is marked as never initialised, and initialises it afterwards."""
 
 _SEED = 20_260_101
 
@@ -77,6 +78,8 @@ def _call(reference: Reference, calls: Calls, k: int) -> tuple[int, np.ndarray]:
     if operation == RESET:
         reference.reset()
         return 0, reference.state.u
+    if operation == STEP_UNREADY:
+        return reference.step_unready()
     if operation == STEP_RELATIVE:
         return reference.step_relative(calls.r[k])
     return reference.step(calls.y[k], calls.neighbour_y[k], int(calls.received[k]))
@@ -167,6 +170,38 @@ def given_outputs(
     return [y[:steps].astype(manifest.real_type.dtype) for y in each]
 
 
+def fault_calls(manifest: Manifest, agent: AgentEntry) -> Calls:
+    """Every fault once, each between two good steps: what `verify` feeds however few steps it is asked for.
+
+    NaN, both infinities and the largest number in each entry of y, of each message (its bit set, and clear) and of r; a
+    step of a state that was never initialised; a reset.
+    """
+    q, nn, dtype = len(agent.outputs), len(agent.neighbours), manifest.real_type.dtype
+    width = (2 + nn) * q
+    values = np.array([np.nan, np.inf, -np.inf, np.finfo(dtype).max], dtype)
+    place, value = (part.ravel() for part in np.meshgrid(np.arange(width), values, indexing="ij"))
+    own = (place >= q + nn * q).astype(np.uint32) * STEP_RELATIVE
+    heard = np.flatnonzero((place >= q) & (place < q + nn * q))
+    kinds = np.concatenate([own, np.full(len(heard), STEP), [STEP_UNREADY, RESET]]).astype(np.uint32)
+    S = 2 * len(kinds) + 1
+    wave = np.cos(np.arange(S)[:, None] + np.arange(width)).astype(dtype)
+    arrived = np.ones((S, nn), bool)
+    operation = np.zeros(S, np.uint32)
+    operation[1::2] = kinds
+    faulty = 2 * np.arange(len(place)) + 1
+    wave[faulty, place] = value
+    silent = 2 * (len(place) + np.arange(len(heard))) + 1
+    wave[silent, place[heard]] = value[heard]
+    arrived[silent, (place[heard] - q) // q] = False
+    return Calls(
+        operation,
+        _mask(arrived),
+        wave[:, :q].copy(),
+        wave[:, q : q + nn * q].reshape(S, nn, q).copy(),
+        wave[:, q + nn * q :].copy(),
+    )
+
+
 def adversarial_calls(manifest: Manifest, agent: AgentEntry, steps: int) -> Calls:
     """Subnormal, huge, signed-zero, alternating, non-finite values; lost messages; resets; overlap.
 
@@ -175,7 +210,8 @@ def adversarial_calls(manifest: Manifest, agent: AgentEntry, steps: int) -> Call
     q, nn = len(agent.outputs), len(agent.neighbours)
     random = np.random.default_rng([_SEED, *agent.name.encode()])
     values = _adversarial_values(random, steps, (2 + nn) * q, manifest.real_type.dtype)
-    operation = random.choice([STEP, STEP_RELATIVE, RESET, STEP_ALIASED], steps, p=[0.69, 0.2, 0.01, 0.1])
+    kinds = [STEP, STEP_RELATIVE, RESET, STEP_ALIASED, STEP_UNREADY]
+    operation = random.choice(kinds, steps, p=[0.685, 0.2, 0.01, 0.1, 0.005])
     arrived = random.random((steps, nn)) < random.choice([0.0, 0.5, 0.9, 1.0], (steps, 1))
     mask = _mask(arrived)
     if nn < 32:

@@ -11,13 +11,14 @@ from lockstep.codegen.cores import CORES, Core
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.emulator import missing_packages, run_on_core
 from lockstep.verification.harness import Run, run_on_host
+from lockstep.verification.qemu import M7, missing, run_on_qemu
 from lockstep.verification.stimulus import Calls
 from lockstep.verification.toolchain import TO_INSTALL, Compiler, arm_gcc, host_compilers, run, zig
 
 Runner = Callable[[Manifest, Path, Mapping[str, Calls], Path], Iterator[tuple[AgentEntry, Run]]]
 
-GROUPS = ("host", "sanitizers", *CORES)
-"""host: each compiler at -O0, -O2, -O3. sanitizers: address, undefined behaviour. The rest is emulated."""
+GROUPS = ("host", "sanitizers", *CORES, M7.group)
+"""host: each compiler at -O0, -O2, -O3. sanitizers: address, undefined behaviour. The rest is emulated, the last by QEMU."""
 
 LEVELS = ("-O0", "-O2", "-O3")
 CORE_LEVELS = ("-O2", "-Os")
@@ -41,7 +42,7 @@ def targets_of(groups: Sequence[str], manifest: Manifest) -> list[Target]:
         groups = [groups]
     if unknown := [group for group in groups if group not in GROUPS]:
         raise ProblemError(f"`{unknown[0]}`", where="targets", expected=" or ".join(GROUPS))
-    makers = {"host": _host, "sanitizers": _sanitizers}
+    makers = {"host": _host, "sanitizers": _sanitizers, M7.group: _on_qemu}
     makers |= {group: partial(_on_core, core) for group, core in CORES.items()}
     return [target for group in dict.fromkeys(groups) for target in makers[group](manifest)]
 
@@ -90,6 +91,26 @@ def _on_core(core: Core, _: Manifest) -> Iterator[Target]:
         for level in CORE_LEVELS:
             name = f"{core.title} {found.name} {level}, emulated"
             yield Target(name, partial(_emulated, core, found, level), core=core.group)
+
+
+def _on_qemu(_: Manifest) -> Iterator[Target]:
+    compilers = [found for found in (zig(), arm_gcc()) if found]
+    absent = missing() + ([] if compilers else ["ziglang or arm-none-eabi-gcc"])
+    if absent:
+        yield _skipped(f"{M7.title}, QEMU", f"not installed: {', '.join(absent)}")
+        return
+    for found in compilers:
+        for level in CORE_LEVELS:
+            yield Target(f"{M7.title} {found.name} {level}, QEMU", _emulated_by_qemu(found, level))
+
+
+def _emulated_by_qemu(compiler: Compiler, level: str) -> Runner:
+    def start(
+        manifest: Manifest, folder: Path, calls: Mapping[str, Calls], directory: Path
+    ) -> Iterator[tuple[AgentEntry, Run]]:
+        return run_on_qemu(manifest, folder, calls, compiler, level, directory)
+
+    return start
 
 
 def _emulated(

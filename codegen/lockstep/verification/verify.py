@@ -13,16 +13,21 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.errors import ClaimError, Mismatch, ProblemError
-from lockstep.codegen.folder.contents import refusals
+from lockstep.check.files import read_bytes
+from lockstep.codegen.doors import doors_of
+from lockstep.codegen.doors.vectors import ADVERSARIAL, ORDINARY, vectors
+from lockstep.codegen.folder.contents import refusals, strangers
 from lockstep.codegen.manifest import AgentEntry, Manifest, changed_files, load_manifest
 from lockstep.verification.comparison import Difference, compare
 from lockstep.verification.harness import Run
+from lockstep.verification.pil_log import runs
 from lockstep.verification.reference import Reference
 from lockstep.verification.stimulus import (
     Calls,
     Trace,
     adversarial_calls,
     closed_loop_calls,
+    fault_calls,
     given_outputs,
     recorded_outputs,
     run_reference,
@@ -54,6 +59,7 @@ class TargetResult:
 
     bitwise            equal to the last bit; None if the target was skipped
     steps              closed-loop steps, and as many adversarial calls as `adversarial_steps` says
+    fault_steps        calls with each fault once: always fed, whatever the other two are
     instructions_per_step  most instructions (never cycles) of one `<agent>_step`
     skipped            why the target did not run; empty if it ran
     error              the compiler's or program's message if it failed
@@ -64,6 +70,7 @@ class TargetResult:
     bitwise: bool | None
     steps: int = 0
     adversarial_steps: int = 0
+    fault_steps: int = 0
     max_abs_error: float | None = None
     instructions_per_step: int | None = None
     text_bytes: int | None = None
@@ -94,6 +101,17 @@ class VerifyReport:
         """Plain data for JSON."""
         return asdict(self)
 
+    @property
+    def fed(self) -> str:
+        """What the targets that ran were fed."""
+        ran = [target for target in self.targets if target.bitwise is not None]
+        if not ran:
+            return "nothing was run"
+        calls = f"{ran[0].steps} closed-loop steps and {ran[0].adversarial_steps} adversarial calls per agent"
+        if not ran[0].fault_steps:
+            return calls
+        return f"{calls}, and every fault once in {ran[0].fault_steps}: NaN, infinity, overflow, no message, no init"
+
     def require(self) -> "VerifyReport":
         """Return self, or raise `Mismatch` with the figures if a claim does not hold."""
         if not self.ok:
@@ -115,7 +133,7 @@ def verify_folder(
 
     steps              closed-loop steps: of `stimulus`, else of the manifest's plants, else of a built-in
     signal
-    adversarial_steps  calls with subnormal, huge, alternating and non-finite values
+    adversarial_steps  calls with subnormal, huge, alternating and non-finite values; each fault is fed once besides
     targets            names of target groups (see `targets.GROUPS`); default: all
     stimulus           outputs y of every agent, one S x q array each or one S x N x q array
     run_changed        compile and run C that was changed since it was generated, or that has another form; without
@@ -138,17 +156,46 @@ def verify_folder(
     chosen = targets_of(targets or GROUPS, manifest)
     tell = _Teller(progress, len(manifest.agents) * (1 + len(chosen)))
     calls = _calls(manifest, steps, adversarial_steps, stimulus)
+    faults = max(len(given) for given in calls.values()) - steps - adversarial_steps
     expected: dict[str, Trace] = {}
     for agent in manifest.agents:
         tell(f"reference of {agent.name}")
         expected[agent.name] = run_reference(Reference.of(agent, manifest), calls[agent.name])
     results = tuple(
-        _run_target(target, manifest, folder, calls, expected, (steps, adversarial_steps), tell)
+        _run_target(target, manifest, folder, calls, expected, (steps, adversarial_steps, faults), tell)
         for target in chosen
     )
     tell("done")
-    problems = tuple(_problems(results, changed, manifest))
+    problems = (*strangers(folder, manifest), *_problems(results, changed, manifest))
     return VerifyReport(not problems, results, changed, problems)
+
+
+def verify_log(directory: Path | str, log: Path | str) -> VerifyReport:
+    """Compare what the runner in a folder's `pil/` printed, on any board, with the reference; nothing is run.
+
+    Raises `ProblemError` if the folder has no such runner, or if the log is not one of it as a whole.
+    """
+    folder, log = Path(directory).absolute(), Path(log)
+    manifest = load_manifest(folder)
+    if "pil" not in doors_of(manifest):
+        raise ProblemError("it has no pil/", where=str(directory), remedy="generate it with `--pil`")
+    changed = changed_files(folder, manifest)
+    calls = {agent.name: Calls(*vectors(agent, manifest)) for agent in manifest.agents}
+    text = read_bytes(log, expected="the log of the runner in pil/", at_most=_LARGEST_LOG).decode(
+        errors="replace"
+    )
+    results = [
+        _agent_result(
+            agent, run, compare(run.trace, run_reference(Reference.of(agent, manifest), calls[agent.name]))
+        )
+        for agent, run in runs(text, manifest, {name: len(one) for name, one in calls.items()}, str(log))
+    ]
+    target = _target_result(f"log {log.name}", results, (ORDINARY, ADVERSARIAL, 0))
+    problems = (*refusals(folder, manifest), *_problems([target], (), manifest))
+    return VerifyReport(not problems, (target,), changed, problems)
+
+
+_LARGEST_LOG = 1_000_000_000
 
 
 class _Teller:
@@ -166,12 +213,15 @@ class _Teller:
 def _calls(
     manifest: Manifest, steps: int, adversarial_steps: int, stimulus: Sequence[np.ndarray] | np.ndarray | None
 ) -> dict[str, Calls]:
-    """Closed-loop calls first: they start from rest, as the closed loop does."""
+    """Closed-loop calls first: they start from rest, as the closed loop does. Every fault once, whatever is asked for."""
     recorded = (
         recorded_outputs(manifest, steps) if stimulus is None else given_outputs(manifest, stimulus, steps)
     )
     loop = closed_loop_calls(manifest, recorded)
-    return {a.name: loop[a.name] + adversarial_calls(manifest, a, adversarial_steps) for a in manifest.agents}
+    return {
+        a.name: loop[a.name] + fault_calls(manifest, a) + adversarial_calls(manifest, a, adversarial_steps)
+        for a in manifest.agents
+    }
 
 
 def _run_target(
@@ -180,7 +230,7 @@ def _run_target(
     folder: Path,
     calls: Mapping[str, Calls],
     expected: Mapping[str, Trace],
-    steps: tuple[int, int],
+    steps: tuple[int, int, int],
     tell: _Teller,
 ) -> TargetResult:
     if target.skipped:
@@ -198,8 +248,14 @@ def _run_target(
             return TargetResult(
                 target.name, False, *steps, error=str(error), core=target.core, agents=tuple(results)
             )
+    return _target_result(target.name, results, steps, target.core)
+
+
+def _target_result(
+    name: str, results: Sequence[AgentResult], steps: tuple[int, int, int], core: str = ""
+) -> TargetResult:
     return TargetResult(
-        target.name,
+        name,
         all(r.bitwise for r in results),
         *steps,
         max_abs_error=max(r.max_abs_error for r in results),
@@ -207,7 +263,7 @@ def _run_target(
         text_bytes=_most([r.text_bytes for r in results]),
         ram_bytes=_most([r.ram_bytes for r in results]),
         stack_bytes=_most([r.stack_bytes for r in results]),
-        core=target.core,
+        core=core,
         agents=tuple(results),
     )
 

@@ -1,6 +1,7 @@
 """C for each agent, with the design it was proved by."""
 
 import json
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,40 +19,58 @@ class Generated:
     Args:
         design: the one in the folder, with what is proved of the controllers in its C.
         folder: where the files are.
-        files: relative path -> text.
+        files: relative path -> text, or the bytes of a compiled unit.
     """
 
     design: Design
     folder: Path
-    files: dict[str, str]
+    files: dict[str, str | bytes]
 
     def document(self) -> dict[str, Any]:
         """Return the contract's keys."""
         return {"ok": True, "directory": str(self.folder), "files": sorted(self.files)}
 
 
-def generate(design: Design | Path | str, folder: Path | str, *, optimize: str = "speed") -> Generated:
+def generate(
+    design: Design | Path | str,
+    folder: Path | str,
+    *,
+    optimize: str = "speed",
+    doors: Collection[str] = (),
+    name: str = "",
+    prefix: str = "",
+) -> Generated:
     """Certify a design, emit its C, prove the controllers by the numbers in the C, and write the folder.
 
     Args:
         design: itself, its file, or a folder that holds one.
         folder: the folder to write; one that Lockstep wrote before is replaced as a whole.
         optimize: "speed" unrolls, "size" loops over a table.
+        doors: more files: "pil" (test vectors and a runner for any board),
+            "fmu" (FMI 3.0 co-simulation units, compiled for this machine if it has a compiler),
+            "rust" (a `no_std` crate over the C), "arduino" (a library in Arduino's layout).
+        name: of the CMake target and the umbrella header; by default the agent's name and `_controllers`.
+        prefix: put before the agents' names, so that two designs fit one program.
 
     Raises:
-        ProblemError: no design, or a folder that cannot be written.
+        ProblemError: no design, a name that is no C identifier, or a folder that cannot be written.
         NotCertified: the checker refuses the design: C is generated from certified designs only.
     """
     from lockstep.codegen.folder import write_folder
+    from lockstep.codegen.folder.bundle import bundle
+    from lockstep.verification.units import units
 
     folder = Path(folder)
     check_generated(folder)
-    files = generated_files(as_design(design)[0], optimize)
+    texts = generated_files(as_design(design)[0], optimize, doors, name=name, prefix=prefix)
+    files: dict[str, str | bytes] = bundle(texts, units(texts)) if "fmu" in doors else {**texts}
     write_folder(files, folder)
-    return Generated(Design.of(json.loads(files[DESIGN_NAME]), DESIGN_NAME, folder), folder, files)
+    return Generated(Design.of(json.loads(texts[DESIGN_NAME]), DESIGN_NAME, folder), folder, files)
 
 
-def generated_files(design: Design, optimize: str = "speed") -> dict[str, str]:
+def generated_files(
+    design: Design, optimize: str = "speed", doors: Collection[str] = (), *, name: str = "", prefix: str = ""
+) -> dict[str, str]:
     """Certify a design, and return the files generated from it: relative path -> text.
 
     What the design claims of its sampled controllers is printed in the C. Where it claims nothing of them, or what is not
@@ -60,6 +79,7 @@ def generated_files(design: Design, optimize: str = "speed") -> dict[str, str]:
     Raises:
         NotCertified: the checker refuses the design: C is generated from certified designs only.
     """
+    from lockstep.codegen.doors import with_doors
     from lockstep.codegen.emit import emit
     from lockstep.codegen.folder.bundle import bundle
     from lockstep.codegen.from_design import specification
@@ -79,7 +99,8 @@ def generated_files(design: Design, optimize: str = "speed") -> dict[str, str]:
     if not (verdict.ok and claims.certified and claims.rho and claims.max_period):
         stored = with_sampled(stored, prove_design(stored))
     stored = replace(stored, claims=replace(stored.claims, scope=verdict.scope))
-    files = emit(specification(stored, optimize=optimize))  # type: ignore[arg-type]
+    spec = specification(stored, optimize=optimize, name=name, prefix=prefix)  # type: ignore[arg-type]
+    files = with_doors(emit(spec), doors)
     decided = certify_files(files, stored)
     if stored.claims.sampled.certified and not decided.ok:
         raise NotCertified(f"the C does not hold what its design claims: {decided.reason}", **decided.figures)

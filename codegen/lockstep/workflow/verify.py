@@ -24,6 +24,7 @@ def verify(
     steps: int = STEPS,
     targets: Sequence[str] | None = None,
     run_changed: bool = False,
+    log: Path | str | None = None,
     progress: Progress = silent,
 ) -> "VerifyReport":
     """Compile and run the C of a folder, and compare it, bit by bit, with the Python reference.
@@ -33,12 +34,13 @@ def verify(
         steps: of the nonlinear closed loop where the design is there, and as many adversarial ones.
         targets: "host", "sanitizers" or a core; by default all of them.
         run_changed: whether to compile and run files that were changed, too.
+        log: of the runner in the folder's `pil/`, from any board: it is compared instead, and nothing is run.
         progress: told what is being done and the part of it that is done.
 
     Raises:
         ProblemError: no folder of ours, or no such target. A difference is not raised: `ok` and `problems` say it.
     """
-    from lockstep.verification.verify import verify_folder
+    from lockstep.verification.verify import verify_folder, verify_log
 
     folder = Path(folder)
     with seen(folder):
@@ -46,6 +48,8 @@ def verify(
             raise ProblemError(
                 "it is no folder", where=str(folder), expected="a folder that `lockstep generate` wrote"
             )
+    if log is not None:
+        return verify_log(folder, log)
     progress("closing the loop around the reference", 0.0)
     return verify_folder(
         folder,

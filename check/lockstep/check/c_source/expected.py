@@ -41,16 +41,15 @@ extern "C" {
 """
 
 HEADER = """
+#define AGENT_DESIGN_WORD IDENTITY
 #define AGENT_ALL_RECEIVED RECEIVED
-typedef MASK agent_mask_t;
-typedef enum { AGENT_OK = 0, AGENT_NOT_FINITE = 1, AGENT_OVERFLOW = 2 } agent_status_t;
-typedef struct {
+typedef MASK agent_mask_t; typedef enum { AGENT_OK = 0, AGENT_NOT_FINITE = 1, AGENT_OVERFLOW = 2,
+    AGENT_NOT_READY = 3, AGENT_UNFIT = 4 } agent_status_t; typedef struct {
 [state]    real x[ORDER];
            real u[INPUTS];
-[hears]    real held[NEIGHBOURS][OUTPUTS];
-[hears]    agent_mask_t heard; uint32_t age[NEIGHBOURS]; uint32_t misses[NEIGHBOURS];
-} agent_state_t;
-void agent_init(agent_state_t *state);
+[hears]    real held[NEIGHBOURS][OUTPUTS]; agent_mask_t heard; uint32_t age[NEIGHBOURS]; uint32_t misses[NEIGHBOURS];
+    uint32_t ready; } agent_state_t;
+agent_status_t agent_self_check(void); agent_status_t agent_init(agent_state_t *state);
 void agent_reset(agent_state_t *state);
 agent_status_t agent_step(agent_state_t *state, const real y[OUTPUTS], HEARD, agent_mask_t received, real u[INPUTS]);
 agent_status_t agent_step_relative(agent_state_t *state, const real r[OUTPUTS], real u[INPUTS]);
@@ -71,37 +70,42 @@ SOURCE_TOP = """
 #error "NaN and infinity must be honoured: compile without -ffinite-math-only."
 #endif
 #endif
-#if !defined(FLT_EVAL_METHOD) || (FLT_EVAL_METHOD != 0)
+#if !defined(FLT_EVAL_METHOD)
+#error "This compiler's float.h has no FLT_EVAL_METHOD (C99): how it rounds is not known."
+#elif FLT_EVAL_METHOD != 0
 #error "Each operation must round to its own type (FLT_EVAL_METHOD 0); x87 arithmetic does not."
 #endif
-#if (FLT_RADIX != 2) || (FLT_MANT_DIG != 24) || (DBL_MANT_DIG != 53)
-#error "IEEE 754 binary32 and binary64 are needed."
+#if (FLT_RADIX != 2) || (DIGITS)
+#error "IEEE 754 FORMAT is needed."
 #endif
-#if defined(__GNUC__) && !defined(__clang__)
-#if !defined(__STRICT_ANSI__) && !defined(LOCKSTEP_FP_CONTRACT_IS_OFF)
-#if defined(__FP_FAST_FMAF) || defined(__FP_FAST_FMA) || defined(__ARM_FEATURE_FMA) || defined(__FMA__)
-#error "Compile with -ffp-contract=off and -DLOCKSTEP_FP_CONTRACT_IS_OFF (the CMakeLists.txt does), or with -std=c99."
+#if defined(__clang__)
+#define LOCKSTEP_ONE_COPY __attribute__((noinline))
+#pragma STDC FP_CONTRACT OFF
+#if __clang_major__ >= 14
+#pragma clang fp reassociate(off)
 #endif
-#endif
+#elif defined(__GNUC__)
+#define LOCKSTEP_ONE_COPY __attribute__((noinline, noclone))
+#pragma GCC optimize("fp-contract=off")
 #else
+#define LOCKSTEP_ONE_COPY
 #pragma STDC FP_CONTRACT OFF
 #endif
 """
+
+READY = "agent_status_t status = AGENT_NOT_READY; if (state->ready == AGENT_DESIGN_WORD) {"
 
 TABLE = "static const real agent_gain[ROWS][COLUMNS] = {"
 
 KERNEL = "static void agent_kernel(XGIVEN const real r[OUTPUTS], XNEXT real u_next[INPUTS]) {"
 
 SOURCE = """
-[speed] UNREAD }
-[speed] static agent_status_t agent_advance(agent_state_t *state, const real r[OUTPUTS]) {
+[speed] UNREAD } static agent_status_t agent_advance(agent_state_t *state, const real r[OUTPUTS]) {
 [speed]    agent_status_t status = AGENT_OVERFLOW;
 [speed][state] real x_next[ORDER];
-[speed]    real u_next[INPUTS]; real check;
-[speed]    agent_kernel(XPASSED u_next);
+[speed]    real u_next[INPUTS]; real check; agent_kernel(XPASSED u_next);
 [speed]    CHECKS if (check == ZERO) { WRITES status = AGENT_OK; } return status; }
-[size] };
-[size] static agent_status_t agent_advance(agent_state_t *state, const real r[OUTPUTS], real inputs) {
+[size] }; static agent_status_t agent_advance(agent_state_t *state, const real r[OUTPUTS], real inputs) {
 [size]    agent_status_t status = (inputs == ZERO) ? AGENT_OVERFLOW : AGENT_NOT_FINITE;
 [size]    real next[ROWS]; real check = inputs; uint32_t i; uint32_t j;
 [size]KEPT
@@ -110,13 +114,10 @@ SOURCE = """
 [size][state] for (j = 0u; j < ORDERu; j++) { const real product = agent_gain[i][j] * state->x[j]; sum = sum + product; }
 [size]KEPT
 [size]       for (j = 0u; j < OUTPUTSu; j++) { const real product = agent_gain[i][AFTER j] * r[j]; sum = sum + product; }
-[size]       next[i] = sum; check = check + (sum - sum); }
-[size]    if (check == ZERO) {
+[size]       next[i] = sum; check = check + (sum - sum); } if (check == ZERO) {
 [size][state] for (i = 0u; i < ORDERu; i++) { state->x[i] = next[i]; }
-[size]       for (i = 0u; i < INPUTSu; i++) { state->u[i] = next[AFTER i]; }
-[size]       status = AGENT_OK; } return status; }
-static real agent_check(const real *values, uint32_t count) {
-    real check = ZERO; uint32_t k;
+[size]       for (i = 0u; i < INPUTSu; i++) { state->u[i] = next[AFTER i]; } status = AGENT_OK; } return status; }
+static real agent_check(const real *values, uint32_t count) { real check = ZERO; uint32_t k;
     for (k = 0u; k < count; k++) { check = check + (values[k] - values[k]); } return check; }
 static void agent_output(const agent_state_t *state, real u[INPUTS]) {
     uint32_t k; for (k = 0u; k < INPUTSu; k++) { u[k] = state->u[k]; } }
@@ -126,15 +127,14 @@ void agent_reset(agent_state_t *state) { uint32_t k;
     for (k = 0u; k < INPUTSu; k++) { state->u[k] = ZERO; }
 [hears] state->heard = 0u; for (j = 0u; j < NEIGHBOURSu; j++) {
 [hears]     for (k = 0u; k < OUTPUTSu; k++) { state->held[j][k] = ZERO; } state->age[j] = 0u; }
-}
-void agent_init(agent_state_t *state) {
+} static void agent_start(agent_state_t *state) {
 [hears] uint32_t j; for (j = 0u; j < NEIGHBOURSu; j++) { state->misses[j] = 0u; }
-    agent_reset(state); }
-agent_status_t agent_step_relative(agent_state_t *state, const real r[OUTPUTS], real u[INPUTS]) {
-[speed] agent_status_t status = agent_advance(state, r);
+    agent_reset(state); state->ready = AGENT_DESIGN_WORD; }
+LOCKSTEP_ONE_COPY agent_status_t agent_step_relative(agent_state_t *state, const real r[OUTPUTS], real u[INPUTS]) { READY
+[speed] status = agent_advance(state, r);
 [speed] if ((status != AGENT_OK) && (agent_check(r, OUTPUTSu) != ZERO)) { status = AGENT_NOT_FINITE; }
-[size]  const agent_status_t status = agent_advance(state, r, agent_check(r, OUTPUTSu));
-    agent_output(state, u); return status; }
+[size]  status = agent_advance(state, r, agent_check(r, OUTPUTSu));
+    } else { agent_reset(state); } agent_output(state, u); return status; }
 [hears][speed] static void
 [hears][size]  static real
 [hears] agent_relative(const agent_state_t *state, const real y[OUTPUTS], const real neighbour_y[MESSAGES],
@@ -145,8 +145,7 @@ WEIGHTS = "static const real weight[NEIGHBOURS] ="
 
 SOURCE_END = """
 [hears][size] real check = ZERO;
-[hears]     uint32_t j; uint32_t k;
-[hears]     for (k = 0u; k < OUTPUTSu; k++) { r[k] = ZERO;
+[hears]     uint32_t j; uint32_t k; for (k = 0u; k < OUTPUTSu; k++) { r[k] = ZERO;
 [hears][size] check = check + (y[k] - y[k]);
 [hears]     } for (j = 0u; j < NEIGHBOURSu; j++) {
 [hears]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j); const real *source = y;
@@ -158,33 +157,46 @@ SOURCE_END = """
 [hears][size]       check = check + (source[k] - source[k]);
 [hears] } }
 [hears][size] return check;
-[hears] }
-[hears] static void agent_remember(agent_state_t *state, const real neighbour_y[MESSAGES], agent_mask_t received) {
-[hears]     uint32_t j; uint32_t k; for (j = 0u; j < NEIGHBOURSu; j++) {
+[hears] } static void agent_remember(agent_state_t *state, const real neighbour_y[MESSAGES], agent_mask_t received,
+[hears]     agent_status_t status) { uint32_t j; uint32_t k; for (j = 0u; j < NEIGHBOURSu; j++) {
 [hears]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j);
-[hears]         if ((received & bit) != 0u) {
+[hears]         if ((received & bit) == 0u) { state->misses[j] += (state->misses[j] < UINT32_MAX) ? 1u : 0u; }
+[hears]         if (((received & bit) != 0u) && (status == AGENT_OK)) {
 [hears]             for (k = 0u; k < OUTPUTSu; k++) { state->held[j][k] = neighbour_y[(j * OUTPUTSu) + k]; }
 [hears]             state->heard |= bit; state->age[j] = 0u; }
-[hears]         else { state->age[j] += (state->age[j] < UINT32_MAX) ? 1u : 0u;
-[hears]             state->misses[j] += (state->misses[j] < UINT32_MAX) ? 1u : 0u; } } }
+[hears]         else { state->age[j] += (state->age[j] < UINT32_MAX) ? 1u : 0u; } } }
 [hears][speed] static agent_status_t agent_fault(const real y[OUTPUTS], const real neighbour_y[MESSAGES],
 [hears][speed]     agent_mask_t received) { real check = agent_check(y, OUTPUTSu); uint32_t j;
 [hears][speed]     for (j = 0u; j < NEIGHBOURSu; j++) {
 [hears][speed]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j);
 [hears][speed]         if ((received & bit) != 0u) { check = check + agent_check(&neighbour_y[j * OUTPUTSu], OUTPUTSu); } }
 [hears][speed]     return (check == ZERO) ? AGENT_OVERFLOW : AGENT_NOT_FINITE; }
-agent_status_t agent_step(agent_state_t *state, const real y[OUTPUTS], HEARD, agent_mask_t received, real u[INPUTS]) {
-[hears]        real r[OUTPUTS];
-[hears][speed] agent_status_t status; agent_relative(state, y, neighbour_y, received, r);
-[hears][speed] status = agent_advance(state, r);
+LOCKSTEP_ONE_COPY agent_status_t agent_step(
+    agent_state_t *state, const real y[OUTPUTS], HEARD, agent_mask_t received, real u[INPUTS]) {
+[hears]        READY real r[OUTPUTS];
+[hears][speed] agent_relative(state, y, neighbour_y, received, r); status = agent_advance(state, r);
+[hears][speed] if (status != AGENT_OK) { status = agent_fault(y, neighbour_y, received); }
 [hears][size]  const real inputs = agent_relative(state, y, neighbour_y, received, r);
-[hears][size]  const agent_status_t status = agent_advance(state, r, inputs);
-[hears]        if (status == AGENT_OK) { agent_remember(state, neighbour_y, received); }
-[hears][speed] else { status = agent_fault(y, neighbour_y, received); }
-[alone]        const real r[OUTPUTS] = { NOTHING };
-[alone][speed] agent_status_t status = AGENT_NOT_FINITE;
-[alone][size]  const agent_status_t status = agent_advance(state, r, agent_check(y, OUTPUTSu));
-[alone]        (void)neighbour_y; (void)received;
-[alone][speed] if (agent_check(y, OUTPUTSu) == ZERO) { status = agent_advance(state, r); }
-    agent_output(state, u); return status; }
+[hears][size]  status = agent_advance(state, r, inputs);
+[hears]        agent_remember(state, neighbour_y, received, status);
+[alone]        const real r[OUTPUTS] = { NOTHING }; agent_status_t status = AGENT_NOT_READY;
+[alone]        (void)neighbour_y; (void)received; if (state->ready == AGENT_DESIGN_WORD) {
+[alone][speed] status = AGENT_NOT_FINITE; if (agent_check(y, OUTPUTSu) == ZERO) { status = agent_advance(state, r); }
+[alone][size]  status = agent_advance(state, r, agent_check(y, OUTPUTSu));
+    } else { agent_reset(state); } agent_output(state, u); return status; } agent_status_t agent_self_check(void) {
+"""
+
+KNOWN = "static const real {}[{}] ="
+
+SELF_CHECK_END = """
+    volatile uint32_t first = 0u; agent_state_t state; uint32_t differs = 0u; uint32_t j; uint32_t k; agent_start(&state);
+LOOP for (k = first; k < ANSWERSu; k++) { const real scale = (k == 0u) ? SCALE; real u[INPUTS];
+[hears] if (k == 0u) { (void)agent_step_relative(&state, given, u); } else { (void)agent_step(&state,
+[hears]     &given[k * OUTPUTSu], &given[(k + 1u) * OUTPUTSu], AGENT_ALL_RECEIVED, u); }
+[alone] (void)agent_step_relative(&state, &given[k * OUTPUTSu], u);
+[state] for (j = 0u; j < ORDERu; j++) { differs |= ((state.x[j] * scale) == answer[(k * ROWSu) + j]) ? 0u : 1u; }
+        for (j = 0u; j < INPUTSu; j++) { differs |= ((u[j] * scale) == answer[(k * ROWSu) + AFTER j]) ? 0u : 1u; } }
+    return (differs == 0u) ? AGENT_OK : AGENT_UNFIT; }
+agent_status_t agent_init(agent_state_t *state) { const agent_status_t status = agent_self_check();
+    agent_start(state); if (status != AGENT_OK) { state->ready = 0u; } return status; }
 """

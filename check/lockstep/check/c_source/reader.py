@@ -26,8 +26,12 @@ _SOURCE = re.compile(
     r"^ \* +neighbour ([0-9]+) +([A-Za-z][A-Za-z0-9_]*), weight a = ([^ ,]{1,99}), bit 0x[0-9a-f]+ of `received`$",
     re.MULTILINE,
 )
+_FORMS = {"PERIOD_S": LITERAL, "DESIGN_ID": re.compile('"[0-9a-f]{64}"')}
 MAX_NEIGHBOURS = 64
 """One bit of the `received` mask each, and no C99 integer is wider than 64 bits."""
+
+ANSWERS = 3
+"""Steps of the self-check."""
 
 _LOOPS_FROM = 9
 """Products: below, a loop takes more bytes than its unrolled body, and is left to the compiler."""
@@ -35,7 +39,10 @@ _LOOPS_FROM = 9
 
 @dataclass(frozen=True, eq=False)
 class ReadController:
-    """One agent as its C has it: its controller, the period in s that its header states, and its arithmetic."""
+    """One agent as its C has it: its controller, the period in s that its header states, and its arithmetic.
+
+    The numbers of its self-check are read and not judged: they can only keep from running what is proved.
+    """
 
     name: str
     controller: HeldController
@@ -67,6 +74,7 @@ def read_controller(name: str, header: str, source: str, names: Sequence[str]) -
             f"no agent has {shape.outputs} outputs, {shape.inputs} inputs, {shape.neighbours} neighbours"
         )
     period = _macro(top, words, "PERIOD_S")
+    words["IDENTITY"] = f"0x{int(_macro(top, words, 'DESIGN_ID')[1:9], 16) | 1:08x}u"
     real: Real = "float32" if period.endswith("f") else "float64"
     agent = _Agent(code, shape, real, words)
     top.expect(agent.expected(c.HEADER))
@@ -87,7 +95,11 @@ class _Agent:
     def __init__(self, file: CText, shape: Shape, real: Real, words: dict[str, str]) -> None:
         n, q, m, nn = shape
         self.file, self.shape, self.real = file, shape, real
-        kind, zero = ("float", "0.0f") if real == "float32" else ("double", "0.0")
+        single = ("float", "0.0f", "FLT_MANT_DIG != 24", "binary32")
+        kind, zero, digits, form = (
+            single if real == "float32" else ("double", "0.0", "DBL_MANT_DIG != 53", "binary64")
+        )
+        scale = "1.2676506e+30f : 1.0f" if real == "float32" else "1.2676506002282294e+30 : 1.0"
         bits = 32 if nn <= 32 else 64
         self.words = words | {"real": kind, "ZERO": zero, "NOTHING": ", ".join([zero] * q)}
         self.words |= {"MASK": f"uint{bits}_t", "RECEIVED": f"0x{2**nn - 1:x}u" + "ll" * (bits > 32)}
@@ -98,7 +110,13 @@ class _Agent:
         self.words |= dict(
             zip(("XGIVEN", "XNEXT", "XPASSED", "AFTER"), states if n else ("", "", "r,", ""), strict=True)
         )
-        self.words["KEPT"] = c.KEPT if shape.terms >= _LOOPS_FROM else ""
+        self.words |= {
+            "KEPT": c.KEPT if shape.terms >= _LOOPS_FROM else "",
+            "LOOP": c.KEPT,
+            "DIGITS": digits,
+            "SCALE": scale,
+        }
+        self.words |= {"FORMAT": form, "ANSWERS": str(ANSWERS), "READY": c.expected(c.READY, set(), words)}
         self.kinds = {"hears" if nn else "alone"} | ({"state"} if n else set())
 
     def expected(self, code: str) -> str:
@@ -126,6 +144,12 @@ class _Agent:
         else:
             self.kinds.add("unit")
         file.expect(self.expected(c.SOURCE_END))
+        n, q, m, nn = self.shape
+        for name, count in (("given", (ANSWERS + nn) * q), ("answer", ANSWERS * (n + m))):
+            file.expect(self.expected(c.KNOWN.format(name, count)))
+            file.row(count, self.real)
+            file.expect(";")
+        file.expect(self.expected(c.SELF_CHECK_END))
         file.end()
         return table, roundings, weights
 
@@ -156,12 +180,11 @@ class _Agent:
 
 
 def _macro(file: CText, words: dict[str, str], key: str) -> str:
-    """Take the definition of a number: the period, a literal above 0, or a dimension."""
+    """Take a definition: the period, a literal above 0; the design's hash; or a dimension."""
     macro = f"{words['AGENT']}_{key}"
     name, _, number = file.take().removeprefix("#define ").partition(" ")
-    form = LITERAL if key == "PERIOD_S" else _COUNT
-    if name != macro or not form.fullmatch(number):
-        raise file.refusal(f"{macro} is not defined in its place, as a number")
+    if name != macro or not _FORMS.get(key, _COUNT).fullmatch(number):
+        raise file.refusal(f"{macro} is not defined in its place, in its form")
     if key == "PERIOD_S" and not 0 < float(number.rstrip("f")) < np.inf:
         raise file.refusal(f"the period is `{number}`")
     return number

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.files import read_inside
+from lockstep.codegen.doors import doors_of, with_doors
+from lockstep.codegen.doors.fmu import archives_differ
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.folder.contents import differs, not_proved, strangers
@@ -44,14 +46,16 @@ def compared(folder: Path, stored: Stored) -> Comparison:
     differences += [
         f"{path} is not what manifest.json says it is" for path in changed_files(folder, manifest)
     ]
-    differences += _misnamed([agent.name for agent in manifest.agents], stored)
-    differences += differs(folder, _rendered(folder, stored, manifest))
+    differences += _misnamed([agent.name for agent in manifest.agents], stored, manifest.prefix)
+    rendered = _rendered(folder, stored, manifest)
+    differences += differs(folder, rendered) + archives_differ(folder, manifest, rendered)
     return Comparison(tuple(differences), not_proved(manifest))
 
 
 def _rendered(folder: Path, stored: Stored, manifest: Manifest) -> dict[str, str]:
     """Return the text of every file that follows from the design; of the manifest only the hashes of others are read."""
-    files = emit(specification(stored, optimize=manifest.optimize))
+    spec = specification(stored, optimize=manifest.optimize, name=manifest.name, prefix=manifest.prefix)
+    files = with_doors(emit(spec), doors_of(manifest))
     others = {path: _bytes(folder, path) for path in manifest.files if path not in files}
     together = bundle(files, others)
     return {path: str(together[path]) for path in files}
@@ -65,9 +69,9 @@ def _bytes(folder: Path, path: str) -> bytes:
         return b""
 
 
-def _misnamed(names: list[str], stored: Stored) -> list[str]:
+def _misnamed(names: list[str], stored: Stored, prefix: str) -> list[str]:
     """Say whether the agents are not in the design's order: each is proved with the inputs B of its place in it."""
-    expected = [f"{stored.problem.agent().name}{i}" for i in range(1, stored.gains.N + 1)]
+    expected = [f"{prefix}{stored.problem.agent().name}{i}" for i in range(1, stored.gains.N + 1)]
     if names == expected:
         return []
     return [

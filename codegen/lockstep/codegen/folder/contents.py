@@ -13,6 +13,8 @@ from lockstep.check.c_source.reader import read_controller
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.files import as_text, named, read_inside
 from lockstep.check.wording import shorten
+from lockstep.codegen.doors import door_paths
+from lockstep.codegen.doors.fmu import archives
 from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files
 
 DESIGN_NAME = "design.json"
@@ -28,8 +30,9 @@ _MOST_LINES = 20
 
 
 def not_proved(manifest: Manifest) -> tuple[str, ...]:
-    """Return the files of a folder that a certificate says nothing about: drawings, simulations and measurements."""
-    return tuple(sorted(path for path in manifest.files if path in MEASURED or _FIGURE.fullmatch(path)))
+    """Return the files of a folder that a certificate says nothing about: drawings, measurements, compiled units."""
+    others = {*MEASURED, *archives(manifest)}
+    return tuple(sorted(path for path in manifest.files if path in others or _FIGURE.fullmatch(path)))
 
 
 def strangers(folder: Path, manifest: Manifest) -> list[str]:
@@ -143,7 +146,10 @@ def _expected(manifest: Manifest) -> set[str]:
     per_agent = ("include/{}.h", "src/{}.c", "proof/{}_eva.c")
     return {
         *("CMakeLists.txt", "README.md", DESIGN_NAME, *MEASURED),
+        *(f"include/{manifest.name}.h", f"src/{manifest.name}.c", f"cmake/{manifest.name}-config.cmake"),
         *(form.format(name) for name in names for form in per_agent),
+        *door_paths(manifest),
+        *archives(manifest),
     }
 
 

@@ -1,0 +1,31 @@
+"""`arduino/`: a library in Arduino's layout, self-contained: the same headers and sources, and one header for all."""
+
+from collections.abc import Mapping
+
+from lockstep.check.errors import ProblemError
+from lockstep.codegen.doors.view import folder_view
+from lockstep.codegen.manifest import Manifest
+from lockstep.codegen.rendering import render
+
+
+def files(manifest: Manifest, product: Mapping[str, str]) -> dict[str, str]:
+    """Return the library.
+
+    Raises:
+        ProblemError: float64, which a `double` of 32 bits, AVR's, cannot hold.
+    """
+    if manifest.real != "float32":
+        raise ProblemError(
+            f"the arithmetic is {manifest.real}",
+            where="--arduino",
+            expected='`real = "float32"` in [controller]: a `double` has 32 bits on AVR',
+        )
+    view = folder_view(manifest)
+    library = {
+        "arduino/library.properties": render("doors/library.properties.j2", **view),
+        f"arduino/src/lockstep_{manifest.name}.h": render("doors/library.h.j2", **view),
+    }
+    for agent in manifest.agents:
+        library[f"arduino/src/{agent.name}.h"] = product[f"include/{agent.name}.h"]
+        library[f"arduino/src/{agent.name}.c"] = product[f"src/{agent.name}.c"]
+    return library
