@@ -89,7 +89,6 @@ def _engine(key: _Key, step: float) -> "Engine":
     from lockstep.campaign.compiled.engine import Engine
     from lockstep.campaign.compiled.layout import Features
     from lockstep.campaign.compiled.source import continuous_source
-    from lockstep.check.sampled.performance import Weights
 
     stored, network, problem = key.stored, key.network, key.stored.problem
     source = continuous_source(

@@ -1,0 +1,241 @@
+"""What is proved besides rho of the paper: u weighed, noise, decay, stable controllers, limits; each against brute force."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.check.stability import is_stable, is_stable_step
+from lockstep.codegen.for_the_period import as_shipped
+from lockstep.codegen.sampled_design import sampled_controllers, sampled_network
+from lockstep.lmi.certify import certify
+from lockstep.lmi.design import claim_of, design, proved_bound
+from lockstep.lmi.document import Stored, file_of, parse
+from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
+from lockstep.lmi.sampled.search import _step_of_state
+from lockstep.model.assembly import network_of
+from lockstep.model.problem import Problem
+
+PENDULUMS = """
+[agent]
+name = "pendulum"
+states = ["q", "v"]
+inputs = ["u"]
+dynamics = { q = "v", v = "-2*q - 0.5*v + slope*sin(q) + u" }
+outputs = { y1 = "q", y2 = "v" }
+parameters = { slope = SLOPE }
+limits = { u = [-3.0, 2.0] }
+[network]
+agents = 3
+edges = [[1, 2], [2, 3], [3, 1]]
+[design]
+method = "given"
+DESIGN
+gains = [GAINS, GAINS, GAINS]
+[controller]
+period = PERIOD
+"""
+
+STATIC = "{ D = [[-2.0, -1.5]] }"
+DYNAMIC = "{ A = [[-3.0]], B = [[1.0, 0.5]], C = [[-1.0]], D = [[-1.5, -1.0]] }"
+
+
+def pendulums(gains: str = STATIC, slope: float = 0.0, period: float = 0.01, asked: str = "") -> Problem:
+    """Return three pendulums with given gains."""
+    words = {"SLOPE": f"{slope}", "GAINS, GAINS, GAINS": gains if gains.count("D =") == 3 else ", ".join([gains] * 3), "PERIOD": f"{period}", "DESIGN": asked}
+    text = PENDULUMS
+    for word, value in words.items():
+        text = text.replace(word, value)
+    return Problem.parse(text)
+
+
+def shipped(problem: Problem) -> Stored:
+    """Return the design file, sampled claims included."""
+    return as_shipped(file_of(design(problem)))
+
+
+def norm_of_loop(problem: Problem) -> float:
+    """Return the H-infinity norm from (xi, nu) to (x, x_C, u) weighted, on a grid: a loop written down agent by agent.
+
+    In the modes of the disagreement (the cycle's L is normal) the disturbances are unit vectors across 1.
+    """
+    gains, asked = problem.gains, problem.performance
+    assert gains is not None
+    agent, L = problem.agent(), np.asarray(problem.graph().laplacian, dtype=float)
+    A, B, C = agent.lure.A, agent.lure.B, agent.lure.C
+    N, n, m = len(L), len(A), B.shape[1]
+    n_C = gains[0].A.shape[0] if gains[0].A.size else 0
+    blocks = [np.atleast_2d(np.asarray(getattr(gains[0], letter), dtype=float)) for letter in "ABCD"]
+    A_C, B_C, C_C, D_C = (
+        blocks if n_C else [np.zeros((0, 0)), np.zeros((0, len(C))), np.zeros((m, 0)), blocks[3]]
+    )
+    I = np.eye(N)
+    a = np.block([
+        [np.kron(I, A) + np.kron(L, B @ D_C @ C), np.kron(I, B @ C_C)],
+        [np.kron(L, B_C @ C), np.kron(I, A_C)],
+    ])  # fmt: skip
+    scale = asked.outputs if len(asked.outputs) else np.zeros(len(C))
+    states = asked.states if len(asked.states) else np.ones(n)
+    b = np.block([
+        [np.kron(I, np.diag(states)), np.kron(L, B @ D_C @ np.diag(scale))],
+        [np.zeros((N * n_C, N * n)), np.kron(L, B_C @ np.diag(scale))],
+    ])  # fmt: skip
+    across = np.linalg.svd(np.ones((1, N)))[2][1:].T
+    b = b @ np.block([
+        [np.kron(across, np.eye(n)), np.zeros((N * n, (N - 1) * len(C)))],
+        [np.zeros((N * len(C), (N - 1) * n)), np.kron(across, np.eye(len(C)))],
+    ])  # fmt: skip
+    W = asked.W if len(asked.W) else np.zeros((m, m))
+    root = np.linalg.cholesky(W + 1e-15 * np.eye(m)).T
+    P = across @ across.T
+    c = np.block([
+        [np.kron(P, np.linalg.cholesky(asked.R).T), np.zeros((N * n, N * n_C))],
+        [np.zeros((N * n_C, N * n)), np.kron(I, np.linalg.cholesky(asked.Q).T if n_C else np.zeros((0, 0)))],
+        [np.kron(L, root @ D_C @ C), np.kron(I, root @ C_C)],
+    ])  # fmt: skip
+    d = np.zeros((len(c), b.shape[1]))
+    d[N * (n + n_C) :, :] = (
+        np.hstack([np.zeros((N * m, N * n)), np.kron(L, root @ D_C @ np.diag(scale))])
+        @ np.block([
+            [np.kron(across, np.eye(n)), np.zeros((N * n, (N - 1) * len(C)))],
+            [np.zeros((N * len(C), (N - 1) * n)), np.kron(across, np.eye(len(C)))],
+        ])
+    )  # fmt: skip
+    # The mean of the states is not controlled and not seen: a little damping of it changes nothing that is.
+    mean = np.kron(np.ones((N, N)) / N, np.eye(n))
+    a[: N * n, : N * n] -= 10.0 * mean
+    grid = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 3000)])
+    return max(
+        float(np.linalg.norm(c @ np.linalg.solve(1j * w * np.eye(len(a)) - a, b) + d, 2)) for w in grid
+    )
+
+
+ASKED = [
+    "",
+    "weights = { input = 0.3 }",
+    "weights = { input = 0.3 }\ndisturbances = { outputs = 0.2 }",
+    "disturbances = { outputs = { y2 = 0.5 }, states = { v = 2.0 } }",
+]
+
+
+@pytest.mark.parametrize("asked", ASKED)
+@pytest.mark.parametrize("gains", [STATIC, DYNAMIC])
+def test_rho_of_linear_agents_is_the_norm_of_the_loop(gains: str, asked: str) -> None:
+    problem = pendulums(gains, asked=asked)
+    found, norm = design(problem).certificate, norm_of_loop(problem)
+    assert found is not None
+    assert norm <= found.rho <= 1.005 * norm
+
+
+@pytest.mark.parametrize("asked", ASKED)
+def test_the_sampled_rho_tends_to_the_continuous_one(asked: str) -> None:
+    problem = pendulums(DYNAMIC, period=1e-3, asked=asked)
+    stored, norm = shipped(problem), norm_of_loop(problem)
+    rho = stored.claims.sampled.rho
+    assert rho is not None
+    assert norm <= rho <= 1.02 * norm
+    assert certify(stored).ok
+
+
+def test_a_rho_that_leaves_the_weight_of_u_out_is_refused() -> None:
+    """The certificate of the loop without it, under a problem that weighs u."""
+    without = json.loads(json.dumps(file_of(design(pendulums())).document()))
+    asked = pendulums(asked="weights = { input = 3.0 }").document()
+    without["problem"]["design"] = {k: v for k, v in asked["design"].items() if k != "gains"}
+    assert not certify(parse(without, "memory")).ok
+
+
+def test_the_decay_is_the_linear_one_and_more_is_refused() -> None:
+    problem = pendulums(DYNAMIC)
+    stored = file_of(design(problem))
+    network = network_of(problem, proved_bound(problem))
+    slowest = -np.linalg.eigvals(network.loop(1).A_cl(stored.gains.blocks)).real.max()
+    decay = stored.claims.decay
+    assert decay is not None
+    assert 0.9 * slowest <= decay <= slowest
+    for factor, ok in ((1.0, True), (0.999, True), (1.2, False)):
+        claims = dataclasses.replace(stored.claims, decay=factor * decay)
+        assert certify(dataclasses.replace(stored, claims=claims)).ok == ok
+
+
+def test_the_decay_holds_for_every_slope() -> None:
+    """Of sin with a slope up to 1.5: no constant slope within is slower."""
+    problem = pendulums(slope=1.5)
+    stored, bound = file_of(design(problem)), proved_bound(problem)
+    network = network_of(problem, bound)
+    loop, K = network.loop(0), stored.gains.blocks
+    lure = network.plant
+    rates = []
+    for slope in np.linspace(-bound.alpha, bound.alpha, 41):
+        phi = np.kron(np.eye(2), lure.G @ (slope * lure.H))
+        rates.append(-np.linalg.eigvals(loop.A_cl(K) + phi).real.max())
+    decay = stored.claims.decay
+    assert decay is not None
+    assert 0 < decay <= min(rates)
+    assert claim_of(problem, bound).alpha == bound.alpha
+
+
+def test_a_decay_that_is_asked_for_and_not_there_is_refused() -> None:
+    with pytest.raises(NotCertified, match="decay asks for 5 1/s"):
+        design(pendulums(asked="decay = 5.0"))
+
+
+def test_controllers_that_are_not_stable_by_themselves() -> None:
+    """Of one agent: were all of them, their mean, of which no message tells, would grow."""
+    unstable = DYNAMIC.replace("A = [[-3.0]]", "A = [[0.05]]") + ", " + DYNAMIC + ", " + DYNAMIC
+    stored = file_of(design(pendulums(unstable)))
+    assert not stored.claims.controllers_stable
+    better = dataclasses.replace(stored, claims=dataclasses.replace(stored.claims, controllers_stable=True))
+    assert not certify(better).ok
+    with pytest.raises(NotCertified, match=r"that of agent 1 is not"):
+        design(pendulums(unstable, asked="stable_controllers = true"))
+    assert file_of(design(pendulums(DYNAMIC, asked="stable_controllers = true"))).claims.controllers_stable
+
+
+def test_stability_is_decided_exactly() -> None:
+    """Against eigenvalues, and where these cannot tell: a pole on the edge."""
+    generator = np.random.default_rng(0)
+    for _ in range(100):
+        A = generator.standard_normal((4, 4)) - generator.uniform(0, 3) * np.eye(4)
+        assert is_stable(A) == (np.linalg.eigvals(A).real.max() < 0)
+        M = generator.uniform(0.2, 1) * generator.standard_normal((4, 4))
+        assert is_stable_step(M) == (np.abs(np.linalg.eigvals(M)).max() < 1)
+    edge = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    assert not is_stable(edge)
+    assert not is_stable_step(edge)
+    assert is_stable(edge - 2.0**-50 * np.eye(2))
+    assert is_stable_step((1 - 2.0**-50) * edge)
+
+
+@pytest.mark.parametrize("slope", [0.0, 1.0])
+def test_no_input_meets_its_limit_from_within_the_radius(slope: float) -> None:
+    """Of the linear part, by the worst direction at every step; the nearer limit, 2, counts."""
+    stored = shipped(pendulums(DYNAMIC, slope=slope))
+    radius = stored.claims.sampled.radius
+    assert radius is not None
+    assert certify(stored).ok
+    for factor in (0.9, 1.3):
+        claims = stored.claims
+        sampled = dataclasses.replace(claims.sampled, radius=factor * radius)
+        changed = dataclasses.replace(stored, claims=dataclasses.replace(claims, sampled=sampled))
+        assert certify(changed).ok == (factor < 1)
+    loop = in_doubles(sampled_network(stored), sampled_controllers(stored, 0.01))
+    one = period_in_doubles(loop)
+    assert one is not None
+    step, rows = _step_of_state(loop, one), loop.computed[:, : loop.n_xi]
+    metric = np.linalg.inv(np.linalg.cholesky(np.kron(np.asarray(loop.network.d.S), np.eye(2)))).T
+    xi, worst = np.eye(loop.n_xi)[:, : loop.n_d] @ metric, 0.0
+    for _ in range(2000):
+        worst = max(worst, float(np.linalg.norm(rows @ xi, axis=1).max()))
+        xi = step @ xi
+    if slope == 0.0:
+        assert radius <= 2.0 / worst <= 2.0 * radius
+
+
+def test_limits_that_are_none() -> None:
+    with pytest.raises(ProblemError, match="`w` is no input"):
+        Problem.parse(pendulums().toml().replace("u = [-3.0, 2.0]", "w = [-3.0, 2.0]"))
+    with pytest.raises(ProblemError, match="a range around 0"):
+        Problem.parse(pendulums().toml().replace("u = [-3.0, 2.0]", "u = [0.5, 2.0]"))
