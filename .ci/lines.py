@@ -2,7 +2,9 @@
 
     python3 .ci/lines.py
 
-Code lines are lines that hold anything but blanks, comments and docstrings. Beside them stand all lines of the files.
+Code lines are lines that hold anything but blanks, comments and docstrings. Beside them stand all lines of the files. The
+limit of the roots was set for the duties they had then (issue 13); rooms for duties that came later stand in rows of their
+own, each with a limit of its own, and are not counted in that of the roots.
 """
 
 import ast
@@ -13,17 +15,38 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 
+CONTROL = "model/lockstep/model/control"
+VERIFICATION = "codegen/lockstep/verification"
+LATER = {
+    "model/checks/proved": (["model/lockstep/model/checks/proved"], 1900),
+    "model/control: loops sampled and opened": (
+        [f"{CONTROL}/{name}.py" for name in ("hybrid", "hybrid_norms", "operating", "ports", "wiring")],
+        800,
+    ),
+    "lmi/robustness": (["lmi/lockstep/lmi/robustness"], 600),
+    "lmi/foreign": (["lmi/lockstep/lmi/foreign"], 500),
+    "codegen/doors, and what runs them": (
+        [
+            "codegen/lockstep/codegen/doors",
+            *(f"{VERIFICATION}/{one}.py" for one in ("pil_log", "qemu", "units")),
+        ],
+        500,
+    ),
+}
+"""Rooms for later duties: folders and files, and the most code lines."""
+
 LIMITS = {
     # 4000 is the aim. It holds the whole language of expressions, the unbounded domains and the readers: only down from here.
     "check": (["check"], [], 6300),
     "cli": (["codegen/lockstep/cli"], [], 1000),
-    "check, model, lmi, codegen without campaign": (
+    "roots without campaign and rooms below": (
         ["check", "model", "lmi", "codegen"],
-        ["codegen/lockstep/campaign"],
+        ["codegen/lockstep/campaign", *(one for places, _ in LATER.values() for one in places)],
         25000,
     ),
+    **{name: (places, [], limit) for name, (places, limit) in LATER.items()},
 }
-"""What is counted: folders, folders in them that are not, and the most code lines."""
+"""What is counted: folders and files, those in them that are not, and the most code lines."""
 
 LAYOUT = {
     tokenize.ENCODING,
@@ -67,12 +90,12 @@ def documented(source: str) -> set[int]:
 
 
 def counted(folders: list[str], without: list[str]) -> tuple[int, int, int]:
-    """Return the files, code lines and lines of the modules in folders."""
+    """Return the files, code lines and lines of the modules in folders; a file may stand for itself."""
     left_out = [ROOT / folder for folder in without]
     sources = [
         path.read_text(encoding="utf-8")
         for folder in folders
-        for path in sorted((ROOT / folder).rglob("*.py"))
+        for path in (sorted((ROOT / folder).rglob("*.py")) or [ROOT / folder])
         if not any(path.is_relative_to(one) for one in left_out)
     ]
     return len(sources), sum(map(code_lines, sources)), sum(len(one.splitlines()) for one in sources)

@@ -56,13 +56,11 @@ def log_of(folder, tmp_path, library, agents):
     parts = []
     for agent in agents:
         source = folder / "arduino" / "src" / f"{agent}.c"
-        # Where the sources still ask for a double of 64 bits, which they do not use, that is passed over.
-        wide = ["-U__DBL_MANT_DIG__", "-D__DBL_MANT_DIG__=53"] if "DBL_MANT_DIG" in source.read_text() else []
         places = [f"-I{folder / 'arduino' / 'src'}", f"-I{folder / 'pil'}"]
         c = [source, folder / "pil" / f"{agent}_pil.c", folder / "pil" / "pil.c"]
         objects = [tmp_path / f"{path.stem}.o" for path in c]
         for path, made in zip(c, objects, strict=True):
-            run(["avr-gcc", *CHIP, *C_FLAGS, *wide, *places, "-c", path, "-o", made], tmp_path)
+            run(["avr-gcc", *CHIP, *C_FLAGS, *places, "-c", path, "-o", made], tmp_path)
         sketch, program = tmp_path / "sketch.cpp", tmp_path / f"{agent}.elf"
         sketch.write_text(SKETCH.format(library=library, agent=agent))
         run(["avr-g++", *CHIP, *CPP_FLAGS, *places, sketch, *objects, "-o", program], tmp_path)

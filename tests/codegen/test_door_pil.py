@@ -40,7 +40,7 @@ def test_a_log_gives_the_verdict_and_the_keys_of_any_target(folder, log):
     assert (code, answer["ok"], answer["problems"]) == (0, True, [])
     (target,) = answer["targets"]
     assert (target["name"], target["bitwise"], target["max_abs_error"]) == ("log log.txt", True, 0.0)
-    assert (target["steps"], target["adversarial_steps"], target["ram_bytes"]) == (100, 100, 32)
+    assert (target["steps"], target["adversarial_steps"], target["ram_bytes"]) == (100, 100, 36)
     assert [agent["agent"] for agent in target["agents"]] == ["arm1", "arm2", "arm3"]
     assert CliRunner().invoke(app, ["certify", str(folder)]).exit_code == 0
 

@@ -52,12 +52,7 @@ def _options(controllers: str | None, seed: int | None, horizon: float | None) -
 
 
 def _run(
-    path: Path,
-    runs: int,
-    output: Path,
-    scheduler: str | None,
-    jobs: int | None,
-    options: "CampaignOptions",
+    path: Path, runs: int, output: Path, scheduler: str | None, jobs: int | None, options: "CampaignOptions"
 ) -> Answer:
     from lockstep.workflow.campaign import run_campaign
 

@@ -13,9 +13,9 @@ from rich.table import Table
 from rich.text import Text
 
 from lockstep.check.errors import ClaimError, ProblemError
-from lockstep.check.plain_json import to_json
 from lockstep.check.wording import visible
 from lockstep.cli.progress_lines import ProgressLines
+from lockstep.model.plain_json import to_json
 
 HOLDS, FAILS, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 

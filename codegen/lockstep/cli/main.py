@@ -4,6 +4,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -63,6 +64,8 @@ LARGEST_SEED = 2**63 - 1
 MOST_RUNS = 2**31 - 1
 """Runs are counted in a machine word."""
 
+_option = partial(typer.Option, show_default=False)
+
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
 ProblemFile = Annotated[
     Path, typer.Argument(metavar="PROBLEM", help="A problem file (TOML).", show_default=False)
@@ -71,16 +74,16 @@ DesignFile = Annotated[
     Path,
     typer.Argument(metavar="DESIGN", help="A design file, or a folder that holds one.", show_default=False),
 ]
+Folder = Annotated[Path, _option("-o", "--output", help="The folder to write.")]
 Jobs = Annotated[
     int | None, typer.Option(min=1, help="Processes to search with.", show_default="one per core")
 ]
 
 TimeLimit = Annotated[
     float | None,
-    typer.Option(
+    _option(
         min=0.01,
         help="Seconds to search for gains; then the best certified ones so far, which depend on the machine.",
-        show_default=False,
     ),
 ]
 
@@ -99,11 +102,7 @@ def check(
     problem: ProblemFile,
     boxes: Annotated[
         int | None,
-        typer.Option(
-            min=1,
-            help="Budget of the proof of the bound, in boxes; then the best enclosure so far.",
-            show_default=False,
-        ),
+        _option(min=1, help="Budget of the proof of the bound, in boxes; then the best enclosure so far."),
     ] = None,
     every: Annotated[
         bool,
@@ -123,12 +122,9 @@ def check(
 @app.command()
 def design(
     problem: ProblemFile,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Where to write the design.", show_default=False)
-    ] = None,
+    output: Annotated[Path | None, _option("-o", "--output", help="Where to write the design.")] = None,
     trade_off: Annotated[
-        Path | None,
-        typer.Option(help="Write the gains' least rho for each alpha (CSV).", show_default=False),
+        Path | None, _option(help="Write the gains' least rho for each alpha (CSV).")
     ] = None,
     time_limit: TimeLimit = None,
     jobs: Jobs = None,
@@ -149,8 +145,7 @@ def certify(
         ),
     ] = None,
     lmi: Annotated[
-        Path | None,
-        typer.Option(help="Instead: a linear matrix inequality with a point (JSON).", show_default=False),
+        Path | None, _option(help="Instead: a linear matrix inequality with a point (JSON).")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -163,7 +158,7 @@ def certify(
 @app.command()
 def generate(
     design: DesignFile,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The folder to write.", show_default=False)],
+    output: Folder,
     optimize: Annotated[str, typer.Option(help='"speed" unrolls, "size" loops over a table.')] = "speed",
     pil: Annotated[
         bool, typer.Option("--pil", help="Test vectors and a runner for any board, for `verify --from`.")
@@ -199,10 +194,7 @@ def verify(
         bool, typer.Option("--run-changed", help="Compile and run files that were changed, too.")
     ] = False,
     log: Annotated[
-        Path | None,
-        typer.Option(
-            "--from", metavar="LOG", help="Compare a board's log of pil/ instead.", show_default=False
-        ),
+        Path | None, _option("--from", metavar="LOG", help="Compare a board's log of pil/ instead.")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -216,8 +208,7 @@ def verify(
 def simulate(
     design: DesignFile,
     output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", help="Where to write the trajectory (CSV).", show_default=False),
+        Path | None, _option("-o", "--output", help="Where to write the trajectory (CSV).")
     ] = None,
     controllers: Annotated[
         str | None,
@@ -249,26 +240,15 @@ def simulate(
     integrator: Annotated[str, typer.Option(help='"rk4" or "adaptive".')] = "rk4",
     plot: Annotated[bool, typer.Option("--plot", help="Plot in the terminal.")] = False,
     figures: Annotated[
-        Path | None,
-        typer.Option(help="Draw the run as PNG and PDF in this folder.", metavar="DIR", show_default=False),
+        Path | None, _option(help="Draw the run as PNG and PDF in this folder.", metavar="DIR")
     ] = None,
     campaign: Annotated[
         int | None,
-        typer.Option(
-            min=1,
-            max=MOST_RUNS,
-            help="So many random runs instead of one; `-o` is their folder.",
-            show_default=False,
-        ),
+        _option(min=1, max=MOST_RUNS, help="So many random runs instead of one; `-o` is their folder."),
     ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler for the campaign.", show_default=False)
-    ] = None,
+    scheduler: Annotated[str | None, _option(help="Address of a Dask scheduler for the campaign.")] = None,
     replay: Annotated[
-        int | None,
-        typer.Option(
-            min=0, max=MOST_RUNS, help="This run of a campaign again, by its number.", show_default=False
-        ),
+        int | None, _option(min=0, max=MOST_RUNS, help="This run of a campaign again, by its number.")
     ] = None,
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Threads of the campaign.", show_default="one per core")
@@ -285,11 +265,7 @@ def simulate(
 
 @app.command()
 def build(
-    problem: ProblemFile,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The folder to write.", show_default=False)],
-    time_limit: TimeLimit = None,
-    jobs: Jobs = None,
-    json: Json = False,
+    problem: ProblemFile, output: Folder, time_limit: TimeLimit = None, jobs: Jobs = None, json: Json = False
 ) -> None:
     """All of the above, and a report."""
     from lockstep.cli.build import run
@@ -300,20 +276,13 @@ def build(
 @app.command()
 def reproduce(
     names: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[CLAIM]...", help="Claims by name.", show_default="all"),
+        list[str] | None, typer.Argument(metavar="[CLAIM]...", help="Claims by name.", show_default="all")
     ] = None,
     output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", help="Where to write the page (Markdown).", show_default=False),
+        Path | None, _option("-o", "--output", help="Where to write the page (Markdown).")
     ] = None,
     figures: Annotated[
-        Path | None,
-        typer.Option(
-            help="Make Section 4's figures and table in this folder instead.",
-            metavar="DIR",
-            show_default=False,
-        ),
+        Path | None, _option(help="Make Section 4's figures and table in this folder instead.", metavar="DIR")
     ] = None,
     json: Json = False,
 ) -> None:

@@ -9,8 +9,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from lockstep.check.plain_json import plain
 from lockstep.cli.console import Answer, progress_display, remark, respond
+from lockstep.model.plain_json import plain
 
 if TYPE_CHECKING:
     from lockstep.verification.verify import VerifyReport

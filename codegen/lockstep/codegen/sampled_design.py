@@ -16,7 +16,6 @@ from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.errors import BoundNotProved, ProblemError
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate
-from lockstep.check.plain_json import to_json
 from lockstep.check.sampled.certify import decide_sampled
 from lockstep.check.sampled.discretise import sampled_controllers as held_controllers
 from lockstep.check.sampled.inequality import Witness
@@ -40,6 +39,7 @@ from lockstep.lmi.sampled.limits import largest_radius
 from lockstep.lmi.sampled.search import common_pair_weights
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
+from lockstep.model.plain_json import to_json
 
 FOR_PERIOD, NOT_FOR_PERIOD = "designed_for_period", "not_designed_for_period"
 """Of `sampled`: that the gains were designed for the sampled loop, not for the continuous one; or why they were not."""

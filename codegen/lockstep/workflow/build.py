@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lockstep.check.plain_json import plain
+from lockstep.model.plain_json import plain
 from lockstep.model.problem import Problem
 from lockstep.workflow.check import check
 from lockstep.workflow.design import DESIGN_NAME, Design, design

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from lockstep.check.design_file.json_text import A_DESIGN, parse_json
 from lockstep.check.files import as_text, read_inside
-from lockstep.check.plain_json import to_json
 from lockstep.lmi.document import Stored, answer, file_of, parse, read, sampled_answer
+from lockstep.model.plain_json import to_json
 from lockstep.model.problem import Problem
 from lockstep.workflow.analysis import Analysis
 from lockstep.workflow.check import problem_of

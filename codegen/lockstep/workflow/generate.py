@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from lockstep.check.errors import NotCertified, ProblemError
-from lockstep.check.plain_json import to_json
+from lockstep.model.plain_json import to_json
 from lockstep.workflow.design import DESIGN_NAME, Design, as_design
 from lockstep.workflow.folders import check_generated
 

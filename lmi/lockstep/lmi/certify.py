@@ -12,10 +12,10 @@ from typing import Any
 from lockstep.check import certify as checker
 from lockstep.check.design_file.content import parse
 from lockstep.check.domain import Scope
-from lockstep.check.plain_json import plain
 from lockstep.check.problem import ProblemTables
 from lockstep.check.verdict import Verdict
 from lockstep.lmi.document import Stored, with_bound_proof
+from lockstep.model.plain_json import plain
 
 OF_WHAT_SHIPS = ("code", "sampled", "sampled_rho", "max_period")
 """Claims about the controllers as they ship; all others are about the continuous ones."""

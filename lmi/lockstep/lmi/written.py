@@ -9,7 +9,7 @@ from lockstep.check.floor.witness import FloorWitness
 from lockstep.check.inequality import Certificate
 from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate
-from lockstep.check.plain_json import plain
+from lockstep.model.plain_json import plain
 
 
 def file_document(stored: DesignFile[Any]) -> dict[str, Any]:

@@ -27,6 +27,9 @@ _SOURCE = re.compile(
     re.MULTILINE,
 )
 _FORMS = {"PERIOD_S": LITERAL, "DESIGN_ID": re.compile('"[0-9a-f]{64}"')}
+_OF_REAL = ("real", "ZERO", "DIGITS", "FORMAT", "SCALE")
+_SINGLE = ("float", "0.0f", "FLT_MANT_DIG != 24", "binary32", "1.2676506e+30f : 1.0f")
+_DOUBLE = ("double", "0.0", "DBL_MANT_DIG != 53", "binary64", "1.2676506002282294e+30 : 1.0")
 MAX_NEIGHBOURS = 64
 """One bit of the `received` mask each, and no C99 integer is wider than 64 bits."""
 
@@ -95,13 +98,10 @@ class _Agent:
     def __init__(self, file: CText, shape: Shape, real: Real, words: dict[str, str]) -> None:
         n, q, m, nn = shape
         self.file, self.shape, self.real = file, shape, real
-        single = ("float", "0.0f", "FLT_MANT_DIG != 24", "binary32")
-        kind, zero, digits, form = (
-            single if real == "float32" else ("double", "0.0", "DBL_MANT_DIG != 53", "binary64")
-        )
-        scale = "1.2676506e+30f : 1.0f" if real == "float32" else "1.2676506002282294e+30 : 1.0"
+        self.words = words | dict(zip(_OF_REAL, _SINGLE if real == "float32" else _DOUBLE, strict=True))
+        kind, zero = self.words["real"], self.words["ZERO"]
         bits = 32 if nn <= 32 else 64
-        self.words = words | {"real": kind, "ZERO": zero, "NOTHING": ", ".join([zero] * q)}
+        self.words |= {"NOTHING": ", ".join([zero] * q), "READY": c.expected(c.READY, set(), words)}
         self.words |= {"MASK": f"uint{bits}_t", "RECEIVED": f"0x{2**nn - 1:x}u" + "ll" * (bits > 32)}
         self.words |= {"ORDER": str(n), "OUTPUTS": str(q), "INPUTS": str(m), "NEIGHBOURS": str(nn)}
         self.words |= {"MESSAGES": str(nn * q), "ROWS": str(n + m), "COLUMNS": str(n + q)}
@@ -110,13 +110,8 @@ class _Agent:
         self.words |= dict(
             zip(("XGIVEN", "XNEXT", "XPASSED", "AFTER"), states if n else ("", "", "r,", ""), strict=True)
         )
-        self.words |= {
-            "KEPT": c.KEPT if shape.terms >= _LOOPS_FROM else "",
-            "LOOP": c.KEPT,
-            "DIGITS": digits,
-            "SCALE": scale,
-        }
-        self.words |= {"FORMAT": form, "ANSWERS": str(ANSWERS), "READY": c.expected(c.READY, set(), words)}
+        kept = c.KEPT if shape.terms >= _LOOPS_FROM else ""
+        self.words |= {"KEPT": kept, "LOOP": c.KEPT, "ANSWERS": str(ANSWERS)}
         self.kinds = {"hears" if nn else "alone"} | ({"state"} if n else set())
 
     def expected(self, code: str) -> str:
