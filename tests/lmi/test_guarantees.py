@@ -44,7 +44,12 @@ DYNAMIC = "{ A = [[-3.0]], B = [[1.0, 0.5]], C = [[-1.0]], D = [[-1.5, -1.0]] }"
 
 def pendulums(gains: str = STATIC, slope: float = 0.0, period: float = 0.01, asked: str = "") -> Problem:
     """Return three pendulums with given gains."""
-    words = {"SLOPE": f"{slope}", "GAINS, GAINS, GAINS": gains if gains.count("D =") == 3 else ", ".join([gains] * 3), "PERIOD": f"{period}", "DESIGN": asked}
+    words = {
+        "SLOPE": f"{slope}",
+        "GAINS, GAINS, GAINS": gains if gains.count("D =") == 3 else ", ".join([gains] * 3),
+        "PERIOD": f"{period}",
+        "DESIGN": asked,
+    }
     text = PENDULUMS
     for word, value in words.items():
         text = text.replace(word, value)
@@ -239,3 +244,24 @@ def test_limits_that_are_none() -> None:
         Problem.parse(pendulums().toml().replace("u = [-3.0, 2.0]", "w = [-3.0, 2.0]"))
     with pytest.raises(ProblemError, match="a range around 0"):
         Problem.parse(pendulums().toml().replace("u = [-3.0, 2.0]", "u = [0.5, 2.0]"))
+
+
+def test_a_floor_is_of_disturbances_of_scale_one() -> None:
+    """A hundredth of the disturbance has a hundredth of the gain: the floor of the whole one is none of it."""
+    found = file_of(design(pendulums()))
+    searched = pendulums().toml().replace('method = "given"', 'method = "certified"\norder = 0\nstarts = 1')
+    searched = searched[: searched.index("[[design.gains]]")] + searched[searched.index("[controller]") :]
+    whole = design(Problem.parse(searched))
+    assert whole.floor is not None
+    small = searched.replace("starts = 1", "starts = 1\ndisturbances = { states = 0.01 }")
+    part = design(Problem.parse(small))
+    assert part.floor is None
+    assert part.certificate is not None
+    assert part.certificate.rho < whole.floor.rho
+    assert found.claims.floor is None
+    with_floor = dataclasses.replace(
+        file_of(part),
+        claims=dataclasses.replace(file_of(part).claims, floor=whole.floor.rho),
+        proofs=dataclasses.replace(file_of(part).proofs, floor=whole.floor),
+    )
+    assert not certify(with_floor).ok

@@ -128,7 +128,12 @@ def decide(stored: CheckedFile, folder: Path | None = None) -> Iterator[tuple[st
     if claims.initial_set is not None:
         box = problem.box
         domain = Domain(as_floats(agent.H), box)
-        yield "initial_set", decide_initial_set(network, proofs.certificate, domain, claims.initial_set)
+        yield (
+            "initial_set",
+            decide_initial_set(network, proofs.certificate, domain, claims.initial_set)
+            if claim.performance.covers_xi
+            else Verdict("undecided", "initial states are claimed, but rho is no gain from all of xi"),
+        )
     yield from _sampled(stored, network, folder)
 
 

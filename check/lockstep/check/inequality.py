@@ -54,6 +54,11 @@ class Performance(NamedTuple):
     states: Annotated[np.ndarray, " n"] = np.zeros(0)
     outputs: Annotated[np.ndarray, " q"] = np.zeros(0)
 
+    @property
+    def covers_xi(self) -> bool:
+        """Whether rho bounds the gain from xi itself: every state is disturbed, with a scale of 1 at least."""
+        return not len(self.states) or bool(self.states.min() >= 1)
+
 
 @dataclass(frozen=True)
 class Claim:

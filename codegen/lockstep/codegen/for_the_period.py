@@ -191,7 +191,8 @@ def _placed(made: Stored) -> Stored:
     from lockstep.model.assembly import network_of
 
     certificate = made.proofs.certificate
-    if made.claims.scope != "local" or certificate is None:
+    covered = made.problem.performance.covers_xi
+    if made.claims.scope != "local" or certificate is None or not covered:
         return replace(made, claims=replace(made.claims, initial_set=None))
     initial = initial_states(network_of(made.problem, bound_again(made)), certificate)
     proved = initial if isinstance(initial, InitialSet) else None

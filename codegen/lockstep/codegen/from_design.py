@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 
+from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.controller import PRECISIONS
+from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Neighbour, Optimize, Signal
 from lockstep.lmi.document import Stored
 
@@ -87,8 +89,39 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         **({"rho_sampled": sampled.rho or "not proved"} if covered else {}),
         "alpha": claims.alpha,
         **delta,
-        **({"rho and delta are": "of the continuous controllers (proof: exact)"} if covered else {}),
+        "decay": None if claims.decay is None else f"{claims.decay:g} 1/s, of every disagreement",
+        **({"rho, delta and decay are": "of the continuous controllers (proof: exact)"} if covered else {}),
+        "limits": _limits(stored),
+        "controllers": _alone(stored),
     }
+
+
+def _limits(stored: Stored) -> str | None:
+    """Return from where no input meets its limit, if that is claimed."""
+    radius, problem = stored.claims.sampled.radius, stored.problem
+    if radius is None:
+        return None
+    names = zip(problem.agent().inputs, problem.limits, strict=True)
+    sides = ", ".join(f"|{name}| < {limit:g}" for name, limit in names if math.isfinite(limit))
+    return f"{sides} for ever from a disagreement of the states of at most {radius:g}, controllers at rest, without disturbance"
+
+
+def _alone(stored: Stored) -> str | None:
+    """Return how the sampled controllers behave by themselves: the largest |eigenvalue| of each, computed."""
+    if not stored.gains.order:
+        return None
+    n_C, table = stored.gains.order, stored.problem.controller
+    try:
+        tables = [one.table[:n_C, :n_C] for one in sampled_controllers(stored, table.period)]
+    except ProblemError:
+        return None
+    sizes = ", ".join(f"{np.abs(np.linalg.eigvals(A_C)).max():.3f}" for A_C in tables)
+    said = (
+        "each is stable by itself, which is proved"
+        if stored.claims.controllers_stable
+        else "not proved stable"
+    )
+    return f"{said}; largest |eigenvalue| per step, by agent: {sizes}"
 
 
 def _domain(stored: Stored) -> str:

@@ -6,12 +6,12 @@
 
 const arm_controllers_descriptor_t arm_controllers_descriptors[3] = {
     {"arm1", "lockstep-controllers/2", ARM1_DESIGN_ID,
-     "c1d9db831847279699bbe5dc8ad3ddee93da929d6166284e0c07b64b5be313ef",
+     "733f6505ba1fef12ccfa4ce8a730eb9c7e7663e7cdb5bf1129f38d5ff7aa50e3",
      ARM1_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm1_state_t)},
     {"arm2", "lockstep-controllers/2", ARM2_DESIGN_ID,
-     "c1d9db831847279699bbe5dc8ad3ddee93da929d6166284e0c07b64b5be313ef",
+     "733f6505ba1fef12ccfa4ce8a730eb9c7e7663e7cdb5bf1129f38d5ff7aa50e3",
      ARM2_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm2_state_t)},
     {"arm3", "lockstep-controllers/2", ARM3_DESIGN_ID,
-     "c1d9db831847279699bbe5dc8ad3ddee93da929d6166284e0c07b64b5be313ef",
+     "733f6505ba1fef12ccfa4ce8a730eb9c7e7663e7cdb5bf1129f38d5ff7aa50e3",
      ARM3_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm3_state_t)}
 };

@@ -72,6 +72,10 @@ class Proposal:
         """Where the certificate is local: states from which the agents stay in their domain, or why none can be given."""
         if self.certificate is None or self.scope != "local":
             return None
+        if not self.claim.performance.covers_xi:
+            return Unavailable(
+                "[design.disturbances] leaves states out, so that rho is no gain from all of xi"
+            )
         return initial_states(self.network, self.certificate)
 
 
@@ -283,5 +287,7 @@ def _floor(network: Network, claim: Claim, rho: float, tell: Progress) -> FloorW
     """Return the largest floor that is proved, in any coordinates and for any method; None where none is."""
     from lockstep.lmi.floor.bisection import largest_floor
 
+    if not claim.performance.covers_xi:
+        return None
     tell("proving a floor of rho", 0.0)
     return largest_floor(network, claim.alpha_of_floor, claim.R, certified=rho)
