@@ -47,7 +47,7 @@ _STACKS = {
     ("cortex-m7", "float32"): _Stack(120, 8, 4),
     ("rv32imac", "float32"): _Stack(176, 8, 24),
     ("rv32imafc", "float32"): _Stack(120, 0, 0, 4),
-    ("cortex-m0", "float64"): _Stack(296, 16, 48),
+    ("cortex-m0", "float64"): _Stack(312, 16, 48),
     ("cortex-m4f", "float64"): _Stack(344, 16, 64),
     ("cortex-m7", "float64"): _Stack(344, 16, 64),
     ("rv32imac", "float64"): _Stack(232, 16, 40),
