@@ -28,9 +28,10 @@
  * WHAT IT COSTS
  *   RAM              36 bytes per instance (sizeof(arm1_state_t), natural alignment)
  *   at -O2 and -Os, with the emulated cores of `lockstep verify`, which checks it:
- *   stack            at most 208 bytes on Cortex-M4F, Cortex-M7, RV32IMAFC; interrupt frame not counted
- *   stack            at most 288 bytes on RV32IMAC; interrupt frame not counted
- *   stack            at most 320 bytes on Cortex-M0; interrupt frame not counted
+ *   stack            at most 208 bytes on RV32IMAFC; interrupt frame not counted
+ *   stack            at most 224 bytes on Cortex-M4F, Cortex-M7; interrupt frame not counted
+ *   stack            at most 304 bytes on RV32IMAC; interrupt frame not counted
+ *   stack            at most 336 bytes on Cortex-M0; interrupt frame not counted
  *   flash            at most 1352 bytes on Cortex-M4F, Cortex-M7
  *   flash            at most 1428 bytes on Cortex-M0
  *   flash            at most 1612 bytes on RV32IMAFC
