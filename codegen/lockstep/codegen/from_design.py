@@ -103,7 +103,7 @@ def _limits(stored: Stored) -> str | None:
         return None
     names = zip(problem.agent().inputs, problem.limits, strict=True)
     sides = ", ".join(f"|{name}| < {limit:g}" for name, limit in names if math.isfinite(limit))
-    return f"{sides} for ever from a disagreement of the states of at most {radius:g}, controllers at rest, without disturbance"
+    return f"{sides} for ever from a disagreement of at most {radius:g}, controllers at rest, no disturbance"
 
 
 def _alone(stored: Stored) -> str | None:

@@ -30,14 +30,14 @@
  * WHAT IT COSTS
  *   RAM              36 bytes per instance (sizeof(arm3_state_t), natural alignment)
  *   at -O2 and -Os, with the emulated cores of `lockstep verify`, which checks it:
- *   stack            at most 192 bytes on Cortex-M4F, Cortex-M7; interrupt frame not counted
  *   stack            at most 208 bytes on RV32IMAFC; interrupt frame not counted
- *   stack            at most 288 bytes on RV32IMAC; interrupt frame not counted
- *   stack            at most 320 bytes on Cortex-M0; interrupt frame not counted
- *   flash            at most 1348 bytes on Cortex-M0
+ *   stack            at most 224 bytes on Cortex-M4F, Cortex-M7; interrupt frame not counted
+ *   stack            at most 304 bytes on RV32IMAC; interrupt frame not counted
+ *   stack            at most 336 bytes on Cortex-M0; interrupt frame not counted
  *   flash            at most 1352 bytes on Cortex-M4F, Cortex-M7
- *   flash            at most 1548 bytes on RV32IMAFC
- *   flash            at most 1992 bytes on RV32IMAC
+ *   flash            at most 1428 bytes on Cortex-M0
+ *   flash            at most 1612 bytes on RV32IMAFC
+ *   flash            at most 2040 bytes on RV32IMAC
  *   arithmetic       12 multiplications and 9 additions in the controller itself
  *   no heap, no recursion, no loop without a constant bound, and the source calls no library function.
  *   The compiler may still call memcpy or memset for a copy, and on a core without single-precision hardware its

@@ -260,13 +260,19 @@ arm1_status_t arm1_self_check(void)
     /* Row 0 is a relative output near the smallest number; from row 1 on: y, and the neighbours' in the rows below. */
     static const float given[8] = {9.56313e-40f, 1.380653e-39f, 0.16501515f, -1.1097896f, 0.7071962f, 0.4021854f, 0.19538234f, -0.4649762f};
     static const float answer[9] = {3.4638958e-13f, -3.0535574e-11f, -2.305439e-08f, 0.0012527077f, 0.014974823f, 11.955755f, 0.0027827702f, 0.0011306022f, -9.878007f};
+    static const float zeros[2] = {-0.0f, 0.0f};
     volatile uint32_t first = 0u; /* so that it is computed where it runs, and not by the compiler */
+    const float plus = 0.0f + zeros[first & 1u]; /* +0, all bits clear; -0 where the sign of zeros is ignored */
+    const uint8_t *bytes = (const uint8_t *)&plus;
     arm1_state_t state;
     uint32_t differs = 0u;
     uint32_t j;
     uint32_t k;
 
     arm1_start(&state);
+    for (k = first; k < sizeof(plus); k++) {
+        differs |= bytes[k];
+    }
 #if defined(__clang__)
 #pragma clang loop unroll(disable)
 #endif

@@ -260,13 +260,19 @@ arm2_status_t arm2_self_check(void)
     /* Row 0 is a relative output near the smallest number; from row 1 on: y, and the neighbours' in the rows below. */
     static const float given[8] = {1.5e-43f, -5.96e-43f, 0.5689954f, 0.31535092f, -0.8184466f, -0.5950447f, 0.8898714f, 1.3234633f};
     static const float answer[9] = {-3.5527137e-15f, 3.5527137e-15f, 4.2454928e-13f, -0.13474311f, 0.042236146f, -15.199989f, 0.019078167f, -0.009499183f, 15.945675f};
+    static const float zeros[2] = {-0.0f, 0.0f};
     volatile uint32_t first = 0u; /* so that it is computed where it runs, and not by the compiler */
+    const float plus = 0.0f + zeros[first & 1u]; /* +0, all bits clear; -0 where the sign of zeros is ignored */
+    const uint8_t *bytes = (const uint8_t *)&plus;
     arm2_state_t state;
     uint32_t differs = 0u;
     uint32_t j;
     uint32_t k;
 
     arm2_start(&state);
+    for (k = first; k < sizeof(plus); k++) {
+        differs |= bytes[k];
+    }
 #if defined(__clang__)
 #pragma clang loop unroll(disable)
 #endif

@@ -189,7 +189,10 @@ LOCKSTEP_ONE_COPY agent_status_t agent_step(
 KNOWN = "static const real {}[{}] ="
 
 SELF_CHECK_END = """
-    volatile uint32_t first = 0u; agent_state_t state; uint32_t differs = 0u; uint32_t j; uint32_t k; agent_start(&state);
+    static const real zeros[2] = { -ZERO, ZERO }; volatile uint32_t first = 0u;
+    const real plus = ZERO + zeros[first & 1u];
+    const uint8_t *bytes = (const uint8_t *)&plus; agent_state_t state; uint32_t differs = 0u; uint32_t j; uint32_t k;
+    agent_start(&state); for (k = first; k < sizeof(plus); k++) { differs |= bytes[k]; }
 LOOP for (k = first; k < ANSWERSu; k++) { const real scale = (k == 0u) ? SCALE; real u[INPUTS];
 [hears] if (k == 0u) { (void)agent_step_relative(&state, given, u); } else { (void)agent_step(&state,
 [hears]     &given[k * OUTPUTSu], &given[(k + 1u) * OUTPUTSu], AGENT_ALL_RECEIVED, u); }
