@@ -96,7 +96,7 @@ def counted(folders: list[str], without: list[str]) -> tuple[int, int, int]:
     sources = [
         path.read_text(encoding="utf-8")
         for folder in folders
-        for path in (sorted((ROOT / folder).rglob("*.py")) or [ROOT / folder])
+        for path in ([ROOT / folder] if folder.endswith(".py") else sorted((ROOT / folder).rglob("*.py")))
         if not any(path.is_relative_to(one) for one in left_out)
     ]
     return len(sources), sum(map(code_lines, sources)), sum(len(one.splitlines()) for one in sources)

@@ -26,20 +26,19 @@ def test_a_thousand_steps_of_each_arm(benchmark):
 
 
 def test_claims_ten_times_smaller_or_larger_are_told(benchmark, monkeypatch):
-    honest = benchmark.read_controllers
+    honest = benchmark.read_controller
 
     def scaled(factor):
-        def controllers(folder, names):
-            found = honest(folder, names)
-            for one in found:
-                real = one.controller.deltas
-                one.controller.__dict__["deltas"] = {letter: factor * value for letter, value in real.items()}
+        def controller(*texts):
+            found = honest(*texts)
+            real = found.controller.deltas
+            found.controller.__dict__["deltas"] = {letter: factor * value for letter, value in real.items()}
             return found
 
-        return controllers
+        return controller
 
     for factor in (0.1, 20.0):
-        monkeypatch.setattr(benchmark, "read_controllers", scaled(factor))
+        monkeypatch.setattr(benchmark, "read_controller", scaled(factor))
         assert not any(row.holds for row in benchmark.measure(benchmark.DEFAULT, 400))
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from lockstep.check.loop import Gains
     from lockstep.lmi.document import Stored
-    from lockstep.lmi.robustness import DiskMargin, Peak
+    from lockstep.lmi.robustness import DiskMargin, GainPeak
     from lockstep.model.control.hybrid import Hybrid
     from lockstep.model.control.ports import PortedLoop
     from lockstep.model.network import Network
@@ -123,7 +123,7 @@ class Analysis:
         found = {what: disk_margin(loop.opened(at), skew, prove=prove) for what, at in places.items()}
         return Margins(found)
 
-    def mu(self, agent: int | None = None, *, sampled: bool = True) -> "Peak":
+    def mu(self, agent: int | None = None, *, sampled: bool = True) -> "GainPeak":
         """Return the peak of mu for multiplicative errors (I + Delta_i) of the inputs, a full block for each agent.
 
         The linear loop is stable for all |Delta_i| < 1 / mu.

@@ -5,12 +5,12 @@
 
 from lockstep.lmi.robustness.disk import DiskMargin, both_sides, disk_margin, loops_at_a_time
 from lockstep.lmi.robustness.every_frequency import proved_gain
-from lockstep.lmi.robustness.peak import Peak, peak
+from lockstep.lmi.robustness.peak import GainPeak, peak
 from lockstep.lmi.robustness.structured import StructuredValue, structured_singular_value
 
 __all__ = [
     "DiskMargin",
-    "Peak",
+    "GainPeak",
     "StructuredValue",
     "both_sides",
     "disk_margin",

@@ -21,7 +21,7 @@ POINTS = 40
 
 
 @dataclass(frozen=True, eq=False)
-class Peak:
+class GainPeak:
     """frequency: in rad/s;  value: mu there, from both sides;  M: the response there;  blocks: of the perturbation."""
 
     frequency: float
@@ -29,7 +29,7 @@ class Peak:
     M: Complex[np.ndarray, "c r"]
 
 
-def peak(system: Any, blocks: Sequence[int | tuple[int, int]] | None = None) -> Peak:
+def peak(system: Any, blocks: Sequence[int | tuple[int, int]] | None = None) -> GainPeak:
     """Return the largest mu of a stable `control.ss` over frequency, and where.
 
     Args:
@@ -54,7 +54,7 @@ def peak(system: Any, blocks: Sequence[int | tuple[int, int]] | None = None) -> 
     for k in np.argsort(values)[::-1][:5]:
         quick_peak = _refined(quick, grid, int(k))
         grid, values = np.append(grid, quick_peak), [*values, quick(quick_peak)]
-    best: Peak | None = None
+    best: GainPeak | None = None
     for k in np.argsort(values)[::-1]:
         if best is not None and values[k] <= best.value.upper * (1 + 1e-6):
             break
@@ -63,7 +63,7 @@ def peak(system: Any, blocks: Sequence[int | tuple[int, int]] | None = None) -> 
             1 + 1e-6
         ):
             continue
-        found = Peak(float(grid[k]), structured_singular_value(M, blocks), M)
+        found = GainPeak(float(grid[k]), structured_singular_value(M, blocks), M)
         best = found if best is None or found.value.upper > best.value.upper else best
     assert best is not None
     return best

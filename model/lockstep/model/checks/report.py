@@ -7,7 +7,7 @@ import numpy as np
 
 from lockstep.check.loop import Plant
 from lockstep.model.bound_search import Bound
-from lockstep.model.checks.proved.finding import Finding
+from lockstep.model.checks.proved.finding import CheckFinding
 
 Outcome = Literal["ok", "fails", "note"]
 
@@ -54,7 +54,7 @@ class CheckReport:
     detectable: bool
     everywhere: bool
     zeros: tuple[tuple[complex, ...], ...]
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[CheckFinding, ...] = ()
 
     @property
     def ok(self) -> bool:

@@ -24,7 +24,7 @@ from lockstep.check.verdict import Verdict
 from lockstep.model.checks.proved.definite import BOXES, Question
 from lockstep.model.checks.proved.equilibria import eigenvalues
 from lockstep.model.checks.proved.field import Field, as_written, at_points
-from lockstep.model.checks.proved.finding import Finding, numbers
+from lockstep.model.checks.proved.finding import CheckFinding, numbers
 from lockstep.model.checks.proved.storage import Rational, Supply, few, propose, rounded
 
 SAMPLES = 300
@@ -34,7 +34,7 @@ ROUNDS = 4
 """Programs, each with the points that refuted the last."""
 
 
-def contraction(field: Field, *, metric: Rational | None = None, boxes: int = BOXES) -> Finding:
+def contraction(field: Field, *, metric: Rational | None = None, boxes: int = BOXES) -> CheckFinding:
     """Find a rate c > 0 at which the domain contracts, in a given constant metric or in one that is searched for.
 
     Returns:
@@ -44,11 +44,11 @@ def contraction(field: Field, *, metric: Rational | None = None, boxes: int = BO
     name = "contraction"
     refuted = not_decaying(field)
     if refuted is not None:
-        return Finding(name, "refuted", f"in no constant metric: {refuted[0]}", None, refuted[1])
+        return CheckFinding(name, "refuted", f"in no constant metric: {refuted[0]}", None, refuted[1])
     J = _slopes(field)
     fastest = -float(np.linalg.eigvals(J).real.max())
     if not fastest > 0:
-        return Finding(name, "undecided", "the slowest mode has Re s = 0 to rounding")
+        return CheckFinding(name, "undecided", "the slowest mode has Re s = 0 to rounding")
     zeros, J = np.zeros((field.n, 1)), few(J)
     share = boxes // len(PARTS)
     for part in PARTS:
@@ -62,30 +62,32 @@ def contraction(field: Field, *, metric: Rational | None = None, boxes: int = BO
             verdict = decided(field, P, None, shown := Fraction(float(f"{rate:.4g}")), share // 2)
             if verdict.proved:
                 value = {"rate": float(shown), "P": _floats(P)}
-                return Finding(name, "proved", f"rate {float(shown):.6g} 1/s in a constant metric", value)
+                return CheckFinding(
+                    name, "proved", f"rate {float(shown):.6g} 1/s in a constant metric", value
+                )
             if verdict.status == "undecided":
                 break
             J = np.vstack([J, _slopes_at(field, verdict)])
-    return Finding(name, "undecided", "no constant metric was proved", None, {"slowest": fastest})
+    return CheckFinding(name, "undecided", "no constant metric was proved", None, {"slowest": fastest})
 
 
-def passivity(field: Field, *, boxes: int = BOXES) -> Finding:
+def passivity(field: Field, *, boxes: int = BOXES) -> CheckFinding:
     """Decide incremental passivity, supply 2 dy'du, by a quadratic storage function with P > 0: P B = C' exactly."""
     m, q = len(field.B[0]), len(field.C)
     name = "incremental passivity"
     if m != q:
-        return Finding(name, "undecided", f"{m} inputs and {q} outputs: it asks for as many of each")
+        return CheckFinding(name, "undecided", f"{m} inputs and {q} outputs: it asks for as many of each")
     CB = _product(field.C, field.B)
     witness = _not_positive(CB)
     if witness is not None and _rank(field.B) == m:
         figure = "P B = C' makes C B = B'P B symmetric and positive definite, which it is not"
-        return Finding(name, "refuted", figure, None, {"CB": _floats(CB), "direction": witness})
+        return CheckFinding(name, "refuted", figure, None, {"CB": _floats(CB), "direction": witness})
     return dissipativity(field, Supply.passive(m), name=name, boxes=boxes)
 
 
 def dissipativity(
     field: Field, supply: Supply, *, name: str = "incremental dissipativity", boxes: int = BOXES
-) -> Finding:
+) -> CheckFinding:
     """Decide incremental dissipativity with a supply rate by a quadratic storage function with P > 0.
 
     Returns:
@@ -94,11 +96,11 @@ def dissipativity(
     if _negative_semidefinite(supply.Q):
         refuted = not_decaying(field, marginal=False)
         if refuted is not None:
-            return Finding(name, "refuted", f"by no P > 0: {refuted[0]}", None, refuted[1])
+            return CheckFinding(name, "refuted", f"by no P > 0: {refuted[0]}", None, refuted[1])
     P = _storage(field, supply, few(_slopes(field)), boxes)
     if P is None:
-        return Finding(name, "undecided", "no strict storage function was proved on the domain")
-    return Finding(name, "proved", "by V = d'P d", {"P": _floats(P)})
+        return CheckFinding(name, "undecided", "no strict storage function was proved on the domain")
+    return CheckFinding(name, "proved", "by V = d'P d", {"P": _floats(P)})
 
 
 def _storage(field: Field, supply: Supply, J: np.ndarray, boxes: int) -> Rational | None:
@@ -117,12 +119,12 @@ def _storage(field: Field, supply: Supply, J: np.ndarray, boxes: int) -> Rationa
     return None
 
 
-def incremental_gain(field: Field, *, boxes: int = BOXES) -> Finding:
+def incremental_gain(field: Field, *, boxes: int = BOXES) -> CheckFinding:
     """Find an incremental L2 gain from u to y, supply g^2 |du|^2 - |dy|^2, by a quadratic storage function with P > 0."""
     name, m, q = "incremental L2 gain", len(field.B[0]), len(field.C)
     refuted = not_decaying(field, marginal=False)
     if refuted is not None:
-        return Finding(name, "refuted", f"no finite one by any P > 0: {refuted[0]}", None, refuted[1])
+        return CheckFinding(name, "refuted", f"no finite one by any P > 0: {refuted[0]}", None, refuted[1])
     J = few(_slopes(field))
     B, C = _array(field.B), _array(field.C)
     best = propose(J, B, C, Supply.gain(q, m, 1.0), 0.0, gain=True)
@@ -131,8 +133,8 @@ def incremental_gain(field: Field, *, boxes: int = BOXES) -> Finding:
         supply = Supply.gain(q, m, level)
         P = _storage(field, supply, J, boxes // 4) if level > 0 else None
         if P is not None:
-            return Finding(name, "proved", f"at most {level:.6g}", {"gain": level, "P": _floats(P)})
-    return Finding(name, "undecided", "no strict storage function was proved on the domain")
+            return CheckFinding(name, "proved", f"at most {level:.6g}", {"gain": level, "P": _floats(P)})
+    return CheckFinding(name, "undecided", "no strict storage function was proved on the domain")
 
 
 def decided(field: Field, P: Rational, supply: Supply | None, rate: Fraction, boxes: int) -> Verdict:

@@ -19,7 +19,7 @@ from lockstep.check.bound.program import Boxes, Program
 from lockstep.check.expression.node import Node, Undefined, factors, linear, linear_terms, variable
 from lockstep.model.checks.proved.elimination import Reduced, reduced
 from lockstep.model.checks.proved.field import Field, exactly_at
-from lockstep.model.checks.proved.finding import Finding, numbers
+from lockstep.model.checks.proved.finding import CheckFinding, numbers
 from lockstep.model.checks.proved.newton import End, System
 
 NAME = "equilibria"
@@ -54,7 +54,7 @@ class Equilibrium:
         }
 
 
-def equilibria(field: Field, *, boxes: int = BOXES) -> tuple[Finding, tuple[Equilibrium, ...]]:
+def equilibria(field: Field, *, boxes: int = BOXES) -> tuple[CheckFinding, tuple[Equilibrium, ...]]:
     """Find all equilibria on the domain of the agent.
 
     Args:
@@ -66,7 +66,7 @@ def equilibria(field: Field, *, boxes: int = BOXES) -> tuple[Finding, tuple[Equi
         that are known.
     """
     if field.varies:
-        return Finding(NAME, "undecided", "f depends on t: an equilibrium at one instant is none"), ()
+        return CheckFinding(NAME, "undecided", "f depends on t: an equilibrium at one instant is none"), ()
     form = reduced(field)
     search = _Search(field, form, boxes)
     for branch in form.branches:
@@ -106,7 +106,7 @@ class _Search:
             self._keep(low, high, branch)
         self.open += [(low.tolist(), high.tolist()) for low, high in zeros.open]
 
-    def finding(self) -> Finding:
+    def finding(self) -> CheckFinding:
         """Say what was found."""
         points = [one.document() for one in self.found]
         names = self.field.agent.states
@@ -119,14 +119,14 @@ class _Search:
                 f"{len(self.found)} found, {len(self.open)} boxes open, the first {where} from {numbers(low)} to "
                 f"{numbers(high)}; give ranges in [agent.domain] or raise the budget"
             )
-            return Finding(NAME, "undecided", figure, {"found": points}, {"open": shown})
+            return CheckFinding(NAME, "undecided", figure, {"found": points}, {"open": shown})
         if along and self.found:
             figure = f"not isolated: {len(points)} of them, each for every value of {', '.join(along)}"
-            return Finding(NAME, "refuted", figure, {"families": len(points), "along": along}, points)
+            return CheckFinding(NAME, "refuted", figure, {"families": len(points), "along": along}, points)
         said = {True: "stable", False: "unstable", None: ""}
         listed = ", ".join(f"{numbers(one.middle)} {said[one.stable]}".strip() for one in self.found[:SHOWN])
         figure = f"exactly {len(points)}: {listed}" if points else "none"
-        return Finding(NAME, "proved", figure, {"count": len(points), "points": points})
+        return CheckFinding(NAME, "proved", figure, {"count": len(points), "points": points})
 
     def _finite(self, branch: Sequence[Node]) -> tuple[End, End]:
         """Return the domain of the unknowns, cut by each equation solved for a variable that it is linear in."""

@@ -6,7 +6,7 @@ from lockstep.model.checks.proved import equilibria as zeros
 from lockstep.model.checks.proved.definite import BOXES
 from lockstep.model.checks.proved.dissipation import contraction, incremental_gain, passivity
 from lockstep.model.checks.proved.field import Field
-from lockstep.model.checks.proved.finding import Finding
+from lockstep.model.checks.proved.finding import CheckFinding
 from lockstep.model.checks.proved.lie import Point
 from lockstep.model.checks.proved.lipschitz import one_sided_lipschitz, quadratic_inner_boundedness
 from lockstep.model.checks.proved.rank import controllability_rank, observability_rank
@@ -19,7 +19,7 @@ from lockstep.model.problem import Problem
 
 def prove(
     problem: Problem, *, boxes: int = BOXES, progress: Callable[[str], None] = lambda _: None
-) -> tuple[Finding, ...]:
+) -> tuple[CheckFinding, ...]:
     """Run every check of this folder on the agent of a problem.
 
     Args:

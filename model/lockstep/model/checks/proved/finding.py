@@ -7,7 +7,7 @@ from lockstep.check.verdict import Status
 
 
 @dataclass(frozen=True)
-class Finding:
+class CheckFinding:
     """One property of a model.
 
     name: of the property;  status: "proved", "refuted" (the witness shows it) or "undecided";  figure: what was found, for

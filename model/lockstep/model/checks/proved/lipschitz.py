@@ -19,19 +19,19 @@ from lockstep.check.bound.conditions import Conditions
 from lockstep.check.expression.node import ONE, ZERO, add, linear, multiply
 from lockstep.model.checks.proved.definite import BOXES, Level, Question, highest, least_level
 from lockstep.model.checks.proved.field import Field, Matrix, at_points
-from lockstep.model.checks.proved.finding import Finding, numbers
+from lockstep.model.checks.proved.finding import CheckFinding, numbers
 
 SAMPLES = 400
 
 
-def one_sided_lipschitz(field: Field, *, boxes: int = BOXES) -> Finding:
+def one_sided_lipschitz(field: Field, *, boxes: int = BOXES) -> CheckFinding:
     """Find rho on the domain: proved from above, and the point where nearly as much is reached."""
     name = "one-sided Lipschitz"
     level = bounded(field, symmetric(field.slopes), boxes)
     return _finding(name, "rho", field, level, {})
 
 
-def quadratic_inner_boundedness(field: Field, *, boxes: int = BOXES) -> Finding:
+def quadratic_inner_boundedness(field: Field, *, boxes: int = BOXES) -> CheckFinding:
     """Find beta for the gamma that makes it smallest among points, rounded; both may be negative."""
     J = at_points(field.slopes, field.samples(SAMPLES))
     J = J[np.isfinite(J).all(axis=(1, 2))]
@@ -105,11 +105,13 @@ def _best_gamma(J: np.ndarray) -> float:
     return rounded if len(J) and beta(rounded) < (1 - 1e-3) * beta(0.0) else 0.0
 
 
-def _finding(name: str, letter: str, field: Field, level: Level, more: dict[str, float]) -> Finding:
+def _finding(name: str, letter: str, field: Field, level: Level, more: dict[str, float]) -> CheckFinding:
     aside = "".join(f", {key} = {value:.6g}" for key, value in more.items())
     seen = {"point": level.point[:-1], "t": level.point[-1], "reached": level.reached}
     reached = f"{level.reached:.6g} is reached at {numbers(level.point[: field.n])}"
     if level.proved is None:
-        return Finding(name, "undecided", f"no {letter} was proved; {reached}{aside}", more or None, seen)
+        return CheckFinding(
+            name, "undecided", f"no {letter} was proved; {reached}{aside}", more or None, seen
+        )
     figure = f"{letter} = {level.proved:.6g}{aside}; {reached}"
-    return Finding(name, "proved", figure, {letter: level.proved, **more}, seen)
+    return CheckFinding(name, "proved", figure, {letter: level.proved, **more}, seen)

@@ -37,7 +37,7 @@ End = Annotated[np.ndarray, " unknowns"]
 
 
 @dataclass
-class Zeros:
+class EnclosedZeros:
     """What is known of the zeros: (lower, upper) of a box with exactly one zero each, boxes left open, boxes looked at."""
 
     found: list[tuple[End, End]] = field(default_factory=list)
@@ -66,9 +66,9 @@ class System:
         self.count, self.extra, self.defined = len(nodes), extra, defined
         self.values, self.slopes = Program(nodes), Program([*slopes])
 
-    def zeros(self, lower: End, upper: End, boxes: int) -> Zeros:
+    def zeros(self, lower: End, upper: End, boxes: int) -> EnclosedZeros:
         """Return the zeros on a finite box, within a budget of boxes."""
-        result = Zeros()
+        result = EnclosedZeros()
         known: list[tuple[End, End]] = []
         low, high = lower[:, None].copy(), upper[:, None].copy()
         width = upper - lower
@@ -83,7 +83,7 @@ class System:
         return result
 
     def _step(
-        self, part: Interval, width: End, least: End, result: Zeros, known: list[tuple[End, End]]
+        self, part: Interval, width: End, least: End, result: EnclosedZeros, known: list[tuple[End, End]]
     ) -> Interval:
         """Look at boxes: drop those without a zero, record zeros, return the halves of the others."""
         part = _chosen(part, ~self._without_zero(part) & ~self.extra(*part))
@@ -142,7 +142,11 @@ class System:
         return image, np.asarray(finite)
 
     def _record(
-        self, image: tuple[End, End], around: tuple[End, End], result: Zeros, known: list[tuple[End, End]]
+        self,
+        image: tuple[End, End],
+        around: tuple[End, End],
+        result: EnclosedZeros,
+        known: list[tuple[End, End]],
     ) -> None:
         """Record a zero unless it is one that is known: its box is shrunk until it lies in or apart from theirs."""
         low, high = image

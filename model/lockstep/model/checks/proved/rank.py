@@ -15,21 +15,21 @@ from flint import fmpq, fmpq_mat
 
 from lockstep.check.expression.node import ZERO, Node, constant, linear, variable
 from lockstep.model.checks.proved.field import Field, Nodes, as_written, jacobian
-from lockstep.model.checks.proved.finding import Finding, numbers
+from lockstep.model.checks.proved.finding import CheckFinding, numbers
 from lockstep.model.checks.proved.lie import Point, along, bracket, rank_at, too_long
 
 MOST_BRACKETS = 40
 
 
-def controllability_rank(field: Field, point: Point) -> Finding:
+def controllability_rank(field: Field, point: Point) -> CheckFinding:
     """Decide strong accessibility at a point."""
     name, n = "controllability rank", field.n
     dimension, direction = reachable(field)
     if dimension < n:
         figure = f"at most {dimension} of {n}, at every point: f keeps a subspace that holds B"
-        return Finding(name, "refuted", figure, {"rank": dimension}, {"never_moved": direction})
+        return CheckFinding(name, "refuted", figure, {"rank": dimension}, {"never_moved": direction})
     if field.varies:
-        return Finding(name, "undecided", "f depends on t")
+        return CheckFinding(name, "undecided", "f depends on t")
     columns: list[Nodes] = [tuple(constant(x) for x in g) for g in zip(*field.B, strict=True)]
     generation, found, rank = list(columns), list(columns), 0
     for k in range(1, n + 1):
@@ -37,7 +37,9 @@ def controllability_rank(field: Field, point: Point) -> Finding:
         if sure and rank == n:
             local = " (locally controllable)" if point.is_equilibrium else ""
             figure = f"{n} of {n} at {numbers(point.text)}, by ad_f^k g{local}"
-            return Finding(name, "proved", figure, {"rank": n, "point": point.text, "brackets": len(found)})
+            return CheckFinding(
+                name, "proved", figure, {"rank": n, "point": point.text, "brackets": len(found)}
+            )
         if k == n or any(too_long(v) for v in generation):
             break
         generation = [bracket(field, field.f, v) for v in generation]
@@ -50,27 +52,27 @@ def controllability_rank(field: Field, point: Point) -> Finding:
     rank, sure = rank_at(point, found, n)
     if sure and rank == n:
         figure = f"{n} of {n} at {numbers(point.text)}, by brackets"
-        return Finding(name, "proved", figure, {"rank": n, "point": point.text, "brackets": len(found)})
+        return CheckFinding(name, "proved", figure, {"rank": n, "point": point.text, "brackets": len(found)})
     figure = f"{rank} of {n} at {numbers(point.text)} by {len(found)} brackets; more may add to it"
-    return Finding(name, "undecided", figure, None, {"rank": rank, "point": point.text})
+    return CheckFinding(name, "undecided", figure, None, {"rank": rank, "point": point.text})
 
 
-def observability_rank(field: Field, point: Point) -> Finding:
+def observability_rank(field: Field, point: Point) -> CheckFinding:
     """Decide local observability at a point, u = 0."""
     name, n = "observability rank", field.n
     dimension, direction = seen(field)
     if dimension < n:
         figure = f"at most {dimension} of {n}, at every point: neither f nor y sees a direction of the states"
-        return Finding(name, "refuted", figure, {"rank": dimension}, {"never_seen": direction})
+        return CheckFinding(name, "refuted", figure, {"rank": dimension}, {"never_seen": direction})
     if field.varies:
-        return Finding(name, "undecided", "f depends on t")
+        return CheckFinding(name, "undecided", "f depends on t")
     outputs: list[Node] = [linear(0, [(c, variable(j)) for j, c in enumerate(row)]) for row in field.C]
     generation, found, rank = outputs, list(outputs), 0
     for _ in range(2 * n):
         rank, sure = rank_at(point, jacobian(found, n), n)
         if sure and rank == n:
             figure = f"{n} of {n} at {numbers(point.text)}, by {len(found)} Lie derivatives"
-            return Finding(
+            return CheckFinding(
                 name, "proved", figure, {"rank": n, "point": point.text, "derivatives": len(found)}
             )
         if too_long(generation):
@@ -78,7 +80,7 @@ def observability_rank(field: Field, point: Point) -> Finding:
         generation = [along(field, node) for node in generation]
         found += generation
     figure = f"{rank} of {n} at {numbers(point.text)} by {len(found)} Lie derivatives; more, or an input, may add to it"
-    return Finding(name, "undecided", figure, None, {"rank": rank, "point": point.text})
+    return CheckFinding(name, "undecided", figure, None, {"rank": rank, "point": point.text})
 
 
 def reachable(field: Field) -> tuple[int, list[float]]:

@@ -19,18 +19,18 @@ from lockstep.check.expression.node import ZERO, Node, linear, multiply, number,
 from lockstep.check.expression.traversal import expand
 from lockstep.model.checks.proved.definite import Question
 from lockstep.model.checks.proved.field import Field, Nodes, exactly_at
-from lockstep.model.checks.proved.finding import Finding, numbers
+from lockstep.model.checks.proved.finding import CheckFinding, numbers
 from lockstep.model.checks.proved.lie import Point, along, along_inputs, too_long
 
 BOXES = 5_000
 MOST_SQUARE = 4
 
 
-def relative_degree(field: Field, *, boxes: int = BOXES) -> Finding:
+def relative_degree(field: Field, *, boxes: int = BOXES) -> CheckFinding:
     """Decide the relative degrees of the outputs on the domain."""
     name = "relative degree"
     if field.varies:
-        return Finding(name, "undecided", "f depends on t")
+        return CheckFinding(name, "undecided", "f depends on t")
     degrees, rows = list[int](), list[Nodes]()
     for output, C in zip(field.agent.outputs, field.C, strict=True):
         node = linear(0, [(c, variable(j)) for j, c in enumerate(C)])
@@ -41,10 +41,10 @@ def relative_degree(field: Field, *, boxes: int = BOXES) -> Finding:
                 break
             node = along(field, node)
             if too_long([node]):
-                return Finding(name, "undecided", f"the derivatives of {output} grow too long")
+                return CheckFinding(name, "undecided", f"the derivatives of {output} grow too long")
         else:
             figure = f"{output} has none: no input enters its first {field.n} derivatives"
-            return Finding(name, "refuted", figure, None, {"output": output})
+            return CheckFinding(name, "refuted", figure, None, {"output": output})
         rows.append(row)
     square = len(rows) == len(rows[0])
     if square and len(rows) <= MOST_SQUARE:
@@ -53,24 +53,26 @@ def relative_degree(field: Field, *, boxes: int = BOXES) -> Finding:
     for output, row in zip(field.agent.outputs, rows, strict=True):
         size = linear(0, [(1, power(x, 2)) for x in row])
         if number(size) is None and not _positive(field, size, boxes)[0]:
-            return Finding(name, "undecided", f"the inputs' row of {output} may vanish", None, value)
+            return CheckFinding(name, "undecided", f"the inputs' row of {output} may vanish", None, value)
     figure = f"{', '.join(map(str, degrees))}, output by output; {len(rows[0])} inputs, {len(rows)} outputs"
-    return Finding(name, "proved", figure, value)
+    return CheckFinding(name, "proved", figure, value)
 
 
-def zero_dynamics(field: Field, point: Point, degree: Finding) -> Finding:
+def zero_dynamics(field: Field, point: Point, degree: CheckFinding) -> CheckFinding:
     """Decide the stability of the zero dynamics at an equilibrium, from the relative degrees that were found."""
     name = "zero dynamics"
     left = None if degree.value is None or degree.status != "proved" else degree.value["zero_dynamics"]
     if left is None:
-        return Finding(name, "undecided", "they need a relative degree, and as many inputs as outputs")
+        return CheckFinding(name, "undecided", "they need a relative degree, and as many inputs as outputs")
     if left == 0:
-        return Finding(name, "proved", "none: the relative degrees add up to n", {"states": 0, "zeros": []})
+        return CheckFinding(
+            name, "proved", "none: the relative degrees add up to n", {"states": 0, "zeros": []}
+        )
     if not point.is_equilibrium:
-        return Finding(name, "undecided", "no equilibrium is known", {"states": left})
+        return CheckFinding(name, "undecided", "no equilibrium is known", {"states": left})
     zeros = _zeros(field, point, left)
     if zeros is None:
-        return Finding(name, "undecided", "the zeros could not be enclosed", {"states": left})
+        return CheckFinding(name, "undecided", "the zeros could not be enclosed", {"states": left})
     real = [float(z.real.mid()) for z in zeros]
     value = {
         "states": left,
@@ -79,36 +81,36 @@ def zero_dynamics(field: Field, point: Point, degree: Finding) -> Finding:
     }
     where = f"{left} states, largest Re s = {max(real):.6g} at {numbers(point.text)}"
     if all(z.real < 0 for z in zeros):
-        return Finding(name, "proved", f"locally exponentially stable: {where}", value)
+        return CheckFinding(name, "proved", f"locally exponentially stable: {where}", value)
     if any(z.real > 0 for z in zeros):
-        return Finding(
+        return CheckFinding(
             name, "refuted", f"unstable: {where}", value, {"zero": value["zeros"][real.index(max(real))]}
         )
-    return Finding(name, "undecided", f"a zero on the imaginary axis, to rounding: {where}", value)
+    return CheckFinding(name, "undecided", f"a zero on the imaginary axis, to rounding: {where}", value)
 
 
-def _invertible(field: Field, name: str, degrees: list[int], D: Node, boxes: int) -> Finding:
+def _invertible(field: Field, name: str, degrees: list[int], D: Node, boxes: int) -> CheckFinding:
     value = {"degrees": degrees, "zero_dynamics": field.n - sum(degrees)}
     shown = ", ".join(map(str, degrees))
     if D is ZERO:
-        return Finding(
+        return CheckFinding(
             name, "refuted", f"{shown}, but the decoupling matrix is singular everywhere", None, {"D": 0.0}
         )
     if number(D) is not None:
-        return Finding(name, "proved", f"{shown}, everywhere", value)
+        return CheckFinding(name, "proved", f"{shown}, everywhere", value)
     above, low = _positive(field, D, boxes)
     below, high = _positive(field, linear(0, [(-1, D)]), boxes) if not above else (False, None)
     if above or below:
-        return Finding(name, "proved", f"{shown} on the domain", value)
+        return CheckFinding(name, "proved", f"{shown} on the domain", value)
     origin = np.clip(0.0, field.lower, field.upper)
     if exactly_at([D], [Fraction(x) for x in origin.tolist()]) == [0]:
         figure = f"{shown} almost everywhere, but the decoupling matrix is singular at {numbers(origin[:-1])}"
-        return Finding(name, "refuted", figure, None, {"point": origin[:-1].tolist(), "D": 0.0})
+        return CheckFinding(name, "refuted", figure, None, {"point": origin[:-1].tolist(), "D": 0.0})
     connected = bool(field.defined_on(field.lower[:, None], field.upper[:, None]).all())
     if low is not None and high is not None and connected:
         figure = f"{shown} almost everywhere, but the decoupling matrix changes sign on the domain"
-        return Finding(name, "refuted", figure, None, {"negative_at": low, "positive_at": high})
-    return Finding(
+        return CheckFinding(name, "refuted", figure, None, {"negative_at": low, "positive_at": high})
+    return CheckFinding(
         name, "undecided", f"{shown}, unless the decoupling matrix vanishes somewhere", None, value
     )
 

@@ -24,10 +24,10 @@ from lockstep.model.agent import Agent
 from lockstep.model.arguments import arguments_text
 from lockstep.model.checks.proved.definite import BOXES, TOLERANCES, Question, highest, least_level
 from lockstep.model.checks.proved.field import FAR, Ends, as_written
-from lockstep.model.checks.proved.finding import Finding
+from lockstep.model.checks.proved.finding import CheckFinding
 
 
-def sectors(agent: Agent, *, boxes: int = BOXES) -> list[Finding]:
+def sectors(agent: Agent, *, boxes: int = BOXES) -> list[CheckFinding]:
     """Find the sector of each component of phi on the domain of the agent.
 
     Returns:
@@ -41,12 +41,12 @@ def sectors(agent: Agent, *, boxes: int = BOXES) -> list[Finding]:
     return [_sector(agent, phi, k, lower, upper, boxes) for k in range(len(phi.outputs))] if count else []
 
 
-def _sector(agent: Agent, phi: ExactPhi, k: int, lower: Ends, upper: Ends, boxes: int) -> Finding:
+def _sector(agent: Agent, phi: ExactPhi, k: int, lower: Ends, upper: Ends, boxes: int) -> CheckFinding:
     name, w = f"sector of phi{k + 1}", phi.outputs[k]
     arguments = sorted(w.variables - {phi.inputs})
     if len(arguments) != 1:
         shown = ", ".join(f"v{j + 1}" for j in arguments)
-        return Finding(name, "undecided", f"it has the arguments {shown}: a sector is of one")
+        return CheckFinding(name, "undecided", f"it has the arguments {shown}: a sector is of one")
     (j,) = arguments
     try:
         at_zero = substitute([w], {variable(j): ZERO})[0]
@@ -63,12 +63,12 @@ def _sector(agent: Agent, phi: ExactPhi, k: int, lower: Ends, upper: Ends, boxes
     seen = {"lowest": {"ratio": -low[1], "v": low[2]}, "highest": {"ratio": high[1], "v": high[2]}}
     where = arguments_text(agent)
     if ends == [None, None]:
-        return Finding(name, "undecided", f"no end was proved ({where})", value, seen)
+        return CheckFinding(name, "undecided", f"no end was proved ({where})", value, seen)
     reached = f"{-low[1]:.6g} and {high[1]:.6g} are reached ({where})"
-    return Finding(name, "proved", f"{shown} of v{j + 1}; {reached}", value, seen)
+    return CheckFinding(name, "proved", f"{shown} of v{j + 1}; {reached}", value, seen)
 
 
-def _offset(name: str, j: int, at_zero: Node, time: int) -> Finding:
+def _offset(name: str, j: int, at_zero: Node, time: int) -> CheckFinding:
     """phi(0, t) is not identically 0: a time at which it is not refutes every sector."""
     program = Program([at_zero])
     for t in (0.0, 1.0, 0.5):
@@ -80,8 +80,8 @@ def _offset(name: str, j: int, at_zero: Node, time: int) -> Finding:
         if low[0] > 0 or high[0] < 0:
             value = 0.5 * float(low[0]) + 0.5 * float(high[0])
             figure = f"none: phi is {value:.6g} where v{j + 1} = 0"
-            return Finding(name, "refuted", figure, None, {"v": 0.0, "t": t, "phi": value})
-    return Finding(name, "undecided", "whether phi(0, t) = 0 could not be decided")
+            return CheckFinding(name, "refuted", figure, None, {"v": 0.0, "t": t, "phi": value})
+    return CheckFinding(name, "undecided", "whether phi(0, t) = 0 could not be decided")
 
 
 def _end(

@@ -15,7 +15,7 @@ import numpy as np
 from lockstep.check.expression.node import add, multiply, scale
 from lockstep.model.checks.proved.equilibria import eigenvalues
 from lockstep.model.checks.proved.field import Field, at_points
-from lockstep.model.checks.proved.finding import Finding, numbers
+from lockstep.model.checks.proved.finding import CheckFinding, numbers
 from lockstep.model.checks.proved.lie import Point
 from lockstep.model.checks.proved.lipschitz import SAMPLES, bounded
 from lockstep.model.checks.proved.storage import scales
@@ -24,7 +24,7 @@ BOXES = 5_000
 PART = 0.2
 
 
-def stiffness(field: Field, point: Point, *, boxes: int = BOXES) -> Finding:
+def stiffness(field: Field, point: Point, *, boxes: int = BOXES) -> CheckFinding:
     """Enclose the eigenvalues at a point and bound those on the domain."""
     name = "stiffness"
     w = fastest(field, boxes)
@@ -37,13 +37,13 @@ def stiffness(field: Field, point: Point, *, boxes: int = BOXES) -> Finding:
     )
     values = eigenvalues(field, point.lower, point.upper)
     if values is None:
-        return Finding(name, "undecided", f"the eigenvalues could not be told apart{said}", more)
+        return CheckFinding(name, "undecided", f"the eigenvalues could not be told apart{said}", more)
     decaying = [-float(s.real.mid()) for s in values if s.real < 0]
     spectrum = [[float(s.real.mid()), float(s.imag.mid())] for s in values]
     ratio = max(decaying) / min(decaying) if decaying else None
     shown = "no mode decays" if ratio is None else f"ratio {ratio:.4g} at {numbers(point.text)}"
     value = {"ratio": ratio, "eigenvalues": spectrum, "point": point.text, **more}
-    return Finding(name, "proved" if w else "undecided", f"{shown}{said}", value)
+    return CheckFinding(name, "proved" if w else "undecided", f"{shown}{said}", value)
 
 
 def fastest(field: Field, boxes: int) -> float | None:

@@ -17,7 +17,7 @@ from typing import Any
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.node import Undefined
 from lockstep.check.expression.text import parse
-from lockstep.model.checks.proved.finding import Finding
+from lockstep.model.checks.proved.finding import CheckFinding
 from lockstep.model.problem.schema import AgentTable
 
 Powers = Mapping[str, float]
@@ -36,7 +36,7 @@ class Quantity:
     value: float | None = None
 
 
-def check_units(table: AgentTable) -> Finding:
+def check_units(table: AgentTable) -> CheckFinding:
     """Check the formulas of [agent].
 
     Returns:
@@ -46,7 +46,7 @@ def check_units(table: AgentTable) -> Finding:
         ProblemError: a unit that pint does not know, or a formula whose terms differ in dimension: names the term.
     """
     if not table.units:
-        return Finding("units", "undecided", "[agent.units] is empty")
+        return CheckFinding("units", "undecided", "[agent.units] is empty")
     names = [*table.states, *table.inputs, *table.parameters]
     pure = bool(table.parameters) and all(name in table.units for name in table.parameters)
     known = {name: Quantity(dimension(text, name)) for name, text in table.units.items()}
@@ -70,9 +70,9 @@ def check_units(table: AgentTable) -> Finding:
     missing = [name for name in names if name not in table.units]
     if missing:
         figure = f"no contradiction; no unit is given for {', '.join(missing)}"
-        return Finding("units", "undecided", figure, None, {"without": missing})
+        return CheckFinding("units", "undecided", figure, None, {"without": missing})
     of = "pure" if pure else "coefficients of any dimension"
-    return Finding(
+    return CheckFinding(
         "units",
         "proved",
         f"every term of {len(table.dynamics)} equations agrees; numbers are {of}",
