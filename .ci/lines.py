@@ -36,7 +36,7 @@ LATER = {
 """Rooms for later duties: folders and files, and the most code lines."""
 
 LIMITS = {
-    # 4000 is the aim. 6300 held the whole language of expressions, the unbounded domains and the readers; u in what rho weighs,
+    # 4000 is the aim. 6300 held the whole language of expressions, unbounded domains and the readers; u in what rho weighs,
     # noise, decay, stable controllers and limits added 310, each a channel or a decision of its own. Only down from here.
     "check": (["check"], [], 6650),
     "cli": (["codegen/lockstep/cli"], [], 1000),

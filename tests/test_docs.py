@@ -90,7 +90,7 @@ def wrong(page: str, table: str) -> list[str]:
         found += [key for key in keys if key not in fields]
         for key, said in zip(keys, defaults, strict=False):
             default = fields[key].default if key in fields else None
-            default = default.model_dump() if isinstance(default, BaseModel) else default
+            default = default.model_dump(exclude_none=True) if isinstance(default, BaseModel) else default
             found += [f"{key} = {said}"] if said != FOUND_LATER.get(key, default) else []
     return found
 

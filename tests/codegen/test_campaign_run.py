@@ -52,6 +52,7 @@ def uncertain(root):
     assert certain.guarantee.rho == content["claims"]["rho"]
     content["claims"]["fragility"] = {"A": 0.5, "B": 0.2, "C": 0.0, "D": 0.2}
     content["proofs"]["certificate"]["t"] = [1.0] * 9
+    content["claims"]["decay"] = content["proofs"]["decay"] = None
     stored = parse(content, "design")
     with pytest.raises(NotCertified, match="no certified rho"):
         plan_of(stored, None)

@@ -241,7 +241,9 @@ def test_an_entry_that_is_stored_too_small_is_refused(file: dict[str, Any], plac
 def test_an_entry_that_is_left_out_is_refused(file: dict[str, Any]) -> None:
     """Without that of b the certificate would be one for phi = 2 sin a."""
     changed = copy.deepcopy(file)
-    del changed["claims"]["entries"][1], changed["proofs"]["certificate"]["m_entries"][1]
+    del changed["claims"]["entries"][1]
+    for proof in ("certificate", "decay"):
+        del changed["proofs"][proof]["m_entries"][1]
     verdict = certify(parse(changed, "memory"))
     assert not verdict.certified
     assert "missing" in verdict.reason

@@ -197,9 +197,13 @@ def test_a_floor_that_is_none_by_its_form(file: dict[str, Any], pieces: Any, sai
 def test_the_certificate_has_the_form_that_the_floor_is_about() -> None:
     """A new multiplier in F may certify less: `floor.projected` is to be stated anew with it before this list grows.
 
+    A weight W of u and noise of outputs only raise rho; scales of states below 1 lower it, and no floor is claimed then.
     With entries it is that of alpha = 0, which is no larger.
     """
-    assert {one.name for one in fields(Claim)} == {"alpha", "R", "Q", "delta", "entries"}
+    assert {one.name for one in fields(Claim)} == {
+        *("alpha", "R", "Q", "delta", "entries"),
+        *("W", "states", "outputs"),
+    }
     assert {one.name for one in fields(Certificate)} == {"rho", "P", "m", "t", "m_entries"}
 
 

@@ -52,15 +52,14 @@ def late(loop: Loop, claim: Claim, lag: float) -> tuple[Loop, Claim]:
     E[np.ix_(own, own)] = loop.E[:n_d]
     R = np.zeros((n + k, n + k))
     R[:n, :n] = claim.R
-    return replace(found, E=E), replace(claim, R=R)
+    states = np.concatenate([claim.states if len(claim.states) else np.ones(n), np.zeros(k)])
+    return replace(found, E=E), replace(claim, R=R, states=states)
 
 
 def late_norm(search: GainSearch) -> SmoothedNorm:
     """Return the smoothed norm of the loop with its inputs late."""
     loop, claim = late(search.loop, search.claim, search.lag / search.units.time)
-    norm = SmoothedNorm(loop, claim, search.gain_limit, search.units.gains)
-    norm.into = norm.into[:, np.abs(norm.into).max(axis=0) > 0]
-    return norm
+    return SmoothedNorm(loop, claim, search.gain_limit, search.units.gains, rate=search.rate)
 
 
 def hold(
@@ -71,9 +70,10 @@ def hold(
         return start
     norm, limit = late_norm(search), search.gain_limit
     K = start.at.K
-    if abscissa(norm.loop, K)[0] >= 0:
-        K = within(stabilise(norm.loop, K, STABLE * limit, units=search.units.gains)[0], INSIDE * limit)
-    if abscissa(norm.loop, K)[0] >= 0:
+    if abscissa(norm.loop, K, rate=search.rate)[0] >= 0:
+        K = stabilise(norm.loop, K, STABLE * limit, units=search.units.gains, rate=search.rate)[0]
+        K = within(K, INSIDE * limit)
+    if abscissa(norm.loop, K, rate=search.rate)[0] >= 0:
         return start
     found = descended(norm, K)
     if np.isfinite(found.rho):
