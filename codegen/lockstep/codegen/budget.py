@@ -55,10 +55,10 @@ _STACKS = {
 }
 _FLASHES = {
     ("cortex-m0", "float32"): _Flash(544, 264, 30, 96),
-    ("cortex-m4f", "float32"): _Flash(560, 256, 25, 84),
-    ("cortex-m7", "float32"): _Flash(560, 256, 25, 84),
+    ("cortex-m4f", "float32"): _Flash(560, 408, 25, 84),
+    ("cortex-m7", "float32"): _Flash(560, 408, 25, 84),
     ("rv32imac", "float32"): _Flash(872, 320, 43, 132),
-    ("rv32imafc", "float32"): _Flash(688, 256, 36, 84),
+    ("rv32imafc", "float32"): _Flash(688, 296, 36, 84),
     ("cortex-m0", "float64"): _Flash(600, 424, 48, 132),
     ("cortex-m4f", "float64"): _Flash(776, 480, 54, 132),
     ("cortex-m7", "float64"): _Flash(776, 480, 54, 132),

@@ -34,9 +34,9 @@
  *   stack            at most 224 bytes on Cortex-M4F, Cortex-M7; interrupt frame not counted
  *   stack            at most 304 bytes on RV32IMAC; interrupt frame not counted
  *   stack            at most 336 bytes on Cortex-M0; interrupt frame not counted
- *   flash            at most 1352 bytes on Cortex-M4F, Cortex-M7
  *   flash            at most 1428 bytes on Cortex-M0
- *   flash            at most 1612 bytes on RV32IMAFC
+ *   flash            at most 1504 bytes on Cortex-M4F, Cortex-M7
+ *   flash            at most 1652 bytes on RV32IMAFC
  *   flash            at most 2040 bytes on RV32IMAC
  *   arithmetic       12 multiplications and 9 additions in the controller itself
  *   no heap, no recursion, no loop without a constant bound, and the source calls no library function.
