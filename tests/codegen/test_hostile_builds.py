@@ -187,7 +187,12 @@ def test_what_no_macro_tells_is_found_at_start_up(host, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("optimize", "real"), [("speed", "float32"), ("size", "float64"), ("size", "float32")]
+    ("optimize", "real"),
+    [
+        ("speed", "float32"),
+        pytest.param("size", "float64", marks=pytest.mark.by_hand),
+        pytest.param("size", "float32", marks=pytest.mark.by_hand),
+    ],
 )
 def test_no_build_differs_silently_at_any_level(host, optimize, real, tmp_path):
     bench = Bench(folder_of(tmp_path / "c", optimize, real), tmp_path)
