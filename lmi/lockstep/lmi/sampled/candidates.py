@@ -48,7 +48,7 @@ REACHES = (0.0, 1e-9, 1e-12, 1e-6)
 """What is added to S in every direction, in multiples of its size. A direction that neither the nonlinearity nor an error
 reaches, as in a mode that no input moves, has an X of zero and a P without end; a little reach gives it one."""
 
-FREE_RATES, FREE_RMS, FREE_CLAIMED = (0.05, 0.1, 0.15, 0.2), (0.9, 0.75, 0.6, 1.0), 0.97
+FREE_RATES, FREE_RMS, FREE_CLAIMED = (0.05, 0.1, 0.15, 0.2), (0.9, 0.75, 0.6), 0.97
 """As `RATES`, `RMS` and `CLAIMED`, where the pair weights are free: half of what the noise can reach, or less, comes out."""
 
 MOST_STATES = 30
@@ -66,7 +66,7 @@ def candidates(
 ) -> Iterator[Witness]:
     """Yield witnesses with which W is positive definite in doubles; the one that passes the least noise on is first.
 
-    Unless thorough: then each as it is found.
+    Where it is not to be thorough, those with the pair weights given, each as it is found.
     """
     lifted = copies(one, multiplier(loop.network.d, m))
     radius = float(np.abs(np.linalg.eigvals(step_matrix(loop, lifted)[:, : loop.n_xi])).max())
@@ -76,37 +76,56 @@ def candidates(
     for rate in RATES:
         for witness in _Search(loop, lifted, m, rate * (1 - radius**2)).witnesses():
             if thorough:
-                found.append((witness.ultimate * witness.rms, witness))
+                found.append((_promised(witness), witness))
             else:
                 yield witness
-    found += [(witness.ultimate * witness.rms, witness) for witness in _with_free_weights(loop, one, radius)]
-    yield from (witness for _, witness in sorted(found, key=lambda pair: pair[0]))
+    if thorough:
+        found += [(_promised(witness), witness) for witness in _with_free_weights(loop, one, radius)]
+        yield from (witness for _, witness in sorted(found, key=lambda pair: pair[0]))
+
+
+def _promised(witness: Witness) -> float:
+    """Return what witnesses are ranked by: the bound of every instant counts twice, that of the mean square once."""
+    return witness.ultimate**2 * witness.rms
 
 
 def _with_free_weights(loop: SampledLoop, one: Lifted, radius: float) -> Iterator[Witness]:
-    """Yield witnesses of the convex program, dearest decay first: the least price of the noise with V >= |x_d|^2."""
+    """Yield witnesses of the convex program: the least price of the noise with V >= |x_d|^2, and so with a weight of it."""
     distance, spread = metric_of(loop), 1 - radius**2
     for rate in FREE_RATES if loop.n_xi <= MOST_STATES else ():
-        weight, least = 0.0, np.inf
-        for part in FREE_RMS:
+        least = None
+        for part in (None, *FREE_RMS):
+            weight = 0.0 if part is None or least is None else rate * spread / (part**2 * least)
             program = step_program(loop, one, 1 - rate * spread, distance, noise=True, weight=weight)
             found = None if program is None else program.least(program.kappa, [program.P >> distance], weight)
             if found is None:
                 break
-            yield from islice(_priced_anew(loop, one, found[1]), 1)
-            least = min(least, found[1].kappa)
-            weight = rate * spread / (part**2 * least)
+            yield from islice(priced_anew(loop, one, found[1], FREE_CLAIMED), 1)
+            least = found[1].kappa if least is None else least
 
 
-def _priced_anew(loop: SampledLoop, one: Lifted, found: Witness) -> Iterator[Witness]:
-    """Yield a witness of the convex program with prices of the rounding, claiming a little less."""
-    lifted, decay = copies(one, multiplier(loop.network.d, found.m)), 1 - FREE_CLAIMED * (1 - found.decay)
-    underflow = step_matrix(loop, lifted)[:, loop.underflows]
-    dear_mu = MU * float(np.linalg.norm(underflow.T @ found.P @ underflow, 2))
+def priced_anew(
+    loop: SampledLoop, one: Lifted, found: Witness, claimed: float, *, exact_messages: bool = False
+) -> Iterator[Witness]:
+    """Yield a witness of the convex program with prices of the rounding, for few of them first.
+
+    Args:
+        loop, one: in doubles.
+        found: without prices of the rounding.
+        claimed: the part of its decay that is claimed, and its price of the noise over that part: the rest is room.
+        exact_messages: whether the messages have no errors, so that these may cost anything.
+    """
+    lifted, decay = copies(one, multiplier(loop.network.d, found.m)), 1 - claimed * (1 - found.decay)
+    N = step_matrix(loop, lifted)
+    nu, mu = (
+        float(np.linalg.norm(part.T @ found.P @ part, 2))
+        for part in (N[:, loop.messages], N[:, loop.underflows])
+    )
+    kappa = MU * nu if exact_messages else found.kappa / claimed
     for dear in ROUNDINGS:
-        t, kappa = rounding_prices(loop, lifted, found.P, dear), found.kappa / FREE_CLAIMED
-        witness = priced(loop, found.m, t, kappa, decay=decay, weight=FREE_CLAIMED * found.weight, P=found.P)
-        witness = replace(witness, kappa_mu=max(witness.kappa_mu, dear_mu))
+        t = rounding_prices(loop, lifted, found.P, dear)
+        witness = priced(loop, found.m, t, kappa, decay=decay, weight=claimed * found.weight, P=found.P)
+        witness = replace(witness, kappa_mu=max(witness.kappa_mu, MU * mu))
         if (held := confirmed(loop, lifted, witness)) is not None:
             yield held
 

@@ -114,14 +114,15 @@ def step_program(
     whole, unit = np.eye(d.N - 1), np.eye(root.shape[1])
     Q_of = [copies(one, whole + d.pair_multiplier(i, j)).Q - lifted.Q for i, j in pairs]
     costs = [into.T @ start.T @ each @ start @ into for each in Q_of]
+    size = max(float(np.linalg.norm(cost, 2)) for cost in costs) or 1.0
     V, m, kappa = (
         cp.Variable((n, n), symmetric=True),
         cp.Variable(len(pairs), nonneg=True),
         cp.Variable(nonneg=True),
     )
     M = sum(m[k] * np.kron(d.pair_multiplier(i, j), unit) for k, (i, j) in enumerate(pairs))
-    Q = sum(m[k] * (cost + cost.T) / 2 for k, cost in enumerate(costs))
-    along, out = V @ D, V @ F
+    Q = sum(m[k] * (cost + cost.T) / (2 * size) for k, cost in enumerate(costs))
+    along, out = V @ D, V @ (F * np.sqrt(size))
     price = (scale or 1.0) ** 2
     weighed = np.zeros((n, n))
     weighed[:n_d, :n_d] = metric(loop)
@@ -147,7 +148,7 @@ def step_program(
         rows.insert(1, [cross.T, kappa * np.eye(count) - Q[n:, n:], np.sqrt(T) * enters.T, none])
     form = cp.bmat(rows)
     conditions = [(form + form.T) / 2 >> 0, V >> FLATTEST * np.eye(n)]
-    return StepProgram(loop, decay, L, price, V, m, kappa, conditions)
+    return StepProgram(loop, decay, L, price, V, m / size, kappa, conditions)
 
 
 def _basis(N: Float[np.ndarray, "n n"], near: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"] | None:

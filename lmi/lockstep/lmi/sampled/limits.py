@@ -4,21 +4,18 @@ Without rounding it is the program of `convex` with P >= k_l' k_l / u_max,l^2 fo
 P_dd, gamma least: radius = gamma^-1/2.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
-from lockstep.check.sampled.inequality import Witness, metric, multiplier, step_matrix
-from lockstep.check.sampled.lifting import Lifted, copies
+from lockstep.check.sampled.inequality import Witness, metric
+from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.limits import proves_radius
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
-from lockstep.lmi.sampled.candidates import ROUNDINGS, confirmed, priced
+from lockstep.lmi.sampled.candidates import priced_anew
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.convex import step_program
 from lockstep.lmi.sampled.search import spectral_radius
-from lockstep.lmi.sampled.storage import rounding_prices
 
 RATES = (0.005, 0.02, 0.1)
 """How fast V is asked to decay, as parts of how fast the linear loop does."""
@@ -28,9 +25,6 @@ KEPT = (0.995, 0.97, 0.9)
 
 CLAIMED = 0.5
 """The part of the decay that is claimed: the rest is room for rounding."""
-
-DEAR = 1e8
-"""What the messages' noise costs, in multiples of what it weighs in P: there is none in this claim."""
 
 
 def largest_radius(
@@ -50,7 +44,7 @@ def largest_radius(
     spread = 1 - spectral_radius(loop, one) ** 2
     found = [_least(loop, one, limits, 1 - rate * spread) for rate in RATES] if spread > 0 else []
     for gamma, witness in sorted((each for each in found if each is not None), key=lambda each: each[0]):
-        for candidate in _rounded(loop, one, witness):
+        for candidate in priced_anew(loop, one, witness, CLAIMED, exact_messages=True):
             for part in KEPT:
                 radius = float(f"{part / gamma**0.5:.4g}")
                 if proves_radius(exact_loop, controllers, candidate, limits, radius):
@@ -73,16 +67,3 @@ def _least(
     conditions = [gamma * np.asarray(metric(loop)) - program.P[:n_d, :n_d] >> 0]
     conditions += [program.V - np.outer(inner, inner) >> 0 for inner in rows @ inverse.T if inner.any()]
     return program.least(gamma, conditions)
-
-
-def _rounded(loop: SampledLoop, one: Lifted, found: Witness) -> Iterator[Witness]:
-    """Yield the witness with prices of every error."""
-    lifted = copies(one, multiplier(loop.network.d, found.m))
-    decay = 1 - CLAIMED * (1 - found.decay)
-    N = step_matrix(loop, lifted)
-    kappa = DEAR * float(np.linalg.norm(N[:, loop.noise].T @ found.P @ N[:, loop.noise], 2) or 1.0)
-    for dear in ROUNDINGS:
-        t = rounding_prices(loop, lifted, found.P, dear)
-        candidate = confirmed(loop, lifted, priced(loop, found.m, t, kappa, decay=decay, P=found.P))
-        if candidate is not None:
-            yield candidate
