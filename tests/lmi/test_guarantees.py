@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.check.numbers import exactly
 from lockstep.check.stability import is_stable, is_stable_step
 from lockstep.codegen.for_the_period import as_shipped
 from lockstep.codegen.sampled_design import sampled_controllers, sampled_network
@@ -214,10 +215,8 @@ def test_stability_is_decided_exactly() -> None:
     assert is_stable_step((1 - 2.0**-50) * edge)
 
 
-@pytest.mark.parametrize("slope", [0.0, 1.0])
-def test_no_input_meets_its_limit_from_within_the_radius(slope: float) -> None:
-    """Of the linear part, by the worst direction at every step; the nearer limit, 2, counts."""
-    stored = shipped(pendulums(DYNAMIC, slope=slope))
+def test_a_larger_radius_is_refused() -> None:
+    stored = shipped(pendulums(DYNAMIC, slope=1.0))
     radius = stored.claims.sampled.radius
     assert radius is not None
     assert certify(stored).ok
@@ -226,17 +225,30 @@ def test_no_input_meets_its_limit_from_within_the_radius(slope: float) -> None:
         sampled = dataclasses.replace(claims.sampled, radius=factor * radius)
         changed = dataclasses.replace(stored, claims=dataclasses.replace(claims, sampled=sampled))
         assert certify(changed).ok == (factor < 1)
-    loop = in_doubles(sampled_network(stored), sampled_controllers(stored, 0.01))
+
+
+@pytest.mark.parametrize("slope", [-1.0, 0.0, 1.0])
+def test_no_input_meets_its_limit_from_within_the_radius(slope: float) -> None:
+    """By the worst direction at every step, for phi = slope x, which has the bound of slope sin; the nearer limit, 2, counts."""
+    stored = shipped(pendulums(DYNAMIC, slope=1.0))
+    radius = stored.claims.sampled.radius
+    assert radius is not None
+    network = sampled_network(stored)
+    plant = dataclasses.replace(
+        network.plant, A=network.plant.A + exactly(np.array([[0.0, 0.0], [slope, 0.0]]))
+    )
+    linear = dataclasses.replace(network, plant=plant, alpha=0.0)
+    loop = in_doubles(linear, sampled_controllers(stored, 0.01))
     one = period_in_doubles(loop)
     assert one is not None
     step, rows = _step_of_state(loop, one), loop.computed[:, : loop.n_xi]
-    metric = np.linalg.inv(np.linalg.cholesky(np.kron(np.asarray(loop.network.d.S), np.eye(2)))).T
-    xi, worst = np.eye(loop.n_xi)[:, : loop.n_d] @ metric, 0.0
+    unit = np.linalg.inv(np.linalg.cholesky(np.kron(np.asarray(loop.network.d.S), np.eye(2)))).T
+    xi, worst = np.eye(loop.n_xi)[:, : loop.n_d] @ unit, 0.0
     for _ in range(2000):
         worst = max(worst, float(np.linalg.norm(rows @ xi, axis=1).max()))
         xi = step @ xi
-    if slope == 0.0:
-        assert radius <= 2.0 / worst <= 2.0 * radius
+    assert radius * worst <= 2.0
+    assert radius * worst >= 1.0, "the bound is within a factor of 2 of what some slope does"
 
 
 def test_limits_that_are_none() -> None:

@@ -51,6 +51,11 @@ def guarantee_of(stored: Stored, files: Mapping[str, str] | None, kind: Controll
         NotCertified: there is no proof, and why.
     """
     problem = stored.problem
+    if not problem.performance.covers_xi:
+        raise NotCertified(
+            "rho is a gain from the states named in [design.disturbances], as scaled there, but a campaign disturbs all of"
+            " them; give every state a scale of 1 or more, or leave `states` out"
+        )
     T = as_floats(disagreement(problem.graph(), problem.design.coordinates).T)
     n_d = len(T) * problem.agent().n
     if kind == "continuous":

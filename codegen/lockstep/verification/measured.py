@@ -123,6 +123,8 @@ def _uncovered(
     """Return why the run is outside of what is proved; empty if it is inside."""
     if promised.scope == "local" and not _inside(trajectory, network):
         return "an agent left the domain that the certificate is for"
+    if not stored.problem.performance.covers_xi:
+        return "rho is a gain from the states named in [design.disturbances], as scaled there, and the run disturbs all"
     if not scenario.channel.is_ideal:
         return "the certificate is for messages that all arrive at once, as they were sent"
     if trajectory.faults:
