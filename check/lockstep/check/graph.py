@@ -28,7 +28,7 @@ class Digraph:
         ProblemError: not square, fewer than two agents, a weight that is negative or not finite, or a self
             loop.
 
-    >>> Graph.from_edges(3, [[1, 2], [2, 3], [3, 1]]).laplacian
+    >>> Digraph.from_edges(3, [[1, 2], [2, 3], [3, 1]]).laplacian
     array([[ 1., -1.,  0.],
            [ 0.,  1., -1.],
            [-1.,  0.,  1.]])
@@ -90,7 +90,7 @@ class Digraph:
             both neighbours on a line. complete: everyone. star: all others listen to agent 1. leader_path: i
             listens to i - 1.
 
-        >>> Graph.topology("star", 3).roots
+        >>> Digraph.topology("star", 3).roots
         (1,)
         """
         known = get_args(Topology)

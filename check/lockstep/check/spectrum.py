@@ -41,7 +41,7 @@ def metric(graph: Digraph) -> Metric:
         ProblemError: there are none: an edge has no counterpart, the spectrum is not real, or the products of weights
             around a circle differ with its direction.
 
-    >>> metric(Graph.from_edges(3, [[1, 2], [2, 1], [2, 3], [3, 2]])).spread
+    >>> metric(Digraph.from_edges(3, [[1, 2], [2, 1], [2, 3], [3, 2]])).spread
     1
     """
     a = graph.adjacency

@@ -9,7 +9,7 @@ from lockstep.workflow.files import of_file
 from lockstep.workflow.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from lockstep.model.bound_search import SearchState as BoundProgress
+    from lockstep.model.bound_search import SearchState
     from lockstep.model.checks import CheckReport
 
 
@@ -54,11 +54,11 @@ def problem_of(problem: Problem | Path | str) -> tuple[Problem, Path | None]:
     return Problem.load(problem), Path(problem)
 
 
-def enclosure(progress: "BoundProgress") -> str:
+def enclosure(progress: "SearchState") -> str:
     """Return where a proof of a bound stands.
 
-    >>> from lockstep.model.bound_search import Progress
-    >>> enclosure(Progress(512, 3.0, 4.5, 0.1))
+    >>> from lockstep.model.bound_search import SearchState
+    >>> enclosure(SearchState(512, 3.0, 4.5, 0.1))
     'bound: between 3 and 4.5 after 512 boxes'
     """
     upper = f"and {progress.upper:.5g}" if math.isfinite(progress.upper) else "and no limit yet"

@@ -26,7 +26,7 @@ COLUMNS = "| where | claim | verdict | figure | command |\n|---|---|---|---|---|
 def to_markdown(rows: Sequence[ClaimRow]) -> str:
     """Return the page.
 
-    >>> print(to_markdown([Row("x", "(1)", "It holds.", "proved", "proved", "1 = 1")]).splitlines()[-1])
+    >>> print(to_markdown([ClaimRow("x", "(1)", "It holds.", "proved", "proved", "1 = 1")]).splitlines()[-1])
     | (1) | It holds. | proved | 1 = 1 | `lockstep reproduce x` |
     """
     counts = Counter(row.verdict for row in rows)

@@ -67,7 +67,7 @@ def curve(stored: Stored, points: int = 12) -> tuple[TradeOffPoint, ...]:
 def as_csv(points: tuple[TradeOffPoint, ...]) -> str:
     """Return the curve as CSV, rho left empty where it is infinite.
 
-    >>> print(as_csv((Point(0.0, 1.5), Point(2.0, math.inf))), end="")
+    >>> print(as_csv((TradeOffPoint(0.0, 1.5), TradeOffPoint(2.0, math.inf))), end="")
     alpha,rho
     0,1.5
     2,

@@ -85,7 +85,7 @@ def graph_of(eigenvalues: Float[np.ndarray, " s"]) -> Digraph:
     Agent k + 1 and each of the agents 1 to k before it are joined with one weight v_k. The vector (1, ..., 1, -k, 0, ..., 0)
     then has the eigenvalue (k + 1) v_k + v_{k+1} + ... + v_s, and the v_k follow from the last, the smallest eigenvalue.
 
-    >>> np.linalg.eigvalsh(graph_of(np.array([1.0, 3.0, 4.0])).laplacian).round(9).tolist()
+    >>> (np.linalg.eigvalsh(graph_of(np.array([1.0, 3.0, 4.0])).laplacian).round(9) + 0.0).tolist()
     [0.0, 1.0, 3.0, 4.0]
     """
     falling: list[float] = []

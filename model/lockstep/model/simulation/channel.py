@@ -54,7 +54,7 @@ class MessageChannel:
     def quantised(self, y: Float[np.ndarray, "N q"]) -> Float[np.ndarray, "N q"]:
         """Return outputs as the converter gives them, ties to even.
 
-        >>> Channel(bits=4, full_scale=8.0).quantised(np.array([[0.6, 9.0]])).tolist()
+        >>> MessageChannel(bits=4, full_scale=8.0).quantised(np.array([[0.6, 9.0]])).tolist()
         [[1.0, 7.0]]
         """
         if self.real == "float32":
