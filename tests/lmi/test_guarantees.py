@@ -229,7 +229,7 @@ def test_a_larger_radius_is_refused() -> None:
 
 @pytest.mark.parametrize("slope", [-1.0, 0.0, 1.0])
 def test_no_input_meets_its_limit_from_within_the_radius(slope: float) -> None:
-    """By the worst direction at every step, for phi = slope x, which has the bound of slope sin; the nearer limit, 2, counts."""
+    """By the worst direction at every step, for phi = slope x, whose bound is that of slope sin; the limit 2 is nearer."""
     stored = shipped(pendulums(DYNAMIC, slope=1.0))
     radius = stored.claims.sampled.radius
     assert radius is not None
