@@ -209,6 +209,8 @@ def _radius(
 ) -> Verdict:
     witness, limits = stored.proofs.radius, stored.problem.limits
     said = f"from |x_d(0)| <= {radius:g}, controllers at rest, no input meets its limit"
+    if not np.isfinite(limits).any():
+        return Verdict("undecided", f"it is claimed that {said}, but [agent.limits] names none")
     if witness is None or not proves_radius(sampled_loop(at, held), held, witness, limits, radius):
         return Verdict("undecided", f"it is claimed that {said}, but no witness proves it")
     return Verdict("proved", said)
