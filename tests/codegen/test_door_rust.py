@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -99,11 +100,21 @@ def test_float64_leaders_and_wide_masks(tmp_path, neighbours):
     )
 
 
-def test_a_changed_gain_is_seen(tmp_path):
+def test_other_outputs_are_seen(tmp_path, monkeypatch):
+    """The crate against a reference that was fed with other measurements."""
+    folder, original = folder_of(tmp_path, arms(), "rust"), run_reference
+    monkeypatch.setitem(
+        globals(), "run_reference", lambda one, calls: original(one, replace(calls, y=calls.y + 1))
+    )
+    assert compared(folder, tmp_path) > 50
+
+
+def test_a_changed_gain_makes_no_controller(tmp_path):
     folder = folder_of(tmp_path, arms(), "rust")
     source = folder / "src" / "arm1.c"
     source.write_text(source.read_text().replace("-0.739f", "-0.749f", 1))
-    assert compared(folder, tmp_path) > 100
+    with pytest.raises(AssertionError, match=r"a fit build: Status\(4\)"):
+        compared(folder, tmp_path)
 
 
 def test_an_unfit_build_makes_no_controller(tmp_path):
