@@ -4,9 +4,9 @@ import pytest
 from checks_cases import field
 
 from lockstep.model.checks.proved.equilibria import equilibria
-from lockstep.model.checks.proved.lie import Point
-from lockstep.model.checks.proved.rank import controllability_rank, observability_rank
-from lockstep.model.checks.proved.relative_degree import relative_degree, zero_dynamics
+from lockstep.model.checks.proved.geometry.lie import Point
+from lockstep.model.checks.proved.geometry.rank import controllability_rank, observability_rank
+from lockstep.model.checks.proved.geometry.relative_degree import relative_degree, zero_dynamics
 
 
 def test_relative_degree_and_zero_dynamics():

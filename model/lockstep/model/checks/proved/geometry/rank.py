@@ -19,7 +19,7 @@ from flint import fmpq, fmpq_mat
 from lockstep.check.expression.node import ZERO, Node, constant, linear, variable
 from lockstep.model.checks.proved.field import Field, Nodes, as_written, jacobian, smooth_on
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
-from lockstep.model.checks.proved.lie import Point, along, bracket, rank_at, too_long
+from lockstep.model.checks.proved.geometry.lie import Point, along, bracket, rank_at, too_long
 
 MOST_BRACKETS = 40
 

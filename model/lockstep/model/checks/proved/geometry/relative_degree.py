@@ -21,7 +21,7 @@ from lockstep.check.expression.traversal import expand
 from lockstep.model.checks.proved.definite import Question
 from lockstep.model.checks.proved.field import Field, Nodes, exactly_at, smooth_on
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
-from lockstep.model.checks.proved.lie import Point, along, along_inputs, too_long
+from lockstep.model.checks.proved.geometry.lie import Point, along, along_inputs, too_long
 
 BOXES = 5_000
 SAMPLES = 50
