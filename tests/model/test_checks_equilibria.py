@@ -66,6 +66,7 @@ def test_equilibria_that_are_not_isolated(dynamics, domain, status, point):
     assert finding.status == status, finding
     if point is None:
         assert not found
+        assert ("move with y" in finding.figure) == (status == "undecided" and dynamics is TIED)
     else:
         assert (finding.value["families"], finding.value["along"]) == (1, ["y"])
         assert found[0].middle == point

@@ -172,8 +172,8 @@ def test_twenty_models_against_samples_and_facts(name):
         assert found["equilibria"].value["count"] == COUNTS[name]
 
 
-def test_facts_from_the_literature():
-    """Of the models above, where the source states more than how many equilibria there are."""
+def test_facts_by_hand():
+    """Of the models above, where more is known than how many equilibria there are."""
     _, motor = findings("dc_motor")
     assert motor["incremental passivity"].status == "proved"  # voltage to current, with monotone friction
     _, oscillator = findings("van_der_pol")
@@ -183,11 +183,19 @@ def test_facts_from_the_literature():
 
 
 @pytest.mark.slow
-def test_more_facts_from_the_literature():
+def test_more_facts_by_hand():
     tanks = findings("four_tanks")[1]
-    assert tanks["equilibria"].value["points"][0]["x"] == pytest.approx([12.4, 12.7, 1.8, 1.4], abs=0.2)
+    # A tank loses a sqrt(2 g h), with what the one above it gets from its pump; (1 + T_3 s) (1 + T_4 s) = d_1 d_2/(c_1 c_2)
+    # at a zero, T_i = A_i/a_i sqrt(2 h_i/g).
+    A, a, g = np.array([28.0, 32.0] * 2), np.array([0.071, 0.057] * 2), 981.0
+    left, right = 3.0 * 3.33, 3.0 * 3.35  # cm^3/s of each pump
+    flows = np.array([0.7 * left + 0.4 * right, 0.6 * right + 0.3 * left, 0.4 * right, 0.3 * left])
+    h = (flows / a) ** 2 / (2 * g)
+    assert tanks["equilibria"].value["points"][0]["x"] == pytest.approx(h, rel=1e-9)
+    T = A / a * np.sqrt(2 * h / g)
     zeros = sorted(re for re, _ in tanks["zero dynamics"].value["zeros"])
-    assert zeros == pytest.approx([-0.060, -0.018], rel=0.1)
+    wanted = np.roots([T[2] * T[3], T[2] + T[3], 1 - 0.3 * 0.4 / (0.7 * 0.6)])
+    assert zeros == pytest.approx(sorted(wanted), rel=1e-9)
     quadrotor = findings("quadrotor")[1]
     assert (
         quadrotor["relative degree"].status == "refuted"

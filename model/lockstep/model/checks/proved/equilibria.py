@@ -117,10 +117,10 @@ class _Search:
             low, high = self.open[0]
             where = [names[j] for j in self.unknowns]
             shown = [{"states": where, "lower": _plain(a), "upper": _plain(b)} for a, b in self.open[:SHOWN]]
-            figure = (
-                f"{len(self.found)} found, {len(self.open)} boxes open, the first {where} from {numbers(low)} to "
-                f"{numbers(high)}; give ranges in [agent.domain] or raise the budget"
-            )
+            first = f"the first {where} from {numbers(low)} to {numbers(high)}"
+            if not where:
+                first = f"as states that move with {', '.join(along)} may leave the domain"
+            figure = f"{len(self.found)} found, {len(self.open)} boxes open, {first}; give ranges in [agent.domain], or more boxes"
             return CheckFinding(NAME, "undecided", figure, {"found": points}, {"open": shown})
         if along and self.found:
             figure = f"not isolated: {len(points)} of them, each for every {', '.join(along)}"
