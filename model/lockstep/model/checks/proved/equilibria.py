@@ -120,7 +120,7 @@ class _Search:
             first = f"the first {where} from {numbers(low)} to {numbers(high)}"
             if not where:
                 first = f"as states that move with {', '.join(along)} may leave the domain"
-            figure = f"{len(self.found)} found, {len(self.open)} boxes open, {first}; give ranges in [agent.domain], or more boxes"
+            figure = f"{len(self.found)} found, {len(self.open)} boxes open, {first}; give ranges or raise the budget"
             return CheckFinding(NAME, "undecided", figure, {"found": points}, {"open": shown})
         if along and self.found:
             figure = f"not isolated: {len(points)} of them, each for every {', '.join(along)}"
