@@ -1,14 +1,9 @@
 """Witnesses for what a network does to messages are looked for here, in doubles, by one semidefinite program.
 
 What is assumed and what decides is in `lockstep.check.sampled.messages`. For a given decay its two inequalities are linear in P,
-Gamma, X and the pair weights m. As in `convex` they are put to the solver for differences over a period T, with P = L V L'
-near the identity on xi: with eta^ = sqrt(T) L' xi and
-
-    P     = [ V_11           sqrt(T) V_12 ]        Gamma = [ V_11 + T G_11   sqrt(T) G_12 ]
-            [ sqrt(T) V_21   V_22         ],               [ sqrt(T) G_21    G_22         ]
-
-(in the coordinates L' xi and eps), every entry that the conditions hold is of order one. Rounding is left out of the program and
-priced afterwards; the room for it is the least eigenvalue of both conditions, which is what is made large.
+Gamma, X and the pair weights m. They are put to the solver in coordinates in which P is near the identity: near what proves the loop
+whose messages all arrive. Rounding is left out of the program and priced afterwards; the room for it is the least eigenvalue of
+both conditions, which is what is made large.
 """
 
 from collections.abc import Iterator
@@ -16,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import solve_discrete_lyapunov
 
-from lockstep.check.inequality import Performance
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
-from lockstep.check.sampled.inequality import multiplier
+from lockstep.check.sampled.inequality import multiplier, step_matrix
 from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.check.sampled.messages import (
@@ -32,11 +27,11 @@ from lockstep.check.sampled.messages import (
 )
 from lockstep.lmi.analysis.solve import run
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
-from lockstep.lmi.sampled.convex import NOTHING, _basis
+from lockstep.lmi.sampled.convex import FLATTEST, NOTHING
 from lockstep.lmi.sampled.search import spectral_radius
 from lockstep.lmi.sampled.storage import holds_in_doubles
 
-RATES = (0.02, 0.1, 0.004)
+RATES = (0.1, 0.02, 0.004)
 """How fast V is asked to decay, as parts of how fast the linear loop without faults does."""
 
 CLAIMED = 0.5
@@ -61,7 +56,10 @@ class ProvedMessages:
 
 
 def certify_messages(
-    network: SampledNetwork, controllers: tuple[HeldController, ...], messages: Messages
+    network: SampledNetwork,
+    controllers: tuple[HeldController, ...],
+    messages: Messages,
+    near: Float[np.ndarray, "n_xi n_xi"] | None = None,
 ) -> ProvedMessages | None:
     """Look for a witness that the loop agrees whatever a network does to messages within bounds, and prove it.
 
@@ -69,141 +67,135 @@ def certify_messages(
         network: agents, coordinates, alpha, period, delay, the matrices exact.
         controllers: one per agent, with the coefficients of the code.
         messages: what happens to the messages.
+        near: P of a witness for messages that all arrive; by default what the linear loop sums up to.
     """
     loop, exact_loop = in_doubles(network, controllers), sampled_loop(network, controllers)
-    for witness in message_witnesses(loop, messages):
+    for witness in message_witnesses(loop, messages, near):
         if proves_messages(exact_loop, messages, witness):
             return ProvedMessages(messages, witness)
     return None
 
 
-def message_witnesses(loop: SampledLoop, messages: Messages) -> Iterator[MessageWitness]:
+def message_witnesses(
+    loop: SampledLoop, messages: Messages, near: Float[np.ndarray, "n_xi n_xi"] | None = None
+) -> Iterator[MessageWitness]:
     """Yield witnesses that hold in doubles."""
     one = period_in_doubles(loop)
     if one is None or not (spread := 1 - spectral_radius(loop, one) ** 2) > 0:
         return
+    if near is None:
+        N = step_matrix(loop, copies(one, np.eye(loop.network.d.N - 1)))[:, : loop.n_xi]
+        near = np.asarray(solve_discrete_lyapunov(N.T, np.eye(loop.n_xi)))
     for rate in RATES:
-        found = _solved(loop, one, messages, 1 - rate * spread)
+        found = _solved(loop, one, messages, 1 - rate * spread, near)
         if found is not None:
             yield from _priced(loop, one, messages, found)
 
 
 def _solved(
-    loop: SampledLoop, one: Lifted, messages: Messages, decay: float
+    loop: SampledLoop, one: Lifted, messages: Messages, decay: float, near: Float[np.ndarray, "n n"]
 ) -> MessageWitness | None:
     """Solve the program; return a witness without prices of rounding, or None."""
     import cvxpy as cp
 
-    d, n, n_d, T = loop.network.d, loop.n_xi, loop.n_d, loop.network.period
-    Y, links, q = loop.differences[:, :n], len(loop.differences), len(loop.network.plant.C)
+    program = _Program.of(loop, one, near)
+    n, links, q = loop.n_xi, len(loop.differences), len(loop.network.plant.C)
     p, D = messages.loss, messages.age
-    lifted = copies(one, np.eye(d.N - 1))
-    start = loop.start
-    N = np.vstack([lifted.A_d @ start, loop.advanced])
-    C = Y.T @ Y
-    L = _basis(N[:, :n], np.eye(n))
-    if L is None:
-        return None
-    back = np.linalg.inv(L).T
-    values, vectors = np.linalg.eigh(one.S)
-    root = (vectors * np.sqrt(np.maximum(values, 0.0)))[:, values > NOTHING * values.max(initial=0.0)]
-    count = (d.N - 1) * root.shape[1]
-    F = L[:n_d].T @ np.kron(np.eye(d.N - 1), root) / np.sqrt(T)
-    # Columns: eta^ = sqrt(T) L' xi; the held error nu; nu1 of it that chance is to blame for; omega, into the nonlinearity.
-    held = links if D else 0
-    chance = links if p > 0 else 0
-    B = L.T @ N[:, loop.messages] / T * np.sqrt(T)
-    if not (D or p):
-        B = B[:, :0]
-    zero = np.zeros
-    ups = max(held, chance)
-    # delta, with L' (xi+ - xi) = sqrt(T) delta
-    delta = np.hstack([L.T @ (N[:, :n] - np.eye(n)) @ back / T, B, zero((n, chance if D else 0)), F])
-    width = delta.shape[1]
-    nu = zero((links, width))
-    nu[:, n : n + ups] = np.eye(links, ups)
-    nu1 = zero((links, width))
-    if chance:
-        at = n + (links if D else 0)
-        nu1[:, at : at + links] = np.eye(links)
-    after = nu1 - np.sqrt(T) * (Y @ back) @ delta
-    eta = np.eye(n, width)
-    omega = zero((count, width))
-    omega[:, width - count :] = np.eye(count)
-    # The cost a'Q a of each pair, on (eta^, nu).
-    whole = np.eye(d.N - 1)
-    pairs = d.pairs()
-    into = np.vstack([back @ eta / np.sqrt(T), *([nu] if ups else [])])
-    columns = np.r_[0:n, loop.messages.start : loop.messages.stop] if ups else np.arange(n)
-    begin = start[:, columns] @ into
-    costs = [begin.T @ (copies(one, whole + d.pair_multiplier(i, j)).Q - lifted.Q) @ begin for i, j in pairs]
-    size = max(float(np.linalg.norm(cost, 2)) for cost in costs) or 1.0
-    unit = np.eye(root.shape[1])
-
-    V11, V22 = cp.Variable((n, n), symmetric=True), cp.Variable((links, links), symmetric=True)
-    V12 = cp.Variable((n, links))
-    G11 = cp.Variable((n, n), symmetric=True)
-    m, slack = cp.Variable(len(pairs), nonneg=True), cp.Variable()
-    conditions = []
-    M = sum(m[k] / size * np.kron(d.pair_multiplier(i, j), unit) for k, (i, j) in enumerate(pairs))
-    Q = sum(m[k] * (cost + cost.T) / (2 * size) for k, cost in enumerate(costs))
-    K = eta.T @ G11 @ eta + omega.T @ (M * 1.0) @ omega - Q
-    cross = eta.T @ (V11 @ delta + V12 @ after)
-    K = K - cross - cross.T
-    rate = (1 - decay) / T
-    P12, Z22 = decay * V12, decay * V22
-    if chance:
-        G12, G22 = cp.Variable((n, links)), cp.Variable((links, links), symmetric=True)
-        side = eta.T @ G12 @ nu1
-        K = K + side + side.T + nu1.T @ G22 @ nu1
-        P12 = P12 - p * G12
-        Z22 = Z22 - p * p * G22 - p * (1 - p) * cp.multiply(G22, np.kron(np.eye(links // q), np.ones((q, q))))
-    X = None
+    # Columns of (xi, nu, nu1, omega) that occur: without ages nu is nu1, and without chance nu1 is 0.
+    unit = np.eye(n + 2 * links + program.count)
+    xi, nu, nu1, omega = np.split(unit, np.cumsum([n, links, links]), axis=1)
+    parts = [xi, *([nu, nu1] if D and p else [nu] if D else [nu + nu1] if p else []), omega]
+    keep = np.hstack(parts)
+    N, costs = program.N @ keep, [keep.T @ cost @ keep for cost in program.costs]
+    known, apart = keep[np.r_[0:n, n + links : n + 2 * links]], keep[n : n + links] - keep[n + links : n + 2 * links]
+    V, Gamma = (cp.Variable((n + links,) * 2, symmetric=True) for _ in range(2))
+    m, slack = cp.Variable(len(costs), nonneg=True), cp.Variable()
+    M = sum(m[k] * form for k, form in enumerate(program.multipliers))
+    blocks = [cp.Variable((q, q), symmetric=True) for _ in range(links // q)]
+    X = sum(place.T @ one_ @ place for place, one_ in zip(np.split(np.eye(links), links // q), blocks, strict=True))
+    K = known.T @ Gamma @ known - sum(m[k] * cost for k, cost in enumerate(costs))
+    K = K + keep[n + 2 * links :].T @ M @ keep[n + 2 * links :]
     if D:
-        blocks = [cp.Variable((q, q), symmetric=True) for _ in range(links // q)]
-        X = sum(
-            np.eye(links)[:, k * q : (k + 1) * q] @ one_ @ np.eye(links)[k * q : (k + 1) * q]
-            for k, one_ in enumerate(blocks)
-        )
-        apart = nu - nu1
         K = K + apart.T @ X @ apart
-        Z22 = Z22 - (1 - p) * D * D * decay ** (1 - D) * X
-        conditions += [one_ >> slack * np.eye(q) for one_ in blocks]
-    second = cp.bmat([[-rate * V11 - G11, P12], [P12.T, Z22]])
-    stored = cp.bmat([[V11, np.sqrt(T) * V12], [np.sqrt(T) * V12.T, V22]])
-    moved = stored @ np.vstack([np.sqrt(T) * delta, after])
-    first = cp.bmat([[K, moved.T], [moved, stored]])
-    conditions += [
-        (first + first.T) / 2 >> slack * np.diag(np.r_[np.ones(width), zero(n + links)]),
+    moved = V @ N
+    first = cp.bmat([[K, moved.T], [moved, V]])
+    mean = np.diag(np.r_[np.ones(n), np.full(links, p)])
+    second = decay * V - mean @ Gamma @ mean
+    own = np.kron(np.eye(links // q), np.ones((q, q)))
+    spread = p * (1 - p) * cp.multiply(Gamma[n:, n:], own) + (1 - p) * D * D * decay ** (1 - D) * X
+    tail = np.eye(n + links)[n:]
+    second = second - tail.T @ spread @ tail
+    size = np.r_[np.ones(keep.shape[1]), np.zeros(n + links)]
+    conditions = [
+        (first + first.T) / 2 >> slack * np.diag(size),
         (second + second.T) / 2 >> slack * np.eye(n + links),
-        stored >> 1e-5 * np.eye(n + links),
-        cp.trace(V11) == n,
+        V >> FLATTEST * np.eye(n + links),
+        cp.trace(V[:n, :n]) == n,
         slack <= 1,
+        *[one_ >> slack * np.eye(q) for one_ in blocks],
     ]
     problem = cp.Problem(cp.Maximize(slack), conditions)
-    if not run(problem) or V11.value is None or not slack.value > 0:
+    if not run(problem, decompose=False, equilibrate=False) or V.value is None or not slack.value > 0:
         return None
-    # Back to (xi, eps).
-    change = np.zeros((n + links,) * 2)
-    change[:n, :n], change[n:, n:] = L, np.eye(links)
-    P = change @ stored.value @ change.T
-    top = V11.value + T * G11.value
-    if chance:
-        g12, g22 = np.sqrt(T) * G12.value, G22.value
-    else:
-        g12, g22 = np.zeros((n, links)), np.zeros((links, links))
-    Gamma = change @ np.block([[top, g12], [g12.T, g22]]) @ change.T
-    xs = np.vstack([b.value for b in blocks]) if D else np.tile(np.eye(q), (links // q, 1))
+    back = np.linalg.inv(program.basis)
     return MessageWitness(
-        _symmetric(P),
-        _symmetric(Gamma),
-        np.vstack([_symmetric(b) for b in np.split(xs, links // q)]),
-        np.maximum(m.value, 1e-9 * max(float(m.value.max(initial=0.0)), 1e-300)) / size,
+        _symmetric(back.T @ V.value @ back),
+        _symmetric(back.T @ Gamma.value @ back),
+        np.vstack([_symmetric(each.value) for each in blocks]) / program.basis[-1, -1] ** 2,
+        np.maximum(m.value, 1e-9 * max(float(m.value.max(initial=0.0)), 1e-300)) / program.size,
         np.zeros(len(loop.ways)),
         decay,
         0.0,
         0.0,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Program:
+    """What the conditions are made of, in coordinates in which P is near the identity.
+
+    basis: (xi, eps) = basis @ coordinates;  N: (xi+, eps+) from (xi, nu, nu1, omega), w_d = root omega;  costs, multipliers: of each
+    pair's weight, on these and on omega, in units of `size`.
+    """
+
+    basis: Float[np.ndarray, "k k"]
+    N: Float[np.ndarray, "k l"]
+    costs: list[Float[np.ndarray, "l l"]]
+    multipliers: list[Float[np.ndarray, "o o"]]
+    size: float
+
+    @property
+    def count(self) -> int:
+        """The length of omega."""
+        return len(self.multipliers[0])
+
+    @classmethod
+    def of(cls, loop: SampledLoop, one: Lifted, near: Float[np.ndarray, "n n"]) -> "_Program":
+        """near: a form that the part of P on xi is to be near."""
+        d, n, links, copies_ = loop.network.d, loop.n_xi, len(loop.differences), loop.network.d.N - 1
+        lifted = copies(one, np.eye(copies_))
+        step, enters = message_step(loop, lifted)
+        values, vectors = np.linalg.eigh(one.S)
+        kept = values > NOTHING * values.max(initial=0.0)
+        root = np.kron(np.eye(copies_), vectors[:, kept] * np.sqrt(values[kept]))
+        columns = np.r_[0:n, loop.messages.start : loop.messages.stop, loop.n_z : loop.n_z + links]
+        whole, start = np.eye(copies_), np.zeros((len(loop.start), n + 2 * links))
+        start[:, : n + links] = loop.start[:, columns[: n + links]]
+        L = np.linalg.inv(np.linalg.cholesky(near)).T
+        into, out = step[:n, columns[n : n + links]], step[n:, :n] @ L
+        sigma = float(np.sqrt(np.linalg.norm(out, 2) / np.linalg.norm(np.linalg.solve(L, into), 2)))
+        basis = np.diag(np.full(n + links, sigma))
+        basis[:n, :n] = L
+        given = np.diag(np.full(n + 2 * links, sigma))
+        given[:n, :n] = L
+        begin = start @ given
+        costs = [begin.T @ (copies(one, whole + d.pair_multiplier(*pair)).Q - lifted.Q) @ begin for pair in d.pairs()]
+        size = max(float(np.linalg.norm(cost, 2)) for cost in costs) or 1.0
+        count = root.shape[1]
+        N = np.linalg.solve(basis, np.hstack([step[:, columns] @ given, enters @ root * np.sqrt(size)]))
+        unit = np.eye(count // copies_)
+        padded = [np.pad(_symmetric(cost) / size, (0, count)) for cost in costs]
+        return cls(basis, N, padded, [np.kron(d.pair_multiplier(*pair), unit) for pair in d.pairs()], size)
 
 
 def _priced(
