@@ -65,13 +65,16 @@ class HeldLoop:
         return down @ matrix @ up
 
 
-def mean_square_radius(net, ones, loss, slope):
-    """The growth of the mean square per period: the spectral radius of E F (x) F, outcome by outcome."""
-    loop = HeldLoop(net, ones, slope)
-    total = 0
+def mean_square_radius(net, ones, loss, slope, age=0):
+    """The growth of the mean square per period: the spectral radius of E F (x) F, outcome by outcome.
+
+    age: of what chance spares, on all links for ever.
+    """
+    loop = HeldLoop(net, ones, slope, memory=max(age, 1))
+    ages, total = (age,) * len(loop.links), 0
     for lost in itertools.product((False, True), repeat=len(loop.links)):
         part = loss ** sum(lost) * (1 - loss) ** (len(lost) - sum(lost))
-        F = loop.across(loop.step(lost))
+        F = loop.across(loop.step(lost, ages))
         total = total + part * np.kron(F, F)
     return float(np.abs(np.linalg.eigvals(total)).max())
 
