@@ -11,8 +11,8 @@ from lockstep.check.numbers import as_floats
 class HeldLoop:
     """All agents in full coordinates, phi_i = slope H x_i, controllers on differences that are held.
 
-    State: x of all agents, x_C of all, u of all where it acts a period late, and for each link the held differences of the last
-    `memory` instants, newest first.
+    State: x of all agents, x_C of all, u of all where it acts a period late, and for each link the held differences of
+    the last `memory` instants, newest first.
     """
 
     def __init__(self, net, ones, slope, memory=1):
@@ -20,7 +20,9 @@ class HeldLoop:
         B = [as_floats(b) for b in net.plant.B]
         self.n, self.m, self.q, self.N, self.n_C = len(A), B[0].shape[1], len(C), len(ones), ones[0].order
         self.ones, self.delay, self.memory = ones, net.delay, memory
-        self.links = [(i, j, a) for i, one in enumerate(ones) for j, a in zip(one.sources, one.weights, strict=True)]
+        self.links = [
+            (i, j, a) for i, one in enumerate(ones) for j, a in zip(one.sources, one.weights, strict=True)
+        ]
         self.flows = []
         for b in B:
             F = np.zeros((self.n + self.m,) * 2)

@@ -89,7 +89,9 @@ def test_the_largest_loss_is_below_the_one_that_breaks_the_mean_square():
     """With three seconds' worth of gain the mean square grows from some loss on: the certificate ends before it."""
     net, ones = strong()
     breaks = next(p for p in np.arange(0.05, 1.0, 0.05) if max_growth(net, ones, p) >= 1)
-    carried = [p for p in np.arange(0.05, 1.0, 0.05) if certify_messages(net, ones, Messages(float(p))) is not None]
+    carried = [
+        p for p in np.arange(0.05, 1.0, 0.05) if certify_messages(net, ones, Messages(float(p))) is not None
+    ]
     assert 0.05 <= max(carried, default=0.0) < breaks
 
 

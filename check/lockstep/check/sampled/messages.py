@@ -77,6 +77,14 @@ class Messages:
         """D, in periods."""
         return self.burst + self.delay[1]
 
+    @property
+    def text(self) -> str:
+        """What happens, for people."""
+        return (
+            f"a loss of {self.loss:g}, {self.burst} lost in a row, {self.delay[1]} periods late,"
+            f" a jitter of {self.jitter:g}"
+        )
+
     def within(self, proved: "Messages") -> bool:
         """Tell whether no more happens than was proved for."""
         mine, theirs = ((one.loss, one.burst, one.delay[1], one.jitter) for one in (self, proved))
@@ -98,7 +106,10 @@ class MessageWitness:
 
     def document(self) -> dict[str, Any]:
         """Return the witness as plain JSON types."""
-        return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in vars(self).items()}
+        return {
+            key: value.tolist() if isinstance(value, np.ndarray) else value
+            for key, value in vars(self).items()
+        }
 
     def fits(self, loop: SampledLoop) -> bool:
         """Tell whether the sizes are those of a loop, forms symmetric, prices and numbers in their ranges."""
@@ -141,7 +152,9 @@ def proves_messages(
     """
     network = exact_loop.network
     plain = rho is None or weights is None
-    if not (witness.fits(exact_loop) and 0 <= messages.loss < 1 and messages.age >= 0 and messages.jitter == 0):
+    if not (
+        witness.fits(exact_loop) and 0 <= messages.loss < 1 and messages.age >= 0 and messages.jitter == 0
+    ):
         return False
     if plain != (witness.decay < 1) or not (plain or (rho is not None and rho > 0)):
         return False
@@ -157,7 +170,9 @@ def proves_messages(
             lifted = copies(lifted_agent(exact_loop), M)
         else:
             EE, FF = ways(exact_loop, weights, M, rho)
-            if not no_conjugate_point(np.kron(eye(network.d.N - 1, M), network.plant.A), EE, FF, network.period):
+            if not no_conjugate_point(
+                np.kron(eye(network.d.N - 1, M), network.plant.A), EE, FF, network.period
+            ):
                 return False
             lifted, running = lift_all(exact_loop, EE, FF), running_cost(exact_loop, weights, rho)
         return balls.is_positive_definite(W_2(exact_loop, messages, witness)) and balls.is_positive_definite(
@@ -223,7 +238,7 @@ def W_2(loop: SampledLoop, messages: Messages, witness: MessageWitness) -> Matri
     mean = eye(len(P), P)
     mean[n:, n:] = p * mean[n:, n:]
     W = decay * P - mean @ Gamma @ mean
-    spread = links_apart(np.vstack([block for block in _blocks(Gamma[n:, n:], X.shape[1])]))
+    spread = links_apart(np.vstack(list(_blocks(Gamma[n:, n:], X.shape[1]))))
     W[n:, n:] = W[n:, n:] - p * (1 - p) * spread
     if D:
         W[n:, n:] = W[n:, n:] - (1 - p) * D * D * decay ** (1 - D) * links_apart(X)

@@ -2,8 +2,8 @@
 
 What is assumed and what decides is in `lockstep.check.sampled.messages`. For a given decay its two inequalities are linear in P,
 Gamma, X and the pair weights m. They are put to the solver in coordinates in which P is near the identity: near what proves the loop
-whose messages all arrive. Rounding is left out of the program and priced afterwards; the room for it is the least eigenvalue of
-both conditions, which is what is made large.
+whose messages all arrive. Rounding is left out of the program and priced afterwards; the room for it is the least eigenvalue
+of both conditions, which is what is made large.
 """
 
 from collections.abc import Iterator
@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import solve_discrete_lyapunov
+from scipy.linalg import expm, solve_discrete_lyapunov
 
+from lockstep.check.inequality import Performance
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import multiplier, step_matrix
 from lockstep.check.sampled.lifting import Lifted, copies
@@ -25,11 +26,14 @@ from lockstep.check.sampled.messages import (
     message_step,
     proves_messages,
 )
+from lockstep.check.sampled.performance import SampledRho, lift_all, running_cost, ways
 from lockstep.lmi.analysis.solve import run
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.convex import FLATTEST, NOTHING
 from lockstep.lmi.sampled.search import spectral_radius
 from lockstep.lmi.sampled.storage import holds_in_doubles
+
+Form = Float[np.ndarray, "k k"]
 
 RATES = (0.1, 0.02, 0.004)
 """How fast V is asked to decay, as parts of how fast the linear loop without faults does."""
@@ -46,6 +50,9 @@ ERROR = 1e8
 MU = 1e6
 """The price of underflow, relative to what it weighs in P."""
 
+FACTORS = (1.02, 1.1, 1.3, 2.0, 4.0, 10.0, 100.0)
+"""Multiples of rho of the loop whose messages all arrive that are tried."""
+
 
 @dataclass(frozen=True)
 class ProvedMessages:
@@ -59,7 +66,7 @@ def certify_messages(
     network: SampledNetwork,
     controllers: tuple[HeldController, ...],
     messages: Messages,
-    near: Float[np.ndarray, "n_xi n_xi"] | None = None,
+    near: Form | None = None,
 ) -> ProvedMessages | None:
     """Look for a witness that the loop agrees whatever a network does to messages within bounds, and prove it.
 
@@ -77,7 +84,7 @@ def certify_messages(
 
 
 def message_witnesses(
-    loop: SampledLoop, messages: Messages, near: Float[np.ndarray, "n_xi n_xi"] | None = None
+    loop: SampledLoop, messages: Messages, near: Form | None = None
 ) -> Iterator[MessageWitness]:
     """Yield witnesses that hold in doubles."""
     one = period_in_doubles(loop)
@@ -86,82 +93,57 @@ def message_witnesses(
     if near is None:
         N = step_matrix(loop, copies(one, np.eye(loop.network.d.N - 1)))[:, : loop.n_xi]
         near = np.asarray(solve_discrete_lyapunov(N.T, np.eye(loop.n_xi)))
+    program = _with_free_weights(loop, one, near)
     for rate in RATES:
-        found = _solved(loop, one, messages, 1 - rate * spread, near)
+        found = _solved(loop, program, messages, 1 - rate * spread)
         if found is not None:
-            yield from _priced(loop, one, messages, found)
+            lifted = copies(one, multiplier(loop.network.d, found.m))
+            yield from _priced(loop, lifted, messages, found, 1 - CLAIMED * rate * spread)
 
 
-def _solved(
-    loop: SampledLoop, one: Lifted, messages: Messages, decay: float, near: Float[np.ndarray, "n n"]
-) -> MessageWitness | None:
-    """Solve the program; return a witness without prices of rounding, or None."""
-    import cvxpy as cp
+def message_rho(
+    network: SampledNetwork,
+    controllers: tuple[HeldController, ...],
+    messages: Messages,
+    weights: Performance,
+    known: SampledRho,
+) -> tuple[float, MessageWitness] | None:
+    """Look for a small rho of the loop whose messages are lost or late, and prove it.
 
-    program = _Program.of(loop, one, near)
-    n, links, q = loop.n_xi, len(loop.differences), len(loop.network.plant.C)
-    p, D = messages.loss, messages.age
-    # Columns of (xi, nu, nu1, omega) that occur: without ages nu is nu1, and without chance nu1 is 0.
-    unit = np.eye(n + 2 * links + program.count)
-    xi, nu, nu1, omega = np.split(unit, np.cumsum([n, links, links]), axis=1)
-    parts = [xi, *([nu, nu1] if D and p else [nu] if D else [nu + nu1] if p else []), omega]
-    keep = np.hstack(parts)
-    N, costs = program.N @ keep, [keep.T @ cost @ keep for cost in program.costs]
-    known, apart = keep[np.r_[0:n, n + links : n + 2 * links]], keep[n : n + links] - keep[n + links : n + 2 * links]
-    V, Gamma = (cp.Variable((n + links,) * 2, symmetric=True) for _ in range(2))
-    m, slack = cp.Variable(len(costs), nonneg=True), cp.Variable()
-    M = sum(m[k] * form for k, form in enumerate(program.multipliers))
-    blocks = [cp.Variable((q, q), symmetric=True) for _ in range(links // q)]
-    X = sum(place.T @ one_ @ place for place, one_ in zip(np.split(np.eye(links), links // q), blocks, strict=True))
-    K = known.T @ Gamma @ known - sum(m[k] * cost for k, cost in enumerate(costs))
-    K = K + keep[n + 2 * links :].T @ M @ keep[n + 2 * links :]
-    if D:
-        K = K + apart.T @ X @ apart
-    moved = V @ N
-    first = cp.bmat([[K, moved.T], [moved, V]])
-    mean = np.diag(np.r_[np.ones(n), np.full(links, p)])
-    second = decay * V - mean @ Gamma @ mean
-    own = np.kron(np.eye(links // q), np.ones((q, q)))
-    spread = p * (1 - p) * cp.multiply(Gamma[n:, n:], own) + (1 - p) * D * D * decay ** (1 - D) * X
-    tail = np.eye(n + links)[n:]
-    second = second - tail.T @ spread @ tail
-    size = np.r_[np.ones(keep.shape[1]), np.zeros(n + links)]
-    conditions = [
-        (first + first.T) / 2 >> slack * np.diag(size),
-        (second + second.T) / 2 >> slack * np.eye(n + links),
-        V >> FLATTEST * np.eye(n + links),
-        cp.trace(V[:n, :n]) == n,
-        slack <= 1,
-        *[one_ >> slack * np.eye(q) for one_ in blocks],
-    ]
-    problem = cp.Problem(cp.Maximize(slack), conditions)
-    if not run(problem, decompose=False, equilibrate=False) or V.value is None or not slack.value > 0:
-        return None
-    back = np.linalg.inv(program.basis)
-    return MessageWitness(
-        _symmetric(back.T @ V.value @ back),
-        _symmetric(back.T @ Gamma.value @ back),
-        np.vstack([_symmetric(each.value) for each in blocks]) / program.basis[-1, -1] ** 2,
-        np.maximum(m.value, 1e-9 * max(float(m.value.max(initial=0.0)), 1e-300)) / program.size,
-        np.zeros(len(loop.ways)),
-        decay,
-        0.0,
-        0.0,
-    )
+    Args:
+        network, controllers, messages: as for `certify_messages`.
+        weights: what rho is a gain to and from; noise of the outputs is left out.
+        known: rho of the loop whose messages all arrive: its pair weights and P are where this starts.
+    """
+    loop, exact_loop = in_doubles(network, controllers), sampled_loop(network, controllers)
+    M = multiplier(loop.network.d, known.witness.m)
+    for factor in FACTORS:
+        rho = float(f"{factor * known.rho:.4g}")
+        try:
+            lifted = lift_all(loop, *ways(loop, weights, M, rho), expm)
+        except np.linalg.LinAlgError:
+            continue
+        running = running_cost(loop, weights, rho)
+        program = _with_fixed_weights(loop, lifted, running, known.witness.P)
+        found = _solved(loop, program, messages, 1.0, known.witness.m)
+        for witness in () if found is None else _priced(loop, lifted, messages, found, 1.0, running):
+            if proves_messages(exact_loop, messages, witness, weights, rho):
+                return rho, witness
+    return None
 
 
 @dataclass(frozen=True, eq=False)
 class _Program:
     """What the conditions are made of, in coordinates in which P is near the identity.
 
-    basis: (xi, eps) = basis @ coordinates;  N: (xi+, eps+) from (xi, nu, nu1, omega), w_d = root omega;  costs, multipliers: of each
-    pair's weight, on these and on omega, in units of `size`.
+    basis: (xi, eps) = basis @ coordinates;  N: (xi+, eps+) from (xi, nu, nu1, omega), w_d = root omega;  costs,
+    multipliers: of each pair's weight, on these and on omega, in units of `size`; one of each where the weights are fixed.
     """
 
-    basis: Float[np.ndarray, "k k"]
+    basis: Form
     N: Float[np.ndarray, "k l"]
-    costs: list[Float[np.ndarray, "l l"]]
-    multipliers: list[Float[np.ndarray, "o o"]]
+    costs: list[Form]
+    multipliers: list[Form]
     size: float
 
     @property
@@ -170,41 +152,133 @@ class _Program:
         return len(self.multipliers[0])
 
     @classmethod
-    def of(cls, loop: SampledLoop, one: Lifted, near: Float[np.ndarray, "n n"]) -> "_Program":
-        """near: a form that the part of P on xi is to be near."""
-        d, n, links, copies_ = loop.network.d, loop.n_xi, len(loop.differences), loop.network.d.N - 1
-        lifted = copies(one, np.eye(copies_))
+    def of(
+        cls,
+        loop: SampledLoop,
+        lifted: Lifted,
+        root: Float[np.ndarray, "n_d o"],
+        costs: list[Form],
+        multipliers: list[Form],
+        near: Form,
+        *,
+        scaled: bool,
+    ) -> "_Program":
+        """costs: on z;  multipliers: on omega;  near: a form that the part of P on xi is to be near;
+        scaled: whether the costs, and with them omega, are put in units in which the largest is 1."""
+        n, links, count = loop.n_xi, len(loop.differences), root.shape[1]
         step, enters = message_step(loop, lifted)
-        values, vectors = np.linalg.eigh(one.S)
-        kept = values > NOTHING * values.max(initial=0.0)
-        root = np.kron(np.eye(copies_), vectors[:, kept] * np.sqrt(values[kept]))
         columns = np.r_[0:n, loop.messages.start : loop.messages.stop, loop.n_z : loop.n_z + links]
-        whole, start = np.eye(copies_), np.zeros((len(loop.start), n + 2 * links))
-        start[:, : n + links] = loop.start[:, columns[: n + links]]
         L = np.linalg.inv(np.linalg.cholesky(near)).T
-        into, out = step[:n, columns[n : n + links]], step[n:, :n] @ L
-        sigma = float(np.sqrt(np.linalg.norm(out, 2) / np.linalg.norm(np.linalg.solve(L, into), 2)))
-        basis = np.diag(np.full(n + links, sigma))
-        basis[:n, :n] = L
-        given = np.diag(np.full(n + 2 * links, sigma))
-        given[:n, :n] = L
-        begin = start @ given
-        costs = [begin.T @ (copies(one, whole + d.pair_multiplier(*pair)).Q - lifted.Q) @ begin for pair in d.pairs()]
-        size = max(float(np.linalg.norm(cost, 2)) for cost in costs) or 1.0
-        count = root.shape[1]
+        into, out = step[:n, loop.messages], step[n:, :n] @ L
+        weighs = float(np.linalg.norm(np.linalg.solve(L, into), 2))
+        sigma = float(np.sqrt(np.linalg.norm(out, 2) / weighs)) if weighs > 0 and out.any() else 1.0
+        basis, given = (np.diag(np.full(n + k * links, sigma)) for k in (1, 2))
+        basis[:n, :n] = given[:n, :n] = L
+        held = given[: n + links, : n + links]
+        costs = [
+            _symmetric(held.T @ cost[np.ix_(columns[: n + links], columns[: n + links])] @ held)
+            for cost in costs
+        ]
+        size = (max(float(np.linalg.norm(cost, 2)) for cost in costs) or 1.0) if scaled else 1.0
         N = np.linalg.solve(basis, np.hstack([step[:, columns] @ given, enters @ root * np.sqrt(size)]))
-        unit = np.eye(count // copies_)
-        padded = [np.pad(_symmetric(cost) / size, (0, count)) for cost in costs]
-        return cls(basis, N, padded, [np.kron(d.pair_multiplier(*pair), unit) for pair in d.pairs()], size)
+        padded = [np.pad(cost / size, (0, links + count)) for cost in costs]
+        return cls(basis, N, padded, multipliers, size)
+
+
+def _with_free_weights(loop: SampledLoop, one: Lifted, near: Form) -> _Program:
+    d, unit = loop.network.d, np.eye(loop.network.d.N - 1)
+    lifted, forms = copies(one, unit), [d.pair_multiplier(*pair) for pair in d.pairs()]
+    root = _root(one.S)
+    # Linear in M, and `copies` wants a regular one.
+    costs = [loop.start.T @ (copies(one, unit + form).Q - lifted.Q) @ loop.start for form in forms]
+    multipliers = [np.kron(form, np.eye(root.shape[1])) for form in forms]
+    return _Program.of(loop, lifted, np.kron(unit, root), costs, multipliers, near, scaled=True)
+
+
+def _with_fixed_weights(loop: SampledLoop, lifted: Lifted, running: Form, near: Form) -> _Program:
+    root = _root(lifted.S)
+    costs = [loop.start.T @ lifted.Q @ loop.start + running]
+    return _Program.of(loop, lifted, root, costs, [np.eye(root.shape[1])], near, scaled=False)
+
+
+def _root(square: Form) -> Float[np.ndarray, "n k"]:
+    values, vectors = np.linalg.eigh(square)
+    kept = values > NOTHING * values.max(initial=0.0)
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+
+
+def _solved(
+    loop: SampledLoop,
+    program: _Program,
+    messages: Messages,
+    decay: float,
+    weights: Float[np.ndarray, " pairs"] | None = None,
+) -> MessageWitness | None:
+    """Solve the program; return a witness without prices of rounding, or None.
+
+    weights: of the pairs, where they are fixed.
+    """
+    import cvxpy as cp
+
+    n, links, q = loop.n_xi, len(loop.differences), len(loop.network.plant.C)
+    p, D = messages.loss, messages.age
+    # Columns of (xi, nu, nu1, omega) that occur: without ages nu is nu1, and without chance nu1 is 0.
+    unit = np.eye(n + 2 * links + program.count)
+    xi, nu, nu1, omega = np.split(unit, np.cumsum([n, links, links]), axis=1)
+    keep = np.hstack([xi, *([nu, nu1] if D and p else [nu] if D else [nu + nu1] if p else []), omega])
+    of_nu, of_nu1, of_omega = np.split(keep[n:], np.cumsum([links, links]))
+    known, costs = np.vstack([keep[:n], of_nu1]), [keep.T @ cost @ keep for cost in program.costs]
+    V, Gamma = (cp.Variable((n + links,) * 2, symmetric=True) for _ in range(2))
+    slack, m = cp.Variable(), cp.Variable(len(costs), nonneg=True)
+    blocks = [cp.Variable((q, q), symmetric=True) for _ in range(links // q)]
+    places = np.split(np.eye(links), links // q)
+    X = sum(place.T @ block @ place for place, block in zip(places, blocks, strict=True))
+    M = sum(m[k] * form for k, form in enumerate(program.multipliers))
+    K = known.T @ Gamma @ known - sum(m[k] * cost for k, cost in enumerate(costs)) + of_omega.T @ M @ of_omega
+    K = K + (of_nu - of_nu1).T @ X @ (of_nu - of_nu1) if D else K
+    moved = V @ (program.N @ keep)
+    first = cp.bmat([[K, moved.T], [moved, V]])
+    mean, tail = np.diag(np.r_[np.ones(n), np.full(links, p)]), np.eye(n + links)[n:]
+    apart = np.kron(np.eye(links // q), np.ones((q, q)))
+    spread = p * (1 - p) * cp.multiply(Gamma[n:, n:], apart) + (1 - p) * D * D * decay ** (1 - D) * X
+    second = decay * V - mean @ Gamma @ mean - tail.T @ spread @ tail
+    room = np.diag(np.r_[np.ones(keep.shape[1]), np.zeros(n + links)])
+    conditions = [
+        (first + first.T) / 2 >> slack * room,
+        (second + second.T) / 2 >> slack * np.eye(n + links),
+        V >> FLATTEST * np.eye(n + links),
+        slack <= 1,
+        cp.trace(V[:n, :n]) == n if weights is None else m == 1,
+        *[block >> slack * np.eye(q) for block in blocks],
+    ]
+    problem = cp.Problem(cp.Maximize(slack), conditions)
+    if not run(problem, decompose=False, equilibrate=False) or V.value is None or not slack.value > 0:
+        return None
+    back = np.linalg.inv(program.basis)
+    free = np.maximum(m.value, 1e-9 * max(float(m.value.max(initial=0.0)), 1e-300)) / program.size
+    return MessageWitness(
+        _symmetric(back.T @ V.value @ back),
+        _symmetric(back.T @ Gamma.value @ back),
+        np.vstack([_symmetric(block.value) for block in blocks]) / program.basis[-1, -1] ** 2,
+        free if weights is None else weights,
+        np.zeros(len(loop.ways)),
+        decay,
+        0.0,
+        0.0,
+    )
 
 
 def _priced(
-    loop: SampledLoop, one: Lifted, messages: Messages, found: MessageWitness
+    loop: SampledLoop,
+    lifted: Lifted,
+    messages: Messages,
+    found: MessageWitness,
+    decay: float,
+    running: Form | None = None,
 ) -> Iterator[MessageWitness]:
     """Yield a witness with prices of rounding, of errors, and of what does not occur, if one holds in doubles."""
-    lifted, n = copies(one, multiplier(loop.network.d, found.m)), loop.n_xi
+    n = loop.n_xi
     N, links = message_step(loop, lifted)[0], len(loop.differences)
-    decay = 1 - CLAIMED * (1 - found.decay)
 
     def weighed(columns: slice) -> float:
         E = N[:, columns]
@@ -215,25 +289,20 @@ def _priced(
     if not messages.loss:
         Gamma[n:, n:] = never * np.eye(links)
     if not messages.age:
-        X = X * never
+        X = np.tile(never * np.eye(X.shape[1]), (len(X) // X.shape[1], 1))
+    # Half of the room that the decay leaves goes to the first inequality.
+    Gamma[:n, :n] += 0.5 * (decay - found.decay) * found.P[:n, :n]
     kappa = ERROR * float(np.linalg.norm(X, 2))
-    # Half of the room of the decay goes to the first inequality.
-    Gamma = Gamma + 0.25 * (1 - found.decay) * _top(found.P, n)
     for dear in ROUNDINGS:
         t = np.array([dear * weighed(way.place) for way in loop.ways])
         witness = replace(
             found, Gamma=Gamma, X=X, t=t, decay=decay, kappa=kappa, kappa_mu=MU * weighed(loop.underflows)
         )
-        if holds_in_doubles(W_2(loop, messages, witness)) and holds_in_doubles(W_1(loop, lifted, witness)):
+        W = W_1(loop, lifted, witness, running)
+        if holds_in_doubles(W_2(loop, messages, witness)) and holds_in_doubles(W):
             yield witness
             return
 
 
-def _top(P: Float[np.ndarray, "k k"], n: int) -> Float[np.ndarray, "k k"]:
-    out = np.zeros_like(P)
-    out[:n, :n] = P[:n, :n]
-    return out
-
-
-def _symmetric(form: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
+def _symmetric(form: Form) -> Form:
     return np.asarray((form + form.T) / 2)
