@@ -73,6 +73,6 @@ def message_claims_of(value: Any, where: str) -> MessageClaims:
 
 def message_witness_of(value: Any, where: str) -> MessageWitness:
     """Read a witness; whether its sizes fit is decided with the loop."""
-    forms = dict.fromkeys(("P", "Gamma", "X"), matrix())
+    forms = dict.fromkeys(("P", "Gamma", "X", "X_jitter"), matrix())
     numbers = dict.fromkeys(("decay", "kappa", "kappa_mu"), number)
     return MessageWitness(*record(value, where, {**forms, "m": vector(), "t": vector(), **numbers}))

@@ -50,14 +50,12 @@ import numpy as np
 from lockstep.check.inequality import Performance
 from lockstep.check.numbers import Matrix, converter, exactly, eye, is_exact, zeros
 from lockstep.check.sampled import balls
-from lockstep.check.sampled.certify import lifted_agent
 from lockstep.check.sampled.conjugate import no_conjugate_point
 from lockstep.check.sampled.inequality import Witness, multiplier, step_matrix, stored_matrix
-from lockstep.check.sampled.lifting import Lifted, copies
+from lockstep.check.sampled.controller import SampledNetwork
+from lockstep.check.sampled.lifting import Lifted, lift
 from lockstep.check.sampled.loop import SampledLoop
-from lockstep.check.sampled.performance import lift_all, running_cost, ways
-
-MATRICES = ("P", "Gamma", "X")
+from lockstep.check.sampled.performance import running_cost
 
 
 @dataclass(frozen=True)
@@ -93,11 +91,12 @@ class Messages:
 
 @dataclass(frozen=True, eq=False)
 class MessageWitness:
-    """P and Gamma (n_xi + links, n_xi + links), X (links, q) block below block, m, t and the numbers of `inequality`."""
+    """P and Gamma (n_xi + links, n_xi + links), X and Xj (links, q) block below block, m, t and the numbers of `inequality`."""
 
     P: Annotated[np.ndarray, "n n"]
     Gamma: Annotated[np.ndarray, "n n"]
     X: Annotated[np.ndarray, "links q"]
+    X_jitter: Annotated[np.ndarray, "links q"]
     m: Annotated[np.ndarray, " pairs"]
     t: Annotated[np.ndarray, " ways"]
     decay: float
@@ -114,10 +113,25 @@ class MessageWitness:
     def fits(self, loop: SampledLoop) -> bool:
         """Tell whether the sizes are those of a loop, forms symmetric, prices and numbers in their ranges."""
         n, links, q = loop.n_xi + len(loop.differences), len(loop.differences), len(loop.network.plant.C)
-        shapes = (self.P.shape, self.Gamma.shape, self.X.shape, self.m.shape, self.t.shape)
-        if shapes != ((n, n), (n, n), (links, q), (len(loop.network.d.pairs()),), (len(loop.ways),)):
+        shapes = (
+            *(one.shape for one in (self.P, self.Gamma, self.X, self.X_jitter)),
+            self.m.shape,
+            self.t.shape,
+        )
+        if shapes != (
+            (n, n),
+            (n, n),
+            (links, q),
+            (links, q),
+            (len(loop.network.d.pairs()),),
+            (len(loop.ways),),
+        ):
             return False
-        forms = (self.P, self.Gamma, *np.split(self.X, links // q))
+        forms = (
+            self.P,
+            self.Gamma,
+            *(one for X in (self.X, self.X_jitter) for one in np.split(X, links // q)),
+        )
         return (
             all(np.array_equal(one, one.T) for one in forms)
             and bool(np.all(self.m >= 0) and np.all(self.t >= 0))
@@ -150,34 +164,83 @@ def proves_messages(
         witness: from wherever.
         weights, rho: of the gain, where one is claimed.
     """
-    network = exact_loop.network
     plain = rho is None or weights is None
-    if not (
-        witness.fits(exact_loop) and 0 <= messages.loss < 1 and messages.age >= 0 and messages.jitter == 0
-    ):
+    if not (witness.fits(exact_loop) and 0 <= messages.loss < 1 and 0 <= messages.jitter < 1):
         return False
-    if plain != (witness.decay < 1) or not (plain or (rho is not None and rho > 0)):
+    if plain != (witness.decay < 1) or messages.age < 0 or not (rho is None or rho > 0):
         return False
     with balls.working_precision():
-        M = multiplier(network.d, exactly(witness.m))
-        definite = (exactly(witness.P), M, links_apart(exactly(witness.X)))
-        if not all(balls.is_positive_definite(one) for one in definite):
+        M = multiplier(exact_loop.network.d, exactly(witness.m))
+        forms = (exactly(witness.P), M, *(links_apart(exactly(X)) for X in (witness.X, witness.X_jitter)))
+        if not all(balls.is_positive_definite(one) for one in forms):
             return False
-        running = None
-        if weights is None or rho is None:
-            if not no_conjugate_point(network.plant.A, *network.squares, network.period):
-                return False
-            lifted = copies(lifted_agent(exact_loop), M)
-        else:
-            EE, FF = ways(exact_loop, weights, M, rho)
-            if not no_conjugate_point(
-                np.kron(eye(network.d.N - 1, M), network.plant.A), EE, FF, network.period
-            ):
-                return False
-            lifted, running = lift_all(exact_loop, EE, FF), running_cost(exact_loop, weights, rho)
-        return balls.is_positive_definite(W_2(exact_loop, messages, witness)) and balls.is_positive_definite(
-            W_1(exact_loop, lifted, witness, running)
-        )
+        parts = period_parts(exact_loop, messages, witness, M, weights, rho)
+        if parts is None or not balls.is_positive_definite(W_2(exact_loop, messages, witness)):
+            return False
+        A, B, EE, FF = parts
+        if not no_conjugate_point(A, EE, FF[: len(A), : len(A)], exact_loop.network.period):
+            return False
+        lifted = lift(A, B, EE, FF, exact_loop.network.period)
+        running = None if weights is None or rho is None else running_cost(exact_loop, weights, rho)
+        return balls.is_positive_definite(W_1(exact_loop, lifted, witness, running))
+
+
+def period_parts(
+    loop: SampledLoop,
+    messages: Messages,
+    witness: MessageWitness,
+    M: Matrix,
+    weights: Performance | None = None,
+    rho: float | None = None,
+) -> tuple[Matrix, Matrix, Matrix, Matrix] | None:
+    """Return A, B, E E' and F'F of one period of x_d, F'F on (x_d, v), for `lift`; None where jitter has too much weight.
+
+    With prices R_w of w = (phi, xi) and Xi = J T Xj on Y x_d' = Y (A x_d + B v + E w), completing the square in w gives
+
+        R = R_w - (Y E)'Xi Y E > 0,   w = w^ + R^-1 (Y E)'Xi Y [A B] a,
+        [A B] + E R^-1 (Y E)'Xi Y [A B],   E R^-1 E',   F'F + [A B]'Y'(Xi + Xi Y E R^-1 (Y E)'Xi) Y [A B].
+    """
+    network, number = loop.network, converter(is_exact(loop.held))
+    unit, plant = eye(network.d.N - 1, M), network.plant
+    flow = np.hstack([np.kron(unit, plant.A), np.kron(unit, loop.into)])
+    GG, HH = network.squares
+    E, price = np.kron(unit, plant.G), np.kron(M, _component_prices(network))
+    if not GG.any():
+        E, price = E[:, :0], price[:0, :0]
+    FF = np.kron(M, HH)
+    if weights is not None and rho is not None:
+        scales = weights.states if len(weights.states) else np.ones(len(GG))
+        E = np.hstack([E, np.kron(unit, number(np.diag(scales)))])
+        square = number(np.array([rho]))[0] ** 2 * np.kron(network.d.S, eye(len(GG), M))
+        size, price = len(price), _padded(price, len(price) + len(square))
+        price[size:, size:] = square
+        FF = FF + np.kron(network.d.S, number(weights.R))
+    FF = _padded(FF, flow.shape[1])
+    if messages.jitter:
+        part, T = number(np.array([messages.jitter, network.period]))
+        Xi, Y = part * T * links_apart(number(witness.X_jitter)), loop.differences[:, : loop.n_d]
+        YE, rates = balls.product(Y, E), balls.product(Y, flow)
+        price = price - balls.product(YE.T, Xi, YE)
+        if is_exact(price) and not balls.is_positive_definite(price):
+            return None
+        back = balls.product(balls.inverse(price), YE.T, Xi, rates)
+        FF = FF + balls.product(rates.T, Xi, rates + balls.product(YE, back))
+        flow = flow + balls.product(E, back)
+    n = loop.n_d
+    return flow[:, :n], flow[:, n:], balls.product(E, balls.inverse(price), E.T), (FF + FF.T) / 2
+
+
+def _component_prices(network: SampledNetwork) -> Matrix:
+    """Return the price of phi of one agent: Q of a sector, else I."""
+    number = converter(is_exact(network.plant.A))
+    Q = np.ones(network.plant.G.shape[1]) if network.sector is None else network.sector.Q
+    return number(np.diag(Q))
+
+
+def _padded(form: Matrix, size: int) -> Matrix:
+    out = zeros(size, size, form)
+    out[: len(form), : len(form)] = form
+    return out
 
 
 def links_apart(X: Matrix) -> Matrix:
@@ -234,14 +297,17 @@ def W_2(loop: SampledLoop, messages: Messages, witness: MessageWitness) -> Matri
     number = converter(is_exact(loop.held))
     P, Gamma, X = (number(one) for one in (witness.P, witness.Gamma, witness.X))
     decay, p = number(np.array([witness.decay, messages.loss]))
-    n, D = loop.n_xi, messages.age
-    mean = eye(len(P), P)
-    mean[n:, n:] = p * mean[n:, n:]
-    W = decay * P - mean @ Gamma @ mean
-    spread = links_apart(np.vstack(list(_blocks(Gamma[n:, n:], X.shape[1]))))
-    W[n:, n:] = W[n:, n:] - p * (1 - p) * spread
+    n, links, D = loop.n_xi, len(X), messages.age
+    unit, none = eye(links, P), zeros(links, n, P)
+    mean = np.vstack([eye(n + 2 * links, P)[:n], np.hstack([none, p * unit, (1 - p) * unit])])
+    apart = np.hstack([none, unit, -unit])
+    spread = p * (1 - p) * links_apart(np.vstack(_blocks(Gamma[n:, n:], X.shape[1])))
     if D:
-        W[n:, n:] = W[n:, n:] - (1 - p) * D * D * decay ** (1 - D) * links_apart(X)
+        spread = spread + (1 - p) * D * D * decay ** (1 - D) * links_apart(X)
+    W = _padded(decay * P, n + 2 * links) - mean.T @ Gamma @ mean - apart.T @ spread @ apart
+    if not messages.jitter:
+        return W[: n + links, : n + links]
+    W[n + links :, n + links :] = W[n + links :, n + links :] + decay * links_apart(number(witness.X_jitter))
     return W
 
 

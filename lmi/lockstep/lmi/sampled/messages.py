@@ -16,7 +16,7 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 from lockstep.check.inequality import Performance
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import multiplier, step_matrix
-from lockstep.check.sampled.lifting import Lifted, copies
+from lockstep.check.sampled.lifting import Lifted, copies, lift
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.check.sampled.messages import (
     W_1,
@@ -24,9 +24,10 @@ from lockstep.check.sampled.messages import (
     Messages,
     MessageWitness,
     message_step,
+    period_parts,
     proves_messages,
 )
-from lockstep.check.sampled.performance import SampledRho, lift_all, running_cost, ways
+from lockstep.check.sampled.performance import SampledRho, running_cost
 from lockstep.lmi.analysis.solve import run
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.convex import FLATTEST, NOTHING
@@ -49,6 +50,9 @@ ERROR = 1e8
 
 MU = 1e6
 """The price of underflow, relative to what it weighs in P."""
+
+MORE = 1.1
+"""What jitter counts in the first program, which lifts it without the nonlinearity."""
 
 FACTORS = (1.02, 1.1, 1.3, 2.0, 4.0, 10.0, 100.0)
 """Multiples of rho of the loop whose messages all arrive that are tried."""
@@ -95,10 +99,38 @@ def message_witnesses(
         near = np.asarray(solve_discrete_lyapunov(N.T, np.eye(loop.n_xi)))
     program = _with_free_weights(loop, one, near)
     for rate in RATES:
-        found = _solved(loop, program, messages, 1 - rate * spread)
+        decay = 1 - rate * spread
+        found = _solved(loop, program, messages, decay)
         if found is not None:
-            lifted = copies(one, multiplier(loop.network.d, found.m))
-            yield from _priced(loop, lifted, messages, found, 1 - CLAIMED * rate * spread)
+            yield from _exactly(loop, messages, found, 1 - CLAIMED * rate * spread)
+
+
+def _exactly(
+    loop: SampledLoop,
+    messages: Messages,
+    found: MessageWitness,
+    decay: float,
+    weights: Performance | None = None,
+    rho: float | None = None,
+) -> Iterator[MessageWitness]:
+    """Yield witnesses whose period is lifted with the way out that jitter is; the program knows it without nonlinearity."""
+    M = multiplier(loop.network.d, found.m)
+    running = None if weights is None or rho is None else running_cost(loop, weights, rho)
+    try:
+        parts = period_parts(loop, messages, found, M, weights, rho)
+        lifted = None if parts is None else lift(*parts, loop.network.period, expm)
+        if lifted is None or not np.isfinite(lifted.Q).all():
+            return
+        if messages.jitter:
+            near = found.P[: loop.n_xi, : loop.n_xi]
+            program = _with_fixed_weights(loop, lifted, running, near)
+            again = _solved(loop, program, messages, found.decay, found)
+        else:
+            again = found
+    except np.linalg.LinAlgError:
+        return
+    if again is not None:
+        yield from _priced(loop, lifted, messages, again, decay, running)
 
 
 def message_rho(
@@ -116,17 +148,26 @@ def message_rho(
         known: rho of the loop whose messages all arrive: its pair weights and P are where this starts.
     """
     loop, exact_loop = in_doubles(network, controllers), sampled_loop(network, controllers)
+    quiet, nothing = (
+        replace(messages, jitter=0.0),
+        np.zeros((len(loop.differences), len(loop.network.plant.C))),
+    )
     M = multiplier(loop.network.d, known.witness.m)
+    start = MessageWitness(
+        known.witness.P, known.witness.P, nothing, nothing, known.witness.m, known.witness.t, 1.0, 0.0, 0.0
+    )
     for factor in FACTORS:
         rho = float(f"{factor * known.rho:.4g}")
         try:
-            lifted = lift_all(loop, *ways(loop, weights, M, rho), expm)
+            parts = period_parts(loop, quiet, start, M, weights, rho)
+            lifted = None if parts is None else lift(*parts, network.period, expm)
         except np.linalg.LinAlgError:
             continue
-        running = running_cost(loop, weights, rho)
-        program = _with_fixed_weights(loop, lifted, running, known.witness.P)
-        found = _solved(loop, program, messages, 1.0, known.witness.m)
-        for witness in () if found is None else _priced(loop, lifted, messages, found, 1.0, running):
+        if lifted is None or not np.isfinite(lifted.Q).all():
+            continue
+        program = _with_fixed_weights(loop, lifted, running_cost(loop, weights, rho), known.witness.P)
+        found = _solved(loop, program, messages, 1.0, replace(start, X_jitter=np.zeros((0, 0))))
+        for witness in () if found is None else _exactly(loop, messages, found, 1.0, weights, rho):
             if proves_messages(exact_loop, messages, witness, weights, rho):
                 return rho, witness
     return None
@@ -137,7 +178,8 @@ class _Program:
     """What the conditions are made of, in coordinates in which P is near the identity.
 
     basis: (xi, eps) = basis @ coordinates;  N: (xi+, eps+) from (xi, nu, nu1, omega), w_d = root omega;  costs,
-    multipliers: of each pair's weight, on these and on omega, in units of `size`; one of each where the weights are fixed.
+    multipliers: of each pair's weight, on these and on omega, in units of `size`; one of each where the weights are fixed;
+    rates: whose squares sum up to T int |Y x_d'|^2 dt over a period, without nonlinearity.
     """
 
     basis: Form
@@ -145,6 +187,7 @@ class _Program:
     costs: list[Form]
     multipliers: list[Form]
     size: float
+    rates: list[Float[np.ndarray, "links l"]]
 
     @property
     def count(self) -> int:
@@ -182,7 +225,22 @@ class _Program:
         size = (max(float(np.linalg.norm(cost, 2)) for cost in costs) or 1.0) if scaled else 1.0
         N = np.linalg.solve(basis, np.hstack([step[:, columns] @ given, enters @ root * np.sqrt(size)]))
         padded = [np.pad(cost / size, (0, links + count)) for cost in costs]
-        return cls(basis, N, padded, multipliers, size)
+        into_rates = [each @ loop.start[:, columns[: n + links]] @ held / sigma for each in _rates(loop)]
+        rates = [np.pad(each, ((0, 0), (0, links + count))) for each in into_rates]
+        return cls(basis, N, padded, multipliers, size, rates)
+
+
+def _rates(loop: SampledLoop) -> list[Float[np.ndarray, "links a"]]:
+    """Return the change of the differences at three instants of Gauss, weighed, from a = (x_d, v)."""
+    plant, T, unit = loop.network.plant, loop.network.period, np.eye(loop.network.d.N - 1)
+    flow = np.hstack([np.kron(unit, plant.A), np.kron(unit, loop.into)])
+    whole = np.vstack([flow, np.zeros((flow.shape[1] - len(flow), flow.shape[1]))])
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    Y = loop.differences[:, : loop.n_d]
+    return [
+        np.sqrt(w / 2) * T * Y @ flow @ expm(whole * T * (1 + x) / 2)
+        for x, w in zip(nodes, weights, strict=True)
+    ]
 
 
 def _with_free_weights(loop: SampledLoop, one: Lifted, near: Form) -> _Program:
@@ -195,9 +253,9 @@ def _with_free_weights(loop: SampledLoop, one: Lifted, near: Form) -> _Program:
     return _Program.of(loop, lifted, np.kron(unit, root), costs, multipliers, near, scaled=True)
 
 
-def _with_fixed_weights(loop: SampledLoop, lifted: Lifted, running: Form, near: Form) -> _Program:
+def _with_fixed_weights(loop: SampledLoop, lifted: Lifted, running: Form | None, near: Form) -> _Program:
     root = _root(lifted.S)
-    costs = [loop.start.T @ lifted.Q @ loop.start + running]
+    costs = [loop.start.T @ lifted.Q @ loop.start + (0.0 if running is None else running)]
     return _Program.of(loop, lifted, root, costs, [np.eye(root.shape[1])], near, scaled=False)
 
 
@@ -212,20 +270,20 @@ def _solved(
     program: _Program,
     messages: Messages,
     decay: float,
-    weights: Float[np.ndarray, " pairs"] | None = None,
+    fixed: MessageWitness | None = None,
 ) -> MessageWitness | None:
     """Solve the program; return a witness without prices of rounding, or None.
 
-    weights: of the pairs, where they are fixed.
+    fixed: holds the weights of the pairs and, unless it is empty, Xj, where the period was lifted with them.
     """
     import cvxpy as cp
 
     n, links, q = loop.n_xi, len(loop.differences), len(loop.network.plant.C)
-    p, D = messages.loss, messages.age
-    # Columns of (xi, nu, nu1, omega) that occur: without ages nu is nu1, and without chance nu1 is 0.
+    p, D, J = messages.loss, messages.age, messages.jitter
+    # Columns of (xi, nu, nu1, omega) that occur: without ages nu is nu1, and without chance and jitter nu1 is 0.
     unit = np.eye(n + 2 * links + program.count)
     xi, nu, nu1, omega = np.split(unit, np.cumsum([n, links, links]), axis=1)
-    keep = np.hstack([xi, *([nu, nu1] if D and p else [nu] if D else [nu + nu1] if p else []), omega])
+    keep = np.hstack([xi, *([nu, nu1] if D and (p or J) else [nu] if D else [nu + nu1] if p or J else []), omega])
     of_nu, of_nu1, of_omega = np.split(keep[n:], np.cumsum([links, links]))
     known, costs = np.vstack([keep[:n], of_nu1]), [keep.T @ cost @ keep for cost in program.costs]
     V, Gamma = (cp.Variable((n + links,) * 2, symmetric=True) for _ in range(2))
@@ -236,19 +294,36 @@ def _solved(
     M = sum(m[k] * form for k, form in enumerate(program.multipliers))
     K = known.T @ Gamma @ known - sum(m[k] * cost for k, cost in enumerate(costs)) + of_omega.T @ M @ of_omega
     K = K + (of_nu - of_nu1).T @ X @ (of_nu - of_nu1) if D else K
+    own = np.kron(np.eye(links // q), np.ones((q, q)))
+    spread = p * (1 - p) * cp.multiply(Gamma[n:, n:], own) + (1 - p) * D * D * decay ** (1 - D) * X
+    early = links if J else 0
+    mean = np.zeros((n + links, n + links + early))
+    mean[:n, :n], mean[n:, n : n + links] = np.eye(n), p * np.eye(links)
+    mean[n:, n + links :] = (1 - p) * np.eye(links, early)
+    apart = np.hstack([np.zeros((links, n)), np.eye(links), -np.eye(links, early)])
+    stored = np.eye(n + links, n + links + early)
+    second = decay * stored.T @ V @ stored - mean.T @ Gamma @ mean - apart.T @ spread @ apart
+    X_jitter = None
+    if J:
+        ones = [cp.Variable((q, q), symmetric=True) for _ in range(links // q)]
+        if fixed is not None and fixed.X_jitter.size:
+            ones = list(np.split(fixed.X_jitter * program.basis[-1, -1] ** 2, links // q))
+        X_jitter = sum(place.T @ block @ place for place, block in zip(places, ones, strict=True))
+        tail = np.eye(n + 2 * links)[n + links :]
+        second = second + decay * tail.T @ X_jitter @ tail
+        if fixed is None or not fixed.X_jitter.size:
+            K = K - MORE * J * sum(
+                rate.T @ X_jitter @ rate for rate in (each @ keep for each in program.rates)
+            )
     moved = V @ (program.N @ keep)
     first = cp.bmat([[K, moved.T], [moved, V]])
-    mean, tail = np.diag(np.r_[np.ones(n), np.full(links, p)]), np.eye(n + links)[n:]
-    apart = np.kron(np.eye(links // q), np.ones((q, q)))
-    spread = p * (1 - p) * cp.multiply(Gamma[n:, n:], apart) + (1 - p) * D * D * decay ** (1 - D) * X
-    second = decay * V - mean @ Gamma @ mean - tail.T @ spread @ tail
     room = np.diag(np.r_[np.ones(keep.shape[1]), np.zeros(n + links)])
     conditions = [
         (first + first.T) / 2 >> slack * room,
-        (second + second.T) / 2 >> slack * np.eye(n + links),
+        (second + second.T) / 2 >> slack * np.eye(n + links + early),
         V >> FLATTEST * np.eye(n + links),
         slack <= 1,
-        cp.trace(V[:n, :n]) == n if weights is None else m == 1,
+        cp.trace(V[:n, :n]) == n if fixed is None else m == 1,
         *[block >> slack * np.eye(q) for block in blocks],
     ]
     problem = cp.Problem(cp.Maximize(slack), conditions)
@@ -256,11 +331,16 @@ def _solved(
         return None
     back = np.linalg.inv(program.basis)
     free = np.maximum(m.value, 1e-9 * max(float(m.value.max(initial=0.0)), 1e-300)) / program.size
+    scale = program.basis[-1, -1] ** 2
+    early_ones = np.tile(np.eye(q), (links // q, 1))
+    if J:
+        early_ones = np.vstack([_symmetric(getattr(block, "value", block)) for block in ones]) / scale
     return MessageWitness(
         _symmetric(back.T @ V.value @ back),
         _symmetric(back.T @ Gamma.value @ back),
-        np.vstack([_symmetric(block.value) for block in blocks]) / program.basis[-1, -1] ** 2,
-        free if weights is None else weights,
+        np.vstack([_symmetric(block.value) for block in blocks]) / scale,
+        early_ones,
+        free if fixed is None else fixed.m,
         np.zeros(len(loop.ways)),
         decay,
         0.0,
@@ -286,7 +366,7 @@ def _priced(
 
     Gamma, X = found.Gamma.copy(), found.X.copy()
     never = ERROR * max(weighed(loop.messages), weighed(slice(loop.n_z, loop.n_z + links)))
-    if not messages.loss:
+    if not (messages.loss or messages.jitter):
         Gamma[n:, n:] = never * np.eye(links)
     if not messages.age:
         X = np.tile(never * np.eye(X.shape[1]), (len(X) // X.shape[1], 1))
