@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from messages_cases import mean_square_radius, worst_pattern
+from messages_cases import mean_square_radius, worst_jitter, worst_pattern
 from sampled_cases import controllers, network, random_problem
 
 from lockstep.check.sampled.loop import sampled_loop
@@ -117,6 +117,27 @@ def test_a_witness_that_is_changed_proves_nothing(change):
         crooked = value.copy()
         crooked[0, -1] += 1e-9
         assert not proves_messages(loop, messages, replace(witness, **{change: crooked}))
+
+
+@pytest.mark.parametrize(
+    "messages", [Messages(jitter=0.5), Messages(0.3, jitter=0.3), Messages(0.0, 1, jitter=0.2)]
+)
+def test_jitter_is_carried_and_brute_force_agrees(messages):
+    net, ones = pendulums()
+    found, loop = certify_messages(net, ones, messages), sampled_loop(net, ones)
+    assert found is not None
+    slopes = (-net.alpha, net.alpha) if not messages.loss else (net.alpha,)
+    longest = 3 if not messages.loss else 1
+    assert max(worst_jitter(net, ones, messages, slope, longest) for slope in slopes) <= found.witness.decay
+    assert not proves_messages(loop, replace(messages, jitter=0.999, burst=8), found.witness)
+
+
+def test_jitter_is_not_certified_where_it_breaks_the_loop():
+    """Of gains that no late reading is good for: a pattern of early readings makes the disagreement grow."""
+    net, ones = strong()
+    broken = [j for j in (0.2, 0.5, 0.9) if worst_jitter(net, ones, Messages(jitter=j), 0.0, longest=2) >= 1]
+    assert broken == [0.5, 0.9]
+    assert all(certify_messages(net, ones, Messages(jitter=j)) is None for j in broken)
 
 
 DECIDED = """

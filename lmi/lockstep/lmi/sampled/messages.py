@@ -283,7 +283,9 @@ def _solved(
     # Columns of (xi, nu, nu1, omega) that occur: without ages nu is nu1, and without chance and jitter nu1 is 0.
     unit = np.eye(n + 2 * links + program.count)
     xi, nu, nu1, omega = np.split(unit, np.cumsum([n, links, links]), axis=1)
-    keep = np.hstack([xi, *([nu, nu1] if D and (p or J) else [nu] if D else [nu + nu1] if p or J else []), omega])
+    keep = np.hstack(
+        [xi, *([nu, nu1] if D and (p or J) else [nu] if D else [nu + nu1] if p or J else []), omega]
+    )
     of_nu, of_nu1, of_omega = np.split(keep[n:], np.cumsum([links, links]))
     known, costs = np.vstack([keep[:n], of_nu1]), [keep.T @ cost @ keep for cost in program.costs]
     V, Gamma = (cp.Variable((n + links,) * 2, symmetric=True) for _ in range(2))
