@@ -24,6 +24,7 @@ from lockstep.check.design_file.json_text import (
     only,
     part,
 )
+from lockstep.check.design_file.messages import messages_of
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.disagreement import Coordinates
 from lockstep.check.domain import argument_box
@@ -33,6 +34,7 @@ from lockstep.check.inequality import Performance
 from lockstep.check.loop import Plant
 from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import exactly
+from lockstep.check.sampled.messages import Messages
 from lockstep.check.wording import shorten
 
 DEFAULT_ORDER, MOST_ORDER = 2, 64
@@ -63,7 +65,8 @@ class ProblemTables:
     def from_document(cls, tables: Mapping[str, Any]) -> "ProblemTables":
         """Build the problem and look at all of it, so that what is wrong with it is told at once."""
         problem = cls(tables)
-        _ = problem.sizes, problem.box, problem.performance, problem.limits, problem.period, problem.delay
+        _ = problem.sizes, problem.box, problem.performance, problem.limits
+        _ = problem.period, problem.delay, problem.messages
         for key, known in CONTROLLER.items():
             one_of(problem.controller.get(key), known, f"[controller] {key}")
         return problem
@@ -180,6 +183,12 @@ class ProblemTables:
     def delay(self) -> int:
         """Periods until u acts."""
         return int(one_of(self.controller.get("delay"), (0, 1), "[controller] delay"))
+
+    @property
+    def messages(self) -> Messages | None:
+        """What the network may do to messages, if the problem says so."""
+        table = part(self.tables, "network", dict).get("messages")
+        return None if table is None else messages_of(table)
 
     @property
     def box(self) -> Box:

@@ -7,7 +7,7 @@ from rich.console import RenderableType
 
 from lockstep.check.errors import ProblemError
 from lockstep.cli.console import Answer, respond, two_columns
-from lockstep.cli.design import proved_besides, sampled_text
+from lockstep.cli.design import messages_row, proved_besides, sampled_text
 
 if TYPE_CHECKING:
     from lockstep.workflow.certify import DesignVerdict
@@ -45,6 +45,7 @@ def _table(found: "DesignVerdict") -> RenderableType:
         rows["initial states"] = found.answer["initial_set"]["text"]
     of_c = "differences" in found.answer
     rows["sampled C" if of_c else "sampled"] = sampled_text(found.sampled)
+    rows |= messages_row(found.answer)
     if verdict.certified and not verdict.ok:
         rows["refused"] = verdict.reason
     if of_c:

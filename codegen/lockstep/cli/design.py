@@ -35,7 +35,8 @@ def _design(
             path, output=output, trade_off=trade_off, jobs=jobs, time_limit=time_limit, progress=tell
         )
     said = found.document()
-    return Answer(said, summary(said), found.sampled["certified"] is True)
+    survived = said.get("messages", {"certified": True})["certified"]
+    return Answer(said, summary(said), found.sampled["certified"] is True and survived)
 
 
 def sampled_text(sampled: Mapping[str, Any]) -> str:
@@ -49,6 +50,18 @@ def sampled_text(sampled: Mapping[str, Any]) -> str:
         made = ", designed for it" if sampled.get("designed_for_period") else ""
         return f"yes, every {sampled['period']:g} s{made}{gain}, rounding included, proof: {sampled['proof']}{reach}"
     return f"NO: {sampled.get('reason') or 'not looked at'}{reach}"
+
+
+def messages_row(content: Mapping[str, Any]) -> dict[str, str]:
+    """Return what is proved where messages are lost or late; nothing where that is not asked for."""
+    found = content.get("messages")
+    if found is None:
+        return {}
+    if not found["certified"]:
+        return {"messages": f"NO: {found['reason']}"}
+    gain = f", rho {found['rho']:.6g}" if found.get("rho") else ""
+    said = f"a loss of {found['loss']:g}, {found['burst']} in a row, {found['delay'][1]} periods late, jitter {found['jitter']:g}"
+    return {"messages": f"yes, with {said}{gain}, proof: {found['proof']}"}
 
 
 def _where(content: Mapping[str, Any]) -> dict[str, str]:
@@ -113,6 +126,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             **_where(content),
             "gain norms": ", ".join(f"{norm:.4g}" for norm in figures["gain_norms"]),
             "sampled": sampled_text(content["sampled"]),
+            **messages_row(content),
             "slowest pole": f"{figures['abscissa']:.4g} 1/s",
             **_cut(figures),
         },

@@ -5,7 +5,7 @@ Both sides meet here: `lockstep.lmi.sampled` looks for witnesses and knows no C,
 
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.sampled.sector import Sector, common_sector
 from lockstep.codegen.folder.contents import DESIGN_NAME
+from lockstep.codegen.message_claims import ProvedMessages, prove_messages
 from lockstep.lmi.certify import Decided, certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import (
@@ -52,13 +53,15 @@ class HeldVerdict:
     """What is proved of sampled, rounded controllers.
 
     verdict: at their period;  longest: at the largest period certified for the design's gains, sampled anew;  rho: the
-    disturbance gain of the sampled loop, if proved;  radius: of disagreements from which no input meets its limit.
+    disturbance gain of the sampled loop, if proved;  radius: of disagreements from which no input meets its limit;
+    messages: what is proved of messages that are lost or late.
     """
 
     verdict: SampledVerdict
     longest: SampledVerdict | None = None
     rho: SampledRho | None = None
     radius: tuple[float, Witness] | None = None
+    messages: ProvedMessages = field(default_factory=ProvedMessages)
 
     def claims(self) -> SampledClaims:
         """Return what may be claimed."""
@@ -115,7 +118,10 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     if verdict.certified and (reach is None or reach.period < verdict.period):
         reach = verdict
     radius = _radius(stored, network, controllers) if verdict.certified else None
-    return HeldVerdict(verdict, reach, rho, radius)
+    messages = ProvedMessages()
+    if verdict.witness is not None:
+        messages = prove_messages(stored, network, controllers, verdict.witness, rho)
+    return HeldVerdict(verdict, reach, rho, radius, messages)
 
 
 def _radius(
@@ -144,12 +150,18 @@ def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
         sampled_rho=None if held.rho is None else held.rho.witness,
         max_period=None if held.longest is None else held.longest.witness,
         radius=None if held.radius is None else held.radius[1],
+        messages=held.messages.witness,
+        messages_rho=held.messages.of_rho,
     )
     return replace(
         stored,
-        claims=replace(stored.claims, sampled=held.claims()),
+        claims=replace(stored.claims, sampled=held.claims(), messages=held.messages.claims),
         proofs=proofs,
-        info={**stored.info, "sampled": {**held.remarks(), **kept, **remarks}},
+        info={
+            **{key: one for key, one in stored.info.items() if key != "messages"},
+            "sampled": {**held.remarks(), **kept, **remarks},
+            **({"messages": dict(held.messages.remark)} if held.messages.remark else {}),
+        },
     )
 
 

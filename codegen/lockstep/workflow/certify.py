@@ -124,7 +124,7 @@ def certify(design: Design | Path | str) -> DesignVerdict:
 
 def _document(design: Design, verdict: "Decided") -> dict[str, Any]:
     """Return the contract's keys for what is decided of a design file."""
-    from lockstep.lmi.document import answer
+    from lockstep.lmi.document import answer, messages_answer
 
     stored, proved = design.stored, verdict.certified
     said, floor = answer(stored), stored.claims.floor if proved else None
@@ -143,6 +143,7 @@ def _document(design: Design, verdict: "Decided") -> dict[str, Any]:
         **({"initial_set": _initial_set(design)} if verdict.scope == "local" else {}),
         **({} if verdict.ok else {"error": error}),
         "sampled": _sampled(design, verdict),
+        **messages_answer(stored, certified=verdict.proves("messages")),
     }
 
 

@@ -17,7 +17,7 @@ from lockstep.check.verdict import Verdict
 from lockstep.lmi.document import Stored, with_bound_proof
 from lockstep.model.plain_json import plain
 
-OF_WHAT_SHIPS = ("code", "sampled", "sampled_rho", "max_period")
+OF_WHAT_SHIPS = ("code", "sampled", "sampled_rho", "max_period", "messages", "messages_rho")
 """Claims about the controllers as they ship; all others are about the continuous ones."""
 
 

@@ -10,6 +10,7 @@ from lockstep.check.design_file import content as design_file
 from lockstep.check.design_file.claims import Claims, Scales
 from lockstep.check.design_file.content import DesignFile
 from lockstep.check.design_file.json_text import load_json
+from lockstep.check.design_file.messages import messages_document
 from lockstep.check.design_file.proofs import BoundProof, Proofs
 from lockstep.check.domain import claimed_box
 from lockstep.check.local import InitialSet
@@ -112,6 +113,7 @@ def answer(stored: Stored) -> dict[str, Any]:
         **({} if claims.sampled.radius is None else {"limits": {"radius": claims.sampled.radius}}),
         "gains": gains_document(stored.gains),
         "sampled": sampled_answer(stored),
+        **messages_answer(stored, certified=claims.messages is not None),
         "figures": _table(info, "figures"),
     }
 
@@ -121,6 +123,17 @@ def sampled_answer(stored: Stored) -> dict[str, Any]:
     claims = stored.claims.sampled.document()
     period, delay = stored.problem.controller.period, stored.problem.controller.delay
     return {**_table(stored.info, "sampled"), **claims, "period": period, "delay": delay}
+
+
+def messages_answer(stored: Stored, *, certified: bool) -> dict[str, Any]:
+    """Return the key `messages` where the problem asks for them or the design claims them: what is claimed, or why nothing is."""
+    claims, asked = stored.claims.messages, stored.problem.messages
+    if claims is not None and certified:
+        return {"messages": {"certified": True, "proof": "ball", **claims.document()}}
+    if asked is None:
+        return {}
+    said = {"reason": "nothing is proved of it", **_table(stored.info, "messages")}
+    return {"messages": {"certified": False, "proof": "none", **messages_document(asked), **said}}
 
 
 def _table(info: Mapping[str, Any], key: str) -> Mapping[str, Any]:

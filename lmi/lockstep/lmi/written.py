@@ -48,6 +48,11 @@ def proofs_document(proofs: Proofs) -> dict[str, Any]:
         "floor": None if proofs.floor is None else pieces_document(proofs.floor),
         **sampled,
         "bound": None if proofs.bound is None else _bound_document(proofs.bound),
+        **{
+            key: one.document()
+            for key in ("messages", "messages_rho")
+            if (one := getattr(proofs, key)) is not None
+        },
     }
 
 

@@ -22,6 +22,7 @@ from lockstep.check.design_file.json_text import (
     part,
     position,
 )
+from lockstep.check.design_file.messages import MessageClaims, message_claims_of
 from lockstep.check.errors import ProblemError
 from lockstep.check.local import InitialSet
 
@@ -133,7 +134,7 @@ class Claims:
     initial_set: states from which the agents stay in their domain;  floor: no controllers can certify less (larger is
     better);  decay: sigma in 1/s, by which e^(-sigma t) bounds every disagreement up to a constant (larger is better);
     controllers_stable: whether each controller is stable by itself, as designed and as it ships;  sampled: of the
-    controllers that ship.
+    controllers that ship;  messages: of these where the network loses or delays messages.
     """
 
     certified: bool
@@ -148,6 +149,7 @@ class Claims:
     decay: float | None = None
     controllers_stable: bool = False
     sampled: SampledClaims = field(default_factory=SampledClaims)
+    messages: MessageClaims | None = None
 
     def __post_init__(self) -> None:
         if not self.certified and any((self.rho, self.scope, self.initial_set, self.decay)):
@@ -185,6 +187,7 @@ class Claims:
             "decay": self.decay,
             "controllers_stable": self.controllers_stable,
             "sampled": self.sampled.document(),
+            **({} if self.messages is None else {"messages": self.messages.document()}),
         }
 
 
@@ -194,7 +197,7 @@ def claims_of(content: Any) -> Claims:
     Raises:
         ProblemError: a key missing or unknown, or a value that cannot be one of its kind.
     """
-    only(content, Claims(False, None, 0.0, {}).document(), "claims")
+    only(content, (*Claims(False, None, 0.0, {}).document(), "messages"), "claims")
     certified = part(content, "certified", bool)
     one_of(item(content, "proof", "claims"), ("exact" if certified else "none",), "claims, `proof`")
     fragility = part(content, "fragility", dict)
@@ -212,6 +215,7 @@ def claims_of(content: Any) -> Claims:
         optional(content, "decay", above_zero),
         part({"controllers_stable": False, **content}, "controllers_stable", bool),
         optional(content, "sampled", _sampled) or SampledClaims(),
+        optional(content, "messages", message_claims_of),
     )
 
 

@@ -23,12 +23,14 @@ from lockstep.check.design_file.json_text import (
     record,
     vector,
 )
+from lockstep.check.design_file.messages import message_witness_of
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import demand
 from lockstep.check.floor.witness import FloorWitness, Piece
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate, Segment
 from lockstep.check.sampled.inequality import NUMBERS, Witness
+from lockstep.check.sampled.messages import MessageWitness
 
 _AMOUNT = re.compile("-?[0-9]{1,400}(/[0-9]{1,400})?")
 
@@ -47,7 +49,8 @@ class Proofs:
 
     certificate: of rho, with P, m, t;  decay: a certificate of the loop of e^(decay t) x_cl, with a rho of its own;  floor:
     dual points;  sampled, sampled_rho, max_period, radius: of the sampled loop, at its period, of its rho, at the largest
-    period claimed, and of the radius;  bound: of alpha and the entries. A claim whose witness is None is proved anew, or is
+    period claimed, and of the radius;  bound: of alpha and the entries;  messages, messages_rho: of the sampled loop whose
+    messages are lost or late. A claim whose witness is None is proved anew, or is
     not.
     """
 
@@ -59,6 +62,8 @@ class Proofs:
     max_period: Witness | None = None
     radius: Witness | None = None
     bound: BoundProof | None = None
+    messages: MessageWitness | None = None
+    messages_rho: MessageWitness | None = None
 
 
 def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
@@ -74,6 +79,7 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
         "floor": lambda value, where: None if rho is None else witness_of(rho, value, where),
         **dict.fromkeys(("sampled", "sampled_rho", "max_period", "radius"), or_none(sampled_witness_of)),
         "bound": or_none(_bound),
+        **dict.fromkeys(("messages", "messages_rho"), or_none(message_witness_of)),
     }
     return Proofs(*record(content, "proofs", readers))
 

@@ -52,8 +52,8 @@ def lift(
 ) -> Lifted:
     """Return one period of x' = A x + B v + E w, z = F x, given EE = E E' and FF = F'F.
 
-    A: (n, n);  B: (n, k);  EE, FF: (n, n), exact, or in doubles with their own exponential;  period: T in s, taken as the
-    double it is;  exponential: M to e^M, in balls unless a search brings another.
+    A: (n, n);  B: (n, k);  EE, FF: (n, n), or FF (n + k, n + k) where z = F a, exact, or in doubles with their own
+    exponential;  period: T in s, taken as the double it is;  exponential: M to e^M, in balls unless a search brings another.
 
     >>> from lockstep.check.numbers import exactly
     >>> from lockstep.check.sampled.balls import midpoints
@@ -65,7 +65,7 @@ def lift(
     n, k = B.shape
     size = n + k
     A_, EE_, FF_ = (zeros(size, size, A) for _ in range(3))
-    A_[:n, :n], A_[:n, n:], EE_[:n, :n], FF_[:n, :n] = A, B, EE, FF
+    A_[:n, :n], A_[:n, n:], EE_[:n, :n], FF_[: len(FF), : len(FF)] = A, B, EE, FF
     T = converter(is_exact(A))(np.array([period]))[0]
     Gamma = exponential(T * np.block([[-A_.T, -FF_], [EE_, A_]]))
     inv = inverse(Gamma[:size, :size])

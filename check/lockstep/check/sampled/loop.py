@@ -42,7 +42,8 @@ class SampledLoop:
     n_d: length of x_d;  n_xi: length of xi;  into: (n, k), through which the inputs reach one agent;  held: what v
     of all copies is during the next period;  advanced: the rest of xi after it;  ways: the coefficient errors;
     seen: (x_C, r) of each agent;  messages: the columns of nu;  underflows: those of mu, next to them;  outputs: those of
-    n_d;  applied, computed: (N m, n_z), what the inputs are during the next period, and what the controllers compute.
+    n_d;  applied, computed: (N m, n_z), what the inputs are during the next period, and what the controllers compute;
+    differences: the d_ij of all agents, one below the other.
     """
 
     network: SampledNetwork
@@ -58,6 +59,7 @@ class SampledLoop:
     outputs: slice
     applied: Matrix
     computed: Matrix
+    differences: Matrix
 
     @property
     def noise(self) -> slice:
@@ -114,6 +116,7 @@ def sampled_loop(
         slice(layout.first_output, layout.n_z),
         applied,
         u,
+        np.vstack([layout.differences(i) for i in range(len(controllers))]),
     )
 
 

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.design_file.messages import messages_of
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import ProblemError
 from lockstep.check.inequality import Performance
+from lockstep.check.sampled.messages import Messages
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.problem.assumptions import check_assumptions
@@ -56,7 +58,7 @@ class Problem:
         self._check_method()
         self._check_disturbance()
         _ = self._agent, self._graph, self._variants, self.gains
-        _ = self.performance, self.limits
+        _ = self.performance, self.limits, self.messages
         self.initial_states()
 
     @classmethod
@@ -247,6 +249,12 @@ class Problem:
                 raise ProblemError(f"[{low}, {high}]", where=f"{where} {name}", expected="a range around 0")
         sides = [known.get(name, (None, None)) for name in self.file.agent.inputs]
         return np.array([min(np.inf if side is None else abs(side) for side in one) for one in sides])
+
+    @cached_property
+    def messages(self) -> Messages | None:
+        """What the network may do to messages, if the problem says so."""
+        table = self.file.network.messages
+        return None if table is None else messages_of(table.model_dump(exclude_none=True))
 
     def initial_states(self) -> Float[np.ndarray, "N n"]:
         """Return the states the simulation starts from, one row per agent."""

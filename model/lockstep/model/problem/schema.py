@@ -123,6 +123,29 @@ class AgentTable(ProblemTable):
     )
 
 
+class MessagesTable(ProblemTable):
+    """[network.messages]: what the network may do to messages, part of what is proved."""
+
+    loss: float | None = Field(
+        default=None,
+        ge=0,
+        lt=1,
+        description="a probability from 0 up, below 1, by which a link loses the message of a period",
+    )
+    burst: int | None = Field(
+        default=None, ge=0, le=1000, description="a whole number: at most so many messages lost in a row"
+    )
+    delay: Annotated[tuple[int, int], Strict(False)] | None = Field(
+        default=None, description="[least, most] periods, whole numbers from 0 up, such as [0, 2]"
+    )
+    jitter: float | None = Field(
+        default=None,
+        ge=0,
+        lt=1,
+        description="a part of the period, from 0 up and below 1, by which sampling instants may be off",
+    )
+
+
 class NetworkTable(ProblemTable):
     """[network]: the graph, as exactly one of edges, laplacian, topology."""
 
@@ -136,6 +159,9 @@ class NetworkTable(ProblemTable):
     )
     parameters: Many[dict[str, float]] | None = Field(
         default=None, description="one table of finite numbers per agent, such as [{ k = 1.0 }, {}]"
+    )
+    messages: MessagesTable | None = Field(
+        default=None, description="a table, such as { loss = 0.1, burst = 2, delay = [0, 2], jitter = 0.1 }"
     )
 
 

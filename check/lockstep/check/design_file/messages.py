@@ -1,0 +1,78 @@
+"""What a problem file says of a network's messages, what a design file claims of them, and the witnesses of that."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from lockstep.check.design_file.json_text import (
+    above_zero,
+    item,
+    matrix,
+    not_negative,
+    number,
+    only,
+    or_none,
+    record,
+    vector,
+)
+from lockstep.check.errors import demand
+from lockstep.check.sampled.messages import Messages, MessageWitness
+
+KEYS = ("loss", "burst", "delay", "jitter")
+ASKED = "[network.messages]"
+
+
+@dataclass(frozen=True)
+class MessageClaims:
+    """What is claimed of the sampled loop whose messages are lost, late or jittered.
+
+    messages: what may happen to them (more is better);  decay: V shrinks by it from sample to sample, in the mean square
+    where chance loses messages (smaller is better);  rho: the disturbance gain then (smaller is better), None where none is.
+    """
+
+    messages: Messages
+    decay: float
+    rho: float | None = None
+
+    def document(self) -> dict[str, Any]:
+        """Return the claims as plain JSON types."""
+        return {**messages_document(self.messages), "decay": self.decay, "rho": self.rho}
+
+
+def messages_document(messages: Messages) -> dict[str, Any]:
+    """Return them as the table of a problem file, defaults filled in."""
+    return {**vars(messages), "delay": list(messages.delay)}
+
+
+def messages_of(table: Any, where: str = ASKED) -> Messages:
+    """Read the table; a key that is absent says that nothing of the kind happens."""
+    only(table, KEYS, where)
+    loss, jitter = (not_negative(table.get(key) or 0.0, f"{where} {key}") for key in ("loss", "jitter"))
+    demand(loss < 1, f"{loss!r}", f"{where} loss", "a probability from 0 up, below 1")
+    demand(jitter < 1, f"{jitter!r}", f"{where} jitter", "a part of the period from 0 up, below 1")
+    delay = table.get("delay") or [0, 0]
+    pair = isinstance(delay, list | tuple) and len(delay) == 2
+    demand(pair, f"{delay!r}", f"{where} delay", "the least and the most periods, such as [0, 2]")
+    burst, low, high = (_count(one, where) for one in (table.get("burst") or 0, *delay))
+    demand(low <= high, f"{delay!r}", f"{where} delay", "the least first")
+    return Messages(loss, burst, (low, high), jitter)
+
+
+def _count(value: Any, where: str) -> int:
+    whole = isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= 1000
+    demand(whole, f"{value!r}", where, "a whole number of periods from 0 to 1000")
+    return int(value)
+
+
+def message_claims_of(value: Any, where: str) -> MessageClaims:
+    """Read `claims.messages`."""
+    only(value, (*KEYS, "decay", "rho"), where)
+    rho = or_none(above_zero)(item(value, "rho", where), f"{where}, `rho`")
+    decay = above_zero(value.get("decay"), f"{where}, `decay`")
+    return MessageClaims(messages_of({key: value.get(key) for key in KEYS}, where), decay, rho)
+
+
+def message_witness_of(value: Any, where: str) -> MessageWitness:
+    """Read a witness; whether its sizes fit is decided with the loop."""
+    forms = dict.fromkeys(("P", "Gamma", "X", "X_jitter"), matrix())
+    numbers = dict.fromkeys(("decay", "kappa", "kappa_mu"), number)
+    return MessageWitness(*record(value, where, {**forms, "m": vector(), "t": vector(), **numbers}))

@@ -1,0 +1,316 @@
+"""Messages that are lost by chance, lost in bursts, late, or of jittered instants: the sampled loop with what listeners hold.
+
+Listener i holds of source j the difference of stamped outputs, d_e = a_ij (y_i - y_j) of one instant for each link e. What
+is assumed of each link, `loss` p, `burst` b, `delay` up to l periods, `jitter` J:
+
+    h_e(k) = d_e(k) + eta_e(k)  with probability 1 - p, else h_e(k - 1): chance loses a message, or the newest arrives;
+             independent over the instants and the links, and of all that happened before;
+    held   = h_e(k - tau_e(k)),  0 <= tau_e(k) <= D = b + l in any pattern: at most b in a row lost, then up to l periods late;
+    eta_e  = the change of d_e over at most the last J T before the instant at which it was to be read.
+
+So without `loss` the ages are at most D; with it, what chance spares, or something newer, is known D periods later. At
+the start h(-1) is any vector that was held for ever: V counts it, and 0 stands for "nothing arrived yet".
+
+With eps(k) = h(k - 1) - d(k) beside xi, nu1(k) = h(k) - d(k) and nu(k) = held - d(k), which is in the place of the
+messages' errors of `loop`,
+
+    eps+ = nu1 - Y (xi+ - xi),       nu1_e = delta_e eps_e + (1 - delta_e) eta_e,   delta_e = 1 with probability p,
+    nu   = nu1 + w,   w(k) = h(k - tau) - h(k) = -sum_{s < tau} g(k - s),   g_e = h_e(k) - h_e(k - 1) = (1 - delta_e)(eta_e - eps_e).
+
+Age: by Cauchy and Schwarz w'X w <= D sum_{s < D} g(k - s)'X g(k - s), for every X >= 0 of the size of an output, one for
+each link (Kao and Rantzer 2007: a gain of D). With S(k) = c sum_{s=1}^{D-1} (D - s) decay^s g(k - s)'X g(k - s) and
+c = D decay^-D,
+
+    S(k + 1) - decay S(k) = c decay (D g(k)'X g(k) - sum_{s<D} decay^s g(k - s)'X g(k - s))
+                         <= D^2 decay^(1 - D) g(k)'X g(k) - w(k)'X w(k).
+
+Jitter: |eta_e(k+1)|_Xj^2 <= J T int (Y x_d')' Xj (Y x_d') dt over the period before (Cauchy and Schwarz), a way out of the period that
+is lifted; V + eta'Xj eta + S is what decays. Readings of two agents for one instant that are s seconds apart differ from this by
+at most s |y'|: an error of the message, as any other, that kappa counts.
+
+The proof has two halves, with a form Gamma on (xi, nu1) between them. First, for every rounding, underflow and
+nonlinearity, with z^ = (z, nu1) and the step (xi+, eps+) = N^ z^ + J^ w_d,
+
+    V(xi+, eps+) + J T int |Y x_d'|_Xj^2 < (xi, nu1)'Gamma (xi, nu1) + w'X w + kappa |error|^2 + kappa_mu |mu|^2,
+
+by W_1 > 0, a Schur complement as in `inequality` (of nu - nu1 = w + error, X - X^2 / kappa is below the least of w'X w + kappa
+|error|^2). It holds for each outcome of delta, before it is averaged. Second, the mean over delta,
+
+    E (xi, nu1)'Gamma (xi, nu1) + D^2 decay^(1 - D) E g'X g < decay (V(xi, eps) + eta'Xj eta):        W_2 > 0,
+
+E of a square being that of the mean and p (1 - p) (eps_e - eta_e)'Gamma_ee (eps_e - eta_e) for each link. With p = 0 nothing is random, and
+the decay is that of each run; with p > 0 it is that of the mean square, and with probability 1 there is agreement as well.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+
+from lockstep.check.inequality import Performance
+from lockstep.check.numbers import Matrix, converter, exactly, eye, is_exact, zeros
+from lockstep.check.sampled import balls
+from lockstep.check.sampled.conjugate import no_conjugate_point
+from lockstep.check.sampled.inequality import Witness, multiplier, step_matrix, stored_matrix
+from lockstep.check.sampled.controller import SampledNetwork
+from lockstep.check.sampled.lifting import Lifted, lift
+from lockstep.check.sampled.loop import SampledLoop
+from lockstep.check.sampled.performance import running_cost
+
+
+@dataclass(frozen=True)
+class Messages:
+    """What a network does to messages.
+
+    loss: p;  burst: b;  delay: the least and the most periods;  jitter: J.
+    """
+
+    loss: float = 0.0
+    burst: int = 0
+    delay: tuple[int, int] = (0, 0)
+    jitter: float = 0.0
+
+    @property
+    def age(self) -> int:
+        """D, in periods."""
+        return self.burst + self.delay[1]
+
+    @property
+    def text(self) -> str:
+        """What happens, for people."""
+        return (
+            f"a loss of {self.loss:g}, {self.burst} lost in a row, {self.delay[1]} periods late,"
+            f" a jitter of {self.jitter:g}"
+        )
+
+    def within(self, proved: "Messages") -> bool:
+        """Tell whether no more happens than was proved for."""
+        mine, theirs = ((one.loss, one.burst, one.delay[1], one.jitter) for one in (self, proved))
+        return all(a <= b for a, b in zip(mine, theirs, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class MessageWitness:
+    """P and Gamma (n_xi + links, n_xi + links), X and Xj (links, q) block below block, m, t and the numbers of `inequality`."""
+
+    P: Annotated[np.ndarray, "n n"]
+    Gamma: Annotated[np.ndarray, "n n"]
+    X: Annotated[np.ndarray, "links q"]
+    X_jitter: Annotated[np.ndarray, "links q"]
+    m: Annotated[np.ndarray, " pairs"]
+    t: Annotated[np.ndarray, " ways"]
+    decay: float
+    kappa: float
+    kappa_mu: float
+
+    def document(self) -> dict[str, Any]:
+        """Return the witness as plain JSON types."""
+        return {
+            key: value.tolist() if isinstance(value, np.ndarray) else value
+            for key, value in vars(self).items()
+        }
+
+    def fits(self, loop: SampledLoop) -> bool:
+        """Tell whether the sizes are those of a loop, forms symmetric, prices and numbers in their ranges."""
+        n, links, q = loop.n_xi + len(loop.differences), len(loop.differences), len(loop.network.plant.C)
+        shapes = (
+            *(one.shape for one in (self.P, self.Gamma, self.X, self.X_jitter)),
+            self.m.shape,
+            self.t.shape,
+        )
+        if shapes != (
+            (n, n),
+            (n, n),
+            (links, q),
+            (links, q),
+            (len(loop.network.d.pairs()),),
+            (len(loop.ways),),
+        ):
+            return False
+        forms = (
+            self.P,
+            self.Gamma,
+            *(one for X in (self.X, self.X_jitter) for one in np.split(X, links // q)),
+        )
+        return (
+            all(np.array_equal(one, one.T) for one in forms)
+            and bool(np.all(self.m >= 0) and np.all(self.t >= 0))
+            and 0 < self.decay <= 1
+            and self.kappa > 0
+            and self.kappa_mu > 0
+        )
+
+    def prices(self, loop: SampledLoop) -> Witness:
+        """Return what `stored_matrix` needs of it: no storage, and nothing for the messages' errors."""
+        none = np.zeros((loop.n_xi, loop.n_xi))
+        return Witness(none, self.m, self.t, 0.0, 0.0, kappa_mu=self.kappa_mu)
+
+
+def proves_messages(
+    exact_loop: SampledLoop,
+    messages: Messages,
+    witness: MessageWitness,
+    weights: Performance | None = None,
+    rho: float | None = None,
+) -> bool:
+    """Decide in balls whether a witness proves agreement under what happens to the messages, or rho with weights.
+
+    Without rho the decay has to be below 1; with it the decay is 1, and rho is the gain that `performance` states, from the
+    disturbances of the states, in the mean square where messages are lost by chance.
+
+    Args:
+        exact_loop: assembled from the controllers, outputs without noise of their own.
+        messages: what happens to them.
+        witness: from wherever.
+        weights, rho: of the gain, where one is claimed.
+    """
+    plain = rho is None or weights is None
+    if not (witness.fits(exact_loop) and 0 <= messages.loss < 1 and 0 <= messages.jitter < 1):
+        return False
+    if plain != (witness.decay < 1) or messages.age < 0 or not (rho is None or rho > 0):
+        return False
+    with balls.working_precision():
+        M = multiplier(exact_loop.network.d, exactly(witness.m))
+        forms = (exactly(witness.P), M, *(links_apart(exactly(X)) for X in (witness.X, witness.X_jitter)))
+        if not all(balls.is_positive_definite(one) for one in forms):
+            return False
+        parts = period_parts(exact_loop, messages, witness, M, weights, rho)
+        if parts is None or not balls.is_positive_definite(W_2(exact_loop, messages, witness)):
+            return False
+        A, B, EE, FF = parts
+        if not no_conjugate_point(A, EE, FF[: len(A), : len(A)], exact_loop.network.period):
+            return False
+        lifted = lift(A, B, EE, FF, exact_loop.network.period)
+        running = None if weights is None or rho is None else running_cost(exact_loop, weights, rho)
+        return balls.is_positive_definite(W_1(exact_loop, lifted, witness, running))
+
+
+def period_parts(
+    loop: SampledLoop,
+    messages: Messages,
+    witness: MessageWitness,
+    M: Matrix,
+    weights: Performance | None = None,
+    rho: float | None = None,
+) -> tuple[Matrix, Matrix, Matrix, Matrix] | None:
+    """Return A, B, E E' and F'F of one period of x_d, F'F on (x_d, v), for `lift`; None where jitter has too much weight.
+
+    With prices R_w of w = (phi, xi) and Xi = J T Xj on Y x_d' = Y (A x_d + B v + E w), completing the square in w gives
+
+        R = R_w - (Y E)'Xi Y E > 0,   w = w^ + R^-1 (Y E)'Xi Y [A B] a,
+        [A B] + E R^-1 (Y E)'Xi Y [A B],   E R^-1 E',   F'F + [A B]'Y'(Xi + Xi Y E R^-1 (Y E)'Xi) Y [A B].
+    """
+    network, number = loop.network, converter(is_exact(loop.held))
+    unit, plant = eye(network.d.N - 1, M), network.plant
+    flow = np.hstack([np.kron(unit, plant.A), np.kron(unit, loop.into)])
+    GG, HH = network.squares
+    E, price = np.kron(unit, plant.G), np.kron(M, _component_prices(network))
+    if not GG.any():
+        E, price = E[:, :0], price[:0, :0]
+    FF = np.kron(M, HH)
+    if weights is not None and rho is not None:
+        scales = weights.states if len(weights.states) else np.ones(len(GG))
+        E = np.hstack([E, np.kron(unit, number(np.diag(scales)))])
+        square = number(np.array([rho]))[0] ** 2 * np.kron(network.d.S, eye(len(GG), M))
+        size, price = len(price), _padded(price, len(price) + len(square))
+        price[size:, size:] = square
+        FF = FF + np.kron(network.d.S, number(weights.R))
+    FF = _padded(FF, flow.shape[1])
+    if messages.jitter:
+        part, T = number(np.array([messages.jitter, network.period]))
+        Xi, Y = part * T * links_apart(number(witness.X_jitter)), loop.differences[:, : loop.n_d]
+        YE, rates = balls.product(Y, E), balls.product(Y, flow)
+        price = price - balls.product(YE.T, Xi, YE)
+        if is_exact(price) and not balls.is_positive_definite(price):
+            return None
+        back = balls.product(balls.inverse(price), YE.T, Xi, rates)
+        FF = FF + balls.product(rates.T, Xi, rates + balls.product(YE, back))
+        flow = flow + balls.product(E, back)
+    n = loop.n_d
+    return flow[:, :n], flow[:, n:], balls.product(E, balls.inverse(price), E.T), (FF + FF.T) / 2
+
+
+def _component_prices(network: SampledNetwork) -> Matrix:
+    """Return the price of phi of one agent: Q of a sector, else I."""
+    number = converter(is_exact(network.plant.A))
+    Q = np.ones(network.plant.G.shape[1]) if network.sector is None else network.sector.Q
+    return number(np.diag(Q))
+
+
+def _padded(form: Matrix, size: int) -> Matrix:
+    out = zeros(size, size, form)
+    out[: len(form), : len(form)] = form
+    return out
+
+
+def links_apart(X: Matrix) -> Matrix:
+    """Return the block diagonal form of blocks (q, q) that stand one below the other.
+
+    >>> links_apart(np.array([[1.0], [2.0]])).tolist()
+    [[1.0, 0.0], [0.0, 2.0]]
+    """
+    size, q = X.shape
+    form = zeros(size, size, X)
+    for k in range(0, size, q):
+        form[k : k + q, k : k + q] = X[k : k + q]
+    return form
+
+
+def message_step(loop: SampledLoop, lifted: Lifted) -> tuple[Matrix, Matrix]:
+    """Return N^ and J^: (xi+, eps+) = N^ (z, nu1) + J^ w_d."""
+    N, Y, n = step_matrix(loop, lifted), loop.differences[:, : loop.n_xi], loop.n_xi
+    change = N.copy()
+    change[:, :n] = change[:, :n] - eye(n, N)
+    late = np.vstack([zeros(n, len(Y), N), eye(len(Y), N)])
+    step = np.hstack([np.vstack([N, -balls.product(Y, change)]), late])
+    enters = eye(n, N)[:, : loop.n_d]
+    return step, np.vstack([enters, -Y[:, : loop.n_d]])
+
+
+def W_1(loop: SampledLoop, lifted: Lifted, witness: MessageWitness, running: Matrix | None = None) -> Matrix:
+    """Assemble W_1 in doubles or in balls; running: a cost of z at each sampling instant."""
+    number = converter(is_exact(loop.held))
+    P, Gamma, X, kappa = (
+        number(np.asarray(one)) for one in (witness.P, witness.Gamma, witness.X, [witness.kappa])
+    )
+    n, n_z, links = loop.n_xi, loop.n_z, len(loop.differences)
+    step, enters = message_step(loop, lifted)
+    Z = zeros(n_z + links, n_z + links, loop.held)
+    Z[:n_z, :n_z] = stored_matrix(loop, witness.prices(loop), running) - balls.product(
+        loop.start.T, lifted.Q, loop.start
+    )
+    X = links_apart(X)
+    priced = X - balls.product(X, X) / kappa[0]
+    apart = zeros(links, n_z + links, loop.held)
+    apart[:, loop.messages], apart[:, n_z:] = eye(links, X), -eye(links, X)
+    Z = Z + balls.product(apart.T, priced, apart)
+    known = np.r_[0:n, n_z : n_z + links]
+    Z[np.ix_(known, known)] = Z[np.ix_(known, known)] + Gamma
+    side = balls.product(P, step)
+    into = balls.product(P, enters)
+    corner = P - balls.product(into, lifted.S, into.T)
+    return np.block([[Z, side.T], [side, corner]])
+
+
+def W_2(loop: SampledLoop, messages: Messages, witness: MessageWitness) -> Matrix:
+    """Assemble W_2, in the numbers of the loop."""
+    number = converter(is_exact(loop.held))
+    P, Gamma, X = (number(one) for one in (witness.P, witness.Gamma, witness.X))
+    decay, p = number(np.array([witness.decay, messages.loss]))
+    n, links, D = loop.n_xi, len(X), messages.age
+    unit, none = eye(links, P), zeros(links, n, P)
+    mean = np.vstack([eye(n + 2 * links, P)[:n], np.hstack([none, p * unit, (1 - p) * unit])])
+    apart = np.hstack([none, unit, -unit])
+    spread = p * (1 - p) * links_apart(np.vstack(_blocks(Gamma[n:, n:], X.shape[1])))
+    if D:
+        spread = spread + (1 - p) * D * D * decay ** (1 - D) * links_apart(X)
+    W = _padded(decay * P, n + 2 * links) - mean.T @ Gamma @ mean - apart.T @ spread @ apart
+    if not messages.jitter:
+        return W[: n + links, : n + links]
+    W[n + links :, n + links :] = W[n + links :, n + links :] + decay * links_apart(number(witness.X_jitter))
+    return W
+
+
+def _blocks(form: Matrix, q: int) -> list[Matrix]:
+    """Return the blocks (q, q) on the diagonal."""
+    return [form[k : k + q, k : k + q] for k in range(0, len(form), q)]

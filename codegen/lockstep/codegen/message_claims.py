@@ -1,0 +1,99 @@
+"""What can be claimed of a design whose messages are lost or late, as its problem asks: the largest part of it that is proved.
+
+`lockstep.lmi.sampled.messages` proposes, `lockstep.check.sampled.messages` decides.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from lockstep.check.design_file.messages import MessageClaims, messages_document
+from lockstep.check.sampled.controller import HeldController, SampledNetwork
+from lockstep.check.sampled.inequality import Witness
+from lockstep.check.sampled.loop import sampled_loop
+from lockstep.check.sampled.messages import Messages, MessageWitness, proves_messages
+from lockstep.check.sampled.performance import SampledRho
+from lockstep.lmi.document import Stored
+from lockstep.lmi.sampled.messages import certify_messages, message_rho
+
+HALVINGS = 4
+"""Of the part of what is asked for that is certified, where all of it is not."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProvedMessages:
+    """What is claimed with its witnesses, or the remark why nothing is."""
+
+    claims: MessageClaims | None = None
+    witness: MessageWitness | None = None
+    of_rho: MessageWitness | None = None
+    remark: Mapping[str, Any] = field(default_factory=dict)
+
+
+def prove_messages(
+    stored: Stored,
+    network: SampledNetwork,
+    controllers: tuple[HeldController, ...],
+    witness: Witness,
+    rho: SampledRho | None,
+) -> ProvedMessages:
+    """Prove what the problem asks for, or say which part of it is proved.
+
+    Args:
+        stored: the design; its witnesses are tried first.
+        network, controllers: of the design.
+        witness, rho: of the loop whose messages all arrive.
+    """
+    asked = stored.problem.messages
+    if asked is None:
+        return ProvedMessages()
+    known = _stated(stored, network, controllers, asked)
+    if known is not None:
+        return known
+    found = certify_messages(network, controllers, asked, witness.P)
+    if found is None:
+        return ProvedMessages(remark=_shortfall(network, controllers, asked, witness))
+    gain = None
+    if rho is not None:
+        gain = message_rho(network, controllers, asked, stored.problem.performance, rho)
+    claims = MessageClaims(asked, found.witness.decay, None if gain is None else gain[0])
+    return ProvedMessages(claims, found.witness, None if gain is None else gain[1])
+
+
+def _stated(
+    stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...], asked: Messages
+) -> ProvedMessages | None:
+    claims, proofs, loop = stored.claims.messages, stored.proofs, sampled_loop(network, controllers)
+    if claims is None or proofs.messages is None or not asked.within(claims.messages):
+        return None
+    if proofs.messages.decay > claims.decay or not proves_messages(loop, claims.messages, proofs.messages):
+        return None
+    if claims.rho is not None:
+        weights, of_rho = stored.problem.performance, proofs.messages_rho
+        if of_rho is None or not proves_messages(loop, claims.messages, of_rho, weights, claims.rho):
+            return None
+    return ProvedMessages(claims, proofs.messages, proofs.messages_rho)
+
+
+def part_of(asked: Messages, part: float) -> Messages:
+    """Return so much of what is asked for, whole periods rounded down.
+
+    >>> part_of(Messages(0.5, 3, (0, 2)), 0.5)
+    Messages(loss=0.25, burst=1, delay=(0, 1), jitter=0.0)
+    """
+    low, high = asked.delay
+    late = int(part * high)
+    return Messages(part * asked.loss, int(part * asked.burst), (min(low, late), late), part * asked.jitter)
+
+
+def _shortfall(
+    network: SampledNetwork, controllers: tuple[HeldController, ...], asked: Messages, witness: Witness
+) -> dict[str, Any]:
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        found = certify_messages(network, controllers, part_of(asked, middle), witness.P)
+        low, high = (middle, high) if found is not None else (low, middle)
+    carried = messages_document(part_of(asked, low))
+    said = f"{asked.text}: no certificate was found; with {part_of(asked, low).text} there is one"
+    return {"reason": said, "certified_up_to": carried}
