@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import ProblemError
+from lockstep.check.graph import Spectrum
 from lockstep.check.inequality import Performance
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
@@ -54,6 +55,7 @@ class Problem:
     def __post_init__(self) -> None:
         self._check_objective()
         self._check_method()
+        self._check_spectrum()
         self._check_disturbance()
         _ = self._agent, self._graph, self._variants, self.gains
         _ = self.performance, self.limits
@@ -146,7 +148,7 @@ class Problem:
     @property
     def sizes(self) -> Sizes:
         """N, n, m, q and n_C."""
-        return Sizes(self._graph.agents, self._agent.n, self._agent.m, self._agent.q, self.order)
+        return Sizes(1 if self.spectrum else self._graph.agents, self._agent.n, self._agent.m, self._agent.q, self.order)
 
     @property
     def title(self) -> str:
@@ -173,8 +175,14 @@ class Problem:
         return self._agent
 
     def graph(self) -> Graph:
-        """Return the communication graph."""
+        """Return the communication graph; with `spectrum`, two agents that are one of its graphs."""
         return self._graph
+
+    @cached_property
+    def spectrum(self) -> Spectrum | None:
+        """[network] spectrum, which names every undirected graph with its nonzero eigenvalues there; None for one graph."""
+        table = self.file.network
+        return None if table.spectrum is None else Spectrum.of(table.model_dump(exclude_none=True))
 
     def agents_B(self) -> tuple[Float[np.ndarray, "n m"], ...]:
         """Return B_i for each agent; they differ only by `[network] parameters`."""
@@ -310,6 +318,21 @@ class Problem:
                 where="[design] rho",
                 expected='no `rho`, or objective = "alpha"',
             )
+
+    def _check_spectrum(self) -> None:
+        network, where = self.file.network, "[network] spectrum"
+        if network.spectrum is None:
+            if network.max_degree is not None:
+                raise ProblemError("`max_degree` is given", where="[network]", expected="it with `spectrum` only")
+            return
+        if self.design.method != "modal":
+            raise ProblemError(
+                f'`method` is "{self.design.method}"',
+                where=where,
+                expected='[design] method = "modal": the same gains for all agents of every graph',
+            )
+        if network.parameters is not None:
+            raise ProblemError("`parameters` are given", where=where, expected="agents that are all alike")
 
     def _check_method(self) -> None:
         given = self.design.method == "given"
