@@ -75,6 +75,11 @@ class ModalWitness:
         """Where the segments begin and end."""
         return (self.lower, *(one.upper for one in self.segments))
 
+    @property
+    def ultimate(self) -> float:
+        """sqrt(c kappa / (1 - decay)), by which witnesses are compared."""
+        return math.sqrt(self.ratio * self.kappa / (1 - self.decay)) if self.decay < 1 else math.inf
+
     def covers(self, lower: float, upper: float) -> bool:
         """Tell whether the segments follow each other from `lower` at most to `upper` at least."""
         ends = self.ends

@@ -33,9 +33,14 @@ def least(cost: Float[np.ndarray, " k"], blocks: Sequence[Block], accuracy: floa
     import clarabel
     from scipy.sparse import csc_matrix
 
-    rows, sides = [], []
+    rows, sides, units = [], [], []
     for constant, slopes in blocks:
         i, j = _triangle(len(constant))
+        # By congruence, so that the largest entry of a row is about 1: without it the solver fails at its first step.
+        d = np.maximum(np.abs(slopes).max(axis=(0, 2), initial=0.0), np.abs(constant).max(axis=1, initial=0.0))
+        d = 1 / np.sqrt(np.where(d > 0, d, 1.0))
+        constant, slopes = constant * np.outer(d, d), slopes * np.outer(d, d)
+        units.append(np.outer(d, d))
         scale = np.where(i == j, 1.0, np.sqrt(2.0))
         rows.append(-(slopes[:, i, j] * scale).T)
         sides.append(constant[i, j] * scale)
@@ -50,11 +55,11 @@ def least(cost: Float[np.ndarray, " k"], blocks: Sequence[Block], accuracy: floa
     if str(solved.status) not in ("Solved", "AlmostSolved"):
         return None
     duals, at = [], 0
-    for constant, _ in blocks:
+    for (constant, _), unit in zip(blocks, units, strict=True):
         i, j = _triangle(len(constant))
         Z = np.zeros(constant.shape)
         Z[i, j] = np.array(solved.z[at : at + len(i)]) / np.where(i == j, 1.0, np.sqrt(2.0))
-        duals.append(Z + Z.T - np.diag(np.diag(Z)))
+        duals.append((Z + Z.T - np.diag(np.diag(Z))) * unit)
         at += len(i)
     x = np.array(solved.x)
     return Solved(x, float(cost @ x), tuple(duals))
