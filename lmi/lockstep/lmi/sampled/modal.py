@@ -263,12 +263,13 @@ def _segment(setting: _Setting, low: float, high: float) -> tuple[Storage, float
     signs[: k - 2] = symmetric_basis(n)
     one = np.ones((1, 1))
     blocks += [(0 * one, np.eye(k)[k - 2].reshape(k, 1, 1)), (one, -np.eye(k)[k - 1].reshape(k, 1, 1))]
+    blocks.append((np.zeros((n, n)), signs))
     if setting.rho is None:
         blocks.append((LARGEST * np.eye(n), -signs))
     else:
         blocks.append((one, -np.eye(k)[k - 2].reshape(k, 1, 1)))
     solved = least(-np.eye(k)[k - 1], blocks)
-    if solved is None or not solved.x[-1] > 0:
+    if solved is None or not solved.x[-1] > 0 or max(map(_radius, filter(None, modes))) >= 1:
         return None
     P = base @ np.tensordot(solved.x[: k - 2], symmetric_basis(n), 1) @ base.T
     mu = setting.mu if setting.rho is not None else float(solved.x[k - 2]) * units[0]
