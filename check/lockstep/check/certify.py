@@ -38,19 +38,31 @@ from lockstep.check.errors import NotCertified, demand
 from lockstep.check.files import as_text, read_inside
 from lockstep.check.inequality import Claim
 from lockstep.check.local import Domain
+from lockstep.check.loop import Plant
 from lockstep.check.modes import ModalCertificate
 from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import as_floats
 from lockstep.check.problem import ProblemTables
 from lockstep.check.sampled.certify import SampledVerdict, decide_sampled
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
-from lockstep.check.sampled.discretise import sampled_controllers
+from lockstep.check.sampled.discretise import sampled_controllers, sampled_table
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.limits import proves_radius
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.messages import MessageWitness, proves_messages
+from lockstep.check.sampled.modes import (
+    ModalLoop,
+    ModalWitness,
+    are_rounded,
+    common_controller,
+    decide_modal_sampled,
+    proves_modal_rho,
+    single_difference,
+    widened,
+)
 from lockstep.check.sampled.performance import SampledRho, proves_rho
 from lockstep.check.sampled.sector import Sector, common_sector
+from lockstep.check.spectrum import metric
 from lockstep.check.verdict import Verdict
 from lockstep.check.wording import shorten
 
@@ -163,8 +175,10 @@ def _sampled(
 ) -> Iterator[tuple[str, Verdict]]:
     """Yield what is proved of the sampled controllers: of the C of a folder, else of the design's gains."""
     claims, proofs, problem = stored.claims.sampled, stored.proofs, stored.problem
-    at = _sampled_network(stored, network, problem.period)
     held = _held(stored, problem.period)
+    if folder is not None and problem.spectrum is not None:
+        yield "code", Verdict("undecided", "C is written for one graph, and `spectrum` names many")
+        return
     if folder is not None:
         read, refused = _read(stored, folder, held)
         yield "code", refused
@@ -174,15 +188,56 @@ def _sampled(
         tables = [one.table[:n_C, :n_C] for one in held]
         yield "controllers_stable_sampled", decide_stable_controllers(tables, sampled=True)
     if claims.certified or folder is not None:
-        found = decide_sampled(at, held, () if proofs.sampled is None else (proofs.sampled,))
+        found = decide_held(stored, network, held, proofs.sampled)
         yield "sampled", _as_claimed(claims, found)
     if claims.rho is not None:
-        yield "sampled_rho", _rho(stored, at, held)
+        yield "sampled_rho", _rho(stored, network, held)
     if claims.max_period is not None and not (claims.certified and claims.max_period <= problem.period):
-        yield "max_period", _longest(stored, at, proofs.max_period, claims.max_period)
+        yield "max_period", _longest(stored, network, claims.max_period)
     if claims.radius is not None:
-        yield "limits", _radius(stored, at, held, claims.radius)
-    yield from _messages(stored, at, held)
+        yield (
+            "limits",
+            _radius(stored, _sampled_network(stored, network, problem.period), held, claims.radius),
+        )
+    yield from _messages(stored, network, held)
+
+
+def decide_held(
+    stored: CheckedFile,
+    network: ExactNetwork,
+    held: tuple[HeldController, ...],
+    witness: Witness | ModalWitness | None,
+    period: float | None = None,
+) -> SampledVerdict:
+    """Decide the sampled loop of all agents, or, by a modal witness and of many graphs always, mode by mode."""
+    period = stored.problem.period if period is None else period
+    if isinstance(witness, ModalWitness) or network.spectrum is not None:
+        mine = witness if isinstance(witness, ModalWitness) else None
+        return decide_modal_sampled(_modal_loop(stored, network, held, period), mine)
+    at = _sampled_network(stored, network, period)
+    return decide_sampled(at, held, () if witness is None else (witness,))
+
+
+def _modal_loop(
+    stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController, ...], period: float
+) -> ModalLoop:
+    """Return the modes of the sampled loop, of all graphs with the spectrum, or of the one whose modes are certified.
+
+    Raises:
+        ProblemError: agents or a graph that do not split into modes once the weights are rounded.
+    """
+    problem, c, where = stored.problem, stored.proofs.certificate, "the modal witness of the sampled loop"
+    plant = network.plant.in_numbers(True)
+    at = SampledNetwork(
+        plant, single_difference(plant.A), stored.claims.alpha, period, problem.delay, _sector(stored, plant)
+    )
+    if network.spectrum is not None:
+        return ModalLoop(at, held, *network.spectrum)
+    demand(isinstance(c, ModalCertificate), "the certificate is none of modes", where, "a modal one")
+    assert isinstance(c, ModalCertificate)
+    plain = metric(network.graph).spread == 1 and are_rounded(held, network.graph.edges)
+    demand(plain, "L is not symmetric with the weights in the code", where, "an undirected graph")
+    return ModalLoop(at, held, *widened(c.lower, c.ends[-1]))
 
 
 def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:
@@ -197,13 +252,18 @@ def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:
     return Verdict("undecided", broken) if broken else Verdict("proved", found.reason)
 
 
-def _rho(stored: CheckedFile, at: SampledNetwork, held: tuple[HeldController, ...]) -> Verdict:
+def _rho(stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController, ...]) -> Verdict:
     rho, witness = stored.claims.sampled.rho, stored.proofs.sampled_rho
     said = f"the sampled loop has the gain {rho:g}"
     if witness is None or rho is None:
         return Verdict("undecided", f"it is claimed that {said}, without a witness")
-    weights = stored.problem.performance
-    if not proves_rho(sampled_loop(at, held, weights.outputs), weights, SampledRho(rho, witness)):
+    weights, period = stored.problem.performance, stored.problem.period
+    if isinstance(witness, ModalWitness):
+        holds = proves_modal_rho(_modal_loop(stored, network, held, period), weights, rho, witness)
+    else:
+        at = _sampled_network(stored, network, period)
+        holds = proves_rho(sampled_loop(at, held, weights.outputs), weights, SampledRho(rho, witness))
+    if not holds:
         return Verdict("undecided", f"it is claimed that {said}, but its witness does not prove it")
     return Verdict("proved", said)
 
@@ -221,7 +281,7 @@ def _radius(
 
 
 def _messages(
-    stored: CheckedFile, at: SampledNetwork, held: tuple[HeldController, ...]
+    stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController, ...]
 ) -> Iterator[tuple[str, Verdict]]:
     """Yield what is proved where messages are lost or late; what the problem asks for is to be claimed as well."""
     claimed, asked, proofs = stored.claims.messages, stored.problem.messages, stored.proofs
@@ -232,7 +292,7 @@ def _messages(
     ):
         yield "messages", Verdict("undecided", "[network.messages] asks for more than is claimed")
     elif claimed is not None:
-        loop = sampled_loop(at, held)
+        loop = sampled_loop(_sampled_network(stored, network, stored.problem.period), held)
 
         def said(name: str, witness: MessageWitness | None, decay: float, *gain: Any) -> tuple[str, Verdict]:
             holds = witness is not None and witness.decay <= decay
@@ -247,16 +307,20 @@ def _messages(
             yield said("messages_rho", proofs.messages_rho, 1.0, stored.problem.performance, claimed.rho)
 
 
-def _longest(stored: CheckedFile, at: SampledNetwork, witness: Witness | None, period: float) -> Verdict:
+def _longest(stored: CheckedFile, network: ExactNetwork, period: float) -> Verdict:
+    witness = stored.proofs.max_period
     if witness is None:
         return Verdict("undecided", f"a largest period of {period:g} s is claimed without a witness")
-    found = decide_sampled(at.at(period), _held(stored, period), [witness])
+    found = decide_held(stored, network, _held(stored, period), witness, period)
     return Verdict("proved" if found.certified else "undecided", found.reason)
 
 
 def _held(stored: CheckedFile, period: float) -> tuple[HeldController, ...]:
     """Return the design's gains sampled with a period and rounded."""
-    table = stored.problem.controller
+    table, spectrum, gains = stored.problem.controller, stored.problem.spectrum, stored.gains
+    if spectrum is not None:
+        common = sampled_table(gains, 0, period, table["discretization"], table["real"])
+        return (common_controller(common, gains.order, spectrum, table["real"]),)
     edges = stored.problem.graph.edges
     return sampled_controllers(stored.gains, edges, period, table["discretization"], table["real"])
 
@@ -265,11 +329,11 @@ def _sampled_network(stored: CheckedFile, network: ExactNetwork, period: float) 
     loop = network.loop(stored.gains.order, exact_arithmetic=True)
     problem = stored.problem
     return SampledNetwork(
-        loop.plant, loop.d, stored.claims.alpha, period, problem.delay, _sector(stored, loop)
+        loop.plant, loop.d, stored.claims.alpha, period, problem.delay, _sector(stored, loop.plant)
     )
 
 
-def _sector(stored: CheckedFile, loop: Any) -> Sector | None:
+def _sector(stored: CheckedFile, plant: Plant) -> Sector | None:
     """Return the sector that takes the place of alpha where the continuous certificate uses entries."""
     c, claims = stored.proofs.certificate, stored.claims
     if not claims.entries or c is None:
@@ -278,9 +342,7 @@ def _sector(stored: CheckedFile, loop: Any) -> Sector | None:
         m, m_entries = np.array([c.mu]), np.array(c.mu_entries)[:, None]
     else:
         m, m_entries = c.m, c.m_entries
-    return common_sector(
-        claims.alpha, claims.entries, m, m_entries, loop.plant.G.shape[1], loop.plant.H.shape[0]
-    )
+    return common_sector(claims.alpha, claims.entries, m, m_entries, plant.G.shape[1], plant.H.shape[0])
 
 
 def _read(

@@ -21,6 +21,8 @@ class ExactNetwork:
         coordinates: "orthonormal" (default) or "laplacian_rows" (the paper's (14)).
         decay: sigma, in 1/s: the loop is then that of e^(sigma t) x_cl, with A_0 + sigma I in place of A_0, and what is
             proved of it is proved of x_cl with that decay: V' + 2 sigma V in place of V'.
+        spectrum: [a, b] where every undirected graph is meant, of any size, with its nonzero eigenvalues there; `graph` is
+            then one of them, of which nothing is decided, and there is no loop of one graph.
 
     Raises:
         ProblemError: no spanning tree, or matrices that do not fit each other or the graph.
@@ -30,6 +32,7 @@ class ExactNetwork:
     graph: Digraph
     coordinates: Coordinates = "orthonormal"
     decay: float = 0.0
+    spectrum: tuple[float, float] | None = None
     _loops: dict[tuple[int, bool], Loop] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -57,10 +60,13 @@ class ExactNetwork:
 
     def decaying(self, decay: float) -> "ExactNetwork":
         """Return the network of e^(decay t) x_cl."""
-        return ExactNetwork(self.plant, self.graph, self.coordinates, decay)
+        return ExactNetwork(self.plant, self.graph, self.coordinates, decay, self.spectrum)
 
     def loop(self, order: int, *, exact_arithmetic: bool) -> Loop:
         """Return the loop (15) for controllers of an order, in doubles or in the same rationals."""
+        remedy = "name a graph, or decide mode by mode"
+        one = self.spectrum is None
+        demand(one, "`spectrum` stands for many graphs", "[network]", "one graph for a loop of all", remedy)
         key = (order, exact_arithmetic)
         if key not in self._loops:
             d = disagreement(self.graph, self.coordinates, exact_arithmetic=exact_arithmetic)

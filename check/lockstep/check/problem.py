@@ -29,7 +29,7 @@ from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.disagreement import Coordinates
 from lockstep.check.domain import argument_box
 from lockstep.check.errors import demand
-from lockstep.check.graph import Digraph
+from lockstep.check.graph import Digraph, Spectrum
 from lockstep.check.inequality import Performance
 from lockstep.check.loop import Plant
 from lockstep.check.network import ExactNetwork
@@ -120,9 +120,17 @@ class ProblemTables:
         )
 
     @cached_property
-    def graph(self) -> Digraph:
-        """Who listens to whom."""
+    def spectrum(self) -> Spectrum | None:
+        """[network] spectrum: every undirected graph, of any size, with its nonzero eigenvalues there; None for one graph."""
         table = part(self.tables, "network", dict)
+        return None if table.get("spectrum") is None else Spectrum.of(table)
+
+    @cached_property
+    def graph(self) -> Digraph:
+        """Who listens to whom; with a spectrum, two agents that are one of its graphs."""
+        table = part(self.tables, "network", dict)
+        if self.spectrum is not None:
+            return self.spectrum.pair
         given = [key for key in ("edges", "laplacian", "topology") if table.get(key) is not None]
         expected = "exactly one of `edges`, `laplacian` and `topology`"
         demand(len(given) == 1, f"{len(given)} of them", "[network]", expected)
@@ -141,6 +149,12 @@ class ProblemTables:
     def inputs(self) -> tuple[Annotated[np.ndarray, "n m"], ...]:
         """B_i of each agent; they differ by `[network] parameters` only, and nothing else may."""
         given = part(self.tables, "network", dict).get("parameters")
+        demand(
+            given is None or not self.spectrum,
+            "they are given",
+            "[network] parameters",
+            "none with `spectrum`",
+        )
         if given is None:
             return (self.agent.B,) * self.graph.N
         whole = isinstance(given, list) and len(given) == self.graph.N
@@ -172,7 +186,8 @@ class ProblemTables:
     def sizes(self) -> Sizes:
         """N, n, m, q and n_C."""
         agent = self.agent
-        return Sizes(self.graph.N, len(agent.states), len(agent.inputs), len(agent.outputs), self.order)
+        N = self.graph.N if self.spectrum is None else 1
+        return Sizes(N, len(agent.states), len(agent.inputs), len(agent.outputs), self.order)
 
     @property
     def period(self) -> float:
@@ -237,7 +252,8 @@ class ProblemTables:
         plant = Plant(agent.A, self.inputs, agent.C, G, H)
         chosen = one_of(self.design.get("coordinates"), COORDINATES, "[design] coordinates")
         coordinates: Coordinates = "orthonormal" if chosen == "orthonormal" else "laplacian_rows"
-        return ExactNetwork(plant, self.graph, coordinates), agent
+        ends = None if self.spectrum is None else (self.spectrum.lower, self.spectrum.upper)
+        return ExactNetwork(plant, self.graph, coordinates, spectrum=ends), agent
 
 
 def _equal(a: Any, b: Any) -> bool:

@@ -17,7 +17,6 @@ from lockstep.check.errors import BoundNotProved, ProblemError
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate
 from lockstep.check.sampled.certify import decide_sampled
-from lockstep.check.sampled.discretise import sampled_controllers as held_controllers
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.limits import proves_radius
 from lockstep.check.sampled.loop import sampled_loop
@@ -25,6 +24,7 @@ from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.sampled.sector import Sector, common_sector
 from lockstep.codegen.folder.contents import DESIGN_NAME
 from lockstep.codegen.message_claims import ProvedMessages, prove_messages
+from lockstep.codegen.sampled_modes import ModalRho, held_controllers, prove_modes_of, splits
 from lockstep.lmi.certify import Decided, certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import (
@@ -59,7 +59,7 @@ class HeldVerdict:
 
     verdict: SampledVerdict
     longest: SampledVerdict | None = None
-    rho: SampledRho | None = None
+    rho: SampledRho | ModalRho | None = None
     radius: tuple[float, Witness] | None = None
     messages: ProvedMessages = field(default_factory=ProvedMessages)
 
@@ -103,13 +103,16 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     """
     period, delay = stored.problem.controller.period, stored.problem.controller.delay
     try:
+        if splits(stored) and (stored.problem.messages is None or stored.problem.spectrum is not None):
+            return _mode_by_mode(stored)
         network = sampled_network(stored)
         controllers = sampled_controllers(stored, period)
     except (BoundNotProved, ProblemError) as error:
         return HeldVerdict(SampledVerdict(False, str(error), period, delay))
     if guess is None:
         guess = _guess(stored)
-    verdict = certify_sampled(network, controllers, guess, witness=stored.proofs.sampled)
+    known = stored.proofs.sampled if isinstance(stored.proofs.sampled, Witness) else None
+    verdict = certify_sampled(network, controllers, guess, witness=known)
     rho = None
     if verdict.certified:
         weights = stored.problem.performance
@@ -122,6 +125,20 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     if verdict.witness is not None:
         messages = prove_messages(stored, network, controllers, verdict.witness, rho)
     return HeldVerdict(verdict, reach, rho, radius, messages)
+
+
+MOST_STATES = 100
+"""Of a sampled loop that is assembled for its radius, which is not proved mode by mode."""
+
+
+def _mode_by_mode(stored: Stored) -> HeldVerdict:
+    found = prove_modes_of(stored, _sector(stored))
+    radius, sizes = None, stored.problem.sizes
+    states = sizes.N * (sizes.n + sizes.n_C)
+    if found.verdict.certified and stored.problem.spectrum is None and states <= MOST_STATES:
+        period = stored.problem.controller.period
+        radius = _radius(stored, sampled_network(stored), sampled_controllers(stored, period))
+    return HeldVerdict(found.verdict, found.longest, found.rho, radius)
 
 
 def _radius(
@@ -225,8 +242,7 @@ def sampled_controllers(stored: Stored, period: float) -> tuple[HeldController, 
     Raises:
         ProblemError: a gain has no value in the target type.
     """
-    table, edges = stored.problem.controller, stored.problem.graph().edges
-    return held_controllers(stored.gains, edges, period, table.discretization, table.real)
+    return held_controllers(stored, period)
 
 
 def _stated_rho(
@@ -240,13 +256,13 @@ def _stated_rho(
 
 def _known_rho(stored: Stored) -> SampledRho | None:
     rho, witness = stored.claims.sampled.rho, stored.proofs.sampled_rho
-    return None if rho is None or witness is None else SampledRho(rho, witness)
+    return SampledRho(rho, witness) if rho is not None and isinstance(witness, Witness) else None
 
 
 def _longest_stated(stored: Stored, network: SampledNetwork) -> SampledVerdict | None:
     """Return the verdict at the period that a design file claims as its longest, if the file's witness proves it."""
     period, witness = stored.claims.sampled.max_period, stored.proofs.max_period
-    if period is None or witness is None:
+    if period is None or not isinstance(witness, Witness):
         return None
     try:
         controllers = sampled_controllers(stored, period)

@@ -72,6 +72,8 @@ class Proposal:
         """Where the certificate is local: states from which the agents stay in their domain, or why none can be given."""
         if self.certificate is None or self.scope != "local":
             return None
+        if self.network.spectrum is not None:
+            return Unavailable("[network] spectrum names graphs without a leader: no agent moves by itself")
         if not self.claim.performance.covers_xi:
             return Unavailable(
                 "[design.disturbances] leaves states out, so that rho is no gain from all of xi"
@@ -251,8 +253,9 @@ def _protocol(problem: Problem, network: Network, bound: Bound, claim: Claim, te
 
 
 def _modal(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Proposal:
+    from lockstep.lmi.analysis.decay import abscissa
     from lockstep.lmi.methods.certified import rate_of_controllers
-    from lockstep.lmi.methods.modal import design_modes, prove_modes
+    from lockstep.lmi.methods.modal import covered_graphs, design_modes, prove_modes
 
     table = problem.design
     decaying = network if table.decay is None else network.decaying(table.decay)
@@ -268,13 +271,17 @@ def _modal(problem: Problem, network: Network, bound: Bound, claim: Claim, tell:
     )
     tell("proving the certificate", 0.0)
     certificate = prove_modes(network, gains, claim)
-    figures = _figures(network, gains) | {
+    figures = {
+        "abscissa": abscissa(network, gains, modal=True),
+        "gain_norms": gains.norms,
         "modal": {
             "spectrum": [certificate.lower, certificate.ends[-1]],
             "segments": len(certificate.segments),
+            "covers": covered_graphs(network, certificate),
         },
     }
-    floor = _floor(network, claim, certificate.rho, tell)
+    # A floor is one of a network with so many agents: of many graphs there is none.
+    floor = None if network.spectrum is not None else _floor(network, claim, certificate.rho, tell)
     return Proposal(problem, network, bound, claim, gains, certificate, figures, floor)
 
 

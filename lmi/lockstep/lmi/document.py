@@ -14,6 +14,7 @@ from lockstep.check.design_file.messages import messages_document
 from lockstep.check.design_file.proofs import BoundProof, Proofs
 from lockstep.check.domain import claimed_box
 from lockstep.check.local import InitialSet
+from lockstep.check.modes import ModalCertificate
 from lockstep.lmi.design import Proposal
 from lockstep.lmi.initial import InitialStates
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
@@ -50,7 +51,13 @@ def file_of(design: Proposal) -> Stored:
         None if decay is None else decay[0],
         design.guarantees.stable,
     )
-    info = {"figures": design.figures} | ({} if initial is None else {"initial_set": initial.remarks()})
+    graph = design.problem.membership
+    remarks = {} if graph is None else {"graph": graph.document()}
+    info = (
+        {"figures": design.figures}
+        | remarks
+        | ({} if initial is None else {"initial_set": initial.remarks()})
+    )
     proofs = Proofs(c, None if decay is None else decay[1], floor, bound=_bound_proof(design.problem, claims))
     return Stored(design.problem, design.gains, claims, proofs, info)
 
@@ -111,11 +118,21 @@ def answer(stored: Stored) -> dict[str, Any]:
         "floor_proof": "none" if claims.floor is None else "exact",
         **({"initial_set": initial} if claims.scope == "local" else {}),
         **({} if claims.sampled.radius is None else {"limits": {"radius": claims.sampled.radius}}),
+        **graph_answer(stored),
         "gains": gains_document(stored.gains),
         "sampled": sampled_answer(stored),
         **messages_answer(stored, certified=claims.messages is not None),
         "figures": _table(info, "figures"),
     }
+
+
+def graph_answer(stored: Stored) -> dict[str, Any]:
+    """Return `graph_proof`, how it is known that a graph has the spectrum that a certificate of the modes covers, and `spectrum`."""
+    spectrum, known = stored.problem.spectrum, _table(stored.info, "graph")
+    if spectrum is None:
+        return {"graph_proof": "exact"} if isinstance(stored.proofs.certificate, ModalCertificate) else {}
+    said = {"spectrum": [spectrum.lower, spectrum.upper], "max_degree": spectrum.neighbours}
+    return said | ({"graph_proof": known["graph_proof"]} if "graph_proof" in known else {})
 
 
 def sampled_answer(stored: Stored) -> dict[str, Any]:

@@ -147,12 +147,14 @@ def network_of(problem: Problem, bound: Bound) -> Network:
     Raises:
         ProblemError: scales with which G D_w or D_v^-1 H would be rounded: take a bound of `bound_of`.
     """
+    spectrum = problem.spectrum
     return Network(
         problem.agent(),
         problem.graph(),
         problem.agents_B(),
         problem.design.coordinates,
         (bound.output_scale, bound.input_scale),
+        spectrum=None if spectrum is None else (spectrum.lower, spectrum.upper),
     )
 
 

@@ -34,6 +34,7 @@ class Network:
         graph: who listens to whom; it must have a spanning tree.
         B: the input matrix (n, m) of each agent; by default the agent's own for all.
         coordinates: "orthonormal" (default) or "laplacian_rows" (the paper's (14)).
+        spectrum: [a, b] where every undirected graph with its nonzero eigenvalues there is meant, `graph` being one.
         decay: of e^(decay t) x_cl, whose loop it is; see `lockstep.check.network.Network`.
         scales: (D_w, D_v), the diagonals with which the bound on phi was proved: |D_w^-1 J D_v| <= alpha,
             such that G D_w and D_v^-1 H are exact in doubles (`lockstep.model.assembly.bound_of` gives such ones).
@@ -45,6 +46,7 @@ class Network:
     coordinates: Coordinates = "orthonormal"
     scales: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     decay: float = 0.0
+    spectrum: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         shape = self.agent.lure.B.shape
@@ -78,7 +80,7 @@ class Network:
     @cached_property
     def matrices(self) -> ExactNetwork:
         """What the checker decides about: the plant, the graph and the coordinates, without the equations."""
-        return ExactNetwork(self.plant, self.graph, self.coordinates, self.decay)
+        return ExactNetwork(self.plant, self.graph, self.coordinates, self.decay, self.spectrum)
 
     def decaying(self, decay: float) -> "Network":
         """Return the network of e^(decay t) x_cl."""
@@ -90,9 +92,7 @@ class Network:
 
     def with_bound(self, bound: "Bound") -> "Network":
         """Return the network with G and H scaled as a bound on phi was proved."""
-        return Network(
-            self.agent, self.graph, self.B, self.coordinates, (bound.output_scale, bound.input_scale)
-        )
+        return replace(self, scales=(bound.output_scale, bound.input_scale))
 
     def closed_loop(self, gains: Gains) -> ca.Function:
         """Return (12): (x, x_C, t, xi) -> (dx, dx_C, u), symbolic and nonlinear, all agents stacked.

@@ -31,6 +31,8 @@ from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate, Segment
 from lockstep.check.sampled.inequality import NUMBERS, Witness
 from lockstep.check.sampled.messages import MessageWitness
+from lockstep.check.sampled.modes import NUMBERS as MODAL_NUMBERS
+from lockstep.check.sampled.modes import ModalWitness
 
 _AMOUNT = re.compile("-?[0-9]{1,400}(/[0-9]{1,400})?")
 
@@ -57,9 +59,9 @@ class Proofs:
     certificate: Certificate | ModalCertificate | None = None
     decay: Certificate | ModalCertificate | None = None
     floor: FloorWitness | None = None
-    sampled: Witness | None = None
-    sampled_rho: Witness | None = None
-    max_period: Witness | None = None
+    sampled: Witness | ModalWitness | None = None
+    sampled_rho: Witness | ModalWitness | None = None
+    max_period: Witness | ModalWitness | None = None
     radius: Witness | None = None
     bound: BoundProof | None = None
     messages: MessageWitness | None = None
@@ -77,7 +79,8 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
         "certificate": or_none(partial(_certificate, claims, sizes, claims.rho)),
         "decay": or_none(partial(_decaying, claims, sizes)),
         "floor": lambda value, where: None if rho is None else witness_of(rho, value, where),
-        **dict.fromkeys(("sampled", "sampled_rho", "max_period", "radius"), or_none(sampled_witness_of)),
+        **dict.fromkeys(("sampled", "sampled_rho", "max_period"), or_none(_sampled_witness)),
+        "radius": or_none(sampled_witness_of),
         "bound": or_none(_bound),
         **dict.fromkeys(("messages", "messages_rho"), or_none(message_witness_of)),
     }
@@ -104,6 +107,29 @@ def _rational(value: Any, where: str) -> Fraction:
     rational = isinstance(value, str) and _AMOUNT.fullmatch(value) and not value.endswith("/0")
     demand(rational, f"{value!r}", where, 'a rational such as "-1/2"')
     return Fraction(value)
+
+
+def _sampled_witness(value: Any, where: str) -> Witness | ModalWitness:
+    return (
+        modal_witness_of(value, where)
+        if isinstance(value, dict) and "kind" in value
+        else sampled_witness_of(value, where)
+    )
+
+
+def modal_witness_of(value: Any, where: str) -> ModalWitness:
+    """Read a witness of the sampled loop mode by mode."""
+    of_one = {"upper": number, "P": matrix(symmetric=True)}
+    readers: dict[str, Reader] = {
+        "kind": lambda one, place: one_of(one, ("modal",), place),
+        "segments": partial(
+            each, read=lambda one, place: Segment(*record(one, place, of_one)), name="segment"
+        ),
+        "P_mean": matrix(symmetric=True),
+        "t": vector(4),
+        **dict.fromkeys(MODAL_NUMBERS, number),
+    }
+    return ModalWitness(*record(value, where, readers)[1:])
 
 
 def sampled_witness_of(value: Any, where: str) -> Witness:

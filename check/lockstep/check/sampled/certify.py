@@ -38,7 +38,7 @@ class SampledVerdict:
     consensus at the sampling instants, |(T'(T T')^-1 T (x) I) x|, per unit of error of every message entry;
     residual_rms: the same as a root mean square over time;  underflow: the ultimate distance from underflow alone,
     absolute;  deltas: per agent, the bounds on the coefficient errors that stand for the rounding;  gain: from w
-    to z, in doubles, for information;  witness: what proves it.
+    to z, in doubles, for information;  witness: what proves it, a `Witness` or one of `modes`.
     """
 
     certified: bool
@@ -51,7 +51,7 @@ class SampledVerdict:
     residual_rms: float = float("nan")
     underflow: float = float("nan")
     deltas: tuple[Mapping[str, float], ...] = ()
-    witness: Witness | None = None
+    witness: Any = None
     figures: Mapping[str, Any] = field(default_factory=dict)
 
     def document(self) -> dict[str, Any]:

@@ -124,15 +124,28 @@ def sampled_controllers(
     heard: list[list[tuple[int, float]]] = [[] for _ in range(gains.N)]
     for listener, source, weight in edges:
         heard[listener - 1].append((source - 1, weight))
-    controllers = []
+    controllers, tables = [], dict[bytes, Annotated[np.ndarray, "k l"]]()
     for i, own in enumerate(heard):
-        where = f"controller {i + 1}"
-        sampled = discretise(gains.A[i], gains.B[i], gains.C[i], gains.D[i], period, method)
-        table = rounded_to(real, sampled.stacked(), where).astype(float)
+        where, key = f"controller {i + 1}", gains.blocks[i].tobytes()
+        if key not in tables:
+            tables[key] = sampled_table(gains, i, period, method, real)
+        table = tables[key]
         weights = rounded_to(real, np.array([a for _, a in own], dtype=float), where).astype(float)
         sources = tuple(source for source, _ in own)
         controllers.append(HeldController.row_by_row(table, gains.order, sources, weights, PRECISIONS[real]))
     return tuple(controllers)
+
+
+def sampled_table(
+    gains: Gains, i: int, period: float, method: Discretization, real: Real
+) -> Annotated[np.ndarray, "k l"]:
+    """Return [A B; C D] of agent i sampled with a period and rounded to a type.
+
+    Raises:
+        ProblemError: a gain has no value in the type, or cannot be sampled.
+    """
+    sampled = discretise(gains.A[i], gains.B[i], gains.C[i], gains.D[i], period, method)
+    return rounded_to(real, sampled.stacked(), f"controller {i + 1}").astype(float)
 
 
 def _inverse(E: Matrix, scale: fmpq, T: float) -> Matrix:

@@ -51,8 +51,8 @@ from lockstep.check.inequality import Performance
 from lockstep.check.numbers import Matrix, converter, exactly, eye, is_exact, zeros
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.conjugate import no_conjugate_point
-from lockstep.check.sampled.inequality import Witness, multiplier, step_matrix, stored_matrix
 from lockstep.check.sampled.controller import SampledNetwork
+from lockstep.check.sampled.inequality import Witness, multiplier, step_matrix, stored_matrix
 from lockstep.check.sampled.lifting import Lifted, lift
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.sampled.performance import running_cost

@@ -58,11 +58,11 @@ def running_cost(loop: SampledLoop, weights: Performance, rho: float) -> Matrix:
     number, d = converter(is_exact(loop.held)), loop.network.d
     T, square = number(np.array([loop.network.period, rho]))
     form, n_C = zeros(loop.n_z, loop.n_z, loop.held), len(weights.Q)
-    for i in range(d.N):
+    for i in range(len(loop.seen)):
         place = slice(loop.n_d + i * n_C, loop.n_d + (i + 1) * n_C)
         form[place, place] = T * number(weights.Q)
     if len(weights.W):
-        W = np.kron(eye(d.N, loop.held), number(weights.W))
+        W = np.kron(eye(len(loop.seen), loop.held), number(weights.W))
         form = form + T * (loop.applied.T @ W @ loop.applied)
     noisy = (loop.outputs.stop - loop.outputs.start) // (d.N - 1)
     form[loop.outputs, loop.outputs] = -(T * square * square) * np.kron(d.S, eye(noisy, loop.held))

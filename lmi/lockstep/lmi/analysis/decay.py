@@ -30,7 +30,7 @@ def fastest_decay(network: Network, gains: Gains, claim: Claim, *, modal: bool) 
         claim: alpha and delta; what rho weighs does not matter, but for the solver's scaling.
         modal: whether a certificate of the modes is looked for.
     """
-    low, high = 0.0, -float(np.linalg.eigvals(network.loop(gains.order).A_cl(gains.blocks)).real.max())
+    low, high = 0.0, -abscissa(network, gains, modal=modal)
     for _ in range(HALVINGS):
         middle = (low + high) / 2
         low, high = (middle, high) if _holds(network.decaying(middle), gains, claim, modal) else (low, middle)
@@ -42,6 +42,20 @@ def fastest_decay(network: Network, gains: Gains, claim: Claim, *, modal: bool) 
             except NotCertified:
                 continue
     return None
+
+
+def abscissa(network: Network, gains: Gains, *, modal: bool) -> float:
+    """Return the largest real part of the poles of the linear loop, in doubles; of many graphs, on a grid of their lambdas."""
+    if not modal:
+        return float(np.linalg.eigvals(network.loop(gains.order).A_cl(gains.blocks)).real.max())
+    from lockstep.check.modes import Modes
+    from lockstep.lmi.methods.modal import eigenvalues_of
+
+    modes, K = Modes(network.plant, gains.order, network.decay), gains.blocks[0]
+    found = [np.linalg.eigvals(modes.A_0 + modes.U @ K @ modes.Y(value)) for value in eigenvalues_of(network)]
+    n_C = gains.order
+    found.append(np.linalg.eigvals(K[:n_C, :n_C]) + network.decay)
+    return float(np.concatenate(found).real.max())
 
 
 def proved_decay(

@@ -21,8 +21,9 @@ from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate, Modes, Segment, check_covered, decide_modes
 from lockstep.check.numbers import as_floats
 from lockstep.check.spectrum import Metric
-from lockstep.lmi.analysis.rounding import round_up
-from lockstep.lmi.methods.modal_search import ModalCandidate, ModalSearch, from_start
+from lockstep.lmi.analysis.rounding import round_up, short_gains
+from lockstep.lmi.methods.modal_common import CommonSearch
+from lockstep.lmi.methods.modal_search import ModalCandidate, ModalSearch, drawn, from_start
 from lockstep.lmi.methods.modal_witness import ModalWitness, witness
 from lockstep.model.network import Network
 
@@ -36,6 +37,9 @@ HALVINGS, WORTHWHILE = 5, 0.01
 """For the gains found each segment is cut in two, at most so many times, until that lowers rho by less than this part of
 it. One P for lambda from 1 to 4 costs a ring of carts a factor of 2.6 over a P for each lambda: the sampled loop, whose
 certificate knows nothing of segments, would be proved a smaller rho than the continuous one."""
+
+_ANY = Claim(0.0, np.eye(1), np.eye(1), np.zeros((1, 4)))
+"""A claim of nothing, for what a graph alone decides."""
 
 NARROW = 1e-6
 """A spectrum this narrow, relatively, is one lambda."""
@@ -66,6 +70,8 @@ def design_modes(
     known = check_covered(network.matrices, claim)
     modes = Modes(network.plant, order, network.decay)
     search = ModalSearch.of(modes, claim, segment_ends(network, known), gain_limit, rate)
+    if network.spectrum is not None:
+        return shared_gains(_common(network, search, starts, seed, rate, tell), order, 1)
     best: ModalCandidate | None = None
     for index in range(starts):
         if tell is not None:
@@ -86,6 +92,39 @@ def design_modes(
     return shared_gains(best.K, order, network.N)
 
 
+def _common(
+    network: Network,
+    search: ModalSearch,
+    starts: int,
+    seed: int,
+    rate: float | None,
+    tell: Callable[[float], None] | None,
+) -> Float[np.ndarray, "a b"]:
+    """Search for one K with one P on all of the spectrum: what proves switching, and graphs of any size."""
+    a, b = search.ends[0], search.ends[-1]
+    common = CommonSearch(search.modes, search.claim, (float(a), float(b)), search.gain_limit, rate or 0.0)
+    best, least, reached = None, np.inf, 0.0
+    for index in range(starts):
+        if tell is not None:
+            tell(index / starts)
+        for K in drawn(search, seed, index):
+            sigma, found = common.improved(K)
+            if sigma < least:
+                best, least = short_gains(found[None], search.gain_limit)[0], sigma
+            elif best is None:
+                reached = max(reached, common.widest(found))
+    if best is None:
+        raise Infeasible(
+            f"no identical gains of order {search.modes.order} within gain_limit {search.gain_limit:g} were found with one P"
+            f" for every lambda from {a:.4g} to {b:.4g}, a ratio of {b / a:.4g}; the best of {starts} starts has one up to a"
+            f" ratio of {reached:.4g}",
+            alpha=search.claim.alpha,
+            ratio=b / a,
+            reachable_ratio=reached,
+        )
+    return np.asarray(best)
+
+
 def shared_gains(K: Float[np.ndarray, "a b"], order: int, N: int) -> Gains:
     """Return the same gains for all agents."""
     return Gains.from_blocks(np.stack([K] * N), order)
@@ -93,6 +132,8 @@ def shared_gains(K: Float[np.ndarray, "a b"], order: int, N: int) -> Gains:
 
 def segment_ends(network: Network, known: Metric, finer: int = 1) -> Float[np.ndarray, " s"]:
     """Return lower, the cuts between segments in short decimals, and upper; with `finer` times as many segments."""
+    if network.spectrum is not None:
+        return np.array(network.spectrum)
     lower, upper = spectrum_bounds(network.graph, known)
     count = finer * max(1, math.ceil(math.log(upper / lower) / math.log(RATIO) - 1e-6))
     cuts = [float(f"{lower * (upper / lower) ** (i / count):.4g}") for i in range(1, count)]
@@ -126,6 +167,21 @@ def prove_modes(network: Network, gains: Gains, claim: Claim) -> ModalCertificat
     )
 
 
+def covered_graphs(network: Network, certificate: ModalCertificate) -> str:
+    """Say which graphs a certificate of the modes covers, for people."""
+    ends, spectrum = certificate.ends, network.spectrum
+    between = "with their nonzero Laplacian eigenvalues from {:.6g} to {:.6g}"
+    if spectrum is not None:
+        said = "all undirected graphs of any size {}, switching among them, agents that join and leave"
+        return said.format(between.format(*spectrum))
+    if check_covered(network.matrices, _ANY).spread != 1:
+        return "this graph"
+    if len(ends) > 2:
+        return f"any one undirected graph {between.format(ends[0], ends[-1])}, fixed: {len(ends) - 1} segments, a P each"
+    said = "all undirected graphs of any size {}, switching among them: one P"
+    return said.format(between.format(ends[0], ends[-1]))
+
+
 def least_sigma(network: Network, gains: Gains, claim: Claim) -> float | None:
     """Return the least sigma that the solver finds with the coarse segments of the search; None where it finds none."""
     known = check_covered(network.matrices, claim)
@@ -141,7 +197,7 @@ def _fine_enough(
     ends = segment_ends(network, known)
     least = witness(modes, K, claim, ends)
     for k in range(1, HALVINGS + 1):
-        if ends[-1] <= ends[0] * (1 + NARROW):
+        if ends[-1] <= ends[0] * (1 + NARROW) or network.spectrum is not None:
             break
         finer = segment_ends(network, known, 2**k)
         found = witness(modes, K, claim, finer)
@@ -181,10 +237,25 @@ def _rounded(P: Float[np.ndarray, "k k"], digits: int) -> Float[np.ndarray, "k k
     return np.round(P, min(places, 300))
 
 
-def spectrum_bounds(graph: Digraph, known: Metric) -> tuple[float, float]:
-    """Return (lower, upper) a little outside lambda_2 and lambda_N."""
+GRID = 33
+"""Eigenvalues looked at of a spectrum that many graphs have."""
+
+
+def eigenvalues_of(network: Network) -> Float[np.ndarray, " k"]:
+    """Return the nonzero eigenvalues of L in doubles, or a grid of those that many graphs have."""
+    if network.spectrum is not None:
+        return np.geomspace(*network.spectrum, GRID)
+    return _eigenvalues(network.graph, check_covered(network.matrices, _ANY))[1:]
+
+
+def _eigenvalues(graph: Digraph, known: Metric) -> Float[np.ndarray, " N"]:
     root = np.sqrt(as_floats(known.w))
     symmetric = root[:, None] * graph.laplacian / root[None, :]
-    values = np.linalg.eigvalsh((symmetric + symmetric.T) / 2)
+    return np.asarray(np.linalg.eigvalsh((symmetric + symmetric.T) / 2))
+
+
+def spectrum_bounds(graph: Digraph, known: Metric) -> tuple[float, float]:
+    """Return (lower, upper) a little outside lambda_2 and lambda_N."""
+    values = _eigenvalues(graph, known)
     room = OUTSIDE * values[-1]
     return float(values[1] - room), float(values[-1] + room)

@@ -167,12 +167,28 @@ def from_start(search: ModalSearch, seed: int, index: int) -> ModalCandidate:
     return found
 
 
-def _descent(search: ModalSearch, generator: np.random.Generator) -> ModalCandidate:
+def drawn(search: ModalSearch, seed: int, index: int) -> list[Float[np.ndarray, "a b"]]:
+    """Return gains of one start that are stable at the ends, taken down the smoothed norm of these modes."""
+    generator, found = np.random.default_rng([seed, index]), []
+    for _ in range(DRAWS):
+        K = _stable(search, generator)
+        if K is not None:
+            found.append(descended(search.norm, np.repeat(K[None], search.norm.shape[0], axis=0)).K[0])
+    return found
+
+
+def _stable(search: ModalSearch, generator: np.random.Generator) -> Float[np.ndarray, "a b"] | None:
     ends, norm, limit = search.ends, search.norm, search.gain_limit
     size = generator.choice([0.5, 1.0, 2.0]) / np.sqrt(ends[0] * ends[-1]) ** 0.5
     K = stabilised(search, size * generator.standard_normal(norm.shape[1:]))
     K = K * min(1.0, 0.9 * limit / max(float(np.linalg.norm(K, 2)), 1e-300))
-    if _worst(_ways(search), K)[0] >= 0:
+    return None if _worst(_ways(search), K)[0] >= 0 else K
+
+
+def _descent(search: ModalSearch, generator: np.random.Generator) -> ModalCandidate:
+    ends, norm = search.ends, search.norm
+    K = _stable(search, generator)
+    if K is None:
         return ModalCandidate(None, None, 0.0)
     at = descended(norm, np.repeat(K[None], norm.shape[0], axis=0))
     K = (refined(norm, at) if np.isfinite(at.rho) else at).K[0]

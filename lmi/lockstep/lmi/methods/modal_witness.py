@@ -39,7 +39,7 @@ def witness(
     import cvxpy as cp
 
     segments = [(float(a), float(b)) for a, b in pairwise(ends)]
-    bases = [_basis(modes, K, claim, float(np.sqrt(a * b))) for a, b in segments]
+    bases = [basis(modes, K, claim, float(np.sqrt(a * b))) for a, b in segments]
     P_mean = _mean(modes, K, claim)
     if P_mean is None or any(base is None for base in bases):
         return None
@@ -64,7 +64,7 @@ def witness(
     return ModalWitness(found, weights, float(s2.value) * unit if sigma is None else sigma, P_mean)
 
 
-def _basis(
+def basis(
     modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim, value: float
 ) -> Float[np.ndarray, "k k"] | None:
     """Return the Cholesky factor of P with He(P A(lambda)) = -diag(R, Q); None where A(lambda) is not stable."""

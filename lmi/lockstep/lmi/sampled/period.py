@@ -47,18 +47,47 @@ def max_period(
         guess: pair weights to start from.
     """
     edge = _Edge(network, controllers_at, guess)
-    low, high = edge.bracket()
+
+    def certified(period: float) -> SampledVerdict:
+        return certify_sampled(network.at(period), controllers_at(period), edge.guess, thorough=False)
+
+    return longest(network.period, edge.seems_to_hold, certified)
+
+
+def longest(
+    start: float, seems_to_hold: Callable[[float], bool], certify: Callable[[float], SampledVerdict]
+) -> SampledVerdict | None:
+    """Return the proved verdict at the largest period found from a start, rounded down to four digits; None if there is none.
+
+    Args:
+        start: where the search starts, in s.
+        seems_to_hold: whether a period holds, in doubles.
+        certify: the verdict at a period.
+    """
+    low, high = _bracket(start, seems_to_hold)
     if low is None:
         return None
     while high is not None and high > low * (1 + RESOLUTION):
         middle = math.sqrt(low * high)
-        low, high = (middle, high) if edge.seems_to_hold(middle) else (low, middle)
+        low, high = (middle, high) if seems_to_hold(middle) else (low, middle)
     for factor in BACK_OFF:
-        period = _down(low * factor)
-        verdict = certify_sampled(network.at(period), controllers_at(period), edge.guess, thorough=False)
+        verdict = certify(_down(low * factor))
         if verdict.certified:
             return verdict
     return None
+
+
+def _bracket(start: float, seems_to_hold: Callable[[float], bool]) -> tuple[float | None, float | None]:
+    """Return a period that seems to hold and, twice as long, one that does not."""
+    if seems_to_hold(start):
+        for k in range(1, DOUBLINGS + 1):
+            if not seems_to_hold(start * 2**k):
+                return start * 2 ** (k - 1), start * 2**k
+        return start * 2**DOUBLINGS, None
+    for k in range(1, DOUBLINGS + 1):
+        if seems_to_hold(start / 2**k):
+            return start / 2**k, start / 2 ** (k - 1)
+    return None, None
 
 
 class _Edge:
@@ -71,19 +100,6 @@ class _Edge:
         guess: Float[np.ndarray, " pairs"] | None,
     ) -> None:
         self.network, self.controllers_at, self.guess = network, controllers_at, guess
-
-    def bracket(self) -> tuple[float | None, float | None]:
-        """Return a period that seems to hold and, twice as long, one that does not."""
-        start = self.network.period
-        if self.seems_to_hold(start):
-            for k in range(1, DOUBLINGS + 1):
-                if not self.seems_to_hold(start * 2**k):
-                    return start * 2 ** (k - 1), start * 2**k
-            return start * 2**DOUBLINGS, None
-        for k in range(1, DOUBLINGS + 1):
-            if self.seems_to_hold(start / 2**k):
-                return start / 2**k, start / 2 ** (k - 1)
-        return None, None
 
     def seems_to_hold(self, period: float) -> bool:
         """Tell whether some multiplier makes the gain around the nonlinearity less than 1."""

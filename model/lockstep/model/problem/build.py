@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.graph import Spectrum
 from lockstep.check.wording import nearest, shorten
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
@@ -77,9 +78,17 @@ def build_graph(table: NetworkTable) -> Graph:
         ProblemError: none of them or more than one, or a number of agents that is missing or does not fit.
     """
     given = [key for key in ("edges", "laplacian", "topology") if getattr(table, key) is not None]
+    if table.spectrum is not None:
+        return Graph(Spectrum.of(table.model_dump(exclude_none=True)).pair.adjacency)
+    if table.file is not None and not given:
+        raise ProblemError(
+            f"the graph is in `{shorten(table.file)}`, which was not read",
+            where="[network] file",
+            expected="a problem that is loaded from its file, which the name of the graph's file is relative to",
+        )
     if len(given) != 1:
         found = f"{' and '.join(f'`{key}`' for key in given)} are given" if given else "there is no graph"
-        expected = "exactly one of `edges`, `laplacian` and `topology`"
+        expected = "exactly one of `edges`, `laplacian`, `topology` and `file`, or `spectrum`"
         raise ProblemError(found, where="[network]", expected=expected)
     if table.laplacian is not None:
         return _from_laplacian(table.laplacian, table.agents)

@@ -12,24 +12,29 @@ from jaxtyping import Float
 from lockstep.check.design_file.messages import messages_of
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import ProblemError
+from lockstep.check.graph import Spectrum
 from lockstep.check.inequality import Performance
 from lockstep.check.sampled.messages import Messages
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
+from lockstep.model.membership import Membership
 from lockstep.model.problem.assumptions import check_assumptions
 from lockstep.model.problem.build import build_agent, build_graph, build_variants
 from lockstep.model.problem.from_agent import plain, tables_of
 from lockstep.model.problem.gains import GivenGains, given_gains
+from lockstep.model.problem.graph_file import network_of_graph, with_graph
 from lockstep.model.problem.load import parse_tables, parse_toml, read_problem
 from lockstep.model.problem.schema import (
     ControllerTable,
     DesignTable,
     DisturbancesTable,
+    NetworkTable,
     ProblemFile,
     SimulationTable,
 )
 from lockstep.model.problem.toml_text import toml_text
 from lockstep.model.problem.weights import input_weight, scale_of_each, weight_matrix
+from lockstep.model.sparse_graph import SparseGraph
 
 if TYPE_CHECKING:
     from lockstep.model.checks import CheckReport
@@ -43,6 +48,7 @@ class Problem:
 
     Args:
         file: the tables.
+        membership: how a large graph that was read from a file is known to have the spectrum in them.
 
     Raises:
         ProblemError: whatever the agent, the graph, the weights or the gains refuse.
@@ -52,10 +58,12 @@ class Problem:
     """
 
     file: ProblemFile
+    membership: Membership | None = None
 
     def __post_init__(self) -> None:
         self._check_objective()
         self._check_method()
+        self._check_spectrum()
         self._check_disturbance()
         _ = self._agent, self._graph, self._variants, self.gains
         _ = self.performance, self.limits, self.messages
@@ -74,11 +82,11 @@ class Problem:
             ProblemError: anything wrong with it, with the file's name and the place in it.
         """
         path = Path(path)
-        return cls.parse(read_problem(path), str(path))
+        return cls.parse(read_problem(path), str(path), path.parent)
 
     @classmethod
-    def parse(cls, text: str, name: str = "") -> "Problem":
-        """Parse the text of a problem file; `name` is put before the place in messages.
+    def parse(cls, text: str, name: str = "", folder: Path | None = None) -> "Problem":
+        """Parse the text of a problem file; `name` is put before the place in messages, [network] file is read from the folder.
 
         >>> Problem.parse('''
         ... [agent]
@@ -93,7 +101,8 @@ class Problem:
         (1, 2, 3)
         """
         try:
-            return cls.from_document(parse_toml(text))
+            file = parse_tables(parse_toml(text))
+            return cls(file) if folder is None else cls(*with_graph(file, folder))
         except ProblemError as error:
             raise (error.within(name) if name else error) from None
 
@@ -101,7 +110,7 @@ class Problem:
     def of(
         cls,
         agent: Agent,
-        graph: Graph,
+        graph: Any,
         *,
         B: Sequence[Float[np.ndarray, "n m"]] = (),
         title: str = "",
@@ -113,7 +122,7 @@ class Problem:
 
         Args:
             agent: its expressions become the formulas of [agent]: the same operations, digit by digit.
-            graph: who listens to whom.
+            graph: who listens to whom: a `Graph`, or a graph of networkx, that of a large one by its spectrum.
             B: the input matrix of each agent, as in `Network`; by default the agent's own for all.
             title: for people.
             design, controller, simulation: the tables of these names, with the keys of a problem file; matrices
@@ -131,7 +140,13 @@ class Problem:
         """
         tables = {"design": design, "controller": controller, "simulation": simulation}
         given = {name: plain(table) for name, table in tables.items() if table is not None}
-        return cls.from_document({"title": title, **tables_of(agent, graph, B), **given})
+        if isinstance(graph, Graph):
+            return cls.from_document({"title": title, **tables_of(agent, graph, B), **given})
+        pair = tables_of(agent, Graph.topology("complete", 2), B)
+        file = parse_tables({"title": title, **pair, **given})
+        sparse, where = SparseGraph.from_networkx(graph), file.design
+        network, found = network_of_graph(sparse, NetworkTable(), method=where.method, seed=where.seed)
+        return cls(file.model_copy(update={"network": network}), found)
 
     def toml(self) -> str:
         """Return the text of a problem file that is this problem, without the keys that have their defaults."""
@@ -148,7 +163,13 @@ class Problem:
     @property
     def sizes(self) -> Sizes:
         """N, n, m, q and n_C."""
-        return Sizes(self._graph.agents, self._agent.n, self._agent.m, self._agent.q, self.order)
+        return Sizes(
+            1 if self.spectrum else self._graph.agents,
+            self._agent.n,
+            self._agent.m,
+            self._agent.q,
+            self.order,
+        )
 
     @property
     def title(self) -> str:
@@ -175,8 +196,14 @@ class Problem:
         return self._agent
 
     def graph(self) -> Graph:
-        """Return the communication graph."""
+        """Return the communication graph; with `spectrum`, two agents that are one of its graphs."""
         return self._graph
+
+    @cached_property
+    def spectrum(self) -> Spectrum | None:
+        """[network] spectrum, which names every undirected graph with its nonzero eigenvalues there; None for one graph."""
+        table = self.file.network
+        return None if table.spectrum is None else Spectrum.of(table.model_dump(exclude_none=True))
 
     def agents_B(self) -> tuple[Float[np.ndarray, "n m"], ...]:
         """Return B_i for each agent; they differ only by `[network] parameters`."""
@@ -318,6 +345,23 @@ class Problem:
                 where="[design] rho",
                 expected='no `rho`, or objective = "alpha"',
             )
+
+    def _check_spectrum(self) -> None:
+        network, where = self.file.network, "[network] spectrum"
+        if network.spectrum is None:
+            if network.max_degree is not None:
+                raise ProblemError(
+                    "`max_degree` is given", where="[network]", expected="it with `spectrum` only"
+                )
+            return
+        if self.design.method != "modal":
+            raise ProblemError(
+                f'`method` is "{self.design.method}"',
+                where=where,
+                expected='[design] method = "modal": the same gains for all agents of every graph',
+            )
+        if network.parameters is not None:
+            raise ProblemError("`parameters` are given", where=where, expected="agents that are all alike")
 
     def _check_method(self) -> None:
         given = self.design.method == "given"

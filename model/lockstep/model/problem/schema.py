@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, Strict
 from pydantic_core import PydanticCustomError
 
+from lockstep.check.graph import MOST_NEIGHBOURS
 from lockstep.check.problem import MOST_ORDER
 
 T = TypeVar("T")
@@ -147,7 +148,7 @@ class MessagesTable(ProblemTable):
 
 
 class NetworkTable(ProblemTable):
-    """[network]: the graph, as exactly one of edges, laplacian, topology."""
+    """[network]: the graph, as exactly one of edges, laplacian, topology and file; or a spectrum, which names many."""
 
     agents: int | None = Field(default=None, description="a whole number of agents, 2 or more")
     edges: Many[Edge] | None = Field(
@@ -156,6 +157,22 @@ class NetworkTable(ProblemTable):
     laplacian: Matrix | None = Field(default=None, description="the matrix (1) as a list of rows of numbers")
     topology: Literal["cycle", "path", "ring", "complete", "star", "leader_path"] | None = Field(
         default=None, description='"cycle", "path", "ring", "complete", "star" or "leader_path"'
+    )
+    file: Line | None = Field(
+        default=None,
+        description='the name of a graph\'s file beside the problem: Matrix Market (.mtx), GraphML or CSV, such as "graph.mtx"',
+    )
+    spectrum: Many[Positive] | None = Field(
+        default=None,
+        min_length=2,
+        max_length=2,
+        description="two numbers [a, b], 0 < a <= b: every undirected graph whose nonzero Laplacian eigenvalues lie there",
+    )
+    max_degree: int | None = Field(
+        default=None,
+        ge=1,
+        le=MOST_NEIGHBOURS,
+        description=f"a whole number from 1 to {MOST_NEIGHBOURS}: the most neighbours of an agent, with `spectrum`",
     )
     parameters: Many[dict[str, float]] | None = Field(
         default=None, description="one table of finite numbers per agent, such as [{ k = 1.0 }, {}]"

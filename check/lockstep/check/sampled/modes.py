@@ -1,0 +1,285 @@
+"""The sampled, rounded loop of identical controllers, mode by mode: its size does not depend on the number of agents.
+
+Along an orthonormal basis of eigenvectors of a symmetric L the loop of `loop` splits, with one multiplier mu for all
+pairs (M = mu I), into one copy for each lambda_k, in which r_k = lambda_k C x_k + nu_k, and into the mean of the
+controllers, which is a mode of an agent without states. The errors do not split, but their bounds do. With d_ij =
+a_ij (y_i - y_j), one error e_i of a coefficient for each agent, e = (e_i), and prices t that all agents share,
+
+    |e_A,i| <= delta_A |x_C,i|   implies   sum_k |e_A,k|^2 <= delta_A^2 sum_k |x_C,k|^2,    and likewise C;
+    |e_B,i| <= delta_B |(d_ij + nu_ij)_j|   implies
+        sum_k |e_B,k|^2 <= 2 delta_B^2 (sum_ij |d_ij|^2 + sum_ij |nu_ij|^2),    and likewise D.
+
+For an edge, lambda_N >= (e_i - e_j)' L (e_i - e_j) / 2 >= 2 a_ij, so that a_ij <= b / 2 if the spectrum ends at b, and
+
+    sum_ij |d_ij|^2 <= (b / 2) sum_ij a_ij |y_i - y_j|^2 = b sum_k lambda_k |C x_k|^2 <= sum_k b^2 |C x_k|^2:
+
+a gain error sqrt(2) b delta_B of C x_k. nu_i = sum_j nu_ij has |nu_i|^2 <= h sum_j |nu_ij|^2, h being the most neighbours
+of an agent: so |nu_ij|^2 counts h kappa + 2 (t_B delta_B^2 + t_D delta_D^2) in all.
+
+W of `inequality` is then one matrix for each lambda, with its own P on each segment of lambda and the same mu, t, kappa and
+weight for all. **Two ends suffice**: start(lambda), N(lambda) and the applied u are affine in lambda and everything else is
+constant, and they enter W by start' Q start and u'W u, subtracted, and by P N. Q >= 0, since a'Q a is the largest value of
+int |z|^2 - |w|^2 from a, and w = 0 gives one that is not negative. Hence W is concave in lambda: positive at both ends, it
+is on all of the segment. With one segment, V = sum_k xi_k' P xi_k is the same for all graphs, whatever their eigenvectors:
+they may be switched at every sampling instant.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import partial
+from itertools import pairwise
+from typing import Annotated, Any
+
+import numpy as np
+
+from lockstep.check.disagreement import Disagreement
+from lockstep.check.errors import demand
+from lockstep.check.graph import Spectrum
+from lockstep.check.inequality import LETTERS, Performance
+from lockstep.check.loop import Plant
+from lockstep.check.modes import Segment
+from lockstep.check.numbers import Matrix, converter, exactly, eye, zeros
+from lockstep.check.sampled import balls
+from lockstep.check.sampled.certify import ROUNDED_UP, SampledVerdict, lifted_agent, proves, refused
+from lockstep.check.sampled.conjugate import no_conjugate_point
+from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork, spectral_bound
+from lockstep.check.sampled.inequality import Witness
+from lockstep.check.sampled.loop import SampledLoop, Way
+from lockstep.check.sampled.performance import SampledRho, proves_rho
+
+NUMBERS = ("lower", "mu", "decay", "kappa", "weight", "ratio", "kappa_mu")
+
+OFF = 2.0**-23
+"""By how much, relatively, weights in float32 may be off: eigenvalues of L then are, too, and no more (L' <= (1 + OFF) L)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModalWitness:
+    """P of each segment of [lower, upper] and of the mean, one mu, t of A, B, C, D, and the numbers of `Witness`."""
+
+    segments: tuple[Segment, ...]
+    P_mean: Annotated[np.ndarray, "n_m n_m"]
+    t: Annotated[np.ndarray, " 4"]
+    lower: float
+    mu: float
+    decay: float
+    kappa: float
+    weight: float = 0.0
+    ratio: float = math.inf
+    kappa_mu: float = math.inf
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """Where the segments begin and end."""
+        return (self.lower, *(one.upper for one in self.segments))
+
+    @property
+    def ultimate(self) -> float:
+        """sqrt(c kappa / (1 - decay)), by which witnesses are compared."""
+        return math.sqrt(self.ratio * self.kappa / (1 - self.decay)) if self.decay < 1 else math.inf
+
+    def covers(self, lower: float, upper: float) -> bool:
+        """Tell whether the segments follow each other from `lower` at most to `upper` at least."""
+        ends = self.ends
+        rising = len(ends) > 1 and all(a <= b for a, b in pairwise(ends))
+        return rising and 0 < ends[0] <= lower and upper <= ends[-1]
+
+    def of(self, P: Annotated[np.ndarray, "n_xi n_xi"], loop: SampledLoop) -> Witness:
+        """Return the witness of one mode."""
+        t = np.array([self.t[LETTERS.index(way.letter)] for way in loop.ways])
+        numbers = (self.decay, self.kappa, self.weight, self.ratio, self.kappa_mu)
+        return Witness(P, np.array([self.mu]), t, *numbers)
+
+    def document(self) -> dict[str, Any]:
+        """Return the witness as plain JSON types."""
+        segments = [{"upper": one.upper, "P": one.P.tolist()} for one in self.segments]
+        arrays = {"segments": segments, "P_mean": self.P_mean.tolist(), "t": self.t.tolist()}
+        return {"kind": "modal", **arrays, **{name: getattr(self, name) for name in NUMBERS}}
+
+
+@dataclass(frozen=True, eq=False)
+class ModalLoop:
+    """Identical sampled controllers on a graph, or on every graph, with its spectrum in [lower, upper].
+
+    network: the agents, with the coordinates of `single_difference`;  controllers: one per agent, or one that stands for all, with the
+    most neighbours and weights as large as there can be.
+    """
+
+    network: SampledNetwork
+    controllers: tuple[HeldController, ...]
+    lower: float
+    upper: float
+
+    def __post_init__(self) -> None:
+        """Check that the agents and their controllers are alike."""
+        first, plant = self.controllers[0], self.network.plant
+        same = all(np.array_equal(one.table, first.table) for one in self.controllers)
+        demand(same, "they differ", "gains", "the same for all agents, with a modal witness")
+        alike = all(np.array_equal(B, plant.B[0]) for B in plant.B)
+        demand(alike, "the agents have input matrices of their own", "sampled loop", "one B for all agents")
+
+    def deltas(self, letter: str) -> float:
+        """Return the bound on e of A or C over x_C,k, or of B or D over C x_k: sqrt(2) b delta, rounded up."""
+        most = max(one.deltas[letter] for one in self.controllers)
+        if letter in "AC":
+            return most
+        one = exactly(np.array([most]))[0] * exactly(np.array([self.upper]))[0]
+        return spectral_bound(np.array([[one, one]], dtype=object))
+
+    def at(
+        self, value: float, noise: Annotated[np.ndarray, " q"] = np.zeros(0), *, exact: bool = True
+    ) -> SampledLoop:
+        """Return the mode of an eigenvalue lambda; the one of 0 is the mean of the controllers."""
+        plant = self.network.plant.in_numbers(exact)
+        one, first = eye(1, plant.A), self.controllers[0]
+        n, m, q, r, v = plant.sizes
+        if value == 0:
+            n, A = 0, plant.A
+            B, C = (zeros(0, m, A),), zeros(q, 0, A)
+            plant, noise = Plant(zeros(0, 0, A), B, C, zeros(0, r, A), zeros(v, 0, A)), np.zeros(0)
+        network = replace(self.network, plant=plant, d=single_difference(one))
+        number, n_C = converter(exact), first.order
+        noisy = np.flatnonzero(noise)
+        sizes = {"x": n, "C": n_C, "last": m if network.delay else 0}
+        sizes |= {f"e_{k}": n_C if k in "AB" else m for k in LETTERS} | {
+            "nu": q,
+            "mu": n_C + m,
+            "n": len(noisy),
+        }
+        places, at = {}, 0
+        for name, width in sizes.items():
+            places[name] = slice(at, at + width)
+            at += width
+        part = partial(_selected, places, at, one)
+        scales = (
+            zeros(q, len(noisy), one) + number(np.diag(noise)[:, noisy]) if len(noisy) else zeros(q, 0, one)
+        )
+        seen = plant.C @ part("x") + scales @ part("n") if n else zeros(q, at, one)
+        received = np.vstack([part("C"), number(np.array([value]))[0] * seen + part("nu")])
+        rows = number(first.table) @ received + part("mu")
+        rows[:n_C] = rows[:n_C] + part("e_A") + part("e_B")
+        rows[n_C:] = rows[n_C:] + part("e_C") + part("e_D")
+        states, u = rows[:n_C], rows[n_C:]
+        applied = part("last") if network.delay else u
+        ways = tuple(
+            Way(0, k, places[f"e_{k}"], part("C") if k in "AC" else seen, self.deltas(k))
+            for k in LETTERS
+            if places[f"e_{k}"].stop > places[f"e_{k}"].start
+        )
+        n_xi = places["last"].stop
+        advanced = np.vstack([states, u]) if network.delay else states
+        return SampledLoop(
+            network, n, n_xi, plant.B[0], applied, advanced, ways, (received,), places["nu"], places["mu"],
+            places["n"], applied, u,
+        )  # fmt: skip
+
+
+def single_difference(like: Matrix) -> Disagreement:
+    """Return the coordinates of one mode: x_d is one difference, its metric is 1 and its multiplier one number mu."""
+    one = eye(1, like)
+    nothing = zeros(2, 2, one)
+    return Disagreement(np.hstack([one, 0 * one]), np.vstack([one, 0 * one]), one, nothing, nothing[:, :1])
+
+
+def _selected(places: dict[str, slice], width: int, like: Matrix, name: str) -> Matrix:
+    place = places[name]
+    rows = zeros(place.stop - place.start, width, like)
+    rows[:, place] = eye(len(rows), like)
+    return rows
+
+
+def decide_modal_sampled(loop: ModalLoop, witness: ModalWitness | None) -> SampledVerdict:
+    """Decide the sampled nonlinear loop, every rounding included, for every lambda in [lower, upper], by a stored witness."""
+    network, at = loop.network, f"at {loop.network.period:g} s"
+    if witness is None:
+        return refused(network, loop.controllers, f"{at} there is no witness", {})
+    if not witness.covers(loop.lower, loop.upper):
+        said = f"the witness is for eigenvalues from {witness.lower:g} to {witness.ends[-1]:g}"
+        return refused(network, loop.controllers, f"{said}, not from {loop.lower:g} to {loop.upper:g}", {})
+    with balls.working_precision():
+        if not no_conjugate_point(network.plant.A, *network.squares, network.period):
+            said = f"{at} the period was not shown to hold no conjugate point"
+            return refused(network, loop.controllers, said, {})
+        for P, mode in _modes(loop, witness):
+            if not proves(mode, lifted_agent(mode), witness.of(P, mode)):
+                return refused(network, loop.controllers, f"{at} no candidate survived the proof", {})
+    return _accepted(loop, witness)
+
+
+def proves_modal_rho(loop: ModalLoop, weights: Performance, rho: float, witness: ModalWitness) -> bool:
+    """Decide in balls whether a witness (decay 1, no weight) proves a rho of the sampled loop for every such lambda."""
+    if not witness.covers(loop.lower, loop.upper):
+        return False
+    none = np.zeros((0, 0))
+    for P, mode in _modes(loop, witness, weights.outputs):
+        # The mean of the controllers weighs what it is and what it applies: no x is part of it.
+        own = weights if mode.n_d else weights._replace(R=none, states=np.zeros(0))
+        if not proves_rho(mode, own, SampledRho(rho, witness.of(P, mode))):
+            return False
+    return True
+
+
+def _modes(
+    loop: ModalLoop, witness: ModalWitness, noise: Annotated[np.ndarray, " q"] = np.zeros(0)
+) -> Iterator[tuple[Annotated[np.ndarray, "n_xi n_xi"], SampledLoop]]:
+    """Yield both ends of each segment with its P, and the mean of the controllers."""
+    for start, segment in zip(witness.ends, witness.segments, strict=False):
+        for value in (start, segment.upper):
+            yield segment.P, loop.at(value, noise)
+    yield witness.P_mean, loop.at(0.0)
+
+
+def _accepted(loop: ModalLoop, witness: ModalWitness) -> SampledVerdict:
+    """State what follows; of one controller that stands for all, for the root of the mean square over the agents."""
+    kappa = max(len(one.sources) for one in loop.controllers) * Fraction(witness.kappa)
+    for letter in "BD":
+        delta = max(one.deltas[letter] for one in loop.controllers)
+        kappa += 2 * Fraction(float(witness.t[LETTERS.index(letter)])) * Fraction(delta) ** 2
+    full = replace(witness, kappa=ROUNDED_UP * float(kappa))
+    one = full.of(np.zeros((0, 0)), loop.at(0.0))
+    messages = ROUNDED_UP * math.hypot(*(c.message_noise(1.0) for c in loop.controllers))
+    lost = one.ultimate * math.hypot(*(c.message_noise(0.0) for c in loop.controllers))
+    lost += one.ultimate_mu * math.hypot(*(c.underflow for c in loop.controllers))
+    deltas = tuple(dict(c.deltas) for c in loop.controllers)
+    said = "no conjugate point in the period, P > 0 and W > 0 at the ends of every segment, decided in ball arithmetic"
+    return SampledVerdict(
+        True, said, loop.network.period, loop.network.delay, "ball", witness.decay,
+        one.ultimate * messages, one.rms * messages, ROUNDED_UP * lost, deltas, witness,
+    )  # fmt: skip
+
+
+def common_controller(
+    table: Annotated[np.ndarray, "k l"], order: int, spectrum: Spectrum, real: str
+) -> HeldController:
+    """Return one controller that stands for all on graphs with a spectrum up to b, with the most neighbours.
+
+    sum_j a_ij^2 <= (b / 2) sum_j a_ij <= b^2 / 2, since the largest in-degree is below lambda_N: so many equal weights,
+    none of them 1, have the square sum b^2 / 2 or more, and each product is rounded. Fewer neighbours round less.
+    """
+    neighbours = spectrum.neighbours
+    weight = ROUNDED_UP * spectrum.upper / math.sqrt(2 * neighbours)
+    weight = math.nextafter(weight, math.inf) if weight == 1 else weight
+    sources = tuple(range(1, neighbours + 1))
+    return HeldController.row_by_row(table, order, sources, np.full(neighbours, weight), PRECISIONS[real])
+
+
+def widened(lower: float, upper: float) -> tuple[float, float]:
+    """Return the ends of an interval of eigenvalues with weights that may be off by OFF, rounded outwards."""
+    return math.nextafter((1 - OFF) * lower, 0.0), math.nextafter((1 + OFF) * upper, math.inf)
+
+
+def are_rounded(controllers: Sequence[HeldController], edges: Sequence[tuple[int, int, float]]) -> bool:
+    """Tell whether the controllers' weights are those of the edges, symmetric, none off by more than OFF of itself."""
+    given = {(i - 1, j - 1): a for i, j, a in edges}
+    theirs = {
+        (i, j): float(a)
+        for i, one in enumerate(controllers)
+        for j, a in zip(one.sources, one.weights, strict=True)
+    }
+    return given.keys() == theirs.keys() and all(
+        abs(Fraction(theirs[key]) - Fraction(a)) <= Fraction(OFF) * Fraction(a)
+        and theirs[key] == theirs.get((key[1], key[0]))
+        for key, a in given.items()
+    )

@@ -1,0 +1,122 @@
+"""What is proved of identical controllers sampled and rounded, mode by mode: for one undirected graph, or for a spectrum."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from lockstep.check.errors import ProblemError
+from lockstep.check.modes import ModalCertificate
+from lockstep.check.sampled.certify import SampledVerdict
+from lockstep.check.sampled.controller import HeldController, SampledNetwork
+from lockstep.check.sampled.discretise import sampled_controllers, sampled_table
+from lockstep.check.sampled.modes import (
+    ModalLoop,
+    ModalWitness,
+    are_rounded,
+    common_controller,
+    proves_modal_rho,
+    single_difference,
+    widened,
+)
+from lockstep.check.sampled.sector import Sector
+from lockstep.check.spectrum import metric
+from lockstep.lmi.document import Stored
+from lockstep.lmi.sampled.modal import certify_modal, longest_modal, modal_rho
+from lockstep.lmi.stored_bound import bound_again
+from lockstep.model.assembly import network_of
+
+
+@dataclass(frozen=True, eq=False)
+class ModalRho:
+    """A rho of the sampled loop that was proved mode by mode, and its witness."""
+
+    rho: float
+    witness: ModalWitness
+
+
+@dataclass(frozen=True)
+class ModalProofs:
+    """The verdict at the problem's period, the one at the longest, and rho."""
+
+    verdict: SampledVerdict
+    longest: SampledVerdict | None
+    rho: ModalRho | None
+
+
+def splits(stored: Stored) -> bool:
+    """Tell whether the sampled loop of a design falls apart into modes: identical gains, and L symmetric, its spectrum known."""
+    if not isinstance(stored.proofs.certificate, ModalCertificate):
+        return False
+    return stored.problem.spectrum is not None or metric(stored.problem.graph()).spread == 1
+
+
+def prove_modes_of(stored: Stored, sector: Sector | None) -> ModalProofs:
+    """Look for what can be proved of a design's gains sampled and rounded, mode by mode; its own witnesses are tried first.
+
+    Raises:
+        BoundNotProved: alpha does not bound the nonlinearity, or an entry does not bound its slope.
+        ProblemError: a gain or a weight has no value in the target type.
+    """
+    c, claims, proofs = stored.proofs.certificate, stored.claims.sampled, stored.proofs
+    assert isinstance(c, ModalCertificate)
+    weights, period = stored.problem.performance, stored.problem.controller.period
+    loop_at = _loops(stored, c, sector)
+    loop = loop_at(period)
+    known = proofs.sampled if isinstance(proofs.sampled, ModalWitness) else None
+    verdict = certify_modal(loop, c.ends, weights, known)
+    rho = None
+    if verdict.certified:
+        rho = _stated(stored, loop)
+        found = None if rho is not None else modal_rho(loop, c.ends, weights, c.mu or 1.0, c.rho)
+        rho = rho if found is None else ModalRho(*found)
+    longest = None
+    if claims.max_period is not None and isinstance(proofs.max_period, ModalWitness):
+        longest = certify_modal(loop_at(claims.max_period), c.ends, weights, proofs.max_period)
+    if longest is None or not longest.certified:
+        longest = longest_modal(loop_at, period, c.ends, weights)
+    if verdict.certified and (longest is None or longest.period < verdict.period):
+        longest = verdict
+    return ModalProofs(verdict, longest, rho)
+
+
+def _stated(stored: Stored, loop: ModalLoop) -> ModalRho | None:
+    rho, witness = stored.claims.sampled.rho, stored.proofs.sampled_rho
+    if rho is None or not isinstance(witness, ModalWitness):
+        return None
+    return (
+        ModalRho(rho, witness) if proves_modal_rho(loop, stored.problem.performance, rho, witness) else None
+    )
+
+
+def _loops(stored: Stored, c: ModalCertificate, sector: Sector | None) -> Callable[[float], ModalLoop]:
+    """Return the modes of the sampled loop by their period, as the checker assembles them."""
+    problem, claims = stored.problem, stored.claims
+    network, spectrum = network_of(problem, bound_again(stored).or_raise()), problem.spectrum
+    plant, delay = network.plant.in_numbers(True), problem.controller.delay
+    edges = problem.graph().edges if spectrum is None else []
+
+    def loop_at(period: float) -> ModalLoop:
+        at = SampledNetwork(plant, single_difference(plant.A), claims.alpha, period, delay, sector)
+        held = held_controllers(stored, period)
+        if spectrum is not None:
+            return ModalLoop(at, held, spectrum.lower, spectrum.upper)
+        if not are_rounded(held, edges):
+            raise ProblemError(
+                "weights are lost by rounding", where="[network]", expected="ones in the target type"
+            )
+        return ModalLoop(at, held, *widened(c.lower, c.ends[-1]))
+
+    return loop_at
+
+
+def held_controllers(stored: Stored, period: float) -> tuple[HeldController, ...]:
+    """Return a design's gains sampled with a period and rounded: one for each agent, or one for all of many graphs.
+
+    Raises:
+        ProblemError: a gain has no value in the target type.
+    """
+    table, spectrum, gains = stored.problem.controller, stored.problem.spectrum, stored.gains
+    if spectrum is None:
+        edges = stored.problem.graph().edges
+        return sampled_controllers(gains, edges, period, table.discretization, table.real)
+    common = sampled_table(gains, 0, period, table.discretization, table.real)
+    return (common_controller(common, gains.order, spectrum, table.real),)
