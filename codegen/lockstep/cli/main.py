@@ -170,6 +170,18 @@ def generate(
     prefix: Annotated[
         str, typer.Option(help="Put before the agents' names: two designs fit one program.")
     ] = "",
+    one_image: Annotated[
+        bool | None,
+        typer.Option(
+            "--one-image/--per-agent",
+            help="One image for all nodes, their neighbours given at run time; or C for each agent.",
+            show_default="one image from 17 agents on with the same gains",
+        ),
+    ] = None,
+    max_neighbours: Annotated[
+        int | None,
+        typer.Option(min=1, max=64, help="Of a node of one image.", show_default="the largest in-degree"),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Emit C for each agent's controller."""
@@ -177,7 +189,8 @@ def generate(
 
     wanted = {"pil": pil, "fmu": fmu, "rust": rust, "arduino": arduino}
     doors = [name for name, chosen in wanted.items() if chosen]
-    run(design, output, as_json=json, optimize=optimize, doors=doors, name=name, prefix=prefix)
+    image = {"one_image": one_image, "max_neighbours": max_neighbours}
+    run(design, output, as_json=json, optimize=optimize, doors=doors, name=name, prefix=prefix, **image)
 
 
 @app.command()

@@ -3,11 +3,13 @@
 import hashlib
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.controller import PRECISIONS
+from lockstep.codegen.one_image import OneImage
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Neighbour, Optimize, Signal
 from lockstep.lmi.document import Stored
@@ -18,7 +20,13 @@ CONTINUOUS_ONLY = (
 
 
 def specification(
-    stored: Stored, *, optimize: Optimize = "speed", name: str = "", prefix: str = ""
+    stored: Stored,
+    *,
+    optimize: Optimize = "speed",
+    name: str = "",
+    prefix: str = "",
+    one_image: bool = False,
+    max_neighbours: int | None = None,
 ) -> CodegenSpec:
     """Return what to generate for a stored design. Its datasheet prints what the design claims: decide that first.
 
@@ -27,6 +35,9 @@ def specification(
         optimize: "speed" or "size".
         name: of the folder's target and umbrella header; "": the agent's, and `_controllers`.
         prefix: put before the agent's name in all that is generated.
+        one_image: one image for all nodes, their neighbours given at run time: the gains once where they are all the same, else
+            by the node's number.
+        max_neighbours: of a node of one image; by default the largest in-degree of the design's graph.
     """
     problem, agent = stored.problem, stored.problem.agent()
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
@@ -48,6 +59,14 @@ def specification(
         LinearPlant(lure.A, B, lure.C, np.asarray(x0[i])) for i, B in enumerate(problem.agents_B())
     )
     table = problem.controller
+    image = None
+    if one_image:
+        degree = max(map(len, sources))
+        most = degree if max_neighbours is None else max_neighbours
+        image = OneImage(f"{prefix}{agent.name}_node", graph.N, degree, most)
+        controllers = tuple(replace(one, neighbours=()) for one in controllers)
+        if has_one_controller(stored):
+            controllers, plants = (replace(controllers[0], name=f"{prefix}{agent.name}"),), ()
     return CodegenSpec(
         agents=controllers,
         period=table.period,
@@ -61,7 +80,14 @@ def specification(
         certificate=_datasheet(stored),
         design_hash=fingerprint(stored),
         plants=plants,
+        image=image,
     )
+
+
+def has_one_controller(stored: Stored) -> bool:
+    """Tell whether all agents have the same gains."""
+    blocks = stored.gains.blocks
+    return bool((blocks == blocks[0]).all())
 
 
 def fingerprint(stored: Stored) -> str:
