@@ -303,6 +303,16 @@ def _controllers(path: Path | None, stored: "Stored", kind: "Kind") -> "Iterator
         return
     manifest = load_manifest(path)
     problem_fits(stored, manifest)
+    if manifest.image is not None:
+        if kind == "compiled":
+            raise ProblemError(
+                "one image, whose nodes are given their neighbours at run time",
+                where=str(path),
+                expected="C with neighbours of its own for --controllers compiled",
+                remedy="use --controllers sampled, which steps the same arithmetic, or generate with --per-agent",
+            )
+        yield design_controllers(stored)
+        return
     if kind == "sampled":
         yield reference_controllers(manifest, delay=delay)
         return
