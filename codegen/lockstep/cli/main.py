@@ -182,6 +182,9 @@ def generate(
         int | None,
         typer.Option(min=1, max=64, help="Of a node of one image.", show_default="the largest in-degree"),
     ] = None,
+    table: Annotated[
+        str, typer.Option(help='Whom each node of one image hears: "none", "csv" or "c".')
+    ] = "none",
     json: Json = False,
 ) -> None:
     """Emit C for each agent's controller."""
@@ -189,7 +192,7 @@ def generate(
 
     wanted = {"pil": pil, "fmu": fmu, "rust": rust, "arduino": arduino}
     doors = [name for name, chosen in wanted.items() if chosen]
-    image = {"one_image": one_image, "max_neighbours": max_neighbours}
+    image = {"one_image": one_image, "max_neighbours": max_neighbours, "table": table}
     run(design, output, as_json=json, optimize=optimize, doors=doors, name=name, prefix=prefix, **image)
 
 

@@ -36,7 +36,7 @@ from lockstep.codegen.manifest import (
     PlantEntry,
     sha256,
 )
-from lockstep.codegen.one_image import OneImage, node_bytes, node_view
+from lockstep.codegen.one_image import OneImage, node_bytes, node_view, table_files
 from lockstep.codegen.rendering import render
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant
 
@@ -89,6 +89,7 @@ def emit(spec: CodegenSpec) -> dict[str, str]:
         node = node_view(spec.image, agents[0].shape, [view["name"] for view in views], real)
         for path, template in (("include/{}.h", "node.h"), ("src/{}.c", "node.c")):
             files[path.format(spec.image.name)] = render(f"{template}.j2", **context, k=node)
+        files |= table_files(spec.image, real, lambda name, view: render(name, **context, k=view))
     whole = {
         f"include/{spec.name}.h": "umbrella.h",
         f"src/{spec.name}.c": "umbrella.c",
@@ -171,6 +172,7 @@ def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
         "optimize": spec.optimize,
         "claims": claims(spec.certificate),
         "image": None if spec.image is None else spec.image.name,
+        "table": spec.image is not None and spec.image.table == "c",
     }
 
 
@@ -246,6 +248,7 @@ def _image_record(image: OneImage, agents: list[Sampled], real: RealType) -> Ima
         agents=image.agents,
         largest_in_degree=image.degree,
         max_neighbours=image.most,
+        table=image.table,
         state_bytes=size,
     )
 

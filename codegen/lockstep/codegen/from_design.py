@@ -9,7 +9,7 @@ import numpy as np
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.controller import PRECISIONS
-from lockstep.codegen.one_image import OneImage
+from lockstep.codegen.one_image import OneImage, Table
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Neighbour, Optimize, Signal
 from lockstep.lmi.document import Stored
@@ -27,6 +27,7 @@ def specification(
     prefix: str = "",
     one_image: bool = False,
     max_neighbours: int | None = None,
+    table: Table = "none",
 ) -> CodegenSpec:
     """Return what to generate for a stored design. Its datasheet prints what the design claims: decide that first.
 
@@ -38,6 +39,7 @@ def specification(
         one_image: one image for all nodes, their neighbours given at run time: the gains once where they are all the same, else
             by the node's number.
         max_neighbours: of a node of one image; by default the largest in-degree of the design's graph.
+        table: of whom each node hears: "none", "csv" or "c".
     """
     problem, agent = stored.problem, stored.problem.agent()
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
@@ -58,21 +60,23 @@ def specification(
     plants = tuple(
         LinearPlant(lure.A, B, lure.C, np.asarray(x0[i])) for i, B in enumerate(problem.agents_B())
     )
-    table = problem.controller
+    controller = problem.controller
     image = None
     if one_image:
         degree = max(map(len, sources))
         most = degree if max_neighbours is None else max_neighbours
-        image = OneImage(f"{prefix}{agent.name}_node", graph.N, degree, most)
+        row = dict(zip(names, range(graph.N), strict=True))
+        lists = tuple(tuple((row[one.source], one.weight) for one in heard) for heard in sources)
+        image = OneImage(f"{prefix}{agent.name}_node", graph.N, degree, most, table, lists)
         controllers = tuple(replace(one, neighbours=()) for one in controllers)
         if has_one_controller(stored):
             controllers, plants = (replace(controllers[0], name=f"{prefix}{agent.name}"),), ()
     return CodegenSpec(
         agents=controllers,
-        period=table.period,
-        delay=table.delay,
-        discretization=table.discretization,
-        real=table.real,
+        period=controller.period,
+        delay=controller.delay,
+        discretization=controller.discretization,
+        real=controller.real,
         optimize=optimize,
         name=name or f"{prefix}{agent.name}_controllers",
         prefix=prefix,

@@ -159,6 +159,7 @@ class ImageEntry(_Record):
     largest_in_degree: int = Field(ge=0, description="of its graph: so many roundings of r are covered")
     max_neighbours: int = Field(ge=1, le=MAX_NEIGHBOURS, description="of a list, at compile time")
     state_bytes: int
+    table: Literal["none", "csv", "c"]
 
 
 class Manifest(_Record):

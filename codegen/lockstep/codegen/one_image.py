@@ -4,9 +4,9 @@ What each agent's own C does with a fixed row of the Laplacian, `<agent>_node` d
 left to right, then a step of the controller on r. The controller is the C of an agent without neighbours.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -20,6 +20,10 @@ from lockstep.codegen.known_answers import KnownAnswers, known_answers
 ONE_IMAGE_FROM = 17
 """Agents from which `generate` writes one image unasked, where all gains are the same: below, four files for each are no burden."""
 
+Table = Literal["none", "csv", "c"]
+TABLES = get_args(Table)
+CSV = "nodes.csv"
+
 KNOWN_STEPS = 2
 """Sums of the self-check."""
 
@@ -29,15 +33,20 @@ class OneImage:
     """What one image is made for.
 
     name: prefix of the nodes' functions;  agents: N of the design;  degree: the most neighbours of any of them, and `most`: of
-    a list, at compile time.
+    a list, at compile time;  table: of whom each node hears, as C for an image that holds all lists, or as CSV for what installs
+    them;  lists: (source from 0, weight) of every node, for the table.
     """
 
     name: str
     agents: int
     degree: int
     most: int
+    table: Table = "none"
+    lists: tuple[tuple[tuple[int, float], ...], ...] = ()
 
     def __post_init__(self) -> None:
+        if self.table not in TABLES:
+            raise ProblemError(f"`{self.table}`", where="--table", expected=" or ".join(TABLES))
         if not 1 <= self.most <= MAX_NEIGHBOURS:
             raise ProblemError(
                 f"{self.most} neighbours at most",
@@ -55,6 +64,45 @@ class OneImage:
     def mask_bits(self) -> int:
         """Width of the mask of what arrived."""
         return 32 if self.most <= 32 else 64
+
+
+def table_files(
+    image: OneImage, real: RealType, render: Callable[[str, dict[str, Any]], str]
+) -> dict[str, str]:
+    """Return the table of whom each node hears: relative path -> text.
+
+    Args:
+        image: what it is made for.
+        real: the arithmetic, which the weights are rounded to.
+        render: of a template's name and what it needs to know.
+    """
+    if image.table == "none":
+        return {}
+    edges = [
+        (i, j, real.round(np.array(a, dtype=float), "weights"))
+        for i, row in enumerate(image.lists)
+        for j, a in row
+    ]
+    if image.table == "csv":
+        rows = [f"{i + 1},{j + 1},{real.decimal(a)}" for i, j, a in edges]
+        return {CSV: "\n".join(["agent,hears,weight", *rows]) + "\n"}
+    ends = np.cumsum([0, *map(len, image.lists)])
+    view = {
+        "name": image.name,
+        "NAME": image.name.upper(),
+        "table": f"{image.name}_table",
+        "TABLE": f"{image.name}_table".upper(),
+        "agents": image.agents,
+        "first": ends.tolist(),
+        "source": [j for _, j, _ in edges],
+        "weight": [real.literal(a) for _, _, a in edges],
+    }
+    return {path: render(template, view) for path, template in zip(c_table(image.name), ("table.h.j2", "table.c.j2"), strict=True)}
+
+
+def c_table(name: str) -> tuple[str, str]:
+    """Return the paths of the table as C."""
+    return f"include/{name}_table.h", f"src/{name}_table.c"
 
 
 def node_view(image: OneImage, shape: Shape, cores: Sequence[str], real: RealType) -> dict[str, Any]:

@@ -41,6 +41,7 @@ def generate(
     prefix: str = "",
     one_image: bool | None = None,
     max_neighbours: int | None = None,
+    table: str = "none",
 ) -> Generated:
     """Certify a design, emit its C, prove the controllers by the numbers in the C, and write the folder.
 
@@ -56,6 +57,8 @@ def generate(
         one_image: one image for all nodes, whom a node hears given at run time; by default from 17 agents on whose gains are
             all the same, where no doors are asked for.
         max_neighbours: of a node of one image; by default the largest in-degree of the design's graph.
+        table: of whom each node hears, beside one image: "none", since a node needs its own list alone, "csv" for what installs
+            the nodes, or "c" for an image that holds all lists.
 
     Raises:
         ProblemError: no design, a name that is no C identifier, or a folder that cannot be written.
@@ -69,9 +72,17 @@ def generate(
     check_generated(folder)
     found = as_design(design)[0]
     if one_image is None:
-        one_image = max_neighbours is not None or (not doors and _is_swarm(found))
+        asked = max_neighbours is not None or table != "none"
+        one_image = asked or (not doors and _is_swarm(found))
     texts = generated_files(
-        found, optimize, doors, name=name, prefix=prefix, one_image=one_image, max_neighbours=max_neighbours
+        found,
+        optimize,
+        doors,
+        name=name,
+        prefix=prefix,
+        one_image=one_image,
+        max_neighbours=max_neighbours,
+        table=table,
     )
     files: dict[str, str | bytes] = bundle(texts, units(texts)) if "fmu" in doors else {**texts}
     write_folder(files, folder)
@@ -95,6 +106,7 @@ def generated_files(
     prefix: str = "",
     one_image: bool = False,
     max_neighbours: int | None = None,
+    table: str = "none",
 ) -> dict[str, str]:
     """Certify a design, and return the files generated from it: relative path -> text.
 
@@ -120,8 +132,9 @@ def generated_files(
             where="lockstep generate",
             expected="one or the other: the doors are for agents with neighbours of their own",
         )
-    if max_neighbours is not None and not one_image:
-        raise ProblemError("`--max-neighbours` without `--one-image`", where="lockstep generate")
+    for option, given in (("--max-neighbours", max_neighbours is not None), ("--table", table != "none")):
+        if given and not one_image:
+            raise ProblemError(f"`{option}` with `--per-agent`", where="lockstep generate")
     stored = with_bound_proof(design.stored)
     verdict = certify(stored)
     if not verdict.certified:
@@ -139,6 +152,7 @@ def generated_files(
         prefix=prefix,
         one_image=one_image,
         max_neighbours=max_neighbours,
+        table=table,  # type: ignore[arg-type]
     )
     files = with_doors(emit(spec), doors)
     decided = certify_files(files, stored)

@@ -62,6 +62,7 @@ def _rendered(folder: Path, stored: Stored, manifest: Manifest) -> dict[str, str
         prefix=manifest.prefix,
         one_image=image is not None,
         max_neighbours=None if image is None else image.max_neighbours,
+        table="none" if image is None else image.table,
     )
     files = with_doors(emit(spec), doors_of(manifest))
     others = {path: _bytes(folder, path) for path in manifest.files if path not in files}

@@ -17,6 +17,7 @@ from lockstep.check.wording import shorten
 from lockstep.codegen.doors import door_paths
 from lockstep.codegen.doors.fmu import archives
 from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files, units
+from lockstep.codegen.one_image import CSV, c_table
 
 DESIGN_NAME = "design.json"
 
@@ -154,6 +155,7 @@ def _expected(manifest: Manifest) -> set[str]:
         *(f"include/{manifest.name}.h", f"src/{manifest.name}.c", f"cmake/{manifest.name}-config.cmake"),
         *(form.format(name) for name in names for form in per_agent),
         *(form.format(name) for name in units(manifest) for form in per_agent[:2]),
+        *([] if manifest.image is None else {"none": [], "csv": [CSV], "c": c_table(manifest.image.name)}[manifest.image.table]),
         *door_paths(manifest),
         *archives(manifest),
     }
