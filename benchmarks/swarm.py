@@ -2,9 +2,9 @@
 
 Run by hand:  python benchmarks/swarm.py [--agents 100000] [--repeats 3] [--json]
 
-Both take the same graph, start, gains, Runge-Kutta steps and threads, one run after the other, turn and turn about; the median
-of each counts. The yardstick (swarm_by_hand.c, at -O3 for this very processor, OpenMP) computes the states and the disagreement;
-the swarm computes besides the eight indices of each agent, the largest inputs and the energies. The states at the end are compared.
+Both take the same graph, start, gains, Runge-Kutta steps and threads, turn and turn about; the median of each counts. The
+yardstick (swarm_by_hand.c, at -O3 for this very processor, with OpenMP) computes the states and the disagreement; the swarm
+besides the eight indices of each agent, the largest inputs and the energies. The states at the end are compared.
 """
 
 import argparse
@@ -54,7 +54,9 @@ def by_hand(loop: SwarmLoop, folder: Path) -> Path:
     M = loop.tables[0]
 
     def numbers(block: np.ndarray) -> str:
-        return ",".join(f"{float(v):.9g}" + ("" if "." in f"{float(v):.9g}" else ".0") + "f" for v in block.ravel())
+        return ",".join(
+            f"{float(v):.9g}" + ("" if "." in f"{float(v):.9g}" else ".0") + "f" for v in block.ravel()
+        )
 
     defined = {"A": M[:2, :2], "B": M[:2, 2:], "C": M[2:, :2], "D": M[2:, 2:]}
     macros = [f"-DGAIN_{name}={numbers(block)}" for name, block in defined.items()]
@@ -71,7 +73,9 @@ def measure(agents: int, repeats: int, threads: int) -> dict:
     start = np.random.default_rng(0).uniform(-1, 1, (agents, 4))
     answer = {"agents": agents, "threads": threads, "graph_s": time.perf_counter() - begin}
     lists, periods = loop.neighbours, round(HORIZON / PERIOD)
-    simulate_swarm(loop, start, PERIOD, substeps=SUBSTEPS)  # compiled before the clock starts: once per design
+    simulate_swarm(
+        loop, start, PERIOD, substeps=SUBSTEPS
+    )  # compiled before the clock starts: once per design
     ours, theirs = [], []
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
@@ -84,7 +88,7 @@ def measure(agents: int, repeats: int, threads: int) -> dict:
             + start.tobytes()
         )
         command = [str(program), str(graph), str(periods), str(SUBSTEPS), str(out)]
-        environment = {**os.environ, "OMP_NUM_THREADS": str(threads)}
+        environment = {**os.environ, "OMP_NUM_THREADS": str(threads), "OMP_WAIT_POLICY": "passive"}
         for _ in range(repeats):
             said = subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
             theirs.append([float(word) for word in said.split()])
@@ -93,7 +97,9 @@ def measure(agents: int, repeats: int, threads: int) -> dict:
             ours.append([time.perf_counter() - wall, time.process_time() - processor])
         numbers = np.fromfile(out)
     for name, rows in (("swarm", ours), ("by_hand", theirs)):
-        answer[f"{name}_s"], answer[f"{name}_processor_s"] = (statistics.median(c) for c in zip(*rows, strict=True))
+        answer[f"{name}_s"], answer[f"{name}_processor_s"] = (
+            statistics.median(c) for c in zip(*rows, strict=True)
+        )
     answer["ratio"] = answer["swarm_s"] / answer["by_hand_s"]
     answer["processor_ratio"] = answer["swarm_processor_s"] / answer["by_hand_processor_s"]
     final = numbers[periods:].reshape(agents, 4)

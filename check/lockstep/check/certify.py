@@ -297,7 +297,9 @@ def _read(
     said = "the C holds the design's controllers, and no other code"
     if image:
         degree = max(len(one.sources) for one in held)
-        said += f"; nodes are given their rows of its graph, of in-degree {degree} at most, a list holding {most}"
+        said += (
+            f"; nodes are given their rows of its graph, of in-degree {degree} at most, a list holding {most}"
+        )
     return tuple(found), Verdict("proved", said)
 
 

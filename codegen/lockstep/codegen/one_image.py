@@ -97,12 +97,17 @@ def table_files(
         "source": [j for _, j, _ in edges],
         "weight": [real.literal(a) for _, _, a in edges],
     }
-    return {path: render(template, view) for path, template in zip(c_table(image.name), ("table.h.j2", "table.c.j2"), strict=True)}
+    paths = table_paths(image.name, image.table)
+    return {
+        path: render(template, view)
+        for path, template in zip(paths, ("table.h.j2", "table.c.j2"), strict=True)
+    }
 
 
-def c_table(name: str) -> tuple[str, str]:
-    """Return the paths of the table as C."""
-    return f"include/{name}_table.h", f"src/{name}_table.c"
+def table_paths(name: str, table: Table) -> list[str]:
+    """Return where the table of an image is."""
+    c = [f"include/{name}_table.h", f"src/{name}_table.c"]
+    return {"none": [], "csv": [CSV], "c": c}[table]
 
 
 def node_view(image: OneImage, shape: Shape, cores: Sequence[str], real: RealType) -> dict[str, Any]:

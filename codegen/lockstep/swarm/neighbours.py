@@ -93,9 +93,8 @@ class NeighbourLists:
 
     @classmethod
     def from_graph(cls, graph: Digraph) -> "NeighbourLists":
-        """Return the lists of a graph that is held as a matrix."""
-        listener, source = np.nonzero(graph.adjacency)
-        return cls._sorted(graph.N, listener, source, graph.adjacency[listener, source])
+        """Return the lists of a problem's graph."""
+        return cls.from_edges(graph.N, np.array(graph.edges, dtype=float).reshape(-1, 3))
 
     @classmethod
     def from_scipy(cls, adjacency: Any) -> "NeighbourLists":

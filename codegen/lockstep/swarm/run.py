@@ -1,6 +1,6 @@
 """A run of a swarm: figures of all agents, the record of a few, the disagreement and the energies at every instant."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -22,24 +22,47 @@ RECORDED = 12
 
 
 @dataclass(frozen=True, eq=False)
+class SwarmTrajectory(Trajectory):
+    """The record of a few agents of a swarm, and how they stand to all.
+
+    mean: (K, n), of all agents;  apart: (K,), |x_d| of all agents.
+    """
+
+    mean: Float[np.ndarray, "K n"] = field(default_factory=lambda: np.zeros((0, 0)))
+    apart: Float[np.ndarray, " K"] = field(default_factory=lambda: np.zeros(0))
+
+    def errors(self) -> Float[np.ndarray, "K k n"]:
+        """Return e_i = x_i - mean of all agents, of the recorded ones."""
+        return np.asarray(self.x - self.mean[:, None])
+
+    def disagreement(self) -> Float[np.ndarray, " K"]:
+        """Return |x_d| of all agents."""
+        return self.apart
+
+
+@dataclass(frozen=True, eq=False)
 class SwarmRun:
     """What a run of N agents gives.
 
     trajectory: every signal of the first few agents, on all instants.
-    disagreement: |x_d| at each instant;  energies: of all agents, with the weights R and Q.
+    energies: of all agents, with the weights R and Q.
     index: (N, 4), ISE, IAE, ITSE, ITAE of each e_i;  effort: (N, 4), of each u_i;  largest_input: (N,).
     final: (N, n), the states at the end;  faults: steps of controllers with a status other than OK.
     """
 
-    trajectory: Trajectory
+    trajectory: SwarmTrajectory
     N: int
-    disagreement: Float[np.ndarray, " K"]
     energies: Energies
     index: Float[np.ndarray, "N 4"]
     effort: Float[np.ndarray, "N 4"]
     largest_input: Float[np.ndarray, " N"]
     final: Float[np.ndarray, "N n"]
     faults: int
+
+    @property
+    def disagreement(self) -> Float[np.ndarray, " K"]:
+        """|x_d| at each instant."""
+        return self.trajectory.apart
 
     def indices(self) -> tuple[Indices, ...]:
         """Return the indices of the disagreement of every agent."""
@@ -122,7 +145,8 @@ class _Run:
         self._x_C, self._u = np.zeros((*shape, loop.order)), np.zeros((*shape, agent.m))
         self._squares = np.zeros((count + 1, 3))
         self._entered = np.zeros(count + 1)
-        self._mean = _mean(start)
+        self._means = np.zeros((count + 1, agent.n))
+        self._means[0] = _mean(start)
         self._faults = 0
 
     def go(self) -> SwarmRun:
@@ -133,7 +157,7 @@ class _Run:
         for k, now in enumerate(self._t):
             sampled = k % self._per == 0
             self._x_C[k] = engine.memories(watched) if sampled else self._x_C[k - 1]
-            row = engine.step(k, self._mean, last=k == last)
+            row = engine.step(k, self._means[k], last=k == last)
             self._u[k] = engine.inputs(watched)
             self._xi[k] = self._fields.of(watched, now)
             self._entered[k] = self._fields.squared_at(now)
@@ -144,7 +168,7 @@ class _Run:
             if row[n + 4]:
                 self._diverged(k)
             if k < last:
-                self._mean = self._mean + row[:n] / self._loop.N
+                self._means[k + 1] = self._means[k] + row[:n] / self._loop.N
                 self._x[k + 1] = engine.states(watched)
         return self._found()
 
@@ -157,10 +181,12 @@ class _Run:
         agent, loop = self._loop.agent, self._loop
         index, effort = self._engine.figures()
         hold = "smooth" if self._fields.waves else "held"
-        trajectory = Trajectory(
+        trajectory = SwarmTrajectory(
             *(self._t, self._x, self._x_C, self._u, self._x @ agent.lure.C.T, self._xi),
             *(agent.states, agent.inputs, agent.outputs, agent.name),
             *("held", hold, self._faults),
+            mean=self._means,
+            apart=np.sqrt(self._squares[:, 0]),
         )
         output = running_integral(self._squares[:, 1], self._t, "smooth")
         output += running_integral(self._squares[:, 2], self._t, "held")
@@ -169,7 +195,6 @@ class _Run:
         return SwarmRun(
             trajectory,
             loop.N,
-            np.sqrt(self._squares[:, 0]),
             Energies(self._t, output, entered, bool(at_rest)),
             index,
             effort[:, :4],

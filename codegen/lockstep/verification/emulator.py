@@ -61,7 +61,10 @@ def run_on_core(
         trace, state_bytes = machine.run(manifest, agent, recorded)
         stack = max(watch.stack, watch.top - machine.deepest()) if watch.counts else None
         instructions = max(watch.counts[:_MEASURED], default=None)
-        yield agent, Run(trace, state_bytes, text_bytes(directory / f"{unit_of(agent)}.o"), instructions, stack)
+        yield (
+            agent,
+            Run(trace, state_bytes, text_bytes(directory / f"{unit_of(agent)}.o"), instructions, stack),
+        )
 
 
 def _sample(calls: Calls) -> Calls:

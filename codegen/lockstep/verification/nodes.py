@@ -1,8 +1,8 @@
 """One image under test: its nodes beside its controllers, with lists that change from step to step.
 
-`with_nodes` puts an entry for each controller that a node may run behind the agents of a manifest; `verify` then feeds it as it
-feeds them. Every fifth step hears another number of neighbours, one more than a list holds among them, and now and then a slot
-is forgotten: `count_at` and `forgets_at` are in the harness too.
+`with_nodes` puts an entry for each controller that a node may run behind the agents of a manifest; `verify` then feeds it as
+it feeds them. Every fifth step hears another number of neighbours, one more than a list holds among them, and now and then a
+slot is forgotten: `count_at` and `forgets_at` are in the harness too.
 """
 
 from typing import Any

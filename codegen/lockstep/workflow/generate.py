@@ -57,8 +57,8 @@ def generate(
         one_image: one image for all nodes, whom a node hears given at run time; by default from 17 agents on whose gains are
             all the same, where no doors are asked for.
         max_neighbours: of a node of one image; by default the largest in-degree of the design's graph.
-        table: of whom each node hears, beside one image: "none", since a node needs its own list alone, "csv" for what installs
-            the nodes, or "c" for an image that holds all lists.
+        table: of whom each node hears, beside one image: "none", since a node needs its own list alone, "csv" for what
+            installs the nodes, or "c" for an image that holds all lists.
 
     Raises:
         ProblemError: no design, a name that is no C identifier, or a folder that cannot be written.

@@ -1,9 +1,9 @@
-"""The C of one image for all nodes, written down once more: r from a list that is given at run time, then a controller's step.
+"""The C of one image for all nodes, written down once more: r from a list given at run time, then a controller's step.
 
     r = (((y - y) + a_1 (y - y_1)) + a_2 (y - y_2)) + ...,    every product and every sum rounded once, y - y = 0
 
-These are the roundings of `HeldController.row_by_row`, for as many neighbours as a node has; no number of the controller is in
-this text, and those of its self-check can only keep from running what is proved.
+These are the roundings of `HeldController.row_by_row`, for as many neighbours as a node has; no number of the controller is
+in this text, and those of its self-check can only keep from running what is proved.
 """
 
 import re

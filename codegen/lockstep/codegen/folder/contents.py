@@ -17,7 +17,7 @@ from lockstep.check.wording import shorten
 from lockstep.codegen.doors import door_paths
 from lockstep.codegen.doors.fmu import archives
 from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files, units
-from lockstep.codegen.one_image import CSV, c_table
+from lockstep.codegen.one_image import table_paths
 
 DESIGN_NAME = "design.json"
 
@@ -119,7 +119,9 @@ def refusals(folder: Path, manifest: Manifest) -> list[str]:
             read = read_controller(name, header, source, known)
         if manifest.image is not None:
             node = manifest.image.name
-            pair = (as_text(read_inside(folder, path), path) for path in (f"include/{node}.h", f"src/{node}.c"))
+            pair = (
+                as_text(read_inside(folder, path), path) for path in (f"include/{node}.h", f"src/{node}.c")
+            )
             read_node(node, agents, read, *pair)
     except NotCertified as error:
         return [str(error)]
@@ -155,7 +157,7 @@ def _expected(manifest: Manifest) -> set[str]:
         *(f"include/{manifest.name}.h", f"src/{manifest.name}.c", f"cmake/{manifest.name}-config.cmake"),
         *(form.format(name) for name in names for form in per_agent),
         *(form.format(name) for name in units(manifest) for form in per_agent[:2]),
-        *([] if manifest.image is None else {"none": [], "csv": [CSV], "c": c_table(manifest.image.name)}[manifest.image.table]),
+        *([] if manifest.image is None else table_paths(manifest.image.name, manifest.image.table)),
         *door_paths(manifest),
         *archives(manifest),
     }
