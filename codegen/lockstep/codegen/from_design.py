@@ -38,8 +38,8 @@ def specification(
         optimize: "speed" or "size".
         name: of the folder's target and umbrella header; "": the agent's, and `_controllers`.
         prefix: put before the agent's name in all that is generated.
-        one_image: one image for all nodes, their neighbours given at run time: the gains once where they are all the same, else
-            by the node's number.
+        one_image: one image for all nodes, their neighbours given at run time: the gains once where they are all the same,
+            else by the node's number.
         max_neighbours: of a node of one image; by default the largest in-degree of the design's graph.
         table: of whom each node hears: "none", "csv" or "c".
     """

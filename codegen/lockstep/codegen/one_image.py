@@ -18,7 +18,7 @@ from lockstep.codegen.budget import state_bytes
 from lockstep.codegen.known_answers import KnownAnswers, known_answers
 
 ONE_IMAGE_FROM = 17
-"""Agents from which `generate` writes one image unasked, where all gains are the same: below, four files for each are no burden."""
+"""Agents from which `generate` writes one image unasked, where all gains are the same: fewer have files of their own."""
 
 Table = Literal["none", "csv", "c"]
 TABLES = get_args(Table)
@@ -32,8 +32,8 @@ KNOWN_STEPS = 2
 class OneImage:
     """What one image is made for.
 
-    name: prefix of the nodes' functions;  agents: N of the design;  degree: the most neighbours of any of them, and `most`: of
-    a list, at compile time;  table: of whom each node hears, as C for an image that holds all lists, or as CSV for what installs
+    name: prefix of the nodes' functions;  agents: N of the design;  degree: the most neighbours of any of them;  most: of a
+    list, at compile time;  table: of whom each node hears, as C for an image that holds all lists, or as CSV for what installs
     them;  lists: (source from 0, weight) of every node, for the table.
     """
 

@@ -64,6 +64,12 @@ def with_nodes(manifest: Manifest) -> Manifest:
     return manifest.model_copy(update={"agents": (*agents, *nodes)})
 
 
+def without_nodes(manifest: Manifest) -> Manifest:
+    """Return the manifest with its agents alone: what the runner of `pil` knows."""
+    agents = tuple(one for one in manifest.agents if not isinstance(one, NodeEntry))
+    return manifest.model_copy(update={"agents": agents})
+
+
 def node_layout(agent: AgentEntry, manifest: Manifest) -> dict[str, Any]:
     """What the harness needs to know besides: where the controller's state is, and the list."""
     if not isinstance(agent, NodeEntry):

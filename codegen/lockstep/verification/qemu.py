@@ -15,7 +15,6 @@ from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.codegen.rendering import render
 from lockstep.verification.harness import Run, compile_objects, text_bytes
 from lockstep.verification.image import check_calls, machine_flags
-from lockstep.verification.nodes import NodeEntry
 from lockstep.verification.pil_log import runs
 from lockstep.verification.stimulus import Calls
 from lockstep.verification.toolchain import COMPILE_SECONDS, RUN_SECONDS, Compiler, run
@@ -52,8 +51,6 @@ def run_on_qemu(
         ClaimError: it cannot be built, calls a library, hangs, or prints no whole log.
     """
     for agent in manifest.agents:
-        if isinstance(agent, NodeEntry):
-            continue  # the runner on a board knows agents alone
         made = _image(agent, manifest, folder, calls[agent.name], compiler, level, directory)
         log = directory / "log.txt"
         machine = [QEMU, "-M", "mps2-an500", "-display", "none", "-serial", "null", "-monitor", "none"]
