@@ -95,7 +95,7 @@ def build(
     """
     folder = Path(folder)
     check_generated(folder)
-    posed, checks = check(problem, progress=progress)
+    posed, checks = check(problem, every=True, progress=progress)
     with of_file(None if isinstance(problem, Problem) else Path(problem)):
         designed = design(posed, jobs=jobs, time_limit=time_limit, progress=progress)
     files = generated_files(designed)
