@@ -88,7 +88,7 @@ def node_layout(agent: AgentEntry, manifest: Manifest) -> dict[str, Any]:
 
 def count_at(step: int, most: int) -> int:
     """Return how many neighbours the list of a step has: all, and each fifth time 0, 1, ... up to one too many."""
-    return step % (most + 2) if step % 5 == 4 else most
+    return step // 5 % (most + 2) if step % 5 == 4 else most
 
 
 def forgets_at(step: int) -> bool:
