@@ -99,7 +99,9 @@ def test_other_code_is_seen_by_running_it_and_by_reading_it(tmp_path, ours, thei
     refused = verify_folder(folder, steps=10, adversarial_steps=0, targets=["host"])
     assert not refused.targets
     ran = verify_folder(folder, steps=300, adversarial_steps=600, targets=["host"], run_changed=True)
-    assert any("c_node" in problem and "differs" in problem or "error" in problem for problem in ran.problems)
+    assert any(
+        ("c_node" in problem and "differs" in problem) or "error" in problem for problem in ran.problems
+    )
 
 
 @pytest.mark.parametrize("part", ["h", "c"])

@@ -28,8 +28,8 @@ PERIOD, HORIZON, N = 0.02, 0.6, 11
 """Eleven agents: one block of lanes, and three lanes of the next."""
 
 
-def pendulum(arms):
-    """A loop of eleven arms on a weighted random digraph, gains of their own or not, and the same for `simulate`."""
+def digraph():
+    """Eleven agents, weights of several sizes, information from one to all."""
     random = np.random.default_rng(3)
     a = random.uniform(0.2, 1.5, (N, N)) * (random.random((N, N)) < 0.4)
     np.fill_diagonal(a, 0)
@@ -38,7 +38,7 @@ def pendulum(arms):
 
 
 def loop_of(problem, *, own_gains, own_inputs, real="float32", delay=0, order=2):
-    agent, graph = problem.agent(), pendulum(problem)
+    agent, graph = problem.agent(), digraph()
     random = np.random.default_rng(5)
     tables = np.zeros((N if own_gains else 1, order + 1, order + 2))
     tables[:] = 0.5 * np.eye(order + 1, order + 2)
@@ -168,7 +168,7 @@ def test_edges_that_make_no_graph_are_refused(edges, said):
 
 
 def test_lists_are_those_of_a_matrix():
-    graph = pendulum(None)
+    graph = digraph()
     lists = NeighbourLists.from_graph(graph)
     np.testing.assert_array_equal(lists.to_scipy().toarray(), graph.adjacency)
     again = NeighbourLists.from_scipy(lists.to_scipy())

@@ -33,8 +33,8 @@ class OneImage:
     """What one image is made for.
 
     name: prefix of the nodes' functions;  agents: N of the design;  degree: the most neighbours of any of them;  most: of a
-    list, at compile time;  table: of whom each node hears, as C for an image that holds all lists, or as CSV for what installs
-    them;  lists: (source from 0, weight) of every node, for the table.
+    list, at compile time;  table: of whom each node hears, as C for an image that holds all lists, or as CSV for what
+    installs them;  lists: (source from 0, weight) of every node, for the table.
     """
 
     name: str
@@ -79,7 +79,7 @@ def table_files(
     if image.table == "none":
         return {}
     edges = [
-        (i, j, real.round(np.array(a, dtype=float), "weights"))
+        (i, j, float(real.round(np.array([a]), "weights")[0]))
         for i, row in enumerate(image.lists)
         for j, a in row
     ]

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from lockstep.campaign.compiled.lanes import LANES
 from lockstep.campaign.compiled.library import compiled
-from lockstep.swarm.fields import Fields
+from lockstep.swarm.fields import Fields, Pace
 from lockstep.swarm.loop import SwarmLoop
 from lockstep.swarm.source import CHUNK, FIGURES, swarm_source
 
@@ -48,23 +48,19 @@ class CompiledSwarm:
         loop: SwarmLoop,
         start: Float[np.ndarray, "N n"],
         fields: Fields,
+        pace: Pace,
         *,
-        instant: float,
-        per: int,
-        substeps: int,
         threads: int | None = None,
     ) -> None:
-        source = swarm_source(
-            loop, instant=instant, per=per, substeps=substeps, held=fields.held, waves=fields.waves
-        )
+        source = swarm_source(loop, pace, held=fields.held, waves=fields.waves)
         library = ctypes.CDLL(str(compiled(source)))
         self._call: Any = library.lockstep_swarm
         self._call.restype = None
         pointer = ctypes.c_void_p
         whole = ctypes.c_int64
         self._call.argtypes = [pointer, whole, whole, whole, ctypes.c_int32, pointer, pointer]
-        self._loop, self._fields, self._per, self._substeps = loop, fields, per, substeps
-        self._instant, self._lanes = instant, LANES
+        self._loop, self._fields = loop, fields
+        self._instant, self._substeps = pace.instant, pace.substeps
         agent, N = loop.agent, loop.N
         self._blocks = -(-N // LANES)
         self._chunks = -(-self._blocks // CHUNK)
@@ -170,4 +166,4 @@ def _aligned(shape: tuple[int, ...], kind: Any, to: int = 64) -> np.ndarray:
     size = int(np.prod(shape)) * kind.itemsize
     raw = np.zeros(size + to, np.uint8)
     begin = -raw.ctypes.data % to
-    return raw[begin : begin + size].view(kind).reshape(shape)
+    return np.asarray(raw[begin : begin + size].view(kind).reshape(shape))

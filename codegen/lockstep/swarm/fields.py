@@ -16,6 +16,15 @@ from lockstep.model.simulation.quadrature import Hold
 _ROUNDING = 1e-9
 
 
+@dataclass(frozen=True)
+class Pace:
+    """instant: s between the instants of a record;  per: of them to a period;  substeps: Runge-Kutta steps to each."""
+
+    instant: float
+    per: int
+    substeps: int
+
+
 @dataclass(eq=False)
 class StreamedNoise:
     """Independent Gaussian noise on every state, held for `interval` s, drawn as the run goes on.

@@ -88,7 +88,7 @@ def swarm_of_design(stored: "Stored", neighbours: NeighbourLists | None = None) 
     table = problem.controller
     B = np.array(problem.agents_B())
     blocks, alike = gains.blocks, bool((gains.blocks == gains.blocks[0]).all())
-    one_B = bool((B == B[0]).all())
+    one_B = bool((B[0] == B).all())
     if neighbours is None:
         neighbours = NeighbourLists.from_graph(problem.graph())
     elif not (alike and one_B) and neighbours.N != gains.N:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.model.simulation.divergence import BEYOND
-from lockstep.swarm.fields import Fields
+from lockstep.swarm.fields import Fields, Pace
 from lockstep.swarm.loop import SwarmLoop
 
 
@@ -22,13 +22,10 @@ class PlainSwarm:
         loop: SwarmLoop,
         start: Float[np.ndarray, "N n"],
         fields: Fields,
-        *,
-        instant: float,
-        per: int,
-        substeps: int,
+        pace: Pace,
     ) -> None:
-        self._loop, self._fields, self._per, self._substeps = loop, fields, per, substeps
-        self._instant, self._real = instant, np.dtype(loop.real)
+        self._loop, self._fields, self._per, self._substeps = loop, fields, pace.per, pace.substeps
+        self._instant, self._real = pace.instant, np.dtype(loop.real)
         N, agent = loop.N, loop.agent
         self._x = start.T.copy()
         self._u, self._late = np.zeros((2, N, agent.m))
@@ -114,7 +111,7 @@ class PlainSwarm:
         fixed = forced.T + (fields.value.T if fields.held else 0.0)
 
         def slope(x: np.ndarray, t: float) -> np.ndarray:
-            dx = np.asarray(self._drift(x, t)) + fixed
+            dx: np.ndarray = np.asarray(self._drift(x, t)) + fixed
             if fields.waves:
                 s, c = fields.waves_at(np.array([t]), since)[0]
                 dx = dx + s * fields.sine.T + c * fields.cosine.T

@@ -9,11 +9,11 @@ from lockstep.check.errors import ProblemError
 from lockstep.model.simulation.disturbance import Disturbance
 from lockstep.model.simulation.divergence import check_bounded
 from lockstep.model.simulation.indices import Indices
-from lockstep.model.simulation.quadrature import running_integral
+from lockstep.model.simulation.quadrature import Hold, running_integral
 from lockstep.model.simulation.scenario import whole_number
 from lockstep.model.simulation.trajectory import AT_REST, Energies, Trajectory
 from lockstep.swarm.engine import CompiledSwarm
-from lockstep.swarm.fields import Fields
+from lockstep.swarm.fields import Fields, Pace
 from lockstep.swarm.loop import SwarmLoop
 from lockstep.swarm.plain import PlainSwarm
 
@@ -113,11 +113,12 @@ def simulate_swarm(
         raise ProblemError(f"a horizon of {horizon!r} s in {substeps} substeps", where="swarm")
     count = per * max(1, int(np.ceil(horizon / loop.period - 1e-9)))
     fields = Fields(disturbance, loop.N, loop.agent.n)
-    settings = {"instant": instant, "per": per, "substeps": substeps}
-    if compiled:
-        engine: CompiledSwarm | PlainSwarm = CompiledSwarm(loop, start, fields, **settings, threads=threads)
-    else:
-        engine = PlainSwarm(loop, start, fields, **settings)
+    pace = Pace(instant, per, substeps)
+    engine: CompiledSwarm | PlainSwarm = (
+        CompiledSwarm(loop, start, fields, pace, threads=threads)
+        if compiled
+        else PlainSwarm(loop, start, fields, pace)
+    )
     try:
         return _Run(loop, engine, fields, start, instant, per, count).go()
     finally:
@@ -180,11 +181,13 @@ class _Run:
     def _found(self) -> SwarmRun:
         agent, loop = self._loop.agent, self._loop
         index, effort = self._engine.figures()
-        hold = "smooth" if self._fields.waves else "held"
+        hold: Hold = "smooth" if self._fields.waves else "held"
         trajectory = SwarmTrajectory(
             *(self._t, self._x, self._x_C, self._u, self._x @ agent.lure.C.T, self._xi),
             *(agent.states, agent.inputs, agent.outputs, agent.name),
-            *("held", hold, self._faults),
+            u_hold="held",
+            xi_hold=hold,
+            faults=self._faults,
             mean=self._means,
             apart=np.sqrt(self._squares[:, 0]),
         )

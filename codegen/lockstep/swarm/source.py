@@ -12,6 +12,7 @@ from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.kernel import straight_line
 from lockstep.codegen.rendering import render
 from lockstep.model.simulation.divergence import BEYOND
+from lockstep.swarm.fields import Pace
 from lockstep.swarm.loop import SwarmLoop
 
 CHUNK = 32
@@ -24,17 +25,15 @@ _PRODUCT = re.compile(r"= (-?[0-9][^ ]*) \*")
 _NOTHING = re.compile(r"(_next\[\d+\]) = (-?[0-9][^ ]*);")
 
 
-def swarm_source(
-    loop: SwarmLoop, *, instant: float, per: int, substeps: int, held: bool, waves: bool
-) -> CFiles:
+def swarm_source(loop: SwarmLoop, pace: Pace, *, held: bool, waves: bool) -> CFiles:
     """Return the C of a swarm.
 
     Args:
         loop: the swarm; of its graph only whether all weights are 1 is in the text.
-        instant: s between the instants of the record;  per: of them to a period;  substeps: Runge-Kutta steps to each.
+        pace: of the record and the integration.
         held: whether a disturbance is held from instant to instant;  waves: whether one is a sinusoid.
     """
-    agent, real = loop.agent, RealType(loop.real)
+    agent, real, instant = loop.agent, RealType(loop.real), pace.instant
     own_gains, own_inputs = len(loop.tables) > 1, len(loop.B) > 1
     statements = (
         []
@@ -48,11 +47,11 @@ def swarm_source(
         m=agent.m,
         q=agent.q,
         order=loop.order,
-        h=DOUBLE.literal(instant / substeps),
+        h=DOUBLE.literal(instant / pace.substeps),
         instant=DOUBLE.literal(instant),
         period=DOUBLE.literal(loop.period),
-        substeps=substeps,
-        per=per,
+        substeps=pace.substeps,
+        per=pace.per,
         chunk=CHUNK,
         figures=FIGURES,
         lanes=LANES,

@@ -129,7 +129,7 @@ def simulate_large(
         compiled=compiled,
     )
     progress("what is proved", 0.8)
-    found = _measured(run, stored, loop, own=neighbours is None)
+    found = _measured(run, stored, own=neighbours is None)
     parts = (simulated, run.trajectory, found, "sampled", kind, seed, step, "rk4")
     return LargeSimulation(*parts, run, "compiled" if compiled else "numpy")  # type: ignore[arg-type]
 
@@ -154,7 +154,7 @@ def _disturbance(
     return StreamedNoise(N, n, sigma, period, seed, table.start, stop)
 
 
-def _measured(run: SwarmRun, stored: "Stored", loop: SwarmLoop, *, own: bool) -> Measured:
+def _measured(run: SwarmRun, stored: "Stored", *, own: bool) -> Measured:
     """Hold a run from agreement on the design's own graph against what is proved of it."""
     energies, problem = run.energies, stored.problem
     output, entered = float(np.sqrt(energies.output[-1])), float(np.sqrt(energies.input[-1]))
