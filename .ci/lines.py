@@ -32,13 +32,19 @@ LATER = {
         ],
         500,
     ),
+    "check: one image for all nodes": (["check/lockstep/check/c_source/node.py"], 140),
+    "codegen: one image for all nodes": (
+        ["codegen/lockstep/codegen/one_image.py", f"{VERIFICATION}/nodes.py"],
+        300,
+    ),
+    "codegen/swarm, and its runs": (["codegen/lockstep/swarm", "codegen/lockstep/workflow/large.py"], 1000),
 }
 """Rooms for later duties: folders and files, and the most code lines."""
 
 LIMITS = {
     # 4000 is the aim. 6300 held the whole language of expressions, unbounded domains and the readers; u in what rho weighs,
     # noise, decay, stable controllers and limits added 310, each a channel or a decision of its own. Only down from here.
-    "check": (["check"], [], 6650),
+    "check": (["check"], ["check/lockstep/check/c_source/node.py"], 6650),
     "cli": (["codegen/lockstep/cli"], [], 1000),
     "roots without campaign and rooms below": (
         ["check", "model", "lmi", "codegen"],

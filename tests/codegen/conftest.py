@@ -9,6 +9,19 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture(scope="session")
+def generated(root):
+    """The committed C of the arms, with its design."""
+    return root / "generated" / "flexible_joint_arms"
+
+
+@pytest.fixture(scope="session")
+def arms_problem(examples):
+    from lockstep.model.problem import load_problem
+
+    return load_problem(examples / "flexible_joint_arms.toml")
+
+
+@pytest.fixture(scope="session")
 def arms_network(examples):
     from campaign_cases import arms_of
 

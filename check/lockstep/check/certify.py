@@ -12,7 +12,7 @@ The first claim that fails ends the list: what follows rests on it.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,8 @@ import numpy as np
 from lockstep.check.agent import ExactAgent
 from lockstep.check.asked import shortfalls
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
-from lockstep.check.c_source.reader import read_controller
+from lockstep.check.c_source.node import read_node
+from lockstep.check.c_source.reader import ReadController, read_controller
 from lockstep.check.c_source.text import nearest
 from lockstep.check.certificate import (
     decide_certificate,
@@ -348,37 +349,59 @@ def _sector(stored: CheckedFile, plant: Plant) -> Sector | None:
 def _read(
     stored: CheckedFile, folder: Path, held: tuple[HeldController, ...]
 ) -> tuple[tuple[HeldController, ...], Verdict]:
-    """Read the controllers out of the C, and hold them against the design's."""
+    """Read the controllers out of the C, and hold them against the design's.
+
+    In one image for all nodes each controller is read as often as it serves: the weights and sources of a node are its row of
+    the design's graph, which it is given at run time.
+    """
     listed = parse_json(as_text(read_inside(folder, "manifest.json"), "manifest.json"), "manifest.json")
-    prefix = listed.get("prefix", "") if isinstance(listed, dict) else ""
-    names = [f"{prefix}{stored.problem.agent.name}{i}" for i in range(1, len(held) + 1)]
+    listed = listed if isinstance(listed, dict) else {}
+    prefix, image = listed.get("prefix", ""), listed.get("image") is not None
+    base, N = f"{prefix}{stored.problem.agent.name}", len(held)
+    # One image holds one controller where all gains are the same, and else each agent's.
+    alike = image and bool((stored.gains.blocks == stored.gains.blocks[0]).all())
+    cores = [base] if alike else [f"{base}{i}" for i in range(1, N + 1)]
+    read: dict[str, ReadController] = {}
+    try:
+        for name in cores:
+            read[name] = read_controller(name, *_pair(folder, name), [] if image else cores)
+        if image:
+            most = read_node(f"{base}_node", cores, read[cores[-1]], *_pair(folder, f"{base}_node"))
+    except NotCertified as error:
+        return held, Verdict("undecided", str(error))
     found = []
-    for name, mine in zip(names, held, strict=True):
-        paths = [f"include/{name}.h", f"src/{name}.c"]
-        for path in paths:
-            there = (folder / path).is_file()
-            demand(
-                there,
-                f"there is no {shorten(path)}",
-                "manifest.json, `prefix`",
-                "what names of files begin with",
-            )
-        header, source = (as_text(read_inside(folder, path), path) for path in paths)
-        try:
-            one = read_controller(name, header, source, names)
-        except NotCertified as error:
-            return held, Verdict("undecided", str(error))
+    for i, mine in enumerate(held):
+        name = cores[0] if alike else cores[i]
+        one = read[name]
         theirs = one.controller
+        if image:
+            rows = theirs.sources == () and len(mine.sources) <= most
+            theirs = replace(mine, table=theirs.table, roundings=theirs.roundings, precision=theirs.precision)
         period = stored.problem.period
         rounded = float(np.float32(period) if one.real == "float32" else period)
         same = {
             "period": nearest(one.period_literal, one.real) == rounded,
             "arithmetic": one.real == stored.problem.controller["real"],
             "gains": np.array_equal(theirs.table, mine.table),
-            "neighbours": theirs.sources == mine.sources,
+            "neighbours": theirs.sources == mine.sources and (not image or rows),
             "weights": np.array_equal(theirs.weights, mine.weights),
         }
         if differs := ", ".join(word for word, holds in same.items() if not holds):
             return held, Verdict("refuted", f"{name}: not the design's {differs}")
         found.append(theirs)
-    return tuple(found), Verdict("proved", "the C holds the design's controllers, and no other code")
+    said = "the C holds the design's controllers, and no other code"
+    if image:
+        degree = max(len(one.sources) for one in held)
+        said += (
+            f"; nodes are given their rows of its graph, of in-degree {degree} at most, a list holding {most}"
+        )
+    return tuple(found), Verdict("proved", said)
+
+
+def _pair(folder: Path, name: str) -> tuple[str, str]:
+    paths = [f"include/{name}.h", f"src/{name}.c"]
+    for path in paths:
+        there, where = (folder / path).is_file(), "manifest.json, `prefix`"
+        demand(there, f"there is no {shorten(path)}", where, "what names of files begin with")
+    header, source = (as_text(read_inside(folder, path), path) for path in paths)
+    return header, source

@@ -66,6 +66,8 @@ MOST_RUNS = 2**31 - 1
 
 _option = partial(typer.Option, show_default=False)
 
+_IMAGE = "One image for all nodes, their neighbours given at run time; or C for each agent."
+
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
 ProblemFile = Annotated[
     Path, typer.Argument(metavar="PROBLEM", help="A problem file (TOML).", show_default=False)
@@ -170,6 +172,11 @@ def generate(
     prefix: Annotated[
         str, typer.Option(help="Put before the agents' names: two designs fit one program.")
     ] = "",
+    one_image: Annotated[
+        bool | None, typer.Option("--one-image/--per-agent", help=_IMAGE, show_default=False)
+    ] = None,
+    max_neighbours: Annotated[int | None, _option(min=1, max=64, help="Of a node of one image.")] = None,
+    table: Annotated[str, typer.Option(help='Whom each node hears: "none", "csv" or "c".')] = "none",
     json: Json = False,
 ) -> None:
     """Emit C for each agent's controller."""
@@ -177,7 +184,8 @@ def generate(
 
     wanted = {"pil": pil, "fmu": fmu, "rust": rust, "arduino": arduino}
     doors = [name for name, chosen in wanted.items() if chosen]
-    run(design, output, as_json=json, optimize=optimize, doors=doors, name=name, prefix=prefix)
+    image = {"one_image": one_image, "max_neighbours": max_neighbours, "table": table}
+    run(design, output, as_json=json, optimize=optimize, doors=doors, name=name, prefix=prefix, **image)
 
 
 @app.command()

@@ -29,12 +29,14 @@ from lockstep.codegen.manifest import (
     Coefficients,
     GainsEntry,
     Identification,
+    ImageEntry,
     Manifest,
     Named,
     NeighbourEntry,
     PlantEntry,
     sha256,
 )
+from lockstep.codegen.one_image import OneImage, node_bytes, node_view, table_files
 from lockstep.codegen.rendering import render
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant
 
@@ -83,6 +85,11 @@ def emit(spec: CodegenSpec) -> dict[str, str]:
         files[f"proof/{view['name']}_eva.c"] = render(
             "eva.c.j2", **context, a=view, limit=real.literal(EVA_LIMIT)
         )
+    if spec.image is not None:
+        node = node_view(spec.image, agents[0].shape, [view["name"] for view in views], real)
+        for path, template in (("include/{}.h", "node.h"), ("src/{}.c", "node.c")):
+            files[path.format(spec.image.name)] = render(f"{template}.j2", **context, k=node)
+        files |= table_files(spec.image, real, lambda name, view: render(name, **context, k=view))
     whole = {
         f"include/{spec.name}.h": "umbrella.h",
         f"src/{spec.name}.c": "umbrella.c",
@@ -164,6 +171,8 @@ def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
         "claims_id": identity.claims,
         "optimize": spec.optimize,
         "claims": claims(spec.certificate),
+        "image": None if spec.image is None else spec.image.name,
+        "table": spec.image is not None and spec.image.table == "c",
     }
 
 
@@ -228,6 +237,19 @@ def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: M
         prefix=spec.prefix,
         agents=tuple(_agent_record(a, real, p) for a, p in zip(agents, plants, strict=True)),
         files={path: sha256(text) for path, text in files.items()},
+        image=None if spec.image is None else _image_record(spec.image, agents, real),
+    )
+
+
+def _image_record(image: OneImage, agents: list[Sampled], real: RealType) -> ImageEntry:
+    size = node_bytes(image, agents[0].shape, len(agents), real)
+    return ImageEntry(
+        name=image.name,
+        agents=image.agents,
+        largest_in_degree=image.degree,
+        max_neighbours=image.most,
+        table=image.table,
+        state_bytes=size,
     )
 
 

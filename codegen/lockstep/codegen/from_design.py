@@ -8,9 +8,13 @@ import numpy as np
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.controller import PRECISIONS
+from lockstep.codegen.one_image import OneImage, Table
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Neighbour, Optimize, Signal
 from lockstep.lmi.document import Stored
+
+MANY = 17
+"""Agents from which controllers that are all the same are described once."""
 
 CONTINUOUS_ONLY = (
     "the continuous controller in real arithmetic; the sampled, rounded one of this folder is not covered yet"
@@ -18,7 +22,14 @@ CONTINUOUS_ONLY = (
 
 
 def specification(
-    stored: Stored, *, optimize: Optimize = "speed", name: str = "", prefix: str = ""
+    stored: Stored,
+    *,
+    optimize: Optimize = "speed",
+    name: str = "",
+    prefix: str = "",
+    one_image: bool = False,
+    max_neighbours: int | None = None,
+    table: Table = "none",
 ) -> CodegenSpec:
     """Return what to generate for a stored design. Its datasheet prints what the design claims: decide that first.
 
@@ -27,41 +38,60 @@ def specification(
         optimize: "speed" or "size".
         name: of the folder's target and umbrella header; "": the agent's, and `_controllers`.
         prefix: put before the agent's name in all that is generated.
+        one_image: one image for all nodes, their neighbours given at run time: the gains once where they are all the same,
+            else by the node's number.
+        max_neighbours: of a node of one image; by default the largest in-degree of the design's graph.
+        table: of whom each node hears: "none", "csv" or "c".
     """
     problem, agent = stored.problem, stored.problem.agent()
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
-    names = [f"{prefix}{agent.name}{i}" for i in range(1, graph.N + 1)]
-    units = agent.units
-    sources: list[list[Neighbour]] = [[] for _ in names]
+    base, units, gains = f"{prefix}{agent.name}", agent.units, stored.gains
+    names = [f"{base}{i}" for i in range(1, graph.N + 1)]
+    sources: list[list[tuple[int, float]]] = [[] for _ in names]
     for listener, source, weight in graph.edges:
-        sources[listener - 1].append(Neighbour(names[source - 1], weight))
+        sources[listener - 1].append((source - 1, weight))
     signals = {
         "outputs": tuple(Signal(name, units.get(name, "")) for name in agent.outputs),
         "inputs": tuple(Signal(name, units.get(name, "")) for name in agent.inputs),
     }
-    gains = stored.gains
+    heard = [() if one_image else tuple(Neighbour(names[j], a) for j, a in row) for row in sources]
+    alike = one_image and has_one_controller(stored)
     controllers = tuple(
-        Controller(name, gains.A[i], gains.B[i], gains.C[i], gains.D[i], tuple(sources[i]), **signals)
-        for i, name in enumerate(names)
+        Controller(name, gains.A[i], gains.B[i], gains.C[i], gains.D[i], heard[i], **signals)
+        for i, name in enumerate([base] if alike else names)
     )
     plants = tuple(
-        LinearPlant(lure.A, B, lure.C, np.asarray(x0[i])) for i, B in enumerate(problem.agents_B())
+        LinearPlant(lure.A, B, lure.C, np.asarray(x0[i]))
+        for i, B in enumerate(() if alike else problem.agents_B())
     )
-    table = problem.controller
+    image = None
+    if one_image:
+        degree = max(map(len, sources))
+        most = degree if max_neighbours is None else max_neighbours
+        lists = () if table == "none" else tuple(map(tuple, sources))
+        image = OneImage(f"{base}_node", graph.N, degree, most, table, lists)
+    controller = problem.controller
     return CodegenSpec(
         agents=controllers,
-        period=table.period,
-        delay=table.delay,
-        discretization=table.discretization,
-        real=table.real,
+        period=controller.period,
+        delay=controller.delay,
+        discretization=controller.discretization,
+        real=controller.real,
         optimize=optimize,
-        name=name or f"{prefix}{agent.name}_controllers",
+        name=name or f"{base}_controllers",
         prefix=prefix,
         title=problem.title,
         certificate=_datasheet(stored),
         design_hash=fingerprint(stored),
         plants=plants,
+        image=image,
     )
+
+
+def has_one_controller(stored: Stored) -> bool:
+    """Tell whether all agents have the same gains."""
+    blocks = stored.gains.blocks
+    return bool((blocks == blocks[0]).all())
 
 
 def fingerprint(stored: Stored) -> str:
@@ -115,6 +145,8 @@ def _alone(stored: Stored) -> str | None:
         tables = [one.table[:n_C, :n_C] for one in sampled_controllers(stored, table.period)]
     except ProblemError:
         return None
+    if len(tables) >= MANY and all(np.array_equal(one, tables[0]) for one in tables):
+        tables = tables[:1]
     sizes = ", ".join(f"{np.abs(np.linalg.eigvals(A_C)).max():.3f}" for A_C in tables)
     said = (
         "each is stable by itself, which is proved"

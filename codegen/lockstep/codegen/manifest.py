@@ -151,6 +151,17 @@ class Identification(_Record):
     claims: str = Field(pattern="^[0-9a-f]{64}$")
 
 
+class ImageEntry(_Record):
+    """One image for all nodes: `agents` are then its controllers, by the node's number."""
+
+    name: str
+    agents: int = Field(ge=2, description="N of the design")
+    largest_in_degree: int = Field(ge=0, description="of its graph: so many roundings of r are covered")
+    max_neighbours: int = Field(ge=1, le=MAX_NEIGHBOURS, description="of a list, at compile time")
+    state_bytes: int
+    table: Literal["none", "csv", "c"]
+
+
 class Manifest(_Record):
     """The whole of manifest.json."""
 
@@ -168,6 +179,7 @@ class Manifest(_Record):
     files: dict[str, str]
     identity: Identification
     prefix: str = ""
+    image: ImageEntry | None = None
     digest: str = ""
 
     @model_validator(mode="after")
@@ -194,7 +206,8 @@ class Manifest(_Record):
         return _INNERMOST_LIST.sub(lambda found: " ".join(found.group().split()), spread) + "\n"
 
     def _plain(self) -> dict[str, Any]:
-        return self.model_dump(mode="json", exclude_none=False)
+        exclude = {"image"} if self.image is None else None
+        return self.model_dump(mode="json", exclude_none=False, exclude=exclude)
 
 
 def sha256(content: str | bytes) -> str:
@@ -227,11 +240,20 @@ def load_manifest(directory: Path | str) -> Manifest:
             where=str(path),
             remedy="generate the folder again",
         ) from None
-    check_identifier(manifest.name, str(path))
+    for name in (manifest.name, *units(manifest)[len(manifest.agents) :]):
+        check_identifier(name, str(path))
     for agent in manifest.agents:
         check_identifier(agent.name, str(path))
         agent.table(manifest.real_type)
     return manifest
+
+
+def units(manifest: Manifest) -> list[str]:
+    """Return the names of the pairs of header and source: the agents', and that of the nodes of one image."""
+    return [
+        *(agent.name for agent in manifest.agents),
+        *([] if manifest.image is None else [manifest.image.name]),
+    ]
 
 
 def manifest_is_intact(manifest: Manifest) -> bool:
@@ -243,7 +265,7 @@ def changed_files(folder: Path, manifest: Manifest) -> tuple[str, ...]:
     """Files that differ from their hash, are missing, or are compiled but not listed; the manifest too."""
     changed = [path for path, digest in manifest.files.items() if _sha256(folder, path) != digest]
     needed = [
-        f"{place}/{a.name}.{end}" for a in manifest.agents for place, end in (("include", "h"), ("src", "c"))
+        f"{place}/{unit}.{end}" for unit in units(manifest) for place, end in (("include", "h"), ("src", "c"))
     ]
     changed += [path for path in needed if path not in manifest.files]
     if not manifest_is_intact(manifest):

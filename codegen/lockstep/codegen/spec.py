@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -16,6 +16,9 @@ from numpy.typing import ArrayLike
 from lockstep.check.c_source.reader import MAX_NEIGHBOURS
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.discretise import Discretization, Real, check_period
+
+if TYPE_CHECKING:
+    from lockstep.codegen.one_image import OneImage
 
 Optimize = Literal["speed", "size"]
 
@@ -193,6 +196,7 @@ class CodegenSpec:
     design_hash     identifies the design that the gains come from
     delay           periods after its sample at which u acts, 0 or 1: what the caller is told to do
     plants          optional, one per agent: `verify` then closes the loop around the reference
+    image           one image for all nodes: the agents are then the controllers by number, and hear nobody themselves
     """
 
     agents: tuple[Controller, ...]
@@ -207,6 +211,7 @@ class CodegenSpec:
     plants: tuple[LinearPlant, ...] = ()
     delay: int = 0
     prefix: str = ""
+    image: "OneImage | None" = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "agents", tuple(self.agents))
@@ -220,6 +225,19 @@ class CodegenSpec:
         _choice(self.optimize, ("speed", "size"), "optimize")
         self._check_agents()
         self._check_plants()
+        self._check_image()
+
+    def _check_image(self) -> None:
+        if self.image is None:
+            return
+        check_identifier(self.image.name, "one image")
+        shapes = {(agent.order, *agent.D.shape) for agent in self.agents}
+        if len(shapes) > 1 or any(agent.neighbours for agent in self.agents):
+            raise ProblemError(
+                "controllers of several sizes, or with neighbours of their own", where="one image"
+            )
+        if self.image.name.lower() in {self.name.lower(), *(agent.name.lower() for agent in self.agents)}:
+            raise ProblemError(f"`{self.image.name}` is a controller's name too", where="one image")
 
     def _check_agents(self) -> None:
         names = [agent.name.lower() for agent in self.agents]

@@ -20,6 +20,7 @@ from lockstep.codegen.cores import Core, Registers, emulated, registers_of
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.harness import Run, inputs, output_arrays, outputs, text_bytes
 from lockstep.verification.image import Image, build_image, load_image
+from lockstep.verification.nodes import unit_of
 from lockstep.verification.toolchain import RUN_SECONDS, Compiler
 
 _RETURN, _ARRAYS, _STACK = 0x0000_1000, 0x2100_0000, 0x3000_0000
@@ -54,13 +55,16 @@ def run_on_core(
     image = load_image(build_image(manifest, folder, core, compiler, level, directory, strict=strict))
     for agent in manifest.agents:
         recorded = calls[agent.name]
-        watch = Watch(image.symbols[f"{agent.name}_step"] & ~1, registers_of(core))
+        watch = Watch(image.symbols[f"{unit_of(agent)}_step"] & ~1, registers_of(core))
         Machine(image, core, watch).run(manifest, agent, _sample(recorded))
         machine = Machine(image, core)
         trace, state_bytes = machine.run(manifest, agent, recorded)
         stack = max(watch.stack, watch.top - machine.deepest()) if watch.counts else None
         instructions = max(watch.counts[:_MEASURED], default=None)
-        yield agent, Run(trace, state_bytes, text_bytes(directory / f"{agent.name}.o"), instructions, stack)
+        yield (
+            agent,
+            Run(trace, state_bytes, text_bytes(directory / f"{unit_of(agent)}.o"), instructions, stack),
+        )
 
 
 def _sample(calls: Calls) -> Calls:

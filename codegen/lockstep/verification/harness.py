@@ -14,6 +14,7 @@ from lockstep.check.errors import ClaimError
 from lockstep.codegen.calls import Calls
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.codegen.rendering import render
+from lockstep.verification.nodes import node_layout, unit_of
 from lockstep.verification.stimulus import Trace
 from lockstep.verification.toolchain import COMPILE_SECONDS, RUN_SECONDS, WARNINGS, Compiler, run
 
@@ -39,6 +40,7 @@ def layout(agent: AgentEntry, manifest: Manifest) -> dict[str, Any]:
         "m": len(agent.inputs),
         "nn": len(agent.neighbours),
         "real_bytes": manifest.real_type.bytes,
+        **node_layout(agent, manifest),
     }
 
 
@@ -78,8 +80,8 @@ def compile_objects(
 
 
 def product_sources(manifest: Manifest, folder: Path) -> list[Path]:
-    """The generated sources, one per agent."""
-    return [folder / "src" / f"{agent.name}.c" for agent in manifest.agents]
+    """The generated sources, one per agent, and that of the nodes."""
+    return [folder / "src" / f"{unit}.c" for unit in dict.fromkeys(map(unit_of, manifest.agents))]
 
 
 def run_on_host(
@@ -111,7 +113,7 @@ def run_on_host(
         blob = taken.read_bytes()
         state_bytes = int(np.frombuffer(blob[:4], np.uint32)[0])
         trace = outputs(agent, manifest, len(calls[agent.name]), blob[4:])
-        yield agent, Run(trace, state_bytes, text_bytes(product[index]))
+        yield agent, Run(trace, state_bytes, text_bytes(directory / f"{unit_of(agent)}.o"))
 
 
 def inputs(calls: Calls) -> list[bytes]:

@@ -12,6 +12,7 @@ from lockstep.codegen.cores import CORES, Core
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.emulator import missing_packages, run_on_core
 from lockstep.verification.harness import Run, run_on_host
+from lockstep.verification.nodes import without_nodes
 from lockstep.verification.qemu import M7, missing, run_on_qemu
 from lockstep.verification.toolchain import TO_INSTALL, Compiler, arm_gcc, host_compilers, run, zig
 
@@ -108,7 +109,7 @@ def _emulated_by_qemu(compiler: Compiler, level: str) -> Runner:
     def start(
         manifest: Manifest, folder: Path, calls: Mapping[str, Calls], directory: Path
     ) -> Iterator[tuple[AgentEntry, Run]]:
-        return run_on_qemu(manifest, folder, calls, compiler, level, directory)
+        return run_on_qemu(without_nodes(manifest), folder, calls, compiler, level, directory)
 
     return start
 

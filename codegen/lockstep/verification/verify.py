@@ -21,6 +21,7 @@ from lockstep.codegen.folder.contents import refusals, strangers
 from lockstep.codegen.manifest import AgentEntry, Manifest, changed_files, load_manifest
 from lockstep.verification.comparison import Difference, compare
 from lockstep.verification.harness import Run
+from lockstep.verification.nodes import reference_of, with_nodes
 from lockstep.verification.pil_log import runs
 from lockstep.verification.reference import Reference
 from lockstep.verification.stimulus import (
@@ -153,20 +154,21 @@ def verify_folder(
             "nothing was compiled: `--run-changed` runs changed files all the same, with all that they may do"
         )
         return VerifyReport(False, (), changed, (*refused, said))
-    chosen = targets_of(targets or GROUPS, manifest)
+    chosen, generated = targets_of(targets or GROUPS, manifest), manifest
+    manifest = with_nodes(manifest)
     tell = _Teller(progress, len(manifest.agents) * (1 + len(chosen)))
     calls = _calls(manifest, steps, adversarial_steps, stimulus)
     faults = max(len(given) for given in calls.values()) - steps - adversarial_steps
     expected: dict[str, Trace] = {}
     for agent in manifest.agents:
         tell(f"reference of {agent.name}")
-        expected[agent.name] = run_reference(Reference.of(agent, manifest), calls[agent.name])
+        expected[agent.name] = run_reference(reference_of(agent, manifest), calls[agent.name])
     results = tuple(
         _run_target(target, manifest, folder, calls, expected, (steps, adversarial_steps, faults), tell)
         for target in chosen
     )
     tell("done")
-    problems = (*strangers(folder, manifest), *_problems(results, changed, manifest))
+    problems = (*strangers(folder, generated), *_problems(results, changed, manifest))
     return VerifyReport(not problems, results, changed, problems)
 
 

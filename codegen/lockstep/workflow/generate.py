@@ -39,6 +39,9 @@ def generate(
     doors: Collection[str] = (),
     name: str = "",
     prefix: str = "",
+    one_image: bool | None = None,
+    max_neighbours: int | None = None,
+    table: str = "none",
 ) -> Generated:
     """Certify a design, emit its C, prove the controllers by the numbers in the C, and write the folder.
 
@@ -51,6 +54,11 @@ def generate(
             "rust" (a `no_std` crate over the C), "arduino" (a library in Arduino's layout).
         name: of the CMake target and the umbrella header; by default the agent's name and `_controllers`.
         prefix: put before the agents' names, so that two designs fit one program.
+        one_image: one image for all nodes, whom a node hears given at run time; by default from 17 agents on whose gains are
+            all the same, where no doors are asked for.
+        max_neighbours: of a node of one image; by default the largest in-degree of the design's graph.
+        table: of whom each node hears, beside one image: "none", since a node needs its own list alone, "csv" for what
+            installs the nodes, or "c" for an image that holds all lists.
 
     Raises:
         ProblemError: no design, a name that is no C identifier, or a folder that cannot be written.
@@ -62,14 +70,43 @@ def generate(
 
     folder = Path(folder)
     check_generated(folder)
-    texts = generated_files(as_design(design)[0], optimize, doors, name=name, prefix=prefix)
+    found = as_design(design)[0]
+    if one_image is None:
+        asked = max_neighbours is not None or table != "none"
+        one_image = asked or (not doors and _is_swarm(found))
+    texts = generated_files(
+        found,
+        optimize,
+        doors,
+        name=name,
+        prefix=prefix,
+        one_image=one_image,
+        max_neighbours=max_neighbours,
+        table=table,
+    )
     files: dict[str, str | bytes] = bundle(texts, units(texts)) if "fmu" in doors else {**texts}
     write_folder(files, folder)
     return Generated(Design.of(json.loads(texts[DESIGN_NAME]), DESIGN_NAME, folder), folder, files)
 
 
+def _is_swarm(design: Design) -> bool:
+    """Tell whether a design is of many agents with the same gains."""
+    from lockstep.codegen.from_design import has_one_controller
+    from lockstep.codegen.one_image import ONE_IMAGE_FROM
+
+    return design.stored.gains.N >= ONE_IMAGE_FROM and has_one_controller(design.stored)
+
+
 def generated_files(
-    design: Design, optimize: str = "speed", doors: Collection[str] = (), *, name: str = "", prefix: str = ""
+    design: Design,
+    optimize: str = "speed",
+    doors: Collection[str] = (),
+    *,
+    name: str = "",
+    prefix: str = "",
+    one_image: bool = False,
+    max_neighbours: int | None = None,
+    table: str = "none",
 ) -> dict[str, str]:
     """Certify a design, and return the files generated from it: relative path -> text.
 
@@ -89,6 +126,15 @@ def generated_files(
 
     if optimize not in ("speed", "size"):
         raise ProblemError(f"`--optimize` is {optimize!r}", expected='"speed" or "size"')
+    if one_image and doors:
+        raise ProblemError(
+            f"one image, and `--{min(doors)}`",
+            where="lockstep generate",
+            expected="one or the other: the doors are for agents with neighbours of their own",
+        )
+    for option, given in (("--max-neighbours", max_neighbours is not None), ("--table", table != "none")):
+        if given and not one_image:
+            raise ProblemError(f"`{option}` with `--per-agent`", where="lockstep generate")
     stored = with_bound_proof(design.stored)
     verdict = certify(stored)
     if not verdict.certified:
@@ -99,7 +145,15 @@ def generated_files(
     if not (verdict.ok and claims.certified and claims.rho and claims.max_period):
         stored = with_sampled(stored, prove_design(stored))
     stored = replace(stored, claims=replace(stored.claims, scope=verdict.scope))
-    spec = specification(stored, optimize=optimize, name=name, prefix=prefix)  # type: ignore[arg-type]
+    spec = specification(
+        stored,
+        optimize=optimize,  # type: ignore[arg-type]
+        name=name,
+        prefix=prefix,
+        one_image=one_image,
+        max_neighbours=max_neighbours,
+        table=table,  # type: ignore[arg-type]
+    )
     files = with_doors(emit(spec), doors)
     decided = certify_files(files, stored)
     if stored.claims.sampled.certified and not decided.ok:

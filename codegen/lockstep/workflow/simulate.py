@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from lockstep.model.network import Network
     from lockstep.model.simulation import SampledControllers, Scenario, Trajectory
     from lockstep.model.simulation.from_problem import Changes
+    from lockstep.swarm import NeighbourLists
     from lockstep.verification.measured import Kind, Measured
 
 KINDS = ("continuous", "sampled", "compiled")
@@ -54,10 +55,6 @@ class Simulation:
 
     def document(self) -> dict[str, Any]:
         """Return the contract's keys."""
-        import numpy as np
-
-        from lockstep.model.simulation import effort_indices, indices
-
         trajectory, found = self.trajectory, self.measured
         d = trajectory.disagreement()
         l2 = {
@@ -84,12 +81,23 @@ class Simulation:
             "disagreement_initial": float(d[0]),
             "disagreement_final": float(d[-1]),
             "disagreement_max": float(d.max()),
-            "indices": [one.document() for one in indices(trajectory)],
-            "effort": [one.document() for one in effort_indices(trajectory)],
-            "largest_input": [float(np.abs(trajectory.u[:, i]).max()) for i in range(trajectory.N)],
+            **self.of_each(),
             "faults": trajectory.faults,
             "l2": l2,
             **error,
+        }
+
+    def of_each(self) -> dict[str, Any]:
+        """Return the figures of each agent: `indices`, `effort`, `largest_input`."""
+        import numpy as np
+
+        from lockstep.model.simulation import effort_indices, indices
+
+        trajectory = self.trajectory
+        return {
+            "indices": [one.document() for one in indices(trajectory)],
+            "effort": [one.document() for one in effort_indices(trajectory)],
+            "largest_input": [float(np.abs(trajectory.u[:, i]).max()) for i in range(trajectory.N)],
         }
 
     def to_control(self) -> Any:
@@ -153,6 +161,7 @@ def simulate(
     integrator: str = "rk4",
     output: Path | str | None = None,
     figures: Path | str | None = None,
+    neighbours: "NeighbourLists | None" = None,
     progress: Progress = silent,
 ) -> Simulation:
     """Simulate the nonlinear closed loop of a design, and hold the run against what is proved of it.
@@ -167,6 +176,7 @@ def simulate(
         integrator: "rk4" or "adaptive".
         output: where to write the trajectory (CSV), if anywhere.
         figures: a folder in which to draw the run as PNG and PDF, if any.
+        neighbours: another graph than the design's, of any size, for controllers that are all the same.
         progress: told what is being done and the part of it that is done.
 
     Raises:
@@ -174,6 +184,7 @@ def simulate(
     """
     from lockstep.model.simulation import simulate as run
     from lockstep.verification.measured import measured, network_of_design, promise
+    from lockstep.workflow.large import is_large, simulate_large
 
     kind, changes = _checked(controllers, horizon, seed, disturbance, perturbation, integrator)
     written, drawn = (None if one is None else Path(one) for one in (output, figures))
@@ -182,6 +193,10 @@ def simulate(
         check_folder(drawn)
     simulated, path = as_design(design)
     stored = simulated.stored
+    if is_large(stored, kind, changes, neighbours):
+        with of_file(path):
+            made: Simulation = simulate_large(simulated, changes, neighbours, progress)
+        return _kept(made, drawn, written)
     with of_file(path):
         progress("what is proved", 0.1)
         network, promised = network_of_design(stored), promise(stored, kind)
@@ -202,13 +217,18 @@ def simulate(
         scenario.step,
         scenario.method,
     )
+    return _kept(made, drawn, written)
+
+
+def _kept(made: Simulation, drawn: Path | None, written: Path | None) -> Simulation:
+    """Write figures and trajectory where they are asked for."""
     pictures = {} if drawn is None else made.figures()
     if drawn is not None:
         write_files(drawn, pictures)
     if written is not None:
         from lockstep.model.simulation.table import to_csv
 
-        write_text(written, to_csv(trajectory))
+        write_text(written, to_csv(made.trajectory))
     return made
 
 
@@ -303,6 +323,16 @@ def _controllers(path: Path | None, stored: "Stored", kind: "Kind") -> "Iterator
         return
     manifest = load_manifest(path)
     problem_fits(stored, manifest)
+    if manifest.image is not None:
+        if kind == "compiled":
+            raise ProblemError(
+                "one image, whose nodes are given their neighbours at run time",
+                where=str(path),
+                expected="C with neighbours of its own for --controllers compiled",
+                remedy="use --controllers sampled, which steps the same arithmetic, or generate with --per-agent",
+            )
+        yield design_controllers(stored)
+        return
     if kind == "sampled":
         yield reference_controllers(manifest, delay=delay)
         return

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lockstep.check.errors import ProblemError
-from lockstep.workflow.design import DESIGN_NAME, load
+from lockstep.workflow.design import DESIGN_NAME, Design, load
 from lockstep.workflow.files import seen
 from lockstep.workflow.progress import Progress, silent
 
 if TYPE_CHECKING:
+    from lockstep.codegen.manifest import Manifest
     from lockstep.verification.verify import VerifyReport
 
 STEPS = 10_000
@@ -72,7 +73,22 @@ def _closed_loop(folder: Path, steps: int) -> list[np.ndarray] | None:
     manifest = load_manifest(folder)
     if not (folder / DESIGN_NAME).is_file():
         return None
-    problem = load(folder).problem
+    design = load(folder)
+    if manifest.image is not None:
+        return _nodes(design, manifest, steps)
+    problem = design.problem
     network = Network(problem.agent(), problem.graph(), problem.agents_B())
     plant = HeldPlant(network, problem.initial_states(), manifest.period)
     return closed_loop(manifest, plant, np.array(plant.outputs), steps)
+
+
+def _nodes(design: Design, manifest: "Manifest", steps: int) -> list[np.ndarray]:
+    """Return outputs of the loop of all nodes, some agent's for each controller and each node of one image."""
+    from lockstep.swarm import simulate_swarm, swarm_of_design
+    from lockstep.verification.nodes import with_nodes
+    from lockstep.verification.toolchain import host_compilers
+
+    loop, compiled = swarm_of_design(design.stored), bool(host_compilers())
+    start, horizon = design.problem.initial_states(), steps * manifest.period
+    y = simulate_swarm(loop, start, horizon, compiled=compiled).trajectory.y
+    return [y[:steps, k % y.shape[1]] for k in range(len(with_nodes(manifest).agents))]

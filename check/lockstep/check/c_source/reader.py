@@ -27,9 +27,9 @@ _SOURCE = re.compile(
     re.MULTILINE,
 )
 _FORMS = {"PERIOD_S": LITERAL, "DESIGN_ID": re.compile('"[0-9a-f]{64}"')}
-_OF_REAL = ("real", "ZERO", "DIGITS", "FORMAT", "SCALE")
-_SINGLE = ("float", "0.0f", "FLT_MANT_DIG != 24", "binary32", "1.2676506e+30f : 1.0f")
-_DOUBLE = ("double", "0.0", "DBL_MANT_DIG != 53", "binary64", "1.2676506002282294e+30 : 1.0")
+OF_REAL = ("real", "ZERO", "DIGITS", "FORMAT", "SCALE")
+SINGLE = ("float", "0.0f", "FLT_MANT_DIG != 24", "binary32", "1.2676506e+30f : 1.0f")
+DOUBLE = ("double", "0.0", "DBL_MANT_DIG != 53", "binary64", "1.2676506002282294e+30 : 1.0")
 MAX_NEIGHBOURS = 64
 """One bit of the `received` mask each, and no C99 integer is wider than 64 bits."""
 
@@ -98,7 +98,7 @@ class _Agent:
     def __init__(self, file: CText, shape: Shape, real: Real, words: dict[str, str]) -> None:
         n, q, m, nn = shape
         self.file, self.shape, self.real = file, shape, real
-        self.words = words | dict(zip(_OF_REAL, _SINGLE if real == "float32" else _DOUBLE, strict=True))
+        self.words = words | dict(zip(OF_REAL, SINGLE if real == "float32" else DOUBLE, strict=True))
         kind, zero = self.words["real"], self.words["ZERO"]
         bits = 32 if nn <= 32 else 64
         self.words |= {"NOTHING": ", ".join([zero] * q), "READY": c.expected(c.READY, set(), words)}

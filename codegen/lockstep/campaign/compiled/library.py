@@ -9,6 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from lockstep.campaign.compiled.c_text import CFiles
 from lockstep.campaign.compiled.source import CampaignSource
 from lockstep.check.errors import ClaimError
 from lockstep.verification.shared_library import build_library
@@ -26,7 +27,7 @@ FOR_THIS_MACHINE = ("-march=native",)
 SYMBOL = "lockstep_campaign"
 
 
-def compiled(source: CampaignSource, compiler: Compiler | None = None) -> Path:
+def compiled(source: CFiles, compiler: Compiler | None = None) -> Path:
     """Return the path of the library of a source, compiled now if it was not before.
 
     Raises:
@@ -60,7 +61,7 @@ def function_in(library: Path) -> Callable[..., None]:
     return found
 
 
-def _key(source: CampaignSource, compiler: Compiler) -> str:
+def _key(source: CFiles, compiler: Compiler) -> str:
     """A name for the text, the compiler as it is now, and the processor it compiles for."""
     program = Path(compiler.command[0])
     status = program.stat() if program.exists() else None
@@ -81,7 +82,7 @@ def _processor() -> str:
     return next((line for line in lines if line.startswith(("flags", "Features"))), platform.processor())
 
 
-def _build(source: CampaignSource, compiler: Compiler, directory: Path) -> Path:
+def _build(source: CFiles, compiler: Compiler, directory: Path) -> Path:
     for name, text in source.files:
         (directory / name).write_text(text, encoding="utf-8", newline="\n")
     units, what = [name for name, _ in source.files if name.endswith(".c")], "the campaign's loop"

@@ -7,7 +7,6 @@ certificate speaks of is integrated along: |z|^2 = x_d' (S (x) R) x_d + x_C' (I 
 The sampled certificate counts the controllers' states at the sampling instants, held for a period; so does this.
 """
 
-import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.campaign.compiled.c_text import CFiles
 from lockstep.campaign.compiled.functions import (
     LETTERS,
     continuous_functions,
@@ -38,19 +38,10 @@ DIVERGED = 1e6
 
 
 @dataclass(frozen=True)
-class CampaignSource:
+class CampaignSource(CFiles):
     """C files by name and the layout of its rows: all that a worker elsewhere needs."""
 
-    files: tuple[tuple[str, str], ...]
     layout: Layout
-
-    @property
-    def fingerprint(self) -> str:
-        """SHA-256 of the files."""
-        digest = hashlib.sha256()
-        for name, text in self.files:
-            digest.update(f"{name}\0{text}\0".encode())
-        return digest.hexdigest()
 
 
 def continuous_source(

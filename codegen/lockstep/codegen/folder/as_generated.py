@@ -15,7 +15,7 @@ from lockstep.codegen.doors.fmu import archives_differ
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.folder.contents import differs, not_proved, strangers
-from lockstep.codegen.from_design import specification
+from lockstep.codegen.from_design import has_one_controller, specification
 from lockstep.codegen.manifest import Manifest, changed_files, load_manifest
 from lockstep.lmi.document import Stored
 
@@ -46,7 +46,7 @@ def compared(folder: Path, stored: Stored) -> Comparison:
     differences += [
         f"{path} is not what manifest.json says it is" for path in changed_files(folder, manifest)
     ]
-    differences += _misnamed([agent.name for agent in manifest.agents], stored, manifest.prefix)
+    differences += _misnamed(manifest, stored)
     rendered = _rendered(folder, stored, manifest)
     differences += differs(folder, rendered) + archives_differ(folder, manifest, rendered)
     return Comparison(tuple(differences), not_proved(manifest))
@@ -54,7 +54,16 @@ def compared(folder: Path, stored: Stored) -> Comparison:
 
 def _rendered(folder: Path, stored: Stored, manifest: Manifest) -> dict[str, str]:
     """Return the text of every file that follows from the design; of the manifest only the hashes of others are read."""
-    spec = specification(stored, optimize=manifest.optimize, name=manifest.name, prefix=manifest.prefix)
+    image = manifest.image
+    spec = specification(
+        stored,
+        optimize=manifest.optimize,
+        name=manifest.name,
+        prefix=manifest.prefix,
+        one_image=image is not None,
+        max_neighbours=None if image is None else image.max_neighbours,
+        table="none" if image is None else image.table,
+    )
     files = with_doors(emit(spec), doors_of(manifest))
     others = {path: _bytes(folder, path) for path in manifest.files if path not in files}
     together = bundle(files, others)
@@ -69,9 +78,12 @@ def _bytes(folder: Path, path: str) -> bytes:
         return b""
 
 
-def _misnamed(names: list[str], stored: Stored, prefix: str) -> list[str]:
+def _misnamed(manifest: Manifest, stored: Stored) -> list[str]:
     """Say whether the agents are not in the design's order: each is proved with the inputs B of its place in it."""
-    expected = [f"{prefix}{stored.problem.agent().name}{i}" for i in range(1, stored.gains.N + 1)]
+    base, names = f"{manifest.prefix}{stored.problem.agent().name}", [agent.name for agent in manifest.agents]
+    expected = [f"{base}{i}" for i in range(1, stored.gains.N + 1)]
+    if manifest.image is not None and has_one_controller(stored):
+        expected = [base]
     if names == expected:
         return []
     return [
@@ -85,9 +97,10 @@ def problem_fits(stored: Stored, manifest: Manifest) -> None:
     Raises:
         ProblemError: another number of agents.
     """
-    if len(manifest.agents) != stored.gains.N:
+    count = len(manifest.agents) if manifest.image is None else manifest.image.agents
+    if count != stored.gains.N:
         raise ProblemError(
-            f"{len(manifest.agents)} controllers",
+            f"{count} controllers",
             where="manifest.json",
             expected=f"{stored.gains.N}, as in the design",
         )

@@ -9,13 +9,15 @@ import re
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
+from lockstep.check.c_source.node import read_node
 from lockstep.check.c_source.reader import read_controller
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.files import as_text, named, read_inside
 from lockstep.check.wording import shorten
 from lockstep.codegen.doors import door_paths
 from lockstep.codegen.doors.fmu import archives
-from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files
+from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files, units
+from lockstep.codegen.one_image import table_paths
 
 DESIGN_NAME = "design.json"
 
@@ -114,7 +116,13 @@ def refusals(folder: Path, manifest: Manifest) -> list[str]:
             header, source = (
                 as_text(read_inside(folder, path), path) for path in (f"include/{name}.h", f"src/{name}.c")
             )
-            read_controller(name, header, source, known)
+            read = read_controller(name, header, source, known)
+        if manifest.image is not None:
+            node = manifest.image.name
+            pair = (
+                as_text(read_inside(folder, path), path) for path in (f"include/{node}.h", f"src/{node}.c")
+            )
+            read_node(node, agents, read, *pair)
     except NotCertified as error:
         return [str(error)]
     return []
@@ -148,6 +156,8 @@ def _expected(manifest: Manifest) -> set[str]:
         *("CMakeLists.txt", "README.md", DESIGN_NAME, *MEASURED),
         *(f"include/{manifest.name}.h", f"src/{manifest.name}.c", f"cmake/{manifest.name}-config.cmake"),
         *(form.format(name) for name in names for form in per_agent),
+        *(form.format(name) for name in units(manifest) for form in per_agent[:2]),
+        *([] if manifest.image is None else table_paths(manifest.image.name, manifest.image.table)),
         *door_paths(manifest),
         *archives(manifest),
     }

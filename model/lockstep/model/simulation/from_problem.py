@@ -47,7 +47,7 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
     horizon = table.horizon if changes.horizon is None else changes.horizon
     seed = table.seed if changes.seed is None else changes.seed
     period, N, n = problem.controller.period, problem.graph().N, problem.agent().n
-    step = period / np.ceil(period / FINEST - 1e-9)
+    step = step_of(problem)
     given = (
         table.disturbance if changes.disturbance is None else _of_kind(table.disturbance, changes.disturbance)
     )
@@ -55,7 +55,7 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
         table.perturbation if changes.perturbation is None else _errors_of_kind(table, changes.perturbation)
     )
     perturbation = _perturbation(errors, problem, seed, horizon)
-    channel = _channel(table.channel, seed)
+    channel = channel_of(table.channel, seed)
     if sampled and perturbation is not None:
         raise ProblemError(
             "gain errors, but the controllers are sampled",
@@ -73,12 +73,18 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
     return Scenario(
         initial_states(problem, seed),
         horizon,
-        float(step),
+        step,
         disturbance_of(given, N, n, period=period, horizon=horizon, seed=seed),
         perturbation,
         channel,
         changes.method,
     )
+
+
+def step_of(problem: Problem) -> float:
+    """Return the step of a record in s: the period, or equal parts of one that is longer than `FINEST`."""
+    period = problem.controller.period
+    return float(period / np.ceil(period / FINEST - 1e-9))
 
 
 def initial_states(problem: Problem, seed: int) -> np.ndarray:
@@ -156,7 +162,8 @@ def _perturbation(
     return PaperPerturbation(N, agent.q, scaled=table.kind == "paper_scaled")
 
 
-def _channel(table: ChannelTable | None, seed: int) -> MessageChannel:
+def channel_of(table: ChannelTable | None, seed: int) -> MessageChannel:
+    """Return the channel of [simulation.channel]."""
     if table is None:
         return MessageChannel()
     return MessageChannel(table.delay, table.drop, seed, table.bits, table.full_scale)
