@@ -9,7 +9,15 @@ import numpy as np
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.controller import PRECISIONS
 from lockstep.codegen.sampled_design import sampled_controllers
-from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Neighbour, Optimize, Signal
+from lockstep.codegen.spec import (
+    CodegenSpec,
+    Controller,
+    LinearPlant,
+    MessageLimits,
+    Neighbour,
+    Optimize,
+    Signal,
+)
 from lockstep.lmi.document import Stored
 
 CONTINUOUS_ONLY = (
@@ -61,6 +69,7 @@ def specification(
         certificate=_datasheet(stored),
         design_hash=fingerprint(stored),
         plants=plants,
+        messages=MessageLimits(ranges=problem.output_range) if problem.output_range else None,
     )
 
 

@@ -22,7 +22,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.files import as_text, inside, read_inside
 from lockstep.check.sampled.discretise import Discretization, Real
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.spec import Optimize, check_identifier
+from lockstep.codegen.spec import MOST_KEPT, Optimize, check_identifier
 
 FORMAT = "lockstep-controllers/2"
 FILE_NAME = "manifest.json"
@@ -151,6 +151,18 @@ class Identification(_Record):
     claims: str = Field(pattern="^[0-9a-f]{64}$")
 
 
+class MessagesEntry(_Record):
+    """What the message layer is told: `messages/`, if it is generated, has these numbers.
+
+    kept: own readings that a node keeps, a power of 2;  limit: periods after which what is held counts as stale;
+    ranges: lowest and highest of an output by name, None where there is none.
+    """
+
+    kept: int = Field(ge=2, le=MOST_KEPT)
+    limit: int = Field(ge=1, le=2**31 - 1)
+    ranges: dict[str, tuple[float | None, float | None]]
+
+
 class Manifest(_Record):
     """The whole of manifest.json."""
 
@@ -168,6 +180,7 @@ class Manifest(_Record):
     files: dict[str, str]
     identity: Identification
     prefix: str = ""
+    messages: MessagesEntry | None = None
     digest: str = ""
 
     @model_validator(mode="after")
@@ -194,7 +207,12 @@ class Manifest(_Record):
         return _INNERMOST_LIST.sub(lambda found: " ".join(found.group().split()), spread) + "\n"
 
     def _plain(self) -> dict[str, Any]:
-        return self.model_dump(mode="json", exclude_none=False)
+        plain = self.model_dump(mode="json", exclude_none=False)
+        if (
+            self.messages is None
+        ):  # absent rather than null: a folder without them is as it was before there were any
+            del plain["messages"]
+        return plain
 
 
 def sha256(content: str | bytes) -> str:

@@ -18,6 +18,8 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.discretise import Discretization, Real, check_period
 
 Optimize = Literal["speed", "size"]
+MOST_KEPT = 4096
+"""Own readings that a node keeps, at the most: a slip of the pen beyond."""
 
 _KEYWORDS = frozenset(
     """auto break case char const continue default do double else enum extern float for goto if inline int
@@ -175,6 +177,31 @@ class LinearPlant:
         object.__setattr__(self, "x0", x0)
 
 
+@dataclass(frozen=True)
+class MessageLimits:
+    """What the message layer in C is told of a network.
+
+    kept    own readings that a node keeps, a power of 2 so that instants count modulo 2^32: a message older than
+            kept - 1 periods is refused
+    limit   periods after which what is held of a neighbour is said to be stale
+    ranges  by output, lowest and highest plausible value (None: no bound): other messages are refused
+    """
+
+    kept: int = 16
+    limit: int = 15
+    ranges: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not (2 <= self.kept <= MOST_KEPT) or self.kept & (self.kept - 1):
+            raise ProblemError(
+                f"{self.kept} kept readings",
+                where="messages",
+                expected=f"a power of 2, from 2 to {MOST_KEPT}",
+            )
+        if not 1 <= self.limit < 2**31:
+            raise ProblemError(f"{self.limit}", where="messages, limit", expected="1 period or more")
+
+
 @dataclass(frozen=True, eq=False)
 class CodegenSpec:
     """Everything the generated folder depends on.
@@ -185,6 +212,7 @@ class CodegenSpec:
     real            arithmetic of the C code
     optimize        "speed" (unrolled, gains as literals) or "size" (a loop over a table)
     name            the CMake target, the umbrella header and its table of descriptors; no agent's name
+    messages        what the message layer is told; None: its defaults
     prefix          what the agents' names begin with besides their design's: so that two folders fit one program
     title           one line for headers and README
     certificate     figures for the datasheet (alpha, rho, fragility, certified, proof, ...); printed, never
@@ -207,6 +235,7 @@ class CodegenSpec:
     plants: tuple[LinearPlant, ...] = ()
     delay: int = 0
     prefix: str = ""
+    messages: MessageLimits | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "agents", tuple(self.agents))
