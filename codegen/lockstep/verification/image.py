@@ -98,13 +98,15 @@ def _library_flags(compiler: Compiler, bare: bool) -> tuple[str, ...]:
     return ("-nostdlib",) if bare or not compiler.is_zig else ()
 
 
-def check_calls(object_file: Path, real: Real, core: Core) -> None:
+def check_calls(object_file: Path, real: Real, core: Core, own: str = "") -> None:
     """Refuse generated code that calls more than it may; raises `ClaimError` with the routine's name.
 
-    Allowed: copying and clearing memory, wide shifts (a mask of 64 bits), and soft arithmetic of its type.
+    Allowed: copying and clearing memory, wide shifts (a mask of 64 bits), soft arithmetic of its type, and names of
+    the folder that match `own`.
     """
     soft = "" if real in core.hardware else "|" + _SOFT[real]
-    allowed = re.compile(f"(?:{_MEMORY}|{_WIDE_SHIFT}{soft})")
+    ours = f"|{own}" if own else ""
+    allowed = re.compile(f"(?:{_MEMORY}|{_WIDE_SHIFT}{soft}{ours})")
     for name in undefined_symbols(object_file):
         if not allowed.fullmatch(name):
             raise ClaimError(f"{object_file.stem}: the {real} code for {core.title} calls `{name}`")
