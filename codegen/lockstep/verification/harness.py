@@ -118,7 +118,7 @@ def drive(
     flags: Sequence[str],
     directory: Path,
 ) -> Iterator[tuple[bytes, int]]:
-    """Link a driver and run it once per agent on its number of calls and its arrays: what it wrote, and `sizeof` the state."""
+    """Link a driver, run it once per agent on its number of calls and its arrays: what it wrote, and `sizeof` the state."""
     program = directory / "driver"
     run(
         [*compiler.command, *flags, *map(str, objects), "-o", str(program)],

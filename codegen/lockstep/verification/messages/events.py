@@ -128,10 +128,10 @@ def _apply(node: Node, events: Events, k: int, trace: NodeTrace) -> int:
 def faulty_events(manifest: Manifest, agent: AgentEntry, periods: int) -> Events:
     """Return the events of a node on a bad network, of about seven per period and neighbour.
 
-    Each neighbour sends at every instant; of its messages a quarter are lost, bursts of losses and silences longer than any limit
-    come on top, the others arrive up to `kept` + 2 periods late in any order, some twice; some come corrupted, cut short, from
-    another design, from a stranger, from the future, with NaN or a huge value. The node itself loses periods, gets NaN, is
-    reset, forgets, restarts, and its clock once goes back.
+    Each neighbour sends at every instant. A quarter of its messages are lost, and silences longer than any limit come on top;
+    the others arrive up to `kept` + 2 periods late in any order, some twice; some come corrupted, cut short, from another
+    design, from a stranger, from the future, again for an earlier instant, with NaN or a huge value. The node itself loses
+    periods, gets NaN, is reset, forgets, restarts, and its clock once goes back.
     """
     builder = _Builder(manifest, agent)
     random = builder.random
@@ -172,8 +172,9 @@ class _Builder:
     def neighbours_send(self, instant: int, *, silent: bool) -> None:
         """Put this instant's messages on their way."""
         for source in self.node.sources:
-            if self.random.random() < 0.005:
-                self.number[source] = int(self.random.integers(2**32))  # it was restarted
+            if self.random.random() < 0.02:  # it was restarted, and counts from anywhere
+                jump = self.random.choice([self.random.integers(2**32), 2**31 - 2, 2**31 - 1])
+                self.number[source] += int(jump)
             self.number[source] = (self.number[source] + 1) % 2**32
             if silent or self.random.random() < 0.25:
                 continue
@@ -198,7 +199,9 @@ class _Builder:
             y[self.random.integers(self.q)] = self.random.choice(
                 [np.nan, np.inf, -np.inf, np.finfo(self.dtype).max]
             )
-        elif chance < 0.07:
+        elif chance < 0.08:
+            when = instant - 1  # of an instant that there was a message of already
+        elif chance < 0.1:
             wire = Wire(bytes(8), wire.dtype, wire.outputs)
         data = wire.pack(Message(sender, self.number[source], when % 2**32, y))
         if chance > 0.98:

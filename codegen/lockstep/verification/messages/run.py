@@ -1,4 +1,4 @@
-"""The nodes of a folder built with a driver, fed events, and their traces read back: on this machine and on emulated cores."""
+"""The nodes of a folder built with a driver, fed events, their traces read back: on this machine and on emulated cores."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
