@@ -168,6 +168,9 @@ def generate(
     fmu: Annotated[bool, typer.Option("--fmu", help="FMI 3.0 co-simulation units.")] = False,
     rust: Annotated[bool, typer.Option("--rust", help="A Rust crate over the C.")] = False,
     arduino: Annotated[bool, typer.Option("--arduino", help="A library in Arduino's layout.")] = False,
+    messages: Annotated[
+        bool, typer.Option("--messages", help="The message layer: stamped differences, refusals counted.")
+    ] = False,
     name: Annotated[str, typer.Option(help="The CMake target's and the umbrella header's name.")] = "",
     prefix: Annotated[
         str, typer.Option(help="Put before the agents' names: two designs fit one program.")
@@ -182,7 +185,7 @@ def generate(
     """Emit C for each agent's controller."""
     from lockstep.cli.generate import run
 
-    wanted = {"pil": pil, "fmu": fmu, "rust": rust, "arduino": arduino}
+    wanted = {"pil": pil, "fmu": fmu, "rust": rust, "arduino": arduino, "messages": messages}
     doors = [name for name, chosen in wanted.items() if chosen]
     image = {"one_image": one_image, "max_neighbours": max_neighbours, "table": table}
     run(design, output, as_json=json, optimize=optimize, doors=doors, name=name, prefix=prefix, **image)

@@ -31,6 +31,7 @@ from lockstep.codegen.manifest import (
     Identification,
     ImageEntry,
     Manifest,
+    MessagesEntry,
     Named,
     NeighbourEntry,
     PlantEntry,
@@ -235,6 +236,10 @@ def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: M
         certificate=dict(spec.certificate),
         identity=Identification(design=identity.design, claims=identity.claims),
         prefix=spec.prefix,
+        messages=spec.messages
+        and MessagesEntry(
+            kept=spec.messages.kept, limit=spec.messages.limit, ranges=dict(spec.messages.ranges)
+        ),
         agents=tuple(_agent_record(a, real, p) for a, p in zip(agents, plants, strict=True)),
         files={path: sha256(text) for path, text in files.items()},
         image=None if spec.image is None else _image_record(spec.image, agents, real),

@@ -10,7 +10,15 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.controller import PRECISIONS
 from lockstep.codegen.one_image import OneImage, Table
 from lockstep.codegen.sampled_design import sampled_controllers
-from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Neighbour, Optimize, Signal
+from lockstep.codegen.spec import (
+    CodegenSpec,
+    Controller,
+    LinearPlant,
+    MessageLimits,
+    Neighbour,
+    Optimize,
+    Signal,
+)
 from lockstep.lmi.document import Stored
 
 MANY = 17
@@ -85,6 +93,7 @@ def specification(
         design_hash=fingerprint(stored),
         plants=plants,
         image=image,
+        messages=MessageLimits(ranges=problem.output_range) if problem.output_range else None,
     )
 
 

@@ -22,7 +22,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.files import as_text, inside, read_inside
 from lockstep.check.sampled.discretise import Discretization, Real
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.spec import Optimize, check_identifier
+from lockstep.codegen.spec import MOST_KEPT, Optimize, check_identifier
 
 FORMAT = "lockstep-controllers/2"
 FILE_NAME = "manifest.json"
@@ -162,6 +162,18 @@ class ImageEntry(_Record):
     table: Literal["none", "csv", "c"]
 
 
+class MessagesEntry(_Record):
+    """What the message layer is told: `messages/`, if it is generated, has these numbers.
+
+    kept: own readings that a node keeps, a power of 2;  limit: periods after which what is held counts as stale;
+    ranges: lowest and highest of an output by name, None where there is none.
+    """
+
+    kept: int = Field(ge=2, le=MOST_KEPT)
+    limit: int = Field(ge=1, le=2**31 - 1)
+    ranges: dict[str, tuple[float | None, float | None]]
+
+
 class Manifest(_Record):
     """The whole of manifest.json."""
 
@@ -180,6 +192,7 @@ class Manifest(_Record):
     identity: Identification
     prefix: str = ""
     image: ImageEntry | None = None
+    messages: MessagesEntry | None = None
     digest: str = ""
 
     @model_validator(mode="after")
@@ -206,7 +219,8 @@ class Manifest(_Record):
         return _INNERMOST_LIST.sub(lambda found: " ".join(found.group().split()), spread) + "\n"
 
     def _plain(self) -> dict[str, Any]:
-        exclude = {"image"} if self.image is None else None
+        # Absent rather than null: a folder without them is as it was before there were any.
+        exclude = {name for name in ("image", "messages") if getattr(self, name) is None}
         return self.model_dump(mode="json", exclude_none=False, exclude=exclude)
 
 

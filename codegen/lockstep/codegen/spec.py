@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from lockstep.codegen.one_image import OneImage
 
 Optimize = Literal["speed", "size"]
+MOST_KEPT = 4096
+"""Own readings that a node keeps, at the most: a slip of the pen beyond."""
 
 _KEYWORDS = frozenset(
     """auto break case char const continue default do double else enum extern float for goto if inline int
@@ -178,6 +180,31 @@ class LinearPlant:
         object.__setattr__(self, "x0", x0)
 
 
+@dataclass(frozen=True)
+class MessageLimits:
+    """What the message layer in C is told of a network.
+
+    kept    own readings that a node keeps, a power of 2 so that instants count modulo 2^32: a message older than
+            kept - 1 periods is refused
+    limit   periods after which what is held of a neighbour is said to be stale
+    ranges  by output, lowest and highest plausible value (None: no bound): other messages are refused
+    """
+
+    kept: int = 16
+    limit: int = 15
+    ranges: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not (2 <= self.kept <= MOST_KEPT) or self.kept & (self.kept - 1):
+            raise ProblemError(
+                f"{self.kept} kept readings",
+                where="messages",
+                expected=f"a power of 2, from 2 to {MOST_KEPT}",
+            )
+        if not 1 <= self.limit < 2**31:
+            raise ProblemError(f"{self.limit}", where="messages, limit", expected="1 period or more")
+
+
 @dataclass(frozen=True, eq=False)
 class CodegenSpec:
     """Everything the generated folder depends on.
@@ -188,6 +215,7 @@ class CodegenSpec:
     real            arithmetic of the C code
     optimize        "speed" (unrolled, gains as literals) or "size" (a loop over a table)
     name            the CMake target, the umbrella header and its table of descriptors; no agent's name
+    messages        what the message layer is told; None: its defaults
     prefix          what the agents' names begin with besides their design's: so that two folders fit one program
     title           one line for headers and README
     certificate     figures for the datasheet (alpha, rho, fragility, certified, proof, ...); printed, never
@@ -212,6 +240,7 @@ class CodegenSpec:
     delay: int = 0
     prefix: str = ""
     image: "OneImage | None" = None
+    messages: MessageLimits | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "agents", tuple(self.agents))

@@ -4,6 +4,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from lockstep.verification.messages.events import NodeTrace
 from lockstep.verification.stimulus import Trace
 
 
@@ -21,11 +22,11 @@ class Difference:
         return self.calls == 0
 
 
-def compare(found: Trace, expected: Trace) -> Difference:
+def compare(found: Trace | NodeTrace, expected: Trace | NodeTrace) -> Difference:
     """Compare all parts as bytes: -0 is not 0, and the counters and statuses count too."""
     differs = np.zeros(len(expected.status), bool)
     first: tuple[int, str] | None = None
-    for part in fields(Trace):
+    for part in fields(expected):
         ours, theirs = getattr(expected, part.name), getattr(found, part.name)
         unequal = _bytes(ours) != _bytes(theirs)
         rows = unequal.any(axis=1)
@@ -44,7 +45,7 @@ def _bytes(array: np.ndarray) -> np.ndarray:
     return flat.view(np.uint8) if flat.shape[1] else flat.astype(np.uint8)
 
 
-def _max_abs_error(found: Trace, expected: Trace) -> float:
+def _max_abs_error(found: Trace | NodeTrace, expected: Trace | NodeTrace) -> float:
     """Largest |difference| in u and x, in float64; infinite if one side is not finite where the other is."""
     largest = 0.0
     for name in ("u", "x"):

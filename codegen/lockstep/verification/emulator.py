@@ -7,7 +7,7 @@ cycles: the emulator has no pipeline.
 import importlib
 import importlib.util
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -126,11 +126,15 @@ class Machine:
 
     def run(self, manifest: Manifest, agent: AgentEntry, calls: Calls) -> tuple[Any, int]:
         """Place the arrays, call the harness, read the arrays back: (trace, sizeof state)."""
-        count = len(calls)
-        given = inputs(calls)
-        sizes = [
-            int(np.prod(shape)) * dtype.itemsize for _, dtype, shape in output_arrays(agent, manifest, count)
-        ]
+        arrays = output_arrays(agent, manifest, len(calls))
+        sizes = [int(np.prod(shape)) * dtype.itemsize for _, dtype, shape in arrays]
+        blob, state_bytes = self.exchange(f"harness_{agent.name}", len(calls), inputs(calls), sizes)
+        return outputs(agent, manifest, len(calls), blob), state_bytes
+
+    def exchange(
+        self, harness: str, count: int, given: Sequence[bytes], sizes: Sequence[int]
+    ) -> tuple[bytes, int]:
+        """Place arrays, call a harness, read back arrays of some sizes, one after the other, and `sizeof` the state."""
         pointers, end = [], _ARRAYS + 64
         for size in [*map(len, given), *sizes]:
             pointers.append(end)
@@ -139,11 +143,11 @@ class Machine:
         self.core.mem_write(_ARRAYS, struct.pack("<2I12I", count, 0, *pointers))
         for pointer, data in zip(pointers, given, strict=False):
             self.core.mem_write(pointer, data)
-        self.call(f"harness_{agent.name}", _ARRAYS)
+        self.call(harness, _ARRAYS)
         written = zip(pointers[len(given) :], sizes, strict=True)
         blob = b"".join(bytes(self.core.mem_read(pointer, size)) for pointer, size in written if size)
         state_bytes = struct.unpack("<I", self.core.mem_read(_ARRAYS + 4, 4))[0]
-        return outputs(agent, manifest, count, blob), int(state_bytes)
+        return blob, int(state_bytes)
 
     def deepest(self) -> int:
         """The lowest address of the stack that was written to."""

@@ -32,14 +32,16 @@ class Run:
 
 def layout(agent: AgentEntry, manifest: Manifest) -> dict[str, Any]:
     """What the driver's templates need to know of an agent."""
+    q, m, nn, real = len(agent.outputs), len(agent.inputs), len(agent.neighbours), manifest.real_type.bytes
     return {
         "name": agent.name,
         "NAME": agent.name.upper(),
         "order": agent.order,
-        "q": len(agent.outputs),
-        "m": len(agent.inputs),
-        "nn": len(agent.neighbours),
-        "real_bytes": manifest.real_type.bytes,
+        "q": q,
+        "m": m,
+        "nn": nn,
+        "in_bytes": [4, 8, q * real, nn * q * real, q * real],
+        "out_bytes": [4, m * real, agent.order * real, nn * q * real, 8, 4 * nn, 4 * nn],
         **node_layout(agent, manifest),
     }
 
@@ -102,18 +104,42 @@ def run_on_host(
         render("host_main.c.j2", agents=[layout(a, manifest) for a in manifest.agents]), encoding="utf-8"
     )
     driver = compile_objects(compiler, flags, harness, folder / "include", directory)
-    program = directory / "driver"
-    link = [*compiler.command, *flags, *map(str, product + driver), "-o", str(program)]
-    run(link, directory, "linking", COMPILE_SECONDS)
-    for index, agent in enumerate(manifest.agents):
-        given, taken = directory / "calls.bin", directory / "trace.bin"
-        given.write_bytes(b"".join(inputs(calls[agent.name])))
-        command = [str(program), str(index), str(len(calls[agent.name])), str(given), str(taken)]
-        run(command, directory, f"running {agent.name}", RUN_SECONDS)
-        blob = taken.read_bytes()
-        state_bytes = int(np.frombuffer(blob[:4], np.uint32)[0])
-        trace = outputs(agent, manifest, len(calls[agent.name]), blob[4:])
+    given = [(len(calls[agent.name]), inputs(calls[agent.name])) for agent in manifest.agents]
+    blobs = drive(
+        product + driver, given, [agent.name for agent in manifest.agents], compiler, flags, directory
+    )
+    for agent, (blob, state_bytes) in zip(manifest.agents, blobs, strict=True):
+        trace = outputs(agent, manifest, len(calls[agent.name]), blob)
         yield agent, Run(trace, state_bytes, text_bytes(directory / f"{unit_of(agent)}.o"))
+
+
+def drive(
+    objects: Sequence[Path],
+    given: Sequence[tuple[int, list[bytes]]],
+    names: Sequence[str],
+    compiler: Compiler,
+    flags: Sequence[str],
+    directory: Path,
+) -> Iterator[tuple[bytes, int]]:
+    """Link a driver, run it once per agent on its number of calls and its arrays: what it wrote, and `sizeof` the state."""
+    program = directory / "driver"
+    run(
+        [*compiler.command, *flags, *map(str, objects), "-o", str(program)],
+        directory,
+        "linking",
+        COMPILE_SECONDS,
+    )
+    for index, (name, (count, arrays)) in enumerate(zip(names, given, strict=True)):
+        asked, taken = directory / "calls.bin", directory / "trace.bin"
+        asked.write_bytes(b"".join(arrays))
+        run(
+            [str(program), str(index), str(count), str(asked), str(taken)],
+            directory,
+            f"running {name}",
+            RUN_SECONDS,
+        )
+        blob = taken.read_bytes()
+        yield blob[4:], int(np.frombuffer(blob[:4], np.uint32)[0])
 
 
 def inputs(calls: Calls) -> list[bytes]:

@@ -63,7 +63,8 @@ def build_image(
     product = compile_objects(compiler, flags, product_sources(manifest, folder), include, directory)
     if strict:
         for path in product:
-            check_calls(path, manifest.real, core, [agent.name for agent in manifest.agents])
+            controllers = "|".join(agent.name for agent in manifest.agents)
+            check_calls(path, manifest.real, core, f"(?:{controllers})_(?:init|reset|step_relative)")
     harness = compile_objects(compiler, flags, write_harness(manifest, directory), include, directory)
     support = directory / "support.c"
     support.write_text(render("support.c.j2"), encoding="utf-8")
@@ -98,15 +99,15 @@ def _library_flags(compiler: Compiler, bare: bool) -> tuple[str, ...]:
     return ("-nostdlib",) if bare or not compiler.is_zig else ()
 
 
-def check_calls(object_file: Path, real: Real, core: Core, ours: Sequence[str] = ()) -> None:
+def check_calls(object_file: Path, real: Real, core: Core, own: str = "") -> None:
     """Refuse generated code that calls more than it may; raises `ClaimError` with the routine's name.
 
-    Allowed: copying and clearing memory, wide shifts (a mask of 64 bits), and soft arithmetic of its type; and of
-    the nodes of one image the controllers, `ours`.
+    Allowed: copying and clearing memory, wide shifts (a mask of 64 bits), soft arithmetic of its type, and names of
+    the folder that match `own`.
     """
     soft = "" if real in core.hardware else "|" + _SOFT[real]
-    controllers = "".join(f"|{name}_(?:init|reset|step_relative)" for name in ours)
-    allowed = re.compile(f"(?:{_MEMORY}|{_WIDE_SHIFT}{soft}{controllers})")
+    ours = f"|{own}" if own else ""
+    allowed = re.compile(f"(?:{_MEMORY}|{_WIDE_SHIFT}{soft}{ours})")
     for name in undefined_symbols(object_file):
         if not allowed.fullmatch(name):
             raise ClaimError(f"{object_file.stem}: the {real} code for {core.title} calls `{name}`")

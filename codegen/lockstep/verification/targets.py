@@ -12,11 +12,15 @@ from lockstep.codegen.cores import CORES, Core
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.emulator import missing_packages, run_on_core
 from lockstep.verification.harness import Run, run_on_host
+from lockstep.verification.messages.events import Events
+from lockstep.verification.messages.run import Traces, run_nodes_on_core, run_nodes_on_host
 from lockstep.verification.nodes import without_nodes
 from lockstep.verification.qemu import M7, missing, run_on_qemu
 from lockstep.verification.toolchain import TO_INSTALL, Compiler, arm_gcc, host_compilers, run, zig
 
 Runner = Callable[[Manifest, Path, Mapping[str, Calls], Path], Iterator[tuple[AgentEntry, Run]]]
+
+NodeRunner = Callable[[Manifest, Path, Mapping[str, Events], Path], Traces]
 
 GROUPS = ("host", "sanitizers", *CORES, M7.group)
 """host: each compiler at -O0, -O2, -O3. sanitizers: address, undefined behaviour. The rest is emulated, the last by QEMU."""
@@ -29,12 +33,16 @@ _SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recov
 
 @dataclass(frozen=True)
 class Target:
-    """One way to compile and run the C; `skipped` says why it cannot be done here; `core` names an emulated one."""
+    """One way to compile and run the C; `skipped` says why it cannot be done here; `core` names an emulated one.
+
+    `nodes` runs the agents with their messages, where this is possible.
+    """
 
     name: str
     run: Runner
     skipped: str = ""
     core: str = ""
+    nodes: NodeRunner | None = None
 
 
 def targets_of(groups: Sequence[str], manifest: Manifest) -> list[Target]:
@@ -52,7 +60,11 @@ def _host(_: Manifest) -> Iterator[Target]:
     compilers = host_compilers()
     for compiler in compilers:
         for level in LEVELS:
-            yield Target(f"host {compiler.name} {level}", _on_host(compiler, (level,)))
+            yield Target(
+                f"host {compiler.name} {level}",
+                _on_host(compiler, (level,)),
+                nodes=_nodes(compiler, (level,)),
+            )
     if not compilers:
         yield _skipped("host", f"no C compiler: {TO_INSTALL}")
 
@@ -63,7 +75,7 @@ def _sanitizers(_: Manifest) -> Iterator[Target]:
         if reason := _no_sanitizers(compiler):
             yield _skipped(name, reason)
         else:
-            yield Target(name, _on_host(compiler, _SANITIZERS))
+            yield Target(name, _on_host(compiler, _SANITIZERS), nodes=_nodes(compiler, _SANITIZERS))
 
 
 def _no_sanitizers(compiler: Compiler) -> str:
@@ -91,7 +103,12 @@ def _on_core(core: Core, _: Manifest) -> Iterator[Target]:
     for found in filter(None, (compiler, gcc)):
         for level in CORE_LEVELS:
             name = f"{core.title} {found.name} {level}, emulated"
-            yield Target(name, partial(_emulated, core, found, level), core=core.group)
+            yield Target(
+                name,
+                partial(_emulated, core, found, level),
+                core=core.group,
+                nodes=partial(_emulated_nodes, core, found, level),
+            )
 
 
 def _on_qemu(_: Manifest) -> Iterator[Target]:
@@ -124,6 +141,25 @@ def _emulated(
     directory: Path,
 ) -> Iterator[tuple[AgentEntry, Run]]:
     return run_on_core(manifest, folder, calls, core, compiler, level, directory)
+
+
+def _emulated_nodes(
+    core: Core,
+    compiler: Compiler,
+    level: str,
+    manifest: Manifest,
+    folder: Path,
+    events: Mapping[str, Events],
+    directory: Path,
+) -> Traces:
+    return run_nodes_on_core(manifest, folder, events, core, compiler, level, directory)
+
+
+def _nodes(compiler: Compiler, flags: Sequence[str]) -> NodeRunner:
+    def start(manifest: Manifest, folder: Path, events: Mapping[str, Events], directory: Path) -> Traces:
+        return run_nodes_on_host(manifest, folder, events, compiler, flags, directory)
+
+    return start
 
 
 def _on_host(compiler: Compiler, flags: Sequence[str]) -> Runner:

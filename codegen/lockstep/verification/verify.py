@@ -6,7 +6,7 @@ Everything else happens in temporary directories.
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from lockstep.codegen.folder.contents import refusals, strangers
 from lockstep.codegen.manifest import AgentEntry, Manifest, changed_files, load_manifest
 from lockstep.verification.comparison import Difference, compare
 from lockstep.verification.harness import Run
+from lockstep.verification.messages.compare import NodeResult, compare_nodes
 from lockstep.verification.nodes import reference_of, with_nodes
 from lockstep.verification.pil_log import runs
 from lockstep.verification.reference import Reference
@@ -64,6 +65,7 @@ class TargetResult:
     instructions_per_step  most instructions (never cycles) of one `<agent>_step`
     skipped            why the target did not run; empty if it ran
     error              the compiler's or program's message if it failed
+    nodes              each agent with its messages (`messages/`), if the folder has them and the target runs them
     core               group of the emulated core, whose stack and flash the header bounds; empty on the host
     """
 
@@ -81,6 +83,7 @@ class TargetResult:
     error: str = ""
     core: str = ""
     agents: tuple[AgentResult, ...] = ()
+    nodes: tuple[NodeResult, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -246,11 +249,13 @@ def _run_target(
             for agent, run in runs:
                 tell(f"{target.name}: {agent.name}")
                 results.append(_agent_result(agent, run, compare(run.trace, expected[agent.name])))
+            nodes = compare_nodes(target, manifest, folder, Path(temporary).resolve(), adversarial=steps[1])
         except ClaimError as error:
             return TargetResult(
                 target.name, False, *steps, error=str(error), core=target.core, agents=tuple(results)
             )
-    return _target_result(target.name, results, steps, target.core)
+    found = _target_result(target.name, results, steps, target.core)
+    return replace(found, bitwise=found.bitwise and all(one.bitwise for one in nodes), nodes=nodes)
 
 
 def _target_result(
@@ -299,6 +304,10 @@ def _problems(results: Sequence[TargetResult], changed: Sequence[str], manifest:
     for result in results:
         if result.error:
             yield f"{result.name}: {result.error}"
+        for node in result.nodes:
+            if not node.bitwise:
+                calls = f"with its messages differs in {node.differing_calls} calls"
+                yield f"{result.name}: {node.agent} {calls}; {node.first_difference}"
         for found in result.agents:
             if not found.bitwise:
                 calls = f"differs in {found.differing_calls} calls"

@@ -8,7 +8,7 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
 
 from lockstep.check.errors import ProblemError
-from lockstep.codegen.doors import arduino, fmu, pil, rust
+from lockstep.codegen.doors import arduino, fmu, messages, pil, rust
 from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 
@@ -19,6 +19,7 @@ DOORS: dict[str, Callable[[Manifest, Mapping[str, str]], Texts]] = {
     "fmu": fmu.files,
     "rust": rust.files,
     "arduino": arduino.files,
+    "messages": messages.files,
 }
 """By name, which is the option of `generate` and the first part of the paths: (manifest, the folder's texts) -> texts."""
 

@@ -66,7 +66,7 @@ class Problem:
         self._check_spectrum()
         self._check_disturbance()
         _ = self._agent, self._graph, self._variants, self.gains
-        _ = self.performance, self.limits, self.messages
+        _ = self.performance, self.limits, self.messages, self.output_range
         self.initial_states()
 
     @classmethod
@@ -282,6 +282,21 @@ class Problem:
         """What the network may do to messages, if the problem says so."""
         table = self.file.network.messages
         return None if table is None else messages_of(table.model_dump(exclude_none=True))
+
+    @cached_property
+    def output_range(self) -> dict[str, tuple[float | None, float | None]]:
+        """Lowest and highest plausible value by output, where one is given: messages beyond are refused."""
+        given, where = self.file.agent.output_range or {}, "[agent.output_range]"
+        outputs = [name for name, _ in self.file.agent.outputs]
+        for name, (low, high) in given.items():
+            if name not in outputs:
+                names = ", ".join(f"`{one}`" for one in outputs)
+                raise ProblemError(f"`{name}` is no output", where=where, expected=f"one of {names}")
+            if low is not None and high is not None and not low < high:
+                raise ProblemError(
+                    f"[{low}, {high}]", where=f"{where} {name}", expected="a lower below an upper end"
+                )
+        return dict(given)
 
     def initial_states(self) -> Float[np.ndarray, "N n"]:
         """Return the states the simulation starts from, one row per agent."""

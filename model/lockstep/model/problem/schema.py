@@ -114,6 +114,9 @@ class AgentTable(ProblemTable):
     limits: dict[str, Interval] | None = Field(
         default=None, description="[lowest, highest] of an actuator by input, as two numbers around 0"
     )
+    output_range: dict[str, Interval] | None = Field(
+        default=None, description="[lowest, highest] plausible value by output, as two numbers"
+    )
     domain: dict[str, Interval] = Field(default={}, description="[lower, upper] by state, as two numbers")
     units: dict[str, Line] = Field(
         default={}, description='a unit as text by state, input, output or parameter, such as "rad"'
