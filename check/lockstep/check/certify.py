@@ -43,7 +43,7 @@ from lockstep.check.numbers import as_floats
 from lockstep.check.problem import ProblemTables
 from lockstep.check.sampled.certify import SampledVerdict, decide_sampled
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
-from lockstep.check.sampled.discretise import sampled_controllers
+from lockstep.check.sampled.discretise import clipped_at, sampled_controllers
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.limits import proves_radius
 from lockstep.check.sampled.loop import sampled_loop
@@ -250,6 +250,13 @@ def _sector(stored: CheckedFile, loop: Any) -> Sector | None:
     )
 
 
+def _same_limits(problem: ProblemTables, read: Any) -> bool:
+    sides = problem.sides
+    if np.isinf(sides).all() or read is None:
+        return bool(np.isinf(sides).all()) and read is None
+    return bool(np.array_equal(read, clipped_at(problem.controller["real"], sides)))
+
+
 def _read(
     stored: CheckedFile, folder: Path, held: tuple[HeldController, ...]
 ) -> tuple[tuple[HeldController, ...], Verdict]:
@@ -275,6 +282,7 @@ def _read(
             "gains": np.array_equal(theirs.table, mine.table),
             "neighbours": theirs.sources == mine.sources,
             "weights": np.array_equal(theirs.weights, mine.weights),
+            "limits": _same_limits(stored.problem, one.limits),
         }
         if differs := ", ".join(word for word, holds in same.items() if not holds):
             return held, Verdict("refuted", f"{name}: not the design's {differs}")

@@ -41,9 +41,9 @@ class Campaign:
 
     @property
     def ok(self) -> bool:
-        """Whether no run diverged and no covered run is above the bound."""
+        """Whether no covered run is above the bound, and none diverged but where inputs were clipped."""
         above = self.table["ratio"][self.table.covered] > 1
-        return not above.any() and not (self.table["diverged"] == 1).any()
+        return not above.any() and not ((self.table["diverged"] == 1) & (self.table["clipped"] == 0)).any()
 
     def document(self) -> dict[str, Any]:
         """Return the result as plain JSON types: the same for the same runs, but for `computed` and the speed."""
@@ -149,6 +149,8 @@ def summary(plan: Plan, table: RunTable) -> dict[str, Any]:
         "worst_ratio_not_covered": _largest(table["ratio"][~covered]),
         "diverged": int((~finite).sum()),
         "faults": int(np.nansum(table["faults"])),
+        "clipped": int(np.nansum(table["clipped"])),
+        "clipped_runs": int((table["clipped"] > 0).sum()),
         "quantiles": _quantiles(table, covered),
         "families": {
             name: _family(table, table["family"] == k, covered)

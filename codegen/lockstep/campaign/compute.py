@@ -34,6 +34,7 @@ def compute(plan: Plan, begin: int, end: int) -> Float[np.ndarray, "runs columns
     outcome = Engine(plan.source).run(drawn.batch, plan.horizon)
     stored = plan.guarantee.stored(drawn.batch.rows[:, plan.source.layout.places["x"]])
     covered = (drawn.family != FAMILIES.index("drops")) & (outcome["outside"] == 0) & ~np.isnan(stored)
+    covered &= (outcome["clipped"] == 0) & ~(outcome["effort_peak"] > plan.guarantee.limit)
     own = np.column_stack(
         [
             drawn.index,

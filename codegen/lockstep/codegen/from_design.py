@@ -41,7 +41,16 @@ def specification(
     }
     gains = stored.gains
     controllers = tuple(
-        Controller(name, gains.A[i], gains.B[i], gains.C[i], gains.D[i], tuple(sources[i]), **signals)
+        Controller(
+            name,
+            gains.A[i],
+            gains.B[i],
+            gains.C[i],
+            gains.D[i],
+            tuple(sources[i]),
+            **signals,
+            limits=problem.sides,
+        )
         for i, name in enumerate(names)
     )
     plants = tuple(

@@ -38,6 +38,7 @@ def layout(agent: AgentEntry, manifest: Manifest) -> dict[str, Any]:
         "m": len(agent.inputs),
         "nn": len(agent.neighbours),
         "real_bytes": manifest.real_type.bytes,
+        "limits": agent.limits is not None,
     }
 
 

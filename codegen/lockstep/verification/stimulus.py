@@ -14,9 +14,10 @@ from lockstep.check.errors import ProblemError
 from lockstep.codegen.manifest import AgentEntry, Manifest, PlantEntry
 from lockstep.verification.reference import Reference, closed_loop
 
-STEP, STEP_RELATIVE, RESET, STEP_ALIASED, STEP_UNREADY = 0, 1, 2, 3, 4
+STEP, STEP_RELATIVE, RESET, STEP_ALIASED, STEP_UNREADY, APPLIED = 0, 1, 2, 3, 4, 5
 """Operations; STEP_ALIASED passes one buffer as y and as u, and must give the same as STEP; STEP_UNREADY takes a state
-that is marked as never initialised, and initialises it afterwards."""
+that is marked as never initialised, and initialises it afterwards; APPLIED, of agents whose u is clipped, gives r back as
+what was applied, entry after entry."""
 
 _SEED = 20_260_101
 
@@ -80,6 +81,8 @@ def _call(reference: Reference, calls: Calls, k: int) -> tuple[int, np.ndarray]:
         return 0, reference.state.u
     if operation == STEP_UNREADY:
         return reference.step_unready()
+    if operation == APPLIED:
+        return reference.applied(np.resize(calls.r[k], len(reference.M) - reference.order))
     if operation == STEP_RELATIVE:
         return reference.step_relative(calls.r[k])
     return reference.step(calls.y[k], calls.neighbour_y[k], int(calls.received[k]))
@@ -200,6 +203,33 @@ def fault_calls(manifest: Manifest, agent: AgentEntry) -> Calls:
         wave[:, q : q + nn * q].reshape(S, nn, q).copy(),
         wave[:, q + nn * q :].copy(),
     )
+
+
+def limit_calls(manifest: Manifest, agent: AgentEntry) -> Calls:
+    """What meets every limit from both sides: relative outputs along the rows of D that ask for more and less than it, and
+    applied values beyond it, at it, next to it and not finite. No calls where u is not clipped."""
+    real, q, nn = manifest.real_type, len(agent.outputs), len(agent.neighbours)
+    sides, D = agent.sides(real), agent.table(real)[agent.order :, agent.order :]
+    rows: list[np.ndarray] = []
+    kinds: list[int] = []
+    for (low, high), row in zip(np.zeros((0, 2)) if sides is None else sides, D, strict=False):
+        along = row / max(float(row @ row), float(np.finfo(real.dtype).tiny))
+        for part in (0.5, 0.999, 1.0, 1.001, 3.0):
+            rows += [along * side * part for side in (low, high)]
+            kinds += [STEP_RELATIVE] * 2
+        near = [
+            np.nextafter(side, side.dtype.type(towards))
+            for side in (low, high)
+            for towards in (-np.inf, np.inf)
+        ]
+        given = [low, high, *near, -np.inf, np.inf, np.nan, 0.0]
+        rows += [np.full(q, value) for value in given]
+        kinds += [APPLIED] * len(given)
+    S = len(kinds)
+    with np.errstate(all="ignore"):
+        r = np.array(rows, dtype=np.float64).reshape(S, q).astype(real.dtype)
+    y, others = np.zeros((S, q), real.dtype), np.zeros((S, nn, q), real.dtype)
+    return Calls(np.array(kinds, np.uint32), np.zeros(S, np.uint64), y, others, r)
 
 
 def adversarial_calls(manifest: Manifest, agent: AgentEntry, steps: int) -> Calls:

@@ -88,6 +88,7 @@ class Simulation:
             "effort": [one.document() for one in effort_indices(trajectory)],
             "largest_input": [float(np.abs(trajectory.u[:, i]).max()) for i in range(trajectory.N)],
             "faults": trajectory.faults,
+            "clipped": trajectory.clipped,
             "l2": l2,
             **error,
         }
