@@ -42,10 +42,11 @@ from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import as_floats
 from lockstep.check.problem import ProblemTables
 from lockstep.check.sampled.certify import SampledVerdict, decide_sampled
+from lockstep.check.sampled.clipping import proves_clipped_radius
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.discretise import clipped_at, sampled_controllers
 from lockstep.check.sampled.inequality import Witness
-from lockstep.check.sampled.limits import proves_radius
+from lockstep.check.sampled.limits import proves_gain, proves_radius
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import SampledRho, proves_rho
 from lockstep.check.sampled.sector import Sector, common_sector
@@ -179,6 +180,10 @@ def _sampled(
         yield "max_period", _longest(stored, at, proofs.max_period, claims.max_period)
     if claims.radius is not None:
         yield "limits", _radius(stored, at, held, claims.radius)
+    if claims.gain is not None:
+        yield "limits_gain", _gain(stored, at, held, claims.gain)
+    if claims.clipped_radius is not None:
+        yield "clipped", _clipped(stored, at, held, claims.clipped_radius)
 
 
 def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:
@@ -187,7 +192,7 @@ def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:
         return Verdict("undecided", found.reason)
     proved = SampledClaims(
         True, found.period, found.delay, found.decay, claims.rho, found.residual, found.residual_rms,
-        found.underflow, found.deltas, claims.max_period, claims.radius,
+        found.underflow, found.deltas, claims.max_period, claims.radius, claims.gain, claims.clipped_radius,
     )  # fmt: skip
     broken = next(claims.better_than(proved), None)
     return Verdict("undecided", broken) if broken else Verdict("proved", found.reason)
@@ -210,6 +215,25 @@ def _radius(
     witness, limits = stored.proofs.radius, stored.problem.limits
     said = f"from |x_d(0)| <= {radius:g}, controllers at rest, no input meets its limit"
     if witness is None or not proves_radius(sampled_loop(at, held), held, witness, limits, radius):
+        return Verdict("undecided", f"it is claimed that {said}, but no witness proves it")
+    return Verdict("proved", said)
+
+
+def _gain(stored: CheckedFile, at: SampledNetwork, held: tuple[HeldController, ...], gain: float) -> Verdict:
+    witness, problem = stored.proofs.gain, stored.problem
+    said = f"under a disturbance of energy {gain:g}^2, from agreement, no input meets its limit"
+    loop = sampled_loop(at, held, problem.performance.outputs)
+    if witness is None or not proves_gain(loop, held, witness, problem.limits, problem.performance, gain):
+        return Verdict("undecided", f"it is claimed that {said}, but no witness proves it")
+    return Verdict("proved", said)
+
+
+def _clipped(
+    stored: CheckedFile, at: SampledNetwork, held: tuple[HeldController, ...], radius: float
+) -> Verdict:
+    witness, limits = stored.proofs.clipped, stored.problem.limits
+    said = f"from |x_d(0)| <= {radius:g}, controllers at rest, the loop converges with its inputs clipped"
+    if witness is None or not proves_clipped_radius(sampled_loop(at, held), held, witness, limits, radius):
         return Verdict("undecided", f"it is claimed that {said}, but no witness proves it")
     return Verdict("proved", said)
 

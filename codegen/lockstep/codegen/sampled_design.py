@@ -17,9 +17,10 @@ from lockstep.check.errors import BoundNotProved, ProblemError
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate
 from lockstep.check.sampled.certify import decide_sampled
+from lockstep.check.sampled.clipping import ClippedWitness, proves_clipped_radius
 from lockstep.check.sampled.discretise import sampled_controllers as held_controllers
 from lockstep.check.sampled.inequality import Witness
-from lockstep.check.sampled.limits import proves_radius
+from lockstep.check.sampled.limits import proves_gain, proves_radius
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.sampled.sector import Sector, common_sector
@@ -35,7 +36,8 @@ from lockstep.lmi.sampled import (
     max_period,
     sampled_rho,
 )
-from lockstep.lmi.sampled.limits import largest_radius
+from lockstep.lmi.sampled.clipped import largest_clipped_radius
+from lockstep.lmi.sampled.limits import largest_gain, largest_radius
 from lockstep.lmi.sampled.search import common_pair_weights
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
@@ -52,13 +54,16 @@ class HeldVerdict:
     """What is proved of sampled, rounded controllers.
 
     verdict: at their period;  longest: at the largest period certified for the design's gains, sampled anew;  rho: the
-    disturbance gain of the sampled loop, if proved;  radius: of disagreements from which no input meets its limit.
+    disturbance gain of the sampled loop, if proved;  radius: of disagreements from which no input meets its limit;  gain: root
+    of the energy of a disturbance under which none does;  clipped: of disagreements from which the clipped loop converges.
     """
 
     verdict: SampledVerdict
     longest: SampledVerdict | None = None
     rho: SampledRho | None = None
     radius: tuple[float, Witness] | None = None
+    gain: tuple[float, Witness] | None = None
+    clipped: tuple[float, ClippedWitness] | None = None
 
     def claims(self) -> SampledClaims:
         """Return what may be claimed."""
@@ -76,7 +81,7 @@ class HeldVerdict:
             sampled.underflow,
             sampled.deltas,
             longest,
-            None if self.radius is None else self.radius[0],
+            *(None if one is None else one[0] for one in (self.radius, self.gain, self.clipped)),
         )
 
     def remarks(self) -> dict[str, Any]:
@@ -114,8 +119,11 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     reach = _longest_stated(stored, network) or longest_period(stored, network, guess)
     if verdict.certified and (reach is None or reach.period < verdict.period):
         reach = verdict
-    radius = _radius(stored, network, controllers) if verdict.certified else None
-    return HeldVerdict(verdict, reach, rho, radius)
+    if not verdict.certified or not np.isfinite(stored.problem.limits).any():
+        return HeldVerdict(verdict, reach, rho)
+    radius = _radius(stored, network, controllers)
+    gain = None if rho is None else _gain(stored, network, controllers, rho)
+    return HeldVerdict(verdict, reach, rho, radius, gain, _clipped(stored, network, controllers, radius))
 
 
 def _radius(
@@ -127,7 +135,39 @@ def _radius(
         loop = sampled_loop(network, controllers)
         if proves_radius(loop, controllers, witness, limits, stated):
             return stated, witness
-    return largest_radius(network, controllers, limits) if np.isfinite(limits).any() else None
+    return largest_radius(network, controllers, limits)
+
+
+def _gain(
+    stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...], rho: SampledRho
+) -> tuple[float, Witness] | None:
+    """Return the root of the energy that a design file states if its witness proves it, or a large one that is found and proved."""
+    limits, stated, witness = stored.problem.limits, stored.claims.sampled.gain, stored.proofs.gain
+    weights = stored.problem.performance
+    if stated is not None and witness is not None:
+        loop = sampled_loop(network, controllers, weights.outputs)
+        if proves_gain(loop, controllers, witness, limits, weights, stated):
+            return stated, witness
+    return largest_gain(network, controllers, limits, weights, rho.witness.m / rho.rho**2)
+
+
+def _clipped(
+    stored: Stored,
+    network: SampledNetwork,
+    controllers: tuple[HeldController, ...],
+    radius: tuple[float, Witness] | None,
+) -> tuple[float, ClippedWitness] | None:
+    """Return the radius of the clipped loop that a design file states if its witness proves it, or a large one found and proved."""
+    limits, stated, witness = (
+        stored.problem.limits,
+        stored.claims.sampled.clipped_radius,
+        stored.proofs.clipped,
+    )
+    if stated is not None and witness is not None:
+        loop = sampled_loop(network, controllers)
+        if proves_clipped_radius(loop, controllers, witness, limits, stated):
+            return stated, witness
+    return largest_clipped_radius(network, controllers, limits, radius)
 
 
 def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
@@ -144,6 +184,8 @@ def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
         sampled_rho=None if held.rho is None else held.rho.witness,
         max_period=None if held.longest is None else held.longest.witness,
         radius=None if held.radius is None else held.radius[1],
+        gain=None if held.gain is None else held.gain[1],
+        clipped=None if held.clipped is None else held.clipped[1],
     )
     return replace(
         stored,

@@ -40,6 +40,7 @@ def proofs_document(proofs: Proofs) -> dict[str, Any]:
         key: None if (one := getattr(proofs, key)) is None else one.document()
         for key in ("sampled", "sampled_rho", "max_period", "radius")
     }
+    later = {key: one.document() for key in ("gain", "clipped") if (one := getattr(proofs, key)) is not None}
     return {
         "certificate": None if proofs.certificate is None else certificate_document(proofs.certificate),
         "decay": None
@@ -48,6 +49,7 @@ def proofs_document(proofs: Proofs) -> dict[str, Any]:
         "floor": None if proofs.floor is None else pieces_document(proofs.floor),
         **sampled,
         "bound": None if proofs.bound is None else _bound_document(proofs.bound),
+        **later,
     }
 
 

@@ -28,6 +28,7 @@ from lockstep.check.errors import demand
 from lockstep.check.floor.witness import FloorWitness, Piece
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate, Segment
+from lockstep.check.sampled.clipping import ClippedWitness
 from lockstep.check.sampled.inequality import NUMBERS, Witness
 
 _AMOUNT = re.compile("-?[0-9]{1,400}(/[0-9]{1,400})?")
@@ -46,8 +47,8 @@ class Proofs:
     """What proves the claims of a design file.
 
     certificate: of rho, with P, m, t;  decay: a certificate of the loop of e^(decay t) x_cl, with a rho of its own;  floor:
-    dual points;  sampled, sampled_rho, max_period, radius: of the sampled loop, at its period, of its rho, at the largest
-    period claimed, and of the radius;  bound: of alpha and the entries. A claim whose witness is None is proved anew, or is
+    dual points;  sampled, sampled_rho, max_period, radius, gain, clipped: of the sampled loop, at its period, of its rho, at the
+    largest period claimed, of the radius, of the gain to the limits, and of the clipped loop;  bound: of alpha and the entries. A claim whose witness is None is proved anew, or is
     not.
     """
 
@@ -59,6 +60,8 @@ class Proofs:
     max_period: Witness | None = None
     radius: Witness | None = None
     bound: BoundProof | None = None
+    gain: Witness | None = None
+    clipped: ClippedWitness | None = None
 
 
 def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
@@ -74,6 +77,8 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
         "floor": lambda value, where: None if rho is None else witness_of(rho, value, where),
         **dict.fromkeys(("sampled", "sampled_rho", "max_period", "radius"), or_none(sampled_witness_of)),
         "bound": or_none(_bound),
+        "gain": or_none(sampled_witness_of),
+        "clipped": or_none(_clipped),
     }
     return Proofs(*record(content, "proofs", readers))
 
@@ -106,6 +111,13 @@ def sampled_witness_of(value: Any, where: str) -> Witness:
         value = {"kappa_mu": value.get("kappa"), **value}
     readers = {"P": matrix(), "m": vector(), "t": vector(), **dict.fromkeys(NUMBERS, number)}
     return Witness(*record(value, where, readers))
+
+
+def _clipped(value: Any, where: str) -> ClippedWitness:
+    demand(isinstance(value, dict), f"a {type(value).__name__}", where, "an object")
+    own = {key: value.get(key) for key in ("tau", "H")}
+    storage = sampled_witness_of({key: one for key, one in value.items() if key not in own}, where)
+    return ClippedWitness(storage, *record(own, where, {"tau": vector(), "H": matrix()}))
 
 
 def witness_of(rho: float, pieces: Any, where: str) -> FloorWitness:
