@@ -180,8 +180,8 @@ def _sampled(
         yield "max_period", _longest(stored, at, proofs.max_period, claims.max_period)
     if claims.radius is not None:
         yield "limits", _radius(stored, at, held, claims.radius)
-    if claims.gain is not None:
-        yield "limits_gain", _gain(stored, at, held, claims.gain)
+    if claims.limits_gain is not None:
+        yield "limits_gain", _gain(stored, at, held, claims.limits_gain)
     if claims.clipped_radius is not None:
         yield "clipped", _clipped(stored, at, held, claims.clipped_radius)
 
@@ -192,7 +192,7 @@ def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:
         return Verdict("undecided", found.reason)
     proved = SampledClaims(
         True, found.period, found.delay, found.decay, claims.rho, found.residual, found.residual_rms,
-        found.underflow, found.deltas, claims.max_period, claims.radius, claims.gain, claims.clipped_radius,
+        found.underflow, found.deltas, claims.max_period, claims.radius, claims.limits_gain, claims.clipped_radius,
     )  # fmt: skip
     broken = next(claims.better_than(proved), None)
     return Verdict("undecided", broken) if broken else Verdict("proved", found.reason)
@@ -220,7 +220,7 @@ def _radius(
 
 
 def _gain(stored: CheckedFile, at: SampledNetwork, held: tuple[HeldController, ...], gain: float) -> Verdict:
-    witness, problem = stored.proofs.gain, stored.problem
+    witness, problem = stored.proofs.limits_gain, stored.problem
     said = f"under a disturbance of energy {gain:g}^2, from agreement, no input meets its limit"
     loop = sampled_loop(at, held, problem.performance.outputs)
     if witness is None or not proves_gain(loop, held, witness, problem.limits, problem.performance, gain):

@@ -142,7 +142,11 @@ def _gain(
     stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...], rho: SampledRho
 ) -> tuple[float, Witness] | None:
     """Return the root of the energy that a design file states if its witness proves it, or a large one that is found and proved."""
-    limits, stated, witness = stored.problem.limits, stored.claims.sampled.gain, stored.proofs.gain
+    limits, stated, witness = (
+        stored.problem.limits,
+        stored.claims.sampled.limits_gain,
+        stored.proofs.limits_gain,
+    )
     weights = stored.problem.performance
     if stated is not None and witness is not None:
         loop = sampled_loop(network, controllers, weights.outputs)
@@ -184,7 +188,7 @@ def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
         sampled_rho=None if held.rho is None else held.rho.witness,
         max_period=None if held.longest is None else held.longest.witness,
         radius=None if held.radius is None else held.radius[1],
-        gain=None if held.gain is None else held.gain[1],
+        limits_gain=None if held.gain is None else held.gain[1],
         clipped=None if held.clipped is None else held.clipped[1],
     )
     return replace(

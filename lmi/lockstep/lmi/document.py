@@ -117,7 +117,7 @@ def answer(stored: Stored) -> dict[str, Any]:
 
 
 def _limits(claims: SampledClaims) -> dict[str, float]:
-    found = {"radius": claims.radius, "gain": claims.gain, "clipped_radius": claims.clipped_radius}
+    found = {"radius": claims.radius, "gain": claims.limits_gain, "clipped_radius": claims.clipped_radius}
     return {key: one for key, one in found.items() if one is not None}
 
 

@@ -40,7 +40,9 @@ def proofs_document(proofs: Proofs) -> dict[str, Any]:
         key: None if (one := getattr(proofs, key)) is None else one.document()
         for key in ("sampled", "sampled_rho", "max_period", "radius")
     }
-    later = {key: one.document() for key in ("gain", "clipped") if (one := getattr(proofs, key)) is not None}
+    later = {
+        key: one.document() for key in ("limits_gain", "clipped") if (one := getattr(proofs, key)) is not None
+    }
     return {
         "certificate": None if proofs.certificate is None else certificate_document(proofs.certificate),
         "decay": None

@@ -31,7 +31,7 @@ SURE = 1 - 5e-10
 """What is proved of residuals is rounded up by 1e-9 of itself, of which its few operations need 1e-14: a file from another
 machine may be below it by half of that."""
 
-LATER = ("gain", "clipped_radius")
+LATER = ("limits_gain", "clipped_radius")
 """Claims of the sampled controllers that files from before do not have."""
 
 Scope = Literal["global", "local"]
@@ -46,7 +46,7 @@ class SampledClaims:
     sample (smaller is better);  rho: the disturbance gain (smaller is better);  residual, residual_rms, underflow: what
     remains of the disagreement (smaller is better);  rounding: per agent and letter, the gain error that stands for every
     rounding of a step (smaller is better);  max_period: the same gains, sampled anew, agree at it too (larger is better);
-    radius: from disagreements up to it, controllers at rest, no input meets its limit (larger is better);  gain: under a
+    radius: from disagreements up to it, controllers at rest, no input meets its limit (larger is better);  limits_gain: under a
     disturbance from agreement, of energy gain^2, none does (larger is better);  clipped_radius: from disagreements up to it the
     loop converges with its inputs clipped (larger is better).
     """
@@ -62,11 +62,19 @@ class SampledClaims:
     rounding: tuple[Mapping[str, float], ...] = ()
     max_period: float | None = None
     radius: float | None = None
-    gain: float | None = None
+    limits_gain: float | None = None
     clipped_radius: float | None = None
 
     def __post_init__(self) -> None:
-        numbers = [self.period, self.delay, self.decay, self.rho, self.radius, self.gain, self.clipped_radius]
+        numbers = [
+            self.period,
+            self.delay,
+            self.decay,
+            self.rho,
+            self.radius,
+            self.limits_gain,
+            self.clipped_radius,
+        ]
         numbers += self._residuals().values()
         if not self.certified and (self.rounding or any(one is not None for one in numbers)):
             raise ProblemError(

@@ -47,7 +47,7 @@ class Proofs:
     """What proves the claims of a design file.
 
     certificate: of rho, with P, m, t;  decay: a certificate of the loop of e^(decay t) x_cl, with a rho of its own;  floor:
-    dual points;  sampled, sampled_rho, max_period, radius, gain, clipped: of the sampled loop, at its period, of its rho, at the
+    dual points;  sampled, sampled_rho, max_period, radius, limits_gain, clipped: of the sampled loop, at its period, of its rho, at the
     largest period claimed, of the radius, of the gain to the limits, and of the clipped loop;  bound: of alpha and the entries. A claim whose witness is None is proved anew, or is
     not.
     """
@@ -60,7 +60,7 @@ class Proofs:
     max_period: Witness | None = None
     radius: Witness | None = None
     bound: BoundProof | None = None
-    gain: Witness | None = None
+    limits_gain: Witness | None = None
     clipped: ClippedWitness | None = None
 
 
@@ -77,7 +77,7 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
         "floor": lambda value, where: None if rho is None else witness_of(rho, value, where),
         **dict.fromkeys(("sampled", "sampled_rho", "max_period", "radius"), or_none(sampled_witness_of)),
         "bound": or_none(_bound),
-        "gain": or_none(sampled_witness_of),
+        "limits_gain": or_none(sampled_witness_of),
         "clipped": or_none(_clipped),
     }
     return Proofs(*record(content, "proofs", readers))
