@@ -206,30 +206,26 @@ def fault_calls(manifest: Manifest, agent: AgentEntry) -> Calls:
 
 
 def limit_calls(manifest: Manifest, agent: AgentEntry) -> Calls:
-    """What meets every limit from both sides: relative outputs along the rows of D that ask for more and less than it, and
-    applied values beyond it, at it, next to it and not finite. No calls where u is not clipped."""
+    """What meets every limit from both sides, each call by itself; no calls where u is not clipped.
+
+    Relative outputs along the rows of D that ask for less and for more than it; applied values beyond it, at it, next to
+    it, and not finite.
+    """
     real, q, nn = manifest.real_type, len(agent.outputs), len(agent.neighbours)
     sides, D = agent.sides(real), agent.table(real)[agent.order :, agent.order :]
     rows: list[np.ndarray] = []
     kinds: list[int] = []
-    for (low, high), row in zip(np.zeros((0, 2)) if sides is None else sides, D, strict=False):
-        along = row / max(float(row @ row), float(np.finfo(real.dtype).tiny))
-        for part in (0.5, 0.999, 1.0, 1.001, 3.0):
-            rows += [along * side * part for side in (low, high)]
-            kinds += [STEP_RELATIVE] * 2
-        near = [
-            np.nextafter(side, side.dtype.type(towards))
-            for side in (low, high)
-            for towards in (-np.inf, np.inf)
-        ]
-        given = [low, high, *near, -np.inf, np.inf, np.nan, 0.0]
-        rows += [np.full(q, value) for value in given]
-        kinds += [APPLIED] * len(given)
-    S = len(kinds)
     with np.errstate(all="ignore"):
-        r = np.array(rows, dtype=np.float64).reshape(S, q).astype(real.dtype)
-    y, others = np.zeros((S, q), real.dtype), np.zeros((S, nn, q), real.dtype)
-    return Calls(np.array(kinds, np.uint32), np.zeros(S, np.uint64), y, others, r)
+        for ends, row in zip(np.zeros((0, 2)) if sides is None else sides, D, strict=False):
+            along = row.astype(np.float64) / max(float(row @ row), float(np.finfo(real.dtype).tiny))
+            asked = [along * float(end) * part for part in (0.5, 0.999, 1.0, 1.001, 3.0) for end in ends]
+            near = [np.nextafter(end, end.dtype.type(to)) for end in ends for to in (-np.inf, np.inf)]
+            given = [np.full(q, value) for value in (*ends, *near, -np.inf, np.inf, np.nan, 0.0)]
+            rows += [*asked, *given]
+            kinds += [STEP_RELATIVE] * len(asked) + [APPLIED] * len(given)
+        r = np.array(rows, dtype=np.float64).reshape(len(rows), q).astype(real.dtype)
+    y, others = np.zeros_like(r), np.zeros((len(r), nn, q), real.dtype)
+    return Calls(np.array(kinds, np.uint32), np.zeros(len(r), np.uint64), y, others, r)
 
 
 def adversarial_calls(manifest: Manifest, agent: AgentEntry, steps: int) -> Calls:

@@ -96,7 +96,7 @@ def proves_clipped_radius(
     network, storage, inputs = exact_loop.network, witness.storage, len(exact_loop.computed)
     if witness.tau.shape != (inputs,) or witness.H.shape != (inputs, exact_loop.n_xi):
         return False
-    if not (0 < radius < math.inf and 0 < storage.decay < 1 and (witness.tau >= 0).all()):
+    if not (0 < radius < math.inf and 0 < storage.decay < 1 and (witness.tau >= 0).all() and np.isfinite(witness.H).all()):
         return False
     with balls.working_precision():
         if not no_conjugate_point(network.plant.A, *network.squares, network.period):

@@ -32,7 +32,7 @@ RATES = (0.02, 0.1)
 EXPONENTS = (4.0, 2.0, 1.0, 0.0, -1.0, -2.0, -3.0, -4.0)
 """Powers of ten that tau is tried with, until the radius gets no larger; then between them."""
 
-REFINED = (0.5, 0.25)
+REFINED = (0.5, 0.25, 0.125)
 """Steps in the exponent about the best one."""
 
 NEVER = 1e6
