@@ -1,4 +1,4 @@
-"""C that clips: equal to the bit with its reference, read by the checker, unchanged where nothing is limited, bounded on the bench."""
+"""C that clips: equal to the bit with its reference, read by the checker, absent where nothing is limited; and the bench."""
 
 import re
 import tempfile

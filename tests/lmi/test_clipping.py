@@ -1,4 +1,4 @@
-"""The loop with clipped inputs: the generalised sector, the certified radius and the energy that meets no limit, by brute force."""
+"""The loop with clipped inputs: its sector, the certified radius, and the energy that meets no limit, by brute force."""
 
 import dataclasses
 
@@ -122,7 +122,7 @@ def test_with_no_sector_nothing_is_clipped():
 
 
 def worst_end(net, ones, radius: float, rng, runs: int = 64, steps: int = 4000) -> float:
-    """The largest disagreement at the end, over starts at a radius and constant slopes, inputs clipped at 1: plain simulation."""
+    """The largest disagreement at the end, over starts at a radius and constant slopes, inputs clipped at 1."""
     A, G, H, C = (as_floats(M) for M in (net.plant.A, net.plant.G, net.plant.H, net.plant.C))
     B = [as_floats(b) for b in net.plant.B]
     N, n, n_C = net.d.N, len(A), ones[0].order

@@ -178,12 +178,7 @@ def _sampled(
         yield "sampled_rho", _rho(stored, at, held)
     if claims.max_period is not None and not (claims.certified and claims.max_period <= problem.period):
         yield "max_period", _longest(stored, at, proofs.max_period, claims.max_period)
-    if claims.radius is not None:
-        yield "limits", _radius(stored, at, held, claims.radius)
-    if claims.limits_gain is not None:
-        yield "limits_gain", _gain(stored, at, held, claims.limits_gain)
-    if claims.clipped_radius is not None:
-        yield "clipped", _clipped(stored, at, held, claims.clipped_radius)
+    yield from _limits(stored, at, held)
 
 
 def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:
@@ -209,31 +204,30 @@ def _rho(stored: CheckedFile, at: SampledNetwork, held: tuple[HeldController, ..
     return Verdict("proved", said)
 
 
-def _radius(
-    stored: CheckedFile, at: SampledNetwork, held: tuple[HeldController, ...], radius: float
-) -> Verdict:
-    witness, limits = stored.proofs.radius, stored.problem.limits
-    said = f"from |x_d(0)| <= {radius:g}, controllers at rest, no input meets its limit"
-    if witness is None or not proves_radius(sampled_loop(at, held), held, witness, limits, radius):
-        return Verdict("undecided", f"it is claimed that {said}, but no witness proves it")
-    return Verdict("proved", said)
+def _limits(
+    stored: CheckedFile, at: SampledNetwork, held: tuple[HeldController, ...]
+) -> Iterator[tuple[str, Verdict]]:
+    """Yield what is proved of the inputs' limits, as far as it is claimed."""
+    claims, proofs, limits = stored.claims.sampled, stored.proofs, stored.problem.limits
+    weights = stored.problem.performance
+    plain, noisy = sampled_loop(at, held), sampled_loop(at, held, weights.outputs)
+    start = "from |x_d(0)| <= {:g}, controllers at rest, "
+    if (radius := claims.radius) is not None:
+        holds = proofs.radius is not None and proves_radius(plain, held, proofs.radius, limits, radius)
+        yield "limits", _said(f"{start}no input meets its limit".format(radius), holds)
+    if (gain := claims.limits_gain) is not None:
+        w = proofs.limits_gain
+        holds = w is not None and proves_gain(noisy, held, w, limits, weights, gain)
+        said = f"under a disturbance of energy {gain:g}^2, from agreement, no input meets its limit"
+        yield "limits_gain", _said(said, holds)
+    if (radius := claims.clipped_radius) is not None:
+        c = proofs.clipped
+        holds = c is not None and proves_clipped_radius(plain, held, c, limits, radius)
+        yield "clipped", _said(f"{start}the loop converges with its inputs clipped".format(radius), holds)
 
 
-def _gain(stored: CheckedFile, at: SampledNetwork, held: tuple[HeldController, ...], gain: float) -> Verdict:
-    witness, problem = stored.proofs.limits_gain, stored.problem
-    said = f"under a disturbance of energy {gain:g}^2, from agreement, no input meets its limit"
-    loop = sampled_loop(at, held, problem.performance.outputs)
-    if witness is None or not proves_gain(loop, held, witness, problem.limits, problem.performance, gain):
-        return Verdict("undecided", f"it is claimed that {said}, but no witness proves it")
-    return Verdict("proved", said)
-
-
-def _clipped(
-    stored: CheckedFile, at: SampledNetwork, held: tuple[HeldController, ...], radius: float
-) -> Verdict:
-    witness, limits = stored.proofs.clipped, stored.problem.limits
-    said = f"from |x_d(0)| <= {radius:g}, controllers at rest, the loop converges with its inputs clipped"
-    if witness is None or not proves_clipped_radius(sampled_loop(at, held), held, witness, limits, radius):
+def _said(said: str, holds: bool) -> Verdict:
+    if not holds:
         return Verdict("undecided", f"it is claimed that {said}, but no witness proves it")
     return Verdict("proved", said)
 

@@ -41,7 +41,7 @@ class Campaign:
 
     @property
     def ok(self) -> bool:
-        """Whether no covered run is above the bound, and none diverged but where inputs clipped and nothing is proved of it."""
+        """Whether no covered run is above the bound, and none diverged but for those `excused`."""
         above = self.table["ratio"][self.table.covered] > 1
         return not above.any() and not ((self.table["diverged"] == 1) & ~excused(self.plan, self.table)).any()
 

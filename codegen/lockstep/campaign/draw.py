@@ -11,7 +11,8 @@ from lockstep.campaign.plan import Plan
 FAMILIES = ("peak", "sine", "noise", "step", "start", "drops")
 """peak: from agreement at an operating point, a windowed sine near the frequency and direction of the largest singular
 value there;  sine: random frequency and direction;  noise: Gaussian, held;  step: a constant for a while;  start: random
-initial states, some with noise, those without from inside the set from which the clipped loop is proved to converge, if there is one;  drops: the same while messages are lost, which no certificate covers."""
+initial states, some with noise, those without from where the clipped loop is proved to converge, if it is;  drops: the same
+while messages are lost, which no certificate covers."""
 
 SHARES = (0.35, 0.2, 0.1, 0.1, 0.15, 0.1)
 

@@ -33,7 +33,9 @@ class Replay:
     @property
     def ok(self) -> bool:
         """Whether the run is finite, and below the bound if the certificate covers it."""
-        return not (self["diverged"] and not excused(self.plan, self)) and not (self["covered"] and self["ratio"] > 1)
+        return not (self["diverged"] and not excused(self.plan, self)) and not (
+            self["covered"] and self["ratio"] > 1
+        )
 
     def document(self) -> dict[str, Any]:
         """Return the run's figures as plain JSON types."""

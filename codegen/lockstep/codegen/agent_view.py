@@ -26,8 +26,8 @@ def agent_view(
         name: prefix of the C.
         shape: nc, q, m, nn.
         M: [A B; C D] in the target type;  weights: a_j.
-        statements: of the unrolled kernel;  table, weight_literals, limit_literals: M, a_j and, where u is clipped, its lowest
-            and highest values as C literals.
+        statements: of the unrolled kernel;  table, weight_literals, limit_literals: M, a_j and, where u is clipped, its
+            lowest and highest values as C literals.
     """
     n, m, nn = shape.order, shape.inputs, shape.neighbours
     mask_bits = 32 if nn <= 32 else 64

@@ -54,8 +54,8 @@ class HeldVerdict:
     """What is proved of sampled, rounded controllers.
 
     verdict: at their period;  longest: at the largest period certified for the design's gains, sampled anew;  rho: the
-    disturbance gain of the sampled loop, if proved;  radius: of disagreements from which no input meets its limit;  gain: root
-    of the energy of a disturbance under which none does;  clipped: of disagreements from which the clipped loop converges.
+    disturbance gain of the sampled loop, if proved;  radius: of disagreements from which no input meets its limit;  gain: the
+    root of the energy of a disturbance under which none does;  clipped: of disagreements from which the clipped loop converges.
     """
 
     verdict: SampledVerdict
@@ -141,7 +141,7 @@ def _radius(
 def _gain(
     stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...], rho: SampledRho
 ) -> tuple[float, Witness] | None:
-    """Return the root of the energy that a design file states if its witness proves it, or a large one that is found and proved."""
+    """Return the root of the energy that a design file states if its witness proves it, or a large one found and proved."""
     limits, stated, witness = (
         stored.problem.limits,
         stored.claims.sampled.limits_gain,
@@ -161,7 +161,7 @@ def _clipped(
     controllers: tuple[HeldController, ...],
     radius: tuple[float, Witness] | None,
 ) -> tuple[float, ClippedWitness] | None:
-    """Return the radius of the clipped loop that a design file states if its witness proves it, or a large one found and proved."""
+    """Return the radius of the clipped loop that a file states if its witness proves it, or a large one found and proved."""
     limits, stated, witness = (
         stored.problem.limits,
         stored.claims.sampled.clipped_radius,

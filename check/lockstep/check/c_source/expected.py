@@ -2,8 +2,8 @@
 
 `expected` leaves out the lines marked for other kinds of agents: `[state]` is for those of an order above 0, `[hears]`
 and `[alone]` for those with neighbours and without, `[speed]` for unrolled statements, `[size]` for a loop over a table,
-`[unit]` and `[weighted]` for weights that are all 1 or not, `[limited]` for inputs that are clipped. The words in capitals, `agent` and `real` are put in by
-`reader`; some are parts of argument lists that only such agents have.
+`[unit]` and `[weighted]` for weights that are all 1 or not, `[limited]` for inputs that are clipped. The words in capitals,
+`agent` and `real` are put in by `reader`; some are parts of argument lists that only such agents have.
 """
 
 import re
@@ -133,7 +133,8 @@ SOURCE_MIDDLE = """
 [limited]     agent_status_t found = status; uint32_t k;
 [limited]     for (k = 0u; (status == AGENT_OK) && (k < INPUTSu); k++) {
 [limited]         if (state->u[k] < lower[k]) { state->u[k] = lower[k]; found = AGENT_CLIPPED; }
-[limited]         else if (state->u[k] > upper[k]) { state->u[k] = upper[k]; found = AGENT_CLIPPED; } else { } } return found; }
+[limited]         else if (state->u[k] > upper[k]) { state->u[k] = upper[k]; found = AGENT_CLIPPED; } else { } }
+[limited]     return found; }
 void agent_reset(agent_state_t *state) { uint32_t k;
 [hears] uint32_t j;
 [state] for (k = 0u; k < ORDERu; k++) { state->x[k] = ZERO; }
@@ -202,7 +203,8 @@ LOCKSTEP_ONE_COPY agent_status_t agent_step(
 [limited] agent_status_t agent_applied(agent_state_t *state, const real u[INPUTS]) {
 [limited]     agent_status_t status = AGENT_NOT_READY; uint32_t k; if (state->ready == AGENT_DESIGN_WORD) {
 [limited]     status = AGENT_NOT_FINITE; if (agent_check(u, INPUTSu) == ZERO) {
-[limited]     for (k = 0u; k < INPUTSu; k++) { state->u[k] = u[k]; } status = agent_clip(state, AGENT_OK); } } return status; }
+[limited]     for (k = 0u; k < INPUTSu; k++) { state->u[k] = u[k]; } status = agent_clip(state, AGENT_OK); } }
+[limited]     return status; }
 agent_status_t agent_self_check(void) {
 """
 

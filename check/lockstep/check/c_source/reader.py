@@ -42,7 +42,7 @@ _LOOPS_FROM = 9
 
 @dataclass(frozen=True, eq=False)
 class ReadController:
-    """One agent as its C has it: its controller, the period in s that its header states, its arithmetic, and where u is clipped.
+    """One agent as its C has it: its controller, the period in s of its header, its arithmetic, and where u is clipped.
 
     The numbers of its self-check are read and not judged: they can only keep from running what is proved.
     """

@@ -46,9 +46,9 @@ class SampledClaims:
     sample (smaller is better);  rho: the disturbance gain (smaller is better);  residual, residual_rms, underflow: what
     remains of the disagreement (smaller is better);  rounding: per agent and letter, the gain error that stands for every
     rounding of a step (smaller is better);  max_period: the same gains, sampled anew, agree at it too (larger is better);
-    radius: from disagreements up to it, controllers at rest, no input meets its limit (larger is better);  limits_gain: under a
-    disturbance from agreement, of energy gain^2, none does (larger is better);  clipped_radius: from disagreements up to it the
-    loop converges with its inputs clipped (larger is better).
+    radius: from disagreements up to it, controllers at rest, no input meets its limit (larger is better);  limits_gain: none
+    does under a disturbance from agreement, of energy limits_gain^2 (larger is better);  clipped_radius: from disagreements
+    up to it the loop converges with its inputs clipped (larger is better).
     """
 
     certified: bool = False

@@ -9,9 +9,9 @@ Queinnec 2011, lemma 1.6). One more column for each q_l and tau_l >= 0 make of t
 
     V(xi+) <= decay V(xi) + kappa_mu |mu|^2 + 2 sum_l tau_l q_l (q_l - h_l xi),
 
-the loop having v - q in the place of v: the sum is not positive wherever the sector holds, and with exact messages that is so where
-V <= level, level being `limits.level` of the rows k_l - h_l. From V(xi(0)) <= c = level - kappa_mu |mu|^2 / (1 - decay) it therefore
-holds for ever, by induction from sample to sample, and V decays to what underflow adds. With h = 0 nothing is ever clipped.
+the loop having v - q in the place of v. With exact messages the sectors hold where V <= c + kappa_mu |mu|^2 / (1 - decay),
+c being `limits.level` of the rows k_l - h_l, and there the sum is not positive. From V(xi(0)) <= c on they therefore hold for
+ever, by induction from sample to sample, and V decays to what underflow adds. With h = 0 nothing is ever clipped.
 """
 
 import math
@@ -54,7 +54,10 @@ def clipped(loop: SampledLoop) -> SampledLoop:
         advanced[len(advanced) - inputs :] = minus
     else:
         held = held - spread_of(network)
-    wide = lambda matrix: np.hstack([matrix, zeros(len(matrix), inputs, matrix)])  # noqa: E731
+
+    def wide(matrix: Matrix) -> Matrix:
+        return np.hstack([matrix, zeros(len(matrix), inputs, matrix)])
+
     return replace(
         loop,
         held=np.hstack([loop.held, held]),
@@ -96,7 +99,9 @@ def proves_clipped_radius(
     network, storage, inputs = exact_loop.network, witness.storage, len(exact_loop.computed)
     if witness.tau.shape != (inputs,) or witness.H.shape != (inputs, exact_loop.n_xi):
         return False
-    if not (0 < radius < math.inf and 0 < storage.decay < 1 and (witness.tau >= 0).all() and np.isfinite(witness.H).all()):
+    if not ((witness.tau >= 0).all() and np.isfinite(witness.H).all()):
+        return False
+    if not (0 < radius < math.inf and 0 < storage.decay < 1):
         return False
     with balls.working_precision():
         if not no_conjugate_point(network.plant.A, *network.squares, network.period):

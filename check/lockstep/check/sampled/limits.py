@@ -12,13 +12,17 @@ With controllers at rest V_0 = x_d' P_dd x_d, and so
 
 proves that |(T'(T T')^-1 T (x) I) x(0)| <= r keeps every u_l within u_max,l for ever.
 
-With a disturbance, and noise n on the outputs where rho is a gain from it too, the inequality of `performance` with rho = 1 and
-nothing weighed, but with decay < 1, gives from agreement, where V_0 = 0, for the energy e^2 = int xi_d' (S (x) I) xi_d dt + T sum_k
-n_d(t_k)' (S (x) I) n_d(t_k) up to and with the sample at which u is computed
+With a disturbance, and noise n on the outputs where rho is a gain from it too, the inequality of `performance` with rho = 1,
+nothing weighed and decay < 1 gives from agreement, where V_0 = 0, for the energy
+
+    e^2 = int xi_d' (S (x) I) xi_d dt + T sum_k n_d(t_k)' (S (x) I) n_d(t_k)
+
+up to and with the sample at which u is computed
 
     V + T n_d' (S (x) I) n_d <= e^2 + kappa_mu |mu|^2 / (1 - decay),
 
-and e^2 < c, formed with the columns of n_d besides those of xi, and P (+) T S (x) I in place of P, proves that none meets its limit.
+and e^2 < c, formed with the columns of n_d besides those of xi, and P (+) T S (x) I in place of P, proves that none meets its
+limit.
 """
 
 import math
@@ -27,8 +31,8 @@ from typing import Annotated
 import numpy as np
 from flint import arb
 
-from lockstep.check.numbers import Matrix, exactly, eye, zeros
 from lockstep.check.inequality import Performance
+from lockstep.check.numbers import Matrix, exactly, eye, zeros
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.certify import admitted_multiplier, lifted_agent, proves
 from lockstep.check.sampled.conjugate import no_conjugate_point
@@ -72,7 +76,7 @@ def proves_gain(
     weights: Performance,
     gain: float,
 ) -> bool:
-    """Decide in balls whether a witness proves that no |u_l| exceeds limits[l] under a disturbance of energy gain^2, from agreement.
+    """Decide in balls whether no |u_l| exceeds limits[l] under a disturbance of energy gain^2, from agreement.
 
     Args:
         exact_loop: assembled from the controllers, with the noise of `weights`.
@@ -102,9 +106,9 @@ def proves_gain(
         return bool(level(exact_loop, controllers, witness, limits, rows) > arb(gain) ** 2)
 
 
-def _seen(loop: SampledLoop) -> Annotated[np.ndarray, " k"]:
+def _seen(loop: SampledLoop) -> list[int]:
     """Return the columns of xi and of n_d."""
-    return np.r_[0 : loop.n_xi, loop.outputs]
+    return [*range(loop.n_xi), *range(loop.outputs.start, loop.outputs.stop)]
 
 
 def reaches(loop: SampledLoop, witness: Witness, c: arb, radius: float) -> bool:

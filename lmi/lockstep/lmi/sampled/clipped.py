@@ -1,12 +1,12 @@
 """The largest disagreement from which the clipped loop converges is looked for here, in doubles, and put to the checker.
 
-Without rounding, and for given tau, it is the program of `convex` with a column for what is clipped off, tau H in place of H, and
+Without rounding, and for given tau, it is the program of `convex` with a column for what is clipped off, in tau H, and
 
     [ P            k_l' - h_l' ]
     [ k_l - h_l    u_max,l^2   ]  >= 0,          gamma (T T')^-1 (x) I >= P_dd,  gamma least:  radius = gamma^-1/2.
 
 One number tau for all inputs, each in units of its limit, is searched for: with it large nothing is clipped, and too small no
-P is left. Alternating over tau and H (both at once are not convex) gained little.
+P is left. In tau and H together it is not convex.
 """
 
 from collections.abc import Iterator
@@ -107,7 +107,7 @@ def _priced(loop: SampledLoop, one: Lifted, start: ClippedWitness) -> Iterator[C
 def _least(
     loop: SampledLoop, one: Lifted, limits: Float[np.ndarray, " m"], decay: float, tau: float
 ) -> tuple[float, ClippedWitness] | None:
-    """Return gamma and its witness without prices of the errors, or None; tau: of the nearest limit, less for others by its square."""
+    """Return gamma and its witness without prices of the errors, or None; tau: of the nearest limit."""
     import cvxpy as cp
 
     wide, n, n_d, inputs, T = clipped(loop), loop.n_xi, loop.n_d, len(loop.computed), loop.network.period

@@ -1,8 +1,8 @@
 """The largest disagreement from which no input meets its limit is looked for here, in doubles, and put to the checker.
 
 Without rounding it is the program of `convex` with P >= k_l' k_l / u_max,l^2 for every input and gamma (T T')^-1 (x) I >=
-P_dd, gamma least: radius = gamma^-1/2. The largest energy of a disturbance is that of the largest P (`storage`), for which pair
-weights and a decay are searched.
+P_dd, gamma least: radius = gamma^-1/2. The largest energy of a disturbance is that of the largest P (`storage`), for
+which pair weights and a decay are searched.
 """
 
 import math
@@ -93,7 +93,7 @@ def largest_gain(
     weights: Performance,
     guess: Float[np.ndarray, " pairs"],
 ) -> tuple[float, Witness] | None:
-    """Find and prove a large root of the energy of a disturbance under which no input meets its limit; None if none is proved.
+    """Find and prove a large root of the energy of a disturbance under which no input meets its limit, or return None.
 
     Args:
         network: agents, coordinates, alpha, period, delay, the matrices exact.
