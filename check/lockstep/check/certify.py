@@ -45,10 +45,11 @@ from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import as_floats
 from lockstep.check.problem import ProblemTables
 from lockstep.check.sampled.certify import SampledVerdict, decide_sampled
+from lockstep.check.sampled.clipping import proves_clipped_radius
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
-from lockstep.check.sampled.discretise import sampled_controllers, sampled_table
+from lockstep.check.sampled.discretise import clipped_at, sampled_controllers, sampled_table
 from lockstep.check.sampled.inequality import Witness
-from lockstep.check.sampled.limits import proves_radius
+from lockstep.check.sampled.limits import proves_gain, proves_radius
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.messages import MessageWitness, proves_messages
 from lockstep.check.sampled.modes import (
@@ -195,11 +196,7 @@ def _sampled(
         yield "sampled_rho", _rho(stored, network, held)
     if claims.max_period is not None and not (claims.certified and claims.max_period <= problem.period):
         yield "max_period", _longest(stored, network, claims.max_period)
-    if claims.radius is not None:
-        yield (
-            "limits",
-            _radius(stored, _sampled_network(stored, network, problem.period), held, claims.radius),
-        )
+    yield from _limits(stored, network, held)
     yield from _messages(stored, network, held)
 
 
@@ -247,7 +244,7 @@ def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:
         return Verdict("undecided", found.reason)
     proved = SampledClaims(
         True, found.period, found.delay, found.decay, claims.rho, found.residual, found.residual_rms,
-        found.underflow, found.deltas, claims.max_period, claims.radius,
+        found.underflow, found.deltas, claims.max_period, claims.radius, claims.limits_gain, claims.clipped_radius,
     )  # fmt: skip
     broken = next(claims.better_than(proved), None)
     return Verdict("undecided", broken) if broken else Verdict("proved", found.reason)
@@ -269,14 +266,35 @@ def _rho(stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController,
     return Verdict("proved", said)
 
 
-def _radius(
-    stored: CheckedFile, at: SampledNetwork, held: tuple[HeldController, ...], radius: float
-) -> Verdict:
-    witness, limits = stored.proofs.radius, stored.problem.limits
-    said = f"from |x_d(0)| <= {radius:g}, controllers at rest, no input meets its limit"
+def _limits(
+    stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController, ...]
+) -> Iterator[tuple[str, Verdict]]:
+    """Yield what is proved of the inputs' limits, as far as it is claimed."""
+    claims, proofs, limits = stored.claims.sampled, stored.proofs, stored.problem.limits
+    if claims.radius is claims.limits_gain is claims.clipped_radius is None:
+        return
     if not np.isfinite(limits).any():
-        return Verdict("undecided", f"it is claimed that {said}, but [agent.limits] names none")
-    if witness is None or not proves_radius(sampled_loop(at, held), held, witness, limits, radius):
+        yield "limits", Verdict("undecided", "something is claimed of limits, but [agent.limits] names none")
+        return
+    at, weights = _sampled_network(stored, network, stored.problem.period), stored.problem.performance
+    plain, noisy = sampled_loop(at, held), sampled_loop(at, held, weights.outputs)
+    start = "from |x_d(0)| <= {:g}, controllers at rest, "
+    if (radius := claims.radius) is not None:
+        holds = proofs.radius is not None and proves_radius(plain, held, proofs.radius, limits, radius)
+        yield "limits", _said(f"{start}no input meets its limit".format(radius), holds)
+    if (gain := claims.limits_gain) is not None:
+        w = proofs.limits_gain
+        holds = w is not None and proves_gain(noisy, held, w, limits, weights, gain)
+        said = f"under a disturbance of energy {gain:g}^2, from agreement, no input meets its limit"
+        yield "limits_gain", _said(said, holds)
+    if (radius := claims.clipped_radius) is not None:
+        c = proofs.clipped
+        holds = c is not None and proves_clipped_radius(plain, held, c, limits, radius)
+        yield "clipped", _said(f"{start}the loop converges with its inputs clipped".format(radius), holds)
+
+
+def _said(said: str, holds: bool) -> Verdict:
+    if not holds:
         return Verdict("undecided", f"it is claimed that {said}, but no witness proves it")
     return Verdict("proved", said)
 
@@ -346,6 +364,13 @@ def _sector(stored: CheckedFile, plant: Plant) -> Sector | None:
     return common_sector(claims.alpha, claims.entries, m, m_entries, plant.G.shape[1], plant.H.shape[0])
 
 
+def _same_limits(problem: ProblemTables, read: Any) -> bool:
+    sides = problem.sides
+    if np.isinf(sides).all() or read is None:
+        return bool(np.isinf(sides).all()) and read is None
+    return bool(np.array_equal(read, clipped_at(problem.controller["real"], sides)))
+
+
 def _read(
     stored: CheckedFile, folder: Path, held: tuple[HeldController, ...]
 ) -> tuple[tuple[HeldController, ...], Verdict]:
@@ -385,6 +410,7 @@ def _read(
             "gains": np.array_equal(theirs.table, mine.table),
             "neighbours": theirs.sources == mine.sources and (not image or rows),
             "weights": np.array_equal(theirs.weights, mine.weights),
+            "limits": _same_limits(stored.problem, one.limits),
         }
         if differs := ", ".join(word for word, holds in same.items() if not holds):
             return held, Verdict("refuted", f"{name}: not the design's {differs}")

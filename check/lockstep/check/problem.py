@@ -34,6 +34,7 @@ from lockstep.check.inequality import Performance
 from lockstep.check.loop import Plant
 from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import exactly
+from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled.messages import Messages
 from lockstep.check.wording import shorten
 
@@ -230,15 +231,21 @@ class ProblemTables:
         )
 
     @property
-    def limits(self) -> Annotated[np.ndarray, " m"]:
-        """How far each input may go either way: the nearer of its two limits, infinite where it has none."""
+    def sides(self) -> Annotated[np.ndarray, "m 2"]:
+        """The lowest and the highest value of each input, infinite where there is none."""
         table = _table(part(self.tables, "agent", dict), "limits", self.agent.inputs, "[agent.limits]")
         sides = [
             _range(table.get(name, [None, None]), f"[agent.limits] {name}") for name in self.agent.inputs
         ]
         for name, (low, high) in zip(self.agent.inputs, sides, strict=True):
             demand(low < 0 < high, f"[{low}, {high}]", f"[agent.limits] {name}", "a range around 0")
-        return np.array([min(-low, high) for low, high in sides])
+        return np.array(sides)
+
+    @property
+    def limits(self) -> Annotated[np.ndarray, " m"]:
+        """How far each input goes either way before the C clips it, infinite where it has no limit."""
+        nearer = np.abs(clipped_at(self.controller["real"], self.sides)).min(axis=1)
+        return np.where(np.isinf(self.sides).all(axis=1), np.inf, nearer)
 
     def network(self, moves: Sequence[Move], scales: Scales) -> tuple[ExactNetwork, ExactAgent]:
         """Return the network with slopes moved and G D_w, D_v^-1 H in place of G and H, and the agent that it is of."""

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.campaign.compiled.library import load
-from lockstep.campaign.compute import RunTable, chunks, compute
+from lockstep.campaign.compute import RunTable, chunks, compute, excused
 from lockstep.campaign.draw import FAMILIES, draw
 from lockstep.campaign.plan import FORMAT, Plan
 from lockstep.campaign.store import Store
@@ -41,9 +41,9 @@ class Campaign:
 
     @property
     def ok(self) -> bool:
-        """Whether no run diverged and no covered run is above the bound."""
+        """Whether no covered run is above the bound, and none diverged but for those `excused`."""
         above = self.table["ratio"][self.table.covered] > 1
-        return not above.any() and not (self.table["diverged"] == 1).any()
+        return not above.any() and not ((self.table["diverged"] == 1) & ~excused(self.plan, self.table)).any()
 
     def document(self) -> dict[str, Any]:
         """Return the result as plain JSON types: the same for the same runs, but for `computed` and the speed."""
@@ -149,6 +149,9 @@ def summary(plan: Plan, table: RunTable) -> dict[str, Any]:
         "worst_ratio_not_covered": _largest(table["ratio"][~covered]),
         "diverged": int((~finite).sum()),
         "faults": int(np.nansum(table["faults"])),
+        "clipped": int(np.nansum(table["clipped"])),
+        "clipped_runs": int((table["clipped"] > 0).sum()),
+        "clipped_inside": int(((table["clipped"] > 0) & ~excused(plan, table)).sum()),
         "quantiles": _quantiles(table, covered),
         "families": {
             name: _family(table, table["family"] == k, covered)

@@ -1,6 +1,7 @@
 """A part of a campaign computed: the table of its runs. This is what is sent to other machines."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -8,6 +9,9 @@ from jaxtyping import Float
 from lockstep.campaign.compiled.engine import Engine, RunFigures
 from lockstep.campaign.draw import FAMILIES, draw
 from lockstep.campaign.plan import CHUNK, Plan
+
+if TYPE_CHECKING:
+    from lockstep.campaign.replay import Replay
 
 OWN_COLUMNS = ("run", "family", "covered", "diverged", "ratio", "gain", "stored")
 """Before the engine's: index, row of FAMILIES, whether the certificate covers the run, whether it diverged, the ratio to
@@ -34,6 +38,7 @@ def compute(plan: Plan, begin: int, end: int) -> Float[np.ndarray, "runs columns
     outcome = Engine(plan.source).run(drawn.batch, plan.horizon)
     stored = plan.guarantee.stored(drawn.batch.rows[:, plan.source.layout.places["x"]])
     covered = (drawn.family != FAMILIES.index("drops")) & (outcome["outside"] == 0) & ~np.isnan(stored)
+    covered &= (outcome["clipped"] == 0) & ~(outcome["effort_peak"] > plan.guarantee.limit)
     own = np.column_stack(
         [
             drawn.index,
@@ -77,3 +82,10 @@ class RunTable:
         ratio = np.where(self.covered, self["ratio"], -np.inf)
         order = np.argsort(-ratio, kind="stable")[:count]
         return [int(run) for run in self["run"][order[np.isfinite(ratio[order]) | (ratio[order] > 0)]]]
+
+
+def excused(plan: Plan, figures: "RunTable | Replay") -> np.ndarray:
+    """Which runs clipped where nothing is proved of it: disturbed, with lost messages, or from beyond `clipped_radius`."""
+    inside = figures["disagreement_initial"] <= (plan.clipped_radius or 0.0)
+    inside &= (figures["w_squared"] == 0) & (figures["family"] != FAMILIES.index("drops"))
+    return np.asarray((figures["clipped"] > 0) & ~np.asarray(inside))

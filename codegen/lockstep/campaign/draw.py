@@ -11,7 +11,8 @@ from lockstep.campaign.plan import Plan
 FAMILIES = ("peak", "sine", "noise", "step", "start", "drops")
 """peak: from agreement at an operating point, a windowed sine near the frequency and direction of the largest singular
 value there;  sine: random frequency and direction;  noise: Gaussian, held;  step: a constant for a while;  start: random
-initial states, some with noise;  drops: the same while messages are lost, which no certificate covers."""
+initial states, some with noise, those without from where the clipped loop is proved to converge, if it is;  drops: the same
+while messages are lost, which no certificate covers."""
 
 SHARES = (0.35, 0.2, 0.1, 0.1, 0.15, 0.1)
 
@@ -95,8 +96,19 @@ def _from_disagreement(
     layout = plan.source.layout
     x = random.uniform(-plan.spread, plan.spread, layout.N * layout.n)
     if random.random() < 0.5:
-        return {"x": x}
+        return {"x": x if plan.clipped_radius is None else _within(plan.clipped_radius, layout.N, random, x)}
     return {"x": x, "sigma": np.full(layout.N * layout.n, _log_uniform(random, *AMPLITUDES))}
+
+
+def _within(
+    radius: float, N: int, random: np.random.Generator, x: Float[np.ndarray, " states"]
+) -> Float[np.ndarray, " states"]:
+    """States with the same mean whose disagreement is uniform in direction, and up to a radius: at it half of the time."""
+    states = x.reshape(N, -1)
+    away = random.normal(size=states.shape)
+    away -= away.mean(axis=0)
+    size = INSIDE * radius * random.choice([1.0, random.random()])
+    return np.asarray(states.mean(axis=0) + size * away / np.linalg.norm(away)).ravel()
 
 
 def _perturbation(plan: Plan, random: np.random.Generator) -> dict[str, Float[np.ndarray, "..."] | float]:

@@ -24,11 +24,15 @@ Controllers = Literal["sampled", "continuous"]
 
 @dataclass(frozen=True, eq=False)
 class Guarantee:
-    """rho and, in the coordinates T (N-1, N), the matrix P of V(x_d) = x_d' P x_d; None where V is not at hand."""
+    """rho and, in the coordinates T (N-1, N), the matrix P of V(x_d) = x_d' P x_d; None where V is not at hand.
+
+    limit: of what an input may be where nothing clips it: rho says nothing of runs beyond.
+    """
 
     rho: float
     T: Float[np.ndarray, "N-1 N"]
     P: Float[np.ndarray, "n_d n_d"] | None
+    limit: float = np.inf
 
     def stored(self, x: Float[np.ndarray, "runs states"]) -> Float[np.ndarray, " runs"]:
         """Return V of initial states with the controllers at rest; NaN where it is unknown and not zero."""
@@ -64,7 +68,7 @@ def guarantee_of(stored: Stored, files: Mapping[str, str] | None, kind: Controll
             raise NotCertified(f"there is no certified rho to hold a campaign against: {verdict.reason}")
         certificate = stored.proofs.certificate
         P = certificate.P[:n_d, :n_d] if isinstance(certificate, Certificate) else None
-        return Guarantee(certificate.rho, T, P)
+        return Guarantee(certificate.rho, T, P, float(np.abs(problem.sides).min()))
     if files is None:
         raise ProblemError(
             "no emitted C", where="campaign", expected="that of the design, for sampled controllers"

@@ -42,7 +42,8 @@ class Plan:
 
     source: the loop's C;  seed: of all draws;  horizon: of each run, in s;  spread: of random initial states;
     deltas: per letter the bound (11) and the shape of one agent's block, in the order of the C's parameters;
-    peaks: where to disturb;  guarantee: what the runs are held against;  title, controllers: for people.
+    peaks: where to disturb;  guarantee: what the runs are held against;  title, controllers: for people;  clipped_radius:
+    from disagreements up to it, undisturbed, the runs are held to converge with their inputs clipped.
     """
 
     source: CampaignSource
@@ -54,6 +55,7 @@ class Plan:
     guarantee: Guarantee
     title: str = ""
     controllers: Controllers = "sampled"
+    clipped_radius: float | None = None
 
     @property
     def identity(self) -> str:
@@ -61,6 +63,8 @@ class Plan:
         digest = hashlib.sha256(f"{FORMAT} {CHUNK} {self.source.fingerprint}".encode())
         for name in ("seed", "horizon", "spread", "deltas", "peaks", "guarantee"):
             digest.update(repr(_plain(getattr(self, name))).encode())
+        if self.clipped_radius is not None:
+            digest.update(repr(self.clipped_radius).encode())
         return digest.hexdigest()
 
 
@@ -100,6 +104,7 @@ def plan_of(
     )
     made = _sampled(stored, network, weights, files, step) if kind == "sampled" else None
     source, response, deltas = made or _continuous(stored, network, weights, step)
+    held_to = guarantee or guarantee_of(stored, files, kind)
     return Plan(
         source,
         seed,
@@ -107,9 +112,10 @@ def plan_of(
         problem.simulation.spread,
         deltas,
         peaks(network, response, count=POINTS, seed=seed),
-        guarantee or guarantee_of(stored, files, kind),
+        held_to,
         problem.title,
         kind,
+        stored.claims.sampled.clipped_radius if kind == "sampled" else None,
     )
 
 

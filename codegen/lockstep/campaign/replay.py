@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.campaign.compiled.engine import Engine
-from lockstep.campaign.compute import columns_of, compute
+from lockstep.campaign.compute import columns_of, compute, excused
 from lockstep.campaign.disturbance import disturbance
 from lockstep.campaign.draw import FAMILIES, draw
 from lockstep.campaign.plan import Plan
@@ -33,7 +33,9 @@ class Replay:
     @property
     def ok(self) -> bool:
         """Whether the run is finite, and below the bound if the certificate covers it."""
-        return not self["diverged"] and not (self["covered"] and self["ratio"] > 1)
+        return not (self["diverged"] and not excused(self.plan, self)) and not (
+            self["covered"] and self["ratio"] > 1
+        )
 
     def document(self) -> dict[str, Any]:
         """Return the run's figures as plain JSON types."""

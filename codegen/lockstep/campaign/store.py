@@ -21,7 +21,7 @@ from lockstep.campaign.plan import Plan
 from lockstep.check.errors import ProblemError
 
 SHORT = 16
-_WHOLE_NUMBERS = ("run", "outside", "faults")
+_WHOLE_NUMBERS = ("run", "outside", "faults", "clipped")
 _TRUTHS = ("covered", "diverged")
 
 

@@ -78,7 +78,9 @@ def _tables(found: "Simulation", plot: str) -> RenderableType:
     if "agents" in said:
         rows["agents"] = f"{said['agents']}, {said['engine']}; below the first {trajectory.N}"
     if trajectory.faults:
-        rows["faults"] = f"{trajectory.faults} steps with a status other than OK"
+        rows["faults"] = f"{trajectory.faults} steps with a status other than OK or CLIPPED"
+    if trajectory.clipped:
+        rows["clipped"] = f"{trajectory.clipped} controller steps met a limit of an input"
     # Three digits and folded cells: in 80 columns a figure that is cut says nothing.
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     headings = ("agent", "ISE", "IAE", "ITSE", "ITAE", "of u: ISE", "IAE", "ITSE", "ITAE")

@@ -18,6 +18,7 @@ def agent_view(
     statements: Sequence[str],
     table: Sequence[Sequence[str]],
     weight_literals: Sequence[str],
+    limit_literals: Sequence[Sequence[str]] = (),
 ) -> dict[str, Any]:
     """Return the view.
 
@@ -25,7 +26,8 @@ def agent_view(
         name: prefix of the C.
         shape: nc, q, m, nn.
         M: [A B; C D] in the target type;  weights: a_j.
-        statements: of the unrolled kernel;  table, weight_literals: M and a_j as C literals.
+        statements: of the unrolled kernel;  table, weight_literals, limit_literals: M, a_j and, where u is clipped, its
+            lowest and highest values as C literals.
     """
     n, m, nn = shape.order, shape.inputs, shape.neighbours
     mask_bits = 32 if nn <= 32 else 64
@@ -44,6 +46,9 @@ def agent_view(
         "weights": weight_literals,
         "unit_weights": bool((weights == 1).all()),
         "table": table,
+        "limits": bool(limit_literals),
+        "lower": [low for low, _ in limit_literals],
+        "upper": [high for _, high in limit_literals],
         "statements": statements,
         "unread": [letter for letter, part in parts.items() if part.shape[1] and not part.any()],
         "checked": _checked(M, n),

@@ -10,6 +10,8 @@ from lockstep.codegen.cores import CORES
 _WIDE_MASK = 128
 _ALONE = 200
 """Bytes of flash: without messages clang unrolls the loop of the self-check that it leaves alone elsewhere."""
+_CLIP = 400
+"""Bytes of code that clip u and take an applied one: measured as the rest."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,10 @@ def stack_budgets(shape: Shape, real: RealType) -> dict[str, int]:
     return {group: _STACKS[group, real.name].bytes(shape, state_bytes(shape, real)) for group in CORES}
 
 
-def flash_budgets(shape: Shape, real: RealType) -> dict[str, int]:
-    """An upper bound for code and constants on each core, in bytes; a soft-arithmetic library is not in it."""
-    return {group: _FLASHES[group, real.name].bytes(shape, real.bytes) for group in CORES}
+def flash_budgets(shape: Shape, real: RealType, *, limited: bool = False) -> dict[str, int]:
+    """An upper bound for code and constants on each core, in bytes; a soft-arithmetic library is not in it.
+
+    limited: whether u is clipped.
+    """
+    clip = (_CLIP + 2 * real.bytes * shape.inputs) * limited
+    return {group: _FLASHES[group, real.name].bytes(shape, real.bytes) + clip for group in CORES}

@@ -5,9 +5,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from jaxtyping import Float, UInt
 
-STEP, STEP_RELATIVE, RESET, STEP_ALIASED, STEP_UNREADY = 0, 1, 2, 3, 4
+STEP, STEP_RELATIVE, RESET, STEP_ALIASED, STEP_UNREADY, APPLIED = 0, 1, 2, 3, 4, 5
 """Operations; STEP_ALIASED passes one buffer as y and as u, and must give the same as STEP; STEP_UNREADY takes a state
-that is marked as never initialised, and initialises it afterwards."""
+that is marked as never initialised, and initialises it afterwards; APPLIED, of agents whose u is clipped, gives r back as
+what was applied, entry after entry."""
 
 
 @dataclass(frozen=True, eq=False)

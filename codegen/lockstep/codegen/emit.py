@@ -13,7 +13,7 @@ import numpy as np
 
 from lockstep.check.c_source.kernel import Shape
 from lockstep.check.c_source.reader import ANSWERS
-from lockstep.check.sampled.discretise import SampledGains, discretise
+from lockstep.check.sampled.discretise import SampledGains, clipped_at, discretise
 from lockstep.codegen.agent_view import agent_view
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.budget import flash_budgets, stack_budgets, state_bytes
@@ -56,12 +56,13 @@ ORDER_OF_SUMS = (
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """One controller ready for printing: its table [A B; C D] and weights, rounded to the target type."""
+    """One controller ready for printing: its table [A B; C D], weights and limits (m x 2, or none), in the target type."""
 
     controller: Controller
     table: np.ndarray
     weights: np.ndarray
     kernel: Kernel
+    limits: np.ndarray
 
     @property
     def shape(self) -> Shape:
@@ -111,7 +112,8 @@ def _sample(agent: Controller, spec: CodegenSpec, real: RealType) -> Sampled:
     weights = real.round(
         np.array([n.weight for n in agent.neighbours], dtype=np.float64), f"{where}, weights"
     )
-    return Sampled(agent, table, weights, straight_line(table, agent.order, real))
+    limits = clipped_at(spec.real, agent.limits)
+    return Sampled(agent, table, weights, straight_line(table, agent.order, real), limits)
 
 
 def plain(text: str) -> str:
@@ -188,8 +190,9 @@ def _agent_context(agent: Sampled, real: RealType, optimize: str) -> dict[str, A
         statements=agent.kernel.statements,
         table=[[real.literal(v) for v in row] for row in M],
         weight_literals=[real.literal(w) for w in agent.weights],
+        limit_literals=[[real.literal(side) for side in row] for row in agent.limits],
     )
-    known = known_answers(shape, M, agent.weights, optimize == "speed", controller.name)
+    known = known_answers(shape, M, agent.weights, optimize == "speed", controller.name, agent.limits)
     view |= {"given": [real.literal(v) for v in known.given.ravel()]}
     view |= {"known": [real.literal(v) for v in known.answers.ravel()]}
     return view | {
@@ -204,7 +207,7 @@ def _agent_context(agent: Sampled, real: RealType, optimize: str) -> dict[str, A
         "additions": agent.kernel.additions if optimize == "speed" else M.size,
         "state_bytes": state_bytes(shape, real),
         "stack": _by_core(stack_budgets(shape, real)),
-        "flash": _by_core(flash_budgets(shape, real)),
+        "flash": _by_core(flash_budgets(shape, real, limited=bool(len(agent.limits)))),
     }
 
 
@@ -274,7 +277,8 @@ def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None) -> 
         sampled=GainsEntry(**{letter: Coefficients.of(block, real) for letter, block in blocks.items()}),
         state_bytes=state_bytes(shape, real),
         stack_budget_bytes=stack_budgets(shape, real),
-        flash_budget_bytes=flash_budgets(shape, real),
+        flash_budget_bytes=flash_budgets(shape, real, limited=bool(len(agent.limits))),
+        limits=_rows(agent.limits) if len(agent.limits) else None,
         plant=None
         if plant is None
         else PlantEntry(

@@ -65,7 +65,11 @@ def specification(
     heard = [() if one_image else tuple(Neighbour(names[j], a) for j, a in row) for row in sources]
     alike = one_image and has_one_controller(stored)
     controllers = tuple(
-        Controller(name, gains.A[i], gains.B[i], gains.C[i], gains.D[i], heard[i], **signals)
+        Controller(
+            *(name, gains.A[i], gains.B[i], gains.C[i], gains.D[i], heard[i]),
+            **signals,
+            limits=problem.sides,
+        )
         for i, name in enumerate([base] if alike else names)
     )
     plants = tuple(
@@ -130,19 +134,29 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         **delta,
         "decay": None if claims.decay is None else f"{claims.decay:g} 1/s, of every disagreement",
         **({"rho, delta and decay are": "of the continuous controllers (proof: exact)"} if covered else {}),
-        "limits": _limits(stored),
+        **_limits(stored),
         "controllers": _alone(stored),
     }
 
 
-def _limits(stored: Stored) -> str | None:
-    """Return from where no input meets its limit, if that is claimed."""
-    radius, problem = stored.claims.sampled.radius, stored.problem
-    if radius is None:
-        return None
+def _limits(stored: Stored) -> dict[str, str | None]:
+    """Return from where no input meets its limit, and from where the clipped loop converges, as far as it is claimed."""
+    claims, problem = stored.claims.sampled, stored.problem
     names = zip(problem.agent().inputs, problem.limits, strict=True)
     sides = ", ".join(f"|{name}| < {limit:g}" for name, limit in names if math.isfinite(limit))
-    return f"{sides} for ever from a disagreement of at most {radius:g}, controllers at rest, no disturbance"
+    rest = "controllers at rest, no disturbance"
+    found = {
+        "limits": f"{sides} for ever from a disagreement of at most {claims.radius:g}, {rest}"
+        if claims.radius is not None
+        else None,
+        "limits_gain": f"{sides} for ever from agreement, under a disturbance of energy {claims.limits_gain:g}^2"
+        if claims.limits_gain is not None
+        else None,
+        "clipped": f"from a disagreement of at most {claims.clipped_radius:g} all come to agree with u clipped, {rest}"
+        if claims.clipped_radius is not None
+        else None,
+    }
+    return {key: said for key, said in found.items() if said is not None or key == "limits"}
 
 
 def _alone(stored: Stored) -> str | None:
@@ -177,12 +191,13 @@ def signed_lines(stored: Stored) -> dict[str, str]:
     """Return what is claimed of the sampled controllers, under which assumptions, and what remains."""
     sampled, table = stored.claims.sampled, stored.problem.controller
     applied = "one period after its sample" if table.delay else "at once"
+    unclipped = "is clipped only as `limits` says" if np.isfinite(stored.problem.sides).any() else "unclipped"
     residual, rms = (_two_digits(one) for one in (sampled.residual, sampled.residual_rms))
     return {
         "proved": f"all agents come to agree, between the samples too, under these {table.real} controllers stepped every"
         f" {table.period!r} s with u held, every rounding of a step counted",
         "assumes": f"the agents obey their model with slopes up to {_slopes(stored)}; all step at one instant; every message"
-        f" arrives; u acts {applied} and unclipped; no step overflows",
+        f" arrives; u acts {applied} and {unclipped}; no step overflows",
         "remains": "at the sampling instants, in the end, a distance of the states from agreement of up to"
         f" {residual} times the largest error of a message or of an own reading (root mean square: {rms} times);"
         f" rounding a message to {table.real} errs by {PRECISIONS[table.real].u:.1e} of its size",

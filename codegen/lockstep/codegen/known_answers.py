@@ -22,6 +22,11 @@ _CANDIDATES = 256
 _BIG = 20
 """Powers of two that a product of the largest gains and an input may reach: far from overflow in either type."""
 
+_HALVINGS = 200
+"""More than any limit and gain need."""
+
+_NO_LIMITS = np.zeros((0, 2))
+
 Pair = tuple[np.ndarray, np.ndarray]
 Dot = Callable[[Sequence[Pair]], np.ndarray]
 
@@ -54,7 +59,12 @@ class Variation:
 
 
 def known_answers(
-    shape: Shape, table: np.ndarray, weights: np.ndarray, skip: bool, seed: str
+    shape: Shape,
+    table: np.ndarray,
+    weights: np.ndarray,
+    skip: bool,
+    seed: str,
+    limits: np.ndarray = _NO_LIMITS,
 ) -> KnownAnswers:
     """Choose inputs for the self-check of one agent, and compute its answers.
 
@@ -63,10 +73,16 @@ def known_answers(
         table: [A B; C D] in the target type;  weights: a_j.
         skip: whether terms with a zero coefficient are left out.
         seed: text that the candidates are drawn from.
+        limits: (m, 2), where u is clipped, if it is: no answer is, so that all its bits are compared.
     """
     given = _candidates(shape, table, weights, seed)
     with np.errstate(all="ignore"):
         exact = _run(_AS_WRITTEN, shape, table, weights, skip, given, None)
+        for _ in range(_HALVINGS):
+            if _within(exact, shape, limits):
+                break
+            given[1:] /= 2
+            exact = _run(_AS_WRITTEN, shape, table, weights, skip, given, None)
         fits = np.isfinite(exact).all(axis=(0, 1)) & np.isfinite(exact[0] * exact.dtype.type(SCALE)).all(
             axis=0
         )
@@ -80,6 +96,12 @@ def known_answers(
     answers = exact[:, :, best]
     answers[0] *= answers.dtype.type(SCALE)
     return KnownAnswers(given[:, :, best], answers, names)
+
+
+def _within(answers: np.ndarray, shape: Shape, limits: np.ndarray) -> bool:
+    """Tell whether no u of any candidate is clipped."""
+    u = np.abs(answers[:, shape.order :]).max(axis=(0, 2))
+    return not len(limits) or bool((u <= np.abs(limits).min(axis=1)).all())
 
 
 def _candidates(shape: Shape, table: np.ndarray, weights: np.ndarray, seed: str) -> np.ndarray:

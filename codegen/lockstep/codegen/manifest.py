@@ -15,7 +15,15 @@ from typing import Any, Literal, Self
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 
 from lockstep.check.c_source.reader import MAX_NEIGHBOURS
 from lockstep.check.errors import ProblemError
@@ -119,6 +127,29 @@ class AgentEntry(_Record):
     stack_budget_bytes: dict[str, int]
     flash_budget_bytes: dict[str, int]
     plant: PlantEntry | None = None
+    limits: Rows | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_limits(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave `limits` out where u is not clipped."""
+        plain: dict[str, Any] = serialize(self)
+        return {key: value for key, value in plain.items() if key != "limits" or value is not None}
+
+    def sides(self, real: RealType) -> Float[np.ndarray, "m 2"] | None:
+        """Where u is clipped, in the target type; None where it is not.
+
+        Raises:
+            ProblemError: not one pair for each input, or no numbers of the type.
+        """
+        if self.limits is None:
+            return None
+        sides, where = np.array(self.limits, dtype=np.float64), f"{FILE_NAME}, agent `{self.name}`, limits"
+        rounded = real.round(sides, where)
+        if sides.shape != (len(self.inputs), 2) or (rounded != sides).any():
+            raise ProblemError(
+                f"{sides.tolist()}", where=where, expected=f"{len(self.inputs)} pairs of {real.name}"
+            )
+        return rounded
 
     def table(self, real: RealType) -> Float[np.ndarray, "nc+m nc+q"]:
         """[A B; C D] in the target type."""
@@ -259,6 +290,7 @@ def load_manifest(directory: Path | str) -> Manifest:
     for agent in manifest.agents:
         check_identifier(agent.name, str(path))
         agent.table(manifest.real_type)
+        agent.sides(manifest.real_type)
     return manifest
 
 

@@ -17,8 +17,10 @@ from lockstep.check.errors import BoundNotProved, ProblemError
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate
 from lockstep.check.sampled.certify import decide_sampled
+from lockstep.check.sampled.clipping import ClippedWitness, proves_clipped_radius
+from lockstep.check.sampled.discretise import sampled_controllers as held_controllers
 from lockstep.check.sampled.inequality import Witness
-from lockstep.check.sampled.limits import proves_radius
+from lockstep.check.sampled.limits import proves_gain, proves_radius
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.sampled.sector import Sector, common_sector
@@ -36,7 +38,8 @@ from lockstep.lmi.sampled import (
     max_period,
     sampled_rho,
 )
-from lockstep.lmi.sampled.limits import largest_radius
+from lockstep.lmi.sampled.clipped import largest_clipped_radius
+from lockstep.lmi.sampled.limits import largest_gain, largest_radius
 from lockstep.lmi.sampled.search import common_pair_weights
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
@@ -53,7 +56,8 @@ class HeldVerdict:
     """What is proved of sampled, rounded controllers.
 
     verdict: at their period;  longest: at the largest period certified for the design's gains, sampled anew;  rho: the
-    disturbance gain of the sampled loop, if proved;  radius: of disagreements from which no input meets its limit;
+    disturbance gain of the sampled loop, if proved;  radius: of disagreements from which no input meets its limit;  gain: the
+    root of the energy of a disturbance under which none does;  clipped: of disagreements from which the clipped loop converges;
     messages: what is proved of messages that are lost or late.
     """
 
@@ -62,6 +66,8 @@ class HeldVerdict:
     rho: SampledRho | ModalRho | None = None
     radius: tuple[float, Witness] | None = None
     messages: ProvedMessages = field(default_factory=ProvedMessages)
+    gain: tuple[float, Witness] | None = None
+    clipped: tuple[float, ClippedWitness] | None = None
 
     def claims(self) -> SampledClaims:
         """Return what may be claimed."""
@@ -79,7 +85,7 @@ class HeldVerdict:
             sampled.underflow,
             sampled.deltas,
             longest,
-            None if self.radius is None else self.radius[0],
+            *(None if one is None else one[0] for one in (self.radius, self.gain, self.clipped)),
         )
 
     def remarks(self) -> dict[str, Any]:
@@ -120,25 +126,38 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     reach = _longest_stated(stored, network) or longest_period(stored, network, guess)
     if verdict.certified and (reach is None or reach.period < verdict.period):
         reach = verdict
-    radius = _radius(stored, network, controllers) if verdict.certified else None
-    messages = ProvedMessages()
+    found = HeldVerdict(verdict, reach, rho)
     if verdict.witness is not None:
-        messages = prove_messages(stored, network, controllers, verdict.witness, rho)
-    return HeldVerdict(verdict, reach, rho, radius, messages)
+        found = replace(found, messages=prove_messages(stored, network, controllers, verdict.witness, rho))
+    return _with_limits(found, stored, network, controllers, rho)
+
+
+def _with_limits(
+    found: HeldVerdict,
+    stored: Stored,
+    network: SampledNetwork,
+    controllers: tuple[HeldController, ...],
+    rho: SampledRho | None,
+) -> HeldVerdict:
+    """Return what is proved with what is proved of the inputs' limits, where there are any."""
+    if not found.verdict.certified or not np.isfinite(stored.problem.limits).any():
+        return found
+    radius = _radius(stored, network, controllers)
+    gain = None if rho is None else _gain(stored, network, controllers, rho)
+    return replace(found, radius=radius, gain=gain, clipped=_clipped(stored, network, controllers, radius))
 
 
 MOST_STATES = 100
-"""Of a sampled loop that is assembled for its radius, which is not proved mode by mode."""
+"""Of a sampled loop that is assembled for what is proved of limits, which is not proved mode by mode."""
 
 
 def _mode_by_mode(stored: Stored) -> HeldVerdict:
-    found = prove_modes_of(stored, _sector(stored))
-    radius, sizes = None, stored.problem.sizes
-    states = sizes.N * (sizes.n + sizes.n_C)
-    if found.verdict.certified and stored.problem.spectrum is None and states <= MOST_STATES:
-        period = stored.problem.controller.period
-        radius = _radius(stored, sampled_network(stored), sampled_controllers(stored, period))
-    return HeldVerdict(found.verdict, found.longest, found.rho, radius)
+    modes, sizes = prove_modes_of(stored, _sector(stored)), stored.problem.sizes
+    found = HeldVerdict(modes.verdict, modes.longest, modes.rho)
+    if stored.problem.spectrum is not None or sizes.N * (sizes.n + sizes.n_C) > MOST_STATES:
+        return found
+    controllers = sampled_controllers(stored, stored.problem.controller.period)
+    return _with_limits(found, stored, sampled_network(stored), controllers, None)
 
 
 def _radius(
@@ -150,7 +169,43 @@ def _radius(
         loop = sampled_loop(network, controllers)
         if proves_radius(loop, controllers, witness, limits, stated):
             return stated, witness
-    return largest_radius(network, controllers, limits) if np.isfinite(limits).any() else None
+    return largest_radius(network, controllers, limits)
+
+
+def _gain(
+    stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...], rho: SampledRho
+) -> tuple[float, Witness] | None:
+    """Return the root of the energy that a design file states if its witness proves it, or a large one found and proved."""
+    limits, stated, witness = (
+        stored.problem.limits,
+        stored.claims.sampled.limits_gain,
+        stored.proofs.limits_gain,
+    )
+    weights = stored.problem.performance
+    if stated is not None and witness is not None:
+        loop = sampled_loop(network, controllers, weights.outputs)
+        if proves_gain(loop, controllers, witness, limits, weights, stated):
+            return stated, witness
+    return largest_gain(network, controllers, limits, weights, rho.witness.m / rho.rho**2)
+
+
+def _clipped(
+    stored: Stored,
+    network: SampledNetwork,
+    controllers: tuple[HeldController, ...],
+    radius: tuple[float, Witness] | None,
+) -> tuple[float, ClippedWitness] | None:
+    """Return the radius of the clipped loop that a file states if its witness proves it, or a large one found and proved."""
+    limits, stated, witness = (
+        stored.problem.limits,
+        stored.claims.sampled.clipped_radius,
+        stored.proofs.clipped,
+    )
+    if stated is not None and witness is not None:
+        loop = sampled_loop(network, controllers)
+        if proves_clipped_radius(loop, controllers, witness, limits, stated):
+            return stated, witness
+    return largest_clipped_radius(network, controllers, limits, radius)
 
 
 def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
@@ -169,6 +224,8 @@ def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
         radius=None if held.radius is None else held.radius[1],
         messages=held.messages.witness,
         messages_rho=held.messages.of_rho,
+        limits_gain=None if held.gain is None else held.gain[1],
+        clipped=None if held.clipped is None else held.clipped[1],
     )
     return replace(
         stored,

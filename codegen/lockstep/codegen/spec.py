@@ -33,6 +33,10 @@ _KEYWORDS = frozenset(
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
 
 
+LEAST = 1e-20
+"""The nearest to 0 that an input may be clipped: its known answers have all their bits below it."""
+
+
 def check_identifier(name: str, where: str) -> None:
     """Refuse a name that cannot prefix C identifiers and file names (C99 6.4.2; C++ keywords too).
 
@@ -111,6 +115,7 @@ class Controller:
     A, B, C, D  continuous gains: nc x nc, nc x q, m x nc, m x q (nc = 0: static output feedback, Remark 1)
     neighbours  the sources j with a_ij > 0, in the order of the mask bits; none: the relative output is 0
     outputs, inputs  the plant's measured outputs y (q) and inputs u (m): names and units for the header
+    limits      the lowest and the highest value of each u (m x 2), infinite where there is none; empty: u is not clipped
     """
 
     name: str
@@ -121,6 +126,7 @@ class Controller:
     neighbours: tuple[Neighbour, ...] = ()
     outputs: tuple[Signal, ...] = ()
     inputs: tuple[Signal, ...] = ()
+    limits: Float[np.ndarray, "m 2"] = field(default_factory=lambda: np.zeros((0, 2)))
 
     def __post_init__(self) -> None:
         where = f"controller `{self.name}`"
@@ -137,6 +143,11 @@ class Controller:
         self._check_neighbours(where)
         object.__setattr__(self, "outputs", _signals(self.outputs, q, "y", f"{where}, outputs"))
         object.__setattr__(self, "inputs", _signals(self.inputs, m, "u", f"{where}, inputs"))
+        limits = np.array(self.limits, dtype=np.float64).reshape(-1, 2)
+        if len(limits) not in (0, m) or not ((limits[:, 0] <= -LEAST) & (limits[:, 1] >= LEAST)).all():
+            expected = f"{m} ranges around 0, at least from -{LEAST:g} to {LEAST:g}"
+            raise ProblemError(f"{limits.tolist()}", where=f"{where}, limits", expected=expected)
+        object.__setattr__(self, "limits", limits if np.isfinite(limits).any() else np.zeros((0, 2)))
 
     def _check_neighbours(self, where: str) -> None:
         object.__setattr__(self, "neighbours", tuple(self.neighbours))

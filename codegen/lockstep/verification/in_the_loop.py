@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.sampled.discretise import clipped_at
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.lmi.document import Stored
 from lockstep.model.simulation.sampled import SampledControllers
@@ -56,8 +57,12 @@ def design_controllers(stored: Stored) -> SampledControllers:
     table = stored.problem.controller
     held = sampled_controllers(stored, table.period)
     dtype = np.dtype(table.real)
+    sides = stored.problem.sides
+    limits = clipped_at(table.real, sides).astype(dtype) if np.isfinite(sides).any() else None
     steppers = [
-        ReferenceStepper(Reference(one.table.astype(dtype), one.weights.astype(dtype), one.order, True))
+        ReferenceStepper(
+            Reference(one.table.astype(dtype), one.weights.astype(dtype), one.order, True, limits)
+        )
         for one in held
     ]
     return SampledControllers(

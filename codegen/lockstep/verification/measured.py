@@ -129,6 +129,10 @@ def _uncovered(
         return "the certificate is for messages that all arrive at once, as they were sent"
     if trajectory.faults:
         return f"{trajectory.faults} steps reported a fault"
+    if trajectory.clipped:
+        return f"{trajectory.clipped} steps clipped an input at its limit, and rho is proved without clipping"
+    if promised.kind == "continuous" and _beyond(trajectory, stored):
+        return "an input is beyond its limit, where the actuator would clip it"
     if scenario.perturbation is not None:
         t = trajectory.t
         found = norms(scenario.perturbation.at(t, t), stored.gains.order)
@@ -136,6 +140,11 @@ def _uncovered(
             if size > stored.claims.fragility[letter] * (1 + 1e-9):
                 return f"|Delta {letter}| reaches {size:.4g}, and the certificate is for {stored.claims.fragility[letter]:g}"
     return ""
+
+
+def _beyond(trajectory: Trajectory, stored: Stored) -> bool:
+    low, high = stored.problem.sides.T
+    return bool(((trajectory.u < low) | (trajectory.u > high)).any())
 
 
 def _inside(trajectory: Trajectory, network: Network) -> bool:

@@ -13,7 +13,7 @@ from jaxtyping import Float, Float32, Float64
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.manifest import AgentEntry, Manifest
 
-OK, NOT_FINITE, OVERFLOW, NOT_READY = 0, 1, 2, 3
+OK, NOT_FINITE, OVERFLOW, NOT_READY, CLIPPED = 0, 1, 2, 3, 8
 _SATURATED = 2**32 - 1
 
 Reals = Float32[np.ndarray, "..."] | Float64[np.ndarray, "..."]
@@ -33,7 +33,7 @@ class State:
 
 @dataclass(eq=False)
 class Reference:
-    """One agent: its table M = [A B; C D] and weights in the target type, and its state.
+    """One agent: its table M = [A B; C D], weights and, where u is clipped, limits in the target type, and its state.
 
     `step` and `step_relative` return (status, u), as the C functions do.
     """
@@ -42,6 +42,7 @@ class Reference:
     weights: Float[np.ndarray, " nn"]
     order: int
     skip_zeros: bool
+    limits: Float[np.ndarray, "m 2"] | None = None
     state: State = field(init=False)
 
     def __post_init__(self) -> None:
@@ -55,7 +56,7 @@ class Reference:
         """The reference of one agent of a generated folder."""
         real = manifest.real_type
         skip = manifest.arithmetic.zero_terms == "skipped"
-        return cls(agent.table(real), agent.weights(real), agent.order, skip)
+        return cls(agent.table(real), agent.weights(real), agent.order, skip, agent.sides(real))
 
     @property
     def outputs(self) -> int:
@@ -87,7 +88,15 @@ class Reference:
 
     def step_relative(self, r: Float[np.ndarray, " q"]) -> tuple[int, Float[np.ndarray, " m"]]:
         """One step with the relative output r (already of the target type)."""
-        return self._advance(r, bool(np.isfinite(r).all())), self.state.u.copy()
+        status = self._clip(self._advance(r, bool(np.isfinite(r).all())))
+        return status, self.state.u.copy()
+
+    def applied(self, u: Float[np.ndarray, " m"]) -> tuple[int, Float[np.ndarray, " m"]]:
+        """Take what acted in place of u; for agents with limits."""
+        if not np.isfinite(u).all():
+            return NOT_FINITE, self.state.u.copy()
+        self.state.u = u.copy()
+        return self._clip(OK), self.state.u.copy()
 
     def step(
         self, y: Float[np.ndarray, " q"], neighbour_y: Float[np.ndarray, "nn q"], received: int
@@ -97,7 +106,17 @@ class Reference:
         finite = bool(np.isfinite(y).all() and np.isfinite(neighbour_y[arrived]).all())
         status = self._advance(self._relative(y, neighbour_y, arrived), finite)
         self._remember(neighbour_y, arrived, status)
-        return status, self.state.u.copy()
+        return self._clip(status), self.state.u.copy()
+
+    def _clip(self, status: int) -> int:
+        """After a good step: u within its limits."""
+        if self.limits is None or status != OK:
+            return status
+        lower, upper = self.limits.T
+        u = np.where(self.state.u < lower, lower, np.where(self.state.u > upper, upper, self.state.u))
+        clipped = bool((u != self.state.u).any())
+        self.state.u = u
+        return CLIPPED if clipped else OK
 
     def _relative(self, y: np.ndarray, neighbour_y: np.ndarray, arrived: list[bool]) -> np.ndarray:
         """r = 0 + a_1 (y - y_1) + a_2 (y - y_2) + ...; a neighbour never heard counts as y."""

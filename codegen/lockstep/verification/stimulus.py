@@ -11,7 +11,7 @@ import scipy.linalg
 from jaxtyping import Float, Int, UInt
 
 from lockstep.check.errors import ProblemError
-from lockstep.codegen.calls import RESET, STEP, STEP_ALIASED, STEP_RELATIVE, STEP_UNREADY, Calls
+from lockstep.codegen.calls import APPLIED, RESET, STEP, STEP_ALIASED, STEP_RELATIVE, STEP_UNREADY, Calls
 from lockstep.codegen.manifest import AgentEntry, Manifest, PlantEntry
 from lockstep.verification.reference import Reference, closed_loop
 
@@ -59,6 +59,8 @@ def _call(reference: Reference, calls: Calls, k: int) -> tuple[int, np.ndarray]:
         return 0, reference.state.u
     if operation == STEP_UNREADY:
         return reference.step_unready()
+    if operation == APPLIED:
+        return reference.applied(np.resize(calls.r[k], len(reference.M) - reference.order))
     if operation == STEP_RELATIVE:
         return reference.step_relative(calls.r[k])
     return reference.step(calls.y[k], calls.neighbour_y[k], int(calls.received[k]))
@@ -179,6 +181,29 @@ def fault_calls(manifest: Manifest, agent: AgentEntry) -> Calls:
         wave[:, q : q + nn * q].reshape(S, nn, q).copy(),
         wave[:, q + nn * q :].copy(),
     )
+
+
+def limit_calls(manifest: Manifest, agent: AgentEntry) -> Calls:
+    """What meets every limit from both sides, each call by itself; no calls where u is not clipped.
+
+    Relative outputs along the rows of D that ask for less and for more than it; applied values beyond it, at it, next to
+    it, and not finite.
+    """
+    real, q, nn = manifest.real_type, len(agent.outputs), len(agent.neighbours)
+    sides, D = agent.sides(real), agent.table(real)[agent.order :, agent.order :]
+    rows: list[np.ndarray] = []
+    kinds: list[int] = []
+    with np.errstate(all="ignore"):
+        for ends, row in zip(np.zeros((0, 2)) if sides is None else sides, D, strict=False):
+            along = row.astype(np.float64) / max(float(row @ row), float(np.finfo(real.dtype).tiny))
+            asked = [along * float(end) * part for part in (0.5, 0.999, 1.0, 1.001, 3.0) for end in ends]
+            near = [np.nextafter(end, end.dtype.type(to)) for end in ends for to in (-np.inf, np.inf)]
+            given = [np.full(q, value) for value in (*ends, *near, -np.inf, np.inf, np.nan, 0.0)]
+            rows += [*asked, *given]
+            kinds += [STEP_RELATIVE] * len(asked) + [APPLIED] * len(given)
+        r = np.array(rows, dtype=np.float64).reshape(len(rows), q).astype(real.dtype)
+    y, others = np.zeros_like(r), np.zeros((len(r), nn, q), real.dtype)
+    return Calls(np.array(kinds, np.uint32), np.zeros(len(r), np.uint64), y, others, r)
 
 
 def adversarial_calls(manifest: Manifest, agent: AgentEntry, steps: int) -> Calls:

@@ -31,6 +31,7 @@ from lockstep.verification.stimulus import (
     closed_loop_calls,
     fault_calls,
     given_outputs,
+    limit_calls,
     recorded_outputs,
     run_reference,
 )
@@ -224,7 +225,10 @@ def _calls(
     )
     loop = closed_loop_calls(manifest, recorded)
     return {
-        a.name: loop[a.name] + fault_calls(manifest, a) + adversarial_calls(manifest, a, adversarial_steps)
+        a.name: loop[a.name]
+        + fault_calls(manifest, a)
+        + limit_calls(manifest, a)
+        + adversarial_calls(manifest, a, adversarial_steps)
         for a in manifest.agents
     }
 

@@ -83,6 +83,7 @@ class Simulation:
             "disagreement_max": float(d.max()),
             **self.of_each(),
             "faults": trajectory.faults,
+            "clipped": trajectory.clipped,
             "l2": l2,
             **error,
         }

@@ -7,7 +7,7 @@ from typing import Any
 
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
 from lockstep.check.design_file import content as design_file
-from lockstep.check.design_file.claims import Claims, Scales
+from lockstep.check.design_file.claims import Claims, SampledClaims, Scales
 from lockstep.check.design_file.content import DesignFile
 from lockstep.check.design_file.json_text import load_json
 from lockstep.check.design_file.messages import messages_document
@@ -117,7 +117,7 @@ def answer(stored: Stored) -> dict[str, Any]:
         **{key: value for key, value in claims.document().items() if value is not None or key in ALWAYS},
         "floor_proof": "none" if claims.floor is None else "exact",
         **({"initial_set": initial} if claims.scope == "local" else {}),
-        **({} if claims.sampled.radius is None else {"limits": {"radius": claims.sampled.radius}}),
+        **({"limits": limits} if (limits := _limits(claims.sampled)) else {}),
         **graph_answer(stored),
         "gains": gains_document(stored.gains),
         "sampled": sampled_answer(stored),
@@ -133,6 +133,11 @@ def graph_answer(stored: Stored) -> dict[str, Any]:
         return {"graph_proof": "exact"} if isinstance(stored.proofs.certificate, ModalCertificate) else {}
     said = {"spectrum": [spectrum.lower, spectrum.upper], "max_degree": spectrum.neighbours}
     return said | ({"graph_proof": known["graph_proof"]} if "graph_proof" in known else {})
+
+
+def _limits(claims: SampledClaims) -> dict[str, float]:
+    found = {"radius": claims.radius, "gain": claims.limits_gain, "clipped_radius": claims.clipped_radius}
+    return {key: one for key, one in found.items() if one is not None}
 
 
 def sampled_answer(stored: Stored) -> dict[str, Any]:

@@ -40,6 +40,8 @@ def proofs_document(proofs: Proofs) -> dict[str, Any]:
         key: None if (one := getattr(proofs, key)) is None else one.document()
         for key in ("sampled", "sampled_rho", "max_period", "radius")
     }
+    names = ("limits_gain", "clipped", "messages", "messages_rho")
+    later = {key: one.document() for key in names if (one := getattr(proofs, key)) is not None}
     return {
         "certificate": None if proofs.certificate is None else certificate_document(proofs.certificate),
         "decay": None
@@ -48,11 +50,7 @@ def proofs_document(proofs: Proofs) -> dict[str, Any]:
         "floor": None if proofs.floor is None else pieces_document(proofs.floor),
         **sampled,
         "bound": None if proofs.bound is None else _bound_document(proofs.bound),
-        **{
-            key: one.document()
-            for key in ("messages", "messages_rho")
-            if (one := getattr(proofs, key)) is not None
-        },
+        **later,
     }
 
 

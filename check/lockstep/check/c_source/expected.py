@@ -2,8 +2,8 @@
 
 `expected` leaves out the lines marked for other kinds of agents: `[state]` is for those of an order above 0, `[hears]`
 and `[alone]` for those with neighbours and without, `[speed]` for unrolled statements, `[size]` for a loop over a table,
-`[unit]` and `[weighted]` for weights that are all 1 or not. The words in capitals, `agent` and `real` are put in by
-`reader`; some are parts of argument lists that only such agents have.
+`[unit]` and `[weighted]` for weights that are all 1 or not, `[limited]` for inputs that are clipped. The words in capitals,
+`agent` and `real` are put in by `reader`; some are parts of argument lists that only such agents have.
 """
 
 import re
@@ -44,7 +44,9 @@ HEADER = """
 #define AGENT_DESIGN_WORD IDENTITY
 #define AGENT_ALL_RECEIVED RECEIVED
 typedef MASK agent_mask_t; typedef enum { AGENT_OK = 0, AGENT_NOT_FINITE = 1, AGENT_OVERFLOW = 2,
-    AGENT_NOT_READY = 3, AGENT_UNFIT = 4 } agent_status_t; typedef struct {
+    AGENT_NOT_READY = 3, AGENT_UNFIT = 4
+[limited]  , AGENT_CLIPPED = 8
+           } agent_status_t; typedef struct {
 [state]    real x[ORDER];
            real u[INPUTS];
 [hears]    real held[NEIGHBOURS][OUTPUTS]; agent_mask_t heard; uint32_t age[NEIGHBOURS]; uint32_t misses[NEIGHBOURS];
@@ -53,6 +55,7 @@ agent_status_t agent_self_check(void); agent_status_t agent_init(agent_state_t *
 void agent_reset(agent_state_t *state);
 agent_status_t agent_step(agent_state_t *state, const real y[OUTPUTS], HEARD, agent_mask_t received, real u[INPUTS]);
 agent_status_t agent_step_relative(agent_state_t *state, const real r[OUTPUTS], real u[INPUTS]);
+[limited] agent_status_t agent_applied(agent_state_t *state, const real u[INPUTS]);
 #ifdef __cplusplus
 }
 #endif
@@ -121,6 +124,17 @@ static real agent_check(const real *values, uint32_t count) { real check = ZERO;
     for (k = 0u; k < count; k++) { check = check + (values[k] - values[k]); } return check; }
 static void agent_output(const agent_state_t *state, real u[INPUTS]) {
     uint32_t k; for (k = 0u; k < INPUTSu; k++) { u[k] = state->u[k]; } }
+[limited] static agent_status_t agent_clip(agent_state_t *state, agent_status_t status) {
+"""
+
+SIDE = "static const real {}[INPUTS] ="
+
+SOURCE_MIDDLE = """
+[limited]     agent_status_t found = status; uint32_t k;
+[limited]     for (k = 0u; (status == AGENT_OK) && (k < INPUTSu); k++) {
+[limited]         if (state->u[k] < lower[k]) { state->u[k] = lower[k]; found = AGENT_CLIPPED; }
+[limited]         else if (state->u[k] > upper[k]) { state->u[k] = upper[k]; found = AGENT_CLIPPED; } else { } }
+[limited]     return found; }
 void agent_reset(agent_state_t *state) { uint32_t k;
 [hears] uint32_t j;
 [state] for (k = 0u; k < ORDERu; k++) { state->x[k] = ZERO; }
@@ -134,6 +148,7 @@ LOCKSTEP_ONE_COPY agent_status_t agent_step_relative(agent_state_t *state, const
 [speed] status = agent_advance(state, r);
 [speed] if ((status != AGENT_OK) && (agent_check(r, OUTPUTSu) != ZERO)) { status = AGENT_NOT_FINITE; }
 [size]  status = agent_advance(state, r, agent_check(r, OUTPUTSu));
+[limited] status = agent_clip(state, status);
     } else { agent_reset(state); } agent_output(state, u); return status; }
 [hears][speed] static void
 [hears][size]  static real
@@ -183,7 +198,14 @@ LOCKSTEP_ONE_COPY agent_status_t agent_step(
 [alone]        (void)neighbour_y; (void)received; if (state->ready == AGENT_DESIGN_WORD) {
 [alone][speed] status = AGENT_NOT_FINITE; if (agent_check(y, OUTPUTSu) == ZERO) { status = agent_advance(state, r); }
 [alone][size]  status = agent_advance(state, r, agent_check(y, OUTPUTSu));
-    } else { agent_reset(state); } agent_output(state, u); return status; } agent_status_t agent_self_check(void) {
+[limited]      status = agent_clip(state, status);
+    } else { agent_reset(state); } agent_output(state, u); return status; }
+[limited] agent_status_t agent_applied(agent_state_t *state, const real u[INPUTS]) {
+[limited]     agent_status_t status = AGENT_NOT_READY; uint32_t k; if (state->ready == AGENT_DESIGN_WORD) {
+[limited]     status = AGENT_NOT_FINITE; if (agent_check(u, INPUTSu) == ZERO) {
+[limited]     for (k = 0u; k < INPUTSu; k++) { state->u[k] = u[k]; } status = agent_clip(state, AGENT_OK); } }
+[limited]     return status; }
+agent_status_t agent_self_check(void) {
 """
 
 KNOWN = "static const real {}[{}] ="

@@ -42,7 +42,7 @@ _LOOPS_FROM = 9
 
 @dataclass(frozen=True, eq=False)
 class ReadController:
-    """One agent as its C has it: its controller, the period in s that its header states, and its arithmetic.
+    """One agent as its C has it: its controller, the period in s of its header, its arithmetic, and where u is clipped.
 
     The numbers of its self-check are read and not judged: they can only keep from running what is proved.
     """
@@ -52,6 +52,7 @@ class ReadController:
     period: float
     period_literal: str
     real: Real
+    limits: Annotated[np.ndarray, "m 2"] | None = None
 
 
 def read_controller(name: str, header: str, source: str, names: Sequence[str]) -> ReadController:
@@ -80,6 +81,7 @@ def read_controller(name: str, header: str, source: str, names: Sequence[str]) -
     words["IDENTITY"] = f"0x{int(_macro(top, words, 'DESIGN_ID')[1:9], 16) | 1:08x}u"
     real: Real = "float32" if period.endswith("f") else "float64"
     agent = _Agent(code, shape, real, words)
+    agent.kinds |= {"limited"} if f"{words['AGENT']}_CLIPPED" in top.tokens else set()
     top.expect(agent.expected(c.HEADER))
     top.end()
     table, roundings, weights = agent.read()
@@ -89,7 +91,7 @@ def read_controller(name: str, header: str, source: str, names: Sequence[str]) -
     controller = HeldController.row_by_row(table, shape.order, sources, weights, PRECISIONS[real])
     if roundings is not None:
         controller = replace(controller, roundings=roundings)
-    return ReadController(name, controller, float(period.rstrip("f")), period, real)
+    return ReadController(name, controller, float(period.rstrip("f")), period, real, agent.limits)
 
 
 class _Agent:
@@ -113,6 +115,7 @@ class _Agent:
         kept = c.KEPT if shape.terms >= _LOOPS_FROM else ""
         self.words |= {"KEPT": kept, "LOOP": c.KEPT, "ANSWERS": str(ANSWERS)}
         self.kinds = {"hears" if nn else "alone"} | ({"state"} if n else set())
+        self.limits: Annotated[np.ndarray, "m 2"] | None = None
 
     def expected(self, code: str) -> str:
         return c.expected(code, self.kinds, self.words)
@@ -128,6 +131,9 @@ class _Agent:
             self.kinds.add("speed")
             table, roundings = self.unrolled()
         file.expect(self.expected(c.SOURCE))
+        if "limited" in self.kinds:
+            self.limits = np.array([self.side(name) for name in ("lower", "upper")]).T
+        file.expect(self.expected(c.SOURCE_MIDDLE))
         weights = np.ones(self.shape.neighbours)
         if self.shape.neighbours and file.sees(self.expected(c.WEIGHTS)):
             file.expect(self.expected(c.WEIGHTS))
@@ -147,6 +153,12 @@ class _Agent:
         file.expect(self.expected(c.SELF_CHECK_END))
         file.end()
         return table, roundings, weights
+
+    def side(self, name: str) -> list[float]:
+        self.file.expect(self.expected(c.SIDE.format(name)))
+        values = self.file.row(self.shape.inputs, self.real)
+        self.file.expect(";")
+        return values
 
     def table(self) -> Annotated[np.ndarray, "k l"]:
         n, q, m, _ = self.shape

@@ -131,6 +131,7 @@ def nearest(text: str, real: Real) -> float:
     if not np.isfinite(first):
         return float(first)
     # Rounding to double first may land on the wrong side of a tie: the neighbours are compared exactly.
-    near = [np.nextafter(first, np.float32(-np.inf)), first, np.nextafter(first, np.float32(np.inf))]
+    with np.errstate(over="ignore"):
+        near = [np.nextafter(first, np.float32(-np.inf)), first, np.nextafter(first, np.float32(np.inf))]
     near = [value for value in near if np.isfinite(value)]
     return float(min(near, key=lambda v: (abs(Fraction(float(v)) - exact), int(v.view(np.uint32)) & 1)))

@@ -32,6 +32,9 @@ SURE = 1 - 5e-10
 """What is proved of residuals is rounded up by 1e-9 of itself, of which its few operations need 1e-14: a file from another
 machine may be below it by half of that."""
 
+LATER = ("limits_gain", "clipped_radius")
+"""Claims of the sampled controllers that files from before do not have."""
+
 Scope = Literal["global", "local"]
 Scales = tuple[tuple[float, ...], tuple[float, ...]]
 
@@ -44,7 +47,9 @@ class SampledClaims:
     sample (smaller is better);  rho: the disturbance gain (smaller is better);  residual, residual_rms, underflow: what
     remains of the disagreement (smaller is better);  rounding: per agent and letter, the gain error that stands for every
     rounding of a step (smaller is better);  max_period: the same gains, sampled anew, agree at it too (larger is better);
-    radius: from disagreements up to it, controllers at rest, no input meets its limit (larger is better).
+    radius: from disagreements up to it, controllers at rest, no input meets its limit (larger is better);  limits_gain: none
+    does under a disturbance from agreement, of energy limits_gain^2 (larger is better);  clipped_radius: from disagreements
+    up to it the loop converges with its inputs clipped (larger is better).
     """
 
     certified: bool = False
@@ -58,9 +63,20 @@ class SampledClaims:
     rounding: tuple[Mapping[str, float], ...] = ()
     max_period: float | None = None
     radius: float | None = None
+    limits_gain: float | None = None
+    clipped_radius: float | None = None
 
     def __post_init__(self) -> None:
-        numbers = (self.period, self.delay, self.decay, self.rho, self.radius, *self._residuals().values())
+        numbers = [
+            self.period,
+            self.delay,
+            self.decay,
+            self.rho,
+            self.radius,
+            self.limits_gain,
+            self.clipped_radius,
+        ]
+        numbers += self._residuals().values()
         if not self.certified and (self.rounding or any(one is not None for one in numbers)):
             raise ProblemError(
                 "numbers are claimed of controllers that are not claimed to be certified",
@@ -81,7 +97,8 @@ class SampledClaims:
         }
 
     def document(self) -> dict[str, Any]:
-        """Return the claims as plain JSON types."""
+        """Return the claims as plain JSON types; those that came later only where they are made."""
+        later = {key: getattr(self, key) for key in LATER if getattr(self, key) is not None}
         return {
             "certified": self.certified,
             "proof": self.proof,
@@ -93,6 +110,7 @@ class SampledClaims:
             "radius": self.radius,
             **self._residuals(),
             "rounding": [dict(one) for one in self.rounding],
+            **later,
         }
 
     def better_than(self, proved: "SampledClaims") -> Iterator[str]:
@@ -269,7 +287,7 @@ def _box(value: Any, where: str) -> Box:
 
 def _sampled(value: Any, where: str) -> SampledClaims:
     certified = item(value, "certified", where)
-    only(value, SampledClaims().document(), where)
+    only(value, (*SampledClaims().document(), *LATER), where)
     if not isinstance(certified, bool):
         raise ProblemError(
             f"`certified` is a {type(certified).__name__}", where=where, expected="true or false"
@@ -287,7 +305,8 @@ def _sampled(value: Any, where: str) -> SampledClaims:
         )
     }
     lengths = {
-        key: optional(value, key, above_zero, where) for key in ("period", "rho", "max_period", "radius")
+        key: optional(value, key, above_zero, where)
+        for key in ("period", "rho", "max_period", "radius", *LATER)
     }
     return SampledClaims(certified, delay=delay, rounding=tuple(rounding), **numbers, **lengths)
 

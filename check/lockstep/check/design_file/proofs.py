@@ -29,6 +29,7 @@ from lockstep.check.errors import demand
 from lockstep.check.floor.witness import FloorWitness, Piece
 from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate, Segment
+from lockstep.check.sampled.clipping import ClippedWitness
 from lockstep.check.sampled.inequality import NUMBERS, Witness
 from lockstep.check.sampled.messages import MessageWitness
 from lockstep.check.sampled.modes import NUMBERS as MODAL_NUMBERS
@@ -50,10 +51,10 @@ class Proofs:
     """What proves the claims of a design file.
 
     certificate: of rho, with P, m, t;  decay: a certificate of the loop of e^(decay t) x_cl, with a rho of its own;  floor:
-    dual points;  sampled, sampled_rho, max_period, radius: of the sampled loop, at its period, of its rho, at the largest
-    period claimed, and of the radius;  bound: of alpha and the entries;  messages, messages_rho: of the sampled loop whose
-    messages are lost or late. A claim whose witness is None is proved anew, or is
-    not.
+    dual points;  sampled, sampled_rho, max_period, radius, limits_gain, clipped: of the sampled loop, at its period, of its
+    rho, at the largest period claimed, of the radius, of the energy that meets no limit, and of the clipped loop;  bound: of
+    alpha and the entries;  messages, messages_rho: of the sampled loop whose messages are lost or late. A claim whose witness
+    is None is proved anew, or is not.
     """
 
     certificate: Certificate | ModalCertificate | None = None
@@ -66,6 +67,8 @@ class Proofs:
     bound: BoundProof | None = None
     messages: MessageWitness | None = None
     messages_rho: MessageWitness | None = None
+    limits_gain: Witness | None = None
+    clipped: ClippedWitness | None = None
 
 
 def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
@@ -83,6 +86,8 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
         "radius": or_none(sampled_witness_of),
         "bound": or_none(_bound),
         **dict.fromkeys(("messages", "messages_rho"), or_none(message_witness_of)),
+        "limits_gain": or_none(sampled_witness_of),
+        "clipped": or_none(_clipped),
     }
     return Proofs(*record(content, "proofs", readers))
 
@@ -138,6 +143,13 @@ def sampled_witness_of(value: Any, where: str) -> Witness:
         value = {"kappa_mu": value.get("kappa"), **value}
     readers = {"P": matrix(), "m": vector(), "t": vector(), **dict.fromkeys(NUMBERS, number)}
     return Witness(*record(value, where, readers))
+
+
+def _clipped(value: Any, where: str) -> ClippedWitness:
+    demand(isinstance(value, dict), f"a {type(value).__name__}", where, "an object")
+    own = {key: value.get(key) for key in ("tau", "H")}
+    storage = sampled_witness_of({key: one for key, one in value.items() if key not in own}, where)
+    return ClippedWitness(storage, *record(own, where, {"tau": vector(), "H": matrix()}))
 
 
 def witness_of(rho: float, pieces: Any, where: str) -> FloorWitness:

@@ -109,6 +109,19 @@ def rounded_to(real: Real, M: Annotated[np.ndarray, "..."], where: str) -> Annot
     return rounded
 
 
+def clipped_at(real: Real, sides: Annotated[np.ndarray, "m 2"]) -> Annotated[np.ndarray, "m 2"]:
+    """Return where C clips: the numbers nearest to the limits that are not beyond them, the largest where there is none.
+
+    >>> clipped_at("float32", np.array([[-0.1, np.inf]])).tolist()
+    [[-0.09999999403953552, 3.4028234663852886e+38]]
+    """
+    target = np.dtype(real).type
+    with np.errstate(over="ignore", under="ignore"):
+        near = sides.astype(target)
+        beyond = np.isinf(near) | (np.abs(near.astype(np.float64)) > np.abs(sides))
+        return np.where(beyond, np.nextafter(near, target(0)), near).astype(np.float64)
+
+
 def sampled_controllers(
     gains: Gains, edges: Iterable[tuple[int, int, float]], period: float, method: Discretization, real: Real
 ) -> tuple[HeldController, ...]:

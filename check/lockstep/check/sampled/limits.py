@@ -13,6 +13,18 @@ of C and D of that agent. With controllers at rest V_0 = x_d' P_dd x_d, and so
     (c / r^2) (T T')^-1 (x) I - P_dd > 0,     c = min_l ((u_max,l - e_l) / g_l)^2 - e,
 
 proves that |(T'(T T')^-1 T (x) I) x(0)| <= r keeps every u_l within u_max,l for ever.
+
+With a disturbance, and noise n on the outputs where rho is a gain from it too, the inequality of `performance` with rho = 1,
+nothing weighed and decay < 1 gives from agreement, where V_0 = 0, for the energy
+
+    e^2 = int xi_d' (S (x) I) xi_d dt + T sum_k n_d(t_k)' (S (x) I) n_d(t_k)
+
+up to and with the sample at which u is computed
+
+    V + T n_d' (S (x) I) n_d <= e^2 + (kappa |nu|^2 + kappa_mu |mu|^2) / (1 - decay),
+
+and e^2 < c, formed with the columns of n_d besides those of xi, and P (+) T S (x) I in place of P, proves that none meets its
+limit.
 """
 
 import math
@@ -21,13 +33,15 @@ from typing import Annotated
 import numpy as np
 from flint import arb
 
-from lockstep.check.numbers import exactly
+from lockstep.check.inequality import Performance
+from lockstep.check.numbers import Matrix, exactly, eye, zeros
 from lockstep.check.sampled import balls
-from lockstep.check.sampled.certify import ROUNDED_UP, lifted_agent, proves
+from lockstep.check.sampled.certify import ROUNDED_UP, admitted_multiplier, lifted_agent, proves
 from lockstep.check.sampled.conjugate import no_conjugate_point
 from lockstep.check.sampled.controller import HeldController
-from lockstep.check.sampled.inequality import Witness, metric
+from lockstep.check.sampled.inequality import W_matrix, Witness, metric
 from lockstep.check.sampled.loop import SampledLoop
+from lockstep.check.sampled.performance import lift_all, running_cost, ways
 
 
 def proves_radius(
@@ -52,22 +66,77 @@ def proves_radius(
             return False
         if not (0 < radius < math.inf and proves(exact_loop, lifted_agent(exact_loop), witness)):
             return False
-        level = _level(exact_loop, controllers, witness, limits)
-        place = slice(0, exact_loop.n_d)
-        P = exactly(witness.P)[place, place]
-        return bool(level > 0) and balls.is_positive_definite(
-            level / arb(radius) ** 2 * metric(exact_loop) - P
-        )
+        rows = exact_loop.computed[:, _seen(exact_loop)]
+        return reaches(exact_loop, witness, level(exact_loop, controllers, witness, limits, rows), radius)
 
 
-def _level(
+def proves_gain(
+    exact_loop: SampledLoop,
+    controllers: tuple[HeldController, ...],
+    witness: Witness,
+    limits: Annotated[np.ndarray, " m"],
+    weights: Performance,
+    gain: float,
+) -> bool:
+    """Decide in balls whether no |u_l| exceeds limits[l] under a disturbance of energy gain^2, from agreement.
+
+    Args:
+        exact_loop: assembled from the controllers, with the noise of `weights`.
+        controllers: as in the code.
+        witness: of the sampled loop with the disturbance, rho being 1.
+        limits: (m,) of each agent's inputs; infinite where there is none.
+        weights: whose scales of disturbance and noise are meant; what they weigh does not count.
+        gain: the root of the energy, above 0.
+    """
+    network, quiet = (
+        exact_loop.network,
+        weights._replace(R=0 * weights.R, Q=0 * weights.Q, W=weights.W[:0, :0]),
+    )
+    if not (0 < gain < math.inf and 0 < witness.decay < 1):
+        return False
+    with balls.working_precision():
+        M = admitted_multiplier(exact_loop, witness)
+        if M is None:
+            return False
+        EE, FF = ways(exact_loop, quiet, M, 1.0)
+        if not no_conjugate_point(np.kron(eye(network.d.N - 1, M), network.plant.A), EE, FF, network.period):
+            return False
+        lifted, running = lift_all(exact_loop, EE, FF), running_cost(exact_loop, quiet, 1.0)
+        if not balls.is_positive_definite(W_matrix(exact_loop, lifted, witness, running)):
+            return False
+        rows = exact_loop.computed[:, _seen(exact_loop)]
+        return bool(level(exact_loop, controllers, witness, limits, rows) > arb(gain) ** 2)
+
+
+def _seen(loop: SampledLoop) -> list[int]:
+    """Return the columns of xi and of n_d."""
+    return [*range(loop.n_xi), *range(loop.outputs.start, loop.outputs.stop)]
+
+
+def reaches(loop: SampledLoop, witness: Witness, c: arb, radius: float) -> bool:
+    """Decide whether all disagreements up to a radius, controllers at rest, have V <= c."""
+    place = slice(0, loop.n_d)
+    P = exactly(witness.P)[place, place]
+    return bool(c > 0) and balls.is_positive_definite(c / arb(radius) ** 2 * metric(loop) - P)
+
+
+def level(
     loop: SampledLoop,
     controllers: tuple[HeldController, ...],
     witness: Witness,
     limits: Annotated[np.ndarray, " m"],
+    rows: Matrix,
 ) -> arb:
-    """Return c."""
-    inverse, m = balls.inverse(exactly(witness.P)), len(limits)
+    """Return c: from V <= c on, no |k_l xi + e_l| exceeds limits[l], e_l being the errors of u_l; (N m, n_xi) rows k_l.
+
+    Where the loop has noise n_d, k_l acts on it too, and V counts T n_d' (S (x) I) n_d besides.
+    """
+    columns, m = _seen(loop), len(limits)
+    form = zeros(len(columns), len(columns), loop.held)
+    form[: loop.n_xi, : loop.n_xi] = exactly(witness.P)
+    unit, d = eye((len(columns) - loop.n_xi) // (loop.network.d.N - 1), loop.held), loop.network.d
+    form[loop.n_xi :, loop.n_xi :] = exactly(np.array([loop.network.period]))[0] * np.kron(d.S, unit)
+    inverse = balls.inverse(form)
     lost = [(arb(ROUNDED_UP * one.message_noise(0.0)), arb(one.underflow)) for one in controllers]
     added = sum((arb(witness.kappa) * nu * nu + arb(witness.kappa_mu) * mu * mu for nu, mu in lost), arb(0))
     least = arb("inf")
@@ -75,10 +144,10 @@ def _level(
         errors, delta_D = arb(0), arb(controllers[i].deltas["D"])
         for way in loop.ways:
             if way.agent == i and way.letter in "CD":
-                Y = way.Y[:, : loop.n_xi]
+                Y = way.Y[:, columns]
                 errors += arb(way.delta) * np.trace(balls.product(Y, inverse, Y.T)).sqrt()
         for l in np.flatnonzero(np.isfinite(limits)):
-            row = loop.computed[i * m + l : i * m + l + 1, : loop.n_xi]
+            row = rows[i * m + l : i * m + l + 1]
             reach = balls.product(row, inverse, row.T)[0, 0].sqrt() + errors
             seen = loop.computed[i * m + l : i * m + l + 1, loop.messages]
             direct = balls.product(seen, seen.T)[0, 0].sqrt() + delta_D

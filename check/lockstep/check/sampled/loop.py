@@ -210,6 +210,11 @@ class _Layout:
         return rows
 
 
+def spread_of(network: SampledNetwork) -> Matrix:
+    """Return the map from the inputs of all agents to v, through which they reach the disagreement."""
+    return _inputs(network)[1]
+
+
 def _inputs(network: SampledNetwork) -> tuple[Matrix, Matrix]:
     """Return B^ = [the different B_i] and the map from all u to v, such that (T (x) I) diag(B_i) u = (I (x) B^) v."""
     different: list[Matrix] = []

@@ -7,10 +7,10 @@ from jaxtyping import Float
 
 FIXED_FIGURES = (
     *("disagreement_initial", "disagreement_final", "disagreement_peak", "effort_peak"),
-    *("z_squared", "w_squared", "ended", "outside", "faults"),
+    *("z_squared", "w_squared", "ended", "outside", "faults", "clipped"),
 )
 """Of every run: |x_d| at both ends and at most; the largest |u|; int |z|^2 and int |xi_d|^2; when it diverged, or -1;
-at how many steps it was out of the agents' domain; at how many controller steps the status was not OK."""
+at how many steps it was out of the agents' domain; how many controller steps were a fault, and how many clipped u."""
 
 INDICES = ("ISE", "IAE", "ITSE", "ITAE")
 

@@ -183,6 +183,7 @@ def _agents(manifest: Manifest | None, plant_states: int) -> list[dict[str, Any]
         views.append(
             {
                 **{"name": agent.name, "NAME": agent.name.upper(), "order": agent.order, "q": q, "m": m},
+                "limits": agent.limits is not None,
                 **{"first_output": first["output"], "first_input": first["input"], "first_state": states},
                 "sources": [
                     {"name": s.source, "link": first["link"] + k} for k, s in enumerate(agent.neighbours)

@@ -30,6 +30,7 @@ def agent_view(agent: AgentEntry, manifest: Manifest) -> dict[str, Any]:
         "all_received": 2**nn - 1,
         "sources": ", ".join(plain(one.source) for one in agent.neighbours),
         "state_bytes": agent.state_bytes,
+        "limits": agent.limits is not None,
         "c_real": manifest.real_type.c_name,
         "real": manifest.real,
     }

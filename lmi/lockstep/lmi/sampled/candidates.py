@@ -105,7 +105,13 @@ def _with_free_weights(loop: SampledLoop, one: Lifted, radius: float) -> Iterato
 
 
 def priced_anew(
-    loop: SampledLoop, one: Lifted, found: Witness, claimed: float, *, exact_messages: bool = False
+    loop: SampledLoop,
+    one: Lifted,
+    found: Witness,
+    claimed: float,
+    *,
+    exact_messages: bool = False,
+    running: Float[np.ndarray, "n_z n_z"] | None = None,
 ) -> Iterator[Witness]:
     """Yield a witness of the convex program with prices of the rounding, for few of them first.
 
@@ -114,6 +120,7 @@ def priced_anew(
         found: without prices of the rounding.
         claimed: the part of its decay that is claimed, and its price of the noise over that part: the rest is room.
         exact_messages: whether the messages have no errors, so that these may cost anything.
+        running: a cost of z at each sampling instant.
     """
     lifted, decay = copies(one, multiplier(loop.network.d, found.m)), 1 - claimed * (1 - found.decay)
     N = step_matrix(loop, lifted)
@@ -126,7 +133,7 @@ def priced_anew(
         t = rounding_prices(loop, lifted, found.P, dear)
         witness = priced(loop, found.m, t, kappa, decay=decay, weight=claimed * found.weight, P=found.P)
         witness = replace(witness, kappa_mu=max(witness.kappa_mu, MU * mu))
-        if (held := confirmed(loop, lifted, witness)) is not None:
+        if (held := confirmed(loop, lifted, witness, running)) is not None:
             yield held
 
 

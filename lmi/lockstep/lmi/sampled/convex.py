@@ -34,7 +34,8 @@ NOTHING = 1e-14
 class StepProgram:
     """The program of one loop and decay.
 
-    basis: L;  V, m, kappa: variables, kappa in units of `unit`;  P: L V L';  conditions: the inequality.
+    basis: L;  V, m, kappa: variables, kappa in units of `unit`;  P: L V L';  conditions: the inequality;  cross: tau H L^-T
+    sqrt(unit / T), a variable, where a sector is part of it.
     """
 
     loop: SampledLoop
@@ -45,6 +46,7 @@ class StepProgram:
     m: Any
     kappa: Any
     conditions: list[Any]
+    cross: Any = None
 
     @property
     def P(self) -> Any:
@@ -81,6 +83,7 @@ def step_program(
     *,
     noise: bool = False,
     weight: float = 0.0,
+    tau: Float[np.ndarray, " l"] | None = None,
 ) -> StepProgram | None:
     """State the program; None where the linear loop is not stable.
 
@@ -89,14 +92,18 @@ def step_program(
         near: (n_xi, n_xi) a form that P should be near a multiple of, beyond what it sums up to along the loop.
         noise: whether the messages' errors count.
         weight: of the squared disagreement in each step, in multiples of kappa.
+        tau: of the sectors of `lockstep.check.sampled.clipping`, in units of `unit`, the loop being the clipped one.
     """
     import cvxpy as cp
 
     d, n, n_d, T = loop.network.d, loop.n_xi, loop.n_d, loop.network.period
-    columns = np.r_[0:n, loop.messages.start : loop.messages.stop] if noise else np.arange(n)
+    others = np.arange(loop.messages.start, loop.messages.stop) if noise else np.arange(0)
+    if tau is not None:
+        others = np.arange(loop.n_z - len(tau), loop.n_z)
+    columns = np.r_[0:n, others]
     lifted, pairs, start = copies(one, np.eye(d.N - 1)), d.pairs(), loop.start[:, columns]
     N = np.vstack([lifted.A_d @ start, loop.advanced[:, columns]])
-    L = _basis(N[:, :n], near)
+    L = basis_of(N[:, :n], near)
     if L is None:
         return None
     inverse = np.linalg.inv(L)
@@ -138,20 +145,22 @@ def step_program(
         [np.sqrt(T) * along, V, np.sqrt(T) * out],
         [-out.T, np.sqrt(T) * out.T, M],
     ]
-    if noise:
+    mixed = None if tau is None else cp.Variable((len(tau), n))
+    if len(others):
         enters, count = V @ B, B.shape[1]
-        cross = -enters - Q[:n, n:]
+        cross = -enters - Q[:n, n:] if mixed is None else -enters - Q[:n, n:] - mixed.T
+        cost = kappa * np.eye(count) if tau is None else 2 * np.diag(tau)
         none = np.zeros((count, F.shape[1]))
         rows[0].insert(1, cross)
         rows[1].insert(1, np.sqrt(T) * enters)
         rows[2].insert(1, none.T)
-        rows.insert(1, [cross.T, kappa * np.eye(count) - Q[n:, n:], np.sqrt(T) * enters.T, none])
+        rows.insert(1, [cross.T, cost - Q[n:, n:], np.sqrt(T) * enters.T, none])
     form = cp.bmat(rows)
     conditions = [(form + form.T) / 2 >> 0, V >> FLATTEST * np.eye(n)]
-    return StepProgram(loop, decay, L, price, V, m / size, kappa, conditions)
+    return StepProgram(loop, decay, L, price, V, m / size, kappa, conditions, mixed)
 
 
-def _basis(N: Float[np.ndarray, "n n"], near: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"] | None:
+def basis_of(N: Float[np.ndarray, "n n"], near: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"] | None:
     """Return L, L L' a multiple of the sum of N'^k near N^k in which `near` has the norm 1; None if N is not stable."""
     from scipy.linalg import solve_discrete_lyapunov
 

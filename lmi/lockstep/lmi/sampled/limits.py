@@ -1,27 +1,44 @@
 """The largest disagreement from which no input meets its limit is looked for here, in doubles, and put to the checker.
 
 Without rounding it is the program of `convex` with P >= k_l' k_l / u_max,l^2 for every input and gamma (T T')^-1 (x) I >=
-P_dd, gamma least: radius = gamma^-1/2.
+P_dd, gamma least: radius = gamma^-1/2. The largest energy of a disturbance is that of the largest P (`storage`), for
+which pair weights and a decay are searched.
 """
+
+import math
+from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.inequality import Performance
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
-from lockstep.check.sampled.inequality import Witness, metric
+from lockstep.check.sampled.inequality import Witness, metric, multiplier
 from lockstep.check.sampled.lifting import Lifted
-from lockstep.check.sampled.limits import proves_radius
+from lockstep.check.sampled.limits import proves_gain, proves_radius
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
-from lockstep.lmi.sampled.candidates import priced_anew
+from lockstep.check.sampled.performance import running_cost
+from lockstep.lmi.sampled.candidates import REACHES, ROUNDINGS, confirmed, priced, priced_anew
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.convex import step_program
+from lockstep.lmi.sampled.performance import PRICE, SQUARE, lifted_with_performance
 from lockstep.lmi.sampled.search import spectral_radius
+from lockstep.lmi.sampled.storage import (
+    StorageProblem,
+    in_exact_arithmetic,
+    no_prices,
+    rounding_prices,
+    storage_problem,
+)
 
 RATES = (0.005, 0.02, 0.1)
 """How fast V is asked to decay, as parts of how fast the linear loop does."""
 
 KEPT = (0.995, 0.97, 0.9)
 """Parts of the radius found that are claimed: rounding needs some room."""
+
+SCALES = (-3.0, 3.0)
+"""Powers of ten between which pair weights are scaled, from those given."""
 
 CLAIMED = 0.5
 """The part of the decay that is claimed: the rest is room for rounding."""
@@ -67,3 +84,112 @@ def _least(
     conditions = [gamma * np.asarray(metric(loop)) - program.P[:n_d, :n_d] >> 0]
     conditions += [program.V - np.outer(inner, inner) >> 0 for inner in rows @ inverse.T if inner.any()]
     return program.least(gamma, conditions)
+
+
+def largest_gain(
+    network: SampledNetwork,
+    controllers: tuple[HeldController, ...],
+    limits: Float[np.ndarray, " m"],
+    weights: Performance,
+    guess: Float[np.ndarray, " pairs"],
+) -> tuple[float, Witness] | None:
+    """Find and prove a large root of the energy of a disturbance under which no input meets its limit, or return None.
+
+    Args:
+        network: agents, coordinates, alpha, period, delay, the matrices exact.
+        controllers: one per agent, with the coefficients of the code.
+        limits: (m,) of each agent's inputs.
+        weights: whose scales of disturbance and noise are meant.
+        guess: pair weights that are about right for rho = 1.
+    """
+    from scipy.optimize import minimize_scalar
+
+    quiet = weights._replace(R=0 * weights.R, Q=0 * weights.Q, W=weights.W[:0, :0])
+    loop = in_doubles(network, controllers, weights.outputs)
+    exact_loop, one = sampled_loop(network, controllers, weights.outputs), period_in_doubles(loop)
+    spread = 0.0 if one is None else 1 - spectral_radius(loop, one) ** 2
+    found: list[tuple[float, _Disturbed]] = []
+    for rate in RATES if spread > 0 and np.isfinite(limits).any() else ():
+        best = minimize_scalar(
+            lambda scale, rate=rate: (
+                -_Disturbed(loop, quiet, guess * 10**scale, 1 - rate * spread).energy(limits)
+            ),
+            bounds=SCALES,
+            method="bounded",
+            options={"xatol": 0.01},
+        )
+        if best.fun < 0:
+            found.append((-best.fun, _Disturbed(loop, quiet, guess * 10**best.x, 1 - rate * spread)))
+    for energy, problem in sorted(found, key=lambda each: -each[0]):
+        for witness in problem.witnesses():
+            for part in KEPT:
+                gain = float(f"{part * energy**0.5:.4g}")
+                if proves_gain(exact_loop, controllers, witness, limits, weights, gain):
+                    return gain, witness
+    return None
+
+
+class _Disturbed:
+    """The loop with a disturbance, rho being 1, for pair weights and a decay."""
+
+    def __init__(
+        self, loop: SampledLoop, weights: Performance, m: Float[np.ndarray, " pairs"], decay: float
+    ) -> None:
+        self.loop, self.m, self.decay, self.lifted = loop, m, decay, None
+        self.running = running_cost(loop, weights, 1.0)
+        try:
+            with np.errstate(all="ignore"):
+                lifted = lifted_with_performance(loop, weights, multiplier(loop.network.d, m), 1.0)
+        except (np.linalg.LinAlgError, ValueError, OverflowError):
+            return
+        parts = (lifted.A_d, lifted.S, lifted.Q)
+        # Past a conjugate point S or Q is no longer a square.
+        if all(np.isfinite(part).all() for part in parts) and all(
+            np.linalg.eigvalsh(part)[0] >= -SQUARE * np.abs(part).max() for part in parts[1:]
+        ):
+            self.lifted = lifted
+
+    def _problem(self, loop: SampledLoop, t: Float[np.ndarray, " ways"]) -> StorageProblem | None:
+        if self.lifted is None:
+            return None
+        return storage_problem(loop, self.lifted, self._prices(t), self.running)
+
+    def _prices(self, t: Float[np.ndarray, " ways"], P: Float[np.ndarray, "n n"] | None = None) -> Witness:
+        assert self.lifted is not None
+        kappa = PRICE * float(np.abs(self.lifted.Q).max() or 1.0)
+        decay = self.decay if P is None else 1 - CLAIMED * (1 - self.decay)
+        return priced(self.loop, self.m, t, kappa, decay=decay, P=P)
+
+    def _largest(self, problem: StorageProblem | None) -> Float[np.ndarray, "n n"] | None:
+        if problem is None:
+            return None
+        size = float(np.abs(problem.S).max(initial=0.0)) or 1.0
+        trials = (problem.reaching(part * size).largest(self.decay) for part in REACHES)
+        return next((P for P in trials if P is not None), None)
+
+    def energy(self, limits: Float[np.ndarray, " m"]) -> float:
+        """Return the largest e^2 without rounding, 0 where there is none."""
+        P = self._largest(self._problem(in_exact_arithmetic(self.loop), no_prices(self.loop)))
+        if P is None:
+            return 0.0
+        loop, n, outputs = self.loop, self.loop.n_xi, self.loop.outputs
+        noise = -self.running[outputs, outputs]
+        least = math.inf
+        for l, row in enumerate(loop.computed):
+            square = row[:n] @ np.linalg.solve(P, row[:n])
+            if len(noise):
+                square += row[outputs] @ np.linalg.solve(noise, row[outputs])
+            least = min(least, limits[l % len(limits)] ** 2 / square if square > 0 else math.inf)
+        return least if math.isfinite(least) else 0.0
+
+    def witnesses(self) -> Iterator[Witness]:
+        """Yield witnesses with prices of the rounding."""
+        first = self._largest(self._problem(in_exact_arithmetic(self.loop), no_prices(self.loop)))
+        if first is None or self.lifted is None:
+            return
+        for dear in ROUNDINGS:
+            t = rounding_prices(self.loop, self.lifted, first, dear)
+            P = self._largest(self._problem(self.loop, t))
+            held = None if P is None else confirmed(self.loop, self.lifted, self._prices(t, P), self.running)
+            if held is not None:
+                yield held

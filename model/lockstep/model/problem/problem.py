@@ -14,6 +14,7 @@ from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import ProblemError
 from lockstep.check.graph import Spectrum
 from lockstep.check.inequality import Performance
+from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled.messages import Messages
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
@@ -66,7 +67,7 @@ class Problem:
         self._check_spectrum()
         self._check_disturbance()
         _ = self._agent, self._graph, self._variants, self.gains
-        _ = self.performance, self.limits, self.messages, self.output_range
+        _ = self.performance, self.sides, self.messages, self.output_range
         self.initial_states()
 
     @classmethod
@@ -265,8 +266,8 @@ class Problem:
         )
 
     @cached_property
-    def limits(self) -> Float[np.ndarray, " m"]:
-        """How far each input may go either way, (m,): the nearer of its two limits, infinite where it has none."""
+    def sides(self) -> Float[np.ndarray, "m 2"]:
+        """The lowest and the highest value of each input, infinite where there is none."""
         known, where = self.file.agent.limits or {}, "[agent.limits]"
         for name, (low, high) in known.items():
             if name not in self.file.agent.inputs:
@@ -275,7 +276,15 @@ class Problem:
             if not (low is None or low < 0) or not (high is None or high > 0):
                 raise ProblemError(f"[{low}, {high}]", where=f"{where} {name}", expected="a range around 0")
         sides = [known.get(name, (None, None)) for name in self.file.agent.inputs]
-        return np.array([min(np.inf if side is None else abs(side) for side in one) for one in sides])
+        return np.array(
+            [(-np.inf if low is None else low, np.inf if high is None else high) for low, high in sides]
+        )
+
+    @property
+    def limits(self) -> Float[np.ndarray, " m"]:
+        """How far each input goes either way before the C clips it, (m,), infinite where it has no limit."""
+        nearer = np.abs(clipped_at(self.controller.real, self.sides)).min(axis=1)
+        return np.where(np.isinf(self.sides).all(axis=1), np.inf, nearer)
 
     @cached_property
     def messages(self) -> Messages | None:

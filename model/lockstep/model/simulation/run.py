@@ -18,7 +18,7 @@ from lockstep.model.simulation.equations import agents_alone, closed_loop, input
 from lockstep.model.simulation.integrate import integrator
 from lockstep.model.simulation.perturbation import check_sizes
 from lockstep.model.simulation.quadrature import Hold
-from lockstep.model.simulation.sampled import OK, SampledControllers
+from lockstep.model.simulation.sampled import CLIPPED, OK, SampledControllers
 from lockstep.model.simulation.scenario import Scenario, whole_number
 from lockstep.model.simulation.trajectory import Trajectory
 
@@ -111,7 +111,8 @@ def _sampled(network: Network, controllers: SampledControllers, scenario: Scenar
         x[now] = states.reshape(per + 1, *scenario.start.shape)
         check_bounded(t[now], x[now], network.agent.states, network.agent.name)
     x_C[-1] = program.memory
-    return _record(network, t, x, x_C, u, xi.at(t, t), hold="held", xi_hold=xi.hold, faults=program.faults)
+    counts = (program.faults, program.clipped)
+    return _record(network, t, x, x_C, u, xi.at(t, t), hold="held", xi_hold=xi.hold, counts=counts)
 
 
 class _Held:
@@ -139,7 +140,7 @@ class _Program:
         self._arrivals = iter(self._channel.arrivals(periods, edges))
         self._sent: list[np.ndarray] = []
         self._pending = np.zeros((network.N, network.agent.m))
-        self.faults = 0
+        self.faults = self.clipped = 0
 
     @property
     def memory(self) -> Float[np.ndarray, "N n_C"]:
@@ -161,7 +162,8 @@ class _Program:
             received = 0 if heard is None else _mask(here)
             rows = np.zeros((len(sources), y.shape[1]), real) if heard is None else heard[list(sources)]
             status, out = self._all.steppers[i].step(y[i], rows, received)
-            self.faults += status != OK
+            self.faults += status not in (OK, CLIPPED)
+            self.clipped += status == CLIPPED
             u.append(np.asarray(out, dtype=float))
         fresh = np.array(u)
         applied, self._pending = (self._pending, fresh) if self._all.delay else (fresh, fresh)
@@ -182,7 +184,7 @@ def _record(
     *,
     hold: Hold,
     xi_hold: Hold,
-    faults: int = 0,
+    counts: tuple[int, int] = (0, 0),
 ) -> Trajectory:
     agent = network.agent
     return Trajectory(
@@ -198,5 +200,5 @@ def _record(
         agent.name,
         hold,
         xi_hold,
-        faults,
+        *counts,
     )

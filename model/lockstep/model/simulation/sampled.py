@@ -18,7 +18,8 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.loop import Gains
 from lockstep.model.graph import Graph
 
-OK = 0
+OK, CLIPPED = 0, 8
+"""What a good step says: all of u is applied, or an entry met its limit, which is."""
 
 
 class Stepper(Protocol):
@@ -36,7 +37,7 @@ class Stepper(Protocol):
     def step(
         self, y: Float[np.ndarray, " q"], neighbour_y: Float[np.ndarray, "nn q"], received: int
     ) -> tuple[int, Float[np.ndarray, " m"]]:
-        """Take own and neighbours' outputs, bit j of `received` for row j; return (0 or a fault, u)."""
+        """Take own and neighbours' outputs, bit j of `received` for row j; return (`OK`, `CLIPPED` or a fault, u)."""
         ...
 
 

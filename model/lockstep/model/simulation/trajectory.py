@@ -37,6 +37,7 @@ class Trajectory:
             are the values at t_k.
         xi_hold: the same of xi.
         faults: how many steps of sampled controllers reported a fault and held their output.
+        clipped: how many of them clipped an input at its limit.
 
     Raises:
         ProblemError: shapes that do not fit, instants that do not increase, or a number that is not finite.
@@ -55,6 +56,7 @@ class Trajectory:
     u_hold: Hold = "smooth"
     xi_hold: Hold = "held"
     faults: int = 0
+    clipped: int = 0
 
     def __post_init__(self) -> None:
         t = np.asarray(self.t, dtype=float)
