@@ -86,7 +86,7 @@ def candidates(
 
 def _promised(witness: Witness) -> float:
     """Return what witnesses are ranked by: the bound of every instant counts twice, that of the mean square once."""
-    return witness.ultimate**2 * witness.rms
+    return witness.ultimate**2 * min(witness.rms, witness.ultimate)
 
 
 def _with_free_weights(loop: SampledLoop, one: Lifted, radius: float) -> Iterator[Witness]:
