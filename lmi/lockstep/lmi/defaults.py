@@ -3,11 +3,11 @@
 The last third of rho costs large gains, controllers that are unstable by themselves, slow modes and noise. So where [design]
 names neither `weights` nor `gain_limit` (nor a rho to keep), and its method searches,
 
-    gain_limit          6, or more where gains of size one, in natural units, are larger
+    gain_limit          6.4, or more where gains of size one, in natural units, are larger
     weights.input       1e-3, in natural units
     disturbances        noise of 0.03 on the outputs, in natural units, unless `disturbances` are named
     stable_controllers  true, unless it is named
-    search_decay        0.04, in natural units of time, unless it or `decay` is named
+    search_decay        0.037, in natural units of time, unless it or `decay` is named
 
 Natural units are those in which the numbers of plant and R are nearest to one (`search.units`). Where no gains are found
 for them, or none with a rho near the floor, the limit is raised, and then stability and decay are not asked for. What was
@@ -25,13 +25,13 @@ from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 from lockstep.model.problem.schema import DisturbancesTable, WeightsTable
 
-GAIN_LIMIT, HIGH_GAIN_LIMIT = 6.0, 50.0
-"""Where gains of size one have a norm below 15; else as many parts of that norm."""
+GAIN_LIMIT, HIGH_GAIN_LIMIT = 6.4, 50.0
+"""Where gains of size one have a norm below `SIZE_ONE`; else as many parts of it as here, times that norm."""
 
-SIZE_ONE = 15.0
+SIZE_ONE = 17.0
 """About the norm of order 2 gains of size one of the flexible-joint arms, with which the limits were chosen."""
 
-INPUT, NOISE, DECAY = 1e-3, 0.03, 0.04
+INPUT, NOISE, DECAY = 1e-3, 0.03, 0.037
 """In natural units: of u in what rho weighs, of the noise beside a disturbance, of the decay that the search keeps to."""
 
 KEYS = ("gain_limit", "stable_controllers", "search_decay")
@@ -61,7 +61,7 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
         yield Wishes(problem, "")
         return
     said = _in_natural_units(problem, network, claim)
-    high = _short(max(HIGH_GAIN_LIMIT, HIGH_GAIN_LIMIT / SIZE_ONE * said.pop("size")))
+    high = max(HIGH_GAIN_LIMIT, _short(HIGH_GAIN_LIMIT / SIZE_ONE * said.pop("size")))
     for key in ("disturbances", "stable_controllers", "decay", "search_decay"):
         if key in table.model_fields_set:
             said.pop("search_decay" if key == "decay" else key, None)
@@ -102,7 +102,7 @@ def _in_natural_units(problem: Problem, network: Network, claim: Claim) -> dict[
     names = [name for name, _ in problem.file.agent.outputs]
     return {
         "size": size,
-        "gain_limit": _short(max(GAIN_LIMIT, GAIN_LIMIT / SIZE_ONE * size)),
+        "gain_limit": max(GAIN_LIMIT, _short(GAIN_LIMIT / SIZE_ONE * size)),
         "weights": WeightsTable(state=1.0, controller=1.0, input=tuple(_short(INPUT * cost / u**2) for u in S_u)),
         "disturbances": DisturbancesTable(states=1.0, outputs=dict(zip(names, noise, strict=True))),
         "stable_controllers": True,
