@@ -103,7 +103,9 @@ def _in_natural_units(problem: Problem, network: Network, claim: Claim) -> dict[
     return {
         "size": size,
         "gain_limit": max(GAIN_LIMIT, _short(GAIN_LIMIT / SIZE_ONE * size)),
-        "weights": WeightsTable(state=1.0, controller=1.0, input=tuple(_short(INPUT * cost / u**2) for u in S_u)),
+        "weights": WeightsTable(
+            state=1.0, controller=1.0, input=tuple(_short(INPUT * cost / u**2) for u in S_u)
+        ),
         "disturbances": DisturbancesTable(states=1.0, outputs=dict(zip(names, noise, strict=True))),
         "stable_controllers": True,
         "search_decay": float(f"{DECAY / time:.2g}"),

@@ -27,8 +27,8 @@ from lockstep.lmi.defaults import MUCH, Wishes, is_far, named, wishes
 from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.initial import InitialStates, Unavailable
 from lockstep.lmi.sampled.improve import StartingGains
-from lockstep.lmi.search.start import over
 from lockstep.lmi.scope import Scope, initial_states, scope_of
+from lockstep.lmi.search.start import over
 from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import bound_of, network_of
 from lockstep.model.bound_search import Bound
@@ -155,7 +155,13 @@ def _with_remark(found: Proposal, wish: Wishes) -> Proposal:
 
 
 def _proposed(
-    problem: Problem, bound: Bound, jobs: int | None, tell: Progress, time_limit: float | None, *, explain: bool
+    problem: Problem,
+    bound: Bound,
+    jobs: int | None,
+    tell: Progress,
+    time_limit: float | None,
+    *,
+    explain: bool,
 ) -> Proposal:
     """Design what a problem asks for, and prove it.
 

@@ -81,9 +81,7 @@ def searched(
     lag = 0.0 if score is None else (0.5 + problem.controller.delay) * problem.controller.period
     rate, refused = rate_of_controllers(problem), NotCertified("no gains were found")
     for held in decays_held(problem):
-        search = GainSearch.of(
-            network.decaying(held).loop(problem.order), claim, table.gain_limit, lag, rate
-        )
+        search = GainSearch.of(network.decaying(held).loop(problem.order), claim, table.gain_limit, lag, rate)
         found = search_gains(
             search,
             starts=table.starts,
@@ -138,7 +136,8 @@ def refuse_a_slow_one(problem: Problem, network: Network, found: CertifiedGains)
         proved_decay(network, found.gains, found.claim, asked, modal=False)
     except NotCertified as error:
         raise NotCertified(
-            f"[design] decay asks for {asked:g} 1/s, which is not proved of any gains found: {error}", **error.figures
+            f"[design] decay asks for {asked:g} 1/s, which is not proved of any gains found: {error}",
+            **error.figures,
         ) from None
 
 
@@ -164,7 +163,9 @@ def with_largest_decay(
     table, claim, rho = problem.design, found.claim, problem.design.rho
     if rho is not None and found.certificate.rho > rho:
         raise NotCertified(
-            f"rho = {rho:g} was not reached: {found.certificate.rho:g} was", rho=rho, reachable_rho=found.certificate.rho
+            f"rho = {rho:g} was not reached: {found.certificate.rho:g} was",
+            rho=rho,
+            reachable_rho=found.certificate.rho,
         )
 
     def at(decay: float) -> GainSearch:
