@@ -81,7 +81,9 @@ Jobs = Annotated[
 
 TradeOff = Annotated[
     Path | None,
-    _option(metavar="DIR", help="What rho costs, proved (JSON, CSV, PNG, SVG); FILE.csv: rho for each alpha."),
+    _option(
+        metavar="DIR", help="What rho costs, proved (JSON, CSV, PNG, SVG); FILE.csv: rho for each alpha."
+    ),
 ]
 Against = Annotated[list[Path] | None, _option(help="A file with gains of these agents, shown there.")]
 
@@ -273,7 +275,9 @@ def simulate(
 def build(
     problem: ProblemFile,
     output: Folder,
-    trade_off: Annotated[bool, typer.Option("--trade-off", help="Show what rho costs in the report.")] = False,
+    trade_off: Annotated[
+        bool, typer.Option("--trade-off", help="Show what rho costs in the report.")
+    ] = False,
     against: Against = None,
     time_limit: TimeLimit = None,
     jobs: Jobs = None,

@@ -47,6 +47,9 @@ DECAYS = (0.4, 0.7, 0.9)
 INSIDE = 0.98
 """The part of a new gain limit that gains are brought within."""
 
+SLOWER = 0.9
+"""The part of the rate of given controllers that is asked of those moved from them."""
+
 MOSTLY, ROUNDS = 100.0, 3
 """u is weighed until it counts that many times as much as x_cl: the rest is half a percent; and how often that is tried."""
 
@@ -210,17 +213,24 @@ def _walked(
 def _moved(
     problem: Problem, network: Network, K: Float[np.ndarray, "N k l"], step: _Step
 ) -> Float[np.ndarray, "N k l"] | None:
-    search = GainSearch.of(
-        network.decaying(step.decay).loop(problem.order),
-        step.claim,
-        step.gain_limit,
-        rate=rate_of_controllers(problem),
-    )
     K = within(K, INSIDE * step.gain_limit)
+    rate = _rate(problem, K)
+    search = GainSearch.of(
+        network.decaying(step.decay).loop(problem.order), step.claim, step.gain_limit, rate=rate
+    )
     start = least_rho(search.loop, K, search.claim)
     if start is None:
         return None
     return polished(search, reached(search, 0, BarrierPoint(K, start), None)).K
+
+
+def _rate(problem: Problem, K: Float[np.ndarray, "N k l"]) -> float | None:
+    """Return the rate that each controller is to forget with, below that of K: the program begins inside."""
+    asked, n_C = rate_of_controllers(problem), problem.order
+    if asked is None or n_C == 0:
+        return None
+    own = -max(float(np.linalg.eigvals(block[:n_C, :n_C]).real.max()) for block in K)
+    return min(asked, SLOWER * own)
 
 
 def _of_other_gains(problem: Problem, network: Network, claim: Claim, name: str, gains: Gains) -> Figures:
