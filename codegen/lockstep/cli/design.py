@@ -9,31 +9,19 @@ from rich.console import RenderableType
 from lockstep.cli.console import Answer, progress_display, respond, two_columns
 
 
-def run(
-    path: Path,
-    output: Path | None,
-    *,
-    jobs: int | None,
-    trade_off: Path | None,
-    time_limit: float | None,
-    as_json: bool,
-) -> None:
-    """Design, prove, and write the design file, and the curve of rho against alpha if asked for.
+def run(path: Path, output: Path | None, *, as_json: bool, **options: Any) -> None:
+    """Design, prove, and write the design file, and what rho costs if asked for: the options are those of `lockstep.design`.
 
     The exit status is 1 where the sampled controllers are not certified; the file is written all the same.
     """
-    respond(as_json, lambda: _design(path, output, jobs, trade_off, time_limit))
+    respond(as_json, lambda: _design(path, output, options))
 
 
-def _design(
-    path: Path, output: Path | None, jobs: int | None, trade_off: Path | None, time_limit: float | None
-) -> Answer:
+def _design(path: Path, output: Path | None, options: Mapping[str, Any]) -> Answer:
     import lockstep
 
     with progress_display() as tell:
-        found = lockstep.design(
-            path, output=output, trade_off=trade_off, jobs=jobs, time_limit=time_limit, progress=tell
-        )
+        found = lockstep.design(path, output=output, progress=tell, **options)
     said = found.document()
     survived = said.get("messages", {"certified": True})["certified"]
     return Answer(said, summary(said), found.sampled["certified"] is True and survived)
@@ -71,6 +59,16 @@ def _where(content: Mapping[str, Any]) -> dict[str, str]:
         "holds": "while every agent stays in its domain",
         "initial states": content["initial_set"]["text"],
     }
+
+
+def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
+    """Return the row of what was asked for where the file names neither `weights` nor `gain_limit`."""
+    taken = figures.get("defaults")
+    if taken is None:
+        return {}
+    said = f"gain_limit {taken['gain_limit']:g}, a small weight on u, small noise"
+    said += ", stable controllers" if taken.get("stable_controllers") else ""
+    return {"by default": said + (f"; {taken['given_up']}" if "given_up" in taken else "")}
 
 
 def _cut(figures: Mapping[str, Any]) -> dict[str, str]:
@@ -128,6 +126,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             "sampled": sampled_text(content["sampled"]),
             **messages_row(content),
             "slowest pole": f"{figures['abscissa']:.4g} 1/s",
+            **_defaults(figures),
             **_cut(figures),
         },
     )

@@ -81,6 +81,14 @@ Jobs = Annotated[
     int | None, typer.Option(min=1, help="Processes to search with.", show_default="one per core")
 ]
 
+TradeOff = Annotated[
+    Path | None,
+    _option(
+        metavar="DIR", help="What rho costs, proved (JSON, CSV, PNG, SVG); FILE.csv: rho for each alpha."
+    ),
+]
+Against = Annotated[list[Path] | None, _option(help="A file with gains of these agents, shown there.")]
+
 TimeLimit = Annotated[
     float | None,
     _option(
@@ -125,9 +133,8 @@ def check(
 def design(
     problem: ProblemFile,
     output: Annotated[Path | None, _option("-o", "--output", help="Where to write the design.")] = None,
-    trade_off: Annotated[
-        Path | None, _option(help="Write the gains' least rho for each alpha (CSV).")
-    ] = None,
+    trade_off: TradeOff = None,
+    against: Against = None,
     time_limit: TimeLimit = None,
     jobs: Jobs = None,
     json: Json = False,
@@ -135,7 +142,8 @@ def design(
     """Design the gains, and prove the loop with those very gains."""
     from lockstep.cli.design import run
 
-    run(problem, output, jobs=jobs, trade_off=trade_off, time_limit=time_limit, as_json=json)
+    asked = {"trade_off": trade_off, "against": against or [], "time_limit": time_limit, "jobs": jobs}
+    run(problem, output, as_json=json, **asked)
 
 
 @app.command()
@@ -276,12 +284,21 @@ def simulate(
 
 @app.command()
 def build(
-    problem: ProblemFile, output: Folder, time_limit: TimeLimit = None, jobs: Jobs = None, json: Json = False
+    problem: ProblemFile,
+    output: Folder,
+    trade_off: Annotated[
+        bool, typer.Option("--trade-off", help="Show what rho costs in the report.")
+    ] = False,
+    against: Against = None,
+    time_limit: TimeLimit = None,
+    jobs: Jobs = None,
+    json: Json = False,
 ) -> None:
     """All of the above, and a report."""
     from lockstep.cli.build import run
 
-    run(problem, output, jobs=jobs, time_limit=time_limit, as_json=json)
+    asked = {"trade_off": trade_off, "against": against or [], "time_limit": time_limit, "jobs": jobs}
+    run(problem, output, as_json=json, **asked)
 
 
 @app.command()

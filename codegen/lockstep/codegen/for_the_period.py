@@ -92,6 +92,8 @@ def obstacle(stored: Stored) -> str | None:
     problem = stored.problem
     if problem.design.method != "certified":
         return f'the gains of method "{problem.design.method}" are not designed for a period'
+    if problem.design.objective == "decay":
+        return 'objective is "decay", which a descent on rho would spend'
     if not isinstance(stored.proofs.certificate, Certificate):
         return "there is no continuous certificate to start from"
     if any(problem.fragility.values()):

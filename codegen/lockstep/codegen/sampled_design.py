@@ -18,7 +18,6 @@ from lockstep.check.inequality import Certificate
 from lockstep.check.modes import ModalCertificate
 from lockstep.check.sampled.certify import decide_sampled
 from lockstep.check.sampled.clipping import ClippedWitness, proves_clipped_radius
-from lockstep.check.sampled.discretise import sampled_controllers as held_controllers
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.limits import proves_gain, proves_radius
 from lockstep.check.sampled.loop import sampled_loop

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
+from lockstep.lmi.diagnosis.pareto import ParetoPoint
 from lockstep.model.graph import Graph
 from lockstep.model.simulation import Trajectory
 from lockstep.report import figures
@@ -14,6 +15,7 @@ from lockstep.report.export import as_files, inline_svg
 from lockstep.report.facts import Facts
 from lockstep.report.spectrum import Spectrum, poles_figure, singular_values_figure
 from lockstep.report.terms import up
+from lockstep.report.trade_off import described, trade_off_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,10 +45,11 @@ class Drawings:
     graph: Drawing
     run: tuple[Drawing, ...]
     spectrum: tuple[Drawing, ...]
+    trade_off: tuple[Drawing, ...] = ()
 
     def __iter__(self) -> Iterator[Drawing]:
         """In the order of the page."""
-        yield from (self.graph, *self.run, *self.spectrum)
+        yield from (self.graph, *self.run, *self.spectrum, *self.trade_off)
 
     @property
     def files(self) -> dict[str, bytes]:
@@ -61,6 +64,7 @@ def draw(facts: Facts, spectrum: Spectrum) -> Drawings:
         _graph(facts.problem.graph()),
         () if facts.trajectory is None else tuple(_run(facts.trajectory, dict(agent.units))),
         tuple(_spectrum(spectrum, agent.name, facts.stored.claims.rho or np.inf)),
+        tuple(_trade_off(facts.trade_off)),
     )
 
 
@@ -144,6 +148,17 @@ def _spectrum(spectrum: Spectrum, agent: str, rho: float | None) -> Iterator[Dra
             "Singular values of the loop's linear part, from the disturbances' disagreement xi_d to z, the weighted"
             " disagreement and controller states; rho holds for the nonlinear loop.",
             f"The largest singular value peaks at {peak:.4g}, at {at:.3g} rad/s{line}.",
+        )
+
+
+def _trade_off(points: tuple[ParetoPoint, ...]) -> Iterator[Drawing]:
+    if points:
+        yield _drawing(
+            "trade-off",
+            trade_off_figure(points),
+            "Gains around the design, each with proved figures: what a smaller ρ costs. A line joins the points that no"
+            " other beats in both figures.",
+            described(points),
         )
 
 

@@ -62,6 +62,11 @@ def pdf(figure: "Figure", name: str) -> bytes:
     return _saved(figure, name, "pdf", dict.fromkeys(("CreationDate", "Creator", "Producer")))
 
 
+def svg(figure: "Figure", name: str) -> bytes:
+    """Return a figure as SVG, a file of its own."""
+    return _saved(figure, name, "svg", dict.fromkeys(("Date", "Creator", "Format", "Type")))
+
+
 def as_files(figure: "Figure", name: str) -> dict[str, bytes]:
     """Return what lies beside a page: content by extension."""
     return {"png": png(figure, name), "pdf": pdf(figure, name)}

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from lockstep.codegen.manifest import FILE_NAME, Manifest
+from lockstep.lmi.diagnosis.pareto import ParetoPoint
 from lockstep.lmi.document import Stored
 from lockstep.model.checks import CheckReport
 from lockstep.model.network import Network
@@ -28,7 +29,7 @@ class Facts:
 
     stored: design.json as it will be written;  manifest: manifest.json, with the claims that the C's headers make;
     checks, verified: what `check` and `verify` found;  trajectory: a run of the shipped controllers, or None, and then
-    `no_run` says why.
+    `no_run` says why;  trade_off: gains around the design, if they were asked for.
     """
 
     stored: Stored
@@ -37,6 +38,7 @@ class Facts:
     verified: VerifyReport
     trajectory: Trajectory | None
     no_run: str = ""
+    trade_off: tuple[ParetoPoint, ...] = ()
 
     @property
     def problem(self) -> Problem:
@@ -50,20 +52,27 @@ class Facts:
         return Network(problem.agent(), problem.graph(), problem.agents_B(), problem.design.coordinates)
 
 
-def gather(files: Mapping[str, str], stored: Stored, checks: CheckReport, verified: VerifyReport) -> Facts:
+def gather(
+    files: Mapping[str, str],
+    stored: Stored,
+    checks: CheckReport,
+    verified: VerifyReport,
+    trade_off: tuple[ParetoPoint, ...] = (),
+) -> Facts:
     """Return the facts of a generated folder that is not written yet; this runs the loop.
 
     Args:
         files: relative path -> text, as generated.
         stored: design.json among them.
         checks, verified: what was found of them.
+        trade_off: gains around the design, if they were asked for.
     """
     manifest = Manifest.model_validate_json(files[FILE_NAME])
     try:
         trajectory, why = run_shipped(stored.problem, manifest), ""
     except Diverged as error:
         trajectory, why = None, str(error)
-    return Facts(stored, manifest, checks, verified, trajectory, why)
+    return Facts(stored, manifest, checks, verified, trajectory, why, trade_off)
 
 
 def run_shipped(problem: Problem, manifest: Manifest) -> Trajectory:

@@ -64,6 +64,7 @@ def html(facts: Facts, spectrum: Spectrum, drawings: Drawings, files: Sequence[s
         no_run=facts.no_run,
         drawings=drawings,
         spectrum=spectrum,
+        trade_off=facts.trade_off,
         loop_poles=_pole_texts(spectrum.loop),
         controller_poles=[_pole_texts(poles) for poles in spectrum.controllers[:MOST_AGENTS]],
         unstable=_unstable(facts, spectrum),

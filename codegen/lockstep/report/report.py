@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from lockstep.codegen.rendering import render
+from lockstep.lmi.diagnosis.pareto import ParetoPoint
 from lockstep.lmi.document import Stored, answer
 from lockstep.model.checks import CheckReport
 from lockstep.report.drawings import draw
@@ -33,7 +34,12 @@ class Report:
 
 
 def make_report(
-    files: Mapping[str, str], stored: Stored, checks: CheckReport, verified: VerifyReport, source: str = ""
+    files: Mapping[str, str],
+    stored: Stored,
+    checks: CheckReport,
+    verified: VerifyReport,
+    trade_off: tuple[ParetoPoint, ...] = (),
+    source: str = "",
 ) -> Report:
     """Return the report of a generated folder; the same input gives the same bytes.
 
@@ -41,9 +47,10 @@ def make_report(
         files: the folder as it will be written, relative path -> text.
         stored: its design.json.
         checks, verified: what was found of them.
+        trade_off: gains around the design, if they were asked for.
         source: the text of the problem file, where there is one.
     """
-    facts = gather(files, stored, checks, verified)
+    facts = gather(files, stored, checks, verified, trade_off)
     problem, gains = facts.problem, stored.gains
     R, Q = problem.state_weight(problem.agent().n), problem.controller_weight(gains.order)
     spectrum = spectrum_of(facts.network, gains, R, Q)

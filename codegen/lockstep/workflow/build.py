@@ -2,11 +2,12 @@
 
 import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lockstep.check.errors import ProblemError
 from lockstep.model.plain_json import plain
 from lockstep.model.problem import Problem
 from lockstep.workflow.check import check
@@ -15,9 +16,11 @@ from lockstep.workflow.files import of_file
 from lockstep.workflow.folders import check_generated
 from lockstep.workflow.generate import generated_files
 from lockstep.workflow.progress import Progress, silent
+from lockstep.workflow.trade_off import gains_by_name, trade_off_points
 from lockstep.workflow.verify import verify
 
 if TYPE_CHECKING:
+    from lockstep.lmi.diagnosis.pareto import ParetoPoint
     from lockstep.model.checks import CheckReport
     from lockstep.report import Report
     from lockstep.verification.verify import VerifyReport
@@ -73,6 +76,8 @@ def build(
     problem: Problem | Path | str,
     folder: Path | str,
     *,
+    trade_off: bool = False,
+    against: Sequence[Path | str] = (),
     jobs: int | None = None,
     time_limit: float | None = None,
     progress: Progress = silent,
@@ -85,6 +90,8 @@ def build(
     Args:
         problem: itself, or its file.
         folder: the folder to write; one that Lockstep wrote before is replaced as a whole.
+        trade_off: whether the report shows what rho costs.
+        against: problem files with gains, or design files, of the same agents: shown there.
         jobs: processes to search with; by default one per core.
         time_limit: seconds to search for gains; then the best certified ones so far, which depend on the machine.
         progress: told what is being done and the part of it that is done.
@@ -97,6 +104,11 @@ def build(
 
     folder = Path(folder)
     check_generated(folder)
+    if against and not trade_off:
+        raise ProblemError(
+            "gains to compare with are named", where="--against", expected="--trade-off with it"
+        )
+    others = gains_by_name(against)
     posed, checks = check(problem, every=True, progress=progress)
     with of_file(None if isinstance(problem, Problem) else Path(problem)):
         designed = design(posed, jobs=jobs, time_limit=time_limit, progress=progress)
@@ -107,9 +119,10 @@ def build(
     wrong, open_claims = [*checks.problems, *verified.problems], unproved(made.sampled)
     written: tuple[str, ...] = ()
     if not wrong:
+        points = trade_off_points(made.stored, others, progress) if trade_off else ()
         progress("drawing the report", 0.5)
         source = "" if isinstance(problem, Problem) else Path(problem).read_text(encoding="utf-8")
-        written = _written(files, make_report(files, made.stored, checks, verified, source), folder)
+        written = _written(files, make_report(files, made.stored, checks, verified, points, source), folder)
     return Build(folder, checks, made, verified, (*wrong, *open_claims), written)
 
 

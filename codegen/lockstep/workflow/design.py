@@ -1,6 +1,6 @@
 """A design: made of a problem, or read from a design file; the same object either way."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lockstep.check.design_file.json_text import A_DESIGN, parse_json
+from lockstep.check.errors import ProblemError
 from lockstep.check.files import as_text, read_inside
 from lockstep.lmi.document import Stored, answer, file_of, parse, read, sampled_answer
 from lockstep.model.plain_json import to_json
@@ -16,6 +17,7 @@ from lockstep.workflow.analysis import Analysis
 from lockstep.workflow.check import problem_of
 from lockstep.workflow.files import check_writable, of_file, seen, write_text
 from lockstep.workflow.progress import Progress, silent
+from lockstep.workflow.trade_off import check_folder, gains_by_name, trade_off_files, write_folder_of
 
 if TYPE_CHECKING:
     from lockstep.check.loop import Gains
@@ -220,6 +222,7 @@ def design(
     *,
     output: Path | str | None = None,
     trade_off: Path | str | None = None,
+    against: Sequence[Path | str] = (),
     jobs: int | None = None,
     time_limit: float | None = None,
     progress: Progress = silent,
@@ -232,7 +235,9 @@ def design(
     Args:
         problem: itself, or its file.
         output: where to write the design file, if anywhere.
-        trade_off: where to write the gains' least rho for each alpha (CSV), if anywhere.
+        trade_off: a folder for what rho costs, as `trade_off.json`, `.csv`, `.png` and `.svg`; or, with a name that ends
+            in .csv, a file for the gains' least rho for each alpha.
+        against: problem files with gains, or design files, of the same agents: shown in the trade-off.
         jobs: processes to search with; by default one per core.
         time_limit: seconds to search for gains; then the best certified ones so far, which depend on the machine.
         progress: told what is being done and the part of it that is done.
@@ -248,14 +253,26 @@ def design(
         None if one is None or isinstance(one, Problem) else Path(one) for one in (problem, output, trade_off)
     )
     check_writable(written, source)
-    check_writable(curve, source, written)
+    folder = curve if curve is not None and curve.suffix != ".csv" else None
+    if folder is not None:
+        check_folder(folder, source, written)
+    else:
+        check_writable(curve, source, written)
+    if against and folder is None:
+        raise ProblemError(
+            "gains to compare with are named", where="--against", expected="--trade-off DIR with it"
+        )
+    others = gains_by_name(against)
     posed, place = problem_of(problem)
     with of_file(place):
         made = designed(posed, jobs=jobs, progress=progress, time_limit=time_limit)
         found = Design(as_shipped(file_of(made), progress, made.others))
-    points = None if curve is None else found.trade_off()
+        files = {} if folder is None else trade_off_files(found.stored, others, progress)
+    points = None if curve is None or folder is not None else found.trade_off()
     if written is not None:
         write_text(written, found.text())
     if curve is not None and points is not None:
         write_text(curve, points)
+    if folder is not None:
+        write_folder_of(folder, files)
     return found

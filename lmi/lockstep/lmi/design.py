@@ -9,6 +9,7 @@
 Whatever the method, gains count as certified only by the last step.
 """
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -16,16 +17,18 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.check.errors import Infeasible, NotCertified, OutOfTime, ProblemError
 from lockstep.check.floor.witness import FloorWitness
 from lockstep.check.inequality import Certificate, Claim
 from lockstep.check.loop import Gains
 from lockstep.check.modes import ModalCertificate
 from lockstep.lmi.analysis.rounding import prove, short_gains
+from lockstep.lmi.defaults import MUCH, Wishes, is_far, named, wishes
 from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.initial import InitialStates, Unavailable
 from lockstep.lmi.sampled.improve import StartingGains
 from lockstep.lmi.scope import Scope, initial_states, scope_of
+from lockstep.lmi.search.start import over
 from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import bound_of, network_of
 from lockstep.model.bound_search import Bound
@@ -121,11 +124,63 @@ def _designed(problem: Problem, jobs: int | None, tell: Progress, time_limit: fl
         )
     tell("proving the bound of the nonlinearity", 0.0)
     bound = proved_bound(problem)
+    tried = list(wishes(problem, network_of(problem, bound), claim_of(problem, bound)))
+    deadline, best = None if time_limit is None else time.monotonic() + time_limit, None
+    for wish in tried:
+        left, last = None if deadline is None else max(deadline - time.monotonic(), 1e-3), wish is tried[-1]
+        try:
+            found = _proposed(wish.problem, bound, jobs, tell, left, explain=last)
+        except (Infeasible, NotCertified, OutOfTime):
+            if best is None and (last or over(deadline)):
+                raise
+            if best is not None:
+                break
+            continue
+        if best is None or _rho(found) < MUCH * _rho(best):
+            best = found if wish.problem is problem else _with_remark(found, wish)
+        elif best is not None:
+            break
+        if not is_far(_rho(best), None if best.floor is None else best.floor.rho):
+            break
+    assert best is not None
+    return best
+
+
+def _rho(found: Proposal) -> float:
+    return np.inf if found.certificate is None else found.certificate.rho
+
+
+def _with_remark(found: Proposal, wish: Wishes) -> Proposal:
+    """Return a proposal that says what was asked for by default."""
+    given_up = {"given_up": wish.given_up} if wish.given_up else {}
+    return replace(found, figures=found.figures | {"defaults": {**named(wish.problem), **given_up}})
+
+
+def _proposed(
+    problem: Problem,
+    bound: Bound,
+    jobs: int | None,
+    tell: Progress,
+    time_limit: float | None,
+    *,
+    explain: bool,
+) -> Proposal:
+    """Design what a problem asks for, and prove it.
+
+    Args:
+        problem: that names all it asks for.
+        bound: of its nonlinearity.
+        jobs, tell, time_limit: of `design`.
+        explain: whether to look for what is in the way where no gains are found.
+
+    Raises:
+        Infeasible, NotCertified, OutOfTime: see `design`.
+    """
     network = network_of(problem, bound)
     claim = claim_of(problem, bound)
     match problem.design.method:
         case "certified":
-            found = _searched(problem, network, bound, claim, jobs, tell, time_limit)
+            found = _searched(problem, network, bound, claim, jobs, tell, time_limit, explain=explain)
         case "given":
             found = _given(problem, network, bound, claim, tell)
         case "theorem1" | "corollary1":
@@ -157,7 +212,7 @@ def claim_of(problem: Problem, bound: Bound) -> Claim:
     alpha = problem.design.alpha if problem.design.alpha is not None else bound.alpha
     fragility = problem.fragility
     delta = np.tile([fragility[letter] for letter in "ABCD"], (problem.graph().N, 1))
-    of_this_phi = problem.design.alpha is None and problem.design.objective == "rho"
+    of_this_phi = problem.design.alpha is None and problem.design.objective != "alpha"
     return Claim.of(float(alpha), problem.performance, delta, bound.entries if of_this_phi else ())
 
 
@@ -177,12 +232,14 @@ def _searched(
     jobs: int | None,
     tell: Progress,
     time_limit: float | None,
+    *,
+    explain: bool,
 ) -> Proposal:
     from lockstep.lmi.methods.certified import searched
     from lockstep.lmi.sampled.score import SampledScore
 
     score = SampledScore.of(problem, network, claim)
-    found = searched(problem, network, claim, jobs, tell, time_limit, score)
+    found = searched(problem, network, claim, jobs, tell, time_limit, score, explain=explain)
     figures = found.figures | _figures(network, found.gains)
     floor = _floor(network, found.claim, found.certificate.rho, tell)
     return Proposal(
@@ -258,7 +315,7 @@ def _modal(problem: Problem, network: Network, bound: Bound, claim: Claim, tell:
     from lockstep.lmi.methods.modal import covered_graphs, design_modes, prove_modes
 
     table = problem.design
-    decaying = network if table.decay is None else network.decaying(table.decay)
+    decaying = network.decaying(max(table.decay or 0.0, table.search_decay or 0.0))
     gains = design_modes(
         decaying,
         claim,

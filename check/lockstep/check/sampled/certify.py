@@ -168,7 +168,7 @@ def _accepted(
         "ball",
         witness.decay,
         witness.ultimate * messages,
-        witness.rms * messages,
+        min(witness.rms, witness.ultimate) * messages,  # what is never exceeded is no less in the mean square
         ROUNDED_UP * lost,
         tuple(dict(one.deltas) for one in controllers),
         witness,

@@ -10,6 +10,7 @@ import numpy as np
 from lockstep.check.errors import Infeasible, NotCertified, OutOfTime
 from lockstep.check.inequality import Certificate, Claim
 from lockstep.check.loop import Gains
+from lockstep.lmi.analysis.decay import proved_decay
 from lockstep.lmi.analysis.limits import largest_alpha_of_any_controller, static_gains_cannot_stabilise
 from lockstep.lmi.analysis.reach import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
@@ -17,10 +18,15 @@ from lockstep.lmi.diagnosis.relax import hint, hint_of_stability
 from lockstep.lmi.floor.bisection import proves_that_none_carries
 from lockstep.lmi.sampled.improve import StartingGains
 from lockstep.lmi.search import GainSearch, Polished, Score, SearchResult, search_gains
+from lockstep.lmi.search.fastest import raised_decay
 from lockstep.lmi.search.start import Climbed
 from lockstep.lmi.threads import one_thread
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
+
+HELD = (0.4, 0.7, 1.0)
+"""Parts of the decay asked for that the search holds with the P of rho, one after the other: with a P of its own the
+decay of its gains is often twice as fast."""
 
 FORGOTTEN = 100
 """Periods within which a controller that is to be stable by itself forgets all but 1/e of its state."""
@@ -48,6 +54,8 @@ def searched(
     tell: Callable[[str, float], None],
     time_limit: float | None = None,
     score: Score | None = None,
+    *,
+    explain: bool = True,
 ) -> CertifiedGains:
     """Search, round, prove.
 
@@ -57,6 +65,7 @@ def searched(
         tell: told what is going on.
         time_limit: seconds for the search; then the best gains so far are taken.
         score: rho of the sampled loop for gains, by which starts are ranked; None to rank by rho.
+        explain: whether to look for what is in the way where nothing is found.
 
     Raises:
         Infeasible: no gains exist, which some problems show without a search, or no start led to gains for the claim;
@@ -70,37 +79,66 @@ def searched(
     tell("looking for limits of any controller", 0.0)
     refuse_the_impossible(problem, network, claim)
     lag = 0.0 if score is None else (0.5 + problem.controller.delay) * problem.controller.period
-    decaying = network if table.decay is None else network.decaying(table.decay)
-    rate = rate_of_controllers(problem)
-    search = GainSearch.of(decaying.loop(problem.order), claim, table.gain_limit, lag, rate)
-    found = search_gains(
-        search,
-        starts=table.starts,
-        seed=table.seed,
-        score=score,
-        rho=rho,
-        jobs=jobs,
-        tell=lambda part: tell("searching for gains", part),
-        deadline=deadline,
-    )
-    if not found.outcomes:
-        if found.cut and time_limit is not None:
-            raise _out_of_time(time_limit, claim, found)
-        tell("looking for what is reachable", 1.0)
-        raise _nothing(problem, network, claim, found)
-    tell("proving the certificate", 0.0)
-    limit = {"time_limit": time_limit} if found.cut else {}
-    for one in found.outcomes:
-        try:
-            proved = _proved(problem, network, claim, one, search, limit)
-        except NotCertified as error:
-            refused = error
-        else:
-            others = (start_of(other, search) for other in found.outcomes if other is not one)
-            return replace(proved, others=tuple(others))
+    rate, refused = rate_of_controllers(problem), NotCertified("no gains were found")
+    for held in decays_held(problem):
+        search = GainSearch.of(network.decaying(held).loop(problem.order), claim, table.gain_limit, lag, rate)
+        found = search_gains(
+            search,
+            starts=table.starts,
+            seed=table.seed,
+            score=score,
+            rho=rho,
+            jobs=jobs,
+            tell=lambda part: tell("searching for gains", part),
+            deadline=deadline,
+        )
+        if not found.outcomes:
+            if found.cut and time_limit is not None:
+                raise _out_of_time(time_limit, claim, found)
+            tell("looking for what is reachable", 1.0)
+            raise _nothing(problem, network, claim, found, explain=explain)
+        tell("proving the certificate", 0.0)
+        limit = {"time_limit": time_limit} if found.cut else {}
+        for one in found.outcomes:
+            try:
+                proved = _proved(problem, network, claim, one, search, limit)
+                if table.objective == "decay":
+                    proved = with_largest_decay(problem, network, proved, search, score)
+                refuse_a_slow_one(problem, network, proved)
+            except NotCertified as error:
+                refused = error
+            else:
+                others = (start_of(other, search) for other in found.outcomes if other is not one)
+                return replace(proved, others=tuple(others))
+    if not explain:
+        raise refused
     tell("looking for what is in the way", 1.0)
     said, why = hint(problem, network, claim)
     raise NotCertified(f"{refused}{said}", **refused.figures, **why)
+
+
+def decays_held(problem: Problem) -> tuple[float, ...]:
+    """Return the decays, in 1/s, that the search holds with the P of rho, in the order in which they are tried."""
+    asked, sought = problem.design.decay, problem.design.search_decay or 0.0
+    return (sought,) if asked is None else tuple(sorted({max(sought, part * asked) for part in HELD}))
+
+
+def refuse_a_slow_one(problem: Problem, network: Network, found: CertifiedGains) -> None:
+    """Prove the decay that is asked for, with a P of its own.
+
+    Raises:
+        NotCertified: it was not proved.
+    """
+    asked = problem.design.decay
+    if asked is None:
+        return
+    try:
+        proved_decay(network, found.gains, found.claim, asked, modal=False)
+    except NotCertified as error:
+        raise NotCertified(
+            f"[design] decay asks for {asked:g} 1/s, which is not proved of any gains found: {error}",
+            **error.figures,
+        ) from None
 
 
 def rate_of_controllers(problem: Problem) -> float | None:
@@ -112,6 +150,38 @@ def rate_of_controllers(problem: Problem) -> float | None:
     if not problem.design.stable_controllers:
         return None
     return max(1 / (FORGOTTEN * problem.controller.period), problem.design.decay or 0.0)
+
+
+def with_largest_decay(
+    problem: Problem, network: Network, found: CertifiedGains, search: GainSearch, score: Score | None
+) -> CertifiedGains:
+    """Return gains with a larger decay than those found, rho within the one given if one is; or those found.
+
+    Raises:
+        NotCertified: the rho given is not reached.
+    """
+    table, claim, rho = problem.design, found.claim, problem.design.rho
+    if rho is not None and found.certificate.rho > rho:
+        raise NotCertified(
+            f"rho = {rho:g} was not reached: {found.certificate.rho:g} was",
+            rho=rho,
+            reachable_rho=found.certificate.rho,
+        )
+
+    def at(decay: float) -> GainSearch:
+        return GainSearch.of(
+            network.decaying(decay).loop(problem.order), claim, table.gain_limit, search.lag, search.rate
+        )
+
+    K = raised_decay(at, found.gains.blocks, rho=np.inf if rho is None else rho, score=score)
+    gains = Gains.from_blocks(short_gains(K, table.gain_limit), problem.order)
+    try:
+        certificate = prove(network, gains, claim)
+        if rho is not None and certificate.rho > rho:
+            certificate = prove(network, gains, claim, rho=rho)
+    except NotCertified:
+        return found
+    return replace(found, gains=gains, certificate=certificate)
 
 
 def start_of(outcome: Polished, search: GainSearch) -> StartingGains:
@@ -198,10 +268,16 @@ def _out_of_time(time_limit: float, claim: Claim, found: SearchResult) -> OutOfT
     )
 
 
-def _nothing(problem: Problem, network: Network, claim: Claim, found: SearchResult) -> Infeasible:
+def _nothing(
+    problem: Problem, network: Network, claim: Claim, found: SearchResult, *, explain: bool
+) -> Infeasible:
     """Say what stands in the way, and what to relax."""
     table = problem.design
     asked = f"order {problem.order}, gain_limit {table.gain_limit:g}, {table.starts} starts"
+    asked += ", each controller stable by itself" if table.stable_controllers else ""
+    asked += f", decay {table.decay:g} 1/s" if table.decay else ""
+    if not explain:
+        return Infeasible(f"no gains were found ({asked})")
     if found.nearest is None:
         return _nothing_at_all(problem, network, asked, claim, found.abscissa)
     if found.nearest.certified < 1:

@@ -48,7 +48,7 @@ REACHES = (0.0, 1e-9, 1e-12, 1e-6)
 """What is added to S in every direction, in multiples of its size. A direction that neither the nonlinearity nor an error
 reaches, as in a mode that no input moves, has an X of zero and a P without end; a little reach gives it one."""
 
-FREE_RATES, FREE_RMS, FREE_CLAIMED = (0.05, 0.1, 0.15, 0.2), (0.9, 0.75, 0.6), 0.97
+FREE_RATES, FREE_RMS, FREE_CLAIMED = (0.1, 0.15, 0.2, 0.225), (0.9, 0.75, 0.6), 0.97
 """As `RATES`, `RMS` and `CLAIMED`, where the pair weights are free: half of what the noise can reach, or less, comes out."""
 
 MOST_STATES = 30
@@ -86,7 +86,7 @@ def candidates(
 
 def _promised(witness: Witness) -> float:
     """Return what witnesses are ranked by: the bound of every instant counts twice, that of the mean square once."""
-    return witness.ultimate**2 * witness.rms
+    return witness.ultimate**2 * min(witness.rms, witness.ultimate)
 
 
 def _with_free_weights(loop: SampledLoop, one: Lifted, radius: float) -> Iterator[Witness]:

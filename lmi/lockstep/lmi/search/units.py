@@ -75,7 +75,7 @@ def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
         claim: alpha, R, Q and delta.
     """
     plant, order, N = loop.plant, loop.order, loop.d.N
-    S, inputs, outputs, time, g = _exponents(loop, claim)
+    S, inputs, outputs, time, g = natural(loop, claim)
     S_C = 2.0 ** np.round(np.log2(np.maximum(np.diag(claim.Q), 1e-300)) / 2) if order else np.ones(0)
     state = np.concatenate([np.tile(S, N - 1), np.tile(S_C, N)])
     e = float(2.0 ** np.round(np.log2(time * S).mean()))
@@ -102,10 +102,10 @@ def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
     return new, claim, Units(gains, state, time, g * g, cost, e)
 
 
-def _exponents(
-    loop: Loop, claim: Claim
+def natural(
+    loop: Loop, claim: Claim, *, powers_of_two: bool = True
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " m"], Float[np.ndarray, " q"], float, float]:
-    """Return X, S_u, S_y, tau and g, powers of two."""
+    """Return X, S_u, S_y, tau and g: rounded to powers of two, or as the least squares have them."""
     plant = loop.plant
     n, m, q, r, _ = plant.sizes
     state, inputs, outputs = range(n), range(n, n + m), range(n + m, n + m + q)
@@ -138,6 +138,7 @@ def _exponents(
         wanted[k] = weight * value
         for place, sign in row.items():
             matrix[k, place] = weight * sign
-    found = 2.0 ** np.round(np.linalg.lstsq(matrix, wanted, rcond=None)[0])
+    exponents = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
+    found = 2.0 ** (np.round(exponents) if powers_of_two else exponents)
     ends = found[: n + m + q]
     return ends[:n], ends[n : n + m], ends[n + m :], float(found[time]), float(found[g])

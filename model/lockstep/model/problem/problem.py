@@ -367,7 +367,13 @@ class Problem:
             raise ProblemError(
                 f"`rho` is {design.rho}, but rho is what is minimised",
                 where="[design] rho",
-                expected='no `rho`, or objective = "alpha"',
+                expected='no `rho`, or objective = "alpha" or "decay"',
+            )
+        if design.objective == "decay" and design.method != "certified":
+            raise ProblemError(
+                f'`method` is "{design.method}"',
+                where="[design] objective",
+                expected='method = "certified", the one that looks for the largest decay',
             )
 
     def _check_spectrum(self) -> None:

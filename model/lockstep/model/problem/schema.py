@@ -247,13 +247,19 @@ class DesignTable(ProblemTable):
         default=None, description="a table, such as { outputs = { y1 = 0.001 } }"
     )
     decay: Positive | None = Field(default=None, description="a number of 1/s above 0")
+    search_decay: Positive | None = Field(
+        default=None,
+        description="a number of 1/s above 0: a decay that the search keeps to beside rho, and nobody is promised",
+    )
     stable_controllers: bool | None = Field(
         default=None, description="true or false: whether each controller is to be stable by itself"
     )
     gain_limit: Positive = Field(default=50.0, description="a finite number above 0")
     fragility: FragilityTable | None = Field(default=None, description="a table, such as { A = 0.5 }")
     alpha: Positive | None = Field(default=None, description="a finite number above 0")
-    objective: Literal["rho", "alpha"] = Field(default="rho", description='"rho" or "alpha"')
+    objective: Literal["rho", "alpha", "decay"] = Field(
+        default="rho", description='"rho", "alpha" or "decay"'
+    )
     rho: Positive | None = Field(default=None, description="a finite number above 0")
     coordinates: Literal["orthonormal", "laplacian_rows"] = Field(
         default="orthonormal", description='"orthonormal" or "laplacian_rows"'

@@ -4,6 +4,9 @@ from typing import Any
 
 from lockstep.model.problem.schema import ProblemFile
 
+ASKED_FOR = ("weights", "gain_limit")
+"""Keys of [design] that mean something by being there: a file without any of them asks for more than rho."""
+
 _LONGEST_LINE = 100
 
 
@@ -34,7 +37,10 @@ def toml_text(file: ProblemFile) -> str:
     import tomlkit
 
     tables = file.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
-    agent = tables["agent"]
+    agent, named = tables["agent"], file.design.model_fields_set
+    for key in ASKED_FOR:
+        if key in named and key not in tables.get("design", {}):
+            tables.setdefault("design", {})[key] = file.design.model_dump(mode="json", exclude_none=True)[key]
     agent["outputs"] = dict(agent["outputs"])
     if "domain" in agent:
         agent["domain"] = {state: _interval(*bounds) for state, bounds in agent["domain"].items()}

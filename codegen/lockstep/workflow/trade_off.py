@@ -1,0 +1,108 @@
+"""What rho costs, as files: a table, the same for programs with the gains of each point, and a figure."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lockstep.check.errors import ProblemError
+from lockstep.lmi.document import Stored, read
+from lockstep.model.problem import load_problem
+from lockstep.workflow.files import check_takes_files, of_file, seen
+from lockstep.workflow.progress import Progress
+
+if TYPE_CHECKING:
+    from lockstep.check.loop import Gains
+    from lockstep.lmi.diagnosis.pareto import ParetoPoint
+
+STEM = "trade_off"
+
+
+def check_folder(folder: Path, *others: Path | None) -> None:
+    """Refuse a folder that could not be written to; one that is not there yet is made at the end.
+
+    Args:
+        folder: the folder.
+        others: what is read, and what else is written.
+
+    Raises:
+        ProblemError: it is a file, is named twice, or cannot be made.
+    """
+    with seen(folder):
+        twice = any(other is not None and other.resolve() == folder.resolve() for other in others)
+        there, is_folder, above = folder.exists(), folder.is_dir(), folder.parent.is_dir()
+    if twice or (there and not is_folder):
+        raise ProblemError(
+            "it is named twice" if twice else "it is a file",
+            where=str(folder),
+            expected="a folder, or a file.csv",
+        )
+    if not above:
+        raise ProblemError("there is no such folder", where=str(folder.parent), remedy="make it first")
+    check_takes_files(folder if there else folder.parent, "" if there else folder.name)
+
+
+def gains_by_name(paths: Sequence[Path | str]) -> dict[str, "Gains"]:
+    """Return the gains that files hold, by what they are called: a design file, or a problem with [[design.gains]].
+
+    Raises:
+        ProblemError: a file that is neither.
+    """
+    from lockstep.lmi.design import given_gains
+
+    found: dict[str, Gains] = {}
+    for path in map(Path, paths):
+        with of_file(path):
+            if path.suffix == ".json":
+                stored = read(path)
+                found[stored.problem.title] = stored.gains
+                continue
+            problem = load_problem(path)
+            if problem.gains is None:
+                raise ProblemError(
+                    "there are no gains", where="[design]", expected='method = "given", with [[design.gains]]'
+                )
+            found[problem.title] = given_gains(problem)
+    return found
+
+
+def trade_off_points(
+    stored: Stored, others: Mapping[str, "Gains"], progress: Progress
+) -> tuple["ParetoPoint", ...]:
+    """Return gains around a design, and others, each proved: see `lockstep.lmi.diagnosis.pareto`."""
+    from lockstep.lmi.diagnosis.pareto import pareto
+
+    return pareto(stored, others, lambda part: progress("what rho costs", part))
+
+
+def trade_off_files(stored: Stored, others: Mapping[str, "Gains"], progress: Progress) -> dict[str, bytes]:
+    """Return the files of a trade-off by name."""
+    from lockstep.lmi.diagnosis.pareto import pareto_csv
+    from lockstep.report.export import png, svg
+    from lockstep.report.trade_off import trade_off_figure
+
+    points = trade_off_points(stored, others, progress)
+    figure = trade_off_figure(points)
+    said = {"title": stored.problem.title, "points": [one.document() for one in points]}
+    return {
+        f"{STEM}.json": (json.dumps(said, indent=1) + "\n").encode(),
+        f"{STEM}.csv": pareto_csv(points).encode(),
+        f"{STEM}.png": png(figure, STEM),
+        f"{STEM}.svg": svg(figure, STEM),
+    }
+
+
+def write_folder_of(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files into a folder, each as a whole.
+
+    Raises:
+        ProblemError: one cannot be written.
+    """
+    try:
+        folder.mkdir(exist_ok=True)
+        for name, content in files.items():
+            temporary = folder / f".{name}.part"
+            temporary.write_bytes(content)
+            temporary.replace(folder / name)
+    except OSError as error:
+        raise ProblemError(f"it cannot be written ({error.strerror})", where=str(folder)) from None

@@ -1,0 +1,123 @@
+"""What a problem asks for where it says nothing: controllers that an engineer would deploy, not the least rho alone.
+
+The last third of rho costs large gains, controllers that are unstable by themselves, slow modes and noise. So where [design]
+names neither `weights` nor `gain_limit` (nor a rho to keep), and its method searches,
+
+    gain_limit          6.4, or more where gains of size one, in natural units, are larger
+    weights.input       1e-3, in natural units
+    disturbances        noise of 0.03 on the outputs, in natural units, unless `disturbances` are named
+    stable_controllers  true, unless it is named
+    search_decay        0.037, in natural units of time, unless it or `decay` is named
+
+Natural units are those in which the numbers of plant and R are nearest to one (`search.units`). Where no gains are found
+for them, or none with a rho near the floor, the limit is raised, and then stability and decay are not asked for. What was
+taken is written into the problem: a design file names all of it, and nothing is filled in when it is read.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lockstep.check.inequality import Claim
+from lockstep.model.network import Network
+from lockstep.model.problem import Problem
+from lockstep.model.problem.schema import DisturbancesTable, WeightsTable
+
+GAIN_LIMIT, HIGH_GAIN_LIMIT = 6.4, 50.0
+"""Where gains of size one have a norm below `SIZE_ONE`; else as many parts of it as here, times that norm."""
+
+SIZE_ONE = 17.0
+"""About the norm of order 2 gains of size one of the flexible-joint arms, with which the limits were chosen."""
+
+INPUT, NOISE, DECAY = 1e-3, 0.03, 0.037
+"""In natural units: of u in what rho weighs, of the noise beside a disturbance, of the decay that the search keeps to."""
+
+KEYS = ("gain_limit", "stable_controllers", "search_decay")
+SEARCHED = ("certified", "modal")
+NAMED = ("weights", "gain_limit", "rho")
+
+FAR, MUCH = 4.0, 0.5
+"""A rho above so many floors is far: gains within the next limit are taken if theirs is less than this part of it."""
+
+
+class Wishes(NamedTuple):
+    """A problem that names what it asks for, and what was given up for it, in words; empty at first."""
+
+    problem: Problem
+    given_up: str
+
+
+def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]:
+    """Yield a problem with its defaults written down: the first to be tried, then with less asked; or the problem itself.
+
+    Args:
+        problem: as it was read.
+        network, claim: of this problem.
+    """
+    table = problem.design
+    if table.method not in SEARCHED or any(key in table.model_fields_set for key in NAMED):
+        yield Wishes(problem, "")
+        return
+    said = _in_natural_units(problem, network, claim)
+    high = max(HIGH_GAIN_LIMIT, _short(HIGH_GAIN_LIMIT / SIZE_ONE * said.pop("size")))
+    for key in ("disturbances", "stable_controllers", "decay", "search_decay"):
+        if key in table.model_fields_set:
+            said.pop("search_decay" if key == "decay" else key, None)
+    low = said["gain_limit"]
+    yield Wishes(_with(problem, said), "")
+    yield Wishes(_with(problem, said | {"gain_limit": high}), f"none within gain_limit {low:g}")
+    if said.pop("stable_controllers", None) or "search_decay" in said:
+        said.pop("search_decay", None)
+        yield Wishes(
+            _with(problem, said | {"gain_limit": high}),
+            f"none within gain_limit {low:g}, and none with stable controllers and a decay within {high:g}",
+        )
+
+
+def is_far(rho: float, floor: float | None) -> bool:
+    """Tell whether a rho is far above what is proved to be impossible; not where nothing is."""
+    return floor is not None and rho > FAR * floor
+
+
+def named(problem: Problem) -> dict[str, Any]:
+    """Return what defaults wrote into a problem, as plain JSON types, for people."""
+    table = problem.design.model_dump(mode="json", exclude_none=True)
+    return {key: table[key] for key in (*KEYS, "weights", "disturbances") if key in table}
+
+
+def _in_natural_units(problem: Problem, network: Network, claim: Claim) -> dict[str, Any]:
+    """Return the defaults, and the norm of gains of size one."""
+    from lockstep.lmi.search.units import natural
+
+    X, S_u, S_y, time, _ = natural(network.loop(problem.order), claim, powers_of_two=False)
+    gains = np.outer(
+        np.concatenate([np.full(problem.order, 1 / time), S_u]), np.concatenate([np.ones(problem.order), S_y])
+    )
+    size = float(np.linalg.norm(gains, 2))
+    cost = float(np.exp(np.log(np.diag(claim.R) / X**2).mean()))
+    disturbance = float(np.exp(np.log(time * X).mean()))
+    noise = [_short(NOISE * disturbance / scale) for scale in S_y]
+    names = [name for name, _ in problem.file.agent.outputs]
+    return {
+        "size": size,
+        "gain_limit": max(GAIN_LIMIT, _short(GAIN_LIMIT / SIZE_ONE * size)),
+        "weights": WeightsTable(
+            state=1.0, controller=1.0, input=tuple(_short(INPUT * cost / u**2) for u in S_u)
+        ),
+        "disturbances": DisturbancesTable(states=1.0, outputs=dict(zip(names, noise, strict=True))),
+        "stable_controllers": True,
+        "search_decay": float(f"{DECAY / time:.2g}"),
+    }
+
+
+def _short(value: float) -> float:
+    """Return a value to one significant decimal."""
+    return float(f"{value:.1g}")
+
+
+def _with(problem: Problem, said: dict[str, Any]) -> Problem:
+    """Return the problem with keys of [design] written down."""
+    table = problem.design.model_copy(update=said)
+    return replace(problem, file=problem.file.model_copy(update={"design": table}))
