@@ -58,16 +58,16 @@ def specification(
     sources: list[list[tuple[int, float]]] = [[] for _ in names]
     for listener, source, weight in graph.edges:
         sources[listener - 1].append((source - 1, weight))
-    signals = {
-        "outputs": tuple(Signal(name, units.get(name, "")) for name in agent.outputs),
-        "inputs": tuple(Signal(name, units.get(name, "")) for name in agent.inputs),
-    }
+    outputs, inputs = (
+        tuple(Signal(name, units.get(name, "")) for name in names) for names in (agent.outputs, agent.inputs)
+    )
     heard = [() if one_image else tuple(Neighbour(names[j], a) for j, a in row) for row in sources]
     alike = one_image and has_one_controller(stored)
     controllers = tuple(
         Controller(
             *(name, gains.A[i], gains.B[i], gains.C[i], gains.D[i], heard[i]),
-            **signals,
+            outputs=outputs,
+            inputs=inputs,
             limits=problem.sides,
         )
         for i, name in enumerate([base] if alike else names)

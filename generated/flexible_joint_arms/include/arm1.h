@@ -9,16 +9,20 @@
  *   order (states)   2
  *   output y[0]      y1 in rad
  *   output y[1]      y2 in rad/s
- *   input  u[0]      u in V
+ *   input  u[0]      u in V, clipped to [-10.0f, 10.0f]
  *   neighbour 0      arm2, weight a = 1.0, bit 0x1 of `received`
  *   arithmetic       float32 (float), round to nearest, subnormals kept, no contraction
  *   design           bdc077da9037ebc496631170dca9b3b1b7b9d04e1cc9953de35f19d9d76c60ce
  *
  * WHAT IS CLAIMED
  *   certified (proof: ball)
- *   proved = all agents come to agree, between the samples too, under these float32 controllers stepped every 0.005 s with u held, every rounding of a step counted
- *   assumes = the agents obey their model with slopes up to alpha; all step at one instant; every message arrives; u acts at once and unclipped; no step overflows
- *   remains = at the sampling instants, in the end, a distance of the states from agreement of up to 9.6e+01 times the largest error of a message or of an own reading (root mean square: 9.6e+01 times); rounding a message to float32 errs by 6.0e-08 of its size
+ *   proved = all agents come to agree, between the samples too, under these float32 controllers stepped
+ *     every 0.005 s with u held, every rounding of a step counted
+ *   assumes = the agents obey their model with slopes up to alpha; all step at one instant; every message
+ *     arrives; u acts at once and is clipped only as `limits` says; no step overflows
+ *   remains = at the sampling instants, in the end, a distance of the states from agreement of up to
+ *     9.6e+01 times the largest error of a message or of an own reading (root mean square: 9.6e+01 times);
+ *     rounding a message to float32 errs by 6.0e-08 of its size
  *   scope = global
  *   rho = 4.648
  *   rho_sampled = 4.713
@@ -26,7 +30,8 @@
  *   decay = 0.324 1/s, of every disagreement
  *   rho, delta and decay are = of the continuous controllers (proof: exact)
  *   limits = |u| < 10 for ever from a disagreement of at most 1.648, controllers at rest, no disturbance
- *   controllers = each is stable by itself, which is proved; largest |eigenvalue| per step, by agent: 0.989, 0.990, 0.983
+ *   controllers = each is stable by itself, which is proved; largest |eigenvalue| per step, by agent:
+ *     0.989, 0.990, 0.983
  *
  * WHAT IT COSTS
  *   RAM              36 bytes per instance (sizeof(arm1_state_t), natural alignment)
@@ -35,10 +40,10 @@
  *   stack            at most 224 bytes on Cortex-M4F, Cortex-M7; interrupt frame not counted
  *   stack            at most 304 bytes on RV32IMAC; interrupt frame not counted
  *   stack            at most 336 bytes on Cortex-M0; interrupt frame not counted
- *   flash            at most 1428 bytes on Cortex-M0
- *   flash            at most 1504 bytes on Cortex-M4F, Cortex-M7
- *   flash            at most 1652 bytes on RV32IMAFC
- *   flash            at most 2040 bytes on RV32IMAC
+ *   flash            at most 1836 bytes on Cortex-M0
+ *   flash            at most 1912 bytes on Cortex-M4F, Cortex-M7
+ *   flash            at most 2060 bytes on RV32IMAFC
+ *   flash            at most 2448 bytes on RV32IMAC
  *   arithmetic       12 multiplications and 9 additions in the controller itself
  *   no heap, no recursion, no loop without a constant bound, and the source calls no library function.
  *   The compiler may still call memcpy or memset for a copy, and on a core without single-precision hardware its
@@ -52,6 +57,8 @@
  *   at every call    look at the status; on a fault u repeats the last good value: decide what is safe for the plant.
  *                    A fault of the inputs ends with the inputs. An OVERFLOW that the state itself causes stays, since
  *                    the state is held: then call arm1_reset
+ *   CLIPPED          is no fault: the step was taken, and u is the limit that it met. x+ depends on r alone, so clipping winds
+ *                    nothing up; no anti-windup gain is designed. Where less than u acts, tell arm1_applied
  *   after a stop     call arm1_reset
  *   a first message  moves u by D a_j (y - y_j) and nothing else: before it the neighbour's term is 0, and no message
  *                    from before a reset is used; with the neighbour in agreement u does not move
@@ -94,12 +101,14 @@ typedef enum {
     /* *state was never initialised, by another design, or init found the build unfit. u is 0. */
     ARM1_NOT_READY = 3,
     /* Of init and self_check: known answers came out otherwise (contraction, flush to zero, another rounding, ...). */
-    ARM1_UNFIT = 4
+    ARM1_UNFIT = 4,
+    /* A good step in which an entry of u met its limit: *state and u hold what is applied. A bit that no other status has. */
+    ARM1_CLIPPED = 8
 } arm1_status_t;
 
 typedef struct {
     float x[2]; /* controller state, Tustin's: (I - A T/2) x_C - (T/2) B r */
-    float u[1]; /* last good output */
+    float u[1]; /* last good output, within its limits */
     float held[1][2]; /* last message of each neighbour */
     arm1_mask_t heard; /* neighbours that have been heard at least once */
     uint32_t age[1]; /* steps since the message in `held`, faults among them, or since init or reset; saturates */
@@ -130,6 +139,12 @@ arm1_status_t arm1_step(arm1_state_t *state, const float y[2],
 
 /* One step with the relative output r itself; leaves the held messages and their counts alone. */
 arm1_status_t arm1_step_relative(arm1_state_t *state, const float r[2], float u[1]);
+
+/*
+ * Say what acted in place of the u of the last step, where a drive or a person overrode it: what is held at a fault. Beyond the
+ * limits it is clipped, and CLIPPED returned; NaN or infinite it is refused, and nothing changes.
+ */
+arm1_status_t arm1_applied(arm1_state_t *state, const float u[1]);
 
 #ifdef __cplusplus
 }

@@ -115,6 +115,28 @@ static void arm1_output(const arm1_state_t *state, float u[1])
     }
 }
 
+/* What is applied: u within its limits. The controller's state does not depend on u, so that there is none to correct. */
+static arm1_status_t arm1_clip(arm1_state_t *state, arm1_status_t status)
+{
+    static const float lower[1] = {-10.0f};
+    static const float upper[1] = {10.0f};
+    arm1_status_t found = status;
+    uint32_t k;
+
+    for (k = 0u; (status == ARM1_OK) && (k < 1u); k++) {
+        if (state->u[k] < lower[k]) {
+            state->u[k] = lower[k];
+            found = ARM1_CLIPPED;
+        } else if (state->u[k] > upper[k]) {
+            state->u[k] = upper[k];
+            found = ARM1_CLIPPED;
+        } else {
+            /* within: stays as computed */
+        }
+    }
+    return found;
+}
+
 void arm1_reset(arm1_state_t *state)
 {
     uint32_t k;
@@ -156,6 +178,7 @@ LOCKSTEP_ONE_COPY arm1_status_t arm1_step_relative(arm1_state_t *state, const fl
         if ((status != ARM1_OK) && (arm1_check(r, 2u) != 0.0f)) {
             status = ARM1_NOT_FINITE;
         }
+        status = arm1_clip(state, status);
     } else {
         arm1_reset(state);
     }
@@ -248,10 +271,28 @@ LOCKSTEP_ONE_COPY arm1_status_t arm1_step(arm1_state_t *state, const float y[2],
             status = arm1_fault(y, neighbour_y, received);
         }
         arm1_remember(state, neighbour_y, received, status);
+        status = arm1_clip(state, status);
     } else {
         arm1_reset(state);
     }
     arm1_output(state, u); /* last: u may overlap the inputs */
+    return status;
+}
+
+arm1_status_t arm1_applied(arm1_state_t *state, const float u[1])
+{
+    arm1_status_t status = ARM1_NOT_READY;
+    uint32_t k;
+
+    if (state->ready == ARM1_DESIGN_WORD) {
+        status = ARM1_NOT_FINITE;
+        if (arm1_check(u, 1u) == 0.0f) {
+            for (k = 0u; k < 1u; k++) {
+                state->u[k] = u[k];
+            }
+            status = arm1_clip(state, ARM1_OK);
+        }
+    }
     return status;
 }
 

@@ -6,12 +6,12 @@
 
 const arm_controllers_descriptor_t arm_controllers_descriptors[3] = {
     {"arm1", "lockstep-controllers/2", ARM1_DESIGN_ID,
-     "d3de4f17b2c229685073d0d161e90eb35a37e642fadbb788fa1020b067000800",
+     "499a7fbc7602f0e7180d827988a40a078e2e735a105c2866da7332c6da5d087e",
      ARM1_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm1_state_t)},
     {"arm2", "lockstep-controllers/2", ARM2_DESIGN_ID,
-     "d3de4f17b2c229685073d0d161e90eb35a37e642fadbb788fa1020b067000800",
+     "499a7fbc7602f0e7180d827988a40a078e2e735a105c2866da7332c6da5d087e",
      ARM2_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm2_state_t)},
     {"arm3", "lockstep-controllers/2", ARM3_DESIGN_ID,
-     "d3de4f17b2c229685073d0d161e90eb35a37e642fadbb788fa1020b067000800",
+     "499a7fbc7602f0e7180d827988a40a078e2e735a105c2866da7332c6da5d087e",
      ARM3_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm3_state_t)}
 };

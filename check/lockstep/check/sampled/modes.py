@@ -172,7 +172,7 @@ class ModalLoop:
         advanced = np.vstack([states, u]) if network.delay else states
         return SampledLoop(
             network, n, n_xi, plant.B[0], applied, advanced, ways, (received,), places["nu"], places["mu"],
-            places["n"], applied, u,
+            places["n"], applied, u, number(np.array([value]))[0] * seen,
         )  # fmt: skip
 
 
