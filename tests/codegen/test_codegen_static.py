@@ -7,7 +7,9 @@ import os
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from codegen_cases import arms, shapes
 
@@ -108,22 +110,29 @@ def test_misra_deviations_are_those_of_the_table(tmp_path, root):
         found |= misra_rules(
             write_folder(emit(arms(optimize=optimize, real=real)), tmp_path / f"arms_{optimize}")
         )
+        found |= misra_rules(write_folder(emit(limited(optimize, real)), tmp_path / f"limited_{optimize}"))
     assert found <= documented(root)
     assert found >= documented(root, "cppcheck")
 
 
+def limited(optimize="speed", real="float32"):
+    """The arms, u being clipped."""
+    spec = arms(optimize=optimize, real=real)
+    return replace(spec, agents=tuple(replace(one, limits=np.array([[-6.0, 5.0]])) for one in spec.agents))
+
+
 @needs("gcc")
-def test_floats_are_compared_for_equality_only_where_the_misra_page_says(folder):
+def test_floats_are_compared_for_equality_only_where_the_misra_page_says(folder, tmp_path):
     """v - v is 0 or NaN: what is compared is always a sum of these, and nothing but 0."""
-    _, text = said(
-        ["gcc", "-std=c99", "-Wfloat-equal", "-fsyntax-only", "-Iinclude", *sources(folder)], folder
-    )
-    sites = re.findall(r"^ +[0-9]+ \| (.*)$", text, re.M)
-    assert len(sites) == text.count("[-Wfloat-equal]") > 0
-    allowed = (
-        r"\(check == 0\.0f\)|\(inputs == 0\.0f\)|_check\([yr], \d+u\) [!=]= 0\.0f\)|\* scale\) == answer\["
-    )
-    assert [site for site in sites if not re.search(allowed, site)] == []
+    clips = write_folder(emit(limited()), tmp_path / "limited")
+    for made in (folder, clips):
+        _, text = said(
+            ["gcc", "-std=c99", "-Wfloat-equal", "-fsyntax-only", "-Iinclude", *sources(made)], made
+        )
+        sites = re.findall(r"^ +[0-9]+ \| (.*)$", text, re.M)
+        assert len(sites) == text.count("[-Wfloat-equal]") > 0
+        allowed = r"\(check == 0\.0f\)|\(inputs == 0\.0f\)|_check\([yru], \d+u\) [!=]= 0\.0f\)|\* scale\) == answer\["
+        assert [site for site in sites if not re.search(allowed, site)] == []
 
 
 @needs("cppcheck")

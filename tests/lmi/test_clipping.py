@@ -182,6 +182,8 @@ def largest_energy(net, ones, slope: float, noise: float) -> float:
     loop = in_doubles(dataclasses.replace(net, plant=plant, alpha=0.0), ones, np.array([noise, noise]))
     one = period_in_doubles(loop)
     step, n, T = _step_of_state(loop, one), loop.n_xi, net.period
+    if np.abs(np.linalg.eigvals(step)).max() >= 1:
+        return 0.0
     A = as_floats(plant.A)
     size = len(A)
     van_loan = expm(np.block([[-A, np.eye(size)], [np.zeros((size, size)), A.T]]) * T)

@@ -56,7 +56,7 @@ class HeldVerdict:
 
     verdict: at their period;  longest: at the largest period certified for the design's gains, sampled anew;  rho: the
     disturbance gain of the sampled loop, if proved;  radius: of disagreements from which no input meets its limit;  gain: the
-    root of the energy of a disturbance under which none does;  clipped: of disagreements from which the clipped loop converges;
+    root of the energy of a disturbance under which none does;  clipped: of disagreements from which the clipped loop does;
     messages: what is proved of messages that are lost or late.
     """
 

@@ -201,8 +201,8 @@ LOCKSTEP_ONE_COPY agent_status_t agent_step(
 [limited]      status = agent_clip(state, status);
     } else { agent_reset(state); } agent_output(state, u); return status; }
 [limited] agent_status_t agent_applied(agent_state_t *state, const real u[INPUTS]) {
-[limited]     agent_status_t status = AGENT_NOT_READY; uint32_t k; if (state->ready == AGENT_DESIGN_WORD) {
-[limited]     status = AGENT_NOT_FINITE; if (agent_check(u, INPUTSu) == ZERO) {
+[limited]     agent_status_t status = AGENT_NOT_READY; if (state->ready == AGENT_DESIGN_WORD) {
+[limited]     status = AGENT_NOT_FINITE; if (agent_check(u, INPUTSu) == ZERO) { uint32_t k;
 [limited]     for (k = 0u; k < INPUTSu; k++) { state->u[k] = u[k]; } status = agent_clip(state, AGENT_OK); } }
 [limited]     return status; }
 agent_status_t agent_self_check(void) {
