@@ -191,7 +191,7 @@ def signed_lines(stored: Stored) -> dict[str, str]:
     """Return what is claimed of the sampled controllers, under which assumptions, and what remains."""
     sampled, table = stored.claims.sampled, stored.problem.controller
     applied = "one period after its sample" if table.delay else "at once"
-    unclipped = "is clipped only as `limits` says" if np.isfinite(stored.problem.sides).any() else "unclipped"
+    unclipped = "meets no limit (where that is proved, `limits` says)" if np.isfinite(stored.problem.sides).any() else "unclipped"
     residual, rms = (_two_digits(one) for one in (sampled.residual, sampled.residual_rms))
     return {
         "proved": f"all agents come to agree, between the samples too, under these {table.real} controllers stepped every"
