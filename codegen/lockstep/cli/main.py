@@ -111,12 +111,19 @@ def check(
             help="Also the checks that prove: equilibria, sectors, passivity, contraction, ranks, units.",
         ),
     ] = False,
+    messages: Annotated[
+        bool,
+        typer.Option(
+            "--messages",
+            help="Of a design instead: the loss, burst, delay and jitter that it carries, and what breaks it.",
+        ),
+    ] = False,
     json: Json = False,
 ) -> None:
     """Check a model symbolically: bound, structure, graph."""
     from lockstep.cli.check import run
 
-    run(problem, boxes=boxes, every=every, as_json=json)
+    run(problem, boxes=boxes, every=every, messages=messages, as_json=json)
 
 
 @app.command()

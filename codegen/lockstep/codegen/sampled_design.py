@@ -124,6 +124,23 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     return HeldVerdict(verdict, reach, rho, radius, messages)
 
 
+def prove_agreement(
+    stored: Stored,
+) -> tuple[SampledNetwork, tuple[HeldController, ...], SampledVerdict]:
+    """Return the network and the controllers of a design, and what is proved of them where all messages arrive.
+
+    Raises:
+        BoundNotProved: alpha does not bound the nonlinearity, or an entry does not bound its slope.
+        ProblemError: a gain has no value in the target type.
+    """
+    network, controllers = (
+        sampled_network(stored),
+        sampled_controllers(stored, stored.problem.controller.period),
+    )
+    witness = stored.proofs.sampled
+    return network, controllers, certify_sampled(network, controllers, _guess(stored), witness=witness)
+
+
 def _radius(
     stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...]
 ) -> tuple[float, Witness] | None:
