@@ -38,6 +38,7 @@ from lockstep.check.errors import NotCertified
 from lockstep.check.files import as_text, read_inside
 from lockstep.check.inequality import Claim
 from lockstep.check.local import Domain
+from lockstep.check.messages import decide_messages
 from lockstep.check.modes import ModalCertificate
 from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import as_floats
@@ -48,7 +49,6 @@ from lockstep.check.sampled.discretise import sampled_controllers
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.limits import proves_radius
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.messages import MessageWitness, proves_messages
 from lockstep.check.sampled.performance import SampledRho, proves_rho
 from lockstep.check.sampled.sector import Sector, common_sector
 from lockstep.check.verdict import Verdict
@@ -181,7 +181,9 @@ def _sampled(
         yield "max_period", _longest(stored, at, proofs.max_period, claims.max_period)
     if claims.radius is not None:
         yield "limits", _radius(stored, at, held, claims.radius)
-    yield from _messages(stored, at, held)
+    if claims.certified:
+        loop, asked, claimed = sampled_loop(at, held), problem.messages, stored.claims.messages
+        yield from decide_messages(asked, claimed, proofs, loop, problem.performance)
 
 
 def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:
@@ -215,33 +217,6 @@ def _radius(
     if witness is None or not proves_radius(sampled_loop(at, held), held, witness, limits, radius):
         return Verdict("undecided", f"it is claimed that {said}, but no witness proves it")
     return Verdict("proved", said)
-
-
-def _messages(
-    stored: CheckedFile, at: SampledNetwork, held: tuple[HeldController, ...]
-) -> Iterator[tuple[str, Verdict]]:
-    """Yield what is proved where messages are lost or late; what the problem asks for is to be claimed as well."""
-    claimed, asked, proofs = stored.claims.messages, stored.problem.messages, stored.proofs
-    if (
-        asked is not None
-        and stored.claims.sampled.certified
-        and not (claimed and asked.within(claimed.messages))
-    ):
-        yield "messages", Verdict("undecided", "[network.messages] asks for more than is claimed")
-    elif claimed is not None:
-        loop = sampled_loop(at, held)
-
-        def said(name: str, witness: MessageWitness | None, decay: float, *gain: Any) -> tuple[str, Verdict]:
-            holds = witness is not None and witness.decay <= decay
-            proved = holds and witness is not None and proves_messages(loop, claimed.messages, witness, *gain)
-            text = f"with {claimed.messages.text}"
-            return name, Verdict("proved", text) if proved else Verdict(
-                "undecided", f"{text}: no witness proves it"
-            )
-
-        yield said("messages", proofs.messages, claimed.decay)
-        if claimed.rho is not None:
-            yield said("messages_rho", proofs.messages_rho, 1.0, stored.problem.performance, claimed.rho)
 
 
 def _longest(stored: CheckedFile, at: SampledNetwork, witness: Witness | None, period: float) -> Verdict:

@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lockstep.cli.console import Answer, progress_display, respond
+from lockstep.cli.messages import limits_answer
 
 if TYPE_CHECKING:
     from lockstep.model.checks import CheckReport
@@ -23,20 +24,7 @@ def run(
     path: Path, *, as_json: bool, boxes: int | None = None, every: bool = False, messages: bool = False
 ) -> None:
     """Check a problem file, or the messages of a design; `boxes` is the budget of the search that proves the bound."""
-    respond(as_json, lambda: _messages(path) if messages else _check(path, boxes, every))
-
-
-def _messages(path: Path) -> Answer:
-    from lockstep.workflow.messages import message_limits
-
-    with progress_display() as tell:
-        found = message_limits(path, progress=tell)
-    table = Table(title=found.title, title_justify="left", box=box.SIMPLE_HEAD)
-    for name in ("messages", "certified up to", "breaks at", "how"):
-        table.add_column(name, overflow="fold")
-    for name, one in found.limits.items():
-        table.add_row(name, f"{one.certified:g}", "-" if one.breaks is None else f"{one.breaks:g}", one.how)
-    return Answer(found.document(), table)
+    respond(as_json, lambda: limits_answer(path) if messages else _check(path, boxes, every))
 
 
 def _check(path: Path, boxes: int | None, every: bool) -> Answer:

@@ -112,11 +112,7 @@ def check(
         ),
     ] = False,
     messages: Annotated[
-        bool,
-        typer.Option(
-            "--messages",
-            help="Of a design instead: the loss, burst, delay and jitter that it carries, and what breaks it.",
-        ),
+        bool, typer.Option("--messages", help="Of a design: which losses and delays it carries.")
     ] = False,
     json: Json = False,
 ) -> None:

@@ -24,7 +24,7 @@ from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.sampled.sector import Sector, common_sector
 from lockstep.codegen.folder.contents import DESIGN_NAME
-from lockstep.codegen.message_claims import ProvedMessages, prove_messages
+from lockstep.codegen.message_claims import MessageProof, prove_messages
 from lockstep.lmi.certify import Decided, certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import (
@@ -61,7 +61,7 @@ class HeldVerdict:
     longest: SampledVerdict | None = None
     rho: SampledRho | None = None
     radius: tuple[float, Witness] | None = None
-    messages: ProvedMessages = field(default_factory=ProvedMessages)
+    messages: MessageProof = field(default_factory=MessageProof)
 
     def claims(self) -> SampledClaims:
         """Return what may be claimed."""
@@ -118,7 +118,7 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     if verdict.certified and (reach is None or reach.period < verdict.period):
         reach = verdict
     radius = _radius(stored, network, controllers) if verdict.certified else None
-    messages = ProvedMessages()
+    messages = MessageProof()
     if verdict.witness is not None:
         messages = prove_messages(stored, network, controllers, verdict.witness, rho)
     return HeldVerdict(verdict, reach, rho, radius, messages)

@@ -9,7 +9,7 @@ for ages and jitter a periodic pattern with a multiplier of more than 1. Between
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,6 @@ from scipy.sparse.linalg import LinearOperator, eigs
 from lockstep.check.bound.result import Entry
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.lifting import copies, lift
-from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.sampled.messages import Messages, message_step
 from lockstep.lmi.sampled.certify import in_doubles
 from lockstep.lmi.sampled.messages import certify_messages

@@ -1,7 +1,8 @@
 """Witnesses for what a network does to messages are looked for here, in doubles, by one semidefinite program.
 
-What is assumed and what decides is in `lockstep.check.sampled.messages`. For a given decay its two inequalities are linear in P,
-Gamma, X and the pair weights m. They are put to the solver in coordinates in which P is near the identity: near what proves the loop
+What is assumed and what decides is in `lockstep.check.sampled.messages`. For a given decay its two inequalities are linear in
+P, Gamma, X, Xj and the pair weights m, but for the lifting of jitter, which the program knows without the nonlinearity first, then
+with Xj and m fixed. They are put to the solver in coordinates in which P is near the identity: near what proves the loop
 whose messages all arrive. Rounding is left out of the program and priced afterwards; the room for it is the least eigenvalue
 of both conditions, which is what is made large.
 """
