@@ -135,9 +135,10 @@ def test_the_schema_of_designs_and_the_reader_have_the_same_keys():
     """Of each table of claims; so a claim that is added to one alone is seen."""
     tables = json.loads(SCHEMAS["design"].read_text())["$defs"]
     claims = claims_of(json.loads((ARMS / "design.json").read_text())["claims"])
-    assert set(tables["claims"]["properties"]) == set(claims.document())
+    seldom = {"messages"}, {"messages", "messages_rho"}  # written where they are claimed alone
+    assert set(tables["claims"]["properties"]) == set(claims.document()) | seldom[0]
     assert set(tables["sampled"]["properties"]) == set(claims.sampled.document())
-    assert set(tables["proofs"]["properties"]) == set(proofs_document(Proofs()))
+    assert set(tables["proofs"]["properties"]) == set(proofs_document(Proofs())) | seldom[1]
 
 
 BROKEN_PROBLEMS = [
