@@ -133,7 +133,7 @@ def test_limits_stand_on_both_sides():
     for one in found.values():
         assert one.breaks is None or one.certified < one.breaks
     assert found["delay"].breaks is not None
-    assert 1 <= found["delay"].certified
+    assert found["delay"].certified >= 1
 
 
 def test_ages_break_a_plain_integrator_where_theory_says():

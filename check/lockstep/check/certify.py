@@ -181,9 +181,9 @@ def _sampled(
         yield "max_period", _longest(stored, at, proofs.max_period, claims.max_period)
     if claims.radius is not None:
         yield "limits", _radius(stored, at, held, claims.radius)
-    if claims.certified:
-        loop, asked, claimed = sampled_loop(at, held), problem.messages, stored.claims.messages
-        yield from decide_messages(asked, claimed, proofs, loop, problem.performance)
+    asked, claimed = problem.messages, stored.claims.messages
+    if claims.certified and (asked or claimed):
+        yield from decide_messages(asked, claimed, proofs, sampled_loop(at, held), problem.performance)
 
 
 def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:

@@ -140,8 +140,8 @@ def signed_lines(stored: Stored) -> dict[str, str]:
     return {
         "proved": f"all agents come to agree, between the samples too, under these {table.real} controllers stepped every"
         f" {table.period!r} s with u held, every rounding of a step counted",
-        "assumes": f"the agents obey their model with slopes up to {_slopes(stored)}; all step at one instant; {_network(stored)};"
-        f" u acts {applied} and unclipped; no step overflows",
+        "assumes": f"the agents obey their model with slopes up to {_slopes(stored)}; all step at one instant;"
+        f" {_network(stored)}; u acts {applied} and unclipped; no step overflows",
         "remains": "at the sampling instants, in the end, a distance of the states from agreement of up to"
         f" {residual} times the largest error of a message or of an own reading (root mean square: {rms} times);"
         f" rounding a message to {table.real} errs by {PRECISIONS[table.real].u:.1e} of its size",

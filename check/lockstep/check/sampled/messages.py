@@ -34,14 +34,14 @@ nonlinearity, with z^ = (z, nu1) and the step (xi+, eps+) = N^ z^ + J^ w_d,
 
     V(xi+, eps+) + J T int |Y x_d'|_Xj^2 < (xi, nu1)'Gamma (xi, nu1) + w'X w + kappa |error|^2 + kappa_mu |mu|^2,
 
-by W_1 > 0, a Schur complement as in `inequality`; with nu - nu1 = w + error, the form X - X^2 / kappa of it is below the least
-of w'X w + kappa |error|^2. It holds for each outcome of delta, before it is averaged. Second, the mean over delta,
+by W_1 > 0, a Schur complement as in `inequality`; with nu - nu1 = w + error, the form X - X^2 / kappa of it is below the
+least of w'X w + kappa |error|^2. It holds for each outcome of delta, before it is averaged. Second, the mean over delta,
 
     E (xi, nu1)'Gamma (xi, nu1) + D^2 decay^(1 - D) E g'X g < decay (V(xi, eps) + eta'Xj eta):        W_2 > 0,
 
 E of a square being that of the mean and p (1 - p) (eps_e - eta_e)'Gamma_ee (eps_e - eta_e) for each link. With p = 0 nothing
-is random, and the decay is that of each run; with p > 0 it is that of the mean square, and with probability 1 there is agreement
-as well. With rho, both halves hold with decay 1 and the cost of `performance`.
+is random, and the decay is that of each run; with p > 0 it is that of the mean square, and with probability 1 there is
+agreement as well. With rho, both halves hold with decay 1 and the cost of `performance`.
 """
 
 from dataclasses import dataclass

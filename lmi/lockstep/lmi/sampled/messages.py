@@ -1,8 +1,8 @@
 """Witnesses for what a network does to messages are looked for here, in doubles, by one semidefinite program.
 
 What is assumed and what decides is in `lockstep.check.sampled.messages`. For a given decay its two inequalities are linear in
-P, Gamma, X, Xj and the pair weights m, but for the lifting of jitter, which the program knows without the nonlinearity first, then
-with Xj and m fixed. They are put to the solver in coordinates in which P is near the identity: near what proves the loop
+P, Gamma, X, Xj and the pair weights m, but for the lifting of jitter, known without the nonlinearity at first, and
+then with Xj and m fixed. They are put to the solver in coordinates in which P is near the identity: near what proves the loop
 whose messages all arrive. Rounding is left out of the program and priced afterwards; the room for it is the least eigenvalue
 of both conditions, which is what is made large.
 """
@@ -16,7 +16,7 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 
 from lockstep.check.inequality import Performance
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
-from lockstep.check.sampled.inequality import multiplier, step_matrix
+from lockstep.check.sampled.inequality import Witness, multiplier, step_matrix
 from lockstep.check.sampled.lifting import Lifted, copies, lift
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.check.sampled.messages import (
@@ -55,8 +55,11 @@ MU = 1e6
 MORE = 1.1
 """What jitter counts in the first program, which lifts it without the nonlinearity."""
 
-FACTORS = (1.02, 1.1, 1.3, 2.0, 4.0, 10.0, 100.0)
-"""Multiples of rho of the loop whose messages all arrive that are tried."""
+FACTORS = (
+    *((1.02, 1.0), (1.1, 1.0), (1.1, 1.2), (1.3, 1.0), (1.3, 1.7), (2.0, 1.0), (2.0, 4.0)),
+    *((4.0, 4.0), (4.0, 16.0), (10.0, 10.0), (10.0, 100.0), (100.0, 100.0), (100.0, 1e4)),
+)
+"""Multiples of rho of the loop whose messages all arrive, and of its pair weights, that are tried."""
 
 
 @dataclass(frozen=True)
@@ -149,29 +152,32 @@ def message_rho(
         known: rho of the loop whose messages all arrive: its pair weights and P are where this starts.
     """
     loop, exact_loop = in_doubles(network, controllers), sampled_loop(network, controllers)
-    quiet, nothing = (
-        replace(messages, jitter=0.0),
-        np.zeros((len(loop.differences), len(loop.network.plant.C))),
-    )
-    M = multiplier(loop.network.d, known.witness.m)
-    start = MessageWitness(
-        known.witness.P, known.witness.P, nothing, nothing, known.witness.m, known.witness.t, 1.0, 0.0, 0.0
-    )
-    for factor in FACTORS:
+    for factor, scale in FACTORS:
         rho = float(f"{factor * known.rho:.4g}")
-        try:
-            parts = period_parts(loop, quiet, start, M, weights, rho)
-            lifted = None if parts is None else lift(*parts, network.period, expm)
-        except np.linalg.LinAlgError:
-            continue
-        if lifted is None or not np.isfinite(lifted.Q).all():
-            continue
-        program = _with_fixed_weights(loop, lifted, running_cost(loop, weights, rho), known.witness.P)
-        found = _solved(loop, program, messages, 1.0, replace(start, X_jitter=np.zeros((0, 0))))
-        for witness in () if found is None else _exactly(loop, messages, found, 1.0, weights, rho):
+        for witness in _with_rho(loop, messages, weights, rho, scale, known.witness):
             if proves_messages(exact_loop, messages, witness, weights, rho):
                 return rho, witness
     return None
+
+
+def _with_rho(
+    loop: SampledLoop, messages: Messages, weights: Performance, rho: float, scale: float, known: Witness
+) -> Iterator[MessageWitness]:
+    """Yield witnesses of a rho with so many times the pair weights known."""
+    none, P, m = np.zeros((0, 0)), scale * known.P, scale * known.m
+    start = MessageWitness(P, P, none, none, m, known.t, 1.0, 0.0, 0.0)
+    try:
+        quiet = replace(messages, jitter=0.0)
+        parts = period_parts(loop, quiet, start, multiplier(loop.network.d, m), weights, rho)
+        lifted = None if parts is None else lift(*parts, loop.network.period, expm)
+        if lifted is None or not np.isfinite(lifted.Q).all():
+            return
+        program = _with_fixed_weights(loop, lifted, running_cost(loop, weights, rho), P)
+    except np.linalg.LinAlgError:
+        return
+    found = _solved(loop, program, messages, 1.0, start)
+    if found is not None:
+        yield from _exactly(loop, messages, found, 1.0, weights, rho)
 
 
 @dataclass(frozen=True, eq=False)
