@@ -32,7 +32,10 @@ LATER = {
     ),
     "messages: what proposes and says": (
         [
-            *(f"lmi/lockstep/lmi/sampled/{name}.py" for name in ("messages", "message_limits")),
+            *(
+                f"lmi/lockstep/lmi/sampled/{name}.py"
+                for name in ("messages", "message_program", "message_limits")
+            ),
             *(
                 f"codegen/lockstep/{name}.py"
                 for name in ("codegen/message_claims", "workflow/messages", "cli/messages")
@@ -58,7 +61,8 @@ LIMITS = {
     # 4000 is the aim. 6300 held the whole language of expressions, unbounded domains and the readers; u in what rho weighs,
     # noise, decay, stable controllers and limits added 310, each a channel or a decision of its own. Only down from here.
     "check": (["check"], _LATER, 6650),
-    "cli": (["codegen/lockstep/cli"], _LATER, 1000),
+    # 1000 before `check --messages` and the row of messages in the answers.
+    "cli": (["codegen/lockstep/cli"], _LATER, 1010),
     "roots without campaign and rooms below": (
         ["check", "model", "lmi", "codegen"],
         ["codegen/lockstep/campaign", *_LATER],
