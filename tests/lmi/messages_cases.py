@@ -36,7 +36,7 @@ class HeldLoop:
         self.size = self.past + (len(self.links) * self.q if jitter else 0)
 
     def step(self, lost=(), ages=(), early=()):
-        """The matrix of one period, for each link: lost by chance (True: held), of an age, and read so early the next time."""
+        """The matrix of one period; of each link: lost by chance (True: held), its age, how early it is read next."""
         columns = np.eye(self.size)
         return np.column_stack([self._moved(column, lost, ages, early) for column in columns])
 

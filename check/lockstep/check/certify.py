@@ -40,6 +40,7 @@ from lockstep.check.files import as_text, read_inside
 from lockstep.check.inequality import Claim
 from lockstep.check.local import Domain
 from lockstep.check.loop import Plant
+from lockstep.check.messages import decide_messages
 from lockstep.check.modes import ModalCertificate
 from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import as_floats
@@ -51,7 +52,6 @@ from lockstep.check.sampled.discretise import clipped_at, sampled_controllers, s
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.limits import proves_gain, proves_radius
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.messages import MessageWitness, proves_messages
 from lockstep.check.sampled.modes import (
     ModalLoop,
     ModalWitness,
@@ -197,7 +197,15 @@ def _sampled(
     if claims.max_period is not None and not (claims.certified and claims.max_period <= problem.period):
         yield "max_period", _longest(stored, network, claims.max_period)
     yield from _limits(stored, network, held)
-    yield from _messages(stored, network, held)
+    asked, claimed = problem.messages, stored.claims.messages
+    if claimed and problem.spectrum is not None:
+        yield (
+            "messages",
+            Verdict("undecided", "messages are lost or late in one graph, and `spectrum` names many"),
+        )
+    elif claimed or (claims.certified and asked):
+        loop = sampled_loop(_sampled_network(stored, network, problem.period), held)
+        yield from decide_messages(asked, claimed, proofs, loop, problem.performance)
 
 
 def decide_held(
@@ -297,33 +305,6 @@ def _said(said: str, holds: bool) -> Verdict:
     if not holds:
         return Verdict("undecided", f"it is claimed that {said}, but no witness proves it")
     return Verdict("proved", said)
-
-
-def _messages(
-    stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController, ...]
-) -> Iterator[tuple[str, Verdict]]:
-    """Yield what is proved where messages are lost or late; what the problem asks for is to be claimed as well."""
-    claimed, asked, proofs = stored.claims.messages, stored.problem.messages, stored.proofs
-    if (
-        asked is not None
-        and stored.claims.sampled.certified
-        and not (claimed and asked.within(claimed.messages))
-    ):
-        yield "messages", Verdict("undecided", "[network.messages] asks for more than is claimed")
-    elif claimed is not None:
-        loop = sampled_loop(_sampled_network(stored, network, stored.problem.period), held)
-
-        def said(name: str, witness: MessageWitness | None, decay: float, *gain: Any) -> tuple[str, Verdict]:
-            holds = witness is not None and witness.decay <= decay
-            proved = holds and witness is not None and proves_messages(loop, claimed.messages, witness, *gain)
-            text = f"with {claimed.messages.text}"
-            return name, Verdict("proved", text) if proved else Verdict(
-                "undecided", f"{text}: no witness proves it"
-            )
-
-        yield said("messages", proofs.messages, claimed.decay)
-        if claimed.rho is not None:
-            yield said("messages_rho", proofs.messages_rho, 1.0, stored.problem.performance, claimed.rho)
 
 
 def _longest(stored: CheckedFile, network: ExactNetwork, period: float) -> Verdict:

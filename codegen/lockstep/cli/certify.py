@@ -7,7 +7,8 @@ from rich.console import RenderableType
 
 from lockstep.check.errors import ProblemError
 from lockstep.cli.console import Answer, respond, two_columns
-from lockstep.cli.design import messages_row, proved_besides, sampled_text
+from lockstep.cli.design import proved_besides, sampled_text
+from lockstep.cli.messages import messages_row
 
 if TYPE_CHECKING:
     from lockstep.workflow.certify import DesignVerdict

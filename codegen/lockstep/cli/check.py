@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lockstep.cli.console import Answer, progress_display, respond
+from lockstep.cli.messages import limits_answer
 
 if TYPE_CHECKING:
     from lockstep.model.checks import CheckReport
@@ -19,9 +20,11 @@ STYLES = {
 }
 
 
-def run(path: Path, *, as_json: bool, boxes: int | None = None, every: bool = False) -> None:
-    """Check a problem file; `boxes` is the budget of the search that proves the bound."""
-    respond(as_json, lambda: _check(path, boxes, every))
+def run(
+    path: Path, *, as_json: bool, boxes: int | None = None, every: bool = False, messages: bool = False
+) -> None:
+    """Check a problem file, or the messages of a design; `boxes` is the budget of the search that proves the bound."""
+    respond(as_json, lambda: limits_answer(path) if messages else _check(path, boxes, every))
 
 
 def _check(path: Path, boxes: int | None, every: bool) -> Answer:

@@ -7,6 +7,7 @@ from typing import Any
 from rich.console import RenderableType
 
 from lockstep.cli.console import Answer, progress_display, respond, two_columns
+from lockstep.cli.messages import messages_row
 
 
 def run(path: Path, output: Path | None, *, as_json: bool, **options: Any) -> None:
@@ -38,18 +39,6 @@ def sampled_text(sampled: Mapping[str, Any]) -> str:
         made = ", designed for it" if sampled.get("designed_for_period") else ""
         return f"yes, every {sampled['period']:g} s{made}{gain}, rounding included, proof: {sampled['proof']}{reach}"
     return f"NO: {sampled.get('reason') or 'not looked at'}{reach}"
-
-
-def messages_row(content: Mapping[str, Any]) -> dict[str, str]:
-    """Return what is proved where messages are lost or late; nothing where that is not asked for."""
-    found = content.get("messages")
-    if found is None:
-        return {}
-    if not found["certified"]:
-        return {"messages": f"NO: {found['reason']}"}
-    gain = f", rho {found['rho']:.6g}" if found.get("rho") else ""
-    said = f"a loss of {found['loss']:g}, {found['burst']} in a row, {found['delay'][1]} periods late, jitter {found['jitter']:g}"
-    return {"messages": f"yes, with {said}{gain}, proof: {found['proof']}"}
 
 
 def _where(content: Mapping[str, Any]) -> dict[str, str]:

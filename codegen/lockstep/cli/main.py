@@ -121,12 +121,15 @@ def check(
             help="Also the checks that prove: equilibria, sectors, passivity, contraction, ranks, units.",
         ),
     ] = False,
+    messages: Annotated[
+        bool, typer.Option("--messages", help="Of a design: which losses and delays it carries.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Check a model symbolically: bound, structure, graph."""
     from lockstep.cli.check import run
 
-    run(problem, boxes=boxes, every=every, as_json=json)
+    run(problem, boxes=boxes, every=every, messages=messages, as_json=json)
 
 
 @app.command()

@@ -191,17 +191,36 @@ def signed_lines(stored: Stored) -> dict[str, str]:
     """Return what is claimed of the sampled controllers, under which assumptions, and what remains."""
     sampled, table = stored.claims.sampled, stored.problem.controller
     applied = "one period after its sample" if table.delay else "at once"
-    unclipped = "meets no limit (where that is proved, `limits` says)" if np.isfinite(stored.problem.sides).any() else "unclipped"
+    unclipped = (
+        "meets no limit (where that is proved, `limits` says)"
+        if np.isfinite(stored.problem.sides).any()
+        else "unclipped"
+    )
     residual, rms = (_two_digits(one) for one in (sampled.residual, sampled.residual_rms))
     return {
         "proved": f"all agents come to agree, between the samples too, under these {table.real} controllers stepped every"
         f" {table.period!r} s with u held, every rounding of a step counted",
-        "assumes": f"the agents obey their model with slopes up to {_slopes(stored)}; all step at one instant; every message"
-        f" arrives; u acts {applied} and {unclipped}; no step overflows",
+        "assumes": f"the agents obey their model with slopes up to {_slopes(stored)}; all step at one instant;"
+        f" {_network(stored)}; u acts {applied} and {unclipped}; no step overflows",
         "remains": "at the sampling instants, in the end, a distance of the states from agreement of up to"
         f" {residual} times the largest error of a message or of an own reading (root mean square: {rms} times);"
         f" rounding a message to {table.real} errs by {PRECISIONS[table.real].u:.1e} of its size",
     }
+
+
+def _network(stored: Stored) -> str:
+    """Return what is assumed of the messages: that all arrive, or the bounds that are claimed."""
+    claimed = stored.claims.messages
+    if claimed is None:
+        return "every message arrives"
+    one = claimed.messages
+    parts = [
+        f"a link loses a message with a probability of at most {one.loss:g}" if one.loss else "",
+        f"at most {one.burst} are lost in a row" if one.burst else "",
+        f"they are at most {one.delay[1]} periods late" if one.delay[1] else "",
+        f"a reading is taken at most {one.jitter:g} of a period early" if one.jitter else "",
+    ]
+    return ", ".join(part for part in parts if part) or "every message arrives"
 
 
 def _slopes(stored: Stored) -> str:

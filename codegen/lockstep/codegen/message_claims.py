@@ -1,4 +1,4 @@
-"""What can be claimed of a design whose messages are lost or late, as its problem asks: the largest part of it that is proved.
+"""What can be claimed of a design whose messages are lost or late, as its problem asks, or the part of that that is proved.
 
 `lockstep.lmi.sampled.messages` proposes, `lockstep.check.sampled.messages` decides.
 """
@@ -21,7 +21,7 @@ HALVINGS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class ProvedMessages:
+class MessageProof:
     """What is claimed with its witnesses, or the remark why nothing is."""
 
     claims: MessageClaims | None = None
@@ -36,7 +36,7 @@ def prove_messages(
     controllers: tuple[HeldController, ...],
     witness: Witness,
     rho: SampledRho | None,
-) -> ProvedMessages:
+) -> MessageProof:
     """Prove what the problem asks for, or say which part of it is proved.
 
     Args:
@@ -46,23 +46,23 @@ def prove_messages(
     """
     asked = stored.problem.messages
     if asked is None:
-        return ProvedMessages()
+        return MessageProof()
     known = _stated(stored, network, controllers, asked)
     if known is not None:
         return known
     found = certify_messages(network, controllers, asked, witness.P)
     if found is None:
-        return ProvedMessages(remark=_shortfall(network, controllers, asked, witness))
+        return MessageProof(remark=_shortfall(network, controllers, asked, witness))
     gain = None
     if rho is not None:
         gain = message_rho(network, controllers, asked, stored.problem.performance, rho)
     claims = MessageClaims(asked, found.witness.decay, None if gain is None else gain[0])
-    return ProvedMessages(claims, found.witness, None if gain is None else gain[1])
+    return MessageProof(claims, found.witness, None if gain is None else gain[1])
 
 
 def _stated(
     stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...], asked: Messages
-) -> ProvedMessages | None:
+) -> MessageProof | None:
     claims, proofs, loop = stored.claims.messages, stored.proofs, sampled_loop(network, controllers)
     if claims is None or proofs.messages is None or not asked.within(claims.messages):
         return None
@@ -72,7 +72,7 @@ def _stated(
         weights, of_rho = stored.problem.performance, proofs.messages_rho
         if of_rho is None or not proves_messages(loop, claims.messages, of_rho, weights, claims.rho):
             return None
-    return ProvedMessages(claims, proofs.messages, proofs.messages_rho)
+    return MessageProof(claims, proofs.messages, proofs.messages_rho)
 
 
 def part_of(asked: Messages, part: float) -> Messages:

@@ -24,7 +24,7 @@ from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.sampled.sector import Sector, common_sector
 from lockstep.codegen.folder.contents import DESIGN_NAME
-from lockstep.codegen.message_claims import ProvedMessages, prove_messages
+from lockstep.codegen.message_claims import MessageProof, prove_messages
 from lockstep.codegen.sampled_modes import ModalRho, held_controllers, prove_modes_of, splits
 from lockstep.lmi.certify import Decided, certify
 from lockstep.lmi.document import Stored
@@ -64,7 +64,7 @@ class HeldVerdict:
     longest: SampledVerdict | None = None
     rho: SampledRho | ModalRho | None = None
     radius: tuple[float, Witness] | None = None
-    messages: ProvedMessages = field(default_factory=ProvedMessages)
+    messages: MessageProof = field(default_factory=MessageProof)
     gain: tuple[float, Witness] | None = None
     clipped: tuple[float, ClippedWitness] | None = None
 
@@ -157,6 +157,23 @@ def _mode_by_mode(stored: Stored) -> HeldVerdict:
         return found
     controllers = sampled_controllers(stored, stored.problem.controller.period)
     return _with_limits(found, stored, sampled_network(stored), controllers, None)
+
+
+def prove_agreement(
+    stored: Stored,
+) -> tuple[SampledNetwork, tuple[HeldController, ...], SampledVerdict]:
+    """Return the network and the controllers of a design, and what is proved of them where all messages arrive.
+
+    Raises:
+        BoundNotProved: alpha does not bound the nonlinearity, or an entry does not bound its slope.
+        ProblemError: a gain has no value in the target type.
+    """
+    network, controllers = (
+        sampled_network(stored),
+        sampled_controllers(stored, stored.problem.controller.period),
+    )
+    witness = stored.proofs.sampled
+    return network, controllers, certify_sampled(network, controllers, _guess(stored), witness=witness)
 
 
 def _radius(

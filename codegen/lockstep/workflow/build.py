@@ -20,7 +20,6 @@ from lockstep.workflow.trade_off import gains_by_name, trade_off_points
 from lockstep.workflow.verify import verify
 
 if TYPE_CHECKING:
-    from lockstep.lmi.diagnosis.pareto import ParetoPoint
     from lockstep.model.checks import CheckReport
     from lockstep.report import Report
     from lockstep.verification.verify import VerifyReport

@@ -148,7 +148,7 @@ def sampled_answer(stored: Stored) -> dict[str, Any]:
 
 
 def messages_answer(stored: Stored, *, certified: bool) -> dict[str, Any]:
-    """Return the key `messages` where the problem asks for them or the design claims them: what is claimed, or why nothing is."""
+    """Return the key `messages` where the problem asks or the design claims: what is claimed, or why nothing is."""
     claims, asked = stored.claims.messages, stored.problem.messages
     if claims is not None and certified:
         return {"messages": {"certified": True, "proof": "ball", **claims.document()}}

@@ -5,7 +5,7 @@ is assumed of each link, `loss` p, `burst` b, `delay` up to l periods, `jitter` 
 
     h_e(k) = d_e(k) + eta_e(k)  with probability 1 - p, else h_e(k - 1): chance loses a message, or the newest arrives;
              independent over the instants and the links, and of all that happened before;
-    held   = h_e(k - tau_e(k)),  0 <= tau_e(k) <= D = b + l in any pattern: at most b in a row lost, then up to l periods late;
+    held   = h_e(k - tau_e(k)),  0 <= tau_e(k) <= D = b + l in any pattern: b lost in a row, and then up to l periods late;
     eta_e  = the change of d_e over at most the last J T before the instant at which it was to be read.
 
 So without `loss` the ages are at most D; with it, what chance spares, or something newer, is known D periods later. At
@@ -15,7 +15,8 @@ With eps(k) = h(k - 1) - d(k) beside xi, nu1(k) = h(k) - d(k) and nu(k) = held -
 messages' errors of `loop`,
 
     eps+ = nu1 - Y (xi+ - xi),       nu1_e = delta_e eps_e + (1 - delta_e) eta_e,   delta_e = 1 with probability p,
-    nu   = nu1 + w,   w(k) = h(k - tau) - h(k) = -sum_{s < tau} g(k - s),   g_e = h_e(k) - h_e(k - 1) = (1 - delta_e)(eta_e - eps_e).
+    nu   = nu1 + w,   w(k) = h(k - tau) - h(k) = -sum_{s < tau} g(k - s),
+    g_e  = h_e(k) - h_e(k - 1) = (1 - delta_e) (eta_e - eps_e).
 
 Age: by Cauchy and Schwarz w'X w <= D sum_{s < D} g(k - s)'X g(k - s), for every X >= 0 of the size of an output, one for
 each link (Kao and Rantzer 2007: a gain of D). With S(k) = c sum_{s=1}^{D-1} (D - s) decay^s g(k - s)'X g(k - s) and
@@ -24,22 +25,23 @@ c = D decay^-D,
     S(k + 1) - decay S(k) = c decay (D g(k)'X g(k) - sum_{s<D} decay^s g(k - s)'X g(k - s))
                          <= D^2 decay^(1 - D) g(k)'X g(k) - w(k)'X w(k).
 
-Jitter: |eta_e(k+1)|_Xj^2 <= J T int (Y x_d')' Xj (Y x_d') dt over the period before (Cauchy and Schwarz), a way out of the period that
-is lifted; V + eta'Xj eta + S is what decays. Readings of two agents for one instant that are s seconds apart differ from this by
-at most s |y'|: an error of the message, as any other, that kappa counts.
+Jitter: |eta_e(k + 1)|^2 in the form Xj <= J T int (Y x_d')'Xj (Y x_d') dt over the period before (Cauchy and Schwarz), a way
+out of the period that is lifted; what decays is V + eta'Xj eta + S. Readings of two agents for one instant that are s seconds
+apart differ from this by at most s |y'|: an error of the message, as any other, that kappa counts.
 
 The proof has two halves, with a form Gamma on (xi, nu1) between them. First, for every rounding, underflow and
 nonlinearity, with z^ = (z, nu1) and the step (xi+, eps+) = N^ z^ + J^ w_d,
 
     V(xi+, eps+) + J T int |Y x_d'|_Xj^2 < (xi, nu1)'Gamma (xi, nu1) + w'X w + kappa |error|^2 + kappa_mu |mu|^2,
 
-by W_1 > 0, a Schur complement as in `inequality` (of nu - nu1 = w + error, X - X^2 / kappa is below the least of w'X w + kappa
-|error|^2). It holds for each outcome of delta, before it is averaged. Second, the mean over delta,
+by W_1 > 0, a Schur complement as in `inequality`; with nu - nu1 = w + error, the form X - X^2 / kappa of it is below the
+least of w'X w + kappa |error|^2. It holds for each outcome of delta, before it is averaged. Second, the mean over delta,
 
     E (xi, nu1)'Gamma (xi, nu1) + D^2 decay^(1 - D) E g'X g < decay (V(xi, eps) + eta'Xj eta):        W_2 > 0,
 
-E of a square being that of the mean and p (1 - p) (eps_e - eta_e)'Gamma_ee (eps_e - eta_e) for each link. With p = 0 nothing is random, and
-the decay is that of each run; with p > 0 it is that of the mean square, and with probability 1 there is agreement as well.
+E of a square being that of the mean and p (1 - p) (eps_e - eta_e)'Gamma_ee (eps_e - eta_e) for each link. With p = 0 nothing
+is random, and the decay is that of each run; with p > 0 it is that of the mean square, and with probability 1 there is
+agreement as well. With rho, both halves hold with decay 1 and the cost of `performance`.
 """
 
 from dataclasses import dataclass
@@ -91,7 +93,7 @@ class Messages:
 
 @dataclass(frozen=True, eq=False)
 class MessageWitness:
-    """P and Gamma (n_xi + links, n_xi + links), X and Xj (links, q) block below block, m, t and the numbers of `inequality`."""
+    """P, Gamma (n_xi + links, n_xi + links), X, Xj (links, q) block below block, m, t and numbers as of `inequality`."""
 
     P: Annotated[np.ndarray, "n n"]
     Gamma: Annotated[np.ndarray, "n n"]
@@ -304,7 +306,7 @@ def W_2(loop: SampledLoop, messages: Messages, witness: MessageWitness) -> Matri
     spread = p * (1 - p) * links_apart(np.vstack(_blocks(Gamma[n:, n:], X.shape[1])))
     if D:
         spread = spread + (1 - p) * D * D * decay ** (1 - D) * links_apart(X)
-    W = _padded(decay * P, n + 2 * links) - mean.T @ Gamma @ mean - apart.T @ spread @ apart
+    W: Matrix = _padded(decay * P, n + 2 * links) - mean.T @ Gamma @ mean - apart.T @ spread @ apart
     if not messages.jitter:
         return W[: n + links, : n + links]
     W[n + links :, n + links :] = W[n + links :, n + links :] + decay * links_apart(number(witness.X_jitter))

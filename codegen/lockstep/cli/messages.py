@@ -1,0 +1,36 @@
+"""What is said of messages that are lost or late: the row of an answer, and the answer of `lockstep check --messages`."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rich import box
+from rich.table import Table
+
+from lockstep.cli.console import Answer, progress_display
+
+
+def limits_answer(path: Path) -> Answer:
+    """Return what a design carries of each fault, and what breaks it."""
+    from lockstep.workflow.messages import message_limits
+
+    with progress_display() as tell:
+        found = message_limits(path, progress=tell)
+    table = Table(title=found.title, title_justify="left", box=box.SIMPLE_HEAD)
+    for name in ("messages", "certified up to", "breaks at", "how"):
+        table.add_column(name, overflow="fold")
+    for name, one in found.limits.items():
+        table.add_row(name, f"{one.certified:g}", "-" if one.breaks is None else f"{one.breaks:g}", one.how)
+    return Answer(found.document(), table)
+
+
+def messages_row(content: Mapping[str, Any]) -> dict[str, str]:
+    """Return what is proved where messages are lost or late; nothing where that is not asked for."""
+    found = content.get("messages")
+    if found is None:
+        return {}
+    if not found["certified"]:
+        return {"messages": f"NO: {found['reason']}"}
+    gain = f", rho {found['rho']:.6g}" if found.get("rho") else ""
+    faults = f"a loss of {found['loss']:g}, {found['burst']} lost in a row, {found['delay'][1]} periods late"
+    return {"messages": f"yes, with {faults}, jitter {found['jitter']:g}{gain}, proof: {found['proof']}"}

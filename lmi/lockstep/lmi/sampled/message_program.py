@@ -1,0 +1,207 @@
+"""The two inequalities of `lockstep.check.sampled.messages` as one semidefinite program, rounding left out.
+
+For a given decay they are linear in P, Gamma, X, Xj and the pair weights m, but for the lifting of jitter, known without the
+nonlinearity at first, and then with Xj and m fixed. They are put to the solver in coordinates in which P is near the
+identity: near what proves the loop whose messages all arrive. The room for rounding is the least eigenvalue of both
+conditions, which is what is made large.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import expm
+
+from lockstep.check.sampled.lifting import Lifted, copies
+from lockstep.check.sampled.loop import SampledLoop
+from lockstep.check.sampled.messages import Messages, MessageWitness, message_step
+from lockstep.lmi.analysis.solve import run
+from lockstep.lmi.sampled.convex import FLATTEST, NOTHING
+
+Form = Float[np.ndarray, "k k"]
+
+MORE = 1.1
+"""What jitter counts in the first program, which lifts it without the nonlinearity."""
+
+
+@dataclass(frozen=True, eq=False)
+class MessageProgram:
+    """What the conditions are made of, in coordinates in which P is near the identity.
+
+    basis: (xi, eps) = basis @ coordinates;  N: (xi+, eps+) from (xi, nu, nu1, omega), w_d = root omega;  costs,
+    multipliers: of each pair's weight, on these and on omega, in units of `size`; one of each where the weights are fixed;
+    rates: whose squares sum up to T int |Y x_d'|^2 dt over a period, without nonlinearity.
+    """
+
+    basis: Form
+    N: Float[np.ndarray, "k l"]
+    costs: list[Form]
+    multipliers: list[Form]
+    size: float
+    rates: list[Float[np.ndarray, "links l"]]
+
+    @property
+    def count(self) -> int:
+        """The length of omega."""
+        return len(self.multipliers[0])
+
+    @classmethod
+    def of(
+        cls,
+        loop: SampledLoop,
+        lifted: Lifted,
+        root: Float[np.ndarray, "n_d o"],
+        costs: list[Form],
+        multipliers: list[Form],
+        near: Form,
+        *,
+        scaled: bool,
+    ) -> "MessageProgram":
+        """costs: on z;  multipliers: on omega;  near: a form that the part of P on xi is to be near;
+        scaled: whether the costs, and with them omega, are put in units in which the largest is 1."""
+        n, links, count = loop.n_xi, len(loop.differences), root.shape[1]
+        step, enters = message_step(loop, lifted)
+        columns = np.r_[0:n, loop.messages.start : loop.messages.stop, loop.n_z : loop.n_z + links]
+        L = np.linalg.inv(np.linalg.cholesky(near)).T
+        into, out = step[:n, loop.messages], step[n:, :n] @ L
+        weighs = float(np.linalg.norm(np.linalg.solve(L, into), 2))
+        sigma = float(np.sqrt(np.linalg.norm(out, 2) / weighs)) if weighs > 0 and out.any() else 1.0
+        basis, given = (np.diag(np.full(n + k * links, sigma)) for k in (1, 2))
+        basis[:n, :n] = given[:n, :n] = L
+        held = given[: n + links, : n + links]
+        costs = [
+            _symmetric(held.T @ cost[np.ix_(columns[: n + links], columns[: n + links])] @ held)
+            for cost in costs
+        ]
+        size = (max(float(np.linalg.norm(cost, 2)) for cost in costs) or 1.0) if scaled else 1.0
+        N = np.linalg.solve(basis, np.hstack([step[:, columns] @ given, enters @ root * np.sqrt(size)]))
+        padded = [np.pad(cost / size, (0, links + count)) for cost in costs]
+        into_rates = [each @ loop.start[:, columns[: n + links]] @ held / sigma for each in _rates(loop)]
+        rates = [np.pad(each, ((0, 0), (0, links + count))) for each in into_rates]
+        return cls(basis, N, padded, multipliers, size, rates)
+
+
+def _rates(loop: SampledLoop) -> list[Float[np.ndarray, "links a"]]:
+    """Return the change of the differences at three instants of Gauss, weighed, from a = (x_d, v)."""
+    plant, T, unit = loop.network.plant, loop.network.period, np.eye(loop.network.d.N - 1)
+    flow = np.hstack([np.kron(unit, plant.A), np.kron(unit, loop.into)])
+    whole = np.vstack([flow, np.zeros((flow.shape[1] - len(flow), flow.shape[1]))])
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    Y = loop.differences[:, : loop.n_d]
+    return [
+        np.sqrt(w / 2) * T * Y @ flow @ expm(whole * T * (1 + x) / 2)
+        for x, w in zip(nodes, weights, strict=True)
+    ]
+
+
+def with_free_weights(loop: SampledLoop, one: Lifted, near: Form) -> MessageProgram:
+    """Return the program whose pair weights are found with it; one: period of one agent;  near: as for `of`."""
+    d, unit = loop.network.d, np.eye(loop.network.d.N - 1)
+    lifted, forms = copies(one, unit), [d.pair_multiplier(*pair) for pair in d.pairs()]
+    root = _root(one.S)
+    # Linear in M, and `copies` wants a regular one.
+    costs = [loop.start.T @ (copies(one, unit + form).Q - lifted.Q) @ loop.start for form in forms]
+    multipliers = [np.kron(form, np.eye(root.shape[1])) for form in forms]
+    return MessageProgram.of(loop, lifted, np.kron(unit, root), costs, multipliers, near, scaled=True)
+
+
+def with_fixed_weights(loop: SampledLoop, lifted: Lifted, running: Form | None, near: Form) -> MessageProgram:
+    """Return the program of a period lifted with all weights; running: a cost of z at each sampling instant."""
+    root = _root(lifted.S)
+    costs = [loop.start.T @ lifted.Q @ loop.start + (0.0 if running is None else running)]
+    return MessageProgram.of(loop, lifted, root, costs, [np.eye(root.shape[1])], near, scaled=False)
+
+
+def _root(square: Form) -> Float[np.ndarray, "n k"]:
+    values, vectors = np.linalg.eigh(square)
+    kept = values > NOTHING * values.max(initial=0.0)
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+
+
+def solved(
+    loop: SampledLoop,
+    program: MessageProgram,
+    messages: Messages,
+    decay: float,
+    fixed: MessageWitness | None = None,
+) -> MessageWitness | None:
+    """Solve the program; return a witness without prices of rounding, or None.
+
+    fixed: holds the weights of the pairs and, unless it is empty, Xj, where the period was lifted with them.
+    """
+    import cvxpy as cp
+
+    n, links, q = loop.n_xi, len(loop.differences), len(loop.network.plant.C)
+    p, D, J = messages.loss, messages.age, messages.jitter
+    # Columns of (xi, nu, nu1, omega) that occur: without ages nu is nu1, and without chance and jitter nu1 is 0.
+    unit = np.eye(n + 2 * links + program.count)
+    xi, nu, nu1, omega = np.split(unit, np.cumsum([n, links, links]), axis=1)
+    keep = np.hstack(
+        [xi, *([nu, nu1] if D and (p or J) else [nu] if D else [nu + nu1] if p or J else []), omega]
+    )
+    of_nu, of_nu1, of_omega = np.split(keep[n:], np.cumsum([links, links]))
+    known, costs = np.vstack([keep[:n], of_nu1]), [keep.T @ cost @ keep for cost in program.costs]
+    V, Gamma = (cp.Variable((n + links,) * 2, symmetric=True) for _ in range(2))
+    slack, m = cp.Variable(), cp.Variable(len(costs), nonneg=True)
+    blocks = [cp.Variable((q, q), symmetric=True) for _ in range(links // q)]
+    places = np.split(np.eye(links), links // q)
+    X = sum(place.T @ block @ place for place, block in zip(places, blocks, strict=True))
+    M = sum(m[k] * form for k, form in enumerate(program.multipliers))
+    K = known.T @ Gamma @ known - sum(m[k] * cost for k, cost in enumerate(costs)) + of_omega.T @ M @ of_omega
+    K = K + (of_nu - of_nu1).T @ X @ (of_nu - of_nu1) if D else K
+    own = np.kron(np.eye(links // q), np.ones((q, q)))
+    spread = p * (1 - p) * cp.multiply(Gamma[n:, n:], own) + (1 - p) * D * D * decay ** (1 - D) * X
+    early = links if J else 0
+    mean = np.zeros((n + links, n + links + early))
+    mean[:n, :n], mean[n:, n : n + links] = np.eye(n), p * np.eye(links)
+    mean[n:, n + links :] = (1 - p) * np.eye(links, early)
+    apart = np.hstack([np.zeros((links, n)), np.eye(links), -np.eye(links, early)])
+    stored = np.eye(n + links, n + links + early)
+    second = decay * stored.T @ V @ stored - mean.T @ Gamma @ mean - apart.T @ spread @ apart
+    X_jitter = None
+    if J:
+        ones = [cp.Variable((q, q), symmetric=True) for _ in range(links // q)]
+        if fixed is not None and fixed.X_jitter.size:
+            ones = list(np.split(fixed.X_jitter * program.basis[-1, -1] ** 2, links // q))
+        X_jitter = sum(place.T @ block @ place for place, block in zip(places, ones, strict=True))
+        tail = np.eye(n + 2 * links)[n + links :]
+        second = second + decay * tail.T @ X_jitter @ tail
+        if fixed is None or not fixed.X_jitter.size:
+            K = K - MORE * J * sum(
+                rate.T @ X_jitter @ rate for rate in (each @ keep for each in program.rates)
+            )
+    moved = V @ (program.N @ keep)
+    first = cp.bmat([[K, moved.T], [moved, V]])
+    room = np.diag(np.r_[np.ones(keep.shape[1]), np.zeros(n + links)])
+    conditions = [
+        (first + first.T) / 2 >> slack * room,
+        (second + second.T) / 2 >> slack * np.eye(n + links + early),
+        V >> FLATTEST * np.eye(n + links),
+        slack <= 1,
+        cp.trace(V[:n, :n]) == n if fixed is None else m == 1,
+        *[block >> slack * np.eye(q) for block in blocks],
+    ]
+    problem = cp.Problem(cp.Maximize(slack), conditions)
+    if not run(problem, decompose=False, equilibrate=False) or V.value is None or not slack.value > 0:
+        return None
+    back = np.linalg.inv(program.basis)
+    free = np.maximum(m.value, 1e-9 * max(float(m.value.max(initial=0.0)), 1e-300)) / program.size
+    scale = program.basis[-1, -1] ** 2
+    early_ones = np.tile(np.eye(q), (links // q, 1))
+    if J:
+        early_ones = np.vstack([_symmetric(getattr(block, "value", block)) for block in ones]) / scale
+    return MessageWitness(
+        _symmetric(back.T @ V.value @ back),
+        _symmetric(back.T @ Gamma.value @ back),
+        np.vstack([_symmetric(block.value) for block in blocks]) / scale,
+        early_ones,
+        free if fixed is None else fixed.m,
+        np.zeros(len(loop.ways)),
+        decay,
+        0.0,
+        0.0,
+    )
+
+
+def _symmetric(form: Form) -> Form:
+    return np.asarray((form + form.T) / 2)
