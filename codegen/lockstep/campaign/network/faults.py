@@ -39,7 +39,9 @@ class NetworkFaults:
         least, most = self.delay
         if not 0 <= least <= most <= MOST_LATE // 2:
             found = f"a delay of {least} to {most} periods"
-            raise ProblemError(found, where="faults", expected=f"whole numbers, least first, up to {MOST_LATE // 2}")
+            raise ProblemError(
+                found, where="faults", expected=f"whole numbers, least first, up to {MOST_LATE // 2}"
+            )
         if (self.burst is not None and self.burst < 0) or self.silence < 0:
             raise ProblemError("a negative number of periods", where="faults", expected="0 or more")
 
@@ -58,7 +60,9 @@ class NetworkFaults:
         for pair in filter(None, (part.strip() for part in text.split(","))):
             name, _, value = (part.strip() for part in pair.partition("="))
             if name not in known or name in given:
-                raise ProblemError(f"`{name}`", where="faults", expected=", ".join(one.name for one in fields(cls)))
+                raise ProblemError(
+                    f"`{name}`", where="faults", expected=", ".join(one.name for one in fields(cls))
+                )
             try:
                 if name == "delay":
                     least, _, most = value.partition(":")
@@ -66,7 +70,9 @@ class NetworkFaults:
                 else:
                     given[name] = int(value) if name in ("burst", "silence") else float(value)
             except ValueError:
-                raise ProblemError(f"`{pair}`", where="faults", expected="a number; of delay, least:most") from None
+                raise ProblemError(
+                    f"`{pair}`", where="faults", expected="a number; of delay, least:most"
+                ) from None
         return cls(**given)  # type: ignore[arg-type]
 
     @property

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float, UInt
 
-from lockstep.campaign.compiled.functions import _on_controllers, _on_disagreement, _plant
+from lockstep.campaign.compiled.functions import on_controllers, on_disagreement, plant_slope
 from lockstep.campaign.compiled.library import FLAGS
 from lockstep.campaign.network.faults import NetworkFaults
 from lockstep.check.errors import ProblemError
@@ -23,13 +23,22 @@ from lockstep.verification.in_the_loop import sources_in
 from lockstep.verification.shared_library import build_library
 from lockstep.verification.toolchain import first_compiler
 
-SUBSTEPS = 5
-"""Runge-Kutta steps of a period: sampling instants are multiples of them."""
+SUBSTEPS = 10
+"""Runge-Kutta steps of a period: with jitter, sampling instants are multiples of them."""
 
 COLUMNS = (
     *("z2", "xi2", "disagreement_initial", "disagreement_largest", "disagreement_final"),
     *("faults", "lost", "sent", "stale"),
-    *("bad_length", "bad_checksum", "other_design", "unknown_sender", "old_number", "future", "too_old", "implausible"),
+    *(
+        "bad_length",
+        "bad_checksum",
+        "other_design",
+        "unknown_sender",
+        "old_number",
+        "future",
+        "too_old",
+        "implausible",
+    ),
 )
 """Of a run: int |z|^2 and int |xi_d|^2, the disagreement, faulty steps, messages lost and sent, steps with a stale neighbour,
 and what was refused, by reason."""
@@ -62,7 +71,10 @@ class NetworkLoop:
             horizon: in s.
         """
         out = np.zeros((len(seeds), len(COLUMNS)))
-        given = [np.ascontiguousarray(one) for one in (faults.astype(float), seeds.astype(np.uint64), starts.astype(float))]
+        given = [
+            np.ascontiguousarray(one)
+            for one in (faults.astype(float), seeds.astype(np.uint64), starts.astype(float))
+        ]
         pointers = [one.ctypes.data for one in (*given, out)]
         self.function(len(seeds), int(np.ceil(horizon / self.period)), *pointers)
         return out
@@ -82,7 +94,9 @@ def network_loop(network: Network, files: Mapping[str, str], weights: Performanc
     """
     manifest = Manifest.model_validate_json(files[FILE_NAME])
     if f"messages/{manifest.name}_message.h" not in files:
-        raise ProblemError("the folder has no messages/", where="faults", remedy="generate it with `--messages`")
+        raise ProblemError(
+            "the folder has no messages/", where="faults", remedy="generate it with `--messages`"
+        )
     with tempfile.TemporaryDirectory(prefix="lockstep-") as temporary:
         place = Path(temporary).resolve()
         for path, text in files.items():
@@ -109,8 +123,8 @@ def _advance(network: Network, weights: Performance, manifest: Manifest) -> ca.F
 
     def slope(state: ca.SX, time: ca.SX) -> tuple[ca.SX, ca.SX]:
         return (
-            ca.reshape(_plant(network, state, ca.horzsplit(u), time, xi), n, N),
-            _on_disagreement(network, state, weights.R),
+            ca.reshape(plant_slope(network, state, ca.horzsplit(u), time, xi), n, N),
+            on_disagreement(network, state, weights.R),
         )
 
     first, z1 = slope(x, t)
@@ -118,9 +132,9 @@ def _advance(network: Network, weights: Performance, manifest: Manifest) -> ca.F
     third, z3 = slope(x + h / 2 * second, t + h / 2)
     fourth, z4 = slope(x + h * third, t + h)
     after = x + h / 6 * (first + 2 * second + 2 * third + fourth)
-    z = h / 6 * (z1 + 2 * z2 + 2 * z3 + z4) + h * _on_controllers(x_C, weights.Q)
+    z = h / 6 * (z1 + 2 * z2 + 2 * z3 + z4) + h * on_controllers(x_C, weights.Q)
     inputs = [ca.vec(x), ca.vec(u), ca.vec(xi), ca.vec(x_C), t]
-    apart, entered = (_on_disagreement(network, one, np.eye(n)) for one in (after, xi))
+    apart, entered = (on_disagreement(network, one, np.eye(n)) for one in (after, xi))
     return ca.Function("lockstep_advance", inputs, [ca.vec(after), z, h * entered, apart])
 
 
