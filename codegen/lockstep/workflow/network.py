@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from lockstep.check.errors import ProblemError
 from lockstep.workflow.campaign import HORIZON, check_periods
 from lockstep.workflow.design import DESIGN_NAME, Design, as_design
-from lockstep.workflow.files import of_file, write_text
-from lockstep.workflow.folders import check_folder
+from lockstep.workflow.files import of_file
+from lockstep.workflow.folders import check_folder, write_files
 from lockstep.workflow.generate import generated_files
 from lockstep.workflow.progress import Progress, silent
 
@@ -67,7 +67,11 @@ def network_campaign(
     from lockstep.campaign.network.campaign import run_network
     from lockstep.campaign.network.faults import NetworkFaults
     from lockstep.campaign.network.loop import network_loop
+    from lockstep.campaign.peaks import peaks
+    from lockstep.campaign.plan import POINTS
+    from lockstep.campaign.response import sampled_response
     from lockstep.check.inequality import Performance
+    from lockstep.codegen.sampled_design import sampled_controllers
     from lockstep.lmi.document import parse
     from lockstep.model.network import Network
 
@@ -92,25 +96,36 @@ def network_campaign(
     progress("compiling the network", 0.1)
     loop = network_loop(network, files, weights)
     progress("running", 0.2)
+    response = sampled_response(
+        network,
+        sampled_controllers(stored, problem.controller.period),
+        weights,
+        problem.controller.period,
+        problem.controller.delay,
+    )
+    given_seed = problem.simulation.seed if seed is None else seed
     campaign = run_network(
         loop,
         network_faults,
         _guarantee(stored),
         runs,
-        seed=problem.simulation.seed if seed is None else seed,
+        peaks=peaks(network, response, count=POINTS, seed=given_seed),
+        seed=given_seed,
         horizon=time,
         spread=problem.simulation.spread,
         jobs=jobs or cpu_count(),
     )
-    folder.mkdir(parents=True, exist_ok=True)
-    write_text(folder / "runs.csv", campaign.csv())
-    write_text(folder / "summary.json", campaign.summary())
+    write_files(folder, {"runs.csv": campaign.csv().encode(), "summary.json": campaign.summary().encode()})
     return NetworkRuns(campaign, folder)
 
 
 def _guarantee(stored: "Stored") -> "NetworkGuarantee":
-    """Return what the design claims of its messages, decided by the checker with the design; nothing where it claims nothing."""
+    """Return what the design claims of its messages, decided by the checker with the design; or nothing."""
     from lockstep.campaign.network.campaign import NetworkGuarantee
+    from lockstep.campaign.network.faults import NetworkFaults
 
     claims = getattr(stored.claims, "messages", None)
-    return NetworkGuarantee() if claims is None else NetworkGuarantee(claims.rho, claims.messages)
+    if claims is not None:
+        return NetworkGuarantee(claims.rho, claims.messages)
+    covered = stored.claims.sampled.certified and stored.problem.performance.covers_xi
+    return NetworkGuarantee(stored.claims.sampled.rho if covered else None, NetworkFaults(burst=0))

@@ -61,6 +61,7 @@ class NetworkLoop:
         seeds: UInt[np.ndarray, " runs"],
         starts: Float[np.ndarray, "runs N n"],
         horizon: float,
+        waves: Float[np.ndarray, "runs wave"] | None = None,
     ) -> Float[np.ndarray, "runs columns"]:
         """Return the `COLUMNS` of each run.
 
@@ -69,11 +70,19 @@ class NetworkLoop:
             seeds: of all that a run draws.
             starts: initial states.
             horizon: in s.
+            waves: per run a disturbance of every state that is constant, that goes with cos(omega t) and with sin(omega t),
+                one after the other, and omega; by default none.
         """
+        still = np.zeros((len(seeds), 3 * self.N * self.n + 1)) if waves is None else waves
         out = np.zeros((len(seeds), len(COLUMNS)))
         given = [
             np.ascontiguousarray(one)
-            for one in (faults.astype(float), seeds.astype(np.uint64), starts.astype(float))
+            for one in (
+                faults.astype(float),
+                seeds.astype(np.uint64),
+                starts.astype(float),
+                still.astype(float),
+            )
         ]
         pointers = [one.ctypes.data for one in (*given, out)]
         self.function(len(seeds), int(np.ceil(horizon / self.period)), *pointers)
@@ -109,7 +118,7 @@ def network_loop(network: Network, files: Mapping[str, str], weights: Performanc
         sources = [*agents, f"{manifest.name}_message.c", "network.c", "advance.c"]
         library = build_library(first_compiler("campaign"), (*FLAGS, "-I."), sources, place, "the network")
         function: Any = getattr(ctypes.CDLL(str(library)), SYMBOL)
-    function.argtypes = [ctypes.c_int64, ctypes.c_int64, *(ctypes.c_void_p,) * 4]
+    function.argtypes = [ctypes.c_int64, ctypes.c_int64, *(ctypes.c_void_p,) * 5]
     function.restype = None
     return NetworkLoop(function, network.N, network.agent.n, manifest.period)
 
@@ -173,6 +182,6 @@ def _source(network: Network, manifest: Manifest, advance: ca.Function) -> str:
     )
 
 
-def rows_of(faults: NetworkFaults, runs: int, **disturbance: float) -> Float[np.ndarray, "runs faults"]:
-    """Return the same faults for a number of runs."""
-    return np.tile(np.array(faults.row(**disturbance)), (runs, 1))
+def rows_of(faults: NetworkFaults, runs: int, *, noise: float = 0.0) -> Float[np.ndarray, "runs faults"]:
+    """Return the same faults for a number of runs, with the standard deviation of noise on each state."""
+    return np.tile(np.array(faults.row(noise)), (runs, 1))
