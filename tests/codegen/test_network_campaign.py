@@ -109,7 +109,7 @@ def test_arms_that_move_alike_at_5_rad_per_s_stay_in_agreement_with_half_of_the_
         alike,
         5.0,
         step=5e-4,
-        disturbance=Sines(push, 5.0 / (2 * np.pi)),
+        disturbance=Sines(push, np.zeros((3, 4)), 5.0 / (2 * np.pi)),
         channel=MessageChannel(drop=0.5, seed=1),
     )
     x = simulate(network, design_controllers(stored), scenario).x
