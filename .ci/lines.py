@@ -30,7 +30,15 @@ LATER = {
             "codegen/lockstep/codegen/doors",
             *(f"{VERIFICATION}/{one}.py" for one in ("pil_log", "qemu", "units")),
         ],
-        500,
+        600,
+    ),
+    "messages: nodes compared with their reference, campaigns of network faults": (
+        [
+            f"{VERIFICATION}/messages",
+            "codegen/lockstep/campaign/network",
+            "codegen/lockstep/workflow/network.py",
+        ],
+        1000,
     ),
 }
 """Rooms for later duties: folders and files, and the most code lines."""
@@ -39,7 +47,7 @@ LIMITS = {
     # 4000 is the aim. 6300 held the whole language of expressions, unbounded domains and the readers; u in what rho weighs,
     # noise, decay, stable controllers and limits added 310, each a channel or a decision of its own. Only down from here.
     "check": (["check"], [], 6650),
-    "cli": (["codegen/lockstep/cli"], [], 1000),
+    "cli": (["codegen/lockstep/cli"], [], 1050),
     "roots without campaign and rooms below": (
         ["check", "model", "lmi", "codegen"],
         ["codegen/lockstep/campaign", *(one for places, _ in LATER.values() for one in places)],

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from lockstep.campaign.network.campaign import NetworkGuarantee, run_network
+from lockstep.campaign.network.campaign import EveryMessageArrives, NetworkGuarantee, run_network
 from lockstep.campaign.network.faults import NetworkFaults
 from lockstep.campaign.network.loop import COLUMNS, network_loop
 from lockstep.check.errors import ProblemError
@@ -128,7 +128,7 @@ def test_a_run_is_fixed_by_its_seed_whatever_the_number_of_threads(loop):
 
 def test_a_bound_below_what_is_reached_is_seen_as_exceeded(loop):
     faults = NetworkFaults(burst=0)
-    held = [NetworkGuarantee(rho, NetworkFaults(burst=0)) for rho in (10.0, 0.01)]
+    held = [NetworkGuarantee(rho, EveryMessageArrives()) for rho in (10.0, 0.01)]
     good, bad = (run_network(loop, faults, one, 16, horizon=2.0) for one in held)
     assert good.covered and good.ok
     assert bad.covered and not bad.ok

@@ -121,11 +121,10 @@ def network_campaign(
 
 def _guarantee(stored: "Stored") -> "NetworkGuarantee":
     """Return what the design claims of its messages, decided by the checker with the design; or nothing."""
-    from lockstep.campaign.network.campaign import NetworkGuarantee
-    from lockstep.campaign.network.faults import NetworkFaults
+    from lockstep.campaign.network.campaign import EveryMessageArrives, NetworkGuarantee
 
     claims = getattr(stored.claims, "messages", None)
     if claims is not None:
         return NetworkGuarantee(claims.rho, claims.messages)
     covered = stored.claims.sampled.certified and stored.problem.performance.covers_xi
-    return NetworkGuarantee(stored.claims.sampled.rho if covered else None, NetworkFaults(burst=0))
+    return NetworkGuarantee(stored.claims.sampled.rho if covered else None, EveryMessageArrives())

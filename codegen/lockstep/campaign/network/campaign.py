@@ -30,10 +30,35 @@ DIVERGED = 1e8
 class MessagesProved(Protocol):
     """What is proved of a network: loss, burst, delay and jitter as in [network.messages]."""
 
-    loss: float
-    burst: int
-    delay: tuple[int, int]
-    jitter: float
+    @property
+    def loss(self) -> float:
+        """Probability of each message."""
+        ...
+
+    @property
+    def burst(self) -> int:
+        """Lost in a row."""
+        ...
+
+    @property
+    def delay(self) -> tuple[int, int]:
+        """Least and most periods."""
+        ...
+
+    @property
+    def jitter(self) -> float:
+        """Part of the period."""
+        ...
+
+
+@dataclass(frozen=True)
+class EveryMessageArrives:
+    """What certificates without messages assume."""
+
+    loss: float = 0.0
+    burst: int = 0
+    delay: tuple[int, int] = (0, 0)
+    jitter: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ class NodeTrace:
         return cls(
             np.zeros(count, np.int32),
             np.zeros((count, len(agent.inputs)), real),
-            np.zeros((count, Wire.of(manifest).bytes), np.uint8),
+            np.zeros((count, Wire.of(manifest).length), np.uint8),
             np.zeros((count, agent.order), real),
             np.zeros((count, nn, q), real),
             np.zeros((count, nn), np.uint32),
@@ -173,18 +173,15 @@ class _Builder:
         """Put this instant's messages on their way."""
         for source in self.node.sources:
             if self.random.random() < 0.02:  # it was restarted, and counts from anywhere
-                jump = self.random.choice([self.random.integers(2**32), 2**31 - 2, 2**31 - 1])
-                self.number[source] += int(jump)
+                jumps = (int(self.random.integers(2**32)), 2**31 - 2, 2**31 - 1)
+                self.number[source] += jumps[self.random.integers(3)]
             self.number[source] = (self.number[source] + 1) % 2**32
             if silent or self.random.random() < 0.25:
                 continue
             data = self.message(source, instant)
             for _ in range(2 if self.random.random() < 0.1 else 1):
-                late = int(
-                    self.random.choice(
-                        [0, 1, 2, self.random.integers(self.node.kept + 3)], p=[0.5, 0.2, 0.2, 0.1]
-                    )
-                )
+                far = int(self.random.integers(self.node.kept + 3))
+                late = (0, 0, 0, 0, 0, 1, 1, 2, 2, far)[self.random.integers(10)]
                 self.under_way.append((instant + late, data))
 
     def message(self, source: int, instant: int) -> bytes:
@@ -237,7 +234,7 @@ class _Builder:
 
     def events(self) -> Events:
         """Return all of them."""
-        room = self.wire.bytes + EXTRA
+        room = self.wire.length + EXTRA
         data = np.zeros((len(self.rows), room), np.uint8)
         for k, row in enumerate(self.rows):
             data[k, : len(row[3])] = np.frombuffer(row[3], np.uint8)
