@@ -1,17 +1,24 @@
 """The message layer: what is refused and counted, what is held, and every bit of it against its reference."""
 
+import json
 import struct
 import zlib
 
 import numpy as np
 import pytest
 from codegen_cases import arms, shapes
-from door_cases import folder_of, needs_compiler
+from door_cases import folder_of, generated, needs_compiler
 from message_cases import Script, messages_folder
+from typer.testing import CliRunner
 
 from lockstep.check.errors import ProblemError
-from lockstep.codegen.manifest import load_manifest
+from lockstep.cli.main import app
+from lockstep.codegen.doors import with_doors
+from lockstep.codegen.emit import emit
+from lockstep.codegen.from_design import specification
+from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.codegen.spec import MessageLimits
+from lockstep.lmi.document import parse
 from lockstep.verification.comparison import compare
 from lockstep.verification.messages.events import (
     FORGET,
@@ -23,8 +30,9 @@ from lockstep.verification.messages.events import (
     faulty_events,
     run_node,
 )
-from lockstep.verification.messages.node import Message, Refusal, Wire
+from lockstep.verification.messages.node import Message, Node, Refusal, Wire
 from lockstep.verification.messages.run import run_nodes_on_host
+from lockstep.verification.reference import Reference
 from lockstep.verification.toolchain import host_compilers
 from lockstep.verification.verify import verify_folder
 
@@ -210,6 +218,50 @@ def test_agents_that_agree_have_a_relative_output_of_zero_whatever_is_lost(scrip
     assert trace.words[-1, HEARD] == 1
     assert not trace.held.any()
     assert not trace.u.any()
+
+
+@pytest.mark.parametrize("real", ["float32", "float64"])
+def test_with_every_message_in_time_a_node_computes_what_the_controller_does(real):
+    """r of held differences has the bits of r of present outputs, so what is claimed of the controller holds."""
+    spec = shapes([2], [1, 2], [1], real=real)
+    manifest = Manifest.model_validate_json(emit(spec)["manifest.json"])
+    for agent in manifest.agents:
+        node, plain = Node.of(agent, manifest), Reference.of(agent, manifest)
+        q, random = len(agent.outputs), np.random.default_rng(5)
+        for instant in range(50):
+            y, *others = random.normal(size=(1 + len(node.sources), q)).astype(real)
+            for sender, other in zip(node.sources, others, strict=True):
+                node.receive(node.wire.pack(Message(sender, instant, instant, other)))
+            expected = plain.step(y, np.array(others, real).reshape(-1, q), 2 ** len(others) - 1)
+            status, u = node.step(instant, y)
+            assert (status, u.tobytes()) == (expected[0], expected[1].tobytes())
+
+
+def test_a_folder_without_ranges_says_nothing_of_messages_in_its_manifest():
+    """A present folder stays as it was, byte for byte: `messages` is absent rather than null."""
+    assert '"messages"' not in emit(arms())["manifest.json"]
+    told = Manifest.model_validate_json(emit(arms(messages=MessageLimits(kept=32)))["manifest.json"])
+    assert told.messages is not None
+    assert told.messages.kept == 32
+
+
+def test_the_range_of_the_problem_file_is_in_the_c(root):
+    document = json.loads((root / "generated" / "flexible_joint_arms" / "design.json").read_text())
+    document["problem"]["agent"]["output_range"] = {"y1": [-3.5, None]}
+    files = with_doors(emit(specification(parse(document, "design"))), ["messages"])
+    assert "lowest[2] = {-3.5f, -3.4028235e+38f}" in files["messages/arm1_node.c"]
+    for wrong, said in (({"speed": [0, 1]}, "no output"), ({"y1": [1, 1]}, "lower below")):
+        document["problem"]["agent"]["output_range"] = wrong
+        with pytest.raises(ProblemError, match=said):
+            parse(document, "design")
+
+
+def test_certify_renders_the_message_layer_again(root, tmp_path):
+    folder = generated(root, tmp_path / "arms", "--messages")
+    assert CliRunner().invoke(app, ["certify", str(folder)]).exit_code == 0
+    path = folder / "messages" / "arm1_node.c"
+    path.write_text(path.read_text().replace("own[k] - other[k]", "other[k] - own[k]"))
+    assert CliRunner().invoke(app, ["certify", str(folder)]).exit_code == 1
 
 
 def test_reset_keeps_the_counters_and_drops_readings(script, tmp_path):

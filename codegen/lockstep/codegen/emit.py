@@ -227,13 +227,15 @@ def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: M
         certificate=dict(spec.certificate),
         identity=Identification(design=identity.design, claims=identity.claims),
         prefix=spec.prefix,
-        messages=spec.messages
-        and MessagesEntry(
-            kept=spec.messages.kept, limit=spec.messages.limit, ranges=dict(spec.messages.ranges)
-        ),
+        messages=_messages(spec),
         agents=tuple(_agent_record(a, real, p) for a, p in zip(agents, plants, strict=True)),
         files={path: sha256(text) for path, text in files.items()},
     )
+
+
+def _messages(spec: CodegenSpec) -> MessagesEntry | None:
+    given = spec.messages
+    return given and MessagesEntry(kept=given.kept, limit=given.limit, ranges=dict(given.ranges))
 
 
 def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None) -> AgentEntry:

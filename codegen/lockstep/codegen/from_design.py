@@ -69,8 +69,22 @@ def specification(
         certificate=_datasheet(stored),
         design_hash=fingerprint(stored),
         plants=plants,
-        messages=MessageLimits(ranges=problem.output_range) if problem.output_range else None,
+        messages=_messages(stored),
     )
+
+
+def _messages(stored: Stored) -> MessageLimits | None:
+    """Return what the message layer is told, or None for its defaults.
+
+    Own readings are kept, and a neighbour is not stale, for as long as [network.messages] lets a message be late or missing.
+    """
+    asked = getattr(stored.problem.file.network, "messages", None)
+    ranges = stored.problem.output_range
+    if asked is None:
+        return MessageLimits(ranges=ranges) if ranges else None
+    usual, most_late = MessageLimits(), (asked.delay or (0, 0))[1]
+    kept = max(usual.kept, 1 << most_late.bit_length())
+    return MessageLimits(kept, max(usual.limit, most_late + (asked.burst or 0)), ranges)
 
 
 def fingerprint(stored: Stored) -> str:
