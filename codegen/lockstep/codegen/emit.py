@@ -235,7 +235,9 @@ def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: M
 
 def _messages(spec: CodegenSpec) -> MessagesEntry | None:
     given = spec.messages
-    return given and MessagesEntry(kept=given.kept, limit=given.limit, ranges=dict(given.ranges))
+    if given is None:
+        return None
+    return MessagesEntry(kept=given.kept, limit=given.limit, ranges=dict(given.ranges))
 
 
 def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None) -> AgentEntry:
