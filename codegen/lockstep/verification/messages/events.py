@@ -140,7 +140,7 @@ def faulty_events(manifest: Manifest, agent: AgentEntry, periods: int) -> Events
         instant += 1 + (2 if random.random() < 0.01 else 0)
         if period == periods // 2:
             instant -= 40
-        builder.neighbours_send(instant, silent=period % 100 > 70)
+        builder.neighbours_send(instant, silent=period % 100 > 70, last=period % 100 == 70)
         for data in builder.due(instant):
             builder.add(RECEIVE, len(data), data=data)
         builder.step(instant)
@@ -169,8 +169,8 @@ class _Builder:
         own = np.zeros(self.q, self.dtype) if y is None else y
         self.rows.append((operation, argument % 2**32, own, data))
 
-    def neighbours_send(self, instant: int, *, silent: bool) -> None:
-        """Put this instant's messages on their way."""
+    def neighbours_send(self, instant: int, *, silent: bool, last: bool) -> None:
+        """Put this instant's messages on their way; the last ones before a silence come just in time, or just too late."""
         for source in self.node.sources:
             if self.random.random() < 0.02:  # it was restarted, and counts from anywhere
                 jumps = (int(self.random.integers(2**32)), 2**31 - 2, 2**31 - 1)
@@ -182,6 +182,8 @@ class _Builder:
             for _ in range(2 if self.random.random() < 0.1 else 1):
                 far = int(self.random.integers(self.node.kept + 3))
                 late = (0, 0, 0, 0, 0, 1, 1, 2, 2, far)[self.random.integers(10)]
+                if last:
+                    late = self.node.kept - int(self.random.integers(2))
                 self.under_way.append((instant + late, data))
 
     def message(self, source: int, instant: int) -> bytes:
