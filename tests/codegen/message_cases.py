@@ -35,7 +35,7 @@ class Script:
         self.rows.append((operation, argument % 2**32, y, data))
 
     def events(self):
-        data = np.zeros((len(self.rows), self.wire.bytes + EXTRA), np.uint8)
+        data = np.zeros((len(self.rows), self.wire.length + EXTRA), np.uint8)
         for k, row in enumerate(self.rows):
             data[k, : len(row[3])] = np.frombuffer(row[3], np.uint8)
         operation, argument = (np.array([row[k] for row in self.rows], np.uint64) for k in (0, 1))

@@ -1,17 +1,24 @@
 """The message layer: what is refused and counted, what is held, and every bit of it against its reference."""
 
+import json
 import struct
 import zlib
 
 import numpy as np
 import pytest
 from codegen_cases import arms, shapes
-from door_cases import folder_of, needs_compiler
+from door_cases import folder_of, generated, needs_compiler
 from message_cases import Script, messages_folder
+from typer.testing import CliRunner
 
 from lockstep.check.errors import ProblemError
-from lockstep.codegen.manifest import load_manifest
+from lockstep.cli.main import app
+from lockstep.codegen.doors import with_doors
+from lockstep.codegen.emit import emit
+from lockstep.codegen.from_design import specification
+from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.codegen.spec import MessageLimits
+from lockstep.lmi.document import parse
 from lockstep.verification.comparison import compare
 from lockstep.verification.messages.events import (
     FORGET,
@@ -23,8 +30,9 @@ from lockstep.verification.messages.events import (
     faulty_events,
     run_node,
 )
-from lockstep.verification.messages.node import Message, Refusal, Wire
+from lockstep.verification.messages.node import Message, Node, Refusal, Wire
 from lockstep.verification.messages.run import run_nodes_on_host
+from lockstep.verification.reference import Reference
 from lockstep.verification.toolchain import host_compilers
 from lockstep.verification.verify import verify_folder
 
@@ -70,25 +78,25 @@ def test_another_design_a_stranger_and_any_other_length_are_refused_and_counted(
     others = [Wire(own.design[:7] + bytes([own.design[7] ^ 1]), own.dtype, own.outputs)]
     others += [Wire(bytes([own.design[0] ^ 0x80]) + own.design[1:], own.dtype, own.outputs)]
     for wire in others:
-        script.call(RECEIVE, own.bytes, data=script.packed(7, wire=wire))
+        script.call(RECEIVE, own.length, data=script.packed(7, wire=wire))
     double = Wire(own.design, np.dtype("float64"), 1)  # as long as ours
-    script.call(RECEIVE, own.bytes, data=double.pack(Message(2, 7, 7, np.array([1.0]))))
+    script.call(RECEIVE, own.length, data=double.pack(Message(2, 7, 7, np.array([1.0]))))
     for sender in (0, 1, 3, 0x0102, 0xFFFF):
-        script.call(RECEIVE, own.bytes, data=script.packed(7, sender=sender))
-    for length in (*range(own.bytes), own.bytes + 1, own.bytes + 4, 2**32 - 1):
+        script.call(RECEIVE, own.length, data=script.packed(7, sender=sender))
+    for length in (*range(own.length), own.length + 1, own.length + 4, 2**32 - 1):
         script.call(RECEIVE, length, data=script.packed(7))
     trace = script.run(tmp_path)
     assert trace.status.tolist()[:3] == [Refusal.OTHER_DESIGN] * 3
     assert trace.status.tolist()[3:8] == [Refusal.UNKNOWN_SENDER] * 5
     assert (trace.status[8:] == Refusal.BAD_LENGTH).all()
     assert [counted(trace, one) for one in (Refusal.OTHER_DESIGN, Refusal.UNKNOWN_SENDER)] == [3, 5]
-    assert counted(trace, Refusal.BAD_LENGTH) == own.bytes + 3
+    assert counted(trace, Refusal.BAD_LENGTH) == own.length + 3
 
 
 def test_old_and_repeated_numbers_are_refused_also_where_they_pass_2_to_the_32(script, tmp_path):
     numbers = [2**32 - 2, 2**32 - 2, 2**32 - 1, 2**32 - 2, 0, 2**32 - 1, 1, 2**31, 2**31 + 1, 0, 1]
     for number in numbers:
-        script.call(RECEIVE, script.wire.bytes, data=script.packed(7, number=number))
+        script.call(RECEIVE, script.wire.length, data=script.packed(7, number=number))
     T, old = Refusal.TAKEN, Refusal.OLD_NUMBER
     # 2^31 is 2^31 - 1 after 1, the farthest that counts as newer; from 2^31 + 1 on, 0 is 2^31 - 1 ahead, and 1 after it.
     assert script.run(tmp_path).status.tolist() == [T, old, T, old, T, old, T, T, T, T, T]
@@ -100,7 +108,7 @@ def test_what_is_sampled_ahead_too_early_or_where_no_reading_is_kept_is_refused_
     number = 1000
     for sampled in (121, 104, 110, 105, 105, 104, 119):
         number += 1
-        script.call(RECEIVE, script.wire.bytes, data=script.packed(sampled, number=number))
+        script.call(RECEIVE, script.wire.length, data=script.packed(sampled, number=number))
         script.call(STEP, 120, (1.0, 2.0))
     trace = script.run(tmp_path)
     # 105 is 15 old, and the readings of 105 to 120 are kept; of 110 there is none; 105 again is no newer than what is held.
@@ -113,7 +121,7 @@ def test_what_is_sampled_ahead_too_early_or_where_no_reading_is_kept_is_refused_
 def test_an_implausible_row_shuts_out_its_neighbour_and_not_the_controller(script, tmp_path):
     rows = [(np.nan, 0), (0, np.inf), (7.5, 0), (-7.5, 0), (0, 100.5), (0, -1e30), (7.0, 100.0)]
     for k, y in enumerate(rows):
-        script.call(RECEIVE, script.wire.bytes, data=script.packed(k, y))
+        script.call(RECEIVE, script.wire.length, data=script.packed(k, y))
         script.call(STEP, k, (1.0, 2.0))
     trace = script.run(tmp_path)
     assert (trace.status[1::2] == 0).all()
@@ -124,7 +132,7 @@ def test_an_implausible_row_shuts_out_its_neighbour_and_not_the_controller(scrip
 
 
 def test_a_difference_that_overflows_is_no_difference(script, tmp_path):
-    script.call(RECEIVE, script.wire.bytes, data=script.packed(1, (0.0, -3e38)))
+    script.call(RECEIVE, script.wire.length, data=script.packed(1, (0.0, -3e38)))
     script.call(STEP, 1, (0.0, 3e38))
     trace = script.run(tmp_path)
     assert counted(trace, Refusal.IMPLAUSIBLE) == 1
@@ -132,7 +140,7 @@ def test_a_difference_that_overflows_is_no_difference(script, tmp_path):
 
 
 def test_ages_count_in_faults_and_say_who_is_stale(script, tmp_path):
-    script.call(RECEIVE, script.wire.bytes, data=script.packed(0))
+    script.call(RECEIVE, script.wire.length, data=script.packed(0))
     for instant in range(20):
         script.call(STEP, instant, (1.0, 2.0) if instant < 5 else (np.nan, 2.0))
     trace = script.run(tmp_path)
@@ -144,7 +152,7 @@ def test_ages_count_in_faults_and_say_who_is_stale(script, tmp_path):
 
 def test_forgetting_holds_nothing_and_takes_any_number_next(script, tmp_path):
     for instant in (5, 6):
-        script.call(RECEIVE, script.wire.bytes, data=script.packed(instant, number=50))
+        script.call(RECEIVE, script.wire.length, data=script.packed(instant, number=50))
         script.call(STEP, instant, (1.0, 2.0))
         script.call(FORGET, 0)
     trace = script.run(tmp_path)
@@ -153,11 +161,11 @@ def test_forgetting_holds_nothing_and_takes_any_number_next(script, tmp_path):
 
 
 def test_a_neighbour_that_was_silent_beyond_the_limit_may_count_anew(script, tmp_path):
-    script.call(RECEIVE, script.wire.bytes, data=script.packed(0, number=1000))
+    script.call(RECEIVE, script.wire.length, data=script.packed(0, number=1000))
     for instant in range(18):
         script.call(STEP, instant, (1.0, 2.0))
         if instant in (14, 17):
-            script.call(RECEIVE, script.wire.bytes, data=script.packed(instant, number=3))
+            script.call(RECEIVE, script.wire.length, data=script.packed(instant, number=3))
     script.call(STEP, 18, (1.0, 2.0))
     trace = script.run(tmp_path)
     assert counted(trace, Refusal.OLD_NUMBER) == 1, "at 14 the number 1000 still counts"
@@ -184,9 +192,9 @@ def test_numbers_of_a_node_that_was_restarted_are_newer_and_a_repeated_send_repe
 
 def test_a_clock_that_goes_back_makes_all_stale_until_the_next_message(script, tmp_path):
     for instant in (100, 101, 50):
-        script.call(RECEIVE, script.wire.bytes, data=script.packed(instant, number=100 + instant))
+        script.call(RECEIVE, script.wire.length, data=script.packed(instant, number=100 + instant))
         script.call(STEP, instant, (1.0, 2.0))
-    script.call(RECEIVE, script.wire.bytes, data=script.packed(51, number=1))
+    script.call(RECEIVE, script.wire.length, data=script.packed(51, number=1))
     script.call(STEP, 51, (1.0, 2.0))
     trace = script.run(tmp_path)
     # The message of 50 has an old number; it is told to forget at that step, and that of 51 is taken.
@@ -204,7 +212,7 @@ def test_agents_that_agree_have_a_relative_output_of_zero_whatever_is_lost(scrip
             late.append((instant + int(random.integers(8)), script.packed(instant, y)))
         arriving = [data for when, data in late if when == instant]
         for k in random.permutation(len(arriving)):
-            script.call(RECEIVE, script.wire.bytes, data=arriving[k])
+            script.call(RECEIVE, script.wire.length, data=arriving[k])
         script.call(STEP, instant, y)
     trace = script.run(tmp_path)
     assert trace.words[-1, HEARD] == 1
@@ -212,11 +220,55 @@ def test_agents_that_agree_have_a_relative_output_of_zero_whatever_is_lost(scrip
     assert not trace.u.any()
 
 
+@pytest.mark.parametrize("real", ["float32", "float64"])
+def test_with_every_message_in_time_a_node_computes_what_the_controller_does(real):
+    """r of held differences has the bits of r of present outputs, so what is claimed of the controller holds."""
+    spec = shapes([2], [1, 2], [1], real=real)
+    manifest = Manifest.model_validate_json(emit(spec)["manifest.json"])
+    for agent in manifest.agents:
+        node, plain = Node.of(agent, manifest), Reference.of(agent, manifest)
+        q, random = len(agent.outputs), np.random.default_rng(5)
+        for instant in range(50):
+            y, *others = random.normal(size=(1 + len(node.sources), q)).astype(real)
+            for sender, other in zip(node.sources, others, strict=True):
+                node.receive(node.wire.pack(Message(sender, instant, instant, other)))
+            expected = plain.step(y, np.array(others, real).reshape(-1, q), 2 ** len(others) - 1)
+            status, u = node.step(instant, y)
+            assert (status, u.tobytes()) == (expected[0], expected[1].tobytes())
+
+
+def test_a_folder_without_ranges_says_nothing_of_messages_in_its_manifest():
+    """A present folder stays as it was, byte for byte: `messages` is absent rather than null."""
+    assert '"messages"' not in emit(arms())["manifest.json"]
+    told = Manifest.model_validate_json(emit(arms(messages=MessageLimits(kept=32)))["manifest.json"])
+    assert told.messages is not None
+    assert told.messages.kept == 32
+
+
+def test_the_range_of_the_problem_file_is_in_the_c(root):
+    document = json.loads((root / "generated" / "flexible_joint_arms" / "design.json").read_text())
+    document["problem"]["agent"]["output_range"] = {"y1": [-3.5, None]}
+    files = with_doors(emit(specification(parse(document, "design"))), ["messages"])
+    assert "lowest[2] = {-3.5f, -3.4028235e+38f}" in files["messages/arm1_node.c"]
+    for wrong, said in (({"speed": [0, 1]}, "no output"), ({"y1": [1, 1]}, "lower below")):
+        document["problem"]["agent"]["output_range"] = wrong
+        with pytest.raises(ProblemError, match=said):
+            parse(document, "design")
+
+
+def test_certify_renders_the_message_layer_again(root, tmp_path):
+    folder = generated(root, tmp_path / "arms", "--messages")
+    assert CliRunner().invoke(app, ["certify", str(folder)]).exit_code == 0
+    path = folder / "messages" / "arm1_node.c"
+    path.write_text(path.read_text().replace("own[k] - other[k]", "other[k] - own[k]"))
+    assert CliRunner().invoke(app, ["certify", str(folder)]).exit_code == 1
+
+
 def test_reset_keeps_the_counters_and_drops_readings(script, tmp_path):
     script.call(STEP, 1, (1.0, 2.0))
     script.call(RECEIVE, 3, data=b"abc")
     script.call(RESET)
-    script.call(RECEIVE, script.wire.bytes, data=script.packed(1))
+    script.call(RECEIVE, script.wire.length, data=script.packed(1))
     script.call(STEP, 2, (1.0, 2.0))
     trace = script.run(tmp_path)
     assert counted(trace, Refusal.BAD_LENGTH) == 1

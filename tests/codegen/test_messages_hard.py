@@ -1,4 +1,4 @@
-"""The message layer under attack: fuzzed with sanitizers, proved without undefined behaviour, its memory protocol enumerated."""
+"""The message layer under attack: fuzzed with sanitizers, proved by Frama-C, its memory protocol enumerated."""
 
 import os
 import re

@@ -45,6 +45,31 @@ def run_replay(
     respond(as_json, lambda: _replay(path, index, output, _options(controllers, seed, horizon)))
 
 
+def run_faults(path: Path, faults: str, runs: int, output: Path, as_json: bool, **options: Any) -> None:
+    """Run a campaign of network faults: see `lockstep.workflow.network.network_campaign`."""
+    respond(as_json, lambda: _run_faults(path, faults, runs, output, options))
+
+
+def _run_faults(path: Path, faults: str, runs: int, output: Path, options: dict[str, Any]) -> Answer:
+    from lockstep.workflow.network import network_campaign
+
+    with progress_display() as tell:
+        found = network_campaign(path, faults, runs, output, **options, progress=tell)
+    document = found.document()
+    claimed = (
+        f"{document['rho']:g} is claimed" if document["covered"] else "nothing is claimed of such a network"
+    )
+    rows = {
+        "runs": f"{document['runs']} of {document['horizon']:g} s each; {document['lost']:.1%} of the messages lost",
+        "gain": f"{document['gain']:.4f} of {document['gain_of']}; {claimed}",
+        "diverged": f"{document['diverged']} runs, {document['faulty_steps']} faulty controller steps",
+        "refused": ", ".join(f"{count} {why}" for why, count in document["refused"].items() if count)
+        or "none",
+        "results": document["results"],
+    }
+    return Answer(document, two_columns("Network faults", rows), found.ok)
+
+
 def _options(controllers: str | None, seed: int | None, horizon: float | None) -> "CampaignOptions":
     from lockstep.workflow.campaign import CampaignOptions
 

@@ -275,6 +275,13 @@ def simulate(
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Threads of the campaign.", show_default="one per core")
     ] = None,
+    faults: Annotated[
+        str | None,
+        _option(
+            metavar="LIST",
+            help="The campaign is of messages that such a network loses or delays: loss=0.5,delay=0:5,burst=5, ...",
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Simulate the nonlinear closed loop, against what is proved of it."""
@@ -282,7 +289,7 @@ def simulate(
     from lockstep.cli.simulate_options import Many, Options
 
     options = Options(controllers, horizon, seed, disturbance, integrator, plot, perturbation, figures)
-    run(design, options, Many(campaign, replay, output, scheduler, jobs), as_json=json)
+    run(design, options, Many(campaign, replay, output, scheduler, jobs, faults), as_json=json)
 
 
 @app.command()

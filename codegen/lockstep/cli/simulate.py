@@ -30,6 +30,9 @@ def run(path: Path, options: Options, many: Many, *, as_json: bool) -> None:
     seed, kind, horizon = options.seed, options.controllers, options.horizon
     if many.replay is not None:
         campaign.run_replay(path, many.replay, many.output, seed, as_json, controllers=kind, horizon=horizon)
+    elif many.campaign is not None and many.output is not None and many.faults is not None:
+        of_network = {"seed": seed, "horizon": horizon, "jobs": many.jobs}
+        campaign.run_faults(path, many.faults, many.campaign, many.output, as_json, **of_network)
     elif many.campaign is not None and many.output is not None:
         where = many.output, many.scheduler, many.jobs
         campaign.run(path, many.campaign, *where, seed, as_json, controllers=kind, horizon=horizon)

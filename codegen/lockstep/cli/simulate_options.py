@@ -31,6 +31,7 @@ class Many:
     output: Path | None = None
     scheduler: str | None = None
     jobs: int | None = None
+    faults: str | None = None
 
 
 def conflict(options: Options, many: Many) -> ProblemError | None:
@@ -43,7 +44,22 @@ def conflict(options: Options, many: Many) -> ProblemError | None:
     """
     if many.campaign is not None and many.replay is not None:
         return _both("--replay", "--campaign", "a replay is one run of a campaign again")
-    return _about_workers(many) or _about_runs(options, many)
+    return _about_faults(options, many) or _about_workers(many) or _about_runs(options, many)
+
+
+def _about_faults(options: Options, many: Many) -> ProblemError | None:
+    """Faults are of a campaign of the C that ships, on this machine."""
+    if many.faults is None:
+        return None
+    if many.campaign is None:
+        return ProblemError(
+            "`--faults` without `--campaign`", where=COMMAND, expected="`--campaign N` beside it"
+        )
+    if many.scheduler is not None:
+        return _both("--scheduler", "--faults", "a campaign of faults runs on this machine")
+    if options.controllers == "continuous":
+        return _both("--controllers continuous", "--faults", "messages are between sampled controllers")
+    return None
 
 
 def _about_workers(many: Many) -> ProblemError | None:

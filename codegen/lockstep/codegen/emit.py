@@ -239,10 +239,7 @@ def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: M
         certificate=dict(spec.certificate),
         identity=Identification(design=identity.design, claims=identity.claims),
         prefix=spec.prefix,
-        messages=spec.messages
-        and MessagesEntry(
-            kept=spec.messages.kept, limit=spec.messages.limit, ranges=dict(spec.messages.ranges)
-        ),
+        messages=_messages(spec),
         agents=tuple(_agent_record(a, real, p) for a, p in zip(agents, plants, strict=True)),
         files={path: sha256(text) for path, text in files.items()},
         image=None if spec.image is None else _image_record(spec.image, agents, real),
@@ -259,6 +256,13 @@ def _image_record(image: OneImage, agents: list[Sampled], real: RealType) -> Ima
         table=image.table,
         state_bytes=size,
     )
+
+
+def _messages(spec: CodegenSpec) -> MessagesEntry | None:
+    given = spec.messages
+    if given is None:
+        return None
+    return MessagesEntry(kept=given.kept, limit=given.limit, ranges=dict(given.ranges))
 
 
 def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None) -> AgentEntry:

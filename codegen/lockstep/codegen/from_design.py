@@ -97,7 +97,7 @@ def specification(
         design_hash=fingerprint(stored),
         plants=plants,
         image=image,
-        messages=MessageLimits(ranges=problem.output_range) if problem.output_range else None,
+        messages=_messages(stored),
     )
 
 
@@ -105,6 +105,19 @@ def has_one_controller(stored: Stored) -> bool:
     """Tell whether all agents have the same gains."""
     blocks = stored.gains.blocks
     return bool((blocks == blocks[0]).all())
+
+
+def _messages(stored: Stored) -> MessageLimits | None:
+    """Return what the message layer is told, or None for its defaults.
+
+    Own readings are kept, and a neighbour is not stale, for as long as [network.messages] lets a message be late or missing.
+    """
+    asked, ranges = stored.problem.messages, stored.problem.output_range
+    if asked is None:
+        return MessageLimits(ranges=ranges) if ranges else None
+    usual = MessageLimits()
+    kept = max(usual.kept, 1 << asked.delay[1].bit_length())
+    return MessageLimits(kept, max(usual.limit, asked.age), ranges)
 
 
 def fingerprint(stored: Stored) -> str:

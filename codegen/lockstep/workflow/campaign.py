@@ -124,7 +124,7 @@ def planned(design: Design | Path | str, options: CampaignOptions) -> tuple["Pla
         stored = parse(json.loads(files[DESIGN_NAME]), DESIGN_NAME)
         seed = stored.problem.simulation.seed if options.seed is None else options.seed
         horizon = HORIZON if options.horizon is None else options.horizon
-        _check_periods(horizon, stored.problem.controller.period)
+        check_periods(horizon, stored.problem.controller.period)
         return plan_of(stored, files, controllers=kind, seed=seed, horizon=horizon), stored
 
 
@@ -135,7 +135,7 @@ def _check_address(scheduler: str | None) -> None:
         raise ProblemError(f"`{shorten(scheduler)}` is no address", where="--scheduler", expected=expected)
 
 
-def _check_periods(horizon: float, period: float) -> None:
+def check_periods(horizon: float, period: float) -> None:
     """Refuse a run that is longer than any other: its periods are counted in a machine word."""
     from lockstep.model.simulation.scenario import MOST_INSTANTS
 

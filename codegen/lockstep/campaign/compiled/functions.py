@@ -39,8 +39,8 @@ def continuous_functions(
     r = ca.mtimes([ca.DM(network.agent.lure.C), x, ca.DM(network.graph.laplacian.T)])
     u = [K["C"] @ x_C[:, i] + K["D"] @ r[:, i] for i, K in enumerate(blocks)]
     dx_C = [K["A"] @ x_C[:, i] + K["B"] @ r[:, i] for i, K in enumerate(blocks)]
-    slope = ca.vertcat(_plant(network, x, u, t, xi), *dx_C)
-    cost = _on_disagreement(network, x, weights.R) + _on_controllers(x_C, weights.Q)
+    slope = ca.vertcat(plant_slope(network, x, u, t, xi), *dx_C)
+    cost = on_disagreement(network, x, weights.R) + on_controllers(x_C, weights.Q)
     inputs, names = [ca.vertcat(ca.vec(x), ca.vec(x_C)), t, ca.vec(xi)], "x t xi"
     if letters:
         inputs, names = [*inputs, E, turn], f"{names} delta turned"
@@ -51,8 +51,8 @@ def sampled_functions(network: Network, weights: Performance) -> list[LaneFuncti
     """slope(x, u, t, xi) -> (x', |x_d|^2 weighed), measure(x) -> y, cost_of(x_C) -> x_C' Q x_C."""
     N, n, m = network.N, network.agent.n, network.agent.m
     x, u, xi, t = ca.SX.sym("x", n, N), ca.SX.sym("u", m, N), ca.SX.sym("xi", n, N), ca.SX.sym("t")
-    slope = _plant(network, x, ca.horzsplit(u), t, xi)
-    cost = _on_disagreement(network, x, weights.R)
+    slope = plant_slope(network, x, ca.horzsplit(u), t, xi)
+    cost = on_disagreement(network, x, weights.R)
     y = ca.vec(ca.DM(network.agent.lure.C) @ x)
     inputs = [ca.vec(x), ca.vec(u), t, ca.vec(xi)]
     return [
@@ -61,12 +61,13 @@ def sampled_functions(network: Network, weights: Performance) -> list[LaneFuncti
     ]
 
 
-def _plant(network: Network, x: ca.SX, u: list[ca.SX], t: ca.SX, xi: ca.SX) -> ca.SX:
+def plant_slope(network: Network, x: ca.SX, u: list[ca.SX], t: ca.SX, xi: ca.SX) -> ca.SX:
+    """x' of all agents, one below the other."""
     drift = network.drift()
     return ca.vertcat(*[drift(x[:, i], t) + ca.DM(network.B[i]) @ u[i] + xi[:, i] for i in range(network.N)])
 
 
-def _on_disagreement(network: Network, x: ca.SX, R: Float[np.ndarray, "n n"]) -> ca.SX:
+def on_disagreement(network: Network, x: ca.SX, R: Float[np.ndarray, "n n"]) -> ca.SX:
     """x_d' (S (x) R) x_d: in orthonormal coordinates sum_i e_i' R e_i with e_i = x_i - mean."""
     if network.coordinates == "orthonormal":
         rows = _errors(x)
@@ -76,7 +77,8 @@ def _on_disagreement(network: Network, x: ca.SX, R: Float[np.ndarray, "n n"]) ->
     return sum((ca.dot(row, ca.DM(R) @ row) for row in rows), start=ca.SX(0))
 
 
-def _on_controllers(x_C: ca.SX, Q: Float[np.ndarray, "n_C n_C"]) -> ca.SX:
+def on_controllers(x_C: ca.SX, Q: Float[np.ndarray, "n_C n_C"]) -> ca.SX:
+    """sum_i x_Ci' Q x_Ci."""
     if x_C.shape[0] == 0:
         return ca.SX(0)
     return sum((ca.dot(one, ca.DM(Q) @ one) for one in ca.horzsplit(x_C)), start=ca.SX(0))
@@ -101,7 +103,7 @@ def monitors(network: Network) -> list[LaneFunction]:
     """errors(x) -> |e_i|^2, differences(xi) -> |xi_d|^2, strays(x) -> 1 where an agent is out of its domain."""
     x = ca.SX.sym("x", network.agent.n, network.N)
     each = ca.vertcat(*[ca.sumsqr(e) for e in _errors(x)])
-    entered = _on_disagreement(network, x, np.eye(network.agent.n))
+    entered = on_disagreement(network, x, np.eye(network.agent.n))
     found = [
         lane_function("errors", [ca.vec(x)], [each], "x e"),
         lane_function("differences", [ca.vec(x)], [entered], "xi w"),

@@ -13,11 +13,11 @@ MOST_LATE = 60
 class NetworkFaults:
     """What happens to messages and nodes; the defaults are a network without faults.
 
-    loss: probability of each message, independent;  to_bad, to_good: of Gilbert's and Elliott's chain per period, every message
-    being lost in the bad state;  burst: at most so many lost in a row, whatever the rest says (None: any number);  delay:
-    least and most periods, drawn for each message, so that they overtake each other;  jitter: part of the period within which an
-    agent's sampling instant is drawn;  twice: probability that a message comes twice;  corrupt: that a bit of it is flipped;
-    restarts: probability per period that a node stops;  silence: periods until it starts anew.
+    loss: probability of each message, independent;  to_bad, to_good: of Gilbert's and Elliott's chain per period, every
+    message being lost in the bad state;  burst: at most so many lost in a row, whatever the rest says (None: any number);
+    delay: least and most periods, drawn for each message, so that they overtake each other;  jitter: part of the period
+    within which an agent's sampling instant is drawn;  twice: probability that a message comes twice;  corrupt: that a
+    bit of it is flipped;  restarts: probability per period that a node stops;  silence: periods until it starts anew.
     """
 
     loss: float = 0.0
@@ -81,8 +81,8 @@ class NetworkFaults:
         unbounded = self.burst is None and (self.loss or self.to_bad or self.corrupt)
         return None if unbounded or self.restarts else self.delay[1] + (self.burst or 0)
 
-    def row(self, noise: float = 0.0, common: float = 0.0, omega: float = 0.0) -> list[float]:
-        """Return the numbers in the order of the C, with those of the disturbances."""
+    def row(self, noise: float = 0.0) -> list[float]:
+        """Return the numbers in the order of the C, with the standard deviation of noise on each state."""
         burst = -1.0 if self.burst is None else float(self.burst)
         network = [self.loss, self.to_bad, self.to_good, burst, *map(float, self.delay), self.jitter]
-        return [*network, self.twice, self.corrupt, self.restarts, float(self.silence), noise, common, omega]
+        return [*network, self.twice, self.corrupt, self.restarts, float(self.silence), noise]

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float, UInt
 
-from lockstep.campaign.compiled.functions import _on_controllers, _on_disagreement, _plant
+from lockstep.campaign.compiled.functions import on_controllers, on_disagreement, plant_slope
 from lockstep.campaign.compiled.library import FLAGS
 from lockstep.campaign.network.faults import NetworkFaults
 from lockstep.check.errors import ProblemError
@@ -23,8 +23,8 @@ from lockstep.verification.in_the_loop import sources_in
 from lockstep.verification.shared_library import build_library
 from lockstep.verification.toolchain import first_compiler
 
-SUBSTEPS = 5
-"""Runge-Kutta steps of a period: sampling instants are multiples of them."""
+SUBSTEPS = 10
+"""Runge-Kutta steps of a period: with jitter, sampling instants are multiples of them."""
 
 COLUMNS = (
     *("z2", "xi2", "disagreement_initial", "disagreement_largest", "disagreement_final"),
@@ -61,6 +61,7 @@ class NetworkLoop:
         seeds: UInt[np.ndarray, " runs"],
         starts: Float[np.ndarray, "runs N n"],
         horizon: float,
+        waves: Float[np.ndarray, "runs wave"] | None = None,
     ) -> Float[np.ndarray, "runs columns"]:
         """Return the `COLUMNS` of each run.
 
@@ -69,11 +70,19 @@ class NetworkLoop:
             seeds: of all that a run draws.
             starts: initial states.
             horizon: in s.
+            waves: per run a disturbance of every state that is constant, that goes with cos(omega t) and with sin(omega t),
+                one after the other, and omega; by default none.
         """
+        still = np.zeros((len(seeds), 3 * self.N * self.n + 1)) if waves is None else waves
         out = np.zeros((len(seeds), len(COLUMNS)))
         given = [
             np.ascontiguousarray(one)
-            for one in (faults.astype(float), seeds.astype(np.uint64), starts.astype(float))
+            for one in (
+                faults.astype(float),
+                seeds.astype(np.uint64),
+                starts.astype(float),
+                still.astype(float),
+            )
         ]
         pointers = [one.ctypes.data for one in (*given, out)]
         self.function(len(seeds), int(np.ceil(horizon / self.period)), *pointers)
@@ -109,7 +118,7 @@ def network_loop(network: Network, files: Mapping[str, str], weights: Performanc
         sources = [*agents, f"{manifest.name}_message.c", "network.c", "advance.c"]
         library = build_library(first_compiler("campaign"), (*FLAGS, "-I."), sources, place, "the network")
         function: Any = getattr(ctypes.CDLL(str(library)), SYMBOL)
-    function.argtypes = [ctypes.c_int64, ctypes.c_int64, *(ctypes.c_void_p,) * 4]
+    function.argtypes = [ctypes.c_int64, ctypes.c_int64, *(ctypes.c_void_p,) * 5]
     function.restype = None
     return NetworkLoop(function, network.N, network.agent.n, manifest.period)
 
@@ -123,8 +132,8 @@ def _advance(network: Network, weights: Performance, manifest: Manifest) -> ca.F
 
     def slope(state: ca.SX, time: ca.SX) -> tuple[ca.SX, ca.SX]:
         return (
-            ca.reshape(_plant(network, state, ca.horzsplit(u), time, xi), n, N),
-            _on_disagreement(network, state, weights.R),
+            ca.reshape(plant_slope(network, state, ca.horzsplit(u), time, xi), n, N),
+            on_disagreement(network, state, weights.R),
         )
 
     first, z1 = slope(x, t)
@@ -132,9 +141,9 @@ def _advance(network: Network, weights: Performance, manifest: Manifest) -> ca.F
     third, z3 = slope(x + h / 2 * second, t + h / 2)
     fourth, z4 = slope(x + h * third, t + h)
     after = x + h / 6 * (first + 2 * second + 2 * third + fourth)
-    z = h / 6 * (z1 + 2 * z2 + 2 * z3 + z4) + h * _on_controllers(x_C, weights.Q)
+    z = h / 6 * (z1 + 2 * z2 + 2 * z3 + z4) + h * on_controllers(x_C, weights.Q)
     inputs = [ca.vec(x), ca.vec(u), ca.vec(xi), ca.vec(x_C), t]
-    apart, entered = (_on_disagreement(network, one, np.eye(n)) for one in (after, xi))
+    apart, entered = (on_disagreement(network, one, np.eye(n)) for one in (after, xi))
     return ca.Function("lockstep_advance", inputs, [ca.vec(after), z, h * entered, apart])
 
 
@@ -173,6 +182,6 @@ def _source(network: Network, manifest: Manifest, advance: ca.Function) -> str:
     )
 
 
-def rows_of(faults: NetworkFaults, runs: int, **disturbance: float) -> Float[np.ndarray, "runs faults"]:
-    """Return the same faults for a number of runs."""
-    return np.tile(np.array(faults.row(**disturbance)), (runs, 1))
+def rows_of(faults: NetworkFaults, runs: int, *, noise: float = 0.0) -> Float[np.ndarray, "runs faults"]:
+    """Return the same faults for a number of runs, with the standard deviation of noise on each state."""
+    return np.tile(np.array(faults.row(noise)), (runs, 1))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lockstep.codegen.doors.view import agent_view
-from lockstep.codegen.emit import plain
+from lockstep.codegen.emit import claims, plain
 from lockstep.codegen.manifest import FORMAT, AgentEntry, Manifest, MessagesEntry
 from lockstep.codegen.rendering import render
 from lockstep.codegen.spec import MessageLimits
@@ -78,6 +78,9 @@ def _folder(manifest: Manifest) -> dict[str, Any]:
         "kept": limits.kept,
         "limit": limits.limit,
         "ranged": bool(limits.ranges),
+        "claimed": [
+            line for line in claims(manifest.certificate) if line.partition(" = ")[0].startswith("messages")
+        ],
     }
 
 

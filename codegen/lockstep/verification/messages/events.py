@@ -61,7 +61,7 @@ class NodeTrace:
         return cls(
             np.zeros(count, np.int32),
             np.zeros((count, len(agent.inputs)), real),
-            np.zeros((count, Wire.of(manifest).bytes), np.uint8),
+            np.zeros((count, Wire.of(manifest).length), np.uint8),
             np.zeros((count, agent.order), real),
             np.zeros((count, nn, q), real),
             np.zeros((count, nn), np.uint32),
@@ -140,7 +140,7 @@ def faulty_events(manifest: Manifest, agent: AgentEntry, periods: int) -> Events
         instant += 1 + (2 if random.random() < 0.01 else 0)
         if period == periods // 2:
             instant -= 40
-        builder.neighbours_send(instant, silent=period % 100 > 70)
+        builder.neighbours_send(instant, silent=period % 100 > 70, last=period % 100 == 70)
         for data in builder.due(instant):
             builder.add(RECEIVE, len(data), data=data)
         builder.step(instant)
@@ -169,22 +169,21 @@ class _Builder:
         own = np.zeros(self.q, self.dtype) if y is None else y
         self.rows.append((operation, argument % 2**32, own, data))
 
-    def neighbours_send(self, instant: int, *, silent: bool) -> None:
-        """Put this instant's messages on their way."""
+    def neighbours_send(self, instant: int, *, silent: bool, last: bool) -> None:
+        """Put this instant's messages on their way; the last ones before a silence come just in time, or just too late."""
         for source in self.node.sources:
             if self.random.random() < 0.02:  # it was restarted, and counts from anywhere
-                jump = self.random.choice([self.random.integers(2**32), 2**31 - 2, 2**31 - 1])
-                self.number[source] += int(jump)
+                jumps = (int(self.random.integers(2**32)), 2**31 - 2, 2**31 - 1)
+                self.number[source] += jumps[self.random.integers(3)]
             self.number[source] = (self.number[source] + 1) % 2**32
             if silent or self.random.random() < 0.25:
                 continue
             data = self.message(source, instant)
             for _ in range(2 if self.random.random() < 0.1 else 1):
-                late = int(
-                    self.random.choice(
-                        [0, 1, 2, self.random.integers(self.node.kept + 3)], p=[0.5, 0.2, 0.2, 0.1]
-                    )
-                )
+                far = int(self.random.integers(self.node.kept + 3))
+                late = (0, 0, 0, 0, 0, 1, 1, 2, 2, far)[self.random.integers(10)]
+                if last:
+                    late = self.node.kept - int(self.random.integers(2))
                 self.under_way.append((instant + late, data))
 
     def message(self, source: int, instant: int) -> bytes:
@@ -237,7 +236,7 @@ class _Builder:
 
     def events(self) -> Events:
         """Return all of them."""
-        room = self.wire.bytes + EXTRA
+        room = self.wire.length + EXTRA
         data = np.zeros((len(self.rows), room), np.uint8)
         for k, row in enumerate(self.rows):
             data[k, : len(row[3])] = np.frombuffer(row[3], np.uint8)

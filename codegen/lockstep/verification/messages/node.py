@@ -64,8 +64,8 @@ class Wire:
         return cls(identity, manifest.real_type.dtype, most_outputs(manifest))
 
     @property
-    def bytes(self) -> int:
-        """Length of a message."""
+    def length(self) -> int:
+        """Bytes of a message."""
         return 24 + self.dtype.itemsize * self.outputs
 
     def pack(self, message: Message) -> bytes:
@@ -86,7 +86,7 @@ class Wire:
 
     def unpack(self, given: bytes) -> Message | Refusal:
         """Return the message in some bytes, or why there is none."""
-        if len(given) != self.bytes:
+        if len(given) != self.length:
             return Refusal.BAD_LENGTH
         if struct.unpack("<I", given[-4:])[0] != zlib.crc32(given[:-4]):
             return Refusal.BAD_CHECKSUM
@@ -138,7 +138,7 @@ class Node:
         """Return the node of an agent of a generated folder."""
         limits, numbers = limits_of(manifest), senders(manifest)
         wire = Wire.of(manifest)
-        assert wire.bytes == message_bytes(manifest)
+        assert wire.length == message_bytes(manifest)
         return cls(
             Reference.of(agent, manifest),
             wire,

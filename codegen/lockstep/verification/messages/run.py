@@ -95,7 +95,7 @@ def _objects(
 
 
 def _folder(manifest: Manifest) -> dict[str, Any]:
-    room = Wire.of(manifest).bytes + EXTRA
+    room = Wire.of(manifest).length + EXTRA
     return {"NAME": manifest.name.upper(), "c_real": manifest.real_type.c_name, "room": room, "words": WORDS}
 
 
@@ -108,6 +108,6 @@ def _view(agent: AgentEntry, manifest: Manifest) -> dict[str, Any]:
         "q": q,
         "m": len(agent.inputs),
         "nn": len(agent.neighbours),
-        "in_bytes": [4, 8, q * real, Wire.of(manifest).bytes + EXTRA, 0],
+        "in_bytes": [4, 8, q * real, Wire.of(manifest).length + EXTRA, 0],
         "out_bytes": [int(np.prod(part.shape)) * part.dtype.itemsize for part in one.parts()],
     }
