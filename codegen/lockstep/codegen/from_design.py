@@ -29,6 +29,7 @@ def specification(
         prefix: put before the agent's name in all that is generated.
     """
     problem, agent = stored.problem, stored.problem.agent()
+    problem.demand_one_graph("for C that names the neighbours of each agent")
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
     names = [f"{prefix}{agent.name}{i}" for i in range(1, graph.N + 1)]
     units = agent.units

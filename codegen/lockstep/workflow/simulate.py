@@ -182,6 +182,7 @@ def simulate(
         check_folder(drawn)
     simulated, path = as_design(design)
     stored = simulated.stored
+    stored.problem.demand_one_graph("to simulate")
     with of_file(path):
         progress("what is proved", 0.1)
         network, promised = network_of_design(stored), promise(stored, kind)

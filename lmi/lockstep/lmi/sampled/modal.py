@@ -11,7 +11,7 @@ period depends on mu and rho, which are searched one at a time. The prices of er
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -58,6 +58,9 @@ CLAIMED, TRIES = 0.7, 3
 DOUBLINGS_OF_PRICE = 60
 MU = 1e6
 """What underflow counts relative to the messages' noise: it is some thirty decades smaller."""
+
+MOST_SEGMENTS = 8
+"""Segments with a P each: a continuous certificate may have more."""
 
 LARGEST = 1e4
 """P <= LARGEST I in the coordinates of the linear loop: P and mu could be scaled up without end."""
@@ -142,26 +145,41 @@ class _Setting:
     weights: Performance
     mu: float = 1.0
     rho: float | None = None
+    loops: dict[tuple[float, bool], SampledLoop] = field(default_factory=dict)
+    periods: dict[int, Lifted | None] = field(default_factory=dict)
 
     def mode(self, value: float) -> _Mode | None:
         """Return a mode; None where its period overflows or passes a conjugate point."""
-        noise = self.weights.outputs if self.rho is not None else np.zeros(0)
-        loop = self.loop.at(value, noise, exact=False)
+        key = (value, self.rho is not None)
+        if key not in self.loops:
+            noise = self.weights.outputs if self.rho is not None else np.zeros(0)
+            self.loops[key] = self.loop.at(value, noise, exact=False)
+        loop, own = self.loops[key], self.weights
+        if not loop.n_d:
+            own = own._replace(R=np.zeros((0, 0)), states=np.zeros(0))
+        # A period is the same for all lambda: only what is held during it is not.
+        if loop.n_d not in self.periods:
+            self.periods[loop.n_d] = self._period(loop, own)
+        lifted = self.periods[loop.n_d]
+        if lifted is None:
+            return None
+        running = np.zeros((loop.n_z, loop.n_z)) if self.rho is None else running_cost(loop, own, self.rho)
+        return _Mode(loop, lifted, running, self.rho is not None)
+
+    def _period(self, loop: SampledLoop, weights: Performance) -> Lifted | None:
         if self.rho is None:
-            lifted, running = period_in_doubles(loop), np.zeros((loop.n_z, loop.n_z))
+            lifted = period_in_doubles(loop)
         else:
-            own = self.weights
-            if not loop.n_d:
-                own = own._replace(R=np.zeros((0, 0)), states=np.zeros(0))
             with np.errstate(all="ignore"):
                 try:
-                    lifted = lifted_with_performance(loop, own, self.mu * np.eye(1), self.rho)
+                    lifted = lifted_with_performance(loop, weights, self.mu * np.eye(1), self.rho)
                 except np.linalg.LinAlgError:
                     return None
-            running = running_cost(loop, own, self.rho)
-        if lifted is None or not _is_a_period(lifted):
-            return None
-        return _Mode(loop, lifted, running, self.rho is not None)
+        return lifted if lifted is not None and _is_a_period(lifted) else None
+
+    def at(self, mu: float, rho: float) -> "_Setting":
+        """Return the setting with another mu and rho."""
+        return replace(self, mu=mu, rho=rho, periods={})
 
     def weighed(self, mode: _Mode) -> Storage:
         """Return T diag(R, Q, 0) of a mode, with a little of every other state."""
@@ -339,7 +357,7 @@ def _priced(
             k, E, Y = LETTERS.index(way.letter), N[:, way.place], way.Y[:, : mode.loop.n_xi]
             into = float(np.linalg.norm(E.T @ P @ E, 2)) if len(P) else 0.0
             out = float(np.linalg.norm(Y @ np.linalg.solve(P, Y.T), 2)) if Y.size else 0.0
-            t[k] = max(t[k], dear * math.sqrt(into / max(out, 1e-300)) / max(way.delta, CERTAIN) if out else into)
+            t[k] = max(t[k], dear * math.sqrt(into / max(out, 1e-300)) / max(way.delta, CERTAIN) if out else 1e6 * into)
         into = N[:, mode.loop.noise]
         noise = max(noise, float(np.linalg.norm(into.T @ P @ into, 2)), float(np.abs(mode.running).max()))
     segments = tuple(Segment(high, P) for (_, high), P in pairs)
@@ -433,14 +451,15 @@ def modal_rho(
     """Find and prove a small rho mode by mode, from the mu and the rho of the continuous certificate; None if none is proved."""
     ends = _outside(loop, ends)
     best: tuple[float, float] | None = None
-    for scale in SCALES:
-        least_one = _least_rho(_Setting(loop, ends, weights, mu * 10**scale), rho, best)
+    first = _Setting(loop, ends, weights)
+    for scale in SCALES if len(ends) == 2 else SCALES[:1]:
+        least_one = _least_rho(first, mu * 10**scale, rho, best)
         if least_one is not None and (best is None or least_one < best[0]):
             best = least_one, mu * 10**scale
     if best is None:
         return None
     for slack in SLACKS:
-        setting = _Setting(loop, ends, weights, best[1], float(f"{best[0] * (1 + slack):.4g}"))
+        setting = first.at(best[1], float(f"{best[0] * (1 + slack):.4g}"))
         found = _found(setting)
         if found is None or setting.rho is None:
             continue
@@ -451,9 +470,11 @@ def modal_rho(
     return None
 
 
-def _least_rho(setting: _Setting, rho: float, best: tuple[float, float] | None) -> float | None:
+def _least_rho(
+    setting: _Setting, mu: float, rho: float, best: tuple[float, float] | None
+) -> float | None:
     """Bisect the least rho for a mu; None where it is no better than the best so far."""
-    holds = lambda value: _found(replace(setting, rho=value)) is not None  # noqa: E731
+    holds = lambda value: _found(setting.at(mu, value)) is not None  # noqa: E731
     high = MOST_RHO * rho if best is None else best[0] * (1 - FINENESS)
     low = 0.9 * rho
     if best is None:
@@ -483,5 +504,6 @@ def longest_modal(
 
 def _outside(loop: ModalLoop, ends: Sequence[float]) -> tuple[float, ...]:
     """Return the ends of segments, the first and the last far enough outside for the weights in the code."""
-    inner = [one for one in ends if loop.lower < one < loop.upper]
-    return (loop.lower, *inner, loop.upper)
+    inner = [one for one in ends[1:-1] if loop.lower < one < loop.upper]
+    step = -(-(len(inner) + 1) // MOST_SEGMENTS)
+    return (loop.lower, *inner[step - 1 :: step], loop.upper)

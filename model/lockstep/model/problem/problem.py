@@ -197,6 +197,18 @@ class Problem:
         table = self.file.network
         return None if table.spectrum is None else Spectrum.of(table.model_dump(exclude_none=True))
 
+    def demand_one_graph(self, what: str) -> None:
+        """Refuse a problem with `spectrum` where one graph is needed.
+
+        Raises:
+            ProblemError: there is no one graph.
+        """
+        if self.spectrum is not None:
+            raise ProblemError(
+                "`spectrum` stands for many graphs", where="[network]", expected=f"one graph {what}",
+                remedy="name `edges`, a `topology`, or a `file` of up to 200 agents",
+            )
+
     def agents_B(self) -> tuple[Float[np.ndarray, "n m"], ...]:
         """Return B_i for each agent; they differ only by `[network] parameters`."""
         return tuple(agent.lure.B for agent in self._variants)
