@@ -9,7 +9,7 @@ import pytest
 from lockstep.check.certify import certified
 from lockstep.check.design_file.content import parse
 from lockstep.check.errors import Infeasible, ProblemError
-from lockstep.check.graph import Digraph, Spectrum
+from lockstep.check.graph import Digraph
 from lockstep.check.inequality import Claim, Performance
 from lockstep.check.loop import Plant
 from lockstep.check.modes import Modes
@@ -19,7 +19,6 @@ from lockstep.check.sampled.controller import SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers
 from lockstep.check.sampled.inequality import W_matrix, Witness, multiplier
 from lockstep.check.sampled.lifting import copies
-from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.modes import ModalLoop, common_controller, single_difference, widened
 from lockstep.codegen.for_the_period import as_shipped
 from lockstep.lmi.design import design
@@ -94,7 +93,10 @@ def set_spectrum(document, lower, upper):
         (lambda d: d["proofs"]["sampled"].update(t=[0.0] * 4), "sampled"),
         (lambda d: d["proofs"].update(sampled=None), "sampled"),
         (lambda d: d["problem"]["network"].update(max_degree=5), "sampled"),
-        (lambda d: d["claims"]["sampled"].update(max_period=4 * d["claims"]["sampled"]["max_period"]), "max_period"),
+        (
+            lambda d: d["claims"]["sampled"].update(max_period=4 * d["claims"]["sampled"]["max_period"]),
+            "max_period",
+        ),
     ],
 )
 def test_what_is_not_proved_is_refused(stored, change, claim):
@@ -179,9 +181,7 @@ def test_modes_prove_what_the_assembled_loop_has(topology, delay, order):
             blocks[i][j] = blocks[i][j] + np.kron(mean, w.P_mean[rows])
     whole = np.block(blocks)
     t = np.array([w.t["ABCD".index(way.letter)] for way in loop.ways])
-    kappa = 3 * w.kappa + 2 * sum(
-        w.t["ABCD".index(k)] * max(c.deltas[k] for c in held) ** 2 for k in "BD"
-    )
+    kappa = 3 * w.kappa + 2 * sum(w.t["ABCD".index(k)] * max(c.deltas[k] for c in held) ** 2 for k in "BD")
     m = np.full(6, w.mu / 4)
     assembled = Witness((whole + whole.T) / 2, m, t, w.decay, kappa, w.weight, w.ratio, w.kappa_mu)
     lifted = copies(period_in_doubles(loop), multiplier(loop.network.d, m))
@@ -193,7 +193,7 @@ def test_modes_prove_what_the_assembled_loop_has(topology, delay, order):
 def test_one_controller_stands_for_all_with_fewer_neighbours_and_smaller_weights():
     random = np.random.default_rng(0)
     table = random.standard_normal((3, 4)).astype(np.float32).astype(float)
-    spectrum = Spectrum(0.5, 6.0, 5)
+    spectrum = SpectrumRange(0.5, 6.0, 5)
     common = common_controller(table, 2, spectrum, "float32")
     from lockstep.check.sampled.controller import HeldController
 
@@ -210,13 +210,17 @@ def test_bad_intervals_and_other_methods_are_refused():
         ("spectrum = [4.0, 1.0]", "0 < a <= b"),
         ("spectrum = [1.0]", "spectrum"),
         ("spectrum = [1.0, 4.0]\nmax_degree = 0", "max_degree"),
-        ("spectrum = [1.0, 4.0]\ntopology = \"ring\"\nagents = 3", "topology"),
-        ("topology = \"ring\"\nagents = 3\nmax_degree = 3", "max_degree"),
+        ('spectrum = [1.0, 4.0]\ntopology = "ring"\nagents = 3', "topology"),
+        ('topology = "ring"\nagents = 3\nmax_degree = 3', "max_degree"),
     ):
         with pytest.raises(ProblemError, match=says):
             posed(network)
     with pytest.raises(ProblemError, match="modal"):
-        Problem.parse(PENDULUMS.format(network="spectrum = [1.0, 4.0]", order=0, design="").replace('"modal"', '"certified"'))
+        Problem.parse(
+            PENDULUMS.format(network="spectrum = [1.0, 4.0]", order=0, design="").replace(
+                '"modal"', '"certified"'
+            )
+        )
 
 
 def test_too_wide_a_spectrum_names_the_ratio_that_has_one_p():

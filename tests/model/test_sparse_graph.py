@@ -17,8 +17,7 @@ EDGES = ((1, 2, 1.0), (2, 3, 0.5), (3, 4, 2.0), (4, 1, 1.0))
 
 FILES = {
     "circle.mtx": HEAD + "real symmetric\n4 4 4\n2 1 1\n3 2 0.5\n4 3 2\n4 1 1\n",
-    "circle.csv": "listener,source,weight\n"
-    + "".join(f"{i},{j},{a}\n{j},{i},{a}\n" for i, j, a in EDGES),
+    "circle.csv": "listener,source,weight\n" + "".join(f"{i},{j},{a}\n{j},{i},{a}\n" for i, j, a in EDGES),
     "circle.graphml": "\n".join(
         nx.generate_graphml(
             nx.from_edgelist([(i, j, {"weight": a}) for i, j, a in EDGES]), named_key_ids=True
@@ -113,7 +112,8 @@ def at_random(monkeypatch):
 
 
 @pytest.mark.parametrize("degree", [4, 8])
-def test_at_random_the_interval_holds_the_spectrum(degree, at_random):
+@pytest.mark.usefixtures("at_random")
+def test_at_random_the_interval_holds_the_spectrum(degree):
     graph = of(nx.random_regular_graph(degree, 600, seed=degree))
     values = np.linalg.eigvalsh(graph.laplacian.toarray())
     found = membership(graph)
@@ -195,9 +195,9 @@ def test_a_graph_outside_of_the_spectrum_asked_for_is_refused(tmp_path):
     written(tmp_path, nx.cycle_graph(12))
     assert problem(tmp_path, 'file = "graph.mtx"\nspectrum = [0.2, 4.0]').membership.graph_proof == "inertia"
     for network, says in (
-        ('spectrum = [0.3, 4.0]', "nonzero eigenvalues"),
-        ('spectrum = [0.2, 4.0]\nmax_degree = 1', "max_degree"),
-        ('spectrum = [0.2, 4.0]\nagents = 11', "agents"),
+        ("spectrum = [0.3, 4.0]", "nonzero eigenvalues"),
+        ("spectrum = [0.2, 4.0]\nmax_degree = 1", "max_degree"),
+        ("spectrum = [0.2, 4.0]\nagents = 11", "agents"),
         ('topology = "ring"\nagents = 12', "one graph"),
     ):
         with pytest.raises(ProblemError, match=says):

@@ -28,7 +28,7 @@ from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.disagreement import Coordinates
 from lockstep.check.domain import argument_box
 from lockstep.check.errors import demand
-from lockstep.check.graph import Digraph, Spectrum
+from lockstep.check.graph import Digraph
 from lockstep.check.inequality import Performance
 from lockstep.check.loop import Plant
 from lockstep.check.network import ExactNetwork
@@ -117,10 +117,10 @@ class ProblemTables:
         )
 
     @cached_property
-    def spectrum(self) -> Spectrum | None:
+    def spectrum(self) -> SpectrumRange | None:
         """[network] spectrum: every undirected graph, of any size, with its nonzero eigenvalues there; None for one graph."""
         table = part(self.tables, "network", dict)
-        return None if table.get("spectrum") is None else Spectrum.of(table)
+        return None if table.get("spectrum") is None else SpectrumRange.of(table)
 
     @cached_property
     def graph(self) -> Digraph:
@@ -146,7 +146,12 @@ class ProblemTables:
     def inputs(self) -> tuple[Annotated[np.ndarray, "n m"], ...]:
         """B_i of each agent; they differ by `[network] parameters` only, and nothing else may."""
         given = part(self.tables, "network", dict).get("parameters")
-        demand(given is None or not self.spectrum, "they are given", "[network] parameters", "none with `spectrum`")
+        demand(
+            given is None or not self.spectrum,
+            "they are given",
+            "[network] parameters",
+            "none with `spectrum`",
+        )
         if given is None:
             return (self.agent.B,) * self.graph.N
         whole = isinstance(given, list) and len(given) == self.graph.N

@@ -253,8 +253,8 @@ def _protocol(problem: Problem, network: Network, bound: Bound, claim: Claim, te
 
 
 def _modal(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Proposal:
-    from lockstep.lmi.methods.certified import rate_of_controllers
     from lockstep.lmi.analysis.decay import abscissa
+    from lockstep.lmi.methods.certified import rate_of_controllers
     from lockstep.lmi.methods.modal import covered_graphs, design_modes, prove_modes
 
     table = problem.design

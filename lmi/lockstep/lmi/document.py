@@ -52,7 +52,11 @@ def file_of(design: Proposal) -> Stored:
     )
     graph = design.problem.membership
     remarks = {} if graph is None else {"graph": graph.document()}
-    info = {"figures": design.figures} | remarks | ({} if initial is None else {"initial_set": initial.remarks()})
+    info = (
+        {"figures": design.figures}
+        | remarks
+        | ({} if initial is None else {"initial_set": initial.remarks()})
+    )
     proofs = Proofs(c, None if decay is None else decay[1], floor, bound=_bound_proof(design.problem, claims))
     return Stored(design.problem, design.gains, claims, proofs, info)
 
@@ -121,7 +125,7 @@ def answer(stored: Stored) -> dict[str, Any]:
 
 
 def graph_answer(stored: Stored) -> dict[str, Any]:
-    """Return `graph_proof`, how it is known that a graph has the spectrum that a certificate of the modes covers, and `spectrum`."""
+    """Return `spectrum`, and `graph_proof`: how it is known that a graph has the one that a certificate covers."""
     spectrum, known = stored.problem.spectrum, _table(stored.info, "graph")
     if spectrum is None:
         return {"graph_proof": "exact"} if isinstance(stored.proofs.certificate, ModalCertificate) else {}

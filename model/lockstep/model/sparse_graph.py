@@ -116,7 +116,9 @@ class SparseGraph:
         try:
             weights = np.array([float(a) for _, _, a in table], dtype=float)
         except (TypeError, ValueError):
-            raise ProblemError("a weight is no number", where=where, expected="finite weights above 0") from None
+            raise ProblemError(
+                "a weight is no number", where=where, expected="finite weights above 0"
+            ) from None
         ends = np.array([(i, j) for i, j, _ in table], dtype=np.int64).reshape(len(table), 2)
         return cls(agents, ends[:, 0], ends[:, 1], weights, where)
 
@@ -147,12 +149,16 @@ def _matrix_market(content: bytes, where: str) -> SparseGraph:
         A = mmread(io.BytesIO(content))
     except (ValueError, TypeError, OverflowError, MemoryError, UnicodeDecodeError) as error:
         raise ProblemError(f"it is not Matrix Market ({error})", where=where, expected=FORMS) from None
-    demand(issparse(A), "it holds a full matrix", where, "one in coordinates: %%MatrixMarket matrix coordinate")
+    demand(
+        issparse(A), "it holds a full matrix", where, "one in coordinates: %%MatrixMarket matrix coordinate"
+    )
     found = f"a matrix of {A.shape[0]} x {A.shape[1]}"
     demand(A.shape[0] == A.shape[1], found, where, "a square one, a_ij in row i and column j")
     A = A.tocoo()
     demand(not np.iscomplexobj(A.data), "its entries are complex", where, "weights above 0")
-    return SparseGraph(A.shape[0], A.row.astype(np.int64), A.col.astype(np.int64), A.data.astype(float), where)
+    return SparseGraph(
+        A.shape[0], A.row.astype(np.int64), A.col.astype(np.int64), A.data.astype(float), where
+    )
 
 
 def _graphml(content: bytes, where: str) -> SparseGraph:
@@ -184,7 +190,9 @@ def _edge_list(content: bytes, where: str) -> SparseGraph:
             wrong = len(rest) > 1 or not math.isfinite(weight)
         except ValueError:
             wrong = True
-        demand(not wrong, f"line {number}: `{shorten(line)}`", where, "listener,source[,weight], agents from 1")
+        demand(
+            not wrong, f"line {number}: `{shorten(line)}`", where, "listener,source[,weight], agents from 1"
+        )
     demand(bool(rows), "it names no edge", where, "lines listener,source[,weight]")
     agents = 1 + max(max(i, j) for i, j, _ in rows)
     return SparseGraph._of_rows(agents, rows, where)

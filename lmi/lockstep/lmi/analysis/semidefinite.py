@@ -37,7 +37,9 @@ def least(cost: Float[np.ndarray, " k"], blocks: Sequence[Block], accuracy: floa
     for constant, slopes in blocks:
         i, j = _triangle(len(constant))
         # By congruence, so that the largest entry of a row is about 1: without it the solver fails at its first step.
-        d = np.maximum(np.abs(slopes).max(axis=(0, 2), initial=0.0), np.abs(constant).max(axis=1, initial=0.0))
+        d = np.maximum(
+            np.abs(slopes).max(axis=(0, 2), initial=0.0), np.abs(constant).max(axis=1, initial=0.0)
+        )
         d = 1 / np.sqrt(np.where(d > 0, d, 1.0))
         constant, slopes = constant * np.outer(d, d), slopes * np.outer(d, d)
         units.append(np.outer(d, d))

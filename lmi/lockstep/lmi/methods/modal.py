@@ -71,7 +71,7 @@ def design_modes(
     modes = Modes(network.plant, order, network.decay)
     search = ModalSearch.of(modes, claim, segment_ends(network, known), gain_limit, rate)
     if network.spectrum is not None:
-        return shared_gains(_common(network, search, starts, seed, rate, tell), order, 1)
+        return shared_gains(_common(search, starts, seed, rate, tell), order, 1)
     best: ModalCandidate | None = None
     for index in range(starts):
         if tell is not None:
@@ -93,7 +93,6 @@ def design_modes(
 
 
 def _common(
-    network: Network,
     search: ModalSearch,
     starts: int,
     seed: int,

@@ -11,7 +11,7 @@ with a small barrier at the gain limit. What comes out is a set of gains; `modal
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -62,9 +62,7 @@ class CommonSearch:
         return self.sigma(K)[0], K
 
     def widest(self, K: Gain) -> float:
-        """Return the largest ratio of lambdas around the middle for which gains have one P, to 1 %; 1 where they have none."""
-        from dataclasses import replace
-
+        """Return the largest ratio of lambdas around the middle for which gains have one P; 1 where they have none."""
         middle, ratio = float(np.sqrt(self.ends[0] * self.ends[1])), self.ends[1] / self.ends[0]
         low, high = 0.0, 1.0
         for _ in range(8):
@@ -140,7 +138,7 @@ class CommonSearch:
         return not n_C or float(np.linalg.eigvals(K[:n_C, :n_C]).real.max()) < -rate
 
     def _base(self, K: Gain) -> Float[np.ndarray, "k k"] | None:
-        """Return the Cholesky factor of P with He(P A(lambda)) = -diag(R, Q) in the middle, where the loop is stable there."""
+        """Return the Cholesky factor of P with He(P A(lambda)) = -diag(R, Q) in the middle, where the loop is stable."""
         from lockstep.lmi.methods.modal_witness import basis
 
         if not self._mean_is_stable(K):
@@ -213,9 +211,10 @@ class _Shapes:
         blocks: list[Block] = [(-np.eye(n) if self.bare else np.zeros((n, n)), P)]
         if self.bare:
             blocks.append((LARGEST * np.eye(n), -P))
-        for c in range(self.sectors):
-            blocks.append((np.zeros((1, 1)), np.eye(k)[p + c].reshape(k, 1, 1)))
-        return blocks
+        return [
+            *blocks,
+            *((np.zeros((1, 1)), np.eye(k)[p + c].reshape(k, 1, 1)) for c in range(self.sectors)),
+        ]
 
 
 def _slope_of_constant(stated: Inequality, K: Gain, S: Float[np.ndarray, "f f"]) -> Gain:

@@ -5,8 +5,8 @@ With S_1 = E E', W > 0 without errors is V(N z + J E w) - mu |w|^2 < z' Z z for 
     [ P - running - mu start' Q_1 start - N' P N - s R_d   -N' P J E            ]
     [ -E' J' P N                                           mu I - E' J' P J E   ] >= 0
 
-at both ends of each segment; s is how much room there is, in multiples of what rho weighs during a period. With rho the lifted
-period depends on mu and rho, which are searched one at a time. The prices of errors follow from P.
+at both ends of each segment; s is how much room there is, in multiples of what rho weighs during a period. With rho the
+lifted period depends on mu and rho, which are searched one at a time. The prices of errors follow from P.
 """
 
 import math
@@ -24,7 +24,12 @@ from lockstep.check.sampled.certify import SampledVerdict, refused
 from lockstep.check.sampled.inequality import W_matrix, step_matrix
 from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.loop import SampledLoop
-from lockstep.check.sampled.modes import ModalLoop, ModalWitness, decide_modal_sampled, proves_modal_rho
+from lockstep.check.sampled.modes import (
+    ModalLoop,
+    SampledModalWitness,
+    decide_modal_sampled,
+    proves_modal_rho,
+)
 from lockstep.check.sampled.performance import running_cost
 from lockstep.lmi.analysis.semidefinite import Block, least, symmetric_basis
 from lockstep.lmi.sampled.certify import period_in_doubles
@@ -35,7 +40,7 @@ from lockstep.lmi.sampled.storage import distance_ratio, holds_in_doubles
 Storage = Float[np.ndarray, "n n"]
 
 PRICES_OF_ROUNDING = (1.0, 10.0, 0.1, 100.0)
-"""t in multiples of what makes an error e = delta Y xi cost as much on its way in, by E'P E, as on its way out, by Y P^-1 Y'."""
+"""t in multiples of what makes an error e = delta Y xi cost as much entering, by E'P E, as leaving, by Y P^-1 Y'."""
 
 CERTAIN = 1e-12
 """The delta of a coefficient without error, in place of 0."""
@@ -94,7 +99,9 @@ class _Mode:
         D = np.zeros((z, z))
         D[:n, :n] = np.linalg.inv(np.linalg.cholesky(weighed)).T
         for k in range(n, z):
-            D[k, k] = of_noise**-0.5 if decay is not None else max(-self.running[kept[k], kept[k]], 1e-300) ** -0.5
+            D[k, k] = (
+                of_noise**-0.5 if decay is not None else max(-self.running[kept[k], kept[k]], 1e-300) ** -0.5
+            )
         N, start = step_matrix(self.loop, self.lifted)[:, kept] @ D, self.loop.start[:, kept] @ D
         here, after = np.zeros((n, z + e)), np.zeros((n, z + e))
         here[:, :n] = (1.0 if decay is None else decay**0.5) * base.T @ D[:n, :n]
@@ -119,7 +126,10 @@ class _Mode:
     def units(self, base: Storage, weighed: Storage) -> tuple[float, float]:
         """Return what mu and kappa are about, for P = base base' and a form that weighs the state."""
         step, n = step_matrix(self.loop, self.lifted), self.loop.n_xi
-        N, noise = base.T @ step[:, :n] @ np.linalg.inv(np.linalg.cholesky(weighed)).T, base.T @ step[:, self.loop.messages]
+        N, noise = (
+            base.T @ step[:, :n] @ np.linalg.inv(np.linalg.cholesky(weighed)).T,
+            base.T @ step[:, self.loop.messages],
+        )
         E = base.T[:, : self.loop.n_d] @ _factor(self.lifted.S)
         sizes = [float(np.linalg.norm(N.T @ one, 2)) ** 2 if one.size else 0.0 for one in (E, noise)]
         return sizes[0] or 1.0, sizes[1] or 1.0
@@ -224,7 +234,10 @@ def _least_noise(
     setting: _Setting, low: float, high: float, decay: float, mu: float | None
 ) -> tuple[Storage, float, float] | None:
     """Return P, mu and the least kappa of a segment, mu being free where none is given."""
-    modes, middle = [setting.mode(value) for value in sorted({low, high})], setting.mode(math.sqrt(low * high))
+    modes, middle = (
+        [setting.mode(value) for value in sorted({low, high})],
+        setting.mode(math.sqrt(low * high)),
+    )
     base = None if middle is None else _base(middle, setting)
     if base is None or middle is None or None in modes:
         return None
@@ -327,15 +340,18 @@ def _found(setting: _Setting) -> tuple[tuple[Storage, ...], float, Storage] | No
     base = None if mean is None else _base(mean, setting)
     if base is None:
         return None
-    unit = 1.0 if setting.rho is not None else max((float(np.abs(P).max()) for P in storages)) / max(
-        float(np.abs(base).max(initial=0.0)) ** 2, 1e-300
+    unit = (
+        1.0
+        if setting.rho is not None
+        else max(float(np.abs(P).max()) for P in storages)
+        / max(float(np.abs(base).max(initial=0.0)) ** 2, 1e-300)
     )
     return tuple(storages), mu, 2 * unit * _square(base)
 
 
 def _priced(
     setting: _Setting, found: Any, dear: float, claimed: tuple[float, float] | None = None
-) -> Iterator[ModalWitness]:
+) -> Iterator[SampledModalWitness]:
     """Yield a witness with prices of every error, as cheap a noise as holds, and the decay and weight that it has room for.
 
     claimed: a decay and a kappa from which the price of the noise is raised.
@@ -355,24 +371,29 @@ def _priced(
         N = step_matrix(mode.loop, lifted)
         for way in mode.loop.ways:
             k, E, Y = LETTERS.index(way.letter), N[:, way.place], way.Y[:, : mode.loop.n_xi]
-            into = float(np.linalg.norm(E.T @ P @ E, 2)) if len(P) else 0.0
+            enters = float(np.linalg.norm(E.T @ P @ E, 2)) if len(P) else 0.0
             out = float(np.linalg.norm(Y @ np.linalg.solve(P, Y.T), 2)) if Y.size else 0.0
-            t[k] = max(t[k], dear * math.sqrt(into / max(out, 1e-300)) / max(way.delta, CERTAIN) if out else 1e6 * into)
+            t[k] = max(
+                t[k],
+                dear * math.sqrt(enters / max(out, 1e-300)) / max(way.delta, CERTAIN)
+                if out
+                else 1e6 * enters,
+            )
         into = N[:, mode.loop.noise]
         noise = max(noise, float(np.linalg.norm(into.T @ P @ into, 2)), float(np.abs(mode.running).max()))
     segments = tuple(Segment(high, P) for (_, high), P in pairs)
     first = [(P, mode) for P, mode in modes[:-1] if mode is not None]
     ratio = max(distance_ratio(mode.loop, P) for P, mode in first)
-    trial = ModalWitness(segments, P_mean, t, setting.ends[0], mu, 1.0, math.inf, 0.0, ratio, math.inf)
+    trial = SampledModalWitness(segments, P_mean, t, setting.ends[0], mu, 1.0, math.inf, 0.0, ratio, math.inf)
 
-    def holds(witness: ModalWitness) -> bool:
+    def holds(witness: SampledModalWitness) -> bool:
         return all(
             holds_in_doubles(W_matrix(mode.loop, lifted, witness.of(P, mode.loop), mode.running))
             for P, mode, lifted in ready
         )
 
-    def at(price: float, **other: float) -> ModalWitness:
-        return replace(trial, kappa=price, kappa_mu=MU * price, **other)
+    def at(price: float, decay: float = 1.0, weight: float = 0.0) -> SampledModalWitness:
+        return replace(trial, kappa=price, kappa_mu=MU * price, decay=decay, weight=weight)
 
     if setting.rho is not None:
         witness = at(1e8 * noise)
@@ -406,7 +427,7 @@ def _priced(
 
 
 def certify_modal(
-    loop: ModalLoop, ends: Sequence[float], weights: Performance, witness: ModalWitness | None = None
+    loop: ModalLoop, ends: Sequence[float], weights: Performance, witness: SampledModalWitness | None = None
 ) -> SampledVerdict:
     """Prove the sampled loop mode by mode, or say why it could not be.
 
@@ -422,10 +443,12 @@ def certify_modal(
             return replayed
     said, at = "no certificate was found mode by mode", f"at {loop.network.period:g} s"
     setting = _Setting(loop, _outside(loop, ends), weights)
-    trials = list[tuple[float, ModalWitness]]()
+    trials = list[tuple[float, SampledModalWitness]]()
     for rate in RATES:
         quiet = _quiet(setting, rate)
-        for dear in PRICES_OF_ROUNDING if quiet is not None else ():
+        for dear in PRICES_OF_ROUNDING:
+            if quiet is None:
+                break
             one = next(_priced(setting, quiet[2:], dear, quiet[:2]), None)
             if one is not None:
                 trials.append((one.ultimate, one))
@@ -447,8 +470,8 @@ def certify_modal(
 
 def modal_rho(
     loop: ModalLoop, ends: Sequence[float], weights: Performance, mu: float, rho: float
-) -> tuple[float, ModalWitness] | None:
-    """Find and prove a small rho mode by mode, from the mu and the rho of the continuous certificate; None if none is proved."""
+) -> tuple[float, SampledModalWitness] | None:
+    """Find and prove a small rho mode by mode, from mu and rho of the continuous certificate; None if none is proved."""
     ends = _outside(loop, ends)
     best: tuple[float, float] | None = None
     first = _Setting(loop, ends, weights)
@@ -470,11 +493,12 @@ def modal_rho(
     return None
 
 
-def _least_rho(
-    setting: _Setting, mu: float, rho: float, best: tuple[float, float] | None
-) -> float | None:
+def _least_rho(setting: _Setting, mu: float, rho: float, best: tuple[float, float] | None) -> float | None:
     """Bisect the least rho for a mu; None where it is no better than the best so far."""
-    holds = lambda value: _found(setting.at(mu, value)) is not None  # noqa: E731
+
+    def holds(value: float) -> bool:
+        return _found(setting.at(mu, value)) is not None
+
     high = MOST_RHO * rho if best is None else best[0] * (1 - FINENESS)
     low = 0.9 * rho
     if best is None:

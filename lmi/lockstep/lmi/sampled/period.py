@@ -77,9 +77,7 @@ def longest(
     return None
 
 
-def _bracket(
-    start: float, seems_to_hold: Callable[[float], bool]
-) -> tuple[float | None, float | None]:
+def _bracket(start: float, seems_to_hold: Callable[[float], bool]) -> tuple[float | None, float | None]:
     """Return a period that seems to hold and, twice as long, one that does not."""
     if seems_to_hold(start):
         for k in range(1, DOUBLINGS + 1):

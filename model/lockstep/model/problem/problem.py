@@ -11,13 +11,12 @@ from jaxtyping import Float
 
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import ProblemError
-from lockstep.check.graph import Spectrum
 from lockstep.check.inequality import Performance
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
+from lockstep.model.membership import Membership
 from lockstep.model.problem.assumptions import check_assumptions
 from lockstep.model.problem.build import build_agent, build_graph, build_variants
-from lockstep.model.membership import Membership
 from lockstep.model.problem.from_agent import plain, tables_of
 from lockstep.model.problem.gains import GivenGains, given_gains
 from lockstep.model.problem.graph_file import network_of_graph, with_graph
@@ -31,8 +30,8 @@ from lockstep.model.problem.schema import (
     SimulationTable,
 )
 from lockstep.model.problem.toml_text import toml_text
-from lockstep.model.sparse_graph import SparseGraph
 from lockstep.model.problem.weights import input_weight, scale_of_each, weight_matrix
+from lockstep.model.sparse_graph import SparseGraph
 
 if TYPE_CHECKING:
     from lockstep.model.checks import CheckReport
@@ -84,7 +83,7 @@ class Problem:
 
     @classmethod
     def parse(cls, text: str, name: str = "", folder: Path | None = None) -> "Problem":
-        """Parse the text of a problem file; `name` is put before the place in messages, [network] file is read from the folder.
+        """Parse the text of a problem file; `name` is put before the place in messages, a graph is read from the folder.
 
         >>> Problem.parse('''
         ... [agent]
@@ -161,7 +160,13 @@ class Problem:
     @property
     def sizes(self) -> Sizes:
         """N, n, m, q and n_C."""
-        return Sizes(1 if self.spectrum else self._graph.agents, self._agent.n, self._agent.m, self._agent.q, self.order)
+        return Sizes(
+            1 if self.spectrum else self._graph.agents,
+            self._agent.n,
+            self._agent.m,
+            self._agent.q,
+            self.order,
+        )
 
     @property
     def title(self) -> str:
@@ -192,10 +197,10 @@ class Problem:
         return self._graph
 
     @cached_property
-    def spectrum(self) -> Spectrum | None:
+    def spectrum(self) -> SpectrumRange | None:
         """[network] spectrum, which names every undirected graph with its nonzero eigenvalues there; None for one graph."""
         table = self.file.network
-        return None if table.spectrum is None else Spectrum.of(table.model_dump(exclude_none=True))
+        return None if table.spectrum is None else SpectrumRange.of(table.model_dump(exclude_none=True))
 
     def demand_one_graph(self, what: str) -> None:
         """Refuse a problem with `spectrum` where one graph is needed.
@@ -205,7 +210,9 @@ class Problem:
         """
         if self.spectrum is not None:
             raise ProblemError(
-                "`spectrum` stands for many graphs", where="[network]", expected=f"one graph {what}",
+                "`spectrum` stands for many graphs",
+                where="[network]",
+                expected=f"one graph {what}",
                 remedy="name `edges`, a `topology`, or a `file` of up to 200 agents",
             )
 
@@ -348,7 +355,9 @@ class Problem:
         network, where = self.file.network, "[network] spectrum"
         if network.spectrum is None:
             if network.max_degree is not None:
-                raise ProblemError("`max_degree` is given", where="[network]", expected="it with `spectrum` only")
+                raise ProblemError(
+                    "`max_degree` is given", where="[network]", expected="it with `spectrum` only"
+                )
             return
         if self.design.method != "modal":
             raise ProblemError(
