@@ -12,6 +12,7 @@ from lockstep.check.errors import Infeasible, ProblemError
 from lockstep.check.graph import Digraph
 from lockstep.check.inequality import Claim, Performance
 from lockstep.check.loop import Plant
+from lockstep.check.many_graphs import SpectrumRange
 from lockstep.check.modes import Modes
 from lockstep.check.network import ExactNetwork
 from lockstep.check.problem import ProblemTables

@@ -29,6 +29,7 @@ from lockstep.check.certificate import (
     decide_stable_controllers,
 )
 from lockstep.check.design_file import content
+from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.design_file.json_text import A_DESIGN, load_json, parse_json
 from lockstep.check.domain import claimed_box
 from lockstep.check.errors import NotCertified
@@ -39,6 +40,7 @@ from lockstep.check.local import Domain
 from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import as_floats
 from lockstep.check.problem import ProblemTables
+from lockstep.check.sampled.certify import SampledVerdict
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.limits import proves_radius
 from lockstep.check.sampled.loop import sampled_loop

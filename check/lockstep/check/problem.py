@@ -31,6 +31,7 @@ from lockstep.check.errors import demand
 from lockstep.check.graph import Digraph
 from lockstep.check.inequality import Performance
 from lockstep.check.loop import Plant
+from lockstep.check.many_graphs import SpectrumRange
 from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import exactly
 from lockstep.check.wording import shorten

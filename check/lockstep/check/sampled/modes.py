@@ -39,6 +39,7 @@ from lockstep.check.errors import demand
 from lockstep.check.graph import Digraph
 from lockstep.check.inequality import LETTERS, Performance
 from lockstep.check.loop import Plant
+from lockstep.check.many_graphs import SpectrumRange
 from lockstep.check.modes import Segment
 from lockstep.check.numbers import Matrix, converter, exactly, eye, zeros
 from lockstep.check.sampled import balls

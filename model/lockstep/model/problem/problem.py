@@ -12,6 +12,7 @@ from jaxtyping import Float
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import ProblemError
 from lockstep.check.inequality import Performance
+from lockstep.check.many_graphs import SpectrumRange
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.membership import Membership
