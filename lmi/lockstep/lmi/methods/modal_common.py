@@ -11,7 +11,7 @@ with a small barrier at the gain limit. What comes out is a set of gains; `modal
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -55,22 +55,21 @@ class CommonSearch:
         if base is None:
             return np.inf, K
         if self.sigma(K)[0] == np.inf:
-            K = self._descended(lambda gains: self._slack(gains, base), K, STEPS_INSIDE)
+            K = self._inside(K, base)
         if self.sigma(K)[0] == np.inf:
             return np.inf, K
         K = self._descended(self._log_sigma, K, STEPS_DOWN)
         return self.sigma(K)[0], K
 
-    def widest(self, K: Gain) -> float:
-        """Return the largest ratio of lambdas around the middle for which gains have one P; 1 where they have none."""
-        middle, ratio = float(np.sqrt(self.ends[0] * self.ends[1])), self.ends[1] / self.ends[0]
-        low, high = 0.0, 1.0
-        for _ in range(8):
-            part = (low + high) / 2
-            root = ratio ** (part / 2)
-            holds = replace(self, ends=(middle / root, middle * root)).sigma(K)[0] < np.inf
-            low, high = (part, high) if holds else (low, part)
-        return float(ratio**low)
+    def has_one_P(self, K: Gain) -> bool:
+        """Tell whether gains with one P for both ends are found from these."""
+        base = self._base(K)
+        if base is None:
+            return False
+        return self.sigma(K)[0] < np.inf or self._slack(self._inside(K, base), base)[0] < 0
+
+    def _inside(self, K: Gain, base: Float[np.ndarray, "k k"]) -> Gain:
+        return self._descended(lambda gains: self._slack(gains, base), K, STEPS_INSIDE)
 
     def _log_sigma(self, K: Gain) -> Valued:
         value, slope = self.sigma(K)
