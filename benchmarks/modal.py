@@ -1,9 +1,9 @@
-"""Modal designs of carts for 10, 1 000 and 100 000 agents: time and memory of design and certify, each in a process of its own.
+"""Modal designs of carts for 10, 1 000 and 100 000 agents: time and memory of design and certify, each in its own process.
 
     python benchmarks/modal.py [N ...]
 
-Ten are on a ring; a thousand and more on a random 8-regular graph in a Matrix Market file. Printed are seconds of processor, the largest
-resident memory, rho, rho of the sampled loop, and how it is known that the graph has its spectrum where the certificate holds.
+Ten are on a ring; a thousand and more on a random 8-regular graph in a Matrix Market file. Printed are seconds of
+processor, the largest resident memory, rho, rho of the sampled loop, and how the graph's spectrum is known.
 """
 
 import json

@@ -146,8 +146,8 @@ def _common(
         reached = largest_ratio(search, seed, rate, common=True)
         raise Infeasible(
             f"no identical gains of order {search.modes.order} within gain_limit {search.gain_limit:g} were found with one P"
-            f" for every lambda from {a:.4g} to {b:.4g}, a ratio of {b / a:.4g}; the largest ratio up to {b:.4g} for which some"
-            f" were found is {reached:.4g}: {POORLY}",
+            f" for every lambda from {a:.4g} to {b:.4g}, a ratio of {b / a:.4g}; the largest ratio up to {b:.4g} for which"
+            f" some were found is {reached:.4g}: {POORLY}",
             alpha=search.claim.alpha,
             ratio=b / a,
             reachable_ratio=reached,
