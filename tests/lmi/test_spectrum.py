@@ -117,6 +117,30 @@ def test_more_than_one_p_does_not_cover_switching(stored):
         verdicts(changed(stored, cut))
 
 
+@pytest.mark.parametrize("claim", ["floor", "radius"])
+def test_what_needs_one_graph_is_not_claimed_of_many(stored, claim):
+    """The two agents that stand for a spectrum are one of its graphs: nothing is decided of them alone."""
+
+    def claimed(document):
+        if claim == "floor":
+            document["claims"]["floor"] = 1e-3
+            document["proofs"]["floor"] = [{"upper": None, "Z": [[1.0]], "Z_dual": [[1.0]], "k": [[1.0]]}]
+        else:
+            document["problem"]["agent"]["limits"] = {"u": [-1.0, 1.0]}
+            document["claims"]["sampled"]["radius"] = 1e-6
+            document["proofs"]["radius"] = {
+                "P": [[1.0]], "m": [1.0], "t": [1.0], "decay": 0.5, "kappa": 1.0, "weight": 0.0, "ratio": 1.0,
+                "kappa_mu": 1.0,
+            }  # fmt: skip
+
+    document = changed(stored, claimed)
+    if claim == "radius":
+        with pytest.raises(ProblemError, match="many graphs"):
+            verdicts(document)
+    else:
+        assert not verdicts(document)["floor"].proved
+
+
 def test_the_matrix_of_a_mode_is_convex_in_lambda_with_noise_and_input_weight():
     random = np.random.default_rng(3)
     n, m, q, n_C = 3, 2, 2, 2

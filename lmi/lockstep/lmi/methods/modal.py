@@ -44,6 +44,9 @@ _ANY = Claim(0.0, np.eye(1), np.eye(1), np.zeros((1, 4)))
 RATIOS = (2.0, 4.0, 16.0, 64.0, 256.0, 1024.0)
 """Ratios of the largest to the smallest eigenvalue that are tried where the one asked for is too large."""
 
+FIRST_STEPS, KEPT = 60, 2
+"""Of gains with one P: steps for all, and how many of the best go on."""
+
 POORLY = "docs/graphs.md says what does for poorly connected graphs"
 
 NARROW = 1e-6
@@ -134,14 +137,13 @@ def _common(
     """Search for one K with one P on all of the spectrum: what proves switching, and graphs of any size."""
     a, b = search.ends[0], search.ends[-1]
     common = CommonSearch(search.modes, search.claim, (float(a), float(b)), search.gain_limit, rate or 0.0)
-    best, least = None, np.inf
+    found = list[tuple[float, Float[np.ndarray, "a b"]]]()
     for index in range(starts):
         if tell is not None:
             tell(index / starts)
-        for K in drawn(search, seed, index):
-            sigma, found = common.improved(K)
-            if sigma < least:
-                best, least = short_gains(found[None], search.gain_limit)[0], sigma
+        found += [common.improved(K, FIRST_STEPS) for K in drawn(search, seed, index)]
+    first = sorted((one for one in found if one[0] < np.inf), key=lambda one: one[0])[:KEPT]
+    best = min((common.improved(K) for _, K in first), key=lambda one: one[0], default=None)
     if best is None:
         reached = largest_ratio(search, seed, rate, common=True)
         raise Infeasible(
@@ -152,7 +154,7 @@ def _common(
             ratio=b / a,
             reachable_ratio=reached,
         )
-    return np.asarray(best)
+    return np.asarray(short_gains(best[1][None], search.gain_limit)[0])
 
 
 def shared_gains(K: Float[np.ndarray, "a b"], order: int, N: int) -> Gains:

@@ -49,7 +49,7 @@ class CommonSearch:
     gain_limit: float
     rate: float = 0.0
 
-    def improved(self, K: Gain) -> tuple[float, Gain]:
+    def improved(self, K: Gain, steps: int = STEPS_DOWN) -> tuple[float, Gain]:
         """Return sigma and gains with one P for both ends, from gains that may have none; infinite where none are found."""
         base = self._base(K)
         if base is None:
@@ -58,7 +58,7 @@ class CommonSearch:
             K = self._inside(K, base)
         if self.sigma(K)[0] == np.inf:
             return np.inf, K
-        K = self._descended(self._log_sigma, K, STEPS_DOWN)
+        K = self._descended(self._log_sigma, K, steps)
         return self.sigma(K)[0], K
 
     def has_one_P(self, K: Gain) -> bool:
