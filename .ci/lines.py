@@ -17,12 +17,29 @@ ROOT = Path(__file__).parents[1]
 
 CONTROL = "model/lockstep/model/control"
 VERIFICATION = "codegen/lockstep/verification"
+EVERY_GRAPH = [
+    f"check/lockstep/check/{name}.py"
+    for name in ("design_file/modal_proof", "held", "many_graphs", "sampled/modes")
+]
 LATER = {
     "check: limits of the inputs": (
         [f"check/lockstep/check/sampled/{name}.py" for name in ("limits", "clipping")],
         220,
     ),
     "model/checks/proved": (["model/lockstep/model/checks/proved"], 1920),
+    "check: every graph with a spectrum, and modes": (EVERY_GRAPH, 380),
+    "many agents: search, witnesses, graphs": (
+        [
+            "lmi/lockstep/lmi/methods/modal_common.py",
+            "lmi/lockstep/lmi/analysis/semidefinite.py",
+            "lmi/lockstep/lmi/sampled/modal.py",
+            "codegen/lockstep/codegen/sampled_modes.py",
+            "model/lockstep/model/sparse_graph.py",
+            "model/lockstep/model/membership.py",
+            "model/lockstep/model/problem/graph_file.py",
+        ],
+        1250,
+    ),
     "model/control: loops sampled and opened": (
         [f"{CONTROL}/{name}.py" for name in ("hybrid", "hybrid_norms", "operating", "ports", "wiring")],
         800,

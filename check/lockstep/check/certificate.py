@@ -62,6 +62,8 @@ def decide_stable_controllers(
 def decide_floor(network: ExactNetwork, claim: Claim, witness: FloorWitness) -> Verdict:
     """Decide whether a witness proves that no controllers certify a rho below its own; one that does not refutes nothing."""
     said = f"no controllers certify a rho below {witness.rho:.10g}"
+    if network.spectrum is not None:
+        return Verdict("undecided", f"it is claimed that {said}, of graphs that are not named")
     if claim.performance.covers_xi and proves_floor(network, claim.alpha_of_floor, claim.R, witness):
         return Verdict("proved", said, {"rho": witness.rho})
     return Verdict("undecided", f"it is claimed that {said}, but its witness does not prove it")

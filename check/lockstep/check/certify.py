@@ -32,45 +32,32 @@ from lockstep.check.certificate import (
 )
 from lockstep.check.design_file import content
 from lockstep.check.design_file.claims import SampledClaims
-from lockstep.check.design_file.content import DesignFile
 from lockstep.check.design_file.json_text import A_DESIGN, load_json, parse_json
 from lockstep.check.domain import claimed_box
 from lockstep.check.errors import NotCertified, demand
 from lockstep.check.files import as_text, read_inside
+from lockstep.check.held import CheckedFile, decide_held, held_controllers, modal_loop_of, sampled_network
 from lockstep.check.inequality import Claim
 from lockstep.check.local import Domain
-from lockstep.check.loop import Plant
 from lockstep.check.messages import decide_messages
-from lockstep.check.modes import ModalCertificate
 from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import as_floats
 from lockstep.check.problem import ProblemTables
-from lockstep.check.sampled.certify import SampledVerdict, decide_sampled
+from lockstep.check.sampled.certify import SampledVerdict
 from lockstep.check.sampled.clipping import proves_clipped_radius
-from lockstep.check.sampled.controller import HeldController, SampledNetwork
-from lockstep.check.sampled.discretise import clipped_at, sampled_controllers, sampled_table
-from lockstep.check.sampled.inequality import Witness
+from lockstep.check.sampled.controller import HeldController
+from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled.limits import proves_gain, proves_radius
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.modes import (
-    ModalLoop,
-    ModalWitness,
-    are_rounded,
-    common_controller,
-    decide_modal_sampled,
+    SampledModalWitness,
     proves_modal_rho,
-    single_difference,
-    widened,
 )
 from lockstep.check.sampled.performance import SampledRho, proves_rho
-from lockstep.check.sampled.sector import Sector, common_sector
-from lockstep.check.spectrum import metric
 from lockstep.check.verdict import Verdict
 from lockstep.check.wording import shorten
 
 DESIGN_NAME = "design.json"
-
-CheckedFile = DesignFile[ProblemTables]
 
 
 @dataclass(frozen=True)
@@ -177,7 +164,7 @@ def _sampled(
 ) -> Iterator[tuple[str, Verdict]]:
     """Yield what is proved of the sampled controllers: of the C of a folder, else of the design's gains."""
     claims, proofs, problem = stored.claims.sampled, stored.proofs, stored.problem
-    held = _held(stored, problem.period)
+    held = held_controllers(stored, problem.period)
     if folder is not None and problem.spectrum is not None:
         yield "code", Verdict("undecided", "C is written for one graph, and `spectrum` names many")
         return
@@ -204,46 +191,8 @@ def _sampled(
             Verdict("undecided", "messages are lost or late in one graph, and `spectrum` names many"),
         )
     elif claimed or (claims.certified and asked):
-        loop = sampled_loop(_sampled_network(stored, network, problem.period), held)
+        loop = sampled_loop(sampled_network(stored, network, problem.period), held)
         yield from decide_messages(asked, claimed, proofs, loop, problem.performance)
-
-
-def decide_held(
-    stored: CheckedFile,
-    network: ExactNetwork,
-    held: tuple[HeldController, ...],
-    witness: Witness | ModalWitness | None,
-    period: float | None = None,
-) -> SampledVerdict:
-    """Decide the sampled loop of all agents, or, by a modal witness and of many graphs always, mode by mode."""
-    period = stored.problem.period if period is None else period
-    if isinstance(witness, ModalWitness) or network.spectrum is not None:
-        mine = witness if isinstance(witness, ModalWitness) else None
-        return decide_modal_sampled(_modal_loop(stored, network, held, period), mine)
-    at = _sampled_network(stored, network, period)
-    return decide_sampled(at, held, () if witness is None else (witness,))
-
-
-def _modal_loop(
-    stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController, ...], period: float
-) -> ModalLoop:
-    """Return the modes of the sampled loop, of all graphs with the spectrum, or of the one whose modes are certified.
-
-    Raises:
-        ProblemError: agents or a graph that do not split into modes once the weights are rounded.
-    """
-    problem, c, where = stored.problem, stored.proofs.certificate, "the modal witness of the sampled loop"
-    plant = network.plant.in_numbers(True)
-    at = SampledNetwork(
-        plant, single_difference(plant.A), stored.claims.alpha, period, problem.delay, _sector(stored, plant)
-    )
-    if network.spectrum is not None:
-        return ModalLoop(at, held, *network.spectrum)
-    demand(isinstance(c, ModalCertificate), "the certificate is none of modes", where, "a modal one")
-    assert isinstance(c, ModalCertificate)
-    plain = metric(network.graph).spread == 1 and are_rounded(held, network.graph.edges)
-    demand(plain, "L is not symmetric with the weights in the code", where, "an undirected graph")
-    return ModalLoop(at, held, *widened(c.lower, c.ends[-1]))
 
 
 def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:
@@ -264,10 +213,10 @@ def _rho(stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController,
     if witness is None or rho is None:
         return Verdict("undecided", f"it is claimed that {said}, without a witness")
     weights, period = stored.problem.performance, stored.problem.period
-    if isinstance(witness, ModalWitness):
-        holds = proves_modal_rho(_modal_loop(stored, network, held, period), weights, rho, witness)
+    if isinstance(witness, SampledModalWitness):
+        holds = proves_modal_rho(modal_loop_of(stored, network, held, period), weights, rho, witness)
     else:
-        at = _sampled_network(stored, network, period)
+        at = sampled_network(stored, network, period)
         holds = proves_rho(sampled_loop(at, held, weights.outputs), weights, SampledRho(rho, witness))
     if not holds:
         return Verdict("undecided", f"it is claimed that {said}, but its witness does not prove it")
@@ -284,7 +233,7 @@ def _limits(
     if not np.isfinite(limits).any():
         yield "limits", Verdict("undecided", "something is claimed of limits, but [agent.limits] names none")
         return
-    at, weights = _sampled_network(stored, network, stored.problem.period), stored.problem.performance
+    at, weights = sampled_network(stored, network, stored.problem.period), stored.problem.performance
     plain, noisy = sampled_loop(at, held), sampled_loop(at, held, weights.outputs)
     start = "from |x_d(0)| <= {:g}, controllers at rest, "
     if (radius := claims.radius) is not None:
@@ -311,38 +260,8 @@ def _longest(stored: CheckedFile, network: ExactNetwork, period: float) -> Verdi
     witness = stored.proofs.max_period
     if witness is None:
         return Verdict("undecided", f"a largest period of {period:g} s is claimed without a witness")
-    found = decide_held(stored, network, _held(stored, period), witness, period)
+    found = decide_held(stored, network, held_controllers(stored, period), witness, period)
     return Verdict("proved" if found.certified else "undecided", found.reason)
-
-
-def _held(stored: CheckedFile, period: float) -> tuple[HeldController, ...]:
-    """Return the design's gains sampled with a period and rounded."""
-    table, spectrum, gains = stored.problem.controller, stored.problem.spectrum, stored.gains
-    if spectrum is not None:
-        common = sampled_table(gains, 0, period, table["discretization"], table["real"])
-        return (common_controller(common, gains.order, spectrum, table["real"]),)
-    edges = stored.problem.graph.edges
-    return sampled_controllers(stored.gains, edges, period, table["discretization"], table["real"])
-
-
-def _sampled_network(stored: CheckedFile, network: ExactNetwork, period: float) -> SampledNetwork:
-    loop = network.loop(stored.gains.order, exact_arithmetic=True)
-    problem = stored.problem
-    return SampledNetwork(
-        loop.plant, loop.d, stored.claims.alpha, period, problem.delay, _sector(stored, loop.plant)
-    )
-
-
-def _sector(stored: CheckedFile, plant: Plant) -> Sector | None:
-    """Return the sector that takes the place of alpha where the continuous certificate uses entries."""
-    c, claims = stored.proofs.certificate, stored.claims
-    if not claims.entries or c is None:
-        return None
-    if isinstance(c, ModalCertificate):
-        m, m_entries = np.array([c.mu]), np.array(c.mu_entries)[:, None]
-    else:
-        m, m_entries = c.m, c.m_entries
-    return common_sector(claims.alpha, claims.entries, m, m_entries, plant.G.shape[1], plant.H.shape[0])
 
 
 def _same_limits(problem: ProblemTables, read: Any) -> bool:

@@ -13,19 +13,19 @@ w-mean, is the pair multiplier with m_ij = mu w_i w_j / sum w. So if for every l
     [                        *                                -sigma I     0     ]   < 0,
     [                        *                                  *         -mu I  ]
 
-(entries of the claim add their sectors and signals as in `inequality`, with a number mu of their own each)
-and some P_mean > 0 has He(P_mean A_C) + Q < 0, then V = the sum of the modes' x_k'P x_k proves, in the metric W, the
-bound sigma = rho_W^2; without the metric, |x|^2 <= |x|_W^2 / min w and |xi|_W^2 <= max w |xi|^2, so
-rho^2 = sigma max w / min w.
-**Two ends suffice.** With one P on a segment, Z in J P Z is affine in lambda, by Y(lambda) and the noise, r = lambda (C x + D nu);
-u = K (Y(lambda) x + ...) is too, and u'W u, which is on the left, is convex in it; nothing else depends on lambda. So the
+(entries of the claim add their sectors and signals as in `inequality`, with a number mu of their own each) and some P_mean
+> 0 has He(P_mean A_C) + Q < 0, then V = the sum of the modes' x_k'P x_k proves, in the metric W, the bound sigma = rho_W^2;
+without the metric, |x|^2 <= |x|_W^2 / min w and |xi|_W^2 <= max w |xi|^2, so rho^2 = sigma max w / min w. **Two ends
+suffice.** With one P on a segment, Z in J P Z is affine in lambda, by Y(lambda) and the noise, r = lambda (C x + D nu); u =
+K (Y(lambda) x + ...) is too, and u'W u, which is on the left, is convex in it; nothing else depends on lambda. So the
 matrix is convex in lambda, in the sense of definiteness: negative at both ends, it is on all of the segment, whatever N is.
 
-**Every graph.** With one P on all of [a, b] and a symmetric L, V_d = sum_k x_k'P x_k = sum_i (x_i - mean)'P(x_i - mean), x_i with its
-controller's state, depends on no eigenvector and on no eigenvalue: it is a storage function for every undirected graph of any
-size with its nonzero eigenvalues in [a, b], and for arbitrary switching among those of one size, V being the same before and
-after. When an agent joins N others with the state x_new, V_d rises by N / (N + 1) (x_new - mean)'P(x_new - mean); when one leaves,
-it falls by N / (N - 1) (x_i - mean)'P(x_i - mean). So along any sequence of switches, joins and leaves
+**Every graph.** With one P on all of [a, b] and a symmetric L, V_d = sum_k x_k'P x_k = sum_i (x_i - mean)'P(x_i - mean),
+x_i with its controller's state, depends on no eigenvector and on no eigenvalue: it is a storage function for every
+undirected graph of any size with its nonzero eigenvalues in [a, b], and for arbitrary switching among those of one size, V
+being the same before and after. When an agent joins N others with the state x_new, V_d rises by N / (N + 1) (x_new -
+mean)'P(x_new - mean); when one leaves, it falls by N / (N - 1) (x_i - mean)'P(x_i - mean). So along any sequence of
+switches, joins and leaves
 
     int (x_d'R x_d + x_Cd'Q x_Cd) dt <= V_d(0) + sum over joins of their rises + rho^2 int |xi_d|^2 dt,
 

@@ -29,9 +29,10 @@ from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.disagreement import Coordinates
 from lockstep.check.domain import argument_box
 from lockstep.check.errors import demand
-from lockstep.check.graph import Digraph, Spectrum
+from lockstep.check.graph import Digraph
 from lockstep.check.inequality import Performance
 from lockstep.check.loop import Plant
+from lockstep.check.many_graphs import SpectrumRange
 from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import exactly
 from lockstep.check.sampled.discretise import clipped_at
@@ -121,10 +122,10 @@ class ProblemTables:
         )
 
     @cached_property
-    def spectrum(self) -> Spectrum | None:
+    def spectrum(self) -> SpectrumRange | None:
         """[network] spectrum: every undirected graph, of any size, with its nonzero eigenvalues there; None for one graph."""
         table = part(self.tables, "network", dict)
-        return None if table.get("spectrum") is None else Spectrum.of(table)
+        return None if table.get("spectrum") is None else SpectrumRange.of(table)
 
     @cached_property
     def graph(self) -> Digraph:

@@ -15,6 +15,7 @@ from lockstep.check.disagreement import disagreement
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.inequality import Certificate
 from lockstep.check.numbers import as_floats
+from lockstep.check.sampled.inequality import Witness
 from lockstep.codegen.sampled_design import certify_files
 from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored
@@ -82,4 +83,4 @@ def guarantee_of(stored: Stored, files: Mapping[str, str] | None, kind: Controll
             " hold one of the continuous controllers against theirs (`--controllers continuous`), or shorten [controller]"
             " period"
         )
-    return Guarantee(rho, T, witness.P[:n_d, :n_d])
+    return Guarantee(rho, T, witness.P[:n_d, :n_d] if isinstance(witness, Witness) else None)

@@ -52,6 +52,7 @@ def specification(
         table: of whom each node hears: "none", "csv" or "c".
     """
     problem, agent = stored.problem, stored.problem.agent()
+    problem.demand_one_graph("for C that names the neighbours of each agent")
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
     base, units, gains = f"{prefix}{agent.name}", agent.units, stored.gains
     names = [f"{base}{i}" for i in range(1, graph.N + 1)]

@@ -172,8 +172,8 @@ def prove_agreement(
         sampled_network(stored),
         sampled_controllers(stored, stored.problem.controller.period),
     )
-    witness = stored.proofs.sampled
-    return network, controllers, certify_sampled(network, controllers, _guess(stored), witness=witness)
+    known = stored.proofs.sampled if isinstance(stored.proofs.sampled, Witness) else None
+    return network, controllers, certify_sampled(network, controllers, _guess(stored), witness=known)
 
 
 def _radius(

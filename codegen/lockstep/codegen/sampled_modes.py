@@ -10,7 +10,7 @@ from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers, sampled_table
 from lockstep.check.sampled.modes import (
     ModalLoop,
-    ModalWitness,
+    SampledModalWitness,
     are_rounded,
     common_controller,
     proves_modal_rho,
@@ -30,7 +30,7 @@ class ModalRho:
     """A rho of the sampled loop that was proved mode by mode, and its witness."""
 
     rho: float
-    witness: ModalWitness
+    witness: SampledModalWitness
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class ModalProofs:
 
 
 def splits(stored: Stored) -> bool:
-    """Tell whether the sampled loop of a design falls apart into modes: identical gains, and L symmetric, its spectrum known."""
+    """Tell whether the sampled loop of a design splits into modes: identical gains, and L symmetric, its spectrum known."""
     if not isinstance(stored.proofs.certificate, ModalCertificate):
         return False
     return stored.problem.spectrum is not None or metric(stored.problem.graph()).spread == 1
@@ -61,7 +61,7 @@ def prove_modes_of(stored: Stored, sector: Sector | None) -> ModalProofs:
     weights, period = stored.problem.performance, stored.problem.controller.period
     loop_at = _loops(stored, c, sector)
     loop = loop_at(period)
-    known = proofs.sampled if isinstance(proofs.sampled, ModalWitness) else None
+    known = proofs.sampled if isinstance(proofs.sampled, SampledModalWitness) else None
     verdict = certify_modal(loop, c.ends, weights, known)
     rho = None
     if verdict.certified:
@@ -69,7 +69,7 @@ def prove_modes_of(stored: Stored, sector: Sector | None) -> ModalProofs:
         found = None if rho is not None else modal_rho(loop, c.ends, weights, c.mu or 1.0, c.rho)
         rho = rho if found is None else ModalRho(*found)
     longest = None
-    if claims.max_period is not None and isinstance(proofs.max_period, ModalWitness):
+    if claims.max_period is not None and isinstance(proofs.max_period, SampledModalWitness):
         longest = certify_modal(loop_at(claims.max_period), c.ends, weights, proofs.max_period)
     if longest is None or not longest.certified:
         longest = longest_modal(loop_at, period, c.ends, weights)
@@ -80,7 +80,7 @@ def prove_modes_of(stored: Stored, sector: Sector | None) -> ModalProofs:
 
 def _stated(stored: Stored, loop: ModalLoop) -> ModalRho | None:
     rho, witness = stored.claims.sampled.rho, stored.proofs.sampled_rho
-    if rho is None or not isinstance(witness, ModalWitness):
+    if rho is None or not isinstance(witness, SampledModalWitness):
         return None
     return (
         ModalRho(rho, witness) if proves_modal_rho(loop, stored.problem.performance, rho, witness) else None

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from lockstep.check.domain import argument_box
 from lockstep.check.inequality import Certificate
 from lockstep.check.numbers import as_floats
+from lockstep.check.sampled.inequality import Witness
 from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.stored_bound import bound_again
@@ -82,7 +83,8 @@ def promise(stored: Stored, kind: Kind) -> Promise:
         reason = "no rho of the sampled loop is proved in the design file"
         return Promise(kind, None, verdict.scope, None, reason)
     rho, reason = stored.claims.sampled.rho, "proved of the sampled loop in ball arithmetic"
-    return Promise(kind, rho, verdict.scope, witness.P, reason)
+    P = witness.P if isinstance(witness, Witness) else None
+    return Promise(kind, rho, verdict.scope, P, reason)
 
 
 def network_of_design(stored: Stored) -> Network:

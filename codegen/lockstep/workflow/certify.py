@@ -137,6 +137,7 @@ def _document(design: Design, verdict: "Decided") -> dict[str, Any]:
         "floor": floor,
         "floor_proof": "none" if floor is None else "exact",
         **{key: said[key] for key in ("alpha", "entries", "fragility", "gains")},
+        **{key: said[key] for key in ("spectrum", "max_degree", "graph_proof") if key in said},
         "reason": verdict.reason,
         "scope": verdict.scope,
         "margin": verdict.margin,

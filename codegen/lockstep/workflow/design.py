@@ -130,6 +130,7 @@ class Design(Analysis):
         from lockstep.lmi.stored_bound import bound_again
         from lockstep.model.assembly import network_of
 
+        self.problem.demand_one_graph("for a network of agents")
         return network_of(self.problem, bound_again(self.stored))
 
     def document(self) -> dict[str, Any]:

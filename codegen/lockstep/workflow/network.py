@@ -123,7 +123,7 @@ def _guarantee(stored: "Stored") -> "NetworkGuarantee":
     """Return what the design claims of its messages, decided by the checker with the design; or nothing."""
     from lockstep.campaign.network.campaign import EveryMessageArrives, NetworkGuarantee
 
-    claims = getattr(stored.claims, "messages", None)
+    claims = stored.claims.messages
     if claims is not None:
         return NetworkGuarantee(claims.rho, claims.messages)
     covered = stored.claims.sampled.certified and stored.problem.performance.covers_xi

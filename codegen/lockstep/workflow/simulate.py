@@ -198,6 +198,7 @@ def simulate(
         with of_file(path):
             made: Simulation = simulate_large(simulated, changes, neighbours, progress)
         return _kept(made, drawn, written)
+    stored.problem.demand_one_graph("to simulate")
     with of_file(path):
         progress("what is proved", 0.1)
         network, promised = network_of_design(stored), promise(stored, kind)

@@ -127,7 +127,7 @@ def answer(stored: Stored) -> dict[str, Any]:
 
 
 def graph_answer(stored: Stored) -> dict[str, Any]:
-    """Return `graph_proof`, how it is known that a graph has the spectrum that a certificate of the modes covers, and `spectrum`."""
+    """Return `spectrum`, and `graph_proof`: how it is known that a graph has the one that a certificate covers."""
     spectrum, known = stored.problem.spectrum, _table(stored.info, "graph")
     if spectrum is None:
         return {"graph_proof": "exact"} if isinstance(stored.proofs.certificate, ModalCertificate) else {}

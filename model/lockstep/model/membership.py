@@ -1,27 +1,28 @@
 """In which interval the nonzero Laplacian eigenvalues of a large undirected graph lie, and how that is known.
 
-**From above**: lambda_N <= max over edges of deg_u + deg_v (Anderson and Morley 1985; with weights, deg is the weighted degree:
-lambda_N is that of the unsigned incidence R'R at most, which has the spectrum of R R', whose row of edge uv, w_uv on the
-diagonal scaled by D^1/2, adds up to deg_u + deg_v by a diagonal similarity).
+**From above**: lambda_N <= max over edges of deg_u + deg_v, with weighted degrees (Anderson and Morley 1985): lambda_N is
+at most that of D + A = R R', R having sqrt(w_e) at both ends of edge e, which is that of R'R; and R'R is similar to the
+matrix of w_f for f and e sharing an end, 2 w_e for e itself, whose row of e = uv adds up to deg_u + deg_v.
 
-**From below, by inertia.** For a > 0 the matrix M = L - a I has one negative eigenvalue, for the vector 1, and another for each
-lambda_k < a. A computed factorisation P M P' = Lh Uh without pivoting has an error |dM| <= gamma |Lh| |Uh| entry by entry
-(Higham 2002, theorem 9.3), gamma = k u / (1 - k u) for entries of at most k terms; with D = diag(Uh) and F = Uh - D Lh',
+**From below, by inertia.** For a > 0 the matrix M = L - a I has one negative eigenvalue, for the vector 1, and another for
+each lambda_k < a. A computed factorisation P M P' = Lh Uh without pivoting has an error |dM| <= gamma |Lh| |Uh| entry by
+entry (Higham 2002, theorem 9.3), gamma = k u / (1 - k u) for entries of at most k terms; with D = diag(Uh) and F = Uh - D
+Lh',
 
     Lh D Lh' = P M P' + dM - Lh F,      e = | gamma |Lh| |Uh| + |Lh| |F| |_inf + what forming M and F loses.
 
 D has as many negative entries as Lh D Lh' negative eigenvalues (Sylvester), and eigenvalues move by e at most (Weyl). So one
 negative entry proves lambda_2 >= a - e.
 
-**From below, at random.** Where a factor fills in: let B = L - c I with spectrum on 1-perp in [-h, h], h = b - c if lambda_2 >= 2 c - b,
-and g random, uniform on the sphere of 1-perp. If lambda_2 <= a, then for the Chebyshev polynomial T_k of x = (c - L) / h, scaled so
-that [a', b] goes to [-1, 1] with a < a', the component of T_k(x) g along that eigenvector is T_k(x_a) |g_1| or more, x_a =
-1 + 2 (a' - a) / (b - a') > 1. If |T_k(x) g| < T_k(x_a) s |g|, then either lambda_2 > a, or |g_1| < s |g|, which has the probability
-s sqrt(2 n / pi) at most on the sphere in n = N - 1 dimensions. It is the polynomial with which Kuczynski and Wozniakowski (1992)
-bound the Lanczos method; here it decides by itself, so that three vectors do, and no basis has to stay orthogonal. A few Lanczos
-steps say where to ask. Rounding: a step of T_j = 2 x T_{j-1} - T_{j-2} loses f_j with |f_j| <= r max |T_j g|, and what it leaves on
-the eigenvector is sum_j U_{k-j}(x_a) |f_j|. With x_a = (q + 1/q) / 2, U_m <= q^m / (1 - q^-2) and T_k >= q^k / 2, so that divided by
-T_k(x_a) it is at most 2 r max |T_j g| / ((q - 1)(1 - q^-2)): that is taken off s.
+**From below, at random.** Where a factor fills in: let x = (c - L) / h send [a', b] to [-1, 1], and g be uniform on the
+sphere of the vectors orthogonal to 1, of dimension n = N - 1. If L has an eigenvalue in (0, a], a < a', the component of
+T_k(x) g along its eigenvector, T_k being the Chebyshev polynomial, is |g_1| T_k(x_a) or more, x_a = 1 + 2 (a' - a) / (b -
+a'). So if |T_k(x) g| < T_k(x_a) s |g|, then either there is none, or |g_1| < s |g|, which has the probability s sqrt(2 n /
+pi) at most. Polynomials of this kind prove the bounds of Kuczynski and Wozniakowski (1992) for the Lanczos method; here one
+decides by itself, so that three vectors do, and no basis has to stay orthogonal. A few Lanczos steps, from another vector,
+say where to ask. Rounding: a step T_j = 2 x T_{j-1} - T_{j-2} loses f_j with |f_j| <= r max |T_j g|, and leaves sum_j
+U_{k-j}(x_a) |f_j| at most on the eigenvector. With x_a = (q + 1/q) / 2, U_m <= q^m / (1 - q^-2) and T_k >= q^k / 2, so
+that, divided by T_k(x_a), it is at most 2 r max |T_j g| / ((q - 1)(1 - q^-2)): that is taken off s.
 """
 
 import math
@@ -99,7 +100,7 @@ def _check(graph: SparseGraph) -> None:
         raise ProblemError(
             f"agent {i} and agent {j} do not listen to each other with the same weight",
             where=graph.where,
-            expected="an undirected graph: of a directed one, a disc around its complex spectrum and a metric would be needed",
+            expected="an undirected graph: a directed one needs a disc around its spectrum, and a metric",
             remedy='symmetrise the weights, or give up to 200 agents and method = "certified"',
         )
     count, group = connected_components(graph.matrix, directed=False)
@@ -264,8 +265,9 @@ def _none_below(
         largest = max(largest, float(np.linalg.norm(now)))
     x_a = (middle - a) / half * (1 - 8 * U)
     q = x_a + math.sqrt(x_a * x_a - 1)
-    # L v loses gamma |L| |v|, a row having most_neighbours + 1 products and | |L| |_2 <= 2 max deg; then come 2 (c v - L v) / h,
-    # the difference to the vector before, and the mean, which takes nothing from the eigenvector but by rounding.
+    # L v loses gamma |L| |v|, a row having most_neighbours + 1 products and | |L| |_2 <= 2 max deg; then come
+    # 2 (c v - L v) / h, the difference to the vector before, and the mean, which takes nothing from the eigenvector
+    # but by rounding.
     size = 2 * float(graph.degrees.max())
     step = 1.01 * U * (((graph.most_neighbours + 6) * size + 3 * (middle + size)) * 2 / half + 6)
     carried = 2 / ((q - 1) * (1 - q**-2))

@@ -24,6 +24,7 @@ from lockstep.check.design_file.json_text import (
     vector,
 )
 from lockstep.check.design_file.messages import message_witness_of
+from lockstep.check.design_file.modal_proof import modal_witness_of
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import demand
 from lockstep.check.floor.witness import FloorWitness, Piece
@@ -32,8 +33,7 @@ from lockstep.check.modes import ModalCertificate, Segment
 from lockstep.check.sampled.clipping import ClippedWitness
 from lockstep.check.sampled.inequality import NUMBERS, Witness
 from lockstep.check.sampled.messages import MessageWitness
-from lockstep.check.sampled.modes import NUMBERS as MODAL_NUMBERS
-from lockstep.check.sampled.modes import ModalWitness
+from lockstep.check.sampled.modes import SampledModalWitness
 
 _AMOUNT = re.compile("-?[0-9]{1,400}(/[0-9]{1,400})?")
 
@@ -60,9 +60,9 @@ class Proofs:
     certificate: Certificate | ModalCertificate | None = None
     decay: Certificate | ModalCertificate | None = None
     floor: FloorWitness | None = None
-    sampled: Witness | ModalWitness | None = None
-    sampled_rho: Witness | ModalWitness | None = None
-    max_period: Witness | ModalWitness | None = None
+    sampled: Witness | SampledModalWitness | None = None
+    sampled_rho: Witness | SampledModalWitness | None = None
+    max_period: Witness | SampledModalWitness | None = None
     radius: Witness | None = None
     bound: BoundProof | None = None
     messages: MessageWitness | None = None
@@ -114,27 +114,12 @@ def _rational(value: Any, where: str) -> Fraction:
     return Fraction(value)
 
 
-def _sampled_witness(value: Any, where: str) -> Witness | ModalWitness:
+def _sampled_witness(value: Any, where: str) -> Witness | SampledModalWitness:
     return (
         modal_witness_of(value, where)
         if isinstance(value, dict) and "kind" in value
         else sampled_witness_of(value, where)
     )
-
-
-def modal_witness_of(value: Any, where: str) -> ModalWitness:
-    """Read a witness of the sampled loop mode by mode."""
-    of_one = {"upper": number, "P": matrix(symmetric=True)}
-    readers: dict[str, Reader] = {
-        "kind": lambda one, place: one_of(one, ("modal",), place),
-        "segments": partial(
-            each, read=lambda one, place: Segment(*record(one, place, of_one)), name="segment"
-        ),
-        "P_mean": matrix(symmetric=True),
-        "t": vector(4),
-        **dict.fromkeys(MODAL_NUMBERS, number),
-    }
-    return ModalWitness(*record(value, where, readers)[1:])
 
 
 def sampled_witness_of(value: Any, where: str) -> Witness:

@@ -36,9 +36,10 @@ import numpy as np
 
 from lockstep.check.disagreement import Disagreement
 from lockstep.check.errors import demand
-from lockstep.check.graph import Spectrum
+from lockstep.check.graph import Digraph
 from lockstep.check.inequality import LETTERS, Performance
 from lockstep.check.loop import Plant
+from lockstep.check.many_graphs import SpectrumRange
 from lockstep.check.modes import Segment
 from lockstep.check.numbers import Matrix, converter, exactly, eye, zeros
 from lockstep.check.sampled import balls
@@ -46,8 +47,9 @@ from lockstep.check.sampled.certify import ROUNDED_UP, SampledVerdict, lifted_ag
 from lockstep.check.sampled.conjugate import no_conjugate_point
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork, spectral_bound
 from lockstep.check.sampled.inequality import Witness
-from lockstep.check.sampled.loop import SampledLoop, Way
+from lockstep.check.sampled.loop import NO_NOISE, SampledLoop, Way
 from lockstep.check.sampled.performance import SampledRho, proves_rho
+from lockstep.check.spectrum import metric
 
 NUMBERS = ("lower", "mu", "decay", "kappa", "weight", "ratio", "kappa_mu")
 
@@ -56,7 +58,7 @@ OFF = 2.0**-23
 
 
 @dataclass(frozen=True, eq=False)
-class ModalWitness:
+class SampledModalWitness:
     """P of each segment of [lower, upper] and of the mean, one mu, t of A, B, C, D, and the numbers of `Witness`."""
 
     segments: tuple[Segment, ...]
@@ -103,8 +105,8 @@ class ModalWitness:
 class ModalLoop:
     """Identical sampled controllers on a graph, or on every graph, with its spectrum in [lower, upper].
 
-    network: the agents, with the coordinates of `single_difference`;  controllers: one per agent, or one that stands for all, with the
-    most neighbours and weights as large as there can be.
+    network: the agents, with the coordinates of `single_difference`;  controllers: one per agent, or one that stands for
+    all, with the most neighbours and weights as large as there can be.
     """
 
     network: SampledNetwork
@@ -129,7 +131,7 @@ class ModalLoop:
         return spectral_bound(np.array([[one, one]], dtype=object))
 
     def at(
-        self, value: float, noise: Annotated[np.ndarray, " q"] = np.zeros(0), *, exact: bool = True
+        self, value: float, noise: Annotated[np.ndarray, " q"] = NO_NOISE, *, exact: bool = True
     ) -> SampledLoop:
         """Return the mode of an eigenvalue lambda; the one of 0 is the mean of the controllers."""
         plant = self.network.plant.in_numbers(exact)
@@ -190,7 +192,7 @@ def _selected(places: dict[str, slice], width: int, like: Matrix, name: str) -> 
     return rows
 
 
-def decide_modal_sampled(loop: ModalLoop, witness: ModalWitness | None) -> SampledVerdict:
+def decide_modal_sampled(loop: ModalLoop, witness: SampledModalWitness | None) -> SampledVerdict:
     """Decide the sampled nonlinear loop, every rounding included, for every lambda in [lower, upper], by a stored witness."""
     network, at = loop.network, f"at {loop.network.period:g} s"
     if witness is None:
@@ -208,7 +210,7 @@ def decide_modal_sampled(loop: ModalLoop, witness: ModalWitness | None) -> Sampl
     return _accepted(loop, witness)
 
 
-def proves_modal_rho(loop: ModalLoop, weights: Performance, rho: float, witness: ModalWitness) -> bool:
+def proves_modal_rho(loop: ModalLoop, weights: Performance, rho: float, witness: SampledModalWitness) -> bool:
     """Decide in balls whether a witness (decay 1, no weight) proves a rho of the sampled loop for every such lambda."""
     if not witness.covers(loop.lower, loop.upper):
         return False
@@ -222,7 +224,7 @@ def proves_modal_rho(loop: ModalLoop, weights: Performance, rho: float, witness:
 
 
 def _modes(
-    loop: ModalLoop, witness: ModalWitness, noise: Annotated[np.ndarray, " q"] = np.zeros(0)
+    loop: ModalLoop, witness: SampledModalWitness, noise: Annotated[np.ndarray, " q"] = NO_NOISE
 ) -> Iterator[tuple[Annotated[np.ndarray, "n_xi n_xi"], SampledLoop]]:
     """Yield both ends of each segment with its P, and the mean of the controllers."""
     for start, segment in zip(witness.ends, witness.segments, strict=False):
@@ -231,7 +233,7 @@ def _modes(
     yield witness.P_mean, loop.at(0.0)
 
 
-def _accepted(loop: ModalLoop, witness: ModalWitness) -> SampledVerdict:
+def _accepted(loop: ModalLoop, witness: SampledModalWitness) -> SampledVerdict:
     """State what follows; of one controller that stands for all, for the root of the mean square over the agents."""
     kappa = max(len(one.sources) for one in loop.controllers) * Fraction(witness.kappa)
     for letter in "BD":
@@ -251,7 +253,7 @@ def _accepted(loop: ModalLoop, witness: ModalWitness) -> SampledVerdict:
 
 
 def common_controller(
-    table: Annotated[np.ndarray, "k l"], order: int, spectrum: Spectrum, real: str
+    table: Annotated[np.ndarray, "k l"], order: int, spectrum: SpectrumRange, real: str
 ) -> HeldController:
     """Return one controller that stands for all on graphs with a spectrum up to b, with the most neighbours.
 
@@ -263,6 +265,34 @@ def common_controller(
     weight = math.nextafter(weight, math.inf) if weight == 1 else weight
     sources = tuple(range(1, neighbours + 1))
     return HeldController.row_by_row(table, order, sources, np.full(neighbours, weight), PRECISIONS[real])
+
+
+def modal_loop(
+    network: SampledNetwork,
+    controllers: tuple[HeldController, ...],
+    spectrum: tuple[float, float] | None,
+    ends: tuple[float, float] | None,
+    graph: Digraph,
+) -> ModalLoop:
+    """Return the loop of every graph with a spectrum, or of the one graph whose modes a certificate of rho covers.
+
+    Args:
+        network: in the coordinates of `single_difference`.
+        controllers: as in the code.
+        spectrum: of many graphs; then the graph does not count.
+        ends: of the eigenvalues that the certificate was decided to cover; None where it is none of modes.
+        graph: one graph.
+
+    Raises:
+        ProblemError: a graph that does not split into modes once its weights are rounded.
+    """
+    if spectrum is not None:
+        return ModalLoop(network, controllers, *spectrum)
+    where = "the modal witness of the sampled loop"
+    demand(ends is not None, "the certificate is none of modes", where, "a modal one")
+    plain = metric(graph).spread == 1 and are_rounded(controllers, graph.edges)
+    demand(plain, "L is not symmetric with the weights in the code", where, "an undirected graph")
+    return ModalLoop(network, controllers, *widened(*ends or (0.0, 0.0)))
 
 
 def widened(lower: float, upper: float) -> tuple[float, float]:

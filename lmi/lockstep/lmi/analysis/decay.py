@@ -45,7 +45,7 @@ def fastest_decay(network: Network, gains: Gains, claim: Claim, *, modal: bool) 
 
 
 def abscissa(network: Network, gains: Gains, *, modal: bool) -> float:
-    """Return the largest real part of the poles of the linear loop, in doubles; of many graphs, on a grid of their lambdas."""
+    """Return the largest real part of the linear loop's poles, in doubles; of many graphs, on a grid of their lambdas."""
     if not modal:
         return float(np.linalg.eigvals(network.loop(gains.order).A_cl(gains.blocks)).real.max())
     from lockstep.check.modes import Modes

@@ -41,6 +41,14 @@ certificate knows nothing of segments, would be proved a smaller rho than the co
 _ANY = Claim(0.0, np.eye(1), np.eye(1), np.zeros((1, 4)))
 """A claim of nothing, for what a graph alone decides."""
 
+RATIOS = (2.0, 4.0, 16.0, 64.0, 256.0, 1024.0)
+"""Ratios of the largest to the smallest eigenvalue that are tried where the one asked for is too large."""
+
+FIRST_STEPS, KEPT = 60, 2
+"""Of gains with one P: steps for all, and how many of the best go on."""
+
+POORLY = "docs/graphs.md says what does for poorly connected graphs"
+
 NARROW = 1e-6
 """A spectrum this narrow, relatively, is one lambda."""
 
@@ -71,7 +79,7 @@ def design_modes(
     modes = Modes(network.plant, order, network.decay)
     search = ModalSearch.of(modes, claim, segment_ends(network, known), gain_limit, rate)
     if network.spectrum is not None:
-        return shared_gains(_common(network, search, starts, seed, rate, tell), order, 1)
+        return shared_gains(_common(search, starts, seed, rate, tell), order, 1)
     best: ModalCandidate | None = None
     for index in range(starts):
         if tell is not None:
@@ -80,20 +88,46 @@ def design_modes(
         if best is None or (found.sigma, -found.fraction) < (best.sigma, -best.fraction):
             best = found
     if best is None or best.K is None:
-        reached = 0.0 if best is None else best.fraction
+        reached, ratio = 0.0 if best is None else best.fraction, float(search.ends[-1] / search.ends[0])
+        served = largest_ratio(search, seed, rate, common=False) if ratio > RATIO else 1.0
+        wide = f"; that is a ratio of {ratio:.4g}, and the largest up to {search.ends[-1]:.4g} that gains were found for is"
         raise Infeasible(
             f"no identical gains of order {order} within gain_limit {gain_limit:g} were found that carry alpha ="
             f" {claim.alpha:.6g} for every lambda from {search.ends[0]:.4g} to {search.ends[-1]:.4g}; the best of"
-            f" {starts} starts carried {reached:.3g} of it",
+            f" {starts} starts carried {reached:.3g} of it"
+            + (f"{wide} {served:.4g}: {POORLY}" if ratio > RATIO else ""),
             alpha=claim.alpha,
             fraction=reached,
             reachable_alpha=reached * claim.alpha,
+            ratio=ratio,
+            reachable_ratio=served,
         )
     return shared_gains(best.K, order, network.N)
 
 
+def largest_ratio(search: ModalSearch, seed: int, rate: float | None, *, common: bool) -> float:
+    """Return the largest ratio b / a, of those in `RATIOS` and up to the b of a search, for which gains are found; else 1."""
+    upper, served = float(search.ends[-1]), 1.0
+    for ratio in RATIOS:
+        if ratio >= upper / search.ends[0]:
+            break
+        count = max(1, math.ceil(math.log(ratio) / math.log(RATIO) - 1e-6))
+        ends = np.geomspace(upper / ratio, upper, count + 1)
+        part = ModalSearch.of(search.modes, search.claim, ends, search.gain_limit, rate)
+        if common:
+            one = CommonSearch(
+                search.modes, search.claim, (upper / ratio, upper), search.gain_limit, rate or 0.0
+            )
+            holds = any(one.has_one_P(K) for K in drawn(part, seed, 0))
+        else:
+            holds = from_start(part, seed, 0).K is not None
+        if not holds:
+            break
+        served = ratio
+    return served
+
+
 def _common(
-    network: Network,
     search: ModalSearch,
     starts: int,
     seed: int,
@@ -103,26 +137,24 @@ def _common(
     """Search for one K with one P on all of the spectrum: what proves switching, and graphs of any size."""
     a, b = search.ends[0], search.ends[-1]
     common = CommonSearch(search.modes, search.claim, (float(a), float(b)), search.gain_limit, rate or 0.0)
-    best, least, reached = None, np.inf, 0.0
+    found = list[tuple[float, Float[np.ndarray, "a b"]]]()
     for index in range(starts):
         if tell is not None:
             tell(index / starts)
-        for K in drawn(search, seed, index):
-            sigma, found = common.improved(K)
-            if sigma < least:
-                best, least = short_gains(found[None], search.gain_limit)[0], sigma
-            elif best is None:
-                reached = max(reached, common.widest(found))
+        found += [common.improved(K, FIRST_STEPS) for K in drawn(search, seed, index)]
+    first = sorted((one for one in found if one[0] < np.inf), key=lambda one: one[0])[:KEPT]
+    best = min((common.improved(K) for _, K in first), key=lambda one: one[0], default=None)
     if best is None:
+        reached = largest_ratio(search, seed, rate, common=True)
         raise Infeasible(
             f"no identical gains of order {search.modes.order} within gain_limit {search.gain_limit:g} were found with one P"
-            f" for every lambda from {a:.4g} to {b:.4g}, a ratio of {b / a:.4g}; the best of {starts} starts has one up to a"
-            f" ratio of {reached:.4g}",
+            f" for every lambda from {a:.4g} to {b:.4g}, a ratio of {b / a:.4g}; the largest ratio up to {b:.4g} for which"
+            f" some were found is {reached:.4g}: {POORLY}",
             alpha=search.claim.alpha,
             ratio=b / a,
             reachable_ratio=reached,
         )
-    return np.asarray(best)
+    return np.asarray(short_gains(best[1][None], search.gain_limit)[0])
 
 
 def shared_gains(K: Float[np.ndarray, "a b"], order: int, N: int) -> Gains:

@@ -49,30 +49,27 @@ class CommonSearch:
     gain_limit: float
     rate: float = 0.0
 
-    def improved(self, K: Gain) -> tuple[float, Gain]:
+    def improved(self, K: Gain, steps: int = STEPS_DOWN) -> tuple[float, Gain]:
         """Return sigma and gains with one P for both ends, from gains that may have none; infinite where none are found."""
         base = self._base(K)
         if base is None:
             return np.inf, K
         if self.sigma(K)[0] == np.inf:
-            K = self._descended(lambda gains: self._slack(gains, base), K, STEPS_INSIDE)
+            K = self._inside(K, base)
         if self.sigma(K)[0] == np.inf:
             return np.inf, K
-        K = self._descended(self._log_sigma, K, STEPS_DOWN)
+        K = self._descended(self._log_sigma, K, steps)
         return self.sigma(K)[0], K
 
-    def widest(self, K: Gain) -> float:
-        """Return the largest ratio of lambdas around the middle for which gains have one P, to 1 %; 1 where they have none."""
-        from dataclasses import replace
+    def has_one_P(self, K: Gain) -> bool:
+        """Tell whether gains with one P for both ends are found from these."""
+        base = self._base(K)
+        if base is None:
+            return False
+        return self.sigma(K)[0] < np.inf or self._slack(self._inside(K, base), base)[0] < 0
 
-        middle, ratio = float(np.sqrt(self.ends[0] * self.ends[1])), self.ends[1] / self.ends[0]
-        low, high = 0.0, 1.0
-        for _ in range(8):
-            part = (low + high) / 2
-            root = ratio ** (part / 2)
-            holds = replace(self, ends=(middle / root, middle * root)).sigma(K)[0] < np.inf
-            low, high = (part, high) if holds else (low, part)
-        return float(ratio**low)
+    def _inside(self, K: Gain, base: Float[np.ndarray, "k k"]) -> Gain:
+        return self._descended(lambda gains: self._slack(gains, base), K, STEPS_INSIDE)
 
     def _log_sigma(self, K: Gain) -> Valued:
         value, slope = self.sigma(K)
@@ -140,7 +137,7 @@ class CommonSearch:
         return not n_C or float(np.linalg.eigvals(K[:n_C, :n_C]).real.max()) < -rate
 
     def _base(self, K: Gain) -> Float[np.ndarray, "k k"] | None:
-        """Return the Cholesky factor of P with He(P A(lambda)) = -diag(R, Q) in the middle, where the loop is stable there."""
+        """Return the Cholesky factor of P with He(P A(lambda)) = -diag(R, Q) in the middle, where the loop is stable."""
         from lockstep.lmi.methods.modal_witness import basis
 
         if not self._mean_is_stable(K):
@@ -213,9 +210,10 @@ class _Shapes:
         blocks: list[Block] = [(-np.eye(n) if self.bare else np.zeros((n, n)), P)]
         if self.bare:
             blocks.append((LARGEST * np.eye(n), -P))
-        for c in range(self.sectors):
-            blocks.append((np.zeros((1, 1)), np.eye(k)[p + c].reshape(k, 1, 1)))
-        return blocks
+        return [
+            *blocks,
+            *((np.zeros((1, 1)), np.eye(k)[p + c].reshape(k, 1, 1)) for c in range(self.sectors)),
+        ]
 
 
 def _slope_of_constant(stated: Inequality, K: Gain, S: Float[np.ndarray, "f f"]) -> Gain:

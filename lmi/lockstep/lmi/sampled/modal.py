@@ -5,13 +5,13 @@ With S_1 = E E', W > 0 without errors is V(N z + J E w) - mu |w|^2 < z' Z z for 
     [ P - running - mu start' Q_1 start - N' P N - s R_d   -N' P J E            ]
     [ -E' J' P N                                           mu I - E' J' P J E   ] >= 0
 
-at both ends of each segment; s is how much room there is, in multiples of what rho weighs during a period. With rho the lifted
-period depends on mu and rho, which are searched one at a time. The prices of errors follow from P.
+at both ends of each segment; s is how much room there is, in multiples of what rho weighs during a period. With rho the
+lifted period depends on mu and rho, which are searched one at a time. The prices of errors follow from P.
 """
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -24,7 +24,12 @@ from lockstep.check.sampled.certify import SampledVerdict, refused
 from lockstep.check.sampled.inequality import W_matrix, step_matrix
 from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.loop import SampledLoop
-from lockstep.check.sampled.modes import ModalLoop, ModalWitness, decide_modal_sampled, proves_modal_rho
+from lockstep.check.sampled.modes import (
+    ModalLoop,
+    SampledModalWitness,
+    decide_modal_sampled,
+    proves_modal_rho,
+)
 from lockstep.check.sampled.performance import running_cost
 from lockstep.lmi.analysis.semidefinite import Block, least, symmetric_basis
 from lockstep.lmi.sampled.certify import period_in_doubles
@@ -35,7 +40,7 @@ from lockstep.lmi.sampled.storage import distance_ratio, holds_in_doubles
 Storage = Float[np.ndarray, "n n"]
 
 PRICES_OF_ROUNDING = (1.0, 10.0, 0.1, 100.0)
-"""t in multiples of what makes an error e = delta Y xi cost as much on its way in, by E'P E, as on its way out, by Y P^-1 Y'."""
+"""t in multiples of what makes an error e = delta Y xi cost as much entering, by E'P E, as leaving, by Y P^-1 Y'."""
 
 CERTAIN = 1e-12
 """The delta of a coefficient without error, in place of 0."""
@@ -58,6 +63,9 @@ CLAIMED, TRIES = 0.7, 3
 DOUBLINGS_OF_PRICE = 60
 MU = 1e6
 """What underflow counts relative to the messages' noise: it is some thirty decades smaller."""
+
+MOST_SEGMENTS = 8
+"""Segments with a P each: a continuous certificate may have more."""
 
 LARGEST = 1e4
 """P <= LARGEST I in the coordinates of the linear loop: P and mu could be scaled up without end."""
@@ -147,26 +155,41 @@ class _Setting:
     weights: Performance
     mu: float = 1.0
     rho: float | None = None
+    loops: dict[tuple[float, bool], SampledLoop] = field(default_factory=dict)
+    periods: dict[int, Lifted | None] = field(default_factory=dict)
 
     def mode(self, value: float) -> _Mode | None:
         """Return a mode; None where its period overflows or passes a conjugate point."""
-        noise = self.weights.outputs if self.rho is not None else np.zeros(0)
-        loop = self.loop.at(value, noise, exact=False)
+        key = (value, self.rho is not None)
+        if key not in self.loops:
+            noise = self.weights.outputs if self.rho is not None else np.zeros(0)
+            self.loops[key] = self.loop.at(value, noise, exact=False)
+        loop, own = self.loops[key], self.weights
+        if not loop.n_d:
+            own = own._replace(R=np.zeros((0, 0)), states=np.zeros(0))
+        # A period is the same for all lambda: only what is held during it is not.
+        if loop.n_d not in self.periods:
+            self.periods[loop.n_d] = self._period(loop, own)
+        lifted = self.periods[loop.n_d]
+        if lifted is None:
+            return None
+        running = np.zeros((loop.n_z, loop.n_z)) if self.rho is None else running_cost(loop, own, self.rho)
+        return _Mode(loop, lifted, running, self.rho is not None)
+
+    def _period(self, loop: SampledLoop, weights: Performance) -> Lifted | None:
         if self.rho is None:
-            lifted, running = period_in_doubles(loop), np.zeros((loop.n_z, loop.n_z))
+            lifted = period_in_doubles(loop)
         else:
-            own = self.weights
-            if not loop.n_d:
-                own = own._replace(R=np.zeros((0, 0)), states=np.zeros(0))
             with np.errstate(all="ignore"):
                 try:
-                    lifted = lifted_with_performance(loop, own, self.mu * np.eye(1), self.rho)
+                    lifted = lifted_with_performance(loop, weights, self.mu * np.eye(1), self.rho)
                 except np.linalg.LinAlgError:
                     return None
-            running = running_cost(loop, own, self.rho)
-        if lifted is None or not _is_a_period(lifted):
-            return None
-        return _Mode(loop, lifted, running, self.rho is not None)
+        return lifted if lifted is not None and _is_a_period(lifted) else None
+
+    def at(self, mu: float, rho: float) -> "_Setting":
+        """Return the setting with another mu and rho."""
+        return replace(self, mu=mu, rho=rho, periods={})
 
     def weighed(self, mode: _Mode) -> Storage:
         """Return T diag(R, Q, 0) of a mode, with a little of every other state."""
@@ -328,7 +351,7 @@ def _found(setting: _Setting) -> tuple[tuple[Storage, ...], float, Storage] | No
 
 def _priced(
     setting: _Setting, found: Any, dear: float, claimed: tuple[float, float] | None = None
-) -> Iterator[ModalWitness]:
+) -> Iterator[SampledModalWitness]:
     """Yield a witness with prices of every error, as cheap a noise as holds, and the decay and weight that it has room for.
 
     claimed: a decay and a kappa from which the price of the noise is raised.
@@ -348,26 +371,29 @@ def _priced(
         N = step_matrix(mode.loop, lifted)
         for way in mode.loop.ways:
             k, E, Y = LETTERS.index(way.letter), N[:, way.place], way.Y[:, : mode.loop.n_xi]
-            into = float(np.linalg.norm(E.T @ P @ E, 2)) if len(P) else 0.0
+            enters = float(np.linalg.norm(E.T @ P @ E, 2)) if len(P) else 0.0
             out = float(np.linalg.norm(Y @ np.linalg.solve(P, Y.T), 2)) if Y.size else 0.0
             t[k] = max(
-                t[k], dear * math.sqrt(into / max(out, 1e-300)) / max(way.delta, CERTAIN) if out else into
+                t[k],
+                dear * math.sqrt(enters / max(out, 1e-300)) / max(way.delta, CERTAIN)
+                if out
+                else 1e6 * enters,
             )
         into = N[:, mode.loop.noise]
         noise = max(noise, float(np.linalg.norm(into.T @ P @ into, 2)), float(np.abs(mode.running).max()))
     segments = tuple(Segment(high, P) for (_, high), P in pairs)
     first = [(P, mode) for P, mode in modes[:-1] if mode is not None]
     ratio = max(distance_ratio(mode.loop, P) for P, mode in first)
-    trial = ModalWitness(segments, P_mean, t, setting.ends[0], mu, 1.0, math.inf, 0.0, ratio, math.inf)
+    trial = SampledModalWitness(segments, P_mean, t, setting.ends[0], mu, 1.0, math.inf, 0.0, ratio, math.inf)
 
-    def holds(witness: ModalWitness) -> bool:
+    def holds(witness: SampledModalWitness) -> bool:
         return all(
             holds_in_doubles(W_matrix(mode.loop, lifted, witness.of(P, mode.loop), mode.running))
             for P, mode, lifted in ready
         )
 
-    def at(price: float, **other: float) -> ModalWitness:
-        return replace(trial, kappa=price, kappa_mu=MU * price, **other)
+    def at(price: float, decay: float = 1.0, weight: float = 0.0) -> SampledModalWitness:
+        return replace(trial, kappa=price, kappa_mu=MU * price, decay=decay, weight=weight)
 
     if setting.rho is not None:
         witness = at(1e8 * noise)
@@ -401,7 +427,7 @@ def _priced(
 
 
 def certify_modal(
-    loop: ModalLoop, ends: Sequence[float], weights: Performance, witness: ModalWitness | None = None
+    loop: ModalLoop, ends: Sequence[float], weights: Performance, witness: SampledModalWitness | None = None
 ) -> SampledVerdict:
     """Prove the sampled loop mode by mode, or say why it could not be.
 
@@ -417,10 +443,12 @@ def certify_modal(
             return replayed
     said, at = "no certificate was found mode by mode", f"at {loop.network.period:g} s"
     setting = _Setting(loop, _outside(loop, ends), weights)
-    trials = list[tuple[float, ModalWitness]]()
+    trials = list[tuple[float, SampledModalWitness]]()
     for rate in RATES:
         quiet = _quiet(setting, rate)
-        for dear in PRICES_OF_ROUNDING if quiet is not None else ():
+        for dear in PRICES_OF_ROUNDING:
+            if quiet is None:
+                break
             one = next(_priced(setting, quiet[2:], dear, quiet[:2]), None)
             if one is not None:
                 trials.append((one.ultimate, one))
@@ -442,18 +470,19 @@ def certify_modal(
 
 def modal_rho(
     loop: ModalLoop, ends: Sequence[float], weights: Performance, mu: float, rho: float
-) -> tuple[float, ModalWitness] | None:
-    """Find and prove a small rho mode by mode, from the mu and the rho of the continuous certificate; None if none is proved."""
+) -> tuple[float, SampledModalWitness] | None:
+    """Find and prove a small rho mode by mode, from mu and rho of the continuous certificate; None if none is proved."""
     ends = _outside(loop, ends)
     best: tuple[float, float] | None = None
-    for scale in SCALES:
-        least_one = _least_rho(_Setting(loop, ends, weights, mu * 10**scale), rho, best)
+    first = _Setting(loop, ends, weights)
+    for scale in SCALES if len(ends) == 2 else SCALES[:1]:
+        least_one = _least_rho(first, mu * 10**scale, rho, best)
         if least_one is not None and (best is None or least_one < best[0]):
             best = least_one, mu * 10**scale
     if best is None:
         return None
     for slack in SLACKS:
-        setting = _Setting(loop, ends, weights, best[1], float(f"{best[0] * (1 + slack):.4g}"))
+        setting = first.at(best[1], float(f"{best[0] * (1 + slack):.4g}"))
         found = _found(setting)
         if found is None or setting.rho is None:
             continue
@@ -464,9 +493,12 @@ def modal_rho(
     return None
 
 
-def _least_rho(setting: _Setting, rho: float, best: tuple[float, float] | None) -> float | None:
+def _least_rho(setting: _Setting, mu: float, rho: float, best: tuple[float, float] | None) -> float | None:
     """Bisect the least rho for a mu; None where it is no better than the best so far."""
-    holds = lambda value: _found(replace(setting, rho=value)) is not None  # noqa: E731
+
+    def holds(value: float) -> bool:
+        return _found(setting.at(mu, value)) is not None
+
     high = MOST_RHO * rho if best is None else best[0] * (1 - FINENESS)
     low = 0.9 * rho
     if best is None:
@@ -496,5 +528,6 @@ def longest_modal(
 
 def _outside(loop: ModalLoop, ends: Sequence[float]) -> tuple[float, ...]:
     """Return the ends of segments, the first and the last far enough outside for the weights in the code."""
-    inner = [one for one in ends if loop.lower < one < loop.upper]
-    return (loop.lower, *inner, loop.upper)
+    inner = [one for one in ends[1:-1] if loop.lower < one < loop.upper]
+    step = -(-(len(inner) + 1) // MOST_SEGMENTS)
+    return (loop.lower, *inner[step - 1 :: step], loop.upper)

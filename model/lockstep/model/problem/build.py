@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.graph import Spectrum
+from lockstep.check.many_graphs import SpectrumRange
 from lockstep.check.wording import nearest, shorten
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
@@ -79,7 +79,7 @@ def build_graph(table: NetworkTable) -> Graph:
     """
     given = [key for key in ("edges", "laplacian", "topology") if getattr(table, key) is not None]
     if table.spectrum is not None:
-        return Graph(Spectrum.of(table.model_dump(exclude_none=True)).pair.adjacency)
+        return Graph(SpectrumRange.of(table.model_dump(exclude_none=True)).pair.adjacency)
     if table.file is not None and not given:
         raise ProblemError(
             f"the graph is in `{shorten(table.file)}`, which was not read",

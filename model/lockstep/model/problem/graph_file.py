@@ -1,10 +1,10 @@
-"""[network] file: the graph of a problem read from beside it, as edges where it is small, as its spectrum where it is large."""
+"""[network] file: a graph read from beside the problem, as edges where it is small, as its spectrum where it is large."""
 
 from pathlib import Path
 from typing import Any
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.graph import Spectrum
+from lockstep.check.many_graphs import SpectrumRange
 from lockstep.model.membership import Membership, membership, within
 from lockstep.model.problem.schema import NetworkTable, ProblemFile
 from lockstep.model.sparse_graph import SparseGraph, read_graph
@@ -53,7 +53,7 @@ def network_of_graph(
     if table.spectrum is not None:
         found_there = within(found_there, *table.spectrum)
     kept |= {"agents": graph.agents, "spectrum": [found_there.lower, found_there.upper]}
-    most = Spectrum.of(kept).neighbours
+    most = SpectrumRange.of(kept).neighbours
     if graph.most_neighbours > most:
         if table.max_degree is not None:
             raise ProblemError(

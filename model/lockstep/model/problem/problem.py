@@ -12,8 +12,8 @@ from jaxtyping import Float
 from lockstep.check.design_file.messages import messages_of
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import ProblemError
-from lockstep.check.graph import Spectrum
 from lockstep.check.inequality import Performance
+from lockstep.check.many_graphs import SpectrumRange
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled.messages import Messages
 from lockstep.model.agent import Agent
@@ -87,7 +87,7 @@ class Problem:
 
     @classmethod
     def parse(cls, text: str, name: str = "", folder: Path | None = None) -> "Problem":
-        """Parse the text of a problem file; `name` is put before the place in messages, [network] file is read from the folder.
+        """Parse the text of a problem file; `name` is put before the place in messages, a graph is read from the folder.
 
         >>> Problem.parse('''
         ... [agent]
@@ -201,10 +201,24 @@ class Problem:
         return self._graph
 
     @cached_property
-    def spectrum(self) -> Spectrum | None:
+    def spectrum(self) -> SpectrumRange | None:
         """[network] spectrum, which names every undirected graph with its nonzero eigenvalues there; None for one graph."""
         table = self.file.network
-        return None if table.spectrum is None else Spectrum.of(table.model_dump(exclude_none=True))
+        return None if table.spectrum is None else SpectrumRange.of(table.model_dump(exclude_none=True))
+
+    def demand_one_graph(self, what: str) -> None:
+        """Refuse a problem with `spectrum` where one graph is needed.
+
+        Raises:
+            ProblemError: there is no one graph.
+        """
+        if self.spectrum is not None:
+            raise ProblemError(
+                "`spectrum` stands for many graphs",
+                where="[network]",
+                expected=f"one graph {what}",
+                remedy="name `edges`, a `topology`, or a `file` of up to 200 agents",
+            )
 
     def agents_B(self) -> tuple[Float[np.ndarray, "n m"], ...]:
         """Return B_i for each agent; they differ only by `[network] parameters`."""

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, Strict
 from pydantic_core import PydanticCustomError
 
-from lockstep.check.graph import MOST_NEIGHBOURS
+from lockstep.check.many_graphs import MOST_NEIGHBOURS
 from lockstep.check.problem import MOST_ORDER
 
 T = TypeVar("T")
@@ -163,7 +163,7 @@ class NetworkTable(ProblemTable):
     )
     file: Line | None = Field(
         default=None,
-        description='the name of a graph\'s file beside the problem: Matrix Market (.mtx), GraphML or CSV, such as "graph.mtx"',
+        description='the name of a file beside the problem, Matrix Market (.mtx), GraphML or CSV, such as "graph.mtx"',
     )
     spectrum: Many[Positive] | None = Field(
         default=None,
