@@ -23,7 +23,9 @@ LOCKSTEP = "from lockstep.cli.main import main; main()"
 
 def processor_seconds(*command: str) -> float:
     """Seconds of processor, user's and system's, of a Python process."""
-    process = subprocess.Popen([sys.executable, *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        [sys.executable, *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     _, status, used = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
@@ -40,7 +42,9 @@ def measure(repeats: int, problem: Path | None) -> dict[str, float]:
         "help_of_design_s": ("-c", LOCKSTEP, "design", "--help"),
     }
     # Turn and turn about, so that a busy minute is busy for all; the first round fills the caches and is not counted.
-    rounds = [{name: processor_seconds(*command) for name, command in commands.items()} for _ in range(repeats + 1)]
+    rounds = [
+        {name: processor_seconds(*command) for name, command in commands.items()} for _ in range(repeats + 1)
+    ]
     found = {name: statistics.median(one[name] for one in rounds[1:]) for name in commands}
     if problem is not None:
         with tempfile.TemporaryDirectory() as temporary:
