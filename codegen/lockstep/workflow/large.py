@@ -53,6 +53,10 @@ class LargeSimulation(Simulation):
         """Return the contract's keys; above `LISTED` agents those of each agent are summed up."""
         return {**super().document(), "agents": self.swarm.N, "engine": self.engine}
 
+    def remarks(self) -> dict[str, str]:
+        """Tell how many agents there are, and what ran them."""
+        return {"agents": f"{self.swarm.N}, {self.engine}; below the first {self.trajectory.N}"}
+
     def of_each(self) -> dict[str, Any]:
         """Return the figures of each agent, or the mean, the largest and whose it is."""
         run = self.swarm

@@ -100,6 +100,10 @@ class Simulation:
             "largest_input": [float(np.abs(trajectory.u[:, i]).max()) for i in range(trajectory.N)],
         }
 
+    def remarks(self) -> dict[str, str]:
+        """Return what is to be told of the run besides, by a word for it."""
+        return {}
+
     def to_control(self) -> Any:
         """Return the run as `control.TimeResponseData`, with the names of `Design.to_control`."""
         from lockstep.model.simulation.exchange import to_time_response
