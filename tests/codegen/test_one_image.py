@@ -189,3 +189,16 @@ def test_doors_need_neighbours_of_their_own(tmp_path, generated):
         lockstep.generate(generated, tmp_path / "arms", one_image=False, table="csv")
     with pytest.raises(ProblemError, match="none or csv or c"):
         lockstep.generate(generated, tmp_path / "arms", table="yaml")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("core", ["cortex-m0", "cortex-m4f", "rv32imac"])
+@pytest.mark.parametrize("shape", ["two states", "gains by number"])
+def test_nodes_equal_the_reference_on_emulated_cores(tmp_path, core, shape):
+    pytest.importorskip("unicorn")
+    pytest.importorskip("elftools")
+    folder = write_folder(emit(image(**SHAPES[shape])), tmp_path / "cs")
+    report = verify_folder(folder, steps=100, adversarial_steps=200, targets=[core])
+    if all(target.skipped for target in report.targets):
+        pytest.skip(report.targets[0].skipped)
+    assert report.ok, report.problems

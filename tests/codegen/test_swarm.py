@@ -230,8 +230,9 @@ def test_a_large_design_gives_the_answer_of_a_small_one(generated, monkeypatch):
     found = lockstep.simulate(generated, **options).document()
     assert (found.pop("agents"), found.pop("engine")) == (3, "compiled")
     assert found.keys() == small.keys()
-    reasons = found["l2"].pop("reason"), small["l2"].pop("reason")
-    assert all(reasons)
+    assert found["l2"]["reason"] == small["l2"]["reason"]
+    assert found["l2"]["ratio"] == pytest.approx(small["l2"]["ratio"], rel=1e-5)
+    assert found["l2"]["covered"] is True
     for key in ("disagreement_initial", "disagreement_final", "disagreement_max", "largest_input"):
         np.testing.assert_allclose(found[key], small[key], rtol=1e-5)
     np.testing.assert_allclose(found["l2"]["output"], small["l2"]["output"], rtol=1e-6)

@@ -301,7 +301,7 @@ def _read(
         theirs = one.controller
         if image:
             rows = theirs.sources == () and len(mine.sources) <= most
-            theirs = replace(mine, table=theirs.table, roundings=theirs.roundings, precision=theirs.precision)
+            theirs = replace(theirs, sources=mine.sources, weights=mine.weights, before=mine.before)
         period = stored.problem.period
         rounded = float(np.float32(period) if one.real == "float32" else period)
         same = {
@@ -318,9 +318,8 @@ def _read(
     said = "the C holds the design's controllers, and no other code"
     if image:
         degree = max(len(one.sources) for one in held)
-        said += (
-            f"; nodes are given their rows of its graph, of in-degree {degree} at most, a list holding {most}"
-        )
+        given = "rows" if alike else "numbers and rows"
+        said += f"; nodes are given their {given} of its graph, of in-degree {degree} at most, a list holding {most}"
     return tuple(found), Verdict("proved", said)
 
 

@@ -186,11 +186,9 @@ def generate(
     prefix: Annotated[
         str, typer.Option(help="Put before the agents' names: two designs fit one program.")
     ] = "",
-    one_image: Annotated[
-        bool | None, typer.Option("--one-image/--per-agent", help=_IMAGE, show_default=False)
-    ] = None,
+    one_image: Annotated[bool | None, _option("--one-image/--per-agent", help=_IMAGE)] = None,
     max_neighbours: Annotated[int | None, _option(min=1, max=64, help="Of a node of one image.")] = None,
-    table: Annotated[str, typer.Option(help='Whom each node hears: "none", "csv" or "c".')] = "none",
+    table: Annotated[str, _option(help='Whom each node hears: "none", "csv" or "c".')] = "none",
     json: Json = False,
 ) -> None:
     """Emit C for each agent's controller."""

@@ -76,10 +76,7 @@ def _tables(found: "Simulation", plot: str) -> RenderableType:
         "disturbance": found.disturbance,
         "disagreement": f"{d[0]:.4g} at the start, {d[-1]:.4g} after {trajectory.horizon:g} s",
         "measured gain": _gain_text(found.measured),
-    }
-    said = found.document()
-    if "agents" in said:
-        rows["agents"] = f"{said['agents']}, {said['engine']}; below the first {trajectory.N}"
+    } | found.remarks()
     if trajectory.faults:
         rows["faults"] = f"{trajectory.faults} steps with a status other than OK or CLIPPED"
     if trajectory.clipped:

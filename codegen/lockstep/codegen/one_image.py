@@ -93,6 +93,7 @@ def table_files(
         "table": f"{image.name}_table",
         "TABLE": f"{image.name}_table".upper(),
         "agents": image.agents,
+        "most": image.most,
         "first": ends.tolist(),
         "source": [j for _, j, _ in edges],
         "weight": [real.literal(a) for _, _, a in edges],
@@ -120,8 +121,9 @@ def node_view(image: OneImage, shape: Shape, cores: Sequence[str], real: RealTyp
         real: the arithmetic.
     """
     known, weights = node_answers(image, shape.outputs, real)
-    literals = {
-        "weights": [real.literal(v) for v in weights],
+    literals: dict[str, Any] = {
+        "count": len(weights),
+        "weights": [real.literal(v) for v in (*weights, *[0.0] * (image.most - len(weights)))],
         "given": [real.literal(v) for v in known.given[1 : 1 + KNOWN_STEPS + len(weights)].ravel()],
         "answers": [real.literal(v) for v in known.answers[1 : 1 + KNOWN_STEPS].ravel()],
     }

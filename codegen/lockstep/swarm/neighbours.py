@@ -2,18 +2,31 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.graph import Digraph
 
 MOST = 2**31 - 1
 """Agents are counted in 32 bits."""
 
 _WHERE = "neighbour lists"
+
+
+class EdgeList(Protocol):
+    """A graph: how many agents, and (listener, source, weight) of each edge, agents from 1."""
+
+    @property
+    def agents(self) -> int:
+        """N."""
+        ...
+
+    @property
+    def edges(self) -> list[tuple[int, int, float]]:
+        """Of each edge."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +105,9 @@ class NeighbourLists:
         return cls._sorted(agents, listener, source, weight)
 
     @classmethod
-    def from_graph(cls, graph: Digraph) -> "NeighbourLists":
-        """Return the lists of a problem's graph."""
-        return cls.from_edges(graph.N, np.array(graph.edges, dtype=float).reshape(-1, 3))
+    def from_graph(cls, graph: EdgeList) -> "NeighbourLists":
+        """Return the lists of a graph in any form that knows its agents and edges."""
+        return cls.from_edges(graph.agents, np.array(graph.edges, dtype=float).reshape(-1, 3))
 
     @classmethod
     def from_scipy(cls, adjacency: Any) -> "NeighbourLists":

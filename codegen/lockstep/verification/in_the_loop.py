@@ -74,8 +74,15 @@ def sources_in(manifest: Manifest) -> tuple[tuple[int, ...], ...]:
     """Return whom each agent of a folder hears, counted from 0, in the order of its mask bits.
 
     Raises:
-        ProblemError: a neighbour that is no agent of the folder.
+        ProblemError: a neighbour that is no agent of the folder, or one image, whose nodes are given theirs at run time.
     """
+    if manifest.image is not None:
+        raise ProblemError(
+            "one image, whose nodes are given their neighbours at run time",
+            where=FILE_NAME,
+            expected="agents with neighbours of their own",
+            remedy="simulate the design, or generate with --per-agent",
+        )
     rows = {agent.name: k for k, agent in enumerate(manifest.agents)}
     for agent in manifest.agents:
         for source in agent.neighbours:

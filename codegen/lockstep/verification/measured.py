@@ -163,5 +163,12 @@ def _storage(trajectory: Trajectory, network: Network, stored: Stored, promised:
         return 0.0
     if promised.P is None or trajectory.x_C[0].any():
         return None
-    x_d = (as_floats(network.loop(stored.gains.order).d.T) @ x).ravel()
-    return float(x_d @ promised.P[: len(x_d), : len(x_d)] @ x_d)
+    return storage_of(x, network, stored, promised.P)
+
+
+def storage_of(
+    x: Float[np.ndarray, "N n"], network: Network, stored: Stored, P: Float[np.ndarray, "n_x n_x"]
+) -> float:
+    """Return x_d' P_dd x_d of the agents' states, the controllers being at rest."""
+    x_d = (as_floats(network.loop(stored.gains.order).d.T) @ (x - x[:1])).ravel()
+    return float(x_d @ P[: len(x_d), : len(x_d)] @ x_d)

@@ -16,7 +16,8 @@ from lockstep.model.simulation.from_problem import (
 )
 from lockstep.swarm import NeighbourLists, SwarmLoop, SwarmRun, simulate_swarm, swarm_of_design
 from lockstep.swarm.fields import StreamedNoise
-from lockstep.verification.measured import Measured, promise
+from lockstep.swarm.neighbours import EdgeList
+from lockstep.verification.measured import Measured, network_of_design, promise, storage_of
 from lockstep.verification.toolchain import host_compilers
 from lockstep.workflow.design import Design
 from lockstep.workflow.progress import Progress
@@ -52,6 +53,10 @@ class LargeSimulation(Simulation):
         """Return the contract's keys; above `LISTED` agents those of each agent are summed up."""
         return {**super().document(), "agents": self.swarm.N, "engine": self.engine}
 
+    def remarks(self) -> dict[str, str]:
+        """Tell how many agents there are, and what ran them."""
+        return {"agents": f"{self.swarm.N}, {self.engine}; below the first {self.trajectory.N}"}
+
     def of_each(self) -> dict[str, Any]:
         """Return the figures of each agent, or the mean, the largest and whose it is."""
         run = self.swarm
@@ -73,7 +78,9 @@ class LargeSimulation(Simulation):
         }
 
 
-def is_large(stored: "Stored", kind: str, changes: Changes, neighbours: NeighbourLists | None) -> bool:
+def is_large(
+    stored: "Stored", kind: str, changes: Changes, neighbours: NeighbourLists | EdgeList | None
+) -> bool:
     """Tell whether a run is a swarm's.
 
     Raises:
@@ -100,7 +107,7 @@ def is_large(stored: "Stored", kind: str, changes: Changes, neighbours: Neighbou
 
 
 def simulate_large(
-    simulated: Design, changes: Changes, neighbours: NeighbourLists | None, progress: Progress
+    simulated: Design, changes: Changes, neighbours: NeighbourLists | EdgeList | None, progress: Progress
 ) -> LargeSimulation:
     """Run a design's controllers as a swarm, on its own graph or another one.
 
@@ -112,7 +119,10 @@ def simulate_large(
     problem = stored.problem
     table = problem.simulation
     progress("the graph", 0.1)
-    loop = swarm_of_design(stored, neighbours)
+    other = neighbours
+    if other is not None and not isinstance(other, NeighbourLists):
+        other = NeighbourLists.from_graph(other)
+    loop = swarm_of_design(stored, other)
     loop.neighbours.check_spanning_tree()
     horizon = table.horizon if changes.horizon is None else changes.horizon
     seed = table.seed if changes.seed is None else changes.seed
@@ -120,16 +130,17 @@ def simulate_large(
     step, compiled = step_of(problem), bool(host_compilers())
     engine = "compiled" if compiled else "NumPy: there is no C compiler, set CC or install gcc or clang"
     progress(f"the closed loop of {loop.N} agents ({engine})", 0.3)
+    start = _start(problem, loop.N, seed)
     run = simulate_swarm(
         loop,
-        _start(problem, loop.N, seed),
+        start,
         horizon,
         step=step,
         disturbance=_disturbance(problem, loop, kind, horizon, seed),
         compiled=compiled,
     )
     progress("what is proved", 0.8)
-    found = _measured(run, stored, own=neighbours is None)
+    found = _measured(run, stored, start, own=neighbours is None)
     parts = (simulated, run.trajectory, found, "sampled", kind, seed, step, "rk4")
     return LargeSimulation(*parts, run, "compiled" if compiled else "numpy")  # type: ignore[arg-type]
 
@@ -154,11 +165,14 @@ def _disturbance(
     return StreamedNoise(N, n, sigma, period, seed, table.start, stop)
 
 
-def _measured(run: SwarmRun, stored: "Stored", *, own: bool) -> Measured:
-    """Hold a run from agreement on the design's own graph against what is proved of it."""
+def _measured(run: SwarmRun, stored: "Stored", start: Float[np.ndarray, "N n"], *, own: bool) -> Measured:
+    """Hold a run on the design's own graph against what is proved of it."""
     energies, problem = run.energies, stored.problem
     output, entered = float(np.sqrt(energies.output[-1])), float(np.sqrt(energies.input[-1]))
     promised = promise(stored, "sampled") if own else None
+    storage = 0.0 if energies.at_rest else None
+    if storage is None and promised is not None and promised.P is not None:
+        storage = storage_of(start, network_of_design(stored), stored, promised.P)
     rho = None if promised is None else promised.rho
     doubts = {
         "the design is proved for another graph": promised is None,
@@ -172,13 +186,13 @@ def _measured(run: SwarmRun, stored: "Stored", *, own: bool) -> Measured:
         != "orthonormal",
         f"{run.faults} steps reported a fault": run.faults > 0,
         "the run starts in disagreement, and the storage V(0) of this proof is not at hand": (
-            not energies.at_rest
+            storage is None
         ),
     }
     reason = next((why for why, holds in doubts.items() if holds), None)
-    if reason is not None or rho is None or promised is None:
+    if reason is not None or rho is None or promised is None or storage is None:
         return Measured(output, entered, energies.gain, rho, None, False, reason or "")
-    ratio = energies.largest_ratio(rho)
+    ratio = energies.largest_ratio(rho, storage)
     root = None if ratio is None else float(np.sqrt(ratio))
     return Measured(output, entered, energies.gain, rho, root, True, promised.reason)
 

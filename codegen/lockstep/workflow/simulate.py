@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from lockstep.model.network import Network
     from lockstep.model.simulation import SampledControllers, Scenario, Trajectory
     from lockstep.model.simulation.from_problem import Changes
-    from lockstep.swarm import NeighbourLists
+    from lockstep.swarm.neighbours import EdgeList, NeighbourLists
     from lockstep.verification.measured import Kind, Measured
 
 KINDS = ("continuous", "sampled", "compiled")
@@ -101,6 +101,10 @@ class Simulation:
             "largest_input": [float(np.abs(trajectory.u[:, i]).max()) for i in range(trajectory.N)],
         }
 
+    def remarks(self) -> dict[str, str]:
+        """Return what is to be told of the run besides, by a word for it."""
+        return {}
+
     def to_control(self) -> Any:
         """Return the run as `control.TimeResponseData`, with the names of `Design.to_control`."""
         from lockstep.model.simulation.exchange import to_time_response
@@ -162,7 +166,7 @@ def simulate(
     integrator: str = "rk4",
     output: Path | str | None = None,
     figures: Path | str | None = None,
-    neighbours: "NeighbourLists | None" = None,
+    neighbours: "NeighbourLists | EdgeList | None" = None,
     progress: Progress = silent,
 ) -> Simulation:
     """Simulate the nonlinear closed loop of a design, and hold the run against what is proved of it.

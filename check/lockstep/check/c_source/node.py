@@ -63,7 +63,7 @@ static void agent_output(const agent_state_t *state, real u[INPUTS]) {
 void agent_reset(agent_state_t *state) { uint32_t j; uint32_t k; RESET
     for (k = 0u; k < INPUTSu; k++) { state->u[k] = ZERO; } state->heard = 0u; for (j = 0u; j < MOSTu; j++) {
         for (k = 0u; k < OUTPUTSu; k++) { state->held[j][k] = ZERO; } state->age[j] = 0u; } }
-void agent_forget(agent_state_t *state, uint32_t slot) { uint32_t k; if (slot < MOSTu) {
+void agent_forget(agent_state_t *state, uint32_t slot) { if (slot < MOSTu) { uint32_t k;
     state->heard &= (agent_mask_t)~(agent_mask_t)((agent_mask_t)1u << slot);
     for (k = 0u; k < OUTPUTSu; k++) { state->held[slot][k] = ZERO; } state->age[slot] = 0u; state->misses[slot] = 0u; } }
 LOCKSTEP_ONE_COPY agent_status_t agent_step_relative(agent_state_t *state, const real r[OUTPUTS], real u[INPUTS]) {
@@ -119,7 +119,7 @@ def read_node(name: str, cores: Sequence[str], one: ReadController, header: str,
     top.expect(c.expected(HEADER, set(), words))
     top.end()
     code.expect(c.expected(c.SOURCE_TOP + SOURCE, set(), words))
-    code.row(known, one.real)
+    code.row(int(most), one.real)
     code.expect("};")
     for array, count in (("given", (2 + known) * q), ("answer", 2 * q)):
         code.expect(c.expected(c.KNOWN.format(array, count), set(), words))
