@@ -153,7 +153,7 @@ class Problem:
 
     @property
     def has_defaults(self) -> bool:
-        """Whether a design asks for what `lockstep.lmi.defaults` says: the file names neither `weights` nor `gain_limit`, nor a rho."""
+        """Whether `lockstep.lmi.defaults` says what is asked for: neither `weights` nor `gain_limit` nor a rho is named."""
         named = self.design.model_fields_set
         return self.design.method in SEARCHED and not named & {*ASKED_FOR, "rho"}
 
