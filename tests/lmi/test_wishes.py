@@ -95,7 +95,7 @@ def test_the_text_and_the_tables_of_a_problem_keep_what_it_asks_for() -> None:
 
 
 def test_the_same_plant_in_other_units_of_its_input_is_asked_for_the_same() -> None:
-    """u in thousandths: W in millionths, the limit in thousands, noise and decay as before, to the one decimal they are given."""
+    """u in thousandths: W in millionths, the limit in thousands, noise and decay as before, to one decimal."""
     one, other = (first_wishes(scalar("order = 0", gain)) for gain in (1.0, 1e-3))
     W, W_other = (table["weights"]["input"][0] for table in (one, other))
     assert W / W_other == pytest.approx(1e6, rel=0.5)
