@@ -32,8 +32,8 @@ def written(folder: Path, content: dict[str, Any]) -> Path:
 def test_the_design_and_its_c_are_proved_claim_by_claim(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(FOLDER), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    expected = ["bound", "certificate", "asked", "decay", "floor", "code", "sampled", "sampled_rho"]
-    expected += ["max_period"]
+    expected = ["bound", "certificate", "asked", "decay", "controllers_stable", "floor", "code"]
+    expected += ["controllers_stable_sampled", "sampled", "sampled_rho", "max_period", "limits"]
     assert list(found["claims"]) == expected
     assert found["certified"] is True
 

@@ -12,7 +12,6 @@ from amini.section4.figures import figures
 from amini.section4.runs import AGREED, all_runs, runs_of
 from amini.section4.table import to_csv, to_markdown
 from lockstep.check.loop import Gains
-from lockstep.lmi.document import read
 from lockstep.model.network import Network
 
 slow = pytest.mark.slow
@@ -62,9 +61,7 @@ def test_what_is_proved(runs):
             assert one.gain < one.contestant.rho
 
 
-def test_the_certified_gains_are_those_of_the_repository(root):
-    stored = read(root / "generated" / "flexible_joint_arms" / "design.json")
-    assert np.array_equal(stored.gains.blocks, CERTIFIED.blocks)
+def test_the_certified_gains_keep_to_their_limit():
     assert max(CERTIFIED.norms) <= 50
     assert max(CERTIFIED_UNCERTAIN.norms) <= 50
 

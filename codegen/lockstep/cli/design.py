@@ -52,12 +52,11 @@ def _where(content: Mapping[str, Any]) -> dict[str, str]:
 
 def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
     """Return the row of what was asked for where the file names neither `weights` nor `gain_limit`."""
-    taken = figures.get("defaults")
-    if taken is None:
+    if "defaults" not in figures:
         return {}
-    said = f"gain_limit {taken['gain_limit']:g}, a small weight on u, small noise"
-    said += ", stable controllers" if taken.get("stable_controllers") else ""
-    return {"by default": said + (f"; {taken['given_up']}" if "given_up" in taken else "")}
+    stable = ", stable controllers" if figures["defaults"].get("stable_controllers") else ""
+    said = f"gain_limit {figures['defaults']['gain_limit']:g}, a small weight on u{stable}"
+    return {"by default": "; ".join([said, *filter(None, [figures["defaults"].get("given_up")])])}
 
 
 def _cut(figures: Mapping[str, Any]) -> dict[str, str]:

@@ -35,8 +35,6 @@ INPUT, NOISE, DECAY = 1e-3, 0.03, 0.037
 """In natural units: of u in what rho weighs, of the noise beside a disturbance, of the decay that the search keeps to."""
 
 KEYS = ("gain_limit", "stable_controllers", "search_decay")
-SEARCHED = ("certified", "modal")
-NAMED = ("weights", "gain_limit", "rho")
 
 FAR, MUCH = 4.0, 0.5
 """A rho above so many floors is far: gains within the next limit are taken if theirs is less than this part of it."""
@@ -57,7 +55,7 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
         network, claim: of this problem.
     """
     table = problem.design
-    if table.method not in SEARCHED or any(key in table.model_fields_set for key in NAMED):
+    if not problem.has_defaults:
         yield Wishes(problem, "")
         return
     said = _in_natural_units(problem, network, claim)

@@ -34,7 +34,7 @@ CERTIFIED = Gains(
     C=(np.array([[-42.8129, 15.9595]]), np.array([[34.5321, 0.9665]]), np.array([[3.5663, -9.38]])),
     D=(np.array([[-15.5151, -2.2825]]), np.array([[-7.6059, -2.5716]]), np.array([[-1.0746, -0.0882]])),
 )
-"""What `lockstep design` finds for examples/flexible_joint_arms.toml."""
+"""What `lockstep design` found for examples/flexible_joint_arms.toml at gain_limit = 50, for rho alone."""
 
 CERTIFIED_UNCERTAIN = Gains(
     A=(

@@ -33,7 +33,7 @@ from lockstep.model.problem.schema import (
     ProblemFile,
     SimulationTable,
 )
-from lockstep.model.problem.toml_text import toml_text
+from lockstep.model.problem.toml_text import ASKED_FOR, toml_text
 from lockstep.model.problem.weights import input_weight, scale_of_each, weight_matrix
 from lockstep.model.sparse_graph import SparseGraph
 
@@ -41,6 +41,9 @@ if TYPE_CHECKING:
     from lockstep.model.checks import CheckReport
 
 DEFAULT_ORDER = 2
+
+SEARCHED = ("certified", "modal")
+"""Methods that look for gains, and take wishes beside rho."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,9 +160,20 @@ class Problem:
         """Return the problem as plain JSON types, defaults filled in; `from_document` gives the same problem
         again.
 
-        Outputs are pairs in a list, because their order is the order of y and JSON writers may sort keys.
+        Outputs are pairs in a list, because their order is the order of y and JSON writers may sort keys. Where the
+        file leaves `weights` and `gain_limit` out, more is asked for than their defaults, and they stay out.
         """
-        return self.file.model_dump(mode="json", exclude_none=True)
+        tables = self.file.model_dump(mode="json", exclude_none=True)
+        if self.has_defaults:
+            for key in ASKED_FOR:
+                tables["design"].pop(key)
+        return tables
+
+    @property
+    def has_defaults(self) -> bool:
+        """Whether `lockstep.lmi.defaults` says what is asked for: neither `weights` nor `gain_limit` nor a rho is named."""
+        named = self.design.model_fields_set
+        return self.design.method in SEARCHED and not named & {*ASKED_FOR, "rho"}
 
     @property
     def sizes(self) -> Sizes:

@@ -1,0 +1,194 @@
+"""Defaults, the decay held in parts and as an objective, and what rho costs: on loops small enough to know the answer."""
+
+import json
+
+import numpy as np
+import pytest
+from lmi_cases import problem
+
+from lockstep.check.errors import Infeasible, NotCertified, ProblemError
+from lockstep.check.loop import Gains
+from lockstep.lmi.certify import certify
+from lockstep.lmi.defaults import GAIN_LIMIT, wishes
+from lockstep.lmi.design import claim_of, design, proved_bound
+from lockstep.lmi.diagnosis.pareto import Figures, ParetoPoint, front, pareto, pareto_csv
+from lockstep.lmi.document import Stored, file_of, parse
+from lockstep.lmi.methods.certified import decays_held
+from lockstep.model.assembly import network_of
+from lockstep.model.problem import Problem, parse_problem
+
+PATH_2 = 'agents = 2\ntopology = "path"'
+
+
+def scalar(table: str, gain: float = 1.0) -> Problem:
+    """x' = sin x + gain u, y = x, two agents: x_d' = -gain (d_1 + d_2) x_d + phi_d + xi_d."""
+    return problem(
+        dynamics={"x": f"sin(x) + {gain!r}*u"},
+        outputs={"y": "x"},
+        network=PATH_2,
+        design=table,
+        agent="centre = false",
+    )
+
+
+def first_wishes(posed: Problem) -> dict:
+    bound = proved_bound(posed)
+    first, *_ = wishes(posed, network_of(posed, bound), claim_of(posed, bound))
+    return first.problem.document()["design"]
+
+
+def stored(posed: Problem) -> Stored:
+    return parse(json.loads(json.dumps(file_of(design(posed, jobs=1)).document())), "memory")
+
+
+def test_what_is_left_out_is_asked_for_and_written_down() -> None:
+    found = stored(scalar("order = 0\nstarts = 1"))
+    table = found.document()["problem"]["design"]
+    assert table["gain_limit"] == GAIN_LIMIT
+    assert table["weights"]["input"][0] > 0
+    assert table["disturbances"]["outputs"]["y"] > 0
+    assert table["stable_controllers"] is True
+    assert table["search_decay"] > 0
+    assert certify(found).certified
+    assert max(found.gains.norms) <= GAIN_LIMIT
+    assert not found.problem.has_defaults, "a design file is never filled in"
+    assert found.info["figures"]["defaults"]["gain_limit"] == GAIN_LIMIT
+
+
+@pytest.mark.parametrize(
+    "named", ["gain_limit = 50.0", "weights = {}", "weights = { controller = 1.0 }", "method = 'theorem1'"]
+)
+def test_a_file_that_names_a_weight_or_a_limit_is_asked_for_what_it_says(named: str) -> None:
+    posed = scalar(f"order = 0\n{named}")
+    bound = proved_bound(posed)
+    (only,) = wishes(posed, network_of(posed, bound), claim_of(posed, bound))
+    assert only.problem is posed
+    table = posed.document()["design"]
+    assert "stable_controllers" not in table
+    assert "disturbances" not in table
+    assert "input" not in table["weights"]
+
+
+@pytest.mark.parametrize(
+    ("said", "kept"),
+    [
+        ("stable_controllers = false", {"stable_controllers": False}),
+        ("disturbances = { outputs = { y = 0.5 } }", {"disturbances": {"outputs": {"y": 0.5}}}),
+        ("search_decay = 0.25", {"search_decay": 0.25}),
+        ("decay = 0.5", {"decay": 0.5}),
+    ],
+)
+def test_what_the_file_speaks_of_stays(said: str, kept: dict) -> None:
+    table = first_wishes(scalar(f"order = 0\n{said}"))
+    assert table.items() >= kept.items()
+    assert table["gain_limit"] == GAIN_LIMIT
+    assert ("search_decay" in table) == (not said.startswith("decay"))
+
+
+def test_the_text_and_the_tables_of_a_problem_keep_what_it_asks_for() -> None:
+    """A limit that happens to be the schema's default is still a limit that is named."""
+    for table in ("order = 0", "order = 0\ngain_limit = 50.0", "order = 0\nweights = {}"):
+        posed = scalar(table)
+        for again in (parse_problem(posed.toml()), Problem.from_document(posed.document())):
+            assert again.has_defaults == posed.has_defaults == (table == "order = 0")
+            assert again.document() == posed.document()
+
+
+def test_the_same_plant_in_other_units_of_its_input_is_asked_for_the_same() -> None:
+    """u in thousandths: W in millionths, the limit in thousands, noise and decay as before, to one decimal."""
+    one, other = (first_wishes(scalar("order = 0", gain)) for gain in (1.0, 1e-3))
+    W, W_other = (table["weights"]["input"][0] for table in (one, other))
+    assert W / W_other == pytest.approx(1e6, rel=0.5)
+    assert other["gain_limit"] > one["gain_limit"]
+    assert one["search_decay"] == pytest.approx(other["search_decay"], rel=0.05)
+    assert one["disturbances"] == other["disturbances"]
+
+
+def test_where_the_small_limit_is_too_small_the_next_is_taken_and_said() -> None:
+    """x' = 20 x + sin x + u: 2 d > 21 is needed, and 6.4 twice is not."""
+    unstable = problem(
+        dynamics={"x": "20*x + sin(x) + u"},
+        outputs={"y": "x"},
+        network=PATH_2,
+        design="order = 0\nstarts = 1",
+    )
+    found = stored(unstable)
+    assert certify(found).certified
+    said = found.info["figures"]["defaults"]
+    assert said["gain_limit"] > 10.5
+    assert "6.4" in said["given_up"]
+
+
+def test_where_none_is_found_at_all_the_refusal_is_that_of_the_last_try() -> None:
+    unstable = problem(
+        dynamics={"x": "200*x + sin(x) + u"},
+        outputs={"y": "x"},
+        network=PATH_2,
+        design="order = 0\nstarts = 1",
+    )
+    with pytest.raises(Infeasible, match="gain_limit"):
+        design(unstable, jobs=1)
+
+
+def test_a_decay_that_is_asked_for_is_held_in_parts() -> None:
+    assert decays_held(scalar("order = 0\ngain_limit = 9.0")) == (0.0,)
+    held = decays_held(scalar("order = 0\ngain_limit = 9.0\ndecay = 2.0"))
+    assert held == pytest.approx((0.8, 1.4, 2.0))
+    assert decays_held(scalar("order = 0\ndecay = 2.0\nsearch_decay = 3.0")) == (3.0,)
+
+
+def test_the_largest_decay_of_the_scalar_loop_is_its_limit_s() -> None:
+    """sigma = 2 d - alpha at d = 4, alpha = 1: 7. With rho = 1 / (2 d - alpha) at most 0.2 it is no less than 5."""
+    free = design(scalar('order = 0\nstarts = 1\ngain_limit = 4.0\nobjective = "decay"'), jobs=1)
+    kept = design(scalar('order = 0\nstarts = 1\ngain_limit = 4.0\nobjective = "decay"\nrho = 0.2'), jobs=1)
+    for found in (free, kept):
+        assert found.guarantees.decay is not None
+        assert 6.5 <= found.guarantees.decay[0] <= 7.0
+    assert kept.certificate is not None
+    assert kept.certificate.rho <= 0.2
+    with pytest.raises(NotCertified, match="rho"):
+        design(scalar('order = 0\nstarts = 1\ngain_limit = 4.0\nobjective = "decay"\nrho = 0.14'), jobs=1)
+
+
+def test_decay_is_an_objective_of_one_method() -> None:
+    with pytest.raises(ProblemError, match="certified"):
+        scalar('order = 0\nmethod = "modal"\nobjective = "decay"')
+
+
+def test_the_figures_of_a_scalar_loop_are_those_of_its_formulas() -> None:
+    """With u_i = -d r_i: x_d' = -2 d x_d + phi_d + xi_d, |phi_d| <= |x_d|, so rho = 1 / (2 d - 1), the decay is 2 d - 1,
+    |u| = 2 d |x_d|, and noise nu on the outputs comes in as 2 d nu_d."""
+    posed, d = scalar("order = 0\nstarts = 1\ngain_limit = 3.0"), 2.0
+    other = Gains(*((np.zeros(shape),) * 2 for shape in ((0, 0), (0, 1), (1, 0))), (np.array([[-d]]),) * 2)
+    points = pareto(stored(posed), {"by hand": other})
+    by_hand = next(one for one in points if one.family == "given")
+    rho, effort, noise, decay = by_hand.figures
+    assert 1 / 3 <= rho <= 1.003 / 3
+    assert 4 / 3 <= effort <= 1.01 * 4 / 3
+    assert 4 / 3 <= noise <= 1.003 * 4 / 3
+    assert 0.96 * 3 <= decay <= 3
+    assert {one.family for one in points} >= {"design", "given", "gain limit"}
+    assert pareto_csv(points).count("\n") == len(points) + 1
+    most = max(points, key=lambda one: max(one.gains.norms))
+    assert most.figures.rho < points[0].figures.rho, "a larger limit buys rho"
+
+
+def test_the_front_leaves_out_what_is_worse_in_both() -> None:
+    none = Gains((np.zeros((0, 0)),), (np.zeros((0, 1)),), (np.zeros((1, 0)),), (np.zeros((1, 1)),))
+    points = tuple(
+        ParetoPoint("design", str(k), none, Figures(rho, effort, 1.0, decay), True)
+        for k, (rho, effort, decay) in enumerate(
+            [(1.0, 9.0, 0.1), (2.0, 5.0, 0.3), (3.0, 6.0, 0.2), (4.0, 1.0, 0.2)]
+        )
+    )
+    assert [one.name for one in front(points, "effort")] == ["3", "1", "0"]
+    assert [one.name for one in front(points, "decay")] == ["1", "0"]
+
+
+def test_a_trade_off_of_given_gains_is_refused() -> None:
+    posed = scalar('order = 0\nmethod = "given"\ngains = [{ D = [[-2.0]] }, { D = [[-2.0]] }]')
+    with pytest.raises(ProblemError, match="certified"):
+        pareto(stored(posed), {})
+    other = Gains((np.zeros((0, 0)),), (np.zeros((0, 1)),), (np.zeros((1, 0)),), (np.zeros((1, 1)),))
+    with pytest.raises(ProblemError, match="1 controllers"):
+        pareto(stored(scalar("order = 0\nstarts = 1\ngain_limit = 3.0")), {"of one agent": other})
