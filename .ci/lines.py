@@ -17,6 +17,7 @@ ROOT = Path(__file__).parents[1]
 
 CONTROL = "model/lockstep/model/control"
 VERIFICATION = "codegen/lockstep/verification"
+WORKFLOW = "codegen/lockstep/workflow"
 LATER = {
     "model/checks/proved": (["model/lockstep/model/checks/proved"], 1900),
     "model/control: loops sampled and opened": (
@@ -31,6 +32,10 @@ LATER = {
             *(f"{VERIFICATION}/{one}.py" for one in ("pil_log", "qemu", "units")),
         ],
         500,
+    ),
+    "workflow: begin, explain, wait, reuse": (
+        [*(f"{WORKFLOW}/{one}.py" for one in ("init", "explain", "estimate", "stop", "reuse", "time_left"))],
+        600,
     ),
 }
 """Rooms for later duties: folders and files, and the most code lines."""

@@ -98,6 +98,20 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
 
 
 @app.command()
+def init(
+    field: Annotated[
+        str, typer.Argument(metavar="[FIELD]", help="arms, platoon, rooms, ...", show_default="to fill in")
+    ] = "blank",
+    output: Annotated[Path | None, _option("-o", "--output", help="The file to write.")] = None,
+    json: Json = False,
+) -> None:
+    """Begin a commented problem file."""
+    from lockstep.cli.begin import run_init
+
+    run_init(field, output, as_json=json)
+
+
+@app.command()
 def check(
     problem: ProblemFile,
     boxes: Annotated[
@@ -153,6 +167,14 @@ def certify(
     from lockstep.cli.certify import run
 
     run(design, lmi, as_json=json)
+
+
+@app.command()
+def explain(design: DesignFile, json: Json = False) -> None:
+    """Say in plain words what is proved of a design and what is not."""
+    from lockstep.cli.begin import run_explain
+
+    run_explain(design, as_json=json)
 
 
 @app.command()
@@ -257,7 +279,7 @@ def simulate(
 ) -> None:
     """Simulate the nonlinear closed loop, against what is proved of it."""
     from lockstep.cli.simulate import run
-    from lockstep.cli.simulate_options import Many, Options
+    from lockstep.workflow.simulate_options import Many, Options
 
     options = Options(controllers, horizon, seed, disturbance, integrator, plot, perturbation, figures)
     run(design, options, Many(campaign, replay, output, scheduler, jobs), as_json=json)
