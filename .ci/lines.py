@@ -33,9 +33,12 @@ LATER = {
         ],
         500,
     ),
-    "workflow: begin, explain, wait, reuse": (
-        [*(f"{WORKFLOW}/{one}.py" for one in ("init", "explain", "estimate", "stop", "reuse", "time_left"))],
-        600,
+    "begin, explain, wait, reuse": (
+        [
+            *(f"{WORKFLOW}/{one}.py" for one in ("init", "explain", "reuse", "time_left", "progress_lines")),
+            *(f"lmi/lockstep/lmi/search/{one}.py" for one in ("stopping", "likely")),
+        ],
+        650,
     ),
 }
 """Rooms for later duties: folders and files, and the most code lines."""

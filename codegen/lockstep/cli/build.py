@@ -1,26 +1,31 @@
 """`lockstep build`: from a problem file to a folder of proved, compiled and checked C, with a report."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from rich.console import Group
 from rich.text import Text
 
 from lockstep.cli.check import table_of as check_table
-from lockstep.cli.console import Answer, progress_display, respond
-from lockstep.cli.design import summary
+from lockstep.cli.console import Answer, progress_display, remark, respond
+from lockstep.cli.design import REUSED, summary
+from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.verify import table_of as verify_table
 
 
-def run(path: Path, output: Path, *, jobs: int | None, time_limit: float | None, as_json: bool) -> None:
-    """Check, design, certify, generate, verify, report; write the folder last."""
-    respond(as_json, lambda: _build(path, output, jobs, time_limit))
+def run(path: Path, output: Path, *, as_json: bool, **options: Any) -> None:
+    """Check, design, certify, generate, verify, report; write the folder last. Options: of `lockstep.build`."""
+    respond(as_json, lambda: _build(path, output, options))
 
 
-def _build(path: Path, output: Path, jobs: int | None, time_limit: float | None) -> Answer:
+def _build(path: Path, output: Path, options: Mapping[str, Any]) -> Answer:
     import lockstep
 
-    with progress_display() as tell:
-        found = lockstep.build(path, output, jobs=jobs, time_limit=time_limit, progress=tell)
+    with progress_display() as tell, keeping_the_best(remark) as stop:
+        found = lockstep.build(path, output, **options, progress=tell, stop=stop)
+    if found.design.reused:
+        remark(REUSED)
     document = found.document()
     report = document["report"]
     said = [f"{output / report}: the report" if report else "nothing is written", *found.problems]

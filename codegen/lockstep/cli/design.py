@@ -6,34 +6,33 @@ from typing import Any
 
 from rich.console import RenderableType
 
-from lockstep.cli.console import Answer, progress_display, respond, two_columns
+from lockstep.cli.console import Answer, progress_display, remark, respond, two_columns
+from lockstep.cli.interrupts import keeping_the_best
+
+REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
 
 
 def run(
     path: Path,
     output: Path | None,
     *,
-    jobs: int | None,
-    trade_off: Path | None,
-    time_limit: float | None,
     as_json: bool,
+    **options: Any,
 ) -> None:
-    """Design, prove, and write the design file, and the curve of rho against alpha if asked for.
+    """Design, prove, and write the design file; options: of `lockstep.design`.
 
     The exit status is 1 where the sampled controllers are not certified; the file is written all the same.
     """
-    respond(as_json, lambda: _design(path, output, jobs, trade_off, time_limit))
+    respond(as_json, lambda: _design(path, output, options))
 
 
-def _design(
-    path: Path, output: Path | None, jobs: int | None, trade_off: Path | None, time_limit: float | None
-) -> Answer:
+def _design(path: Path, output: Path | None, options: Mapping[str, Any]) -> Answer:
     import lockstep
 
-    with progress_display() as tell:
-        found = lockstep.design(
-            path, output=output, trade_off=trade_off, jobs=jobs, time_limit=time_limit, progress=tell
-        )
+    with progress_display() as tell, keeping_the_best(remark) as stop:
+        found = lockstep.design(path, output=output, **options, progress=tell, stop=stop)
+    if found.reused:
+        remark(REUSED)
     said = found.document()
     return Answer(said, summary(said), found.sampled["certified"] is True)
 
@@ -62,11 +61,10 @@ def _where(content: Mapping[str, Any]) -> dict[str, str]:
 
 def _cut(figures: Mapping[str, Any]) -> dict[str, str]:
     limit = figures.get("time_limit")
-    if limit is None:
+    if limit is None and not figures.get("interrupted"):
         return {}
-    return {
-        "search": f"cut by the limit of {limit:g} s: which gains it had found by then depends on the machine"
-    }
+    cut = "interrupted" if limit is None else f"cut by the limit of {limit:g} s"
+    return {"search": f"{cut}: which gains it had found by then depends on the machine"}
 
 
 def floor_row(floor: float | None) -> dict[str, str]:

@@ -87,6 +87,10 @@ TimeLimit = Annotated[
     ),
 ]
 
+Fresh = Annotated[
+    bool, typer.Option("--fresh", help="Search anew, even if the same problem was solved before.")
+]
+
 
 @app.callback(invoke_without_command=True)
 def _version(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
@@ -142,12 +146,14 @@ def design(
     ] = None,
     time_limit: TimeLimit = None,
     jobs: Jobs = None,
+    fresh: Fresh = False,
     json: Json = False,
 ) -> None:
-    """Design the gains, and prove the loop with those very gains."""
+    """Design the gains, and prove the loop with those very gains; Ctrl-C keeps the best so far."""
     from lockstep.cli.design import run
 
-    run(problem, output, jobs=jobs, trade_off=trade_off, time_limit=time_limit, as_json=json)
+    limits = {"jobs": jobs, "time_limit": time_limit}
+    run(problem, output, as_json=json, trade_off=trade_off, reuse=not fresh, **limits)
 
 
 @app.command()
@@ -287,12 +293,17 @@ def simulate(
 
 @app.command()
 def build(
-    problem: ProblemFile, output: Folder, time_limit: TimeLimit = None, jobs: Jobs = None, json: Json = False
+    problem: ProblemFile,
+    output: Folder,
+    time_limit: TimeLimit = None,
+    jobs: Jobs = None,
+    fresh: Fresh = False,
+    json: Json = False,
 ) -> None:
     """All of the above, and a report."""
     from lockstep.cli.build import run
 
-    run(problem, output, jobs=jobs, time_limit=time_limit, as_json=json)
+    run(problem, output, as_json=json, jobs=jobs, time_limit=time_limit, reuse=not fresh)
 
 
 @app.command()

@@ -26,6 +26,7 @@ from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.initial import InitialStates, Unavailable
 from lockstep.lmi.sampled.improve import StartingGains
 from lockstep.lmi.scope import Scope, initial_states, scope_of
+from lockstep.lmi.search.stopping import Stop
 from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import bound_of, network_of
 from lockstep.model.bound_search import Bound
@@ -85,6 +86,7 @@ def design(
     jobs: int | None = None,
     progress: Progress | None = None,
     time_limit: float | None = None,
+    stop: Stop | None = None,
 ) -> Proposal:
     """Design or take the gains of a problem and prove them.
 
@@ -94,6 +96,8 @@ def design(
         progress: told what is going on.
         time_limit: seconds for the search of method "certified", the proof afterwards not counted; where it cuts the
             search, the design depends on the machine, and `figures["time_limit"]` says so.
+        stop: ends the search of method "certified", and what is not needed after it; the best gains so far are kept, and
+            `figures["interrupted"]` says so.
 
     Raises:
         ProblemError: the problem cannot be posed (no spanning tree, no finite bound, a method not built yet).
@@ -103,10 +107,12 @@ def design(
         NotCertified: the gains are there but not certified; the figures carry them and the audit.
     """
     with one_thread():
-        return _designed(problem, jobs, progress or (lambda _what, _part: None), time_limit)
+        return _designed(problem, jobs, progress or (lambda _what, _part: None), time_limit, stop or Stop())
 
 
-def _designed(problem: Problem, jobs: int | None, tell: Progress, time_limit: float | None) -> Proposal:
+def _designed(
+    problem: Problem, jobs: int | None, tell: Progress, time_limit: float | None, stop: Stop
+) -> Proposal:
     problem.validate()
     if time_limit is not None and not time_limit > 0:
         raise ProblemError(f"{time_limit} s", where="--time-limit", expected="a number of seconds above 0")
@@ -123,7 +129,7 @@ def _designed(problem: Problem, jobs: int | None, tell: Progress, time_limit: fl
     claim = claim_of(problem, bound)
     match problem.design.method:
         case "certified":
-            found = _searched(problem, network, bound, claim, jobs, tell, time_limit)
+            found = _searched(problem, network, bound, claim, jobs, tell, time_limit, stop)
         case "given":
             found = _given(problem, network, bound, claim, tell)
         case "theorem1" | "corollary1":
@@ -175,14 +181,15 @@ def _searched(
     jobs: int | None,
     tell: Progress,
     time_limit: float | None,
+    stop: Stop,
 ) -> Proposal:
     from lockstep.lmi.methods.certified import searched
     from lockstep.lmi.sampled.score import SampledScore
 
     score = SampledScore.of(problem, network, claim)
-    found = searched(problem, network, claim, jobs, tell, time_limit, score)
+    found = searched(problem, network, claim, jobs, tell, time_limit, score, stop)
     figures = found.figures | _figures(network, found.gains)
-    floor = _floor(network, found.claim, found.certificate.rho, tell)
+    floor = stop.optional(lambda: _floor(network, found.claim, found.certificate.rho, tell), otherwise=None)
     return Proposal(
         problem, network, bound, found.claim, found.gains, found.certificate, figures, floor, found.others
     )

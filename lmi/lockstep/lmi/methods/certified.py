@@ -17,7 +17,9 @@ from lockstep.lmi.diagnosis.relax import hint, hint_of_stability
 from lockstep.lmi.floor.bisection import proves_that_none_carries
 from lockstep.lmi.sampled.improve import StartingGains
 from lockstep.lmi.search import GainSearch, Polished, Score, SearchResult, search_gains
+from lockstep.lmi.search.likely import likely
 from lockstep.lmi.search.start import Climbed
+from lockstep.lmi.search.stopping import Deadline, Stop
 from lockstep.lmi.threads import one_thread
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
@@ -48,6 +50,7 @@ def searched(
     tell: Callable[[str, float], None],
     time_limit: float | None = None,
     score: Score | None = None,
+    stop: Stop | None = None,
 ) -> CertifiedGains:
     """Search, round, prove.
 
@@ -57,6 +60,7 @@ def searched(
         tell: told what is going on.
         time_limit: seconds for the search; then the best gains so far are taken.
         score: rho of the sampled loop for gains, by which starts are ranked; None to rank by rho.
+        stop: ends the search, too.
 
     Raises:
         Infeasible: no gains exist, which some problems show without a search, or no start led to gains for the claim;
@@ -64,7 +68,8 @@ def searched(
         OutOfTime: the time limit was over before any start had gains for the claim.
         NotCertified: gains were found, and their certificate did not survive the exact check.
     """
-    deadline = None if time_limit is None else time.monotonic() + time_limit
+    stop = stop or Stop()
+    deadline = Deadline(None if time_limit is None else time.monotonic() + time_limit, stop.flag)
     table = problem.design
     rho = table.rho if table.objective == "alpha" else None
     tell("looking for limits of any controller", 0.0)
@@ -73,23 +78,29 @@ def searched(
     decaying = network if table.decay is None else network.decaying(table.decay)
     rate = rate_of_controllers(problem)
     search = GainSearch.of(decaying.loop(problem.order), claim, table.gain_limit, lag, rate)
-    found = search_gains(
-        search,
-        starts=table.starts,
-        seed=table.seed,
-        score=score,
-        rho=rho,
-        jobs=jobs,
-        tell=lambda part: tell("searching for gains", part),
-        deadline=deadline,
-    )
+    doing = f"searching for gains, likely {likely(search, table.starts, jobs)}"
+    with stop.searching():
+        found = search_gains(
+            search,
+            starts=table.starts,
+            seed=table.seed,
+            score=score,
+            rho=rho,
+            jobs=jobs,
+            tell=lambda part: tell(doing, part),
+            deadline=deadline,
+        )
     if not found.outcomes:
+        if stop.asked:
+            raise KeyboardInterrupt("interrupted before any gains were certified; nothing was written")
         if found.cut and time_limit is not None:
             raise _out_of_time(time_limit, claim, found)
         tell("looking for what is reachable", 1.0)
         raise _nothing(problem, network, claim, found)
     tell("proving the certificate", 0.0)
-    limit = {"time_limit": time_limit} if found.cut else {}
+    limit: dict[str, Any] = {}
+    if found.cut:
+        limit = {"interrupted": True} if stop.asked else {"time_limit": time_limit}
     for one in found.outcomes:
         try:
             proved = _proved(problem, network, claim, one, search, limit)

@@ -11,6 +11,7 @@ from lockstep.lmi.search.held import hold
 from lockstep.lmi.search.polish import Polished, polished, reached
 from lockstep.lmi.search.smoothed import Descended
 from lockstep.lmi.search.start import Climbed, GainSearch, Score, begin, climb, go_on
+from lockstep.lmi.search.stopping import NEVER, Deadline
 from lockstep.lmi.threads import one_thread
 from lockstep.lmi.workers import started_without_interrupts
 
@@ -54,7 +55,7 @@ def search_gains(
     rho: float | None = None,
     jobs: int | None = None,
     tell: Tell | None = None,
-    deadline: float | None = None,
+    deadline: Deadline = NEVER,
 ) -> SearchResult:
     """Return what the most promising of many starts came to; the same seed gives the same, whatever `jobs` is.
 
@@ -65,7 +66,7 @@ def search_gains(
         rho: None to lower rho; a number to raise alpha with rho at most that.
         jobs: processes; by default as many as there are cores to run on.
         tell: told the part that is done.
-        deadline: of `time.monotonic`, which all processes of a machine share; what it cuts depends on the machine.
+        deadline: when to end; what it cuts depends on the machine.
     """
     if starts < 1:
         raise ValueError("a search needs at least one start")
@@ -109,7 +110,7 @@ def _pursue(
     index: int,
     at: Descended,
     rho: float | None,
-    deadline: float | None,
+    deadline: Deadline,
 ) -> tuple[Climbed | None, Polished | None]:
     """Take gains to the whole claim, and polish them there."""
     climbed = climb(search, at, deadline)
@@ -119,7 +120,7 @@ def _pursue(
     return climbed, polished(search, start, score, rho=rho, deadline=deadline)
 
 
-def _settled(search: GainSearch, best: Polished, score: Score | None, deadline: float | None) -> Polished:
+def _settled(search: GainSearch, best: Polished, score: Score | None, deadline: Deadline) -> Polished:
     """Polish the best outcome until hardly anything is gained."""
     with one_thread():
         found = polished(search, best, score, worthwhile=SETTLED, deadline=deadline)
