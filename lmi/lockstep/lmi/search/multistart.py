@@ -72,17 +72,21 @@ def search_gains(
         raise ValueError("a search needs at least one start")
     cores = _Cores(jobs or len(os.sched_getaffinity(0)), tell or (lambda _part: None))
     count = (DRAWN_OF_LARGE if search.is_large else DRAWN) * starts
-    drawn = cores.run((0.0, 0.4), begin, [(search, score, seed, index, deadline) for index in range(count)])
+    drawn = cores.run(
+        (0.0, 0.4), begin, [(search, score, seed, index, deadline) for index in range(count)], deadline
+    )
     drawn.sort(key=lambda one: one.rank)
     promising = [one for one in drawn if np.isfinite(one.at.rho)][: KEPT * starts]
-    further = cores.run((0.4, 0.6), go_on, [(search, score, one, deadline) for one in promising])
+    further = cores.run((0.4, 0.6), go_on, [(search, score, one, deadline) for one in promising], deadline)
+    further += promising[len(further) :]
     further.sort(key=lambda one: one.rank)
     if (
         search.lag
         and further
         and further[0].sampled > LOST * search.units.rho * min(one.at.rho for one in further)
     ):
-        further = cores.run((0.6, 0.6), hold, [(search, score, one, deadline) for one in further])
+        held = cores.run((0.6, 0.6), hold, [(search, score, one, deadline) for one in further], deadline)
+        further = held + further[len(held) :]
         further.sort(key=lambda one: one.rank)
     pursued = (further or [one for one in drawn if one.abscissa < 0])[:starts]
     ends = cores.run(
@@ -97,10 +101,10 @@ def search_gains(
     cores.tell(1.0)
     return SearchResult(
         tuple(outcomes),
-        min(one.abscissa for one in drawn),
+        min((one.abscissa for one in drawn), default=np.inf),
         max((one for one, _ in ends if one), key=lambda one: (one.certified, one.claimed), default=None),
         float(least),
-        any([one.cut for one in drawn] + [one.cut for one in outcomes] + [one.cut for one, _ in ends if one]),
+        deadline.over,
     )
 
 
@@ -135,9 +139,13 @@ class _Cores:
     tell: Tell
 
     def run(
-        self, part: tuple[float, float], function: Callable[..., T], arguments: Sequence[tuple[Any, ...]]
+        self,
+        part: tuple[float, float],
+        function: Callable[..., T],
+        arguments: Sequence[tuple[Any, ...]],
+        deadline: Deadline = NEVER,
     ) -> list[T]:
-        """Return the results in the order of the arguments."""
+        """Return the results in the order of the arguments: those that were begun before the deadline."""
         from joblib import Parallel, delayed
 
         self.tell(part[0])
@@ -146,7 +154,7 @@ class _Cores:
         found: list[T] = []
         with started_without_interrupts():
             results = Parallel(n_jobs=min(self.count, len(arguments)), return_as="generator")(
-                delayed(_single_threaded)(function, *one) for one in arguments
+                delayed(_single_threaded)(function, *one) for one in arguments if not deadline.over
             )
         for result in results:
             found.append(result)
