@@ -1,4 +1,4 @@
-"""The wait for a design: an interrupt keeps the best gains so far, a second run takes what was proved, and the range before it."""
+"""The wait for a design: an interrupt keeps the best gains so far, a second run takes what was proved, ranges before it."""
 
 import json
 import signal
@@ -161,9 +161,9 @@ def test_only_what_a_design_depends_on_is_in_the_key():
     "damage",
     [
         lambda text: text[: len(text) // 2],
-        lambda text: "",
-        lambda text: "[1, 2]",
-        lambda text: "null",
+        lambda _text: "",
+        lambda _text: "[1, 2]",
+        lambda _text: "null",
         lambda text: text.replace('"gains"', '"gain"', 1),
         lambda text: json.dumps(better(json.loads(text))),
         lambda text: json.dumps(moved(json.loads(text))),
