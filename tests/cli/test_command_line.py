@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -77,6 +78,9 @@ def interrupts_arrive():
     signal.signal(signal.SIGINT, before)
 
 
+PATIENCE = 10
+"""Seconds within which an interrupt that comes before a search is answered."""
+
 HANGS = 600
 """Seconds after which a command is held to hang, on any machine."""
 
@@ -94,9 +98,13 @@ def interrupted(words: list[str], ready, times: int = 1) -> tuple[int, str, str]
         until = time.monotonic() + HANGS
         while not ready(started.pid) and time.monotonic() < until:
             time.sleep(0.02)
-        for _ in range(times):
-            os.killpg(started.pid, signal.SIGINT)
-            time.sleep(0.2)
+        os.killpg(started.pid, signal.SIGINT)
+        for _ in range(times - 1):
+            # Only one that did not end by the first: it is searching.
+            with suppress(subprocess.TimeoutExpired):
+                started.wait(timeout=PATIENCE)
+            if started.poll() is None:
+                os.killpg(started.pid, signal.SIGINT)
         out, err = started.communicate(timeout=HANGS)
     finally:
         if started.poll() is None:
