@@ -27,6 +27,7 @@ myst_heading_anchors = 3
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
+autodoc_preserve_defaults = True
 autodoc_default_options = {"members": True, "show-inheritance": False}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
@@ -42,7 +43,9 @@ def _read(_app: object, _name: str, source: list[str]) -> None:
     source[0] = _OUTSIDE.sub(lambda found: f"{found[1]} (`{found[2]}`)", source[0])
 
 
-def _docstring(_app: object, _what: str, _name: str, _object: object, _options: object, lines: list[str]) -> None:
+def _docstring(
+    _app: object, _what: str, _name: str, _object: object, _options: object, lines: list[str]
+) -> None:
     """Our docstrings are plain text with doctests: |x| is a norm and not a substitution, A_ is no link."""
     in_doctest = False
     for k, line in enumerate(lines):
