@@ -1,6 +1,5 @@
 """The documentation site: it builds without a warning, its gallery is current, its commands print what is shown."""
 
-import doctest
 import os
 import re
 import runpy
@@ -17,7 +16,6 @@ from lockstep.workflow.init import BLANK, fields, init
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
 @pytest.mark.slow
@@ -108,13 +106,25 @@ def shell(tmp_path):
     return run
 
 
+def prints(expected: str, found: str) -> bool:
+    """Whether a text is what is shown of it: `...` stands for anything, and how lines are broken does not count."""
+    pieces = [" ".join(piece.split()) for piece in expected.split("...")]
+    pattern = ".*?".join(map(re.escape, pieces))
+    return re.fullmatch(pattern, " ".join(found.split())) is not None
+
+
+def test_what_is_left_out_is_all_that_may_differ():
+    assert prints("one ...\nthree", "one two three")
+    assert prints("rho 0.1...", "rho   0.1023\n")
+    assert not prints("one ...\nfour", "one two three")
+    assert not prints("one", "one two")
+
+
 def shown(block: str, shell) -> None:
     for command, expected in commands(block):
         done = shell(command)
         assert done.returncode == 0, f"{command}: {done.stderr}"
-        assert doctest.OutputChecker().check_output(expected, done.stdout, FLAGS), (
-            f"{command}:\n{done.stdout}"
-        )
+        assert prints(expected, done.stdout), f"{command}:\n{done.stdout}"
 
 
 @pytest.mark.slow
