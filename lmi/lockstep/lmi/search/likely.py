@@ -14,8 +14,8 @@ import numpy as np
 from lockstep.lmi.search.start import GainSearch
 
 FEWEST, MOST = 4e4, 2e5
-"""Times an eigenvalue problem of the loop and a Newton step for each start that is pursued: from 4.8e4 to 1.8e5 were measured,
-in seconds of processor with two starts, on eleven problems of 4 to 14 states in the loop."""
+"""Times an eigenvalue problem of the loop and a Newton step for each start that is pursued: from 4.8e4 to 1.8e5 were
+measured, in seconds of processor with two starts, on eleven problems of 4 to 14 states in the loop."""
 
 TRIAL = 0.02
 """Seconds for which each operation is timed."""
