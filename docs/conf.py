@@ -22,7 +22,7 @@ html_css_files = ["wide.css"]
 html_show_sphinx = False
 nitpicky = False
 
-myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
+myst_enable_extensions = ["colon_fence", "deflist"]  # no math: its fonts would be fetched by every reader
 myst_heading_anchors = 3
 
 autodoc_member_order = "bysource"

@@ -1,7 +1,7 @@
 """A design in plain words: what is proved of it, under which assumptions, and what is not proved.
 
 Every sentence follows from what the checker decides here and now (`lockstep.certify`). What the file claims and the checker
-does not decide stands under "not proved".
+does not decide stands under "not proved". `Design.explain` tells the claims of a design without deciding them.
 """
 
 import math
