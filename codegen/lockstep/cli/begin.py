@@ -18,7 +18,7 @@ def _init(field: str, output: Path | None) -> Answer:
 
     begun = init(field, output=output)
     said = f"{output}: now `lockstep check {output}`, then `lockstep build {output} -o out`"
-    return Answer(begun.document(), Text(said if output else begun.text.rstrip()))
+    return Answer(begun.document(), said if output else begun.text.rstrip())
 
 
 def run_explain(design: Path, *, as_json: bool) -> None:

@@ -52,6 +52,8 @@ def respond(as_json: bool, work: Callable[[], Answer]) -> None:
         _leave(as_json, {"ok": False, "error": {"kind": "internal", "message": found}}, found, FAILS)
     if as_json:
         _print_json(answer.document)
+    elif isinstance(answer.text, str):  # as it is: a file that a shell redirects
+        typer.echo(answer.text)
     else:
         Console(highlight=False).print(answer.text)
     if not answer.holds:
