@@ -19,7 +19,7 @@ CONTROL = "model/lockstep/model/control"
 VERIFICATION = "codegen/lockstep/verification"
 WORKFLOW = "codegen/lockstep/workflow"
 LATER = {
-    "model/checks/proved": (["model/lockstep/model/checks/proved"], 1900),
+    "model/checks/proved": (["model/lockstep/model/checks/proved"], 1920),
     "model/control: loops sampled and opened": (
         [f"{CONTROL}/{name}.py" for name in ("hybrid", "hybrid_norms", "operating", "ports", "wiring")],
         800,

@@ -24,6 +24,16 @@ def test_generated_is_current(root, update):
         assert kept_text == text, f"{name} differs: pytest tests/test_generated.py --update accepts it"
 
 
+def test_what_the_headers_claim_is_wrapped(root):
+    """At 110: of all lines between `WHAT IS CLAIMED` and what follows; and wrapping loses no word of the manifest's."""
+    folder = root / "generated" / "flexible_joint_arms"
+    proved = json.loads((folder / "manifest.json").read_text())["certificate"]["proved"]
+    for header in sorted((folder / "include").glob("arm?.h")):
+        claimed = header.read_text().split("WHAT IS CLAIMED")[1].split("WHAT IT COSTS")[0]
+        assert max(map(len, claimed.splitlines())) <= 110
+        assert proved in " ".join(claimed.replace(" * ", " ").split())
+
+
 def test_a_changed_period_changes_the_files(root):
     """Without this, the test above would also pass for a generator that ignores its design."""
     folder = root / "generated" / "flexible_joint_arms"

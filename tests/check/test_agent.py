@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flint import fmpq
+from text_cases import plant
 
 from lockstep.check.agent import ExactAgent, Move
 from lockstep.check.errors import ProblemError
@@ -16,18 +17,6 @@ from lockstep.check.expression.traversal import expand, substitute
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted([*ROOT.glob("examples/*.toml"), *ROOT.glob("benchmarks/designs/*.toml")])
-
-
-def plant(*dynamics: str, outputs: dict | None = None, parameters: dict | None = None) -> ExactAgent:
-    states = ["x", "y", "z", "w"][: len(dynamics)]
-    return ExactAgent.from_texts(
-        "plant",
-        states=states,
-        inputs=["u"],
-        dynamics=dict(zip(states, dynamics, strict=True)),
-        outputs=outputs or {"y1": "x"},
-        parameters=parameters,
-    )
 
 
 def values(dynamics: dict, symbols: list[str], parameters: dict) -> list[Node]:

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 
 from lockstep.check.__main__ import main
 from lockstep.check.asked import shortfalls
-from lockstep.check.certify import certify
+from lockstep.check.certify import Certified, certify
 from lockstep.check.design_file.content import parse
 from lockstep.check.errors import LockstepError, ProblemError
 from lockstep.check.problem import ProblemTables
+from lockstep.check.verdict import Verdict
 
 FOLDER = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
 DESIGN = json.loads((FOLDER / "design.json").read_text())
@@ -35,6 +36,17 @@ def test_the_design_and_its_c_are_proved_claim_by_claim(capsys: pytest.CaptureFi
     expected += ["max_period"]
     assert list(found["claims"]) == expected
     assert found["certified"] is True
+
+
+def test_the_verdicts_stand_below_each_other(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = ("bound", "controllers_stable_sampled")
+    found = Certified("it", dict.fromkeys(names, Verdict("proved", "so")))
+    monkeypatch.setattr("lockstep.check.__main__.certify", lambda _path: found)
+    assert main(["somewhere"]) == 0
+    lines = capsys.readouterr().out.splitlines()[1:3]
+    assert [line.index(" proved ") for line in lines] == [len(names[1])] * 2
 
 
 def test_what_fails_is_named_and_what_rests_on_it_is_not_decided(tmp_path: Path) -> None:

@@ -1,4 +1,6 @@
-"""Texts that are no expressions in x, y, t and the parameter k, and what the refusal says."""
+"""Agents from their equations, and texts that are no expressions in x, y, t and the parameter k with the refusals."""
+
+from lockstep.check.agent import ExactAgent
 
 BAD = [
     ("", "empty"),
@@ -96,3 +98,15 @@ BAD = [
     ("2**" * 900 + "x", "nested too deeply"),
     ("sin(" * 99 + "-" * 5 + "x" + ")" * 99, "nested too deeply"),
 ]
+
+
+def plant(*dynamics: str, outputs: dict | None = None, parameters: dict | None = None) -> ExactAgent:
+    states = ["x", "y", "z", "w"][: len(dynamics)]
+    return ExactAgent.from_texts(
+        "plant",
+        states=states,
+        inputs=["u"],
+        dynamics=dict(zip(states, dynamics, strict=True)),
+        outputs=outputs or {"y1": "x"},
+        parameters=parameters,
+    )

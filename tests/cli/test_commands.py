@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from lockstep.cli.design import proved_besides
 from lockstep.cli.main import app
 from lockstep.lmi.document import answer as said
 from lockstep.lmi.document import read
@@ -167,3 +168,25 @@ def test_the_checker_and_the_help_load_no_solver(table_1):
         script = [sys.executable, "-c", code.format(words=words)]
         done = subprocess.run(script, capture_output=True, text=True, check=True)
         assert done.stdout.strip() == allowed
+
+
+def test_what_is_proved_besides_rho_is_printed_and_nothing_else() -> None:
+    content = {
+        "floor": 2.0,
+        "decay": 0.25,
+        "controllers_stable": True,
+        "limits": {"radius": 1.5},
+        "entries": [{"bound": 1.0, "component": 1, "argument": 2}],
+    }
+    rows = proved_besides(content)
+    parts = ["phi1 by v2", "2:", "0.25 1/s", "yes", "1.5"]
+    assert all(part in text for part, text in zip(parts, rows.values(), strict=True))
+    assert proved_besides({**dict.fromkeys(content), "controllers_stable": False, "entries": []}) == {}
+    assert list(proved_besides(content, lambda claim: claim == "decay")) == ["decay"]
+
+
+def test_certify_prints_the_decay_of_the_worked_example() -> None:
+    folder = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
+    decay = json.loads((folder / "design.json").read_text())["claims"]["decay"]
+    printed = CliRunner().invoke(app, ["certify", str(folder / "design.json")]).stdout
+    assert f"every disagreement by {decay:.6g} 1/s" in " ".join(printed.split())

@@ -1,5 +1,7 @@
 """Batches of runs: each is the run it would be alone, and what does not fit together is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from campaign_cases import HORIZON, PERIOD, PUBLISHED, continuous_loop, emitted, sampled_loop, some_runs
@@ -40,6 +42,18 @@ def test_a_trace_is_the_run(sampled):
     assert xi.shape == (1001, 3, 4)
     e = trace["x"] - trace["x"].mean(axis=1, keepdims=True)
     assert np.sqrt((e**2).sum(axis=(1, 2))).max() == pytest.approx(whole["disagreement_peak"][1], rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["continuous", "sampled"])
+def test_a_trace_is_the_beginning_of_a_longer_one(kind, request):
+    """At its last instant too, where u is that of the controllers there and not the one before."""
+    engine = request.getfixturevalue(kind)
+    batch = some_runs(engine, 1)
+    twice = replace(batch, sequences=np.concatenate([batch.sequences] * 2, axis=1))
+    short, long = engine.trace(batch, HORIZON), engine.trace(twice, 2 * HORIZON)
+    for name, values in short.items():
+        assert values.tobytes() == long[name][: len(values)].tobytes(), name
+    assert (short["u"][-1] != short["u"][-2]).any()
 
 
 def test_divergence_is_seen_and_stays_with_its_run(arms_network):

@@ -47,19 +47,19 @@ def run(folder):
 class Unit:
     """One unit, used as a co-simulation master does."""
 
-    def __init__(self, archive, directory):
+    def __init__(self, archive, directory, *, token=None, log=None):
         from fmpy import extract, read_model_description
         from fmpy.fmi3 import FMU3Slave
 
         self.described = read_model_description(str(archive), validate=True)
         self.reference = {v.name: v.valueReference for v in self.described.modelVariables}
         self.fmu = FMU3Slave(
-            guid=self.described.instantiationToken,
+            guid=token or self.described.instantiationToken,
             unzipDirectory=extract(str(archive), str(directory / archive.stem)),
             modelIdentifier=self.described.coSimulation.modelIdentifier,
             instanceName=archive.stem,
         )
-        self.fmu.instantiate()
+        self.fmu.instantiate(logMessage=log)
         self.start()
 
     def start(self, time=0.0):
@@ -195,6 +195,39 @@ def test_a_unit_refuses_what_it_does_not_have(folder, fmpy, tmp_path):
     ):
         with pytest.raises(fmpy.fmi1.FMICallException):
             wrong()
+
+
+def refused(archive, tmp_path, **options):
+    """What a unit tells its master, of which it makes no instance."""
+    told = []
+    with pytest.raises(Exception, match="Failed to instantiate"):
+        Unit(
+            archive,
+            tmp_path,
+            log=lambda _, status, category, text: told.append((status, category, text)),
+            **options,
+        )
+    ((status, category, text),) = told
+    assert (status, category) == (3, b"logStatusError")
+    return text.decode()
+
+
+@pytest.mark.usefixtures("fmpy")
+def test_a_build_that_computes_otherwise_makes_no_instance(tmp_path):
+    """Another known answer stands for other arithmetic: both differ from what is computed here."""
+    texts = with_doors(emit(arms()), ["fmu"])
+    source = texts["src/arm1.c"]
+    first = source[source.index("answer[9] = {") + 13 :].partition(",")[0]
+    texts["src/arm1.c"] = source.replace(first, "1.0f")
+    archive = tmp_path / "arm1.fmu"
+    archive.write_bytes(units(texts)["fmu/arm1.fmu"])
+    said = refused(archive, tmp_path)
+    assert "arm1_init found that this build computes otherwise" in said and "-ffp-contract=off" in said
+
+
+@pytest.mark.usefixtures("fmpy")
+def test_the_token_of_another_unit_makes_no_instance(folder, tmp_path):
+    assert "modelDescription.xml" in refused(folder / "fmu" / "arm1.fmu", tmp_path, token="arm1-0")
 
 
 def test_the_sources_alone_build(fmpy, tmp_path, monkeypatch):

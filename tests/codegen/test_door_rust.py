@@ -1,6 +1,8 @@
 """`generate --rust`: the crate builds with cargo and without the net, and its steps are equal to the bit."""
 
+import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,10 +11,11 @@ from door_cases import folder_of, generated, needs, run
 from typer.testing import CliRunner
 
 from lockstep.cli.main import app
+from lockstep.codegen.calls import RESET, STEP_RELATIVE
 from lockstep.codegen.doors.vectors import vectors
 from lockstep.codegen.manifest import load_manifest
 from lockstep.verification.reference import Reference
-from lockstep.verification.stimulus import RESET, STEP_RELATIVE, Calls, run_reference
+from lockstep.verification.stimulus import run_reference
 
 pytestmark = needs("cargo", "rustc", "cc", "ar")
 
@@ -21,7 +24,7 @@ use std::io::BufRead;
 use {crate_}::{agent}::*;
 
 fn main() {{
-    let mut controller = Controller::new();
+    let mut controller = Controller::new().expect("a fit build");
     for line in std::io::stdin().lock().lines() {{
         let words: Vec<u64> = line.unwrap().split(' ').map(|word| u64::from_str_radix(word, 16).unwrap()).collect();
         let real: Vec<{real}> = words[2..].iter().map(|bits| {real}::from_bits(*bits as _)).collect();
@@ -33,6 +36,7 @@ fn main() {{
         let status = match words[0] {{
             1 => controller.step_relative(real[(1 + NEIGHBOURS) * OUTPUTS..].try_into().unwrap(), &mut u),
             2 => {{ controller.reset(); {crate_}::Status::OK }}
+            4 => {{ controller = Controller::new().unwrap(); {crate_}::Status(3) }} // no state here is uninitialised
             _ => controller.step(real[..OUTPUTS].try_into().unwrap(), &neighbour_y, words[1] as Mask, &mut u),
         }};
         print!("{{}}", status.0);
@@ -67,7 +71,7 @@ def compared(folder, tmp_path, index=0):
     ]
     run(["cargo", "build", "--offline", "--quiet"], program)
     printed = run([program / "target" / "debug" / "program"], program, input="\n".join(lines).encode())
-    expected = run_reference(Reference.of(agent, manifest), Calls(*calls))
+    expected = run_reference(Reference.of(agent, manifest), calls)
     bits = np.ascontiguousarray(expected.u).view(f"u{width}").tolist()
     wrong = 0
     for k, line in enumerate(printed.decode().splitlines()):
@@ -96,11 +100,30 @@ def test_float64_leaders_and_wide_masks(tmp_path, neighbours):
     )
 
 
-def test_a_changed_gain_is_seen(tmp_path):
+def test_other_outputs_are_seen(tmp_path, monkeypatch):
+    """The crate against a reference that was fed with other measurements."""
+    folder, original = folder_of(tmp_path, arms(), "rust"), run_reference
+    monkeypatch.setitem(
+        globals(), "run_reference", lambda one, calls: original(one, replace(calls, y=calls.y + 1))
+    )
+    assert compared(folder, tmp_path) > 50
+
+
+def test_a_changed_gain_makes_no_controller(tmp_path):
     folder = folder_of(tmp_path, arms(), "rust")
     source = folder / "src" / "arm1.c"
     source.write_text(source.read_text().replace("-0.739f", "-0.749f", 1))
-    assert compared(folder, tmp_path) > 100
+    with pytest.raises(AssertionError, match=r"a fit build: Status\(4\)"):
+        compared(folder, tmp_path)
+
+
+def test_an_unfit_build_makes_no_controller(tmp_path):
+    """Another known answer stands for other arithmetic: both differ from what is computed here."""
+    folder = folder_of(tmp_path, arms(), "rust")
+    source = folder / "src" / "arm1.c"
+    source.write_text(re.sub(r"(answer\[9\] = \{)[^,]*", r"\g<1>1.0f", source.read_text()))
+    with pytest.raises(AssertionError, match=r"a fit build: Status\(4\)"):
+        compared(folder, tmp_path)
 
 
 def test_a_changed_build_script_is_refused(root, tmp_path):

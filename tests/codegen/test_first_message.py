@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from codegen_cases import arms, random_controller
 
+from lockstep.codegen.calls import RESET, STEP, Calls
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import load_manifest
 from lockstep.verification.harness import run_on_host
-from lockstep.verification.stimulus import RESET, STEP, Calls
 from lockstep.verification.toolchain import host_compilers
 
 STEPS, FIRST = 12, 8

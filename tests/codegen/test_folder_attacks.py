@@ -211,7 +211,7 @@ MUTATIONS = {
     "fast math let in": (replaced("src/arm1.c", "defined(__FAST_MATH__) || ", ""), "src/arm1.c"),
     "another status for a fault": (replaced("include/arm1.h", "NOT_FINITE = 1", "NOT_FINITE = 0"), "include/arm1.h"),
     "another name of the folder": (manifest_with(name="other"), "arm_controllers"),
-    "another prefix": (manifest_with(prefix="left_"), "left_arm1.h: there is no such file"),
+    "another prefix": (manifest_with(prefix="left_"), "manifest.json, `prefix`: there is no include/left_arm1.h"),
     "a better rho in the manifest": (manifest_with(certificate={**MANIFEST.certificate, "rho": 0.1}), "manifest.json"),
 }  # fmt: skip
 

@@ -14,6 +14,7 @@ import pytest
 from codegen_cases import arms, random_controller
 
 from lockstep.check.errors import ClaimError
+from lockstep.codegen.calls import STEP_RELATIVE
 from lockstep.codegen.cores import CORES, emulated
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder import write_folder
@@ -24,7 +25,6 @@ from lockstep.verification.emulator import missing_packages, run_on_core
 from lockstep.verification.harness import inputs, layout, outputs, product_sources, write_harness
 from lockstep.verification.reference import NOT_READY, Reference
 from lockstep.verification.stimulus import (
-    STEP_RELATIVE,
     adversarial_calls,
     closed_loop_calls,
     fault_calls,

@@ -2,12 +2,18 @@
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
 
+from lockstep.check.asked import shortfalls
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.numbers import exactly
+from lockstep.check.problem import ProblemTables
+from lockstep.check.sampled.controller import Precision
+from lockstep.check.sampled.limits import proves_radius
+from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.stability import is_stable, is_stable_step
 from lockstep.codegen.for_the_period import as_shipped
 from lockstep.codegen.sampled_design import sampled_controllers, sampled_network
@@ -249,6 +255,84 @@ def test_no_input_meets_its_limit_from_within_the_radius(slope: float) -> None:
         xi = step @ xi
     assert radius * worst <= 2.0
     assert radius * worst >= 1.0, "the bound is within a factor of 2 of what some slope does"
+
+
+def test_the_radius_counts_what_underflow_adds_to_messages_and_to_u() -> None:
+    """The largest radius a witness proves, from the equations, in doubles: no more is, and less by 2e-9 is.
+
+    With an underflow of 2^-26 in place of 2^-150, and edges of weight 1/2, so that products with it may underflow.
+    """
+    text = re.sub(
+        r"edges = .*", "edges = [[1, 2, 0.5], [2, 3, 0.5], [3, 1, 0.5]]", pendulums(DYNAMIC, slope=1.0).toml()
+    )
+    stored = shipped(Problem.parse(text))
+    witness, network = stored.proofs.radius, sampled_network(stored)
+    assert witness is not None
+    witness = dataclasses.replace(witness, kappa=1e-4 * witness.kappa, kappa_mu=1e-6 * witness.kappa_mu)
+    toy = Precision("float32", 2.0**-24, 2.0**-26)
+    held = tuple(dataclasses.replace(one, precision=toy) for one in sampled_controllers(stored, 0.01))
+    loop = in_doubles(network, held)
+    n_d, q, limit = loop.n_d, 2, 2.0
+    P_inverse = np.linalg.inv(witness.P)
+    nu = [np.sqrt(q) * 2 * toy.underflow * np.sqrt(len(one.sources)) for one in held]
+    mu = [2 * one.table.shape[1] * np.sqrt(len(one.table)) * toy.underflow for one in held]
+    e = witness.kappa * np.dot(nu, nu) + witness.kappa_mu * np.dot(mu, mu)
+
+    def largest(e: float, nu_counts: bool) -> float:
+        levels = []
+        for i, row in enumerate(loop.computed):
+            g = np.sqrt(row[: loop.n_xi] @ P_inverse @ row[: loop.n_xi])
+            for way in loop.ways:
+                if way.agent == i and way.letter in "CD":
+                    Y = way.Y[:, : loop.n_xi]
+                    g += way.delta * np.sqrt(np.trace(Y @ P_inverse @ Y.T))
+            D = held[i].table[1:, 1:]
+            through = (np.linalg.norm(D) * np.sqrt(len(held[i].sources)) + held[i].deltas["D"]) * nu[i]
+            levels.append((limit - mu[i] - nu_counts * through) / g)
+        c = min(levels) ** 2 - e / (1 - witness.decay)
+        D = np.kron(np.asarray(loop.network.d.S, dtype=float), np.eye(2))
+        return float(np.sqrt(c / np.linalg.eigvals(np.linalg.solve(D, witness.P[:n_d, :n_d])).real.max()))
+
+    exact, limits = sampled_loop(network, held), np.array([limit])
+    most, loose = largest(e, True), largest(witness.kappa_mu * np.dot(mu, mu), False)
+    assert min(loose, largest(e, False)) > (1 + 1e-8) * most, "what nu does is seen, in V and in u"
+    assert proves_radius(exact, held, witness, limits, (1 - 2e-9) * most)
+    assert not proves_radius(exact, held, witness, limits, (1 + 2e-9) * most)
+
+
+def test_what_the_checker_reads_of_limits_weights_and_disturbances() -> None:
+    """From the file alone: nothing there that is no table, a key or a value of another kind."""
+    content = pendulums(DYNAMIC).document()
+    for table, key, value in (
+        ("agent", "limits", []),
+        ("agent", "limits", {"w": [-1.0, 1.0]}),
+        ("agent", "limits", {"u": [0.5, 1.0]}),
+        ("agent", "limits", {"u": 1.0}),
+        ("design", "weights", {"state": 1.0, "controller": 1.0, "inputs": 1.0}),
+        ("design", "weights", {"state": 1.0, "controller": 1.0, "input": False}),
+        ("design", "disturbances", []),
+        ("design", "disturbances", {"states": False}),
+    ):
+        with pytest.raises(ProblemError):
+            ProblemTables.from_document({**content, table: {**content[table], key: value}})
+    none = {**content, "design": {**content["design"], "disturbances": {"states": 0.0, "outputs": {}}}}
+    found = ProblemTables.from_document(none).performance
+    assert (found.states.tolist(), found.outputs.tolist()) == ([0.0, 0.0], [0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    "asked", [{"decay": "2"}, {"decay": True}, {"stable_controllers": "no"}, {"stable_controllers": 1}]
+)
+def test_what_is_asked_for_is_of_its_kind(asked: dict[str, object]) -> None:
+    stored = file_of(design(pendulums(DYNAMIC)))
+    with pytest.raises(ProblemError, match=next(iter(asked))):
+        list(shortfalls(asked, stored.claims, stored.gains))
+
+
+def test_a_radius_without_limits_is_not_proved() -> None:
+    content = json.loads(json.dumps(shipped(pendulums(DYNAMIC, slope=1.0)).document()))
+    del content["problem"]["agent"]["limits"]
+    assert not certify(parse(content, "memory")).ok
 
 
 def test_limits_that_are_none() -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lmi_cases import problem
 
 from lockstep.check.errors import Infeasible, ProblemError
 from lockstep.check.loop import Plant
@@ -25,6 +26,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 # Their example: flexible-joint arms in their units (row 3 has 10, row 4 has 1.95), D = I, gamma = 0.333.
 A = np.array([[0, 1, 0, 0], [-48.6, -1.26, 48.6, 0], [0, 0, 0, 10], [1.95, 0, -1.95, 0]])
 B = np.array([[0], [21.6], [0], [0]])
+RING = 'agents = 3\ntopology = "ring"'
 GAMMA, TAU = 0.333, 81.798
 K = np.array([[-0.9170, -0.1071, 0.5151, -1.1228]])
 P = np.array(
@@ -130,23 +132,14 @@ def test_what_is_not_covered_is_refused(changes, says):
 
 
 def test_infeasible_says_what_is_reachable():
-    agent = """
-        [agent]
-        states = ["p", "v"]
-        inputs = ["f"]
-        dynamics = { p = "v + GAMMA*sin(p)", v = "f" }
-        outputs = { y1 = "p", y2 = "v" }
-        [network]
-        agents = 3
-        topology = "ring"
-        [design]
-        method = "lipschitz"
-        order = 0
-        gain_limit = LIMIT
-        """
-    design(parse_problem(agent.replace("GAMMA", "0.5").replace("LIMIT", "50.0")))
+    def asked(limit):
+        design = f'method = "lipschitz"\norder = 0\ngain_limit = {limit}'
+        dynamics, outputs = {"p": "v + 0.5*sin(p)", "v": "u"}, {"y1": "p", "y2": "v"}
+        return problem(dynamics=dynamics, outputs=outputs, network=RING, design=design)
+
+    design(asked(50.0))
     with pytest.raises(Infeasible, match="gain_limit") as limited:
-        design(parse_problem(agent.replace("GAMMA", "0.5").replace("LIMIT", "0.1")))
+        design(asked(0.1))
     assert limited.value.figures["least_gain"] > 0.1
 
 
@@ -157,19 +150,9 @@ def test_step_1_without_a_solution_reports_the_largest_alpha():
     from lockstep.model.network import Network
 
     # An input that does not reach the unstable part: no alpha helps, and no protocol exists.
-    problem = parse_problem(
-        """
-        [agent]
-        states = ["p", "v"]
-        inputs = ["f"]
-        dynamics = { p = "-p + 3*sin(p + v) + f", v = "-v + 3*sin(p - v)" }
-        outputs = { y1 = "p", y2 = "v" }
-        [network]
-        agents = 3
-        topology = "ring"
-        """
-    )
-    network = Network(problem.agent(), problem.graph())
+    dynamics = {"p": "-p + 3*sin(p + v) + u", "v": "-v + 3*sin(p - v)"}
+    posed = problem(dynamics=dynamics, outputs={"y1": "p", "y2": "v"}, network=RING)
+    network = Network(posed.agent(), posed.graph())
     claim = Claim(50.0, np.eye(2), np.zeros((0, 0)), np.zeros((3, 4)))
     with pytest.raises(Infeasible, match="has one up to about") as error:
         design_protocol(network, claim, 1e6)

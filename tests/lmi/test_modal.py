@@ -10,7 +10,7 @@ from lmi_cases import CARTS, carts
 
 from lockstep.check.errors import Infeasible, NotCertified, ProblemError
 from lockstep.check.inequality import Certificate, Claim, F_matrix
-from lockstep.check.modes import Modes, mode_matrix
+from lockstep.check.modes import Modes, decide_modes, mode_matrix
 from lockstep.check.numbers import as_floats
 from lockstep.check.spectrum import decide_spectrum, metric
 from lockstep.lmi.analysis.solve import least_rho
@@ -65,6 +65,16 @@ def test_a_file_that_claims_more_is_refused(designed, tamper):
     if content["claims"]["alpha"] != designed["claims"]["alpha"]:
         content["problem"]["design"]["alpha"] = content["claims"]["alpha"]
     assert not certify(parse(content, "design")).certified
+
+
+def test_a_weight_of_u_below_zero_is_no_claim(designed):
+    """It makes each matrix of a mode smaller, so that every certificate of the loop without it would hold."""
+    stored = parse(designed, "design")
+    network = Network(stored.problem.agent(), stored.problem.graph()).matrices
+    for W, proved in ((-0.1, False), (0.0, True), (1e-9, True)):
+        claim = Claim(stored.claims.alpha, np.eye(2), np.zeros((0, 0)), np.zeros((4, 4)), W=np.array([[W]]))
+        found = decide_modes(network, stored.gains, claim, stored.proofs.certificate)
+        assert found.positive == proved
 
 
 def test_gains_that_differ_and_broken_files_are_bad_input(designed):

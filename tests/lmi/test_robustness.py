@@ -129,6 +129,14 @@ def test_multiplicative_uncertainty_of_a_controlled_oscillator():
     assert proved_gain(T) == pytest.approx(1.1861236982687908, rel=5e-3)
 
 
+def test_a_gain_is_proved_of_full_blocks_only():
+    """Two equal first-order lags: 1 at rest, whatever the full block; for delta I no scaling of its own is looked for."""
+    lags = control.ss(-np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2)))
+    assert proved_gain(lags, [(2, 2)]) == pytest.approx(1.0, rel=0.03)
+    with pytest.raises(ProblemError, match="full blocks"):
+        proved_gain(lags, [2])
+
+
 def test_closed_forms():
     """Zhou, Doyle and Glover 1996, chapter 11: one full block sigma(M), delta I rho(M), a b* the sum of |a_i| |b_i|."""
     rng = np.random.default_rng(3)

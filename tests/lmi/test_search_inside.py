@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from lmi_cases import ALPHA, arms, claim, published
+from lmi_cases import ALPHA, arms, claim, problem, published
 
 from lockstep.check.inequality import Certificate, F_matrix
 from lockstep.lmi.analysis.inside import inside
@@ -78,31 +78,19 @@ def test_a_point_inside_is_inside_and_there_is_none_below_the_least_rho() -> Non
     assert tight(loop, K, weights, 0.9 * least.rho, least) is None
 
 
-ROOMS = """
-[agent]
-name = "room"
-states = ["air", "wall"]
-inputs = ["q"]
-[agent.dynamics]
-air = "(200*(wall - air) - 20*air - 1.2*tanh(air) + 1000*q)/2e5"
-wall = "200*(air - wall)/4e6"
-[agent.outputs]
-y = "air"
-[network]
-agents = 3
-topology = "path"
-[design]
-order = 0
-"""
+ROOMS = {
+    "air": "(200*(wall - air) - 20*air - 1.2*tanh(air) + 1000*u)/2e5",
+    "wall": "200*(air - wall)/4e6",
+}
 
 
 def test_a_slow_plant_is_proved_at_the_rho_of_the_units_that_serve() -> None:
     """Time constants of hours in seconds: in those units the solver's own rho is too small by orders of magnitude."""
     from lockstep.check.loop import Gains
 
-    problem = parse_problem(ROOMS)
-    bound = proved_bound(problem)
-    network, asked = network_of(problem, bound), claim_of(problem, bound)
+    posed = problem(dynamics=ROOMS, outputs={"y": "air"}, design="order = 0")
+    bound = proved_bound(posed)
+    network, asked = network_of(posed, bound), claim_of(posed, bound)
     gains = Gains.from_blocks(np.full((3, 1, 1), -1.0), 0)
     scaled = GainSearch.of(network.loop(0), asked, 50.0)
     least = least_rho(scaled.loop, gains.blocks, scaled.claim)

@@ -1,23 +1,11 @@
 """Agents that may differ in B only: what differs is named."""
 
 import pytest
+from text_cases import plant
 
 from lockstep.check.agent import ExactAgent
 from lockstep.check.errors import ProblemError
 from lockstep.model.variants import check_same_but_B
-
-
-def plant(*dynamics: str, outputs: dict | None = None, parameters: dict | None = None) -> ExactAgent:
-    states = ["x", "y", "z", "w"][: len(dynamics)]
-    return ExactAgent.from_texts(
-        "plant",
-        states=states,
-        inputs=["u"],
-        dynamics=dict(zip(states, dynamics, strict=True)),
-        outputs=outputs or {"y1": "x"},
-        parameters=parameters,
-    )
-
 
 TANK = ("-c*y + b*u - tanh(k*x)", "d*t - sqrt(e + x**2)")
 OWN = {"b": 2.0, "c": 1.0, "k": 3.0, "d": 0.5, "e": 4.0, "o": 1.0}

@@ -39,7 +39,7 @@ def stored(files):
 
 @pytest.fixture(scope="session")
 def checks(stored):
-    return check_problem(stored.problem)
+    return check_problem(stored.problem, every=True)
 
 
 @pytest.fixture(scope="session")

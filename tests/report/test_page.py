@@ -123,6 +123,14 @@ def test_the_three_lines_are_the_manifests(page, files, report):
         assert certificate[key] in files["include/arm1.h"], "and the header's"
 
 
+def test_what_is_proved_of_the_model_is_told(page, checks):
+    said = " ".join(page.text.split())
+    assert {finding.status for finding in checks.findings} == {"proved", "refuted", "undecided"}
+    for finding in checks.findings:
+        row = rf"{re.escape(finding.name)}\s*{finding.status}\s*{re.escape(finding.figure)}"
+        assert re.search(row, said)
+
+
 def test_an_unstable_controller_is_said_to_be_one(page):
     assert "unstable by itself" in page.text
     assert re.search(r"itself:\s+arm2\.", page.text)

@@ -31,8 +31,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(json.dumps(found.document(), indent=1))
     else:
         print(visible(found.title))
+        width = max(map(len, found.verdicts))
         for name, verdict in found.verdicts.items():
-            print(f"{name:12} {verdict.status:10} {visible(verdict.reason)}")
+            print(f"{name:{width}} {verdict.status:10} {visible(verdict.reason)}")
         print("certified" if found.proved else "NOT certified")
     return 0 if found.proved else 1
 

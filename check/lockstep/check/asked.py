@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from lockstep.check.design_file.claims import LETTERS, Claims
-from lockstep.check.design_file.json_text import above_zero, matrix, number, only, optional
+from lockstep.check.design_file.json_text import above_zero, matrix, number, one_of, only, optional
 from lockstep.check.loop import Gains
 from lockstep.check.numbers import exactly, eye
 from lockstep.check.psd import decide_positive_definite
@@ -32,7 +32,10 @@ def shortfalls(asked: Mapping[str, Any], claims: Claims, gains: Gains) -> Iterat
     Raises:
         ProblemError: a value of the table that cannot be one of its kind.
     """
-    alpha, rho = (optional(asked, key, number, DESIGN) for key in ("alpha", "rho"))
+    alpha, rho, decay = (optional(asked, key, number, DESIGN) for key in ("alpha", "rho", "decay"))
+    stable = optional(
+        asked, "stable_controllers", lambda value, where: one_of(value, (True, False), where), DESIGN
+    )
     fragility = asked.get("fragility") or {}
     only(fragility, LETTERS, "[design.fragility]")
     if alpha is not None and claims.alpha < alpha:
@@ -45,10 +48,9 @@ def shortfalls(asked: Mapping[str, Any], claims: Claims, gains: Gains) -> Iterat
             yield f"`fragility` {letter} is {claims.fragility[letter]:g}, but [design.fragility] asks for {delta:g}"
     if rho is not None and claims.rho is not None and claims.rho > rho:
         yield f"`rho` is {claims.rho:.10g}, but [design] rho asks for {rho:.10g}"
-    decay = asked.get("decay")
     if decay is not None and (claims.decay or 0.0) < decay:
         yield f"`decay` is {claims.decay or 0.0:.10g}, but [design] decay asks for {decay:.10g}"
-    if asked.get("stable_controllers") and not claims.controllers_stable:
+    if stable and not claims.controllers_stable:
         yield "`controllers_stable` is not claimed, but [design] stable_controllers asks for it"
     yield from _other_gains(asked.get("gains") or (), gains)
     yield from _large_gains(asked, gains)

@@ -33,7 +33,7 @@ from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.design_file.content import DesignFile
 from lockstep.check.design_file.json_text import A_DESIGN, load_json, parse_json
 from lockstep.check.domain import claimed_box
-from lockstep.check.errors import NotCertified
+from lockstep.check.errors import NotCertified, demand
 from lockstep.check.files import as_text, read_inside
 from lockstep.check.inequality import Claim
 from lockstep.check.local import Domain
@@ -50,6 +50,7 @@ from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import SampledRho, proves_rho
 from lockstep.check.sampled.sector import Sector, common_sector
 from lockstep.check.verdict import Verdict
+from lockstep.check.wording import shorten
 
 DESIGN_NAME = "design.json"
 
@@ -209,6 +210,8 @@ def _radius(
 ) -> Verdict:
     witness, limits = stored.proofs.radius, stored.problem.limits
     said = f"from |x_d(0)| <= {radius:g}, controllers at rest, no input meets its limit"
+    if not np.isfinite(limits).any():
+        return Verdict("undecided", f"it is claimed that {said}, but [agent.limits] names none")
     if witness is None or not proves_radius(sampled_loop(at, held), held, witness, limits, radius):
         return Verdict("undecided", f"it is claimed that {said}, but no witness proves it")
     return Verdict("proved", said)
@@ -259,9 +262,16 @@ def _read(
     names = [f"{prefix}{stored.problem.agent.name}{i}" for i in range(1, len(held) + 1)]
     found = []
     for name, mine in zip(names, held, strict=True):
-        header, source = (
-            as_text(read_inside(folder, path), path) for path in (f"include/{name}.h", f"src/{name}.c")
-        )
+        paths = [f"include/{name}.h", f"src/{name}.c"]
+        for path in paths:
+            there = (folder / path).is_file()
+            demand(
+                there,
+                f"there is no {shorten(path)}",
+                "manifest.json, `prefix`",
+                "what names of files begin with",
+            )
+        header, source = (as_text(read_inside(folder, path), path) for path in paths)
         try:
             one = read_controller(name, header, source, names)
         except NotCertified as error:

@@ -1,7 +1,7 @@
 """The proof: whether P > 0, m >= 0 (of every sector), t >= 0 and F < 0, decided exactly for the numbers as they stand.
 
-R and Q belong to the claim, and with an R that is not positive definite V' + x_d'R x_d < 0 says nothing of x_d: they
-are decided as well, not only looked at in doubles when the problem is read.
+R, Q and W belong to the claim, and with an R that is not positive definite, or a W that is negative somewhere, V' + x_d'R x_d
++ u'W u < 0 says nothing of x_d: they are decided as well, not only looked at in doubles when the problem is read.
 """
 
 from dataclasses import replace
@@ -18,7 +18,7 @@ from lockstep.check.psd import Definiteness, decide_positive_definite
 def decide(
     exact_loop: Loop, gains: Annotated[np.ndarray, "N k l"], claim: Claim, certificate: Certificate
 ) -> Definiteness:
-    """Decide exactly whether R > 0, Q > 0, P > 0, m >= 0, t >= 0 and F < 0: the whole proof, for these very numbers."""
+    """Decide exactly whether R, Q, P > 0, W, m, t >= 0 and F < 0: the whole proof, for these very numbers."""
     for weights in (certificate.m, certificate.t, certificate.m_entries.ravel()):
         if np.any(weights < 0):
             unit = -np.eye(len(weights))[int(np.argmin(weights))]
@@ -32,19 +32,20 @@ def decide(
         return Definiteness(
             False, f"P is not symmetric at ({i + 1}, {j + 1})", float("nan"), unit, float(skew[i, j])
         )
-    if not _is_a_weight(claim.W):
-        return Definiteness(False, "W of u has a negative eigenvalue", float(np.linalg.eigvalsh(claim.W)[0]))
-    for name, matrix in (("R", claim.R), ("Q", claim.Q), ("P", certificate.P)):
-        answer = decide_positive_definite(exactly(matrix))
-        if not answer.positive:
-            return replace(answer, method=f"{answer.method}, M = {name}")
+    answer = decide_weights(claim)
+    if not answer.positive:
+        return answer
+    answer = decide_positive_definite(exactly(certificate.P))
+    if not answer.positive:
+        return replace(answer, method=f"{answer.method}, M = P")
     return decide_positive_definite(-F_matrix(exact_loop, gains, claim, certificate))
 
 
-def _is_a_weight(W: Annotated[np.ndarray, "m m"]) -> bool:
-    """Decide whether W is diagonal with entries 0 or above, or positive definite."""
-    diagonal = np.diag(W)
-    return bool(
-        (np.array_equal(W, np.diag(diagonal)) and (diagonal >= 0).all())
-        or decide_positive_definite(exactly(W)).positive
-    )
+def decide_weights(claim: Claim) -> Definiteness:
+    """Decide R > 0, Q > 0, and that W is diagonal with no entry below 0, or positive definite."""
+    plain = np.array_equal(claim.W, np.diag(np.diag(claim.W))) and bool((claim.W >= 0).all())
+    for name, weight in (("W", claim.W[:0, :0] if plain else claim.W), ("R", claim.R), ("Q", claim.Q)):
+        answer = decide_positive_definite(exactly(weight))
+        if not answer.positive:
+            return replace(answer, method=f"{answer.method}, M = {name}")
+    return answer

@@ -13,11 +13,12 @@ and P > 0, m >= 0, t >= 0, F < 0 prove, for V = x_cl' P x_cl,
 
     V' + x_d' (S (x) R) x_d + x_C' (I (x) Q) x_C < rho^2 xi_d' (S (x) I) xi_d   whenever (x_cl, xi_d) != 0,
 
-(with u' (I (x) W) u on the left, xi scaled by state and the noise nu of the outputs, r = L_q C (y + D_nu nu), beside xi
-where the claim has them)
 for every h with |phi(a, t) - phi(b, t)| <= alpha |a - b| and every Delta with |Delta_j| <= delta_j (11). It
 is (33) of the paper with a full P, with the sound bound (29), |C_r|^2 replaced by the exact Y_j, and with
 multipliers M_c = sum_ij m_c,ij M_ij on all pairs of agents in place of (30), which does not follow from (3).
+
+Where the claim has them: u' (I (x) W) u is added on the left; each state's xi is scaled; and noise nu of the outputs, which
+the controllers see as r = L_q C (y + D_nu nu), stands beside xi on the right.
 
 The sectors c: phi as a whole, r_c = alpha, H_c = H, W_c = M_c (x) I; and, where each slope d phi_k / d v_l has a bound
 r_kl of its own, one for each (k, l), with H_c the row l of H. For a pair of agents the mean value theorem gives numbers

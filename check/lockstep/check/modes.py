@@ -17,17 +17,19 @@ w-mean, is the pair multiplier with m_ij = mu w_i w_j / sum w. So if for every l
 and some P_mean > 0 has He(P_mean A_C) + Q < 0, then V = the sum of the modes' x_k'P x_k proves, in the metric W, the
 bound sigma = rho_W^2; without the metric, |x|^2 <= |x|_W^2 / min w and |xi|_W^2 <= max w |xi|^2, so
 rho^2 = sigma max w / min w.
-The matrix is affine in lambda: with one P on a segment its two ends suffice, whatever N is.
+The matrix is affine in lambda, but for u'W u, which is convex in it as W >= 0: with one P on a segment its two ends suffice,
+whatever N is. Noise of the outputs is seen times lambda, as they are.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
 
 from lockstep.check.channels import Channel, Inequality
+from lockstep.check.decide import decide_weights
 from lockstep.check.errors import demand
 from lockstep.check.inequality import Claim, Inputs, disturbance, nonlinearity
 from lockstep.check.loop import Gains, Plant
@@ -171,7 +173,7 @@ def check_covered(network: ExactNetwork, claim: Claim) -> Metric:
 def decide_modes(
     network: ExactNetwork, gains: Gains, claim: Claim, certificate: ModalCertificate
 ) -> Definiteness:
-    """Decide exactly whether a certificate proves its rho for identical gains: the whole proof, R > 0 and Q > 0 included.
+    """Decide exactly whether a certificate proves its rho for identical gains, R, Q and W included.
 
     Raises:
         ProblemError: the problem does not split into modes, or the gains differ.
@@ -184,12 +186,9 @@ def decide_modes(
     demand(len(c.mu_entries) == wanted, found, "certificate", f"{wanted}, one an entry")
     if min(mu) < 0:
         return Definiteness(False, "sign of mu", min(mu), value=min(mu))
-    for name, weight in (("R", claim.R), ("Q", claim.Q)):
-        answer = decide_positive_definite(exactly(weight))
-        if not answer.positive:
-            return replace(answer, method=f"{answer.method}, M = {name}")
-    ends = c.ends
-    answer = decide_spectrum(network.graph, known, ends[0], ends[-1])
+    ends, answer = c.ends, decide_weights(claim)
+    if answer.positive:
+        answer = decide_spectrum(network.graph, known, ends[0], ends[-1])
     modes = Modes(network.plant.in_numbers(True), gains.order, network.decay)
     K = exactly(gains.blocks[0])
     rho = exactly(np.array([c.rho]))[0]

@@ -63,7 +63,7 @@ class ProblemTables:
     def from_document(cls, tables: Mapping[str, Any]) -> "ProblemTables":
         """Build the problem and look at all of it, so that what is wrong with it is told at once."""
         problem = cls(tables)
-        _ = problem.sizes, problem.box, problem.performance, problem.period, problem.delay
+        _ = problem.sizes, problem.box, problem.performance, problem.limits, problem.period, problem.delay
         for key, known in CONTROLLER.items():
             one_of(problem.controller.get(key), known, f"[controller] {key}")
         return problem
@@ -193,14 +193,14 @@ class ProblemTables:
     def performance(self) -> Performance:
         """What rho is a gain to and from; the certificate decides R and Q to be positive definite."""
         table, sizes = part(self.design, "weights", dict), self.sizes
-        scales = self.design.get("disturbances") or {}
-        only(scales, ("states", "outputs"), "[design.disturbances]")
+        only(table, ("state", "controller", "input"), "[design.weights]")
+        scales = _table(self.design, "disturbances", ("states", "outputs"), "[design.disturbances]")
+        given = table.get("input")
+        W = _weight(0.0 if given is None else given, sizes.m, "[design.weights] input")
         return Performance(
             _weight(table.get("state"), sizes.n, "[design.weights] state"),
             _weight(table.get("controller"), sizes.n_C, "[design.weights] controller"),
-            _weight(table["input"], sizes.m, "[design.weights] input")
-            if table.get("input")
-            else np.zeros((0, 0)),
+            W if W.any() else np.zeros((0, 0)),
             _scales(scales.get("states"), self.agent.states, "[design.disturbances] states"),
             _scales(scales.get("outputs"), self.agent.outputs, "[design.disturbances] outputs"),
         )
@@ -208,8 +208,7 @@ class ProblemTables:
     @property
     def limits(self) -> Annotated[np.ndarray, " m"]:
         """How far each input may go either way: the nearer of its two limits, infinite where it has none."""
-        table = part(self.tables, "agent", dict).get("limits") or {}
-        only(table, self.agent.inputs, "[agent.limits]")
+        table = _table(part(self.tables, "agent", dict), "limits", self.agent.inputs, "[agent.limits]")
         sides = [
             _range(table.get(name, [None, None]), f"[agent.limits] {name}") for name in self.agent.inputs
         ]
@@ -242,6 +241,13 @@ def _texts(value: Any, where: str) -> list[str]:
     return list(value)
 
 
+def _table(tables: Mapping[str, Any], key: str, known: Sequence[str], where: str) -> Mapping[str, Any]:
+    """Return a table that need not be there, of known keys."""
+    table = {} if tables.get(key) is None else tables[key]
+    only(table, known, where)
+    return table
+
+
 def _range(value: Any, where: str) -> tuple[float, float]:
     demand(isinstance(value, list) and len(value) == 2, f"{value!r}", where, "a lower and an upper bound")
     low, high = value
@@ -252,8 +258,8 @@ def _range(value: Any, where: str) -> tuple[float, float]:
 
 
 def _scales(value: Any, names: Sequence[str], where: str) -> Annotated[np.ndarray, " k"]:
-    """Return a scale for each name, 0 for those not named; nothing where nothing is named."""
-    if not value:
+    """Return a scale for each name, 0 for those not named; nothing where there are none at all."""
+    if value is None:
         return np.zeros(0)
     if not isinstance(value, dict):
         return np.full(len(names), not_negative(value, where))

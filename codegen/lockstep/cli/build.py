@@ -30,7 +30,7 @@ def _build(path: Path, output: Path, options: Mapping[str, Any]) -> Answer:
     report = document["report"]
     said = [f"{output / report}: the report" if report else "nothing is written", *found.problems]
     parts = [
-        check_table(found.checks, found.design.title),
+        check_table(found.checks, found.design.title, every=False),
         summary(document["design"]),
         verify_table(found.verified),
         Text("\n".join(said), style="bold"),

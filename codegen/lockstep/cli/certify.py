@@ -7,7 +7,7 @@ from rich.console import RenderableType
 
 from lockstep.check.errors import ProblemError
 from lockstep.cli.console import Answer, respond, two_columns
-from lockstep.cli.design import floor_row, sampled_text, single_slopes
+from lockstep.cli.design import proved_besides, sampled_text
 
 if TYPE_CHECKING:
     from lockstep.workflow.certify import DesignVerdict
@@ -38,10 +38,8 @@ def _table(found: "DesignVerdict") -> RenderableType:
     rows = {"certified": "yes" if verdict.certified else "NO", "because": verdict.reason}
     if found.design.rho is not None:
         rows["rho"] = f"{found.design.rho:.6g}"
-    if verdict.certified:
-        rows |= floor_row(found.design.floor)
     rows["alpha"] = f"{found.design.alpha:.9g}"
-    rows |= single_slopes(found.design.document())
+    rows |= proved_besides(found.design.document(), verdict.proves)
     rows["covers"] = COVERS[verdict.scope]
     if "initial_set" in found.answer:
         rows["initial states"] = found.answer["initial_set"]["text"]

@@ -1,6 +1,6 @@
 """`lockstep design`: gains and certificate."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -67,20 +67,33 @@ def _cut(figures: Mapping[str, Any]) -> dict[str, str]:
     return {"search": f"{cut}: which gains it had found by then depends on the machine"}
 
 
-def floor_row(floor: float | None) -> dict[str, str]:
-    """Return what is proved of the rho of any controllers; nothing where nothing is."""
-    return (
-        {} if floor is None else {"floor of rho": f"{floor:.10g}: no controllers can certify less (proved)"}
-    )
+def proved_besides(
+    content: Mapping[str, Any], proves: Callable[[str], bool] = lambda _claim: True
+) -> dict[str, str]:
+    """Return a row for each claim besides rho and alpha that is made and proved.
 
-
-def single_slopes(content: Mapping[str, Any]) -> dict[str, str]:
-    """Return the row of the bounds of single slopes, if the certificate uses such."""
-    said = [
-        f"{one['bound']:.6g} of phi{one['component']} by v{one['argument']}"
-        for one in content.get("entries", ())
+    Args:
+        content: of a design, as `Design.document` has it.
+        proves: whether a claim, by its name in the checker, is proved.
+    """
+    floor, decay, limits = (content.get(key) for key in ("floor", "decay", "limits"))
+    slopes = [
+        f"{x['bound']:.6g} of phi{x['component']} by v{x['argument']}" for x in content.get("entries", ())
     ]
-    return {"single slopes": ", ".join(said)} if said else {}
+    rows = {
+        "certificate": ("single slopes", ", ".join(slopes)),
+        "floor": ("floor of rho", floor and f"{floor:.10g}: no controllers can certify less (proved)"),
+        "decay": ("decay", decay and f"every disagreement by {decay:.6g} 1/s"),
+        "controllers_stable": (
+            "controllers stable",
+            content.get("controllers_stable") and "yes, each by itself",
+        ),
+        "limits": (
+            "no limit met",
+            limits and f"from a disagreement of at most {limits['radius']:.6g}, at rest",
+        ),
+    }
+    return {name: said for claim, (name, said) in rows.items() if said and proves(claim)}
 
 
 def summary(content: Mapping[str, Any]) -> RenderableType:
@@ -92,9 +105,8 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
         {
             "certified": f"yes, proof: {content['proof']}" if content["certified"] else "no",
             "rho": f"{content['rho']:.6g}",
-            **floor_row(content.get("floor")),
             "alpha": f"{content['alpha']:.9g}",
-            **single_slopes(content),
+            **proved_besides(content),
             "gains may be off by": fragility or "nothing: certain controllers",
             **_where(content),
             "gain norms": ", ".join(f"{norm:.4g}" for norm in figures["gain_norms"]),

@@ -52,6 +52,7 @@ def html(facts: Facts, spectrum: Spectrum, drawings: Drawings, files: Sequence[s
         guarantee=lines_of(facts.manifest.certificate),
         terms=terms_of(facts),
         checks=facts.checks.rows,
+        findings=facts.checks.findings,
         verified=facts.verified,
         targets=[_target(target) for target in facts.verified.targets],
         equal=sum(target.bitwise is True for target in facts.verified.targets),

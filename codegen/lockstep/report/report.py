@@ -7,6 +7,7 @@ from lockstep.codegen.rendering import render
 from lockstep.lmi.document import Stored, answer
 from lockstep.model.checks import CheckReport
 from lockstep.report.drawings import draw
+from lockstep.report.evidence import pages
 from lockstep.report.facts import gather
 from lockstep.report.guarantee import lines_of
 from lockstep.report.page import html
@@ -18,20 +19,21 @@ PAGE, TEXT = "report.html", "report.md"
 
 @dataclass(frozen=True)
 class Report:
-    """page: the HTML;  text: the same in short, for a terminal;  figures: relative path -> PNG or PDF."""
+    """page: the HTML;  text: the same in short;  evidence: a page for each agent;  figures: PNG or PDF by path."""
 
     page: str
     text: str
+    evidence: Mapping[str, str]
     figures: Mapping[str, bytes]
 
     @property
     def texts(self) -> dict[str, str]:
         """Relative path -> text of the files that are text."""
-        return {PAGE: self.page, TEXT: self.text}
+        return {PAGE: self.page, TEXT: self.text, **self.evidence}
 
 
 def make_report(
-    files: Mapping[str, str], stored: Stored, checks: CheckReport, verified: VerifyReport
+    files: Mapping[str, str], stored: Stored, checks: CheckReport, verified: VerifyReport, source: str = ""
 ) -> Report:
     """Return the report of a generated folder; the same input gives the same bytes.
 
@@ -39,13 +41,15 @@ def make_report(
         files: the folder as it will be written, relative path -> text.
         stored: its design.json.
         checks, verified: what was found of them.
+        source: the text of the problem file, where there is one.
     """
     facts = gather(files, stored, checks, verified)
     problem, gains = facts.problem, stored.gains
     R, Q = problem.state_weight(problem.agent().n), problem.controller_weight(gains.order)
     spectrum = spectrum_of(facts.network, gains, R, Q)
     drawings = draw(facts, spectrum)
-    names = sorted([*files, PAGE, TEXT, *drawings.files])
+    evidence = pages(facts, files, source)
+    names = sorted([*files, PAGE, TEXT, *evidence, *drawings.files])
     text = render(
         "report.md.j2",
         title=problem.title,
@@ -54,4 +58,4 @@ def make_report(
         checks=checks,
         verify=verified,
     )
-    return Report(html(facts, spectrum, drawings, names), text, drawings.files)
+    return Report(html(facts, spectrum, drawings, names), text, evidence, drawings.files)

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.errors import ClaimError
+from lockstep.codegen.calls import Calls
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.codegen.rendering import render
-from lockstep.verification.stimulus import Calls, Trace
+from lockstep.verification.stimulus import Trace
 from lockstep.verification.toolchain import COMPILE_SECONDS, RUN_SECONDS, WARNINGS, Compiler, run
 
 

@@ -8,15 +8,14 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from lockstep.check.errors import ClaimError, ProblemError
+from lockstep.codegen.calls import Calls
 from lockstep.codegen.cores import Core
 from lockstep.codegen.doors.pil import runner
-from lockstep.codegen.doors.vectors import Vectors
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.codegen.rendering import render
 from lockstep.verification.harness import Run, compile_objects, text_bytes
 from lockstep.verification.image import check_calls, machine_flags
 from lockstep.verification.pil_log import runs
-from lockstep.verification.stimulus import Calls
 from lockstep.verification.toolchain import COMPILE_SECONDS, RUN_SECONDS, Compiler, run
 
 QEMU = "qemu-system-arm"
@@ -74,8 +73,7 @@ def _image(
     level: str,
     directory: Path,
 ) -> Path:
-    given = Vectors(calls.operation, calls.received, calls.y, calls.neighbour_y, calls.r)
-    texts = runner(manifest, {agent.name: given})
+    texts = runner(manifest, {agent.name: calls})
     texts |= {"start.c": render("qemu_start.c.j2"), "support.c": render("support.c.j2")}
     texts |= {"qemu.ld": render("qemu.ld.j2")}
     for path, text in texts.items():

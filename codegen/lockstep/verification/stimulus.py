@@ -11,32 +11,11 @@ import scipy.linalg
 from jaxtyping import Float, Int, UInt
 
 from lockstep.check.errors import ProblemError
+from lockstep.codegen.calls import RESET, STEP, STEP_ALIASED, STEP_RELATIVE, STEP_UNREADY, Calls
 from lockstep.codegen.manifest import AgentEntry, Manifest, PlantEntry
 from lockstep.verification.reference import Reference, closed_loop
 
-STEP, STEP_RELATIVE, RESET, STEP_ALIASED, STEP_UNREADY = 0, 1, 2, 3, 4
-"""Operations; STEP_ALIASED passes one buffer as y and as u, and must give the same as STEP; STEP_UNREADY takes a state
-that is marked as never initialised, and initialises it afterwards."""
-
 _SEED = 20_260_101
-
-
-@dataclass(frozen=True, eq=False)
-class Calls:
-    """S calls of one agent: the operation, the mask, own outputs, the neighbours', the relative output."""
-
-    operation: UInt[np.ndarray, " S"]
-    received: UInt[np.ndarray, " S"]
-    y: Float[np.ndarray, "S q"]
-    neighbour_y: Float[np.ndarray, "S nn q"]
-    r: Float[np.ndarray, "S q"]
-
-    def __len__(self) -> int:
-        return len(self.operation)
-
-    def __add__(self, other: "Calls") -> "Calls":
-        parts = ("operation", "received", "y", "neighbour_y", "r")
-        return Calls(*(np.concatenate([getattr(self, p), getattr(other, p)]) for p in parts))
 
 
 @dataclass(frozen=True, eq=False)

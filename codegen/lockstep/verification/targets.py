@@ -7,12 +7,12 @@ from functools import partial
 from pathlib import Path
 
 from lockstep.check.errors import ClaimError, ProblemError
+from lockstep.codegen.calls import Calls
 from lockstep.codegen.cores import CORES, Core
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.emulator import missing_packages, run_on_core
 from lockstep.verification.harness import Run, run_on_host
 from lockstep.verification.qemu import M7, missing, run_on_qemu
-from lockstep.verification.stimulus import Calls
 from lockstep.verification.toolchain import TO_INSTALL, Compiler, arm_gcc, host_compilers, run, zig
 
 Runner = Callable[[Manifest, Path, Mapping[str, Calls], Path], Iterator[tuple[AgentEntry, Run]]]

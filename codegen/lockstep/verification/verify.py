@@ -14,6 +14,7 @@ import numpy as np
 
 from lockstep.check.errors import ClaimError, Mismatch, ProblemError
 from lockstep.check.files import read_bytes
+from lockstep.codegen.calls import Calls
 from lockstep.codegen.doors import doors_of
 from lockstep.codegen.doors.vectors import ADVERSARIAL, ORDINARY, vectors
 from lockstep.codegen.folder.contents import refusals, strangers
@@ -23,7 +24,6 @@ from lockstep.verification.harness import Run
 from lockstep.verification.pil_log import runs
 from lockstep.verification.reference import Reference
 from lockstep.verification.stimulus import (
-    Calls,
     Trace,
     adversarial_calls,
     closed_loop_calls,
@@ -180,7 +180,7 @@ def verify_log(directory: Path | str, log: Path | str) -> VerifyReport:
     if "pil" not in doors_of(manifest):
         raise ProblemError("it has no pil/", where=str(directory), remedy="generate it with `--pil`")
     changed = changed_files(folder, manifest)
-    calls = {agent.name: Calls(*vectors(agent, manifest)) for agent in manifest.agents}
+    calls = {agent.name: vectors(agent, manifest) for agent in manifest.agents}
     text = read_bytes(log, expected="the log of the runner in pil/", at_most=_LARGEST_LOG).decode(
         errors="replace"
     )

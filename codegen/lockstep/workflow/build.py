@@ -97,9 +97,11 @@ def build(
         ProblemError: bad input, or a folder that cannot be written.
         ClaimError: no gains were found, or none that are certified; nothing is written.
     """
+    from lockstep.report import make_report
+
     folder = Path(folder)
     check_generated(folder)
-    posed, checks = check(problem, progress=progress)
+    posed, checks = check(problem, every=True, progress=progress)
     with of_file(None if isinstance(problem, Problem) else Path(problem)):
         designed = design(posed, jobs=jobs, time_limit=time_limit, progress=progress, reuse=reuse, stop=stop)
     files = generated_files(designed)
@@ -110,7 +112,8 @@ def build(
     written: tuple[str, ...] = ()
     if not wrong:
         progress("drawing the report", 0.5)
-        written = _written(files, _reported(files, made, checks, verified), folder)
+        source = "" if isinstance(problem, Problem) else Path(problem).read_text(encoding="utf-8")
+        written = _written(files, make_report(files, made.stored, checks, verified, source), folder)
     return Build(folder, checks, made, verified, (*wrong, *open_claims), written)
 
 
@@ -138,14 +141,6 @@ def _verified(files: dict[str, str], progress: Progress) -> "VerifyReport":
     with tempfile.TemporaryDirectory(prefix="lockstep-") as temporary:
         folder = write_folder(files, Path(temporary) / "build")
         return verify(folder, steps=VERIFY_STEPS, targets=VERIFY_TARGETS, progress=progress)
-
-
-def _reported(
-    files: dict[str, str], made: Design, checks: "CheckReport", verified: "VerifyReport"
-) -> "Report":
-    from lockstep.report import make_report
-
-    return make_report(files, made.stored, checks, verified)
 
 
 def _written(files: dict[str, str], report: "Report", folder: Path) -> tuple[str, ...]:

@@ -10,10 +10,10 @@ import json
 from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import lockstep
 from lockstep.check.errors import LockstepError
 from lockstep.model.problem import Problem
 from lockstep.workflow.certify import certify
@@ -82,6 +82,8 @@ def sources() -> str:
 
 
 def _modules() -> Iterator[Path]:
+    found = find_spec("lockstep")
+    roots = found.submodule_search_locations if found is not None else None
     for part in ("check", "model", "lmi", "codegen"):
-        for root in lockstep.__path__:
+        for root in roots or ():
             yield from sorted(Path(root, part).rglob("*.py"))

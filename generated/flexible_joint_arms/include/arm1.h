@@ -16,9 +16,13 @@
  *
  * WHAT IS CLAIMED
  *   certified (proof: ball)
- *   proved = all agents come to agree, between the samples too, under these float32 controllers stepped every 0.005 s with u held, every rounding of a step counted
- *   assumes = the agents obey their model with slopes up to alpha; all step at one instant; every message arrives; u acts at once and unclipped; no step overflows
- *   remains = at the sampling instants, in the end, a distance of the states from agreement of up to 1.1e+03 times the largest error of a message or of an own reading (root mean square: 3.1e+02 times); rounding a message to float32 errs by 6.0e-08 of its size
+ *   proved = all agents come to agree, between the samples too, under these float32 controllers stepped
+ *     every 0.005 s with u held, every rounding of a step counted
+ *   assumes = the agents obey their model with slopes up to alpha; all step at one instant; every message
+ *     arrives; u acts at once and unclipped; no step overflows
+ *   remains = at the sampling instants, in the end, a distance of the states from agreement of up to
+ *     1.1e+03 times the largest error of a message or of an own reading (root mean square: 3.1e+02 times);
+ *     rounding a message to float32 errs by 6.0e-08 of its size
  *   scope = global
  *   rho = 3.344
  *   rho_sampled = 3.384

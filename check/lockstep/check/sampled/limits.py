@@ -1,14 +1,16 @@
 """From which disagreements no input ever meets its limit: the samples decide, since u is held between them.
 
-With a witness of `inequality`, V(xi(0)) <= V_0 and exact messages, at every sampling instant
+With a witness of `inequality`, V(xi(0)) <= V_0 and exact messages, mu and nu are what underflow adds, and at every
+sampling instant
 
-    V <= V_0 + kappa_mu |mu|^2 / (1 - decay),
-    |u_l| <= g_l sqrt(V) + |mu_l|,     g_l = sqrt(k_l P^-1 k_l') + sum_j delta_j sqrt(tr Y_j P^-1 Y_j'),
+    V <= V_0 + e,         e = (kappa |nu|^2 + kappa_mu |mu|^2) / (1 - decay),
+    |u_l| <= g_l sqrt(V) + e_l,     g_l = sqrt(k_l P^-1 k_l') + sum_j delta_j sqrt(tr Y_j P^-1 Y_j'),
+                                    e_l = |mu_i| + (|n_l| + delta_D) |nu_i|,
 
-k_l being the row of u_l in xi, and the sum running over the coefficient errors (rounding) of C and D of that agent.
-With controllers at rest V_0 = x_d' P_dd x_d, and so
+k_l and n_l being the rows of u_l in xi and in nu, i its agent, and the sum running over the coefficient errors (rounding)
+of C and D of that agent. With controllers at rest V_0 = x_d' P_dd x_d, and so
 
-    (c / r^2) (T T')^-1 (x) I - P_dd > 0,     c = min_l ((u_max,l - |mu_l|) / g_l)^2 - kappa_mu |mu|^2 / (1 - decay),
+    (c / r^2) (T T')^-1 (x) I - P_dd > 0,     c = min_l ((u_max,l - e_l) / g_l)^2 - e,
 
 proves that |(T'(T T')^-1 T (x) I) x(0)| <= r keeps every u_l within u_max,l for ever.
 """
@@ -21,7 +23,7 @@ from flint import arb
 
 from lockstep.check.numbers import exactly
 from lockstep.check.sampled import balls
-from lockstep.check.sampled.certify import lifted_agent, proves
+from lockstep.check.sampled.certify import ROUNDED_UP, lifted_agent, proves
 from lockstep.check.sampled.conjugate import no_conjugate_point
 from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.inequality import Witness, metric
@@ -66,11 +68,11 @@ def _level(
 ) -> arb:
     """Return c."""
     inverse, m = balls.inverse(exactly(witness.P)), len(limits)
-    lost = [arb(one.underflow) for one in controllers]
-    added = arb(witness.kappa_mu) * sum((one * one for one in lost), arb(0)) / (1 - arb(witness.decay))
+    lost = [(arb(ROUNDED_UP * one.message_noise(0.0)), arb(one.underflow)) for one in controllers]
+    added = sum((arb(witness.kappa) * nu * nu + arb(witness.kappa_mu) * mu * mu for nu, mu in lost), arb(0))
     least = arb("inf")
-    for i, underflow in enumerate(lost):
-        errors = arb(0)
+    for i, (nu, mu) in enumerate(lost):
+        errors, delta_D = arb(0), arb(controllers[i].deltas["D"])
         for way in loop.ways:
             if way.agent == i and way.letter in "CD":
                 Y = way.Y[:, : loop.n_xi]
@@ -78,8 +80,10 @@ def _level(
         for l in np.flatnonzero(np.isfinite(limits)):
             row = loop.computed[i * m + l : i * m + l + 1, : loop.n_xi]
             reach = balls.product(row, inverse, row.T)[0, 0].sqrt() + errors
-            room = arb(float(limits[l])) - underflow
+            seen = loop.computed[i * m + l : i * m + l + 1, loop.messages]
+            direct = balls.product(seen, seen.T)[0, 0].sqrt() + delta_D
+            room = arb(float(limits[l])) - mu - direct * nu
             if not (room > 0 and reach > 0):
                 return arb(-1)
             least = least.min((room / reach) ** 2)
-    return least - added
+    return least - added / (1 - arb(witness.decay))

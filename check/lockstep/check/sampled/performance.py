@@ -74,8 +74,8 @@ def ways(loop: SampledLoop, weights: Performance, M: Matrix, rho: float) -> tupl
     number, S = converter(is_exact(loop.held)), loop.network.d.S
     square = number(np.array([[rho]]))[0, 0] ** 2
     GG, HH = loop.network.squares
-    unit = eye(len(GG), M) if not len(weights.states) else number(np.diag(weights.states**2))
-    EE = np.kron(balls.inverse(M), GG) + np.kron(balls.inverse(S), unit) / square
+    scale = number(np.diag(weights.states)) if len(weights.states) else eye(len(GG), M)
+    EE = np.kron(balls.inverse(M), GG) + np.kron(balls.inverse(S), scale * scale) / square
     return EE, np.kron(M, HH) + np.kron(S, number(weights.R))
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int64, UInt64
@@ -176,11 +176,16 @@ class Engine:
         return RunFigures(self.layout, figures)
 
     def trace(self, batch: Batch, horizon: float) -> Mapping[str, Float[np.ndarray, "..."]]:
-        """Return the first run of a batch step by step: t, x (K, N, n), x_C (K, N, n_C), u (K, N, m)."""
-        layout, periods = self.layout, self._periods(batch, horizon)
+        """Return the first run of a batch step by step: t, x (K, N, n), x_C (K, N, n_C), u (K, N, m).
+
+        One period more is run, and cut off: its first instant is the last of the trace, with the u that belongs to it.
+        """
+        layout, periods, one = self.layout, self._periods(batch, horizon), batch.part(0, 1)
         steps = periods * layout.substeps
-        rows = np.zeros((steps + 1, layout.trace_width))
-        self._call(batch.part(0, 1), periods, np.empty((1, len(layout.columns))), rows)
+        longer = replace(one, sequences=np.concatenate([one.sequences, one.sequences[:, -1:]], axis=1))
+        rows = np.zeros((steps + layout.substeps, layout.trace_width))
+        self._call(longer, periods + 1, np.empty((1, len(layout.columns))), rows)
+        rows = rows[: steps + 1]
         ends = np.cumsum([layout.N * layout.n, layout.N * layout.order])
         x, x_C, u = np.split(rows, ends, axis=1)
         shape = (steps + 1, layout.N, -1)

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.codegen.doors.vectors import Vectors, vectors
+from lockstep.codegen.calls import Calls
+from lockstep.codegen.doors.vectors import vectors
 from lockstep.codegen.doors.view import agent_view
 from lockstep.codegen.manifest import AgentEntry, Manifest, sha256
 from lockstep.codegen.rendering import render
@@ -21,7 +22,7 @@ def files(manifest: Manifest, _: Mapping[str, str]) -> dict[str, str]:
     return runner(manifest, {agent.name: vectors(agent, manifest) for agent in manifest.agents})
 
 
-def runner(manifest: Manifest, calls: Mapping[str, Vectors]) -> dict[str, str]:
+def runner(manifest: Manifest, calls: Mapping[str, Calls]) -> dict[str, str]:
     """Return the runner's files for given calls of each agent that is to run.
 
     Args:
@@ -47,9 +48,9 @@ def identity(manifest: Manifest) -> str:
     return sha256("\n".join(sorted(product)))[:16]
 
 
-def _view(agent: AgentEntry, manifest: Manifest, calls: Vectors) -> dict[str, Any]:
+def _view(agent: AgentEntry, manifest: Manifest, calls: Calls) -> dict[str, Any]:
     q, nn, width = len(agent.outputs), len(agent.neighbours), manifest.real_type.bytes
-    S = len(calls.operation)
+    S = len(calls)
     values = np.concatenate([calls.y, calls.neighbour_y.reshape(S, nn * q), calls.r], axis=1)
     bits = np.ascontiguousarray(values).view(f"u{width}")
     suffix = "u" if width == 4 else "ull"

@@ -1,52 +1,43 @@
 """Test vectors that are the same to the bit on every machine: integers made by SHAKE-256, and no rounding but one.
 
 A walk in small steps first, as in ordinary operation, its last fifth with lost messages; then values meant to break the
-code: subnormal, huge, signed zeros, every exponent, NaN and infinities, with resets and overlapping buffers.
+code: subnormal, huge, signed zeros, every exponent, NaN and infinities, with resets, overlapping buffers, and a state
+that was never initialised.
 """
 
 import hashlib
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, UInt
 
+from lockstep.codegen.calls import RESET, STEP, STEP_ALIASED, STEP_RELATIVE, STEP_UNREADY, Calls
 from lockstep.codegen.manifest import AgentEntry, Manifest
 
 ORDINARY, ADVERSARIAL = 100, 100
 """Calls of each kind: what fits into the flash of a small board."""
 
-_STEP, _RELATIVE, _RESET, _ALIASED = 0, 1, 2, 3
 _KIND_LASTS = 14
 """Adversarial calls of one kind, so that a subnormal state lives among subnormals and a huge one overflows."""
 
 
-class Vectors(NamedTuple):
-    """S calls of one agent: the operation (`verification.stimulus` names them), the mask, y, the neighbours' y, r."""
-
-    operation: UInt[np.ndarray, " S"]
-    received: UInt[np.ndarray, " S"]
-    y: Float[np.ndarray, "S q"]
-    neighbour_y: Float[np.ndarray, "S nn q"]
-    r: Float[np.ndarray, "S q"]
-
-
-def vectors(agent: AgentEntry, manifest: Manifest) -> Vectors:
+def vectors(agent: AgentEntry, manifest: Manifest) -> Calls:
     """Return an agent's calls: `ORDINARY`, then `ADVERSARIAL` ones."""
     q, nn, dtype = len(agent.outputs), len(agent.neighbours), manifest.real_type.dtype
     S, width = ORDINARY + ADVERSARIAL, (2 + nn) * q
     name = agent.name.encode()
     values = np.concatenate([_walk(name, width, dtype), _hostile(name, width, dtype)])
     chance = _words(name + b" operation", S) % np.uint64(100)
-    operation = np.select([chance < 69, chance < 89, chance < 90], [_STEP, _RELATIVE, _RESET], _ALIASED)
-    operation[:ORDINARY] = _STEP
-    operation[ORDINARY::_KIND_LASTS] = _RESET
+    operation = np.select([chance < 69, chance < 89, chance < 90], [STEP, STEP_RELATIVE, RESET], STEP_ALIASED)
+    operation[:ORDINARY] = STEP
+    operation[ORDINARY::_KIND_LASTS] = RESET
+    operation[ORDINARY + _KIND_LASTS // 2] = STEP_UNREADY
     arrived = _words(name + b" arrived", S, nn) % np.uint64(10) > 0
     arrived[: ORDINARY - ORDINARY // 5] = True
     arrived[ORDINARY:] &= (np.arange(ADVERSARIAL) // 7 % 3 > 0)[:, None]
     received = np.zeros(S, np.uint64)
     for j in range(nn):
         received |= arrived[:, j].astype(np.uint64) << np.uint64(j)
-    return Vectors(
+    return Calls(
         operation.astype(np.uint32),
         received,
         values[:, :q].copy(),

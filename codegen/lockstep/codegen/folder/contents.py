@@ -20,7 +20,7 @@ from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files
 DESIGN_NAME = "design.json"
 
 MEASURED = ("report.html", "report.md")
-_FIGURE = re.compile(r"figures/[a-z0-9_-]+\.(png|pdf)")
+_FIGURE = re.compile(r"figures/[a-z0-9_-]+\.(png|pdf)|evidence/[A-Za-z0-9_]+\.md")
 
 MOST_ENTRIES = 20_000
 """Files and folders in a folder: four files for each agent, and figures."""

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import demand
 from lockstep.check.numbers import exactly
 from lockstep.check.psd import decide_positive_definite
 from lockstep.lmi.analysis.solve import run
@@ -35,11 +36,18 @@ def proved_gain(
         blocks: as in `structured_singular_value`, full ones only.
 
     Raises:
-        ProblemError: blocks that do not fit.
+        ProblemError: blocks that do not fit, or repeated ones.
     """
     from lockstep.lmi.robustness.peak import peak
 
     structure = Structure.of(blocks, (system.noutputs, system.ninputs))
+    sizes = [b.rows for b in structure.blocks if b.repeated]
+    demand(
+        not sizes,
+        f"delta I of sizes {sizes}",
+        "proved gain",
+        "full blocks, (r, c): one scaling is a number for each",
+    )
     low = peak(system, blocks).value.lower
     high, found = max(low, 1e-9) * 1.02, None
     while found is None and high < 1e3 * max(low, 1e-9):

@@ -16,7 +16,6 @@ def to_time_response(trajectory: Trajectory) -> Any:
     """
     import control
 
-    found = columns(trajectory)
     who = [f"{trajectory.agent}{i + 1}_" for i in range(trajectory.N)]
     beside = [f"y_{y}" if y in trajectory.state_names else y for y in trajectory.output_names]
     memory = [f"controller_x{k + 1}" for k in range(trajectory.x_C.shape[2])]
@@ -29,14 +28,14 @@ def to_time_response(trajectory: Trajectory) -> Any:
     outputs = states + named(beside) + named(trajectory.input_names)
     kept = states + named(memory)
 
-    def rows(names: list[str]) -> np.ndarray:
-        return np.array([found[name] for name in names])
+    def rows(*signals: np.ndarray) -> np.ndarray:
+        return np.vstack([signal.reshape(len(signal), -1).T for signal in signals])
 
     return control.TimeResponseData(
         trajectory.t,
-        rows(outputs),
-        rows(kept),
-        rows(inputs),
+        rows(trajectory.x, trajectory.y, trajectory.u),
+        rows(trajectory.x, trajectory.x_C),
+        rows(trajectory.xi),
         issiso=False,
         input_labels=inputs,
         output_labels=outputs,

@@ -18,7 +18,7 @@ from lockstep.check.bound import rounding
 from lockstep.check.bound.program import Boxes, Program
 from lockstep.check.expression.node import Node, Undefined, factors, linear, linear_terms, variable
 from lockstep.model.checks.proved.elimination import Reduced, reduced
-from lockstep.model.checks.proved.field import Field, exactly_at
+from lockstep.model.checks.proved.field import Field, exactly_at, smooth_on
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
 from lockstep.model.checks.proved.newton import End, System
 
@@ -81,8 +81,10 @@ class _Search:
         self.field, self.form, self.budget, self.used = field, form, boxes, 0
         self.found: list[Equilibrium] = []
         self.open: list[tuple[list[float], list[float]]] = []
+        self.rest = np.clip(0.0, field.lower, field.upper)
         self.unknowns = tuple(j for j in form.free if j not in form.hidden)
         self.solved = [form.solved.get(j, variable(j)) for j in range(field.n)]
+        self.tied = [j for j, x in form.solved.items() if not x.variables.isdisjoint(form.hidden)]
         self.states = Program(self.solved)
         self.rows = Program(field.f)
 
@@ -115,13 +117,13 @@ class _Search:
             low, high = self.open[0]
             where = [names[j] for j in self.unknowns]
             shown = [{"states": where, "lower": _plain(a), "upper": _plain(b)} for a, b in self.open[:SHOWN]]
-            figure = (
-                f"{len(self.found)} found, {len(self.open)} boxes open, the first {where} from {numbers(low)} to "
-                f"{numbers(high)}; give ranges in [agent.domain] or raise the budget"
-            )
+            first = f"the first {where} from {numbers(low)} to {numbers(high)}"
+            if not where:
+                first = f"as states that move with {', '.join(along)} may leave the domain"
+            figure = f"{len(self.found)} found, {len(self.open)} boxes open, {first}; give ranges or raise the budget"
             return CheckFinding(NAME, "undecided", figure, {"found": points}, {"open": shown})
         if along and self.found:
-            figure = f"not isolated: {len(points)} of them, each for every value of {', '.join(along)}"
+            figure = f"not isolated: {len(points)} of them, each for every {', '.join(along)}"
             return CheckFinding(NAME, "refuted", figure, {"families": len(points), "along": along}, points)
         said = {True: "stable", False: "unstable", None: ""}
         listed = ", ".join(f"{numbers(one.middle)} {said[one.stable]}".strip() for one in self.found[:SHOWN])
@@ -173,14 +175,15 @@ class _Search:
         low, high = (end[:, 0] for end in self._full(lower[:, None], upper[:, None]))
         exact = self._rational(low, high)
         sides = list(zip(self.field.lower[: self.field.n], self.field.upper[: self.field.n], strict=True))
-        places = [j for j in range(self.field.n) if j not in self.form.hidden]
-        if exact is not None:
-            if not all(sides[j][0] <= exact[j] <= sides[j][1] for j in places):
-                return
-        elif self._outside(lower[:, None], upper[:, None]).all():
+        places = [j for j in range(self.field.n) if j not in (*self.form.hidden, *self.tied)]
+        if self._outside(lower[:, None], upper[:, None]).all():
             return
-        elif len(branch) > len(self.unknowns) or not all(
-            sides[j][0] <= low[j] and high[j] <= sides[j][1] for j in places
+        if exact is not None and not all(sides[j][0] <= exact[j] <= sides[j][1] for j in places):
+            return
+        # A tied state moves with a free one: it has to stay in the domain over the whole range of that one.
+        surely = self.tied if exact is not None else [*places, *self.tied]
+        if (exact is None and len(branch) > len(self.unknowns)) or not all(
+            sides[j][0] <= low[j] and high[j] <= sides[j][1] for j in surely
         ):
             self.open.append((lower.tolist(), upper.tolist()))
             return
@@ -196,13 +199,16 @@ class _Search:
             self.open.append((lower.tolist(), upper.tolist()))  # of two branches: one or two
             return
         hidden = list(self.form.hidden)
-        low[hidden] = high[hidden] = np.clip(0.0, low[hidden], high[hidden])
+        low[hidden] = high[hidden] = self.rest[hidden]
+        for j, value in enumerate(self.states.on_boxes(low[:, None], high[:, None])):
+            if j in self.tied:
+                low[j], high[j] = value[0][0], value[1][0]
         self.found.append(Equilibrium(low[:-1], high[:-1], exact, stability(self.field, low, high)))
 
     def _rational(self, low: End, high: End) -> tuple[Fraction, ...] | None:
-        """Return a zero of f with short rational coordinates in the box; 0 for a state that f does not depend on."""
+        """Return a zero of f with short rational coordinates in the box; a free state is as near to 0 as its range is."""
         for limit in DENOMINATORS:
-            point = [Fraction(0)] * (self.field.n + 1)
+            point = [Fraction(x) for x in self.rest.tolist()]
             for j in self.unknowns:
                 point[j] = Fraction(0.5 * (low[j] + high[j])).limit_denominator(limit)
                 if not low[j] <= point[j] <= high[j]:
@@ -227,8 +233,11 @@ class _Search:
 
 
 def stability(field: Field, lower: End, upper: End) -> bool | None:
-    """Tell whether all eigenvalues of the Jacobian over a box have Re < 0, or one has Re > 0 at every point of it."""
-    values = eigenvalues(field, lower, upper)
+    """Tell whether all eigenvalues of the Jacobian over a box have Re < 0, or one has Re > 0 at every point of it.
+
+    At a kink the slopes on its sides tell nothing: None.
+    """
+    values = eigenvalues(field, lower, upper) if smooth_on(field.f, lower, upper) else None
     if values is None:
         return None
     if all(value.real < 0 for value in values):

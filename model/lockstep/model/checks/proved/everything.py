@@ -7,10 +7,10 @@ from lockstep.model.checks.proved.definite import BOXES
 from lockstep.model.checks.proved.dissipation import contraction, incremental_gain, passivity
 from lockstep.model.checks.proved.field import Field
 from lockstep.model.checks.proved.finding import CheckFinding
-from lockstep.model.checks.proved.lie import Point
+from lockstep.model.checks.proved.geometry.lie import Point
+from lockstep.model.checks.proved.geometry.rank import controllability_rank, observability_rank
+from lockstep.model.checks.proved.geometry.relative_degree import relative_degree, zero_dynamics
 from lockstep.model.checks.proved.lipschitz import one_sided_lipschitz, quadratic_inner_boundedness
-from lockstep.model.checks.proved.rank import controllability_rank, observability_rank
-from lockstep.model.checks.proved.relative_degree import relative_degree, zero_dynamics
 from lockstep.model.checks.proved.sector import sectors
 from lockstep.model.checks.proved.stiffness import stiffness
 from lockstep.model.checks.proved.units import check_units

@@ -22,8 +22,8 @@ from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.bound.program import Boxes, Program
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.derivative import derivative
-from lockstep.check.expression.node import ZERO, Node, constant, linear, number, variable
-from lockstep.check.expression.traversal import substitute
+from lockstep.check.expression.node import ZERO, Node, constant, linear, number, subtract, variable
+from lockstep.check.expression.traversal import order, substitute
 from lockstep.model.agent import Agent
 from lockstep.model.variants import nonlinearity
 
@@ -124,6 +124,17 @@ class Field:
         parts[:, 1 : count // 2] = np.round(ends)
         points = lower[:, None] + (upper - lower)[:, None] * parts
         return np.clip(points, lower[:, None], upper[:, None])
+
+
+def smooth_on(nodes: Sequence[Node], lower: Ends, upper: Ends) -> bool:
+    """Whether nodes surely have no kink in a box of (x, t), so that their derivatives there say what they say."""
+    kinks = [
+        subtract(*node.args) if node.op in ("fmin", "fmax") else node if node.op == "hypot" else node.args[0]
+        for node in order(nodes)
+        if node.op in ("fabs", "fmin", "fmax", "hypot", "positive", "zero")
+    ]
+    ranges = Program(kinks).on_boxes(lower[:, None], upper[:, None]) if kinks else []
+    return all(low[0] > 0 or high[0] < 0 for low, high in ranges)
 
 
 def as_written(agent: Agent) -> ExactAgent:

@@ -16,7 +16,7 @@ from lockstep.check.expression.node import add, multiply, scale
 from lockstep.model.checks.proved.equilibria import eigenvalues
 from lockstep.model.checks.proved.field import Field, at_points
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
-from lockstep.model.checks.proved.lie import Point
+from lockstep.model.checks.proved.geometry.lie import Point
 from lockstep.model.checks.proved.lipschitz import SAMPLES, bounded
 from lockstep.model.checks.proved.storage import scales
 

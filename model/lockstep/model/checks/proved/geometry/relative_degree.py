@@ -15,14 +15,16 @@ import numpy as np
 from flint import acb, acb_poly, arb, arb_mat, arb_poly, fmpq
 
 from lockstep.check.bound.conditions import Conditions
+from lockstep.check.bound.program import Program
 from lockstep.check.expression.node import ZERO, Node, linear, multiply, number, power, variable
 from lockstep.check.expression.traversal import expand
 from lockstep.model.checks.proved.definite import Question
-from lockstep.model.checks.proved.field import Field, Nodes, exactly_at
+from lockstep.model.checks.proved.field import Field, Nodes, exactly_at, smooth_on
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
-from lockstep.model.checks.proved.lie import Point, along, along_inputs, too_long
+from lockstep.model.checks.proved.geometry.lie import Point, along, along_inputs, too_long
 
 BOXES = 5_000
+SAMPLES = 50
 MOST_SQUARE = 4
 
 
@@ -37,11 +39,17 @@ def relative_degree(field: Field, *, boxes: int = BOXES) -> CheckFinding:
         for degree in range(1, field.n + 1):
             row = along_inputs(field, node)
             if any(x is not ZERO for x in row):
+                if not _seen_nonzero(field, row):
+                    return CheckFinding(
+                        name, "undecided", f"whether an input enters derivative {degree} of {output}"
+                    )
                 degrees.append(degree)
                 break
             node = along(field, node)
             if too_long([node]):
                 return CheckFinding(name, "undecided", f"the derivatives of {output} grow too long")
+            if not smooth_on([node], field.lower, field.upper):
+                return CheckFinding(name, "undecided", f"derivative {degree} of {output} has a kink")
         else:
             figure = f"{output} has none: no input enters its first {field.n} derivatives"
             return CheckFinding(name, "refuted", figure, None, {"output": output})
@@ -70,6 +78,8 @@ def zero_dynamics(field: Field, point: Point, degree: CheckFinding) -> CheckFind
         )
     if not point.is_equilibrium:
         return CheckFinding(name, "undecided", "no equilibrium is known", {"states": left})
+    if not smooth_on(field.f, point.lower, point.upper):
+        return CheckFinding(name, "undecided", "f has a kink at the equilibrium", {"states": left})
     zeros = _zeros(field, point, left)
     if zeros is None:
         return CheckFinding(name, "undecided", "the zeros could not be enclosed", {"states": left})
@@ -112,6 +122,16 @@ def _invertible(field: Field, name: str, degrees: list[int], D: Node, boxes: int
         return CheckFinding(name, "refuted", figure, None, {"negative_at": low, "positive_at": high})
     return CheckFinding(
         name, "undecided", f"{shown}, unless the decoupling matrix vanishes somewhere", None, value
+    )
+
+
+def _seen_nonzero(field: Field, row: Nodes) -> bool:
+    """Whether a row is surely not 0 at some point: one that is 0 everywhere may be written as if it were not."""
+    points = field.samples(SAMPLES)
+    defined = field.defined_on(points, points)
+    return any(
+        bool((defined & ((low > 0) | (high < 0))).any())
+        for low, high in Program(row).on_boxes(points, points)
     )
 
 

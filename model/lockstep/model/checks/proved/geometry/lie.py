@@ -32,18 +32,10 @@ class Point:
     @classmethod
     def all(cls, field: Field, found: Sequence[Equilibrium]) -> list[Point]:
         """Return the equilibria, exact ones first, and then the middle of the domain."""
-        exact = [one for one in found if one.exact is not None]
-        points = [
-            cls(ends, ends, (*one.exact, Fraction(0)), True)
-            for one in exact
-            if one.exact is not None
-            for ends in [np.array([*map(float, one.exact), 0.0])]
-        ]
-        points += [
-            cls(np.append(one.lower, 0.0), np.append(one.upper, 0.0), None, True)
-            for one in found
-            if one.exact is None
-        ]
+        points = []
+        for one in sorted(found, key=lambda one: one.exact is None):
+            exact = None if one.exact is None else (*one.exact, Fraction(0))
+            points.append(cls(np.append(one.lower, 0.0), np.append(one.upper, 0.0), exact, True))
         middle = field.samples(1)[:, 0]
         middle[-1] = 0.0
         return [*points[:MOST_POINTS], cls(middle, middle, tuple(Fraction(x) for x in middle), False)]

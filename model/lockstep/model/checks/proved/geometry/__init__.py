@@ -1,0 +1,1 @@
+"""What Lie derivatives and brackets tell of an agent: ranks, relative degrees and zero dynamics."""

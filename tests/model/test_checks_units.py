@@ -1,0 +1,42 @@
+"""Units of an agent's equations: those that fit, and those that do not, each with the term that is named."""
+
+import pytest
+from checks_cases import problem
+
+from lockstep.check.errors import ProblemError
+from lockstep.model.checks.proved.units import check_units
+
+UNITS = {"x": "m", "v": "m/s", "u": "N", "k": "N/m", "m": "kg", "c": "kg/s", "y1": "m"}
+SPRING = {"x": "v", "v": "(u - k*x - c*v)/m"}
+
+
+def spring(dynamics, units, parameters=("k", "m", "c")):
+    return problem(dynamics, units=units, parameters=dict.fromkeys(parameters, 2.0)).file.agent
+
+
+def test_units_that_fit():
+    assert check_units(spring(SPRING, UNITS)).status == "proved"
+    assert (
+        check_units(spring({**SPRING, "v": "(u - k*x*tanh(v**2*m/(k*x**2)) - c*v)/m"}, UNITS)).status
+        == "proved"
+    )
+    part = {name: unit for name, unit in UNITS.items() if name != "k"}
+    assert check_units(spring(SPRING, part)).status == "undecided"
+    assert check_units(spring(SPRING, {})).status == "undecided"
+
+
+@pytest.mark.parametrize(
+    ("dynamics", "units", "told"),
+    [
+        ({**SPRING, "x": "v + x"}, UNITS, r"\[agent.dynamics\] x: the term `x` has the dimension \[length\]"),
+        ({**SPRING, "v": "u/m - k*x"}, UNITS, r"\[agent.dynamics\] v: the term `k\*x`"),
+        ({**SPRING, "v": "(u - k*v)/m"}, UNITS, r"`u - k\*v` is made of parts"),
+        ({**SPRING, "v": "u/m + k*x/m*sin(x)"}, UNITS, r"`sin\(x\)` is a function of a quantity"),
+        ({**SPRING, "v": "u/m + k*x/m*2**x"}, UNITS, r"exponent"),
+        (SPRING, {**UNITS, "y1": "s"}, r"\[agent.outputs\] y1"),
+        (SPRING, {**UNITS, "k": "furlongs per banana"}, r"\[agent.units\] k: .* is no unit"),
+    ],
+)
+def test_units_that_do_not_fit_are_an_error_that_names_the_term(dynamics, units, told):
+    with pytest.raises(ProblemError, match=told):
+        check_units(spring(dynamics, units))
