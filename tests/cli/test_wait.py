@@ -157,6 +157,14 @@ def test_only_what_a_design_depends_on_is_in_the_key():
     assert len({key(), key(complete="ring"), key(sin="tanh"), key(starts="seed")}) == 4
 
 
+def test_the_key_holds_the_sources_of_all_that_searches(root):
+    held = {path.resolve() for path in reuse._modules()}
+    for part in ("check", "model", "lmi", "codegen"):
+        own = set((root / part / "lockstep" / part).rglob("*.py"))
+        assert own
+        assert own <= held
+
+
 @pytest.mark.parametrize(
     "damage",
     [

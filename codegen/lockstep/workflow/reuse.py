@@ -7,10 +7,10 @@ problem at hand, is ignored: nothing of what is kept is believed.
 
 import hashlib
 import json
+import sys
 from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -82,8 +82,7 @@ def sources() -> str:
 
 
 def _modules() -> Iterator[Path]:
-    found = find_spec("lockstep")
-    roots = found.submodule_search_locations if found is not None else None
+    # The path of the package as it is extended over the roots: its spec knows one of them only.
     for part in ("check", "model", "lmi", "codegen"):
-        for root in roots or ():
+        for root in sys.modules["lockstep"].__path__:
             yield from sorted(Path(root, part).rglob("*.py"))
