@@ -84,5 +84,5 @@ def sources() -> str:
 def _modules() -> Iterator[Path]:
     # The path of the package as it is extended over the roots: its spec knows one of them only.
     for part in ("check", "model", "lmi", "codegen"):
-        for root in sys.modules["lockstep"].__path__:
+        for root in dict.fromkeys(map(str, sys.modules["lockstep"].__path__)):
             yield from sorted(Path(root, part).rglob("*.py"))
