@@ -21,6 +21,13 @@ def long(session: nox.Session) -> None:
 
 
 @nox.session
+def docs(session: nox.Session) -> None:
+    """Build the site, warnings as errors."""
+    session.install("-e", ".[docs]")
+    session.run("sphinx-build", "-W", "--keep-going", "docs", "build/site")
+
+
+@nox.session
 def lint(session: nox.Session) -> None:
     """Check style, types, import contracts and the limits on lines."""
     session.install("-e", ".[dev]")

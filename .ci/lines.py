@@ -17,6 +17,7 @@ ROOT = Path(__file__).parents[1]
 
 CONTROL = "model/lockstep/model/control"
 VERIFICATION = "codegen/lockstep/verification"
+WORKFLOW = "codegen/lockstep/workflow"
 EVERY_GRAPH = [
     f"check/lockstep/check/{name}.py"
     for name in ("design_file/modal_proof", "held", "many_graphs", "sampled/modes")
@@ -87,6 +88,13 @@ LATER = {
         300,
     ),
     "codegen/swarm, and its runs": (["codegen/lockstep/swarm", "codegen/lockstep/workflow/large.py"], 1000),
+    "begin, explain, wait, reuse": (
+        [
+            *(f"{WORKFLOW}/{one}.py" for one in ("init", "explain", "reuse", "time_left", "progress_lines")),
+            *(f"lmi/lockstep/lmi/search/{one}.py" for one in ("stopping", "likely")),
+        ],
+        650,
+    ),
 }
 """Rooms for later duties: folders and files, and the most code lines."""
 

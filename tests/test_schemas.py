@@ -1,6 +1,9 @@
 """The published JSON Schemas: they are current, what is committed obeys them, and they refuse what the readers refuse."""
 
 import json
+import re
+import shutil
+import subprocess
 import tomllib
 from copy import deepcopy
 from pathlib import Path
@@ -16,7 +19,9 @@ from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.lmi.document import parse
 from lockstep.lmi.written import proofs_document
 from lockstep.model.problem.json_schema import DIALECT, draft_07, problem_schema
+from lockstep.model.problem.key_meanings import MEANINGS
 from lockstep.model.problem.load import parse_tables
+from lockstep.workflow.init import init
 
 ROOT = Path(__file__).parents[1]
 ARMS = ROOT / "generated" / "flexible_joint_arms"
@@ -64,6 +69,53 @@ def test_every_example_obeys_the_schema_of_problems(path):
         assert obeys(name, parse_tables(content).model_dump(mode="json", exclude_none=True)), (
             "as in a design file"
         )
+
+
+def keys_of(schema: dict[str, Any]) -> dict[str, str]:
+    """Every key of every table with what an editor shows of it."""
+    tables = {"ProblemFile": schema, **schema["$defs"]}
+    return {
+        f"{name}.{key}": value.get("description", "")
+        for name, table in tables.items()
+        for key, value in table["properties"].items()
+    }
+
+
+def test_every_key_says_what_it_is_its_unit_and_what_is_expected():
+    shown = keys_of(problem_schema())
+    assert [
+        key for key, text in shown.items() if "Expected: " not in text or text.startswith("Expected")
+    ] == []
+    assert "Unit: s." in shown["ControllerTable.period"]
+    assert "Unit: 1/s." in shown["DesignTable.decay"]
+    meant = {f"{table}.{key}" for table, keys in MEANINGS.items() for key in keys}
+    assert meant == set(shown), "no key is left out, and none is described that there is not"
+
+
+SCHEMA_LINE = re.compile(r"#:schema (\S+)\n")
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "examples").rglob("*.toml")), ids=lambda path: path.stem)
+def test_editors_find_the_schema_from_the_first_line_of_an_example(path):
+    found = SCHEMA_LINE.match(path.read_text(encoding="utf-8"))
+    assert found, "Taplo and Even Better TOML read `#:schema` from the first line"
+    assert (path.parent / found[1]).resolve() == SCHEMAS["problem.draft-07"]
+
+
+@pytest.mark.skipif(shutil.which("taplo") is None, reason="Taplo is not installed")
+def test_taplo_reads_it(tmp_path):
+    """The engine of Even Better TOML accepts a begun file, and names the key that the schema does not know."""
+    path = tmp_path / "problem.toml"
+    init("platoon", output=path)
+    command = ["taplo", "lint", str(path)]
+    good = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert good.returncode == 0, good.stderr
+    path.write_text(
+        path.read_text(encoding="utf-8").replace("period = 0.02", 'period = "fast"'), encoding="utf-8"
+    )
+    bad = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert bad.returncode != 0
+    assert "fast" in bad.stderr
 
 
 def test_the_committed_folder_obeys_the_schemas():

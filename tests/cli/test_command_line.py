@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -77,11 +78,14 @@ def interrupts_arrive():
     signal.signal(signal.SIGINT, before)
 
 
+PATIENCE = 10
+"""Seconds within which an interrupt that comes before a search is answered."""
+
 HANGS = 600
 """Seconds after which a command is held to hang, on any machine."""
 
 
-def interrupted(words: list[str], ready) -> tuple[int, str, str]:
+def interrupted(words: list[str], ready, times: int = 1) -> tuple[int, str, str]:
     """Run a command in a group of its own, and interrupt the whole group, as a terminal does, once it is ready."""
     started = subprocess.Popen(
         [*LOCKSTEP, *words],
@@ -95,6 +99,12 @@ def interrupted(words: list[str], ready) -> tuple[int, str, str]:
         while not ready(started.pid) and time.monotonic() < until:
             time.sleep(0.02)
         os.killpg(started.pid, signal.SIGINT)
+        for _ in range(times - 1):
+            # Only one that did not end by the first: it is searching.
+            with suppress(subprocess.TimeoutExpired):
+                started.wait(timeout=PATIENCE)
+            if started.poll() is None:
+                os.killpg(started.pid, signal.SIGINT)
         out, err = started.communicate(timeout=HANGS)
     finally:
         if started.poll() is None:
@@ -125,12 +135,16 @@ def has_workers(group: int) -> bool:
     return False
 
 
+LINE = r"lockstep: ([^:]+, \d+ s(, (about \d.* left|soon))?|ending the search; .*)"
+"""What is said on the way: progress, and that a first interrupt ends the search."""
+
+
 def is_answered(code: int, out: str, err: str) -> None:
     assert code == 130
     assert only_object(out)["error"]["kind"] == "interrupted"
     *progress, last = err.strip().splitlines()
     assert last == "lockstep: interrupted; nothing was written"
-    assert all(re.fullmatch(r"lockstep: [^:]+, \d+ s", line) for line in progress), err
+    assert all(re.fullmatch(LINE, line) for line in progress), err
 
 
 def test_an_interrupt_is_answered_with_one_object(examples):
@@ -151,8 +165,28 @@ def test_an_interrupted_design_is_answered_by_one_process_only(ready, examples, 
     text = (examples / "flexible_joint_arms.toml").read_text(encoding="utf-8")
     # On no machine is it done before it is interrupted.
     problem.write_text(text.replace("[design]\n", "[design]\nstarts = 10000\n"), encoding="utf-8")
-    is_answered(*interrupted(["design", str(problem), "-o", str(tmp_path / "d.json"), "--json"], ready))
+    words = ["design", str(problem), "-o", str(tmp_path / "d.json"), "--json"]
+    is_answered(*interrupted(words, ready, times=2))
     assert list(tmp_path.iterdir()) == [problem]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seconds", [8.0, 60.0])
+def test_one_interrupt_of_a_design_keeps_the_best_so_far_or_nothing(seconds, examples, tmp_path):
+    problem = tmp_path / "arms.toml"
+    text = (examples / "flexible_joint_arms.toml").read_text(encoding="utf-8")
+    problem.write_text(text.replace("[design]\n", "[design]\nstarts = 10000\n"), encoding="utf-8")
+    words = ["design", str(problem), "-o", str(tmp_path / "d.json"), "--jobs", "1", "--json"]
+    code, out, _ = interrupted(words, after(seconds))
+    answer = only_object(out)
+    if code == 130:  # on a slow machine no start has gains by then
+        assert answer["error"]["kind"] == "interrupted"
+        assert list(tmp_path.iterdir()) == [problem]
+    else:
+        assert answer["certified"]
+        assert answer["figures"]["interrupted"] is True
+        assert sorted(tmp_path.iterdir()) == [problem, tmp_path / "d.json"]
+        assert lockstep("certify", tmp_path / "d.json").returncode == 0
 
 
 @pytest.mark.parametrize("where", ["make_context", "invoke"])

@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from lockstep.cli.main import app
-from lockstep.cli.simulate_options import Many, Options, conflict
 from lockstep.verification.toolchain import host_compilers
+from lockstep.workflow.simulate_options import Many, Options, conflict
 
 KEYS = {"ISE", "IAE", "ITSE", "ITAE"}
 

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lockstep.check.bound.decide import decide_bound
 from lockstep.check.domain import argument_box
 from lockstep.model import Agent, BoundNotProved, Graph, ProblemError, load_problem
 from lockstep.model.assembly import bound_of, bound_with_scales, network_of
@@ -173,3 +174,24 @@ def test_the_bound_of_several_components_is_proved_again_by_who_checks_it(seed: 
     assert bound_of(mover, alpha=bound.alpha).proved
     with pytest.raises(BoundNotProved):
         bound_with_scales(mover, 0.999 * bound.lower, scales)
+
+
+@pytest.mark.parametrize(
+    "formula",
+    [
+        # The constants' product is rational; in doubles it is rounded three times, here below itself.
+        "u + 376.99/(2*3.5)*(-1.35*sin(x))",
+        "u + 10*(0.295*(abs(x + 1) - abs(x - 1)))",
+        "u + 2*sin(x)",
+    ],
+)
+def test_the_smallest_bound_is_one_of_the_agent_that_the_checker_sees(formula):
+    agent = Agent.from_expressions(
+        "a", states=["x"], inputs=["u"], outputs={"y": "x"}, dynamics={"x": formula}, centre=True
+    )
+    bound = bound_of(agent)
+    scales = bound.output_scale, bound.input_scale
+    exact = agent.exact.phi
+    assert decide_bound(exact, agent.argument_box, bound.alpha, *scales, bound.entries, boxes=1000).proved
+    below = bound.alpha * (1 - 1e-8)
+    assert not decide_bound(exact, agent.argument_box, below, *scales, bound.entries, boxes=1000).proved

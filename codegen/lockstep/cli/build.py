@@ -8,21 +8,24 @@ from rich.console import Group
 from rich.text import Text
 
 from lockstep.cli.check import table_of as check_table
-from lockstep.cli.console import Answer, progress_display, respond
-from lockstep.cli.design import summary
+from lockstep.cli.console import Answer, progress_display, remark, respond
+from lockstep.cli.design import REUSED, summary
+from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.verify import table_of as verify_table
 
 
 def run(path: Path, output: Path, *, as_json: bool, **options: Any) -> None:
-    """Check, design, certify, generate, verify, report; write the folder last: the options are those of `lockstep.build`."""
+    """Check, design, certify, generate, verify, report; write the folder last. Options: of `lockstep.build`."""
     respond(as_json, lambda: _build(path, output, options))
 
 
 def _build(path: Path, output: Path, options: Mapping[str, Any]) -> Answer:
     import lockstep
 
-    with progress_display() as tell:
-        found = lockstep.build(path, output, progress=tell, **options)
+    with progress_display() as tell, keeping_the_best(remark) as stop:
+        found = lockstep.build(path, output, **options, progress=tell, stop=stop)
+    if found.design.reused:
+        remark(REUSED)
     document = found.document()
     report = document["report"]
     said = [f"{output / report}: the report" if report else "nothing is written", *found.problems]

@@ -8,14 +8,15 @@ from typing import Any, NoReturn
 
 import typer
 from rich.console import Console, Group, RenderableType
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
 from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.check.wording import visible
-from lockstep.cli.progress_lines import ProgressLines
 from lockstep.model.plain_json import to_json
+from lockstep.workflow.progress_lines import ProgressLines
+from lockstep.workflow.time_left import TimeLeft
 
 HOLDS, FAILS, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -51,6 +52,8 @@ def respond(as_json: bool, work: Callable[[], Answer]) -> None:
         _leave(as_json, {"ok": False, "error": {"kind": "internal", "message": found}}, found, FAILS)
     if as_json:
         _print_json(answer.document)
+    elif isinstance(answer.text, str):  # as it is: a file that a shell redirects
+        typer.echo(answer.text)
     else:
         Console(highlight=False).print(answer.text)
     if not answer.holds:
@@ -83,10 +86,28 @@ def progress_display() -> Iterator[Callable[[str, float], None]]:
         with ProgressLines(lambda line: errors.print(line, markup=False)) as lines:
             yield lines.tell
         return
-    columns = (TextColumn("{task.description}"), BarColumn(bar_width=30), TimeElapsedColumn())
+    left = TimeLeft()
+    columns = (TextColumn("{task.description}"), BarColumn(bar_width=30), TimeElapsedColumn(), Left(left))
     with Progress(*columns, console=errors, transient=True) as bars:
         task = bars.add_task("starting", total=1.0)
-        yield lambda what, part: bars.update(task, description=what, completed=part)
+
+        def tell(what: str, part: float) -> None:
+            left.tell(what, part)
+            bars.update(task, description=what, completed=part)
+
+        yield tell
+
+
+class Left(ProgressColumn):
+    """The time left of what is being done, where that is known."""
+
+    def __init__(self, left: TimeLeft) -> None:
+        super().__init__()
+        self._left = left
+
+    def render(self, task: Task) -> Text:  # noqa: ARG002
+        """Return it as text."""
+        return Text(self._left.text())
 
 
 def two_columns(title: str, rows: Mapping[str, str]) -> RenderableType:

@@ -6,8 +6,11 @@ from typing import Any
 
 from rich.console import RenderableType
 
-from lockstep.cli.console import Answer, progress_display, respond, two_columns
+from lockstep.cli.console import Answer, progress_display, remark, respond, two_columns
+from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.messages import messages_row
+
+REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
 
 
 def run(path: Path, output: Path | None, *, as_json: bool, **options: Any) -> None:
@@ -21,8 +24,10 @@ def run(path: Path, output: Path | None, *, as_json: bool, **options: Any) -> No
 def _design(path: Path, output: Path | None, options: Mapping[str, Any]) -> Answer:
     import lockstep
 
-    with progress_display() as tell:
-        found = lockstep.design(path, output=output, progress=tell, **options)
+    with progress_display() as tell, keeping_the_best(remark) as stop:
+        found = lockstep.design(path, output=output, **options, progress=tell, stop=stop)
+    if found.reused:
+        remark(REUSED)
     said = found.document()
     survived = said.get("messages", {"certified": True})["certified"]
     return Answer(said, summary(said), found.sampled["certified"] is True and survived)
@@ -61,11 +66,10 @@ def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
 
 def _cut(figures: Mapping[str, Any]) -> dict[str, str]:
     limit = figures.get("time_limit")
-    if limit is None:
+    if limit is None and not figures.get("interrupted"):
         return {}
-    return {
-        "search": f"cut by the limit of {limit:g} s: which gains it had found by then depends on the machine"
-    }
+    cut = "interrupted" if limit is None else f"cut by the limit of {limit:g} s"
+    return {"search": f"{cut}: which gains it had found by then depends on the machine"}
 
 
 def proved_besides(

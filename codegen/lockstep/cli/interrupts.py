@@ -7,9 +7,13 @@ raised elsewhere if it can be, and once more as long as nothing has come of it.
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lockstep.lmi.search.stopping import Stop
 
 AGAIN = 0.05
 """Seconds after which it is looked whether anything has come of the interrupt."""
@@ -59,6 +63,30 @@ def insistent_interrupts() -> Iterator[None]:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGINT, before[0])
         signal.signal(signal.SIGALRM, before[1])
+
+
+@contextmanager
+def keeping_the_best(say: Callable[[str], None]) -> Iterator["Stop"]:
+    """Let an interrupt during a search end it, with the best gains so far; a second one is as ever."""
+    from lockstep.lmi.search.stopping import Stop
+
+    with Stop.ready() as stop:
+        before = signal.getsignal(signal.SIGINT)
+        if not callable(before) or threading.current_thread() is not threading.main_thread():
+            yield stop
+            return
+
+        def take(number: int, frame: FrameType | None) -> None:
+            if stop.take():
+                say("ending the search; the best gains so far are proved and kept (Ctrl-C again: nothing is)")
+            else:
+                before(number, frame)
+
+        signal.signal(signal.SIGINT, take)
+        try:
+            yield stop
+        finally:
+            signal.signal(signal.SIGINT, before)
 
 
 def _is_handled() -> bool:

@@ -97,6 +97,10 @@ TimeLimit = Annotated[
     ),
 ]
 
+Fresh = Annotated[
+    bool, typer.Option("--fresh", help="Search anew, even if the same problem was solved before.")
+]
+
 
 @app.callback(invoke_without_command=True)
 def _version(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
@@ -105,6 +109,20 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
 
         typer.echo(f"lockstep {installed('lockstep-control')}")
         raise typer.Exit
+
+
+@app.command()
+def init(
+    field: Annotated[
+        str, typer.Argument(metavar="[FIELD]", help="arms, platoon, rooms, ...", show_default="to fill in")
+    ] = "blank",
+    output: Annotated[Path | None, _option("-o", "--output", help="The file to write.")] = None,
+    json: Json = False,
+) -> None:
+    """Begin a commented problem file."""
+    from lockstep.cli.begin import run_init
+
+    run_init(field, output, as_json=json)
 
 
 @app.command()
@@ -140,13 +158,14 @@ def design(
     against: Against = None,
     time_limit: TimeLimit = None,
     jobs: Jobs = None,
+    fresh: Fresh = False,
     json: Json = False,
 ) -> None:
-    """Design the gains, and prove the loop with those very gains."""
+    """Design the gains, and prove the loop with those very gains; Ctrl-C keeps the best so far."""
     from lockstep.cli.design import run
 
     asked = {"trade_off": trade_off, "against": against or [], "time_limit": time_limit, "jobs": jobs}
-    run(problem, output, as_json=json, **asked)
+    run(problem, output, as_json=json, reuse=not fresh, **asked)
 
 
 @app.command()
@@ -166,6 +185,14 @@ def certify(
     from lockstep.cli.certify import run
 
     run(design, lmi, as_json=json)
+
+
+@app.command()
+def explain(design: DesignFile, json: Json = False) -> None:
+    """Say in plain words what is proved of a design and what is not."""
+    from lockstep.cli.begin import run_explain
+
+    run_explain(design, as_json=json)
 
 
 @app.command()
@@ -284,7 +311,7 @@ def simulate(
 ) -> None:
     """Simulate the nonlinear closed loop, against what is proved of it."""
     from lockstep.cli.simulate import run
-    from lockstep.cli.simulate_options import Many, Options
+    from lockstep.workflow.simulate_options import Many, Options
 
     options = Options(controllers, horizon, seed, disturbance, integrator, plot, perturbation, figures)
     run(design, options, Many(campaign, replay, output, scheduler, jobs, faults), as_json=json)
@@ -300,13 +327,14 @@ def build(
     against: Against = None,
     time_limit: TimeLimit = None,
     jobs: Jobs = None,
+    fresh: Fresh = False,
     json: Json = False,
 ) -> None:
     """All of the above, and a report."""
     from lockstep.cli.build import run
 
     asked = {"trade_off": trade_off, "against": against or [], "time_limit": time_limit, "jobs": jobs}
-    run(problem, output, as_json=json, **asked)
+    run(problem, output, as_json=json, reuse=not fresh, **asked)
 
 
 @app.command()

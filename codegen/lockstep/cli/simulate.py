@@ -12,7 +12,7 @@ from rich.text import Text
 
 from lockstep.check.errors import ProblemError
 from lockstep.cli.console import Answer, errors, progress_display, respond, two_columns
-from lockstep.cli.simulate_options import Many, Options, conflict
+from lockstep.workflow.simulate_options import Many, Options, conflict
 
 if TYPE_CHECKING:
     from lockstep.model.simulation import Trajectory

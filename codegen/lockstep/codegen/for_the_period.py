@@ -30,6 +30,7 @@ from lockstep.lmi.document import Stored
 from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.sampled.certify import plant_in_doubles
 from lockstep.lmi.sampled.improve import StartingGains
+from lockstep.lmi.search.stopping import Stop
 from lockstep.lmi.threads import one_thread
 from lockstep.model.problem import Problem
 
@@ -46,6 +47,7 @@ def as_shipped(
     stored: Stored,
     tell: Callable[[str, float], None] = lambda _what, _part: None,
     others: Sequence[StartingGains] = (),
+    stop: Stop | None = None,
 ) -> Stored:
     """Return a design file with what is proved of its controllers sampled and rounded.
 
@@ -57,6 +59,7 @@ def as_shipped(
         stored: the design file.
         tell: called with what is being done and the part of it that is done.
         others: gains to start a design for the period from, besides those of the file.
+        stop: leaves a design for the period out.
 
     Raises:
         NotCertified: the file says that the design is certified, and the checker refuses it.
@@ -76,7 +79,15 @@ def as_shipped(
         found = obstacle(stored)
         if found is None:
             try:
-                return designed_for_period(kept, lambda part: tell("designing for the period", part), others)
+                made = (stop or Stop()).optional(
+                    lambda: designed_for_period(
+                        kept, lambda part: tell("designing for the period", part), others
+                    ),
+                    otherwise=None,
+                )
+                if made is not None:
+                    return made
+                found = "interrupted"
             except Infeasible as error:
                 found = str(error)
         return with_sampled(stored, held, **{NOT_FOR_PERIOD: found}) if asked else kept

@@ -20,6 +20,7 @@ from lockstep.workflow.trade_off import gains_by_name, trade_off_points
 from lockstep.workflow.verify import verify
 
 if TYPE_CHECKING:
+    from lockstep.lmi.search.stopping import Stop
     from lockstep.model.checks import CheckReport
     from lockstep.report import Report
     from lockstep.verification.verify import VerifyReport
@@ -80,6 +81,8 @@ def build(
     jobs: int | None = None,
     time_limit: float | None = None,
     progress: Progress = silent,
+    reuse: bool = False,
+    stop: "Stop | None" = None,
 ) -> Build:
     """Check, design, certify, generate, verify, report; write the folder last.
 
@@ -94,6 +97,7 @@ def build(
         jobs: processes to search with; by default one per core.
         time_limit: seconds to search for gains; then the best certified ones so far, which depend on the machine.
         progress: told what is being done and the part of it that is done.
+        reuse, stop: see `lockstep.design`.
 
     Raises:
         ProblemError: bad input, or a folder that cannot be written.
@@ -110,7 +114,7 @@ def build(
     others = gains_by_name(against)
     posed, checks = check(problem, every=True, progress=progress)
     with of_file(None if isinstance(problem, Problem) else Path(problem)):
-        designed = design(posed, jobs=jobs, time_limit=time_limit, progress=progress)
+        designed = design(posed, jobs=jobs, time_limit=time_limit, progress=progress, reuse=reuse, stop=stop)
     files = generated_files(designed)
     # What is reported is what a reader of the file sees.
     made = Design.of(json.loads(files[DESIGN_NAME]), DESIGN_NAME, folder)

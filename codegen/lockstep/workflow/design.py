@@ -1,7 +1,7 @@
 """A design: made of a problem, or read from a design file; the same object either way."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -21,6 +21,7 @@ from lockstep.workflow.trade_off import check_folder, gains_by_name, trade_off_f
 
 if TYPE_CHECKING:
     from lockstep.check.loop import Gains
+    from lockstep.lmi.search.stopping import Stop
     from lockstep.model.network import Network
     from lockstep.workflow.generate import Generated
 
@@ -36,6 +37,7 @@ class Design(Analysis):
     Args:
         stored: the file, checked and typed; two designs are equal if their files are.
         folder: the folder that it was read from, if it was one: of generated C, perhaps.
+        reused: whether it was made before and proved again, rather than searched for.
 
     >>> problem = Problem.parse('''
     ... [agent]
@@ -57,6 +59,7 @@ class Design(Analysis):
 
     stored: Stored
     folder: Path | None = None
+    reused: bool = False
 
     @classmethod
     def of(cls, content: Any, where: str, folder: Path | None = None) -> "Design":
@@ -211,6 +214,14 @@ def load(path: Path | str) -> Design:
     return Design.of(parse_json(text, place), place, path)
 
 
+def _made_before(problem: Problem, progress: Progress) -> Design | None:
+    from lockstep.workflow.reuse import recall
+
+    progress("looking for a design that was made before", 0.0)
+    found = recall(problem)
+    return None if found is None else replace(found, reused=True)
+
+
 def as_design(design: Design | Path | str) -> tuple[Design, Path | None]:
     """Return a design, and the path it was read from, if it was."""
     if isinstance(design, Design):
@@ -227,6 +238,8 @@ def design(
     jobs: int | None = None,
     time_limit: float | None = None,
     progress: Progress = silent,
+    reuse: bool = False,
+    stop: "Stop | None" = None,
 ) -> Design:
     """Design the gains of a problem, and prove the loop with those very gains, continuous and as they ship.
 
@@ -242,6 +255,9 @@ def design(
         jobs: processes to search with; by default one per core.
         time_limit: seconds to search for gains; then the best certified ones so far, which depend on the machine.
         progress: told what is being done and the part of it that is done.
+        reuse: take the design that was made before of the same problem, proved again, if there is one in the user's cache
+            folder, and keep this one there; see `lockstep.workflow.reuse`.
+        stop: ends the search early, and the best certified gains so far are kept; see `lockstep.lmi.search.stopping`.
 
     Raises:
         ProblemError: bad input, or an output that cannot be written.
@@ -266,9 +282,17 @@ def design(
     others = gains_by_name(against)
     posed, place = problem_of(problem)
     with of_file(place):
-        made = designed(posed, jobs=jobs, progress=progress, time_limit=time_limit)
-        found = Design(as_shipped(file_of(made), progress, made.others))
+        before = _made_before(posed, progress) if reuse else None
+        if before is not None:
+            found = before
+        else:
+            made = designed(posed, jobs=jobs, progress=progress, time_limit=time_limit, stop=stop)
+            found = Design(as_shipped(file_of(made), progress, made.others, stop))
         files = {} if folder is None else trade_off_files(found.stored, others, progress)
+    if reuse and before is None:
+        from lockstep.workflow.reuse import keep
+
+        keep(found)
     points = None if curve is None or folder is not None else found.trade_off()
     if written is not None:
         write_text(written, found.text())

@@ -28,7 +28,7 @@ from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.initial import InitialStates, Unavailable
 from lockstep.lmi.sampled.improve import StartingGains
 from lockstep.lmi.scope import Scope, initial_states, scope_of
-from lockstep.lmi.search.start import over
+from lockstep.lmi.search.stopping import NothingYet, Stop
 from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import bound_of, network_of
 from lockstep.model.bound_search import Bound
@@ -90,6 +90,7 @@ def design(
     jobs: int | None = None,
     progress: Progress | None = None,
     time_limit: float | None = None,
+    stop: Stop | None = None,
 ) -> Proposal:
     """Design or take the gains of a problem and prove them.
 
@@ -99,6 +100,8 @@ def design(
         progress: told what is going on.
         time_limit: seconds for the search of method "certified", the proof afterwards not counted; where it cuts the
             search, the design depends on the machine, and `figures["time_limit"]` says so.
+        stop: ends the search of method "certified", and what is not needed after it; the best gains so far are kept, and
+            `figures["interrupted"]` says so.
 
     Raises:
         ProblemError: the problem cannot be posed (no spanning tree, no finite bound, a method not built yet).
@@ -108,10 +111,12 @@ def design(
         NotCertified: the gains are there but not certified; the figures carry them and the audit.
     """
     with one_thread():
-        return _designed(problem, jobs, progress or (lambda _what, _part: None), time_limit)
+        return _designed(problem, jobs, progress or (lambda _what, _part: None), time_limit, stop or Stop())
 
 
-def _designed(problem: Problem, jobs: int | None, tell: Progress, time_limit: float | None) -> Proposal:
+def _designed(
+    problem: Problem, jobs: int | None, tell: Progress, time_limit: float | None, stop: Stop
+) -> Proposal:
     problem.validate()
     if time_limit is not None and not time_limit > 0:
         raise ProblemError(f"{time_limit} s", where="--time-limit", expected="a number of seconds above 0")
@@ -129,9 +134,10 @@ def _designed(problem: Problem, jobs: int | None, tell: Progress, time_limit: fl
     for wish in tried:
         left, last = None if deadline is None else max(deadline - time.monotonic(), 1e-3), wish is tried[-1]
         try:
-            found = _proposed(wish.problem, bound, jobs, tell, left, explain=last)
-        except (Infeasible, NotCertified, OutOfTime):
-            if best is None and (last or over(deadline)):
+            found = _proposed(wish.problem, bound, jobs, tell, left, stop, explain=last)
+        except (Infeasible, NotCertified, OutOfTime, NothingYet):
+            out_of_time = deadline is not None and time.monotonic() >= deadline
+            if best is None and (last or out_of_time or stop.asked):
                 raise
             if best is not None:
                 break
@@ -140,7 +146,7 @@ def _designed(problem: Problem, jobs: int | None, tell: Progress, time_limit: fl
             best = found if wish.problem is problem else _with_remark(found, wish)
         elif best is not None:
             break
-        if not is_far(_rho(best), None if best.floor is None else best.floor.rho):
+        if stop.asked or not is_far(_rho(best), None if best.floor is None else best.floor.rho):
             break
     assert best is not None
     return best
@@ -162,6 +168,7 @@ def _proposed(
     jobs: int | None,
     tell: Progress,
     time_limit: float | None,
+    stop: Stop,
     *,
     explain: bool,
 ) -> Proposal:
@@ -170,7 +177,7 @@ def _proposed(
     Args:
         problem: that names all it asks for.
         bound: of its nonlinearity.
-        jobs, tell, time_limit: of `design`.
+        jobs, tell, time_limit, stop: of `design`.
         explain: whether to look for what is in the way where no gains are found.
 
     Raises:
@@ -180,7 +187,7 @@ def _proposed(
     claim = claim_of(problem, bound)
     match problem.design.method:
         case "certified":
-            found = _searched(problem, network, bound, claim, jobs, tell, time_limit, explain=explain)
+            found = _searched(problem, network, bound, claim, jobs, tell, time_limit, stop, explain=explain)
         case "given":
             found = _given(problem, network, bound, claim, tell)
         case "theorem1" | "corollary1":
@@ -232,6 +239,7 @@ def _searched(
     jobs: int | None,
     tell: Progress,
     time_limit: float | None,
+    stop: Stop,
     *,
     explain: bool,
 ) -> Proposal:
@@ -239,9 +247,9 @@ def _searched(
     from lockstep.lmi.sampled.score import SampledScore
 
     score = SampledScore.of(problem, network, claim)
-    found = searched(problem, network, claim, jobs, tell, time_limit, score, explain=explain)
+    found = searched(problem, network, claim, jobs, tell, time_limit, score, stop, explain=explain)
     figures = found.figures | _figures(network, found.gains)
-    floor = _floor(network, found.claim, found.certificate.rho, tell)
+    floor = stop.optional(lambda: _floor(network, found.claim, found.certificate.rho, tell), otherwise=None)
     return Proposal(
         problem, network, bound, found.claim, found.gains, found.certificate, figures, floor, found.others
     )

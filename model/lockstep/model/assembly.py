@@ -72,7 +72,7 @@ def bound_of(
     if alpha is not None and phi.size1_out(0) <= 1:
         # One component is not scaled, so alpha means the same whatever the smallest bound is.
         return _decided(prove_bound(phi, box, alpha, boxes=boxes, progress=progress), alpha)
-    problem = SlopeProblem.of(read(phi), box)
+    problem = SlopeProblem.of(agent.exact.phi, box)
     found = search_bound(problem, boxes=boxes, progress=progress)
     if not math.isfinite(found.alpha):
         if found.reason == UNFINISHED:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.text import DEEPEST, LONGEST, MOST_TOKENS
 from lockstep.check.wording import shorten
+from lockstep.model.look_alikes import advice, keyboard_for
 
 _TOKEN = re.compile(
     r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)|(?P<name>[A-Za-z_][A-Za-z_0-9]*)"
@@ -93,7 +94,7 @@ def tokens(source: Source) -> list[Token]:
                 f"`{shorten(character)}` is not part of an expression",
                 position,
                 expected="numbers, names, + - * / ** ( ) , and < <= > >= in if_else",
-                remedy=_REMEDIES.get(character, ""),
+                remedy=_remedy(character, source.text),
             )
         if match.lastgroup != "space":
             token = Token(match.lastgroup, match.group(), position)
@@ -111,6 +112,12 @@ def tokens(source: Source) -> list[Token]:
             remedy="build the agent in Python",
         )
     return found
+
+
+def _remedy(character: str, text: str) -> str:
+    """Say what to write for a character, or for all of the text that only look like another one."""
+    same = _REMEDIES.get(character) or _REMEDIES.get(keyboard_for(character))
+    return same or advice("".join(one for one in text if keyboard_for(one) not in _REMEDIES))
 
 
 def check_neighbours(source: Source, line: list[Token]) -> None:

@@ -8,6 +8,7 @@ from sys import float_info
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.text import CONSTANTS, FUNCTIONS, RESERVED
 from lockstep.check.wording import nearest, shorten
+from lockstep.model.look_alikes import advice
 
 LONGEST_AGENT_NAME = 20
 """C99 tells external names apart by 31 characters (5.2.4.1), and the agent's number and `_step` follow."""
@@ -38,6 +39,7 @@ def check_agent_name(name: str) -> None:
             f"`{shorten(str(name))}` is not a C identifier",
             where=where,
             expected="an ASCII letter, then letters, digits and _",
+            remedy=advice(str(name)),
         )
     if len(name) > LONGEST_AGENT_NAME:
         raise ProblemError(
@@ -75,6 +77,7 @@ def _check_name(name: str, where: str) -> None:
             f"`{shorten(str(name))}` is not a name",
             where=where,
             expected="an ASCII letter, then letters, digits and _",
+            remedy=advice(str(name)),
         )
     if len(name) > LONGEST_NAME:
         raise ProblemError(

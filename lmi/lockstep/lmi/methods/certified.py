@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,9 @@ from lockstep.lmi.floor.bisection import proves_that_none_carries
 from lockstep.lmi.sampled.improve import StartingGains
 from lockstep.lmi.search import GainSearch, Polished, Score, SearchResult, search_gains
 from lockstep.lmi.search.fastest import raised_decay
+from lockstep.lmi.search.likely import likely
 from lockstep.lmi.search.start import Climbed
+from lockstep.lmi.search.stopping import Deadline, NothingYet, Stop
 from lockstep.lmi.threads import one_thread
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
@@ -54,6 +57,7 @@ def searched(
     tell: Callable[[str, float], None],
     time_limit: float | None = None,
     score: Score | None = None,
+    stop: Stop | None = None,
     *,
     explain: bool = True,
 ) -> CertifiedGains:
@@ -65,6 +69,7 @@ def searched(
         tell: told what is going on.
         time_limit: seconds for the search; then the best gains so far are taken.
         score: rho of the sampled loop for gains, by which starts are ranked; None to rank by rho.
+        stop: ends the search, too.
         explain: whether to look for what is in the way where nothing is found.
 
     Raises:
@@ -73,7 +78,8 @@ def searched(
         OutOfTime: the time limit was over before any start had gains for the claim.
         NotCertified: gains were found, and their certificate did not survive the exact check.
     """
-    deadline = None if time_limit is None else time.monotonic() + time_limit
+    stop = stop or Stop()
+    deadline = Deadline(None if time_limit is None else time.monotonic() + time_limit, stop.flag)
     table = problem.design
     rho = table.rho if table.objective == "alpha" else None
     tell("looking for limits of any controller", 0.0)
@@ -82,23 +88,29 @@ def searched(
     rate, refused = rate_of_controllers(problem), NotCertified("no gains were found")
     for held in decays_held(problem):
         search = GainSearch.of(network.decaying(held).loop(problem.order), claim, table.gain_limit, lag, rate)
-        found = search_gains(
-            search,
-            starts=table.starts,
-            seed=table.seed,
-            score=score,
-            rho=rho,
-            jobs=jobs,
-            tell=lambda part: tell("searching for gains", part),
-            deadline=deadline,
-        )
+        doing = f"searching for gains, likely {likely(search, table.starts, jobs)}"
+        with stop.searching():
+            found = search_gains(
+                search,
+                starts=table.starts,
+                seed=table.seed,
+                score=score,
+                rho=rho,
+                jobs=jobs,
+                tell=partial(tell, doing),
+                deadline=deadline,
+            )
         if not found.outcomes:
+            if stop.asked:
+                raise NothingYet("interrupted before any gains were certified; nothing was written")
             if found.cut and time_limit is not None:
                 raise _out_of_time(time_limit, claim, found)
             tell("looking for what is reachable", 1.0)
             raise _nothing(problem, network, claim, found, explain=explain)
         tell("proving the certificate", 0.0)
-        limit = {"time_limit": time_limit} if found.cut else {}
+        limit: dict[str, Any] = {}
+        if found.cut:
+            limit = {"interrupted": True} if stop.asked else {"time_limit": time_limit}
         for one in found.outcomes:
             try:
                 proved = _proved(problem, network, claim, one, search, limit)

@@ -18,7 +18,8 @@ from lockstep.check.loop import Loop, Plant, build_loop
 from lockstep.lmi.search.interior import within
 from lockstep.lmi.search.smoothed import SmoothedNorm, descended, refined
 from lockstep.lmi.search.stabilise import abscissa, stabilise
-from lockstep.lmi.search.start import INSIDE, STABLE, GainSearch, Score, StartResult, over, scored
+from lockstep.lmi.search.start import INSIDE, STABLE, GainSearch, Score, StartResult, scored
+from lockstep.lmi.search.stopping import NEVER, Deadline
 
 ABSENT = 1e-12
 """A singular value of the inputs, relative to the largest, that is rounding."""
@@ -63,10 +64,10 @@ def late_norm(search: GainSearch) -> SmoothedNorm:
 
 
 def hold(
-    search: GainSearch, score: Score | None, start: StartResult, deadline: float | None = None
+    search: GainSearch, score: Score | None, start: StartResult, deadline: Deadline = NEVER
 ) -> StartResult:
     """Return a start with its gains made for the late loop, or as it is where that made what ships worse."""
-    if over(deadline) or start.abscissa >= 0:
+    if deadline.over or start.abscissa >= 0:
         return start
     norm, limit = late_norm(search), search.gain_limit
     K = start.at.K

@@ -17,7 +17,6 @@ algebra kernels and not under others. Here every iterate is inside.
 Nothing here is trusted: `rounding.prove` certifies the gains that come out, or does not.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
@@ -28,6 +27,7 @@ from jaxtyping import Float, Int
 from lockstep.check.inequality import Certificate, Claim, gain_errors
 from lockstep.check.loop import Loop
 from lockstep.lmi.search.logdet import BalancedF
+from lockstep.lmi.search.stopping import NEVER, Deadline
 
 WEIGHTS = (6e-3, 2e-3, 5e-4)
 """mu, one after the other. F has a few dozen rows, and a goal of log rho^2 outweighs what -log det(-F) gains by scaling P
@@ -80,12 +80,12 @@ class BarrierPoint:
 class NewtonLimits:
     """How long a run may take (a count: the same input gives the same answer), the range of rho, and a deadline.
 
-    deadline: of `time.monotonic`, or None; where it cuts a run, the answer depends on the machine.
+    deadline: where it cuts a run, the answer depends on the machine.
     """
 
     iterations: int = 150
     rho_most: float = 1e6
-    deadline: float | None = None
+    deadline: Deadline = NEVER
 
 
 class VariableBound(NamedTuple):
@@ -261,7 +261,7 @@ class InteriorProgram:
 
         here, shift = value(x), 0.0
         for _ in range(limits.iterations):
-            if task.done(x) or (limits.deadline is not None and time.monotonic() >= limits.deadline):
+            if task.done(x) or limits.deadline.over:
                 break
             slope, square, rest = self._slopes(F, x, task, mu)
             inside = np.ix_(task.free, task.free)

@@ -11,6 +11,7 @@ from lockstep.lmi.search.held import hold
 from lockstep.lmi.search.polish import Polished, polished, reached
 from lockstep.lmi.search.smoothed import Descended
 from lockstep.lmi.search.start import Climbed, GainSearch, Score, begin, climb, go_on
+from lockstep.lmi.search.stopping import NEVER, Deadline
 from lockstep.lmi.threads import one_thread
 from lockstep.lmi.workers import started_without_interrupts
 
@@ -54,7 +55,7 @@ def search_gains(
     rho: float | None = None,
     jobs: int | None = None,
     tell: Tell | None = None,
-    deadline: float | None = None,
+    deadline: Deadline = NEVER,
 ) -> SearchResult:
     """Return what the most promising of many starts came to; the same seed gives the same, whatever `jobs` is.
 
@@ -65,23 +66,27 @@ def search_gains(
         rho: None to lower rho; a number to raise alpha with rho at most that.
         jobs: processes; by default as many as there are cores to run on.
         tell: told the part that is done.
-        deadline: of `time.monotonic`, which all processes of a machine share; what it cuts depends on the machine.
+        deadline: when to end; what it cuts depends on the machine.
     """
     if starts < 1:
         raise ValueError("a search needs at least one start")
     cores = _Cores(jobs or len(os.sched_getaffinity(0)), tell or (lambda _part: None))
     count = (DRAWN_OF_LARGE if search.is_large else DRAWN) * starts
-    drawn = cores.run((0.0, 0.4), begin, [(search, score, seed, index, deadline) for index in range(count)])
+    drawn = cores.run(
+        (0.0, 0.4), begin, [(search, score, seed, index, deadline) for index in range(count)], deadline
+    )
     drawn.sort(key=lambda one: one.rank)
     promising = [one for one in drawn if np.isfinite(one.at.rho)][: KEPT * starts]
-    further = cores.run((0.4, 0.6), go_on, [(search, score, one, deadline) for one in promising])
+    further = cores.run((0.4, 0.6), go_on, [(search, score, one, deadline) for one in promising], deadline)
+    further += promising[len(further) :]
     further.sort(key=lambda one: one.rank)
     if (
         search.lag
         and further
         and further[0].sampled > LOST * search.units.rho * min(one.at.rho for one in further)
     ):
-        further = cores.run((0.6, 0.6), hold, [(search, score, one, deadline) for one in further])
+        held = cores.run((0.6, 0.6), hold, [(search, score, one, deadline) for one in further], deadline)
+        further = held + further[len(held) :]
         further.sort(key=lambda one: one.rank)
     pursued = (further or [one for one in drawn if one.abscissa < 0])[:starts]
     ends = cores.run(
@@ -96,10 +101,10 @@ def search_gains(
     cores.tell(1.0)
     return SearchResult(
         tuple(outcomes),
-        min(one.abscissa for one in drawn),
+        min((one.abscissa for one in drawn), default=np.inf),
         max((one for one, _ in ends if one), key=lambda one: (one.certified, one.claimed), default=None),
         float(least),
-        any([one.cut for one in drawn] + [one.cut for one in outcomes] + [one.cut for one, _ in ends if one]),
+        deadline.over,
     )
 
 
@@ -109,7 +114,7 @@ def _pursue(
     index: int,
     at: Descended,
     rho: float | None,
-    deadline: float | None,
+    deadline: Deadline,
 ) -> tuple[Climbed | None, Polished | None]:
     """Take gains to the whole claim, and polish them there."""
     climbed = climb(search, at, deadline)
@@ -119,7 +124,7 @@ def _pursue(
     return climbed, polished(search, start, score, rho=rho, deadline=deadline)
 
 
-def _settled(search: GainSearch, best: Polished, score: Score | None, deadline: float | None) -> Polished:
+def _settled(search: GainSearch, best: Polished, score: Score | None, deadline: Deadline) -> Polished:
     """Polish the best outcome until hardly anything is gained."""
     with one_thread():
         found = polished(search, best, score, worthwhile=SETTLED, deadline=deadline)
@@ -134,9 +139,13 @@ class _Cores:
     tell: Tell
 
     def run(
-        self, part: tuple[float, float], function: Callable[..., T], arguments: Sequence[tuple[Any, ...]]
+        self,
+        part: tuple[float, float],
+        function: Callable[..., T],
+        arguments: Sequence[tuple[Any, ...]],
+        deadline: Deadline = NEVER,
     ) -> list[T]:
-        """Return the results in the order of the arguments."""
+        """Return the results in the order of the arguments: those that were begun before the deadline."""
         from joblib import Parallel, delayed
 
         self.tell(part[0])
@@ -145,7 +154,7 @@ class _Cores:
         found: list[T] = []
         with started_without_interrupts():
             results = Parallel(n_jobs=min(self.count, len(arguments)), return_as="generator")(
-                delayed(_single_threaded)(function, *one) for one in arguments
+                delayed(_single_threaded)(function, *one) for one in arguments if not deadline.over
             )
         for result in results:
             found.append(result)

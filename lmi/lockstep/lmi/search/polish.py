@@ -14,7 +14,8 @@ from lockstep.check.inequality import Certificate
 from lockstep.lmi.analysis.reach import largest_alpha
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.search.interior import BarrierPoint, NewtonLimits
-from lockstep.lmi.search.start import GainSearch, Score, over
+from lockstep.lmi.search.start import GainSearch, Score
+from lockstep.lmi.search.stopping import NEVER, Deadline
 
 STRIDES = 12
 """At most so many; one that does not pay ends it before."""
@@ -69,7 +70,7 @@ def polished(
     *,
     rho: float | None = None,
     worthwhile: float = WORTHWHILE,
-    deadline: float | None = None,
+    deadline: Deadline = NEVER,
 ) -> Polished:
     """Lower rho from an outcome, and return the one on the way that ships best.
 
@@ -79,12 +80,12 @@ def polished(
         score: of the sampled loop; None to count rho alone.
         rho: None to lower rho; a number to raise alpha with rho at most that.
         worthwhile: the part of rho that a stride has to gain.
-        deadline: of `time.monotonic`.
+        deadline: when to end.
     """
     point, best, idle = BarrierPoint(start.K, start.certificate), start, 0
     length = SHORT
     for _ in range(STRIDES):
-        if over(deadline) or (rho is not None and best.rho <= rho):
+        if deadline.over or (rho is not None and best.rho <= rho):
             break
         before = point.certificate.rho
         point = _stride(search, point, length, deadline)
@@ -95,7 +96,7 @@ def polished(
         if idle == 2 or gained == 0 or new.sampled > WORSE * best.sampled:
             break
         length = LONG
-    best = replace(best, cut=over(deadline))
+    best = replace(best, cut=deadline.over)
     return best if rho is None else _with_alpha_raised(search, best, rho, deadline)
 
 
@@ -107,7 +108,7 @@ def _outcome(
     return Polished(index, point.K, point.certificate, c.rho, sampled, (*history, min([c.rho, *history])))
 
 
-def _stride(search: GainSearch, point: BarrierPoint, length: int, deadline: float | None) -> BarrierPoint:
+def _stride(search: GainSearch, point: BarrierPoint, length: int, deadline: Deadline) -> BarrierPoint:
     """Take one run of the nonlinear program; the point as it was where the run did not lower rho."""
     trial = search.program.improve(point, "rho", NewtonLimits(length, deadline=deadline))
     found = least_rho(search.loop, trial.K, search.claim, trial.certificate)
@@ -115,7 +116,7 @@ def _stride(search: GainSearch, point: BarrierPoint, length: int, deadline: floa
     return BarrierPoint(trial.K, found) if found is not None and better else point
 
 
-def _with_alpha_raised(search: GainSearch, best: Polished, rho: float, deadline: float | None) -> Polished:
+def _with_alpha_raised(search: GainSearch, best: Polished, rho: float, deadline: Deadline) -> Polished:
     """Raise alpha with rho at most the one given; alpha stays 0 where rho itself was not reached."""
     if best.rho > rho:
         return best
@@ -123,7 +124,7 @@ def _with_alpha_raised(search: GainSearch, best: Polished, rho: float, deadline:
     most = rho * best.certificate.rho / best.rho  # rho in the units of the search
     K, alpha = best.K, largest_alpha(loop, best.K, claim, rho=most)
     for _ in range(RAISES):
-        start = None if over(deadline) else least_rho(loop, K, claim.at(alpha=alpha))
+        start = None if deadline.over else least_rho(loop, K, claim.at(alpha=alpha))
         if start is None:
             break
         part = (alpha / claim.alpha) ** 2
@@ -139,4 +140,4 @@ def _with_alpha_raised(search: GainSearch, best: Polished, rho: float, deadline:
     certificate = least_rho(loop, K, claim.at(alpha=alpha))
     if certificate is None:
         return best
-    return replace(best, K=K, certificate=certificate, alpha=alpha, cut=over(deadline))
+    return replace(best, K=K, certificate=certificate, alpha=alpha, cut=deadline.over)

@@ -7,7 +7,6 @@ smoothed norm does not bring to a certificate of the whole claim is brought to o
 program climbs from there.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,6 +21,7 @@ from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLi
 from lockstep.lmi.search.smoothed import Descended, SmoothedNorm, descended, refined
 from lockstep.lmi.search.stabilise import abscissa as abscissa_of
 from lockstep.lmi.search.stabilise import stabilise
+from lockstep.lmi.search.stopping import NEVER, Deadline
 from lockstep.lmi.search.units import Units, scaled
 
 SIZES = (0.3, 1.0, 3.0)
@@ -120,7 +120,7 @@ class StartResult:
 
 
 def begin(
-    search: GainSearch, score: Score | None, seed: int, index: int, deadline: float | None = None
+    search: GainSearch, score: Score | None, seed: int, index: int, deadline: Deadline = NEVER
 ) -> StartResult:
     """Return one start; the same arguments give the same one.
 
@@ -128,9 +128,9 @@ def begin(
         search: what is searched.
         score: of the sampled loop; None to rank by rho alone.
         seed, index: of the random gains.
-        deadline: of `time.monotonic`; a start that is over it is not begun.
+        deadline: a start that is over it is not begun.
     """
-    if over(deadline):
+    if deadline.over:
         nowhere = Descended(np.zeros(search.norm.shape), np.ones(0), np.inf, np.inf)
         return StartResult(index, np.inf, nowhere, cut=True)
     K, abscissa = stable_gains(search, seed, index)
@@ -140,10 +140,10 @@ def begin(
 
 
 def go_on(
-    search: GainSearch, score: Score | None, start: StartResult, deadline: float | None = None
+    search: GainSearch, score: Score | None, start: StartResult, deadline: Deadline = NEVER
 ) -> StartResult:
     """Return a start with its gains taken further, or as it is where that made what ships worse."""
-    if over(deadline):
+    if deadline.over:
         return start
     return min(
         start,
@@ -159,11 +159,6 @@ def scored(search: GainSearch, score: Score | None, start: StartResult) -> Start
     pairs = AffineF(search.loop, start.at.K, search.claim).pairs
     weights = search.units.cost * search.units.multiplier * start.at.w[:pairs]
     return replace(start, sampled=max(search.units.rho * start.at.rho, score(start.at.K, weights)))
-
-
-def over(deadline: float | None) -> bool:
-    """Tell whether a deadline of `time.monotonic` has passed; None never does."""
-    return deadline is not None and time.monotonic() >= deadline
 
 
 def stable_gains(search: GainSearch, seed: int, index: int) -> tuple[Float[np.ndarray, "N k l"], float]:
@@ -212,7 +207,7 @@ class Climbed:
     cut: bool = False
 
 
-def climb(search: GainSearch, at: Descended, deadline: float | None = None) -> Climbed | None:
+def climb(search: GainSearch, at: Descended, deadline: Deadline = NEVER) -> Climbed | None:
     """Find the part of a claim that gains carry, and raise it with the nonlinear program; None where they carry
     none."""
     K = at.K
@@ -224,7 +219,7 @@ def climb(search: GainSearch, at: Descended, deadline: float | None = None) -> C
         return None
     certified, rho_most = point.alpha_fraction**0.5, 10.0 * point.certificate.rho
     for _ in range(CLIMBS):
-        if over(deadline):
+        if deadline.over:
             break
         trial = program.improve(point, "claim", NewtonLimits(150, rho_most, deadline))
         found = least_rho(search.loop, trial.K, search.claim)
@@ -237,7 +232,7 @@ def climb(search: GainSearch, at: Descended, deadline: float | None = None) -> C
         if after < STUCK * before:
             break
     parts = [point.alpha_fraction, *([point.delta_fraction] if program.ways else [])]
-    return Climbed(point, certified, min(parts) ** 0.5, over(deadline))
+    return Climbed(point, certified, min(parts) ** 0.5, deadline.over)
 
 
 def _known(search: GainSearch, at: Descended) -> Certificate | None:

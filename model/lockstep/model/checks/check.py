@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from lockstep.model.assembly import Report, bound_of, network_of
 from lockstep.model.bound_search import BOXES
-from lockstep.model.checks import nonlinearity, structure
+from lockstep.model.checks import nonlinearity, slips, structure
 from lockstep.model.checks.proved.definite import BOXES as PROVING_BOXES
 from lockstep.model.checks.proved.everything import prove
 from lockstep.model.checks.report import CheckReport
@@ -68,6 +68,8 @@ def check_problem(
         controllable,
         observable,
         zeros,
+        slips.period(problem),
+        *slips.initial(problem),
     )
     return CheckReport(
         rows=rows,

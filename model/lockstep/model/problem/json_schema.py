@@ -5,6 +5,7 @@ They say what the tables are; that an agent, a graph and gains fit together is d
 
 from typing import Any
 
+from lockstep.model.problem.key_meanings import described
 from lockstep.model.problem.schema import ProblemFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -25,6 +26,9 @@ def problem_schema() -> dict[str, Any]:
     numbers = {"type": "array", "minItems": 1, "items": {"type": "number"}}
     for weight in tables["WeightsTable"]["properties"].values():
         weight["anyOf"] = [{"type": "number"}, numbers, {"type": "array", "minItems": 1, "items": numbers}]
+    for name, table in {"ProblemFile": schema, **tables}.items():
+        for key, value in table["properties"].items():
+            value["description"] = described(name, key, value.get("description", ""))
     return {"$schema": DIALECT, "title": "Problem file of Lockstep", **_without_titles(schema)}
 
 

@@ -11,6 +11,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.files import read_text
 from lockstep.check.limits import DEEPEST_KEY, MOST_KEYS, check_document
 from lockstep.check.wording import shorten
+from lockstep.model.look_alikes import advice
 from lockstep.model.problem.messages import problem_error
 from lockstep.model.problem.schema import ProblemFile
 
@@ -18,6 +19,7 @@ from lockstep.model.problem.schema import ProblemFile
 _LONG_KEY = re.compile(
     rf"""(?<![A-Za-z0-9_-])(?:(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST_KEY}}}"""
 )
+_QUOTED = re.compile(r"""\"[^"\n]*+\"|'[^'\n]*+'""")
 _TABLE = re.compile(r"^[ \t]*\[", re.MULTILINE)
 
 
@@ -64,13 +66,20 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise ProblemError(
             f"this is not TOML: {what[:1].lower()}{what[1:]}",
             where=place.group(1) if place else "",
-            remedy="texts need quotes, lists [ ], and each key is given once",
+            remedy=_retyped(text, place) or "texts need quotes, lists [ ], and each key is given once",
         ) from None
     except (RecursionError, ValueError) as error:
         what = (
             "it is nested too deeply" if isinstance(error, RecursionError) else "a number has too many digits"
         )
         raise ProblemError(f"this is not TOML that can be read: {what}") from None
+
+
+def _retyped(text: str, place: re.Match[str] | None) -> str:
+    """Say what to type in the line that TOML stopped in, where characters outside of its texts only look like others."""
+    found = re.search(r"line ([0-9]+)", place.group(1)) if place else None
+    line = text.splitlines()[int(found[1]) - 1 : int(found[1])] if found else []
+    return advice(_QUOTED.sub("", line[0]).partition("#")[0]) if line else ""
 
 
 def _table_name(found: re.Match[str]) -> str:

@@ -5,6 +5,8 @@ import time
 from collections.abc import Callable
 from types import TracebackType
 
+from lockstep.workflow.time_left import TimeLeft
+
 PATIENCE = 5.0
 """Seconds before the first line: a command that answers at once says nothing else."""
 
@@ -37,6 +39,7 @@ class ProgressLines:
         self._began = time.monotonic()
         self._wrote = self._began - pause
         self._what, self._part, self._written = "", 0.0, ""
+        self._left = TimeLeft()
         self._lock, self._ended = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._keep_time, name="progress", daemon=True)
 
@@ -56,6 +59,7 @@ class ProgressLines:
         """Take note of what is being done, and the part of it that is done."""
         with self._lock:
             self._what, self._part = what, part
+            self._left.tell(what, part)
             self._say_if_due()
 
     def _keep_time(self) -> None:
@@ -71,4 +75,5 @@ class ProgressLines:
             return
         self._written, self._wrote = self._what, now
         done = f", {self._part:.0%} done" if self._part > 0 else ""
-        self._write(f"lockstep: {self._what}{done}, {now - self._began:.0f} s")
+        left = self._left.text()
+        self._write(f"lockstep: {self._what}{done}, {now - self._began:.0f} s{left and f', {left}'}")

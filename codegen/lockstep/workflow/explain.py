@@ -1,0 +1,304 @@
+"""A design in plain words: what is proved of it, under which assumptions, and what is not proved.
+
+Every sentence follows from what the checker decides here and now (`lockstep.certify`). What the file claims and the checker
+does not decide stands under "not proved". `Design.explain` tells the claims of a design without deciding them.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from lockstep.workflow.certify import DesignVerdict, certify
+from lockstep.workflow.design import Design
+
+TOLD = frozenset(
+    [
+        "bound",
+        "certificate",
+        "asked",
+        "decay",
+        "controllers_stable",
+        "controllers_stable_sampled",
+        "floor",
+        "initial_set",
+        "code",
+        "sampled",
+        "sampled_rho",
+        "max_period",
+        "limits",
+    ]
+)
+"""Claims of a design file that have sentences of their own below; others are told by the checker's reason."""
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A figure and what it means: its name, its value as text, a sentence."""
+
+    name: str
+    value: str
+    meaning: str
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """What a design is worth, for whoever did not make it.
+
+    Args:
+        found: what the checker decided.
+        proved, assumed, open: what is proved, what that rests on, and what is not proved.
+    """
+
+    found: DesignVerdict
+    proved: tuple[Statement, ...]
+    assumed: tuple[Statement, ...]
+    open: tuple[Statement, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether every claim of the design holds."""
+        return self.found.ok
+
+    def document(self) -> dict[str, Any]:
+        """Return what `lockstep explain --json` prints."""
+        parts = {"proved": self.proved, "assumed": self.assumed, "not_proved": self.open}
+        return {
+            "ok": self.ok,
+            "certified": self.found.certified,
+            "title": self.found.design.title,
+            "reason": self.found.reason,
+            **{key: [asdict(one) for one in part] for key, part in parts.items()},
+        }
+
+
+def explain(design: Design | Path | str) -> Explanation:
+    """Check a design, and say in plain words what that means.
+
+    Args:
+        design: itself, its file, or a folder that holds one.
+
+    Raises:
+        ProblemError: no design, or a problem in it that cannot be posed.
+    """
+    found = certify(design)
+    if not found.verdict.certified:
+        refused = Statement("certificate", "none", f"Nothing is proved of these controllers: {found.reason}.")
+        return Explanation(found, (), (), (refused,))
+    proved = (*_continuous(found), *_sampled(found), *_others(found))
+    return Explanation(found, proved, tuple(_assumed(found)), tuple(_open(found)))
+
+
+def _continuous(found: DesignVerdict) -> Iterator[Statement]:
+    design = found.design
+    problem, claims = design.problem, design.stored.claims
+    where = (
+        "from whatever states they start"
+        if found.verdict.scope == "global"
+        else "while each stays in its domain"
+    )
+    yield Statement(
+        "agreement",
+        f"{problem.graph().N} agents",
+        f"All agents come to the same states, {where}, with the continuous controllers of the file. Decided in exact"
+        " arithmetic for the very gains in it.",
+    )
+    rho = found.rho
+    if rho is not None:
+        yield Statement("rho", f"{rho:.6g}", _meaning_of_rho(problem, rho))
+    linear = problem.agent().lure.is_linear
+    yield Statement(
+        "alpha",
+        f"{claims.alpha:.9g}",
+        "The agents are linear: no bound is needed."
+        if linear
+        else "The largest slope of the nonlinearity that is counted on, proved for its formula: every other nonlinearity with"
+        " no larger slopes is covered too.",
+    )
+    if claims.floor is not None and found.verdict.proves("floor"):
+        more = "" if rho is None else f": this design is {100 * (rho / claims.floor - 1):.3g} % above"
+        yield Statement(
+            "floor of rho",
+            f"{claims.floor:.6g}",
+            f"No controllers, of any order and however connected, can be certified in this way below it{more}.",
+        )
+    if claims.decay is not None and found.verdict.proves("decay"):
+        half = math.log(2) / claims.decay
+        yield Statement(
+            "decay",
+            f"{claims.decay:.4g} 1/s",
+            f"Without disturbances every disagreement shrinks at least as exp(-{claims.decay:.4g} t) in the long run: by half"
+            f" every {half:.3g} s, to a hundredth in {math.log(100) / claims.decay:.3g} s, after a first phase that may"
+            " swing.",
+        )
+    if claims.controllers_stable and found.verdict.proves("controllers_stable"):
+        yield Statement(
+            "controllers by themselves", "stable", "A controller whose messages stop comes to rest."
+        )
+    delta = {letter: value for letter, value in claims.fragility.items() if value}
+    if delta:
+        shown = ", ".join(f"{letter} {value:g}" for letter, value in delta.items())
+        yield Statement(
+            "gain errors", shown, "Each matrix of each controller may be off by so much, as a spectral norm."
+        )
+    if claims.initial_set is not None and found.verdict.proves("initial_set"):
+        yield Statement(
+            "initial states",
+            f"{claims.initial_set.radius:.4g}",
+            f"{found.answer['initial_set']['text']}.",
+        )
+
+
+def _meaning_of_rho(problem: Any, rho: float) -> str:
+    states = problem.agent().states
+    units = {str(problem.agent().units.get(name, "")) for name in states}
+    weight = problem.design.weights.state
+    plain = "" if weight == 1.0 else ", each state by its weight of [design.weights]"
+    if problem.design.disturbances is not None:
+        plain += ", disturbances and noise in the scales of [design.disturbances]"
+    if problem.design.coordinates != "orthonormal":
+        plain += ", both as differences by the rows of L"
+    mixed = (
+        f" It mixes {', '.join(sorted(filter(None, units)))}: which states count how much is up to [design.weights]."
+        if len(units - {""}) > 1
+        else ""
+    )
+    return (
+        f"Disturbances that differ between the agents, of root mean square 0.1 (of {', '.join(states[:4])}"
+        f"{', ...' if len(states) > 4 else ''}, per second), keep them apart by at most {0.1 * rho:.3g} in root mean"
+        f" square once the start is forgotten{plain}. What all agents suffer alike keeps nobody apart.{mixed}"
+    )
+
+
+def _sampled(found: DesignVerdict) -> Iterator[Statement]:
+    sampled, table = found.sampled, found.design.problem.controller
+    if sampled.get("certified") is not True:
+        return
+    delay = "one period after the reading" if table.delay else "at once"
+    yield Statement(
+        "period",
+        f"{table.period:g} s",
+        f"The controllers that ship agree too: {table.real}, stepped {1 / table.period:.6g} times a second, their output held"
+        f" and applied {delay}; between the samples as well. Decided in ball arithmetic.",
+    )
+    longest = sampled.get("max_period")
+    if longest and longest > table.period:
+        yield Statement(
+            "longest period",
+            f"{longest:.4g} s",
+            f"The same gains, sampled anew, still agree at it: {longest / table.period:.3g} times the period asked for.",
+        )
+    if sampled.get("rho") is not None:
+        yield Statement(
+            "rho, sampled", f"{sampled['rho']:.6g}", "The same gain as rho, of the loop that ships."
+        )
+    if sampled.get("rounding"):
+        worst = max(max(one.values()) for one in sampled["rounding"])
+        yield Statement(
+            "rounding",
+            f"{worst:.2g}",
+            "Every rounding of a step counts as an error of the gains of up to this norm, and is covered.",
+        )
+    residual = sampled.get("residual_rms_per_message_error")
+    if residual is not None:
+        yield Statement(
+            "residue",
+            f"{residual:.3g} e",
+            "Messages and readings that are off by e keep the agents apart by at most this, in root mean square: a bound"
+            " that is not tight.",
+        )
+    radius = sampled.get("radius")
+    if radius is not None:
+        limits = ", ".join(f"|{name}| <= {limit:g}" for name, limit in _limits(found.design))
+        yield Statement(
+            "radius",
+            f"{radius:.4g}",
+            f"From a disagreement of at most this ({_units(found.design)}), controllers at rest and nothing disturbing, no"
+            f" actuator ever meets its limit: {limits}.",
+        )
+
+
+def _limits(design: Design) -> Iterator[tuple[str, float]]:
+    problem = design.problem
+    for name, limit in zip(problem.agent().inputs, problem.limits, strict=True):
+        if math.isfinite(limit):
+            yield name, float(limit)
+
+
+def _units(design: Design) -> str:
+    agent = design.problem.agent()
+    names = [f"{name} in {agent.units[name]}" if name in agent.units else name for name in agent.states]
+    return f"the root of the sum of the squares of what each agent is off their mean, {', '.join(names[:6])}"
+
+
+def _others(found: DesignVerdict) -> Iterator[Statement]:
+    for name, verdict in found.verdict.verdicts.items():
+        if name not in TOLD and verdict.proved:
+            yield Statement(
+                name.replace("_", " "), "proved", f"{verdict.reason[:1].upper()}{verdict.reason[1:]}."
+            )
+
+
+def _assumed(found: DesignVerdict) -> Iterator[Statement]:
+    problem = found.design.problem
+    yield Statement(
+        "model",
+        problem.file.agent.name,
+        "The agents obey the equations of the file; parameters are as given.",
+    )
+    if found.verdict.scope == "local":
+        sides = ", ".join(
+            f"{'-inf' if low is None else f'{low:g}'} <= {name} <= {'inf' if high is None else f'{high:g}'}"
+            for name, (low, high) in problem.file.agent.domain.items()
+        )
+        yield Statement(
+            "domain",
+            sides,
+            "Every agent stays within it; the bound of the nonlinearity is proved there only.",
+        )
+    if found.sampled.get("certified") is True:
+        yield Statement("clock", f"{problem.controller.period:g} s", "All agents step at the same instants.")
+        yield Statement(
+            "messages",
+            "all of them",
+            "Every message of a neighbour arrives, unless a statement above says what may be lost.",
+        )
+        yield Statement(
+            "actuators",
+            "unclipped",
+            "The plant does what u says, and no step overflows (Frama-C proves that).",
+        )
+
+
+def _open(found: DesignVerdict) -> Iterator[Statement]:
+    answer, problem = found.answer, found.design.problem
+    claimed = found.verdict.failed
+    if claimed is not None:
+        yield Statement(claimed, "refused", f"The file claims it and the checker refuses it: {found.reason}.")
+    if found.sampled.get("certified") is not True:
+        yield Statement(
+            "sampled controllers",
+            "not certified",
+            f"Nothing is proved of the controllers that ship: {found.sampled['reason']}.",
+        )
+    if not found.design.stored.claims.controllers_stable and problem.order:
+        yield Statement(
+            "controllers by themselves",
+            "not claimed",
+            "What a controller does when its neighbours fall silent: [design] stable_controllers = true asks for it.",
+        )
+    if found.design.stored.claims.decay is None:
+        yield Statement(
+            "decay", "not claimed", "How fast the agents agree: that they do is all that is proved."
+        )
+    if any(map(math.isfinite, problem.limits)) and found.sampled.get("radius") is None:
+        yield Statement("limits", "not claimed", "That the actuators' limits are never met.")
+    yield Statement("where they agree", "", "Which states the agents agree on: only that they are the same.")
+    yield Statement(
+        "the C",
+        "compared",
+        "The compiled code is compared with its reference bit by bit (`lockstep verify`), not proved.",
+    )
+    for name in answer.get("not_proved", ()):
+        yield Statement(name, "not proved", "A file of the folder that the proof does not speak of.")

@@ -1,0 +1,64 @@
+"""The documentation site: Sphinx with MyST, and the API pages from the docstrings."""
+
+import re
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as installed
+
+project = "Lockstep"
+author = "The Lockstep developers"
+project_copyright = "The Lockstep developers, Apache-2.0"
+try:
+    release = installed("lockstep-control")
+except PackageNotFoundError:  # the sources on the path, not installed
+    release = ""
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+source_suffix = {".md": "markdown"}
+exclude_patterns = ["_build"]
+html_theme = "furo"
+html_title = "Lockstep"
+html_static_path = ["_static"]
+html_css_files = ["wide.css"]
+html_show_sphinx = False
+nitpicky = False
+
+myst_enable_extensions = ["colon_fence", "deflist"]  # no math: its fonts would be fetched by every reader
+myst_heading_anchors = 3
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+autodoc_preserve_defaults = True
+autodoc_default_options = {"members": True, "show-inheritance": False}
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+default_role = "code"
+
+_OUTSIDE = re.compile(r"\[([^\]]+)\]\((?:\.\./)+([^)#]+)[^)]*\)")
+"""Links to files of the repository that are no pages of the site: their names are shown instead."""
+
+_LITERAL = re.compile(r"(``.*?``|`.*?`)")
+
+
+def _read(_app: object, _name: str, source: list[str]) -> None:
+    source[0] = _OUTSIDE.sub(lambda found: f"{found[1]} (`{found[2]}`)", source[0])
+
+
+def _docstring(
+    _app: object, _what: str, _name: str, _object: object, _options: object, lines: list[str]
+) -> None:
+    """Our docstrings are plain text with doctests: |x| is a norm and not a substitution, A_ is no link."""
+    in_doctest = False
+    for k, line in enumerate(lines):
+        in_doctest = line.lstrip().startswith(">>>") or (in_doctest and bool(line.strip()))
+        if not in_doctest and not line.lstrip().startswith(".."):
+            field = re.match(r"\s*:[^:]+:", line)
+            head = field[0] if field else ""
+            parts = _LITERAL.split(line[len(head) :])
+            parts[::2] = [re.sub(r"(?<!\\)([|*])|(?<=\w)_(?!\w)", r"\\\g<0>", part) for part in parts[::2]]
+            lines[k] = head + "".join(parts)
+
+
+def setup(app: object) -> None:
+    """Register what is done to pages and docstrings before they are parsed."""
+    app.connect("source-read", _read)  # type: ignore[attr-defined]
+    app.connect("autodoc-process-docstring", _docstring, priority=900)  # type: ignore[attr-defined]

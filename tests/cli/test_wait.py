@@ -1,0 +1,243 @@
+"""The wait for a design: an interrupt keeps the best gains so far, a second run takes what was proved, ranges before it."""
+
+import json
+import signal
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import lockstep
+from lockstep.cli.interrupts import keeping_the_best
+from lockstep.cli.main import app
+from lockstep.lmi.search.likely import rough, seconds
+from lockstep.lmi.search.stopping import Stop, Stopped
+from lockstep.workflow import reuse
+from lockstep.workflow.design import Design
+from lockstep.workflow.time_left import TimeLeft
+
+SMALL = """
+title = "Two scalars"
+[agent]
+states = ["x"]
+inputs = ["u"]
+dynamics = { x = "u - sin(x)" }
+outputs = { y = "x" }
+[network]
+agents = 2
+topology = "complete"
+[design]
+order = 0
+starts = 2
+[controller]
+period = 0.01
+"""
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch) -> Path:
+    folder = tmp_path / "cache"
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda name, **_options: folder / name)
+    return folder
+
+
+@pytest.fixture
+def small(tmp_path) -> Path:
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL, encoding="utf-8")
+    return path
+
+
+def interrupted_at(part: float, stop: Stop):
+    """Progress that interrupts the search once it has come to a part."""
+
+    def tell(what: str, done: float) -> None:
+        if what.startswith("searching") and done >= part and not stop.asked:
+            assert stop.take()
+
+    return tell
+
+
+@pytest.fixture(scope="module")
+def made() -> Design:
+    return lockstep.design(lockstep.Problem.parse(SMALL), jobs=1)
+
+
+def test_an_interrupt_keeps_the_best_certified_gains_so_far(small, made):
+    with Stop.ready() as stop:
+        found = lockstep.design(small, jobs=1, stop=stop, progress=interrupted_at(0.1, stop))
+    assert found.certified
+    assert found.document()["figures"]["interrupted"] is True
+    assert lockstep.certify(found).ok
+    assert "interrupted" not in made.document()["figures"]
+    assert found.rho is not None
+    assert made.rho is not None
+    assert found.rho >= made.rho * (1 - 1e-6), "a search that goes on finds nothing worse"
+
+
+def test_an_interrupt_before_any_start_has_gains_keeps_nothing(small):
+    with Stop.ready() as stop, pytest.raises(KeyboardInterrupt, match="before any gains were certified"):
+        lockstep.design(small, jobs=1, stop=stop, progress=interrupted_at(0.0, stop))
+
+
+def test_a_second_interrupt_is_not_taken_nor_is_one_outside_of_the_search():
+    with Stop.ready() as stop:
+        assert not stop.take(), "nothing is there yet to be kept"
+        with stop.searching():
+            assert stop.take()
+            assert not stop.take()
+        assert Path(stop.flag).exists()
+        assert stop.optional(lambda: 1, otherwise=0) == 0
+    assert not Path(stop.flag).exists()
+
+
+def test_what_is_not_needed_ends_at_an_interrupt():
+    stop = Stop()
+
+    def work() -> int:
+        stop.take()
+        return 1
+
+    assert stop.optional(work, otherwise=0) == 0
+    assert issubclass(Stopped, KeyboardInterrupt), "nothing that catches exceptions may swallow it"
+
+
+def test_the_command_takes_a_signal_and_hands_on_a_second_one():
+    said: list[str] = []
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with keeping_the_best(said.append) as stop, stop.searching():
+            signal.raise_signal(signal.SIGINT)
+            assert stop.asked
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+    (line,) = said
+    assert "best gains so far" in line
+
+
+def kept(folder: Path) -> list[Path]:
+    return sorted(folder.rglob("*.json"))
+
+
+def test_a_second_run_takes_what_was_proved_and_a_fresh_one_does_not(small, tmp_path, own_cache, monkeypatch):
+    run = CliRunner()
+    first = run.invoke(app, ["design", str(small), "-o", str(tmp_path / "1.json"), "--jobs", "1", "--json"])
+    assert first.exit_code == 0, first.output
+    (file,) = kept(own_cache)
+
+    def no_search(*_given, **_named):
+        raise AssertionError("a search")
+
+    with monkeypatch.context() as without:
+        without.setattr("lockstep.lmi.design.design", no_search)
+        again = run.invoke(app, ["design", str(small), "-o", str(tmp_path / "2.json"), "--json"])
+        assert again.exit_code == 0, again.output
+        assert "made before" in again.stderr
+        assert (tmp_path / "1.json").read_bytes() == (tmp_path / "2.json").read_bytes()
+        fresh = run.invoke(app, ["design", str(small), "--fresh", "--json"])
+        assert "a search" in json.loads(fresh.stdout)["error"]["message"]
+        changed = small.with_name("changed.toml")
+        changed.write_text(SMALL.replace("period = 0.01", "period = 0.02"), encoding="utf-8")
+        other = run.invoke(app, ["design", str(changed), "--json"])
+        assert "a search" in json.loads(other.stdout)["error"]["message"]
+    assert kept(own_cache) == [file]
+
+
+def test_only_what_a_design_depends_on_is_in_the_key():
+    def key(**changes: str) -> str:
+        text = SMALL
+        for old, new in changes.items():
+            text = text.replace(old, new)
+        return reuse.key(lockstep.Problem.parse(text))
+
+    assert key() == key(Two="Twelve") == key(order="# a comment\norder")
+    assert len({key(), key(complete="ring"), key(sin="tanh"), key(starts="seed")}) == 4
+
+
+def test_the_key_holds_the_sources_of_all_that_searches(root):
+    held = {path.resolve() for path in reuse._modules()}
+    for part in ("check", "model", "lmi", "codegen"):
+        own = set((root / part / "lockstep" / part).rglob("*.py"))
+        assert own
+        assert own <= held
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda text: text[: len(text) // 2],
+        lambda _text: "",
+        lambda _text: "[1, 2]",
+        lambda _text: "null",
+        lambda text: text.replace('"gains"', '"gain"', 1),
+        lambda text: json.dumps(better(json.loads(text))),
+        lambda text: json.dumps(moved(json.loads(text))),
+    ],
+    ids=["cut", "empty", "a list", "null", "a key", "a smaller rho", "other gains"],
+)
+def test_what_is_damaged_or_not_proved_is_ignored(damage, made, own_cache):
+    problem = made.problem
+    reuse.keep(made)
+    assert isinstance(reuse.recall(problem), Design)
+    (file,) = kept(own_cache)
+    file.write_text(damage(file.read_text(encoding="utf-8")), encoding="utf-8")
+    assert reuse.recall(problem) is None
+
+
+def better(content: dict) -> dict:
+    content["claims"]["rho"] *= 0.9
+    return content
+
+
+def moved(content: dict) -> dict:
+    content["gains"][0]["D"][0][0] += 7.0
+    return content
+
+
+@pytest.mark.parametrize("why", ["interrupted", "time_limit"])
+def test_a_search_that_was_cut_is_not_kept(why, made, own_cache):
+    content = json.loads(made.text())
+    content["info"]["figures"][why] = True
+    reuse.keep(Design.of(content, "cut"))
+    assert kept(own_cache) == []
+
+
+def test_a_folder_that_takes_no_files_is_no_error(made, own_cache):
+    own_cache.write_text("no folder", encoding="utf-8")
+    reuse.keep(made)
+    assert reuse.recall(made.problem) is None
+
+
+def test_the_range_grows_with_what_is_searched():
+    from lockstep.lmi.design import claim_of, proved_bound
+    from lockstep.lmi.search import GainSearch
+    from lockstep.model.assembly import network_of
+
+    problem = lockstep.Problem.parse(SMALL)
+    bound = proved_bound(problem)
+    network = network_of(problem, bound)
+    search = GainSearch.of(network.loop(0), claim_of(problem, bound), 50.0)
+    low, high = seconds(search, 2, 1)
+    assert 0 < low < high
+    assert [rough(one) for one in (0.2, 89.0, 91.0, 7300.0)] == ["1 s", "90 s", "2 min", "2 h"]
+
+
+def test_the_time_left_counts_down_and_begins_anew_with_a_phase():
+    now = [0.0]
+    left = TimeLeft(lambda: now[0])
+    left.tell("searching", 0.0)
+    now[0] = 2.0
+    left.tell("searching", 0.5)
+    assert left.text() == "", "too soon to say"
+    now[0] = 20.0
+    left.tell("searching", 0.5)
+    assert left.text() == "about 20 s left"
+    now[0] = 30.0
+    assert left.text() == "about 10 s left"
+    now[0] = 60.0
+    assert left.text() == "soon"
+    left.tell("proving", 0.95)
+    assert left.text() == ""

@@ -1,0 +1,151 @@
+"""Numbers that are seldom meant are noted: a long period, degrees, a start outside of the domain; look-alikes are offered."""
+
+import math
+
+import pytest
+
+from lockstep.check.errors import ProblemError
+from lockstep.model.checks import slips
+from lockstep.model.look_alikes import keyboard_for
+from lockstep.model.problem import Problem
+
+PENDULUM = """
+[agent]
+states = ["theta", "omega"]
+inputs = ["u"]
+parameters = { w2 = 16.0 }
+dynamics = { theta = "omega", omega = "u - w2*sin(theta) - 0.1*omega" }
+outputs = { y = "theta" }
+[network]
+agents = 3
+topology = "cycle"
+[controller]
+period = 0.05
+[simulation]
+initial = [[0.5, 0.0], [0.0, 0.0], [0.0, 0.0]]
+"""
+
+
+def with_change(old: str, new: str) -> Problem:
+    assert old in PENDULUM
+    return Problem.parse(PENDULUM.replace(old, new, 1))
+
+
+@pytest.mark.parametrize(
+    ("period", "verdict", "said"),
+    [
+        ("0.05", "ok", "0.2 rad"),
+        # 0.6 rad is the long end of the rule, pi where the samples cannot show the swing: 4 rad/s.
+        ("0.14", "ok", "rad"),
+        ("0.16", "note", "0.05 to 0.15 s is usual"),
+        ("0.78", "note", "long for that mode"),
+        ("0.79", "note", "cannot show at all"),
+        ("10.0", "note", "40 rad of the agent's fastest mode, 4 rad/s"),
+    ],
+)
+def test_a_period_that_is_too_long_for_the_plant_is_noted(period, verdict, said):
+    row = slips.period(with_change("period = 0.05", f"period = {period}"))
+    assert row.verdict == verdict
+    assert said in row.figure
+
+
+def test_a_mode_that_dies_out_by_itself_asks_for_no_short_period():
+    fast = PENDULUM.replace("u - w2*sin(theta) - 0.1*omega", "u - 1000*omega").replace(
+        "period = 0.05", "period = 1.0"
+    )
+    row = slips.period(Problem.parse(fast))
+    assert (row.verdict, "no mode" in row.figure) == ("ok", True)
+    grows = PENDULUM.replace("u - w2*sin(theta) - 0.1*omega", "u + 16*theta").replace(
+        "period = 0.05", "period = 1.0"
+    )
+    assert slips.period(Problem.parse(grows)).verdict == "note"
+
+
+def test_degrees_are_noted_with_what_they_would_be_in_radians():
+    (row,) = slips.initial(with_change("[0.5, 0.0]", "[30.0, 0.0]"))
+    assert row.verdict == "note"
+    assert "theta of agent 1 is 30" in row.figure
+    assert f"{math.radians(30):.4g}" in row.figure
+    assert list(slips.initial(with_change("[0.5, 0.0]", "[6.28, 0.0]"))) == []
+    # omega is the argument of no sine: 30 rad/s are what they are.
+    assert list(slips.initial(with_change("[0.5, 0.0]", "[0.5, 30.0]"))) == []
+    # An angle that the file turns into radians itself is in degrees.
+    in_degrees = PENDULUM.replace("sin(theta)", "sin(theta*pi/180)").replace("[0.5, 0.0]", "[30.0, 0.0]")
+    assert list(slips.initial(Problem.parse(in_degrees))) == []
+
+
+def test_random_states_far_beyond_a_turn_are_noted_too():
+    given = "initial = [[0.5, 0.0], [0.0, 0.0], [0.0, 0.0]]"
+    (row,) = slips.initial(with_change(given, "spread = 30.0"))
+    assert "`spread` is 30" in row.figure
+    assert list(slips.initial(with_change(given, "spread = 3.0"))) == []
+
+
+def test_a_start_outside_of_the_domain_is_noted():
+    boxed = PENDULUM + "[agent.domain]\ntheta = [-0.4, 0.4]\n"
+    (row,) = slips.initial(Problem.parse(boxed))
+    assert "theta of agent 1 is 0.5, outside of [agent.domain], -0.4 <= theta <= 0.4" in row.figure
+    assert list(slips.initial(Problem.parse(boxed.replace("[0.5, 0.0]", "[0.3, 0.0]")))) == []
+
+
+def test_check_tells_them():
+    notes = with_change("period = 0.05", "period = 10.0").check().notes
+    assert any("cannot show" in note for note in notes)
+    assert not any("period" in note for note in Problem.parse(PENDULUM).check().notes)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "typed"),
+    [
+        ("u - w2", "u \u2212 w2", "`-` for \\u2212 (minus sign)"),
+        ("w2*sin", "w2\u00d7sin", "`*` for \\xd7"),
+        ("w2*sin", "w2\u00b7sin", "`*` for \\xb7"),
+        ("sin(theta)", "sin(theta)\u00b2", "`**2` for \\xb2"),
+        ("u - w2", "u \uff0d w2", "`-` for \\uff0d"),
+        ("u - w2", "u\u00a0- w2", "a space for \\xa0"),
+        ("w2 = 16.0", "w2 = \u221216.0", "`-` for \\u2212"),
+        ("w2 = 16.0", "w2 = 16.0e\u22123", "`-` for \\u2212"),
+        ('"cycle"', "\u201ccycle\u201d", '`"` for \\u201c'),
+        ('states = ["theta"', 'states = ["\u03b8"', "`theta` for \\u03b8"),
+        ("sin(theta)", "sin(\u03b8)", "`theta` for \\u03b8"),
+    ],
+)
+def test_what_only_looks_like_a_character_of_the_keyboard_is_offered_as_it(old, new, typed):
+    with pytest.raises(ProblemError) as refused:
+        with_change(old, new)
+    assert typed in refused.value.remedy
+
+
+def test_letters_of_other_alphabets_that_look_like_nothing_here_are_not():
+    assert keyboard_for("e") == keyboard_for("\u00e9") == ""
+    with pytest.raises(ProblemError) as refused:
+        with_change("w2*sin", "\u00e9*sin")
+    assert "write" not in refused.value.remedy
+
+
+def test_a_prime_is_told_that_no_quotes_belong_there():
+    with pytest.raises(ProblemError, match="without quotes"):
+        with_change("sin(theta)", "sin(theta\u2019)")
+
+
+@pytest.mark.parametrize(
+    ("edges", "said"),
+    [
+        ("[[1, 2], [1, 3], [3, 4]]", "the edges are probably reversed: turned round, they lead from agent 1"),
+        ("[[1, 2], [3, 4]]", "let agent 2 listen to agent 4"),
+        ("[[1, 2], [2, 1], [3, 4], [4, 3]]", "let agents 1, 2 listen to agents 3, 4"),
+    ],
+)
+def test_edges_from_a_leader_that_are_written_source_first_are_told_so(edges, said):
+    text = PENDULUM.replace('agents = 3\ntopology = "cycle"', f"agents = 4\nedges = {edges}")
+    text = text[: text.index("[simulation]")]
+    with pytest.raises(ProblemError) as refused:
+        Problem.parse(text).validate()
+    assert said in refused.value.remedy
+
+
+def test_turned_round_they_are_accepted():
+    text = PENDULUM.replace('agents = 3\ntopology = "cycle"', "agents = 4\nedges = [[2, 1], [3, 1], [4, 3]]")
+    problem = Problem.parse(text[: text.index("[simulation]")])
+    problem.validate()
+    assert problem.graph().roots == (1,)
