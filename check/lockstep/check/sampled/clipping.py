@@ -9,7 +9,10 @@ Queinnec 2011, lemma 1.6). One more column for each q_l and tau_l >= 0 make of t
 
     V(xi+) <= decay V(xi) + kappa |nu|^2 + kappa_mu |mu|^2 + 2 sum_l tau_l q_l (q_l - h_l xi),
 
-the loop having v - q in the place of v. With exact messages the sectors hold where V <= c + (kappa |nu|^2 + kappa_mu |mu|^2) / (1 - decay),
+the loop having v - q in the place of v. With exact messages the sectors hold where
+
+    V <= c + (kappa |nu|^2 + kappa_mu |mu|^2) / (1 - decay),
+
 c being `limits.level` of the rows k_l - h_l, and there the sum is not positive. From V(xi(0)) <= c on they therefore hold for
 ever, by induction from sample to sample, and V decays to what underflow adds. With h = 0 nothing is ever clipped.
 """
