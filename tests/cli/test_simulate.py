@@ -70,7 +70,7 @@ def test_the_worst_disturbance_comes_near_rho(folder, run):
     found = answer(result)
     assert result.exit_code == 0
     assert found["disagreement_initial"] == 0
-    assert 0.9 < found["l2"]["ratio"] < 1
+    assert 0.75 < found["l2"]["ratio"] < 1
     assert found["l2"]["gain"] == pytest.approx(found["l2"]["ratio"] * found["l2"]["rho"], rel=1e-2)
 
 
@@ -222,7 +222,7 @@ def test_a_campaign_longer_than_can_be_counted_is_refused(folder, run, tmp_path)
 
 def test_a_campaign_without_a_sampled_rho_says_why_and_what_to_do(folder, run, tmp_path):
     def change(content):
-        content["problem"]["controller"]["period"] = 0.1
+        content["problem"]["controller"]["period"] = 0.2
 
     path = changed(folder, tmp_path, change)
     result = run(path, "--campaign", "2", "-o", "c", "--json")
@@ -230,7 +230,7 @@ def test_a_campaign_without_a_sampled_rho_says_why_and_what_to_do(folder, run, t
     assert result.exit_code == 1
     assert error["kind"] == "NotCertified"
     assert "no proved rho of the sampled controllers" in error["message"]
-    assert "0.1 s" in error["message"], "why"
+    assert "0.2 s" in error["message"], "why"
     assert "--controllers continuous" in error["message"]
     assert "period" in error["message"]
     assert "decided in" not in error["message"], "the reason of a proof that succeeded"
