@@ -30,7 +30,7 @@ from lockstep.verification.messages.events import (
     faulty_events,
     run_node,
 )
-from lockstep.verification.messages.node import Message, Node, Refusal, Wire
+from lockstep.verification.messages.node import Message, ReferenceNode, Refusal, Wire
 from lockstep.verification.messages.run import run_nodes_on_host
 from lockstep.verification.reference import Reference
 from lockstep.verification.toolchain import host_compilers
@@ -226,7 +226,7 @@ def test_with_every_message_in_time_a_node_computes_what_the_controller_does(rea
     spec = shapes([2], [1, 2], [1], real=real)
     manifest = Manifest.model_validate_json(emit(spec)["manifest.json"])
     for agent in manifest.agents:
-        node, plain = Node.of(agent, manifest), Reference.of(agent, manifest)
+        node, plain = ReferenceNode.of(agent, manifest), Reference.of(agent, manifest)
         q, random = len(agent.outputs), np.random.default_rng(5)
         for instant in range(50):
             y, *others = random.normal(size=(1 + len(node.sources), q)).astype(real)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class MessageLimits:
+class MessageReach:
     """The limits of each fault by itself: loss, burst, delay, jitter.
 
     Args:
@@ -35,7 +35,7 @@ class MessageLimits:
         }
 
 
-def message_limits(design: Design | Path | str, *, progress: Progress = silent) -> MessageLimits:
+def message_limits(design: Design | Path | str, *, progress: Progress = silent) -> MessageReach:
     """Return how much of each fault a design carries: every limit that is called certified was decided by the checker.
 
     Args:
@@ -59,4 +59,4 @@ def message_limits(design: Design | Path | str, *, progress: Progress = silent) 
         entries = found.stored.claims.entries
         near = verdict.witness.P
         said = limits.message_limits(network, controllers, near, entries, lambda what: progress(what, 0.0))
-    return MessageLimits(found.title, said)
+    return MessageReach(found.title, said)

@@ -73,6 +73,8 @@ int main(void)
     (void)arm1_step(&state, y, neighbour_y, (arm1_mask_t)number(), u);
     any_state(&state);
     (void)arm1_step_relative(&state, y, u);
+    any_state(&state);
+    (void)arm1_applied(&state, u);
     arm1_reset(&state);
     return 0;
 }

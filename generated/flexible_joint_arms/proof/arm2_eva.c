@@ -73,6 +73,8 @@ int main(void)
     (void)arm2_step(&state, y, neighbour_y, (arm2_mask_t)number(), u);
     any_state(&state);
     (void)arm2_step_relative(&state, y, u);
+    any_state(&state);
+    (void)arm2_applied(&state, u);
     arm2_reset(&state);
     return 0;
 }

@@ -73,6 +73,8 @@ int main(void)
     (void)arm3_step(&state, y, neighbour_y, (arm3_mask_t)number(), u);
     any_state(&state);
     (void)arm3_step_relative(&state, y, u);
+    any_state(&state);
+    (void)arm3_applied(&state, u);
     arm3_reset(&state);
     return 0;
 }

@@ -282,11 +282,12 @@ LOCKSTEP_ONE_COPY arm1_status_t arm1_step(arm1_state_t *state, const float y[2],
 arm1_status_t arm1_applied(arm1_state_t *state, const float u[1])
 {
     arm1_status_t status = ARM1_NOT_READY;
-    uint32_t k;
 
     if (state->ready == ARM1_DESIGN_WORD) {
         status = ARM1_NOT_FINITE;
         if (arm1_check(u, 1u) == 0.0f) {
+            uint32_t k;
+
             for (k = 0u; k < 1u; k++) {
                 state->u[k] = u[k];
             }

@@ -282,11 +282,12 @@ LOCKSTEP_ONE_COPY arm2_status_t arm2_step(arm2_state_t *state, const float y[2],
 arm2_status_t arm2_applied(arm2_state_t *state, const float u[1])
 {
     arm2_status_t status = ARM2_NOT_READY;
-    uint32_t k;
 
     if (state->ready == ARM2_DESIGN_WORD) {
         status = ARM2_NOT_FINITE;
         if (arm2_check(u, 1u) == 0.0f) {
+            uint32_t k;
+
             for (k = 0u; k < 1u; k++) {
                 state->u[k] = u[k];
             }

@@ -282,11 +282,12 @@ LOCKSTEP_ONE_COPY arm3_status_t arm3_step(arm3_state_t *state, const float y[2],
 arm3_status_t arm3_applied(arm3_state_t *state, const float u[1])
 {
     arm3_status_t status = ARM3_NOT_READY;
-    uint32_t k;
 
     if (state->ready == ARM3_DESIGN_WORD) {
         status = ARM3_NOT_FINITE;
         if (arm3_check(u, 1u) == 0.0f) {
+            uint32_t k;
+
             for (k = 0u; k < 1u; k++) {
                 state->u[k] = u[k];
             }

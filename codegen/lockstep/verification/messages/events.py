@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt, UInt8
 
 from lockstep.codegen.manifest import AgentEntry, Manifest
-from lockstep.verification.messages.node import Message, Node, Refusal, Wire
+from lockstep.verification.messages.node import Message, ReferenceNode, Refusal, Wire
 
 STEP, SEND, RECEIVE, FORGET, RESET, INIT = range(6)
 """Operations. The argument is the instant of STEP and SEND, the length of RECEIVE, the neighbour of FORGET."""
@@ -83,7 +83,7 @@ class NodeTrace:
 
 def run_node(agent: AgentEntry, manifest: Manifest, events: Events) -> NodeTrace:
     """Return the trace that the C must reproduce to the bit."""
-    node, trace = Node.of(agent, manifest), NodeTrace.empty(agent, manifest, len(events))
+    node, trace = ReferenceNode.of(agent, manifest), NodeTrace.empty(agent, manifest, len(events))
     for k in range(len(events)):
         trace.u[k] = node.controller.state.u
         trace.status[k] = _apply(node, events, k, trace)
@@ -104,7 +104,7 @@ def run_node(agent: AgentEntry, manifest: Manifest, events: Events) -> NodeTrace
     return trace
 
 
-def _apply(node: Node, events: Events, k: int, trace: NodeTrace) -> int:
+def _apply(node: ReferenceNode, events: Events, k: int, trace: NodeTrace) -> int:
     operation, argument, y = int(events.operation[k]), int(events.argument[k]), events.y[k]
     if operation == STEP:
         status, trace.u[k] = node.step(argument, y)
@@ -152,7 +152,7 @@ class _Builder:
 
     def __init__(self, manifest: Manifest, agent: AgentEntry) -> None:
         self.random = np.random.default_rng([_SEED, *agent.name.encode()])
-        self.node, self.wire = Node.of(agent, manifest), Wire.of(manifest)
+        self.node, self.wire = ReferenceNode.of(agent, manifest), Wire.of(manifest)
         self.dtype, self.q = manifest.real_type.dtype, len(agent.outputs)
         self.rows: list[tuple[int, int, np.ndarray, bytes]] = []
         self.under_way: list[tuple[int, bytes]] = []

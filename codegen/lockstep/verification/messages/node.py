@@ -113,7 +113,7 @@ class _Neighbour:
 
 
 @dataclass(eq=False)
-class Node:
+class ReferenceNode:
     """One agent with its messages.
 
     controller: of the agent, by its reference;  wire: the folder's;  sender: own number;  sources: the neighbours';
@@ -134,7 +134,7 @@ class Node:
         self.init()
 
     @classmethod
-    def of(cls, agent: AgentEntry, manifest: Manifest) -> "Node":
+    def of(cls, agent: AgentEntry, manifest: Manifest) -> "ReferenceNode":
         """Return the node of an agent of a generated folder."""
         limits, numbers = limits_of(manifest), senders(manifest)
         wire = Wire.of(manifest)

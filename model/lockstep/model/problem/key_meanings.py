@@ -33,8 +33,12 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
             "as in `units`",
         ),
         "limits": (
-            "Limits of the actuators: from how large a disagreement none is met is then proved",
+            "Limits of the actuators, at which the C clips: from how large a disagreement none is met is then proved",
             "unit of the input",
+        ),
+        "output_range": (
+            "Plausible values: a message with another is refused and counted",
+            "unit of the output",
         ),
         "domain": (
             "Box of states on which the bound of the nonlinearity is proved; absent: everywhere",
@@ -63,6 +67,22 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
             "",
         ),
         "parameters": ("What differs between agents: parameters that multiply inputs only", "as in `units`"),
+        "file": ("The graph, in a file of its own", ""),
+        "spectrum": (
+            "In place of a graph: all undirected ones with their nonzero Laplacian eigenvalues there",
+            "",
+        ),
+        "max_degree": (
+            "With `spectrum`: the most neighbours that an agent has; roundings are counted for so many",
+            "agents",
+        ),
+        "messages": ("What the network may do to messages; part of what is proved", ""),
+    },
+    "MessagesTable": {
+        "loss": ("Probability that a message is lost, for each link and period, independent", ""),
+        "burst": ("The most messages of a link lost in a row, in any pattern", "periods"),
+        "delay": ("The least and the most that a message is late, varying within it", "periods"),
+        "jitter": ("The part of the period by which a reading may be early", "periods"),
     },
     "WeightsTable": {
         "state": (
@@ -96,6 +116,7 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
         "weights": ("What rho weighs", ""),
         "disturbances": ("What rho is a gain from; absent: 1 on every state, no noise", ""),
         "decay": ("Every disagreement is to shrink at least as exp(-decay t), proved", "1/s"),
+        "search_decay": ("A decay that the search keeps to beside rho, and nobody is promised", "1/s"),
         "stable_controllers": ("Whether each controller is to be stable by itself, proved", ""),
         "gain_limit": ("The largest spectral norm of [A B; C D] of each controller", ""),
         "fragility": ("By how much gains may be off", ""),
@@ -103,7 +124,7 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
             "The slope of the nonlinearity to design for; absent: the smallest one proved",
             "as phi(H x) is written",
         ),
-        "objective": ("Minimise rho, or raise alpha with `rho` given", ""),
+        "objective": ("Minimise rho, raise alpha with `rho` given, or raise the decay", ""),
         "rho": ("The rho to keep while alpha is raised", "s"),
         "coordinates": ("Of the disagreement; laplacian_rows are the paper's", ""),
         "for_period": ("Design for the sampled controllers at once", ""),
