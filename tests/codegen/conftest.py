@@ -3,6 +3,8 @@
 import sys
 from pathlib import Path
 
+import json
+
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -48,3 +50,17 @@ def sampled(arms_network):
 
     features = Features(waves=True, noise=True, sequences=True, drops=True)
     return Engine(sampled_loop(arms_network, emitted(arms_network.graph), features))
+
+
+@pytest.fixture(scope="session")
+def unclipped(generated, tmp_path_factory):
+    """The committed design without limits of its inputs, and without what is claimed of them."""
+    content = json.loads((generated / "design.json").read_text())
+    content["problem"]["agent"]["limits"] = None
+    for key in ("radius", "limits_gain", "clipped_radius"):
+        content["claims"]["sampled"][key] = None
+    for key in ("radius", "limits_gain", "clipped"):
+        content["proofs"][key] = None
+    path = tmp_path_factory.mktemp("unclipped") / "design.json"
+    path.write_text(json.dumps(content))
+    return path

@@ -158,9 +158,9 @@ int main(void) {
     assert "4,1,0.1\n" in emit(image(table="csv"))["nodes.csv"]
 
 
-def test_own_gains_are_certified_in_one_image(tmp_path, generated):
+def test_own_gains_are_certified_in_one_image(tmp_path, unclipped):
     """The gains of the committed arms by the node's number: the same proof, by the numbers in this C."""
-    made = lockstep.generate(generated, tmp_path / "arms", one_image=True, max_neighbours=4, table="csv")
+    made = lockstep.generate(unclipped, tmp_path / "arms", one_image=True, max_neighbours=4, table="csv")
     assert {"include/arm_node.h", "src/arm_node.c", "nodes.csv"} <= set(made.files)
     found = certify(tmp_path / "arms").verdicts
     assert found["code"].proved
@@ -172,9 +172,9 @@ def test_own_gains_are_certified_in_one_image(tmp_path, generated):
     assert not changed.ok and any("nodes.csv" in line for line in changed.differences)
 
 
-def test_a_list_too_short_for_the_graph_is_no_proof(tmp_path, generated):
+def test_a_list_too_short_for_the_graph_is_no_proof(tmp_path, unclipped):
     """The checker itself holds the lists' length against the in-degrees: here one image for arms that hear two others."""
-    lockstep.generate(generated, tmp_path / "arms", one_image=True)
+    lockstep.generate(unclipped, tmp_path / "arms", one_image=True)
     design = json.loads((tmp_path / "arms" / "design.json").read_text())
     design["problem"]["network"]["edges"].append([1, 3])
     (tmp_path / "arms" / "design.json").write_text(json.dumps(design))
@@ -182,13 +182,13 @@ def test_a_list_too_short_for_the_graph_is_no_proof(tmp_path, generated):
     assert not all(one.proved for one in verdicts.values())
 
 
-def test_doors_need_neighbours_of_their_own(tmp_path, generated):
+def test_doors_need_neighbours_of_their_own(tmp_path, unclipped):
     with pytest.raises(ProblemError, match="one image, and `--fmu`"):
-        lockstep.generate(generated, tmp_path / "arms", one_image=True, doors=["fmu"])
+        lockstep.generate(unclipped, tmp_path / "arms", one_image=True, doors=["fmu"])
     with pytest.raises(ProblemError, match="`--table` with `--per-agent`"):
-        lockstep.generate(generated, tmp_path / "arms", one_image=False, table="csv")
+        lockstep.generate(unclipped, tmp_path / "arms", one_image=False, table="csv")
     with pytest.raises(ProblemError, match="none or csv or c"):
-        lockstep.generate(generated, tmp_path / "arms", table="yaml")
+        lockstep.generate(unclipped, tmp_path / "arms", table="yaml")
 
 
 @pytest.mark.slow
@@ -202,3 +202,10 @@ def test_nodes_equal_the_reference_on_emulated_cores(tmp_path, core, shape):
     if all(target.skipped for target in report.targets):
         pytest.skip(report.targets[0].skipped)
     assert report.ok, report.problems
+
+
+def test_inputs_that_are_clipped_are_refused(root, tmp_path):
+    """The nodes would take CLIPPED for a fault."""
+    with pytest.raises(ProblemError, match="clipped in one image"):
+        lockstep.generate(root / "generated" / "flexible_joint_arms", tmp_path / "out", one_image=True)
+    assert not (tmp_path / "out").exists()

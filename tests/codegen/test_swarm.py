@@ -184,9 +184,9 @@ def test_lists_are_those_of_a_matrix():
 
 
 @pytest.fixture(scope="module")
-def alike(generated):
+def alike(unclipped):
     """A design file with the same gains for all: the first arm's for each; it is simulated and nothing is claimed of it."""
-    design = lockstep.load(generated)
+    design = lockstep.load(unclipped)
     gains = design.stored.gains
     same = Gains(*((getattr(gains, letter)[0],) * 3 for letter in "ABCD"))
     return replace(design, stored=replace(design.stored, gains=same))
@@ -212,22 +212,22 @@ def test_a_design_runs_on_another_graph(alike, monkeypatch, engine):
     assert len(repr(run)) < 300
 
 
-def test_own_gains_have_no_other_graph(generated):
+def test_own_gains_have_no_other_graph(unclipped):
     with pytest.raises(ProblemError, match="controllers that are not all the same"):
-        lockstep.simulate(generated, neighbours=NeighbourLists.random_regular(10, 3))
+        lockstep.simulate(unclipped, neighbours=NeighbourLists.random_regular(10, 3))
     with pytest.raises(ProblemError, match="continuous controllers on a graph"):
         lockstep.simulate(
-            generated, neighbours=NeighbourLists.random_regular(10, 3), controllers="continuous"
+            unclipped, neighbours=NeighbourLists.random_regular(10, 3), controllers="continuous"
         )
 
 
 @needs_compiler
-def test_a_large_design_gives_the_answer_of_a_small_one(generated, monkeypatch):
+def test_a_large_design_gives_the_answer_of_a_small_one(unclipped, monkeypatch):
     """The same keys and figures, whichever way the run goes."""
     options = {"horizon": 0.3, "disturbance": "noise", "seed": 4}
-    small = lockstep.simulate(generated, **options).document()
+    small = lockstep.simulate(unclipped, **options).document()
     monkeypatch.setattr(large, "LARGE", 2)
-    found = lockstep.simulate(generated, **options).document()
+    found = lockstep.simulate(unclipped, **options).document()
     assert (found.pop("agents"), found.pop("engine")) == (3, "compiled")
     assert found.keys() == small.keys()
     assert found["l2"]["reason"] == small["l2"]["reason"]

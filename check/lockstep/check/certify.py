@@ -310,7 +310,7 @@ def _read(
             "gains": np.array_equal(theirs.table, mine.table),
             "neighbours": theirs.sources == mine.sources and (not image or rows),
             "weights": np.array_equal(theirs.weights, mine.weights),
-            "limits": _same_limits(stored.problem, one.limits),
+            "limits": _same_limits(stored.problem, one.limits) and not (image and one.limits is not None),
         }
         if differs := ", ".join(word for word, holds in same.items() if not holds):
             return held, Verdict("refuted", f"{name}: not the design's {differs}")

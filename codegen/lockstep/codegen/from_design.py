@@ -53,6 +53,12 @@ def specification(
     """
     problem, agent = stored.problem, stored.problem.agent()
     problem.demand_one_graph("for C that names the neighbours of each agent")
+    if one_image and problem.has_limits:
+        raise ProblemError(
+            "inputs that are clipped in one image for all nodes",
+            where="[agent.limits], --one-image",
+            expected="the C of each agent, which clips: --per-agent",
+        )
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
     base, units, gains = f"{prefix}{agent.name}", agent.units, stored.gains
     names = [f"{base}{i}" for i in range(1, graph.N + 1)]
@@ -207,7 +213,7 @@ def signed_lines(stored: Stored) -> dict[str, str]:
     applied = "one period after its sample" if table.delay else "at once"
     unclipped = (
         "meets no limit (where that is proved, `limits` says)"
-        if np.isfinite(stored.problem.sides).any()
+        if stored.problem.has_limits
         else "unclipped"
     )
     residual, rms = (_two_digits(one) for one in (sampled.residual, sampled.residual_rms))

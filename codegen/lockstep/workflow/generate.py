@@ -91,11 +91,12 @@ def generate(
 
 
 def _is_swarm(design: Design) -> bool:
-    """Tell whether a design is of many agents with the same gains."""
+    """Tell whether a design is of many agents with the same gains, and inputs that are not clipped."""
     from lockstep.codegen.from_design import has_one_controller
     from lockstep.codegen.one_image import ONE_IMAGE_FROM
 
-    return design.stored.gains.N >= ONE_IMAGE_FROM and has_one_controller(design.stored)
+    stored = design.stored
+    return stored.gains.N >= ONE_IMAGE_FROM and has_one_controller(stored) and not stored.problem.has_limits
 
 
 def generated_files(

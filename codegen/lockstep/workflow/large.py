@@ -94,6 +94,7 @@ def is_large(
         "the adaptive integrator": changes.method != "rk4",
         "the worst disturbance": disturbance == "worst",
         "gain errors": errors != "none",
+        "inputs that are clipped": stored.problem.has_limits,
         "a channel that loses or delays": not channel_of(table.channel, 0).is_ideal,
     }
     against = [name for name, holds in why.items() if holds]

@@ -309,6 +309,11 @@ class Problem:
         )
 
     @property
+    def has_limits(self) -> bool:
+        """Whether some input has a limit at which it is clipped."""
+        return bool(np.isfinite(self.sides).any())
+
+    @property
     def limits(self) -> Float[np.ndarray, " m"]:
         """How far each input goes either way before the C clips it, (m,), infinite where it has no limit."""
         nearer = np.abs(clipped_at(self.controller.real, self.sides)).min(axis=1)
