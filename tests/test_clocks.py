@@ -14,9 +14,13 @@ FOLDERS = [
 
 CLOCKS = {
     # a time limit that the user sets: it stops the search, and the design says so
-    *(f"lmi/{name}.py" for name in ("search/start", "search/interior", "methods/certified")),
-    # figures for people
-    "cli/progress_lines.py",
+    *(
+        f"lmi/{name}.py"
+        for name in ("search/start", "search/interior", "search/stopping", "methods/certified", "design")
+    ),
+    # how long a search is likely to take, and figures for people
+    "lmi/search/likely.py",
+    *(f"workflow/{name}.py" for name in ("progress_lines", "time_left")),
     "campaign/campaign.py",
 }
 

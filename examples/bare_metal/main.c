@@ -30,8 +30,10 @@ void SysTick_Handler(void)
     float neighbour_y[ARM1_NEIGHBOURS * ARM1_OUTPUTS];
     const arm1_mask_t received = receive(neighbour_y);
     float u[ARM1_INPUTS];
+    arm1_status_t status;
 
-    if (arm1_step(&controller, y, neighbour_y, received, u) == ARM1_OK) {
+    status = arm1_step(&controller, y, neighbour_y, received, u);
+    if ((status == ARM1_OK) || (status == ARM1_CLIPPED)) {
         BOARD->command = u[0];
     } else {
         BOARD->command = 0.0f; /* what is safe is the plant's business: here the motor is let go */

@@ -33,7 +33,15 @@ def test_the_design_and_its_c_are_proved_claim_by_claim(capsys: pytest.CaptureFi
     assert main([str(FOLDER), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     expected = ["bound", "certificate", "asked", "decay", "controllers_stable", "floor", "code"]
-    expected += ["controllers_stable_sampled", "sampled", "sampled_rho", "max_period", "limits"]
+    expected += [
+        "controllers_stable_sampled",
+        "sampled",
+        "sampled_rho",
+        "max_period",
+        "limits",
+        "limits_gain",
+        "clipped",
+    ]
     assert list(found["claims"]) == expected
     assert found["certified"] is True
 

@@ -11,18 +11,22 @@ from lockstep.cli.main import app
 
 BAD = {
     "a missing key": ('inputs = ["u"]', "", "`inputs` is missing"),
-    "an unknown key": ("gain_limit = 50.0", "gain_limt = 50.0", "did you mean `gain_limit`?"),
+    "an unknown key": ("order = 2", "order = 2\ngain_limt = 50.0", "did you mean `gain_limit`?"),
     "an unknown symbol": ("gravity*sin", "gravty*sin", "did you mean `gravity`?"),
     "code": ("gravity*sin(theta_l)", "__import__('os')", "`__import__`"),
     "no spanning tree": ("edges = [[1, 2], [2, 3], [3, 1]]", "edges = [[1, 2]]", "no spanning tree"),
     "an uncontrollable agent": ("+ 21.6*u", "+ 0*u", "not stabilisable"),
-    "NaN in a weight": ("state = 1.0", "state = nan", "not a finite number"),
-    "a weight of the wrong shape": ("state = 1.0", "state = [1.0, 2.0]", "2 numbers for 4 states"),
+    "NaN in a weight": ("order = 2", "order = 2\nweights = { state = nan }", "not a finite number"),
+    "a weight of the wrong shape": (
+        "order = 2",
+        "order = 2\nweights = { state = [1.0, 2.0] }",
+        "2 numbers for 4 states",
+    ),
     "order -1": ("order = 2", "order = -1", "`order` is -1"),
     "a period of 0": ("period = 0.005", "period = 0", "`period` is 0"),
     "a period of next to nothing": ("period = 0.005", "period = 1e-300", "from 1e-06 to 100"),
     "a period of ages": ("period = 0.005", "period = 1e300", "from 1e-06 to 100"),
-    "no finite bound": ("gravity*sin(theta_l)", "theta_l**3", "no finite bound"),
+    "no finite bound": ("gravity*sin(theta_l)", "gravity*theta_l*sqrt(1 + theta_l**2)", "no finite bound"),
     "an input that enters nonlinearly": ("21.6*u", "21.6*u**2", "the input `u` enters"),
     "no TOML": ("[agent]", "[agent", "not TOML"),
     "a table twice": ("[network]", "[agent]\n[network]", "cannot declare [agent] twice"),
@@ -33,12 +37,16 @@ BAD = {
     "a word of C": ('name = "arm"', 'name = "while"', "is a word of C"),
     "a name that is no ASCII": ('name = "arm"', 'name = "bras_\u00e9"', "not a C identifier"),
     "an unknown function": ("sin(theta_l)", "sinus(theta_l)", "did you mean `sin`?"),
-    "a jump": ("gravity*sin(theta_l)", "sign(theta_l)", "no finite bound"),
+    "a jump": ("gravity*sin(theta_l)", "gravity*sign(theta_l)", "no finite bound"),
     "a self-loop": ("[[1, 2], ", "[[1, 1], [1, 2], ", "is a self loop"),
     "an edge twice": ("[[1, 2], ", "[[1, 2], [1, 2], ", "is there twice"),
     "an edge without weight": ("[[1, 2], ", "[[1, 2, 0.0], ", "has the weight 0.0"),
     "weights that overflow": ("[[1, 2], ", "[[1, 3, 1e308], [1, 2, 1e308], ", "agent 1 listens with add up"),
-    "a singular weight": ("state = 1.0", "state = [1.0, 0.0, 1.0, 1.0]", "smallest eigenvalue is 0"),
+    "a singular weight": (
+        "order = 2",
+        "order = 2\nweights = { state = [1.0, 0.0, 1.0, 1.0] }",
+        "smallest eigenvalue is 0",
+    ),
 }
 
 LEGAL = {

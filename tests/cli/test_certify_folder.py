@@ -42,9 +42,8 @@ def test_the_arms_are_certified_as_shipped(arms):
     assert answer["proof"] == "ball"
     assert answer["sampled"]["certified"]
     assert answer["sampled"]["period"] == 0.005
-    # Spectral radius 1 at 0.0337 s, by the exponentials of the test of the lower layer.
-    assert 0.033 < answer["sampled"]["max_period"] < 0.0338
-    # No sampled controller of these gains can be much better than the continuous one, rho = 3.344.
+    assert answer["sampled"]["max_period"] > 0.09, "what the defaults are to reach"
+    # No sampled controller of these gains can be much better than the continuous one.
     assert answer["rho"] < answer["sampled"]["rho"] < 1.1 * answer["rho"]
     assert answer["differences"] == []
 
@@ -133,7 +132,7 @@ def test_a_design_file_alone_is_certified_as_it_will_ship(design, tmp_path):
     assert answer["sampled"]["certified"]
     assert answer["sampled"]["proof"] == "ball"
     assert answer["sampled"]["period"] == 0.005
-    assert 0.033 < answer["sampled"]["max_period"] < 0.0338
+    assert 0.09 < answer["sampled"]["max_period"] < 0.11
 
 
 NOTHING = {"certified": False, "proof": "none"}
@@ -178,7 +177,7 @@ def test_a_claim_without_its_witness_is_refused(design, tmp_path, key):
 @pytest.mark.parametrize("claimed", [True, False])
 def test_a_period_too_long_fails_the_file_that_claims_it(design, tmp_path, claimed):
     """The longest period is a claim of its own, made of gains whose controllers at the design's period are not certified."""
-    design["problem"]["controller"]["period"] = 0.1
+    design["problem"]["controller"]["period"] = 0.15
     if not claimed:
         longest = design["claims"]["sampled"]["max_period"]
         design["claims"]["sampled"] = NOTHING | {"max_period": longest}
@@ -187,9 +186,9 @@ def test_a_period_too_long_fails_the_file_that_claims_it(design, tmp_path, claim
     assert answer["ok"] is not claimed
     assert answer["certified"], "the continuous claim is untouched"
     assert not answer["sampled"]["certified"]
-    assert answer["sampled"]["period"] == 0.1
+    assert answer["sampled"]["period"] == 0.15
     if not claimed:
-        assert 0.033 < answer["sampled"]["max_period"] < 0.0338
+        assert 0.09 < answer["sampled"]["max_period"] < 0.11
     assert ("error" in answer) is claimed
 
 
@@ -222,7 +221,7 @@ def test_the_longest_period_is_decided_by_its_witness_and_never_looked_for(desig
         assert answer["sampled"]["max_period"] == 0.005, (
             "the period of the controllers is proved all the same"
         )
-    design["problem"]["controller"]["period"] = 0.1
+    design["problem"]["controller"]["period"] = 0.15
     design["proofs"]["max_period"]["decay"] = 0.5
     _, answer = certify_design(design, tmp_path)
     assert answer["sampled"]["max_period"] is None

@@ -109,6 +109,7 @@ def test_what_diverges_is_reported_with_time_and_agent(folder, run, tmp_path):
     def change(content):
         for one in content["gains"]:
             one["D"] = [[-x for x in row] for row in one["D"]]
+        content["problem"]["agent"]["limits"] = None
 
     result = run(changed(folder, tmp_path, change), "--json", "-o", "t.csv")
     error = answer(result)["error"]

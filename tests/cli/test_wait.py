@@ -180,7 +180,7 @@ def test_the_key_holds_the_sources_of_all_that_searches(root):
 )
 def test_what_is_damaged_or_not_proved_is_ignored(damage, made, own_cache):
     problem = made.problem
-    reuse.keep(made)
+    reuse.keep(made.problem, made)
     assert isinstance(reuse.recall(problem), Design)
     (file,) = kept(own_cache)
     file.write_text(damage(file.read_text(encoding="utf-8")), encoding="utf-8")
@@ -201,13 +201,13 @@ def moved(content: dict) -> dict:
 def test_a_search_that_was_cut_is_not_kept(why, made, own_cache):
     content = json.loads(made.text())
     content["info"]["figures"][why] = True
-    reuse.keep(Design.of(content, "cut"))
+    reuse.keep(made.problem, Design.of(content, "cut"))
     assert kept(own_cache) == []
 
 
 def test_a_folder_that_takes_no_files_is_no_error(made, own_cache):
     own_cache.write_text("no folder", encoding="utf-8")
-    reuse.keep(made)
+    reuse.keep(made.problem, made)
     assert reuse.recall(made.problem) is None
 
 

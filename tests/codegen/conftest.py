@@ -1,9 +1,8 @@
 """Makes the cases beside it importable, these tests being no package, and keeps the loops that several files run."""
 
+import json
 import sys
 from pathlib import Path
-
-import json
 
 import pytest
 

@@ -90,7 +90,7 @@ def test_the_timer_interrupt_steps_the_controller_bit_for_bit(firmware, root):
         y, radio = random.normal(size=(2, 2)).astype(np.float32)
         received = int(random.random() < 0.9)
         status, u = reference.step(y, radio[None], received)
-        assert status == 0
+        assert status in (0, 8), "u meets its limit of 10 V now and then"
         assert board.tick(y, radio, received).tobytes() == u[0].tobytes()
     assert board.word(BOARD + 12) == 0
     assert reference.state.misses[0] > 10

@@ -109,7 +109,7 @@ def signed_title(folder: Path) -> None:
 
 
 ATTACKS = {
-    "a header that claims a smaller rho": (replaced("include/arm1.h", "rho = 3.344", "rho = 0.001"), "include/arm1.h"),
+    "a header that claims a smaller rho": (replaced("include/arm1.h", "   rho = ", "   rho = 0."), "include/arm1.h"),
     "flags that change the arithmetic": (
         replaced("CMakeLists.txt", "project(", "add_compile_options(-ffast-math -Dfloat=double)\nproject("),
         "CMakeLists.txt",

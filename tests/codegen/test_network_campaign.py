@@ -31,7 +31,8 @@ RUNS = 32
 
 @pytest.fixture(scope="module")
 def stored(root):
-    path = root / "generated" / "flexible_joint_arms" / "design.json"
+    """The arms designed for rho alone, whose large gains a bad network breaks."""
+    path = root / "tests" / "designs" / "arms_rho_only.json"
     return parse(json.loads(path.read_text()), str(path))
 
 
@@ -191,7 +192,8 @@ def test_the_command(root, tmp_path):
     found = json.loads(result.stdout)
     assert result.exit_code == 0, result.output
     assert found["covered"] and found["gain"] < found["rho"]
-    assert found["gain"] > 0.8 * found["rho"], "near what is proved, or it would say little"
+    # rho of the committed design also weighs u and noise, which these runs have little of.
+    assert found["gain"] > 0.6 * found["rho"], "near what is proved, or it would say little"
     assert len((tmp_path / "ideal" / "runs.csv").read_text().splitlines()) == 49
     for wrong in (["--faults", "loss=2"], ["--faults", "", "--controllers", "continuous"]):
         assert CliRunner().invoke(app, [*arguments, *wrong, "-o", str(tmp_path / "x")]).exit_code == 2

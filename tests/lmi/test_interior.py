@@ -13,6 +13,7 @@ from lockstep.lmi.search import GainSearch, search_gains
 from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLimits
 from lockstep.lmi.search.logdet import BalancedF
 from lockstep.lmi.search.start import begin
+from lockstep.lmi.search.stopping import Deadline
 from lockstep.model.assembly import network_of
 from lockstep.model.bound_search import Entry
 
@@ -159,7 +160,7 @@ def test_a_large_search_does_not_depend_on_the_number_of_processes() -> None:
 
 def test_a_start_whose_time_is_over_says_so() -> None:
     search = GainSearch.of(*eight_carts(), 10.0)
-    cut = begin(search, None, 0, 0, deadline=float("-inf"))
+    cut = begin(search, None, 0, 0, deadline=Deadline(at=float("-inf")))
     assert cut.cut
     assert not np.isfinite(cut.at.rho)
-    assert search_gains(search, starts=1, seed=0, jobs=1, deadline=float("-inf")).cut
+    assert search_gains(search, starts=1, seed=0, jobs=1, deadline=Deadline(at=float("-inf"))).cut

@@ -9,7 +9,7 @@ from lockstep.check.bound.decide import decide_bound
 from lockstep.check.verdict import Verdict
 from lockstep.model.agent import Agent
 from lockstep.model.assembly import bound_of, bound_with_scales
-from lockstep.model.bound_search import Bound, read
+from lockstep.model.bound_search import Bound
 from lockstep.model.problem import load_problem
 
 ROOT = Path(__file__).parents[2]
@@ -26,9 +26,7 @@ NAMES = [
 
 def decided(agent: Agent, bound: Bound, boxes: int) -> Verdict:
     scales = bound.output_scale, bound.input_scale
-    return decide_bound(
-        read(agent.lure.phi), agent.argument_box, bound.alpha, *scales, bound.entries, boxes=boxes
-    )
+    return decide_bound(agent.exact.phi, agent.argument_box, bound.alpha, *scales, bound.entries, boxes=boxes)
 
 
 @pytest.mark.parametrize("name", NAMES)

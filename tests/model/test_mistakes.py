@@ -23,7 +23,7 @@ MISTAKES = {
         "[agent.dynamics]", "no equation for the state `omega_l`", "time derivative", "did you mean `omega_L`?",
     ),
     "a weight of the wrong shape": (
-        "state = 1.0", "state = [[1.0, 0.0], [0.0, 1.0]]",
+        "order = 2", "order = 2\nweights = { state = [[1.0, 0.0], [0.0, 1.0]] }",
         "[design.weights] state", "a 2 x 2 matrix for 4 states", "a symmetric 4 x 4 matrix", "",
     ),
     "an unknown function": (

@@ -67,10 +67,10 @@ class ProblemTables:
     def from_document(cls, tables: Mapping[str, Any]) -> "ProblemTables":
         """Build the problem and look at all of it, so that what is wrong with it is told at once."""
         problem = cls(tables)
-        _ = problem.sizes, problem.box, problem.performance, problem.limits
-        _ = problem.period, problem.delay, problem.messages
         for key, known in CONTROLLER.items():
             one_of(problem.controller.get(key), known, f"[controller] {key}")
+        _ = problem.sizes, problem.box, problem.performance, problem.limits
+        _ = problem.period, problem.delay, problem.messages
         return problem
 
     def document(self) -> dict[str, Any]:

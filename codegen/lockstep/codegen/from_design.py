@@ -212,9 +212,7 @@ def signed_lines(stored: Stored) -> dict[str, str]:
     sampled, table = stored.claims.sampled, stored.problem.controller
     applied = "one period after its sample" if table.delay else "at once"
     unclipped = (
-        "meets no limit (where that is proved, `limits` says)"
-        if stored.problem.has_limits
-        else "unclipped"
+        "meets no limit (where that is proved, `limits` says)" if stored.problem.has_limits else "unclipped"
     )
     residual, rms = (_two_digits(one) for one in (sampled.residual, sampled.residual_rms))
     return {

@@ -292,7 +292,7 @@ def design(
     if reuse and before is None:
         from lockstep.workflow.reuse import keep
 
-        keep(found)
+        keep(posed, found)
     points = None if curve is None or folder is not None else found.trade_off()
     if written is not None:
         write_text(written, found.text())

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from lockstep.check.errors import LockstepError
+from lockstep.lmi.defaults import KEYS
 from lockstep.model.problem import Problem
 from lockstep.workflow.certify import certify
 from lockstep.workflow.design import Design
@@ -33,16 +34,16 @@ def recall(problem: Problem) -> Design | None:
     """Return the design that was kept of a problem, proved again, or None."""
     try:
         text = _place(problem).read_text(encoding="utf-8")
-        content = {**json.loads(text), "problem": problem.document()}
+        content = json.loads(text)
+        content["problem"] = _of_the_kept(problem, content["problem"])
         found = Design.of(content, "the kept design")
         return found if certify(found).ok else None
-    except (OSError, ValueError, TypeError, AttributeError, LockstepError):
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, LockstepError):
         return None
 
 
-def keep(design: Design) -> None:
-    """Keep a design; where that is not possible, it is not kept, and nothing is said."""
-    problem = design.problem
+def keep(problem: Problem, design: Design) -> None:
+    """Keep the design of a problem as it was posed; where that is not possible, it is not kept, and nothing is said."""
     if problem.design.method not in SEARCHED or {"time_limit", "interrupted"} & set(_figures(design)):
         return
     try:
@@ -53,6 +54,17 @@ def keep(design: Design) -> None:
             old.unlink(missing_ok=True)
     except (OSError, LockstepError):
         return
+
+
+def _of_the_kept(problem: Problem, kept: dict[str, Any]) -> dict[str, Any]:
+    """Return the problem as posed, with what defaults wrote into the kept one's [design] where it named nothing."""
+    posed, mine = problem.document(), kept["design"]
+    if not problem.has_defaults:
+        return posed
+    written = {*KEYS, "weights", "disturbances"}
+    if any(posed["design"].get(key) != mine.get(key) for key in {*posed["design"], *mine} - written):
+        raise ValueError("the kept design was asked for something else")
+    return {**posed, "design": mine}
 
 
 def _figures(design: Design) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lockstep.check.inequality import Claim
+from lockstep.model.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 from lockstep.model.problem.schema import DisturbancesTable, WeightsTable
@@ -58,7 +59,7 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
     if not problem.has_defaults:
         yield Wishes(problem, "")
         return
-    said = _in_natural_units(problem, network, claim)
+    said = _in_natural_units(problem, _of_two(problem, network), claim)
     high = max(HIGH_GAIN_LIMIT, _short(HIGH_GAIN_LIMIT / SIZE_ONE * said.pop("size")))
     for key in ("disturbances", "stable_controllers", "decay", "search_decay"):
         if key in table.model_fields_set:
@@ -83,6 +84,18 @@ def named(problem: Problem) -> dict[str, Any]:
     """Return what defaults wrote into a problem, as plain JSON types, for people."""
     table = problem.design.model_dump(mode="json", exclude_none=True)
     return {key: table[key] for key in (*KEYS, "weights", "disturbances") if key in table}
+
+
+def _of_two(problem: Problem, network: Network) -> Network:
+    """Return two agents with the middle eigenvalue where one controller is for all: units do not grow with N."""
+    if problem.design.method != "modal":
+        return network
+    if network.spectrum is not None:
+        middle = float(np.sqrt(np.prod(network.spectrum)))
+    else:
+        middle = float(np.trace(network.graph.laplacian)) / (network.N - 1)
+    pair = Graph(middle / 2 * np.array([[0.0, 1.0], [1.0, 0.0]]))
+    return replace(network, graph=pair, B=(network.B[0], network.B[0]), spectrum=None)
 
 
 def _in_natural_units(problem: Problem, network: Network, claim: Claim) -> dict[str, Any]:

@@ -132,7 +132,9 @@ def _designed(
     tried = list(wishes(problem, network_of(problem, bound), claim_of(problem, bound)))
     deadline, best = None if time_limit is None else time.monotonic() + time_limit, None
     for wish in tried:
-        left, last = None if deadline is None else max(deadline - time.monotonic(), 1e-3), wish is tried[-1]
+        left, last = time_limit, wish is tried[-1]
+        if deadline is not None and wish is not tried[0]:
+            left = max(deadline - time.monotonic(), 1e-3)
         try:
             found = _proposed(wish.problem, bound, jobs, tell, left, stop, explain=last)
         except (Infeasible, NotCertified, OutOfTime, NothingYet):

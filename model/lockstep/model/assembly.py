@@ -28,7 +28,6 @@ from lockstep.model.bound_search import (
     SearchState,
     confirmed,
     prove_bound,
-    read,
     search_bound,
     with_entries,
 )
@@ -71,7 +70,7 @@ def bound_of(
     phi, box = agent.lure.phi, agent.argument_box
     if alpha is not None and phi.size1_out(0) <= 1:
         # One component is not scaled, so alpha means the same whatever the smallest bound is.
-        return _decided(prove_bound(phi, box, alpha, boxes=boxes, progress=progress), alpha)
+        return _decided(prove_bound(agent.exact.phi, box, alpha, boxes=boxes, progress=progress), alpha)
     problem = SlopeProblem.of(agent.exact.phi, box)
     found = search_bound(problem, boxes=boxes, progress=progress)
     if not math.isfinite(found.alpha):
@@ -118,7 +117,7 @@ def bound_with_scales(
     """
     D_w, D_v = scales
     found = prove_bound(
-        agent.lure.phi,
+        agent.exact.phi,
         agent.argument_box,
         alpha,
         input_scale=D_v,
@@ -130,7 +129,7 @@ def bound_with_scales(
     if not entries:
         return proved
     budget = Budget(min(boxes, MOST_BOXES))
-    problem = SlopeProblem.of(read(agent.lure.phi), agent.argument_box).scaled(D_w, D_v)
+    problem = SlopeProblem.of(agent.exact.phi, agent.argument_box).scaled(D_w, D_v)
     verdict = decide_entries(problem, entries, budget)
     if not verdict.proved:
         raise BoundNotProved(

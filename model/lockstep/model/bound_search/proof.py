@@ -17,6 +17,7 @@ import numpy as np
 from lockstep.check.bound.box import EVERY_TIME, Box
 from lockstep.check.bound.cover import breakpoints
 from lockstep.check.bound.decide import MOST_BOXES, Budget, check_level, decide_norm
+from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.bound.slopes import Block, SlopeProblem
 from lockstep.check.errors import ProblemError
 from lockstep.check.verdict import Verdict
@@ -135,7 +136,7 @@ def confirmed(problem: SlopeProblem, bound: Bound) -> Bound:
 
 
 def prove_bound(
-    phi: ca.Function,
+    phi: ca.Function | ExactPhi,
     box: Box,
     alpha: float,
     time: tuple[float, float] = EVERY_TIME,
@@ -157,7 +158,8 @@ def prove_bound(
 
     """
     alpha = check_level(alpha)
-    problem = SlopeProblem.of(read(phi), box, time).scaled(output_scale, input_scale)
+    exact = read(phi) if isinstance(phi, ca.Function) else phi
+    problem = SlopeProblem.of(exact, box, time).scaled(output_scale, input_scale)
     lower, point = _reached(problem)
     budget = _Watched(boxes, progress, lower)
     verdict = Verdict("refuted", "")
