@@ -167,6 +167,7 @@ def test_no_random_loop_fails_to_converge(seed):
     check_random(seed)
 
 
+@pytest.mark.by_hand
 @pytest.mark.slow
 def test_none_of_a_hundred_random_loops_fails_to_converge():
     gains = [gain for gain in (check_random(seed) for seed in range(100)) if gain is not None]
@@ -224,6 +225,7 @@ def test_no_claimed_energy_is_above_the_true_one(seed):
     energy_ratio(seed)
 
 
+@pytest.mark.by_hand
 @pytest.mark.slow
 def test_of_a_hundred_random_loops_no_claimed_energy_is_above_the_true_one():
     ratios = [ratio for ratio in map(energy_ratio, range(100)) if ratio is not None]

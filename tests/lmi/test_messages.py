@@ -60,6 +60,7 @@ def test_brute_force_never_contradicts_a_certificate(seed):
     assert excess is None or excess <= 1 + 1e-9
 
 
+@pytest.mark.by_hand
 @pytest.mark.slow
 def test_brute_force_contradicts_none_of_a_hundred_and_many_are_certified():
     found = [contradicted(seed) for seed in MANY]
