@@ -91,7 +91,9 @@ def test_double_integrators_that_measure_position_and_speed() -> None:
     made = checked(
         design(
             problem(
-                dynamics=DOUBLE_INTEGRATOR, outputs={"y1": "p", "y2": "v"}, design="order = 1\nstarts = 1"
+                dynamics=DOUBLE_INTEGRATOR,
+                outputs={"y1": "p", "y2": "v"},
+                design="order = 1\nstarts = 1\ngain_limit = 50.0",
             ),
             jobs=1,
         )

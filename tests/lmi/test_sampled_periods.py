@@ -1,6 +1,6 @@
 """The largest certified periods of three designs of the arms, each confirmed from both sides.
 
-The published gains (Table 1, Corollary 1), the certified design in `generated/`, and one made for 20 ms.
+The published gains (Table 1, Corollary 1), the certified design of least rho in `tests/designs/`, and one made for 20 ms.
 """
 
 import json
@@ -46,7 +46,7 @@ M_FOR_20_MS = np.array([0.325502, 0.217888, 0.846254])
 
 @pytest.fixture(scope="module")
 def certified(root):
-    path = root / "generated" / "flexible_joint_arms" / "design.json"
+    path = root / "tests" / "designs" / "arms_rho_only.json"
     return parse(json.loads(path.read_text()), str(path))
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from lmi_cases import ALPHA, arms, claim, problem, published
+from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, arms, claim, problem, published
 
 from lockstep.check.inequality import Certificate, F_matrix
 from lockstep.lmi.analysis.inside import inside
@@ -161,3 +161,22 @@ def test_gains_too_fast_for_their_period_are_made_slower() -> None:
     assert np.isfinite(held.sampled)
     assert held.sampled < 2.0  # D = -5 on both has rho of about 0.1 in continuous time
     assert hold(what, score, held).sampled <= held.sampled
+
+
+def test_a_linear_loop_has_no_pair_weights_to_look_for() -> None:
+    """Its certificates have zeros in their place, which are no unknowns: a search from one of them is one all the same."""
+    posed = problem(
+        dynamics=DOUBLE_INTEGRATOR,
+        outputs={"y1": "p", "y2": "v"},
+        network='agents = 3\ntopology = "complete"',
+        design="order = 0\ngain_limit = 10.0",
+    )
+    bound = proved_bound(posed)
+    network, claim_ = network_of(posed, bound), claim_of(posed, bound)
+    loop, K = network.loop(0), np.tile([[[-1.0, -2.0]]], (3, 1, 1))
+    least = least_rho(loop, K, claim_)
+    assert least is not None
+    assert len(least.pair_weights) == 3 and not least.pair_weights.any()
+    again = least_rho(loop, K, claim_, least)
+    assert again is not None
+    assert again.rho <= least.rho * (1 + 1e-3)

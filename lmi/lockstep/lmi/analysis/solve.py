@@ -197,7 +197,9 @@ def balance(form: AffineF) -> Balanced | None:
 def balance_inside(form: AffineF, near: Certificate) -> Balanced | None:
     """Return the inequality in the units of a point inside it: P^ = I, w^ = 1 and -1 on the diagonal of F^; None where
     multipliers near those given have none."""
-    found = inside(form.Z, form.constant, form.slopes, np.array([*near.pair_weights, *near.t, near.rho**2]))
+    # A linear loop has no pair weights to look for, whatever its certificates have in their place.
+    w = np.array([*near.pair_weights[: form.pairs], *near.t, near.rho**2])
+    found = inside(form.Z, form.constant, form.slopes, w)
     if found is None:
         return None
     P, w, F = found
