@@ -14,7 +14,8 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.parametrize(("controllers", "near"), [("sampled", 0.94), ("continuous", 0.98)])
 def test_ten_thousand_runs_are_below_the_certified_rho_and_come_near_it(root, tmp_path, controllers, near):
-    plan, _ = planned(root / "generated" / "flexible_joint_arms", CampaignOptions(controllers, seed=0))
+    """Of the arms designed for rho alone: the default design also weighs u and noise, which these runs do not show."""
+    plan, _ = planned(root / "tests" / "designs" / "arms_rho_only.json", CampaignOptions(controllers, seed=0))
     found = run_campaign(plan, 10_000, tmp_path, jobs=2)
     document = found.document()
     assert found.ok
