@@ -83,7 +83,17 @@ def replaced(file: dict[str, Any], path: tuple[Any, ...], value: Any) -> dict[st
     return file
 
 
-LARGER = ("alpha", "fragility", "floor", "max_period", "level", "radius", "limits_gain", "clipped_radius", "energy")
+LARGER = (
+    "alpha",
+    "fragility",
+    "floor",
+    "max_period",
+    "level",
+    "radius",
+    "limits_gain",
+    "clipped_radius",
+    "energy",
+)
 """Claims of which more is better; of all other numbers, less."""
 
 
