@@ -20,7 +20,7 @@ VERIFICATION = "codegen/lockstep/verification"
 WORKFLOW = "codegen/lockstep/workflow"
 EVERY_GRAPH = [
     f"check/lockstep/check/{name}.py"
-    for name in ("design_file/modal_proof", "held", "many_graphs", "sampled/modes")
+    for name in ("design_file/modal_proof", "held", "system/many_graphs", "sampled/modes")
 ]
 LATER = {
     "check: limits of the inputs": (
@@ -54,10 +54,7 @@ LATER = {
     ),
     "messages: what proposes and says": (
         [
-            *(
-                f"lmi/lockstep/lmi/sampled/{name}.py"
-                for name in ("messages", "message_program", "message_limits")
-            ),
+            "lmi/lockstep/lmi/sampled/messages",
             *(
                 f"codegen/lockstep/{name}.py"
                 for name in ("codegen/message_claims", "workflow/messages", "cli/messages")
@@ -78,7 +75,7 @@ LATER = {
         [
             f"{VERIFICATION}/messages",
             "codegen/lockstep/campaign/network",
-            "codegen/lockstep/workflow/network.py",
+            "codegen/lockstep/workflow/runs/network.py",
         ],
         1000,
     ),
@@ -87,7 +84,10 @@ LATER = {
         ["codegen/lockstep/codegen/one_image.py", f"{VERIFICATION}/nodes.py"],
         300,
     ),
-    "codegen/swarm, and its runs": (["codegen/lockstep/swarm", "codegen/lockstep/workflow/large.py"], 1000),
+    "codegen/swarm, and its runs": (
+        ["codegen/lockstep/swarm", "codegen/lockstep/workflow/runs/large.py"],
+        1000,
+    ),
     "wishes by default, trade-offs, inputs that are clipped": (
         [
             *(
@@ -111,7 +111,10 @@ LATER = {
     ),
     "begin, explain, wait, reuse": (
         [
-            *(f"{WORKFLOW}/{one}.py" for one in ("init", "explain", "reuse", "time_left", "progress_lines")),
+            *(
+                f"{WORKFLOW}/{one}.py"
+                for one in ("init", "explain", "reuse", "waiting/time_left", "waiting/progress_lines")
+            ),
             *(
                 f"model/lockstep/model/{name}.py"
                 for name in ("look_alikes", "checks/slips", "problem/key_meanings")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import lockstep
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.lmi.design import given_gains
 from lockstep.model.problem import load_problem
 

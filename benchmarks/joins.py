@@ -4,7 +4,7 @@
 
 DESIGN.json is a design with `[network] spectrum`. Each sequence starts with 2 to 200 agents on a random graph with its
 spectrum in the interval; then agents join with random states, leave, or all change to another such graph; disturbances act.
-The dissipation inequality (`lockstep.check.modes`) bounds, with V_d = sum_i (x_i - mean)'P(x_i - mean),
+The dissipation inequality (`lockstep.check.continuous.modes`) bounds, with V_d = sum_i (x_i - mean)'P(x_i - mean),
 
     int x_d'R x_d + x_Cd'Q x_Cd dt + V_d <= V_d(0) + rho^2 int |xi_d|^2 dt
                                             + sum over joins of N / (N + 1) (x_new - mean)'P(x_new - mean).

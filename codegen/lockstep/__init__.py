@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from lockstep.workflow.certify import DesignVerdict, certify
     from lockstep.workflow.design import Design, design, load
     from lockstep.workflow.generate import Generated, generate
-    from lockstep.workflow.simulate import Simulation, simulate
+    from lockstep.workflow.runs.simulate import Simulation, simulate
     from lockstep.workflow.verify import verify
 
 # The other roots hold portions of this package: this is the only `__init__` among them.
@@ -63,8 +63,9 @@ _HOMES = {
     "Generated": "lockstep.workflow.generate",
     "LmiVerdict": "lockstep.lmi.foreign",
     "Problem": "lockstep.model.problem",
-    "Simulation": "lockstep.workflow.simulate",
+    "Simulation": "lockstep.workflow.runs.simulate",
     "decide_lmi": "lockstep.lmi.foreign",
+    "simulate": "lockstep.workflow.runs.simulate",
     "load": "lockstep.workflow.design",
 }
 

@@ -9,11 +9,11 @@ import pytest
 from flint import fmpq
 from text_cases import plant
 
-from lockstep.check.agent import ExactAgent, Move
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.exact import Exact, Value, read_text
 from lockstep.check.expression.node import Node, linear, variable
 from lockstep.check.expression.traversal import expand, substitute
+from lockstep.check.system.agent import ExactAgent, Move
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted([*ROOT.glob("examples/*.toml"), *ROOT.glob("benchmarks/designs/*.toml")])

@@ -53,6 +53,8 @@ def test_what_is_not_allowed_is_seen():
     assert unwanted("import importlib\n") == {"importlib"}
     assert unwanted("__import__('cvxpy')\n") == {"__import__"}
     assert (
-        unwanted("import math, numpy.linalg\nfrom flint import fmpq\nfrom lockstep.check.loop import Loop\n")
+        unwanted(
+            "import math, numpy.linalg\nfrom flint import fmpq\nfrom lockstep.check.system.loop import Loop\n"
+        )
         == set()
     )

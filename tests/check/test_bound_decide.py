@@ -16,7 +16,6 @@ from lockstep.check.bound.conditions import Condition
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
 from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.bound.result import Entry
-from lockstep.check.domain import argument_box, claimed_box
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.node import (
     ONE,
@@ -32,6 +31,7 @@ from lockstep.check.expression.node import (
     variable,
 )
 from lockstep.check.expression.switches import positive
+from lockstep.check.system.domain import argument_box, claimed_box
 
 INF = math.inf
 x, y = variable(0), variable(1)

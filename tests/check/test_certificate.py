@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from lockstep.check.bound.result import Entry
-from lockstep.check.certificate import decide_certificate, decide_floor
+from lockstep.check.continuous.certificate import decide_certificate, decide_floor
+from lockstep.check.continuous.inequality import Certificate, Claim
+from lockstep.check.continuous.modes import ModalCertificate, Segment
 from lockstep.check.errors import ProblemError
 from lockstep.check.floor.witness import FloorWitness, Piece
-from lockstep.check.graph import Digraph
-from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.loop import Gains, Plant
-from lockstep.check.modes import ModalCertificate, Segment
-from lockstep.check.network import ExactNetwork
+from lockstep.check.system.graph import Digraph
+from lockstep.check.system.loop import Gains, Plant
+from lockstep.check.system.network import ExactNetwork
 
 ONE, NONE = np.eye(1), np.zeros((0, 0))
 PAIR = ExactNetwork(

@@ -16,7 +16,7 @@ from lockstep.check.asked import shortfalls
 from lockstep.check.certify import Certified, certify
 from lockstep.check.design_file.content import parse
 from lockstep.check.errors import LockstepError, ProblemError
-from lockstep.check.problem import ProblemTables
+from lockstep.check.system.problem import ProblemTables
 from lockstep.check.verdict import Verdict
 
 FOLDER = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"

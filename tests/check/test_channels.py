@@ -8,7 +8,7 @@ from flint import arb, fmpq
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lockstep.check.channels import Channel, Inequality, Term
+from lockstep.check.continuous.channels import Channel, Inequality, Term
 from lockstep.check.numbers import as_floats, exactly
 
 N, N_X, K_IN, K_OUT = 2, 3, 2, 1

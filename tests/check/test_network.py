@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.graph import Digraph
-from lockstep.check.loop import Plant
-from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import as_floats
+from lockstep.check.system.graph import Digraph
+from lockstep.check.system.loop import Plant
+from lockstep.check.system.network import ExactNetwork
 
 GRAPH = Digraph.from_edges(2, [[1, 2, 0.5], [2, 1]])
 PLANT = Plant(

@@ -14,9 +14,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lockstep.check.disagreement import disagreement
-from lockstep.check.inequality import Performance
-from lockstep.check.loop import Gains, Plant
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import exactly
 from lockstep.check.sampled.certify import decide_sampled
 from lockstep.check.sampled.controller import SampledNetwork
@@ -24,6 +22,8 @@ from lockstep.check.sampled.discretise import sampled_controllers
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import SampledRho, proves_rho
+from lockstep.check.system.disagreement import disagreement
+from lockstep.check.system.loop import Gains, Plant
 from lockstep.model.graph import Graph
 
 EDGES = [(1, 2, 1.0), (2, 1, 1.0)]

@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from lockstep.check.inequality import Certificate
+from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.sampled.sector import common_sector
 from lockstep.lmi.sampled.search import common_pair_weights
 from lockstep.model.bound_search import Entry

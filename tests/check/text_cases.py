@@ -1,6 +1,6 @@
 """Agents from their equations, and texts that are no expressions in x, y, t and the parameter k with the refusals."""
 
-from lockstep.check.agent import ExactAgent
+from lockstep.check.system.agent import ExactAgent
 
 BAD = [
     ("", "empty"),

@@ -21,7 +21,7 @@ from lockstep.check.certify import decide
 from lockstep.check.design_file.content import parse
 from lockstep.check.design_file.json_text import parse_json
 from lockstep.check.errors import LockstepError
-from lockstep.check.problem import ProblemTables
+from lockstep.check.system.problem import ProblemTables
 from lockstep.lmi.document import parse as parse_design
 from lockstep.model.problem import Problem, parse_problem
 

@@ -6,7 +6,7 @@ import time
 from typer.testing import CliRunner
 
 from lockstep.cli.main import app
-from lockstep.workflow.progress_lines import ProgressLines
+from lockstep.workflow.waiting.progress_lines import ProgressLines
 
 
 def test_a_short_run_says_nothing() -> None:

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from lockstep.cli.main import app
 from lockstep.verification.toolchain import host_compilers
-from lockstep.workflow.simulate_options import Many, Options, conflict
+from lockstep.workflow.runs.simulate_options import Many, Options, conflict
 
 KEYS = {"ISE", "IAE", "ITSE", "ITAE"}
 

@@ -14,7 +14,7 @@ from lockstep.lmi.search.likely import rough, seconds
 from lockstep.lmi.search.stopping import Stop, Stopped
 from lockstep.workflow import reuse
 from lockstep.workflow.design import Design
-from lockstep.workflow.time_left import TimeLeft
+from lockstep.workflow.waiting.time_left import TimeLeft
 
 SMALL = """
 title = "Two scalars"

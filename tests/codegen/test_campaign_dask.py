@@ -12,7 +12,7 @@ from lockstep.campaign.compute import chunks
 from lockstep.campaign.plan import CHUNK
 from lockstep.campaign.store import Store
 from lockstep.check.errors import ClaimError, ProblemError
-from lockstep.workflow.campaign import CampaignOptions, planned
+from lockstep.workflow.runs.campaign import CampaignOptions, planned
 
 distributed = pytest.importorskip("dask.distributed", exc_type=ImportError)
 

@@ -22,7 +22,7 @@ from lockstep.campaign.compiled.engine import Batch, Engine
 from lockstep.campaign.compiled.functions import Performance
 from lockstep.campaign.compiled.layout import Features
 from lockstep.campaign.compiled.source import sampled_source
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network

@@ -23,7 +23,7 @@ from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.cli import campaign as command
 from lockstep.lmi.document import parse
 from lockstep.model.simulation.indices import indices
-from lockstep.workflow.campaign import CampaignOptions, planned
+from lockstep.workflow.runs.campaign import CampaignOptions, planned
 
 DESIGN = Path("generated") / "flexible_joint_arms"
 RUNS = 2 * CHUNK + 88

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from lockstep.campaign import run_campaign
-from lockstep.workflow.campaign import CampaignOptions, planned
+from lockstep.workflow.runs.campaign import CampaignOptions, planned
 
 pytestmark = pytest.mark.slow
 

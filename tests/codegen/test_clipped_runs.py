@@ -12,8 +12,8 @@ from lockstep.campaign.compiled.source import sampled_source
 from lockstep.campaign.compute import RunTable, columns_of, compute, excused
 from lockstep.campaign.draw import FAMILIES
 from lockstep.campaign.plan import plan_of
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
-from lockstep.check.inequality import Performance
 from lockstep.check.numbers import as_floats
 from lockstep.codegen.emit import emit
 from lockstep.codegen.for_the_period import as_shipped

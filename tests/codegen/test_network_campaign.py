@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 from lockstep.campaign.network.campaign import EveryMessageArrives, NetworkGuarantee, run_network
 from lockstep.campaign.network.faults import NetworkFaults
 from lockstep.campaign.network.loop import COLUMNS, network_loop
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
-from lockstep.check.inequality import Performance
 from lockstep.cli.main import app
 from lockstep.codegen.doors import with_doors
 from lockstep.codegen.emit import emit

@@ -7,7 +7,7 @@ import pytest
 
 import lockstep
 from lockstep.check.errors import ProblemError
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.simulation import SampledControllers, Scenario, effort_indices, indices, simulate
@@ -20,7 +20,7 @@ from lockstep.swarm.fields import StreamedNoise
 from lockstep.verification.in_the_loop import ReferenceStepper
 from lockstep.verification.reference import Reference
 from lockstep.verification.toolchain import host_compilers
-from lockstep.workflow import large
+from lockstep.workflow.runs import large
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
 ENGINES = [pytest.param(True, marks=needs_compiler, id="compiled"), pytest.param(False, id="numpy")]

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from lockstep.check.continuous.inequality import Claim
 from lockstep.check.floor.witness import proves_floor
-from lockstep.check.inequality import Claim
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.floor.bisection import largest_floor
 from lockstep.model.agent import Agent

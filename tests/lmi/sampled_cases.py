@@ -4,9 +4,9 @@ formulas."""
 import numpy as np
 from scipy.linalg import block_diag, expm
 
-from lockstep.check.disagreement import disagreement
-from lockstep.check.loop import Plant
 from lockstep.check.numbers import as_floats
+from lockstep.check.system.disagreement import disagreement
+from lockstep.check.system.loop import Plant
 from lockstep.lmi.sampled import HeldController, SampledNetwork
 from lockstep.model.graph import Graph
 

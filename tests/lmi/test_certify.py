@@ -263,7 +263,7 @@ def test_the_checker_imports_no_solver() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=_environment()
     )
     loaded = set(found.stdout.split())
-    assert "lockstep.check.decide" in loaded
+    assert "lockstep.check.continuous.decide" in loaded
     assert not loaded & {"cvxpy", "clarabel", "scipy.optimize", "scipy.linalg", "joblib"}
     solving = subprocess.run(
         [sys.executable, "-c", code.replace("lockstep.lmi.certify", "cvxpy")],

@@ -7,7 +7,7 @@ import pytest
 from sampled_cases import controllers, network, random_problem
 from scipy.linalg import expm, solve_discrete_lyapunov
 
-from lockstep.check.inequality import Performance
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import as_floats, exactly
 from lockstep.check.sampled.clipping import ClippedWitness, clipped, proves_clipped_radius
 from lockstep.check.sampled.inequality import metric, step_matrix

@@ -15,9 +15,9 @@ from lmi_cases import carts, problem, table_1_problem
 from typer.testing import CliRunner
 
 from lockstep.check.__main__ import main as check_alone
+from lockstep.check.continuous.local import better_than_proved
 from lockstep.check.design_file.content import FORMAT
 from lockstep.check.errors import ClaimError, ProblemError
-from lockstep.check.local import better_than_proved
 from lockstep.cli.main import app
 from lockstep.codegen.for_the_period import as_shipped
 from lockstep.lmi.certify import certify

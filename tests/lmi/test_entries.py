@@ -14,11 +14,11 @@ import pytest
 from lmi_cases import EXAMPLES, problem
 from test_soundness import h_infinity
 
-from lockstep.check.decide import decide
+from lockstep.check.continuous.decide import decide
+from lockstep.check.continuous.inequality import Claim, F_matrix
+from lockstep.check.continuous.modes import ModalCertificate, decide_modes
 from lockstep.check.errors import NotCertified, ProblemError
-from lockstep.check.inequality import Claim, F_matrix
-from lockstep.check.loop import Gains
-from lockstep.check.modes import ModalCertificate, decide_modes
+from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.limits import largest_alpha_of_any_controller
 from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.analysis.solve import AffineF, least_rho

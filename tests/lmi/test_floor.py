@@ -11,14 +11,14 @@ from flint import fmpq
 from floor_cases import floor, quarters
 from lmi_cases import ALPHA, arms, claim, published, table_1_problem
 
-from lockstep.check.certificate import decide_floor
+from lockstep.check.continuous.certificate import decide_floor
+from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.design_file.proofs import witness_of
 from lockstep.check.errors import ProblemError
 from lockstep.check.floor.projected import with_rho
 from lockstep.check.floor.witness import FloorWitness, bound, coupled, not_negative, proves_floor, restored
-from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.loop import Gains, Plant
 from lockstep.check.numbers import as_floats, exactly
+from lockstep.check.system.loop import Gains, Plant
 from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.certify import certify

@@ -5,7 +5,7 @@ import pytest
 from floor_cases import best_found, floor, random_problem
 
 from lockstep.check.errors import NotCertified
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.analysis.solve import least_rho
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from lockstep.check.asked import shortfalls
+from lockstep.check.continuous.stability import is_stable, is_stable_step
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.numbers import exactly
-from lockstep.check.problem import ProblemTables
 from lockstep.check.sampled.controller import Precision
 from lockstep.check.sampled.limits import proves_radius
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.stability import is_stable, is_stable_step
+from lockstep.check.system.problem import ProblemTables
 from lockstep.codegen.for_the_period import as_shipped
 from lockstep.codegen.sampled_design import sampled_controllers, sampled_network
 from lockstep.lmi.certify import certify

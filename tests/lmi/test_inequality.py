@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lmi_cases import ALPHA, TABLE_1, arms, claim, published
 
-from lockstep.check.decide import decide
-from lockstep.check.disagreement import disagreement
-from lockstep.check.inequality import Certificate, Claim, F_matrix, gain_errors, performance_weight
-from lockstep.check.loop import Loop, Plant, build_loop
+from lockstep.check.continuous.decide import decide
+from lockstep.check.continuous.inequality import Certificate, Claim, F_matrix, gain_errors, performance_weight
 from lockstep.check.sampled.inequality import multiplier
+from lockstep.check.system.disagreement import disagreement
+from lockstep.check.system.loop import Loop, Plant, build_loop
 from lockstep.model.bound_search import Entry
 from lockstep.model.graph import Graph
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, arms, claim, problem, published
 
-from lockstep.check.inequality import F_matrix
+from lockstep.check.continuous.inequality import F_matrix
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.design import claim_of, proved_bound
 from lockstep.lmi.search import GainSearch, search_gains

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lmi_cases import ALPHA, arms, claim, published
 
-from lockstep.check.decide import decide
+from lockstep.check.continuous.decide import decide
+from lockstep.check.continuous.inequality import Certificate, F_matrix
 from lockstep.check.errors import NotCertified
-from lockstep.check.inequality import Certificate, F_matrix
 from lockstep.lmi.analysis.rounding import SLACKS, prove, round_up, rounded
 from lockstep.lmi.analysis.solve import AffineF, least_rho
 

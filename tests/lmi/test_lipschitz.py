@@ -12,7 +12,7 @@ import pytest
 from lmi_cases import problem
 
 from lockstep.check.errors import Infeasible, ProblemError
-from lockstep.check.loop import Plant
+from lockstep.check.system.loop import Plant
 from lockstep.lmi.analysis.connectivity import connectivity
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
@@ -146,7 +146,7 @@ def test_infeasible_says_what_is_reachable():
 def test_step_1_without_a_solution_reports_the_largest_alpha():
     from dataclasses import replace
 
-    from lockstep.check.inequality import Claim
+    from lockstep.check.continuous.inequality import Claim
     from lockstep.model.network import Network
 
     # An input that does not reach the unstable part: no alpha helps, and no protocol exists.

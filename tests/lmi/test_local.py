@@ -7,14 +7,14 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from lockstep.check.certificate import decide_initial_set
-from lockstep.check.disagreement import disagreement
+from lockstep.check.continuous.certificate import decide_initial_set
+from lockstep.check.continuous.inequality import Certificate, Claim
+from lockstep.check.continuous.local import InitialSet
+from lockstep.check.continuous.modes import ModalCertificate, Segment
 from lockstep.check.errors import ProblemError
-from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.local import InitialSet
-from lockstep.check.loop import Gains
-from lockstep.check.modes import ModalCertificate, Segment
 from lockstep.check.numbers import as_floats, exactly
+from lockstep.check.system.disagreement import disagreement
+from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.initial import Unavailable, _ratio_above
 from lockstep.lmi.scope import domain_of, initial_states, inner_box

@@ -12,7 +12,7 @@ from sampled_cases import controllers, network, random_problem
 
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.messages import Messages, proves_messages
-from lockstep.lmi.sampled.messages import certify_messages
+from lockstep.lmi.sampled.messages.witnesses import certify_messages
 
 EDGES = [(1, 2, 1.0), (2, 3, 1.0), (3, 1, 1.0)]
 SLOPES = (-1.0, 0.0, 1.0)

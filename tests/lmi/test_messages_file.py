@@ -9,9 +9,9 @@ from lockstep.check.certify import certified
 from lockstep.check.design_file.content import parse
 from lockstep.check.design_file.messages import messages_of
 from lockstep.check.errors import ProblemError
-from lockstep.check.problem import ProblemTables
 from lockstep.check.sampled.messages import Messages
-from lockstep.lmi.sampled.message_limits import ConstantSlope, _breaking_age, bursts, delays, slopes
+from lockstep.check.system.problem import ProblemTables
+from lockstep.lmi.sampled.messages.limits import ConstantSlope, _breaking_age, bursts, delays, slopes
 from lockstep.model.problem import Problem
 from lockstep.workflow.certify import certify
 from lockstep.workflow.design import Design, design

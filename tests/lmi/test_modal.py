@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from lmi_cases import CARTS, carts
 
+from lockstep.check.continuous.inequality import Certificate, Claim, F_matrix
+from lockstep.check.continuous.modes import Modes, decide_modes, mode_matrix
 from lockstep.check.errors import Infeasible, NotCertified, ProblemError
-from lockstep.check.inequality import Certificate, Claim, F_matrix
-from lockstep.check.modes import Modes, decide_modes, mode_matrix
 from lockstep.check.numbers import as_floats
-from lockstep.check.spectrum import decide_spectrum, metric
+from lockstep.check.system.spectrum import decide_spectrum, metric
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design

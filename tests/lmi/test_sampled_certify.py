@@ -16,13 +16,13 @@ from sampled_cases import (
     with_alpha,
 )
 
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.design_file.proofs import sampled_witness_of
-from lockstep.check.disagreement import disagreement
-from lockstep.check.inequality import Performance
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.inequality import metric
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import SampledRho, proves_rho
+from lockstep.check.system.disagreement import disagreement
 from lockstep.lmi.sampled import SampledVerdict, certify_sampled, max_period, sampled_rho, storage
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.search import spectral_radius

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from sampled_cases import brute_force_radius, controllers, network
 
-from lockstep.check.inequality import Performance
+from lockstep.check.continuous.inequality import Performance
 from lockstep.lmi.sampled import certify_sampled, sampled_rho
-from lockstep.lmi.sampled.descent import Descent, DescentPoint, limit_barrier
-from lockstep.lmi.sampled.improve import AtPeriod, StartingGains, improved, measured
-from lockstep.lmi.sampled.tustin import pulled_back, tustin
+from lockstep.lmi.sampled.descending.descent import Descent, DescentPoint, limit_barrier
+from lockstep.lmi.sampled.descending.improve import AtPeriod, StartingGains, improved, measured
+from lockstep.lmi.sampled.descending.tustin import pulled_back, tustin
 
 EDGES = [(1, 2, 1.0), (2, 1, 1.0)]
 ORDER, GAIN_LIMIT = 1, 20.0

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from sampled_cases import brute_force_radius
 
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.design_file.proofs import Proofs
-from lockstep.check.inequality import Performance
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.codegen.sampled_design import longest_period, sampled_controllers, sampled_network
 from lockstep.lmi.design import given_gains
 from lockstep.lmi.document import parse

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, arms, claim, problem, published
 
-from lockstep.check.inequality import Certificate, F_matrix
+from lockstep.check.continuous.inequality import Certificate, F_matrix
 from lockstep.lmi.analysis.inside import inside
 from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.analysis.solve import AffineF, least_rho, tight
@@ -86,7 +86,7 @@ ROOMS = {
 
 def test_a_slow_plant_is_proved_at_the_rho_of_the_units_that_serve() -> None:
     """Time constants of hours in seconds: in those units the solver's own rho is too small by orders of magnitude."""
-    from lockstep.check.loop import Gains
+    from lockstep.check.system.loop import Gains
 
     posed = problem(dynamics=ROOMS, outputs={"y": "air"}, design="order = 0")
     bound = proved_bound(posed)
@@ -146,7 +146,7 @@ period = 0.1
 
 def test_gains_too_fast_for_their_period_are_made_slower() -> None:
     """x_d' = 2 D x_d held over 0.1 s is unstable below D = -10; with the hold's lag of 0.05 s, D is above -20."""
-    from lockstep.lmi.sampled.score import SampledScore
+    from lockstep.lmi.sampled.descending.score import SampledScore
 
     problem = parse_problem(INTEGRATORS)
     bound = proved_bound(problem)

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lmi_cases import ALPHA, EXAMPLES, arms, claim, problem, published
 
-from lockstep.check.inequality import Certificate, F_matrix
-from lockstep.check.loop import Gains
+from lockstep.check.continuous.inequality import Certificate, F_matrix
+from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.design import claim_of, proved_bound

@@ -2,7 +2,8 @@
 
 A constant slope s, |s| <= alpha, shared by all agents, is an admitted phi, and a constant Delta an admitted gain error; the
 loop is then linear, and its weighted H-infinity norm must stay below rho. Norms: the Hamiltonian's imaginary eigenvalues
-(Boyd, Balakrishnan and Kabamba 1989), on the full loop (12) in an orthonormal basis, independent of `lockstep.check.loop`.
+(Boyd, Balakrishnan and Kabamba 1989), on the full loop (12) in an orthonormal basis, independent of
+`lockstep.check.system.loop`.
 """
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from lmi_cases import ALPHA, arms, claim, published
 from scipy.linalg import block_diag, null_space
 
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.model.network import Network

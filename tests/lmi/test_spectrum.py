@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 from lockstep.check.certify import certified
+from lockstep.check.continuous.inequality import Claim, Performance
+from lockstep.check.continuous.modes import Modes
 from lockstep.check.design_file.content import parse
 from lockstep.check.errors import Infeasible, ProblemError
-from lockstep.check.graph import Digraph
-from lockstep.check.inequality import Claim, Performance
-from lockstep.check.loop import Plant
-from lockstep.check.many_graphs import SpectrumRange
-from lockstep.check.modes import Modes
-from lockstep.check.network import ExactNetwork
-from lockstep.check.problem import ProblemTables
 from lockstep.check.sampled.controller import SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers
 from lockstep.check.sampled.inequality import W_matrix, Witness, multiplier
 from lockstep.check.sampled.lifting import copies
 from lockstep.check.sampled.modes import ModalLoop, common_controller, single_difference, widened
+from lockstep.check.system.graph import Digraph
+from lockstep.check.system.loop import Plant
+from lockstep.check.system.many_graphs import SpectrumRange
+from lockstep.check.system.network import ExactNetwork
+from lockstep.check.system.problem import ProblemTables
 from lockstep.codegen.for_the_period import as_shipped
 from lockstep.lmi.design import design
 from lockstep.lmi.document import answer, file_of
@@ -171,7 +171,7 @@ def test_modes_prove_what_the_assembled_loop_has(topology, delay, order):
     plant = Plant(A, (B,) * 4, C, np.array([[0.0], [1]]), np.array([[1.0, 0]]))
     network = ExactNetwork(plant, graph)
     K = np.array([[-1.0, -1.5]]) if order == 0 else np.array([[-3.0, 0.3, 0.2], [0.4, -1.0, -1.5]])
-    from lockstep.check.loop import Gains
+    from lockstep.check.system.loop import Gains
 
     gains = Gains.from_blocks(np.stack([K] * 4), order)
     held = sampled_controllers(gains, graph.edges, 0.02, "tustin", "float32")

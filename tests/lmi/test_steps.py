@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lmi_cases import DOUBLE_INTEGRATOR, arms, problem
 
-from lockstep.check.inequality import Claim
-from lockstep.check.loop import Loop
+from lockstep.check.continuous.inequality import Claim
+from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.rounding import short_gains
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.design import claim_of, proved_bound

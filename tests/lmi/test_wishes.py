@@ -7,7 +7,7 @@ import pytest
 from lmi_cases import problem
 
 from lockstep.check.errors import Infeasible, NotCertified, ProblemError
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.lmi.certify import certify
 from lockstep.lmi.defaults import GAIN_LIMIT, wishes
 from lockstep.lmi.design import claim_of, design, proved_bound

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.node import Node, linear_terms
-from lockstep.check.structure import solve
+from lockstep.check.system.structure import solve
 from lockstep.model.agent import Agent
 from lockstep.model.expression import parse_expression
 from lockstep.model.lure import Lure

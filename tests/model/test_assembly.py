@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lockstep.check.bound.decide import decide_bound
-from lockstep.check.domain import argument_box
+from lockstep.check.system.domain import argument_box
 from lockstep.model import Agent, BoundNotProved, Graph, ProblemError, load_problem
 from lockstep.model.assembly import bound_of, bound_with_scales, network_of
 from lockstep.model.network import Network

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lockstep.check.disagreement import Disagreement, disagreement, orthonormal_factor
 from lockstep.check.numbers import as_floats, exactly
+from lockstep.check.system.disagreement import Disagreement, disagreement, orthonormal_factor
 from lockstep.model.graph import Graph
 
 COORDINATES = ("orthonormal", "laplacian_rows")

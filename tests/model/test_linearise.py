@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lockstep.check.expression.node import linear_terms
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.model.agent import Agent
 from lockstep.model.bound_search.graph import read
 from lockstep.model.checks import nonlinearity

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import block_diag, null_space
 
-from lockstep.check.disagreement import disagreement
 from lockstep.check.errors import ProblemError
-from lockstep.check.loop import Gains, Loop, Plant, build_loop
 from lockstep.check.numbers import as_floats, converter
+from lockstep.check.system.disagreement import disagreement
+from lockstep.check.system.loop import Gains, Loop, Plant, build_loop
 from lockstep.model.graph import Graph
 
 ARM = Plant(

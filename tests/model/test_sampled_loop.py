@@ -62,7 +62,7 @@ def test_poles_of_the_sampled_arms_are_those_of_the_brute_force_to_1e_12(arms):
 
 def test_a_delay_of_one_period_holds_the_input_before():
     """A double integrator pair, u = -(y_1 - y_2) and alike: by hand, with u computed one period ago in the state."""
-    from lockstep.check.loop import Gains
+    from lockstep.check.system.loop import Gains
     from lockstep.model import Agent, Graph, Network
     from lockstep.model.control.ports import PortedLoop
 

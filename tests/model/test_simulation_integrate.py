@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from simulation_cases import ARMS, COROLLARY_1, START, THEOREM_1, cart_gains, carts, loop_matrix
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.model.simulation import (
     Diverged,
     PaperPerturbation,

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulation_cases import ARMS
 
-from lockstep.check.disagreement import orthonormal_factor
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats
+from lockstep.check.system.disagreement import orthonormal_factor
 from lockstep.model.graph import Graph
 from lockstep.model.simulation import RhoWeights, Trajectory, effort_indices, energies, indices, l2_gain
 from lockstep.model.simulation.table import columns, to_csv
@@ -62,7 +62,7 @@ def test_the_disagreement_is_the_orthonormal_x_d(seed, N):
     """sum_i |x_i - mean|^2 = |F T x|^2, F'F = (T T')^-1: two ways to the same number."""
     x = np.random.default_rng(seed).normal(size=(2, N, 1))
     run = trajectory(np.array([0.0, 1.0]), x, N=N)
-    from lockstep.check.disagreement import disagreement
+    from lockstep.check.system.disagreement import disagreement
 
     d = disagreement(Graph.topology("cycle", N))
     x_d = orthonormal_factor(d) @ as_floats(d.T) @ x[0, :, 0]

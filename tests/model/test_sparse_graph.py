@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.graph import Digraph
+from lockstep.check.system.graph import Digraph
 from lockstep.model import membership as members
 from lockstep.model.membership import largest_from_degrees, membership, within
 from lockstep.model.problem import Problem

@@ -6,10 +6,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from lockstep.check.agent import ExactAgent
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.exact import Exact, Value, read_text
 from lockstep.check.expression.node import constant, linear, variable
+from lockstep.check.system.agent import ExactAgent
 from lockstep.model.agent import Agent
 from lockstep.model.bound_search.graph import read
 from lockstep.model.expression import parse_expression

@@ -3,8 +3,8 @@
 import pytest
 from text_cases import plant
 
-from lockstep.check.agent import ExactAgent
 from lockstep.check.errors import ProblemError
+from lockstep.check.system.agent import ExactAgent
 from lockstep.model.variants import check_same_but_B
 
 TANK = ("-c*y + b*u - tanh(k*x)", "d*t - sqrt(e + x**2)")

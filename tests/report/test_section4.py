@@ -11,7 +11,7 @@ from amini.section4.contestants import CERTIFIED, CERTIFIED_UNCERTAIN, Contestan
 from amini.section4.figures import figures
 from amini.section4.runs import AGREED, all_runs, runs_of
 from amini.section4.table import to_csv, to_markdown
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.model.network import Network
 
 slow = pytest.mark.slow

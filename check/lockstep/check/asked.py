@@ -13,9 +13,9 @@ import numpy as np
 
 from lockstep.check.design_file.claims import LETTERS, Claims
 from lockstep.check.design_file.json_text import above_zero, matrix, number, one_of, only, optional
-from lockstep.check.loop import Gains
 from lockstep.check.numbers import exactly, eye
 from lockstep.check.psd import decide_positive_definite
+from lockstep.check.system.loop import Gains
 
 DESIGN, GAINS = "[design]", "[[design.gains]]"
 LIMITED = ("certified", "modal", "lipschitz")

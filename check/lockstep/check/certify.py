@@ -18,31 +18,27 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.check.agent import ExactAgent
 from lockstep.check.asked import shortfalls
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
 from lockstep.check.c_source.node import read_node
 from lockstep.check.c_source.reader import ReadController, read_controller
 from lockstep.check.c_source.text import nearest
-from lockstep.check.certificate import (
+from lockstep.check.continuous.certificate import (
     decide_certificate,
     decide_floor,
     decide_initial_set,
     decide_stable_controllers,
 )
+from lockstep.check.continuous.inequality import Claim
+from lockstep.check.continuous.local import Domain
 from lockstep.check.design_file import content
 from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.design_file.json_text import A_DESIGN, load_json, parse_json
-from lockstep.check.domain import claimed_box
 from lockstep.check.errors import NotCertified, demand
 from lockstep.check.files import as_text, read_inside
 from lockstep.check.held import CheckedFile, decide_held, held_controllers, modal_loop_of, sampled_network
-from lockstep.check.inequality import Claim
-from lockstep.check.local import Domain
 from lockstep.check.messages import decide_messages
-from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import as_floats
-from lockstep.check.problem import ProblemTables
 from lockstep.check.sampled.certify import SampledVerdict
 from lockstep.check.sampled.clipping import proves_clipped_radius
 from lockstep.check.sampled.controller import HeldController
@@ -54,6 +50,10 @@ from lockstep.check.sampled.modes import (
     proves_modal_rho,
 )
 from lockstep.check.sampled.performance import SampledRho, proves_rho
+from lockstep.check.system.agent import ExactAgent
+from lockstep.check.system.domain import claimed_box
+from lockstep.check.system.network import ExactNetwork
+from lockstep.check.system.problem import ProblemTables
 from lockstep.check.verdict import Verdict
 from lockstep.check.wording import shorten
 

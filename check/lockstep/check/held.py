@@ -2,11 +2,8 @@
 
 import numpy as np
 
+from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.design_file.content import DesignFile
-from lockstep.check.loop import Plant
-from lockstep.check.modes import ModalCertificate
-from lockstep.check.network import ExactNetwork
-from lockstep.check.problem import ProblemTables
 from lockstep.check.sampled.certify import SampledVerdict, decide_sampled
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers, sampled_table
@@ -20,6 +17,9 @@ from lockstep.check.sampled.modes import (
     single_difference,
 )
 from lockstep.check.sampled.sector import Sector, common_sector
+from lockstep.check.system.loop import Plant
+from lockstep.check.system.network import ExactNetwork
+from lockstep.check.system.problem import ProblemTables
 
 CheckedFile = DesignFile[ProblemTables]
 

@@ -11,7 +11,7 @@ from lockstep.campaign.compute import RunTable, compute
 from lockstep.campaign.guarantee import Guarantee
 from lockstep.campaign.plan import Plan, plan_of
 from lockstep.campaign.replay import Replay, replay
-from lockstep.check.inequality import Performance
+from lockstep.check.continuous.inequality import Performance
 
 __all__ = [
     "Batch",

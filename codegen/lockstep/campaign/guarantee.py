@@ -11,11 +11,11 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.disagreement import disagreement
+from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.errors import NotCertified, ProblemError
-from lockstep.check.inequality import Certificate
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.inequality import Witness
+from lockstep.check.system.disagreement import disagreement
 from lockstep.codegen.sampled_design import certify_files
 from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored

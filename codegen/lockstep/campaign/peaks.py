@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from lockstep.campaign.response import Response
-from lockstep.check.disagreement import orthonormal_factor
 from lockstep.check.numbers import as_floats
+from lockstep.check.system.disagreement import orthonormal_factor
 from lockstep.model.network import Network
 
 REACH = np.pi

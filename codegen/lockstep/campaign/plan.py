@@ -19,8 +19,8 @@ from lockstep.campaign.compiled.source import CampaignSource, continuous_source,
 from lockstep.campaign.guarantee import Controllers, Guarantee, guarantee_of
 from lockstep.campaign.peaks import Peak, peaks
 from lockstep.campaign.response import Response, continuous_response, sampled_response
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
-from lockstep.check.inequality import Performance
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.lmi.document import Stored
 from lockstep.model.network import Network

@@ -16,11 +16,11 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Complex, Float
 
-from lockstep.check.disagreement import orthonormal_factor
-from lockstep.check.inequality import Performance
-from lockstep.check.loop import Gains, build_loop
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.loop import sampled_loop
+from lockstep.check.system.disagreement import orthonormal_factor
+from lockstep.check.system.loop import Gains, build_loop
 from lockstep.model.network import Network
 
 Transfer = Callable[[float], Complex[np.ndarray, "n_z n_d"]]

@@ -12,7 +12,7 @@ from lockstep.cli.console import Answer, progress_display, respond, two_columns
 
 if TYPE_CHECKING:
     from lockstep.campaign import Campaign
-    from lockstep.workflow.campaign import CampaignOptions
+    from lockstep.workflow.runs.campaign import CampaignOptions
 
 
 def run(
@@ -27,7 +27,7 @@ def run(
     controllers: str | None = None,
     horizon: float | None = None,
 ) -> None:
-    """Run a campaign, or what is left of it: see `lockstep.workflow.campaign.run_campaign`."""
+    """Run a campaign, or what is left of it: see `lockstep.workflow.runs.campaign.run_campaign`."""
     respond(as_json, lambda: _run(path, runs, output, scheduler, jobs, _options(controllers, seed, horizon)))
 
 
@@ -41,17 +41,17 @@ def run_replay(
     controllers: str | None = None,
     horizon: float | None = None,
 ) -> None:
-    """Run one of a campaign's runs again: see `lockstep.workflow.campaign.replay`."""
+    """Run one of a campaign's runs again: see `lockstep.workflow.runs.campaign.replay`."""
     respond(as_json, lambda: _replay(path, index, output, _options(controllers, seed, horizon)))
 
 
 def run_faults(path: Path, faults: str, runs: int, output: Path, as_json: bool, **options: Any) -> None:
-    """Run a campaign of network faults: see `lockstep.workflow.network.network_campaign`."""
+    """Run a campaign of network faults: see `lockstep.workflow.runs.network.network_campaign`."""
     respond(as_json, lambda: _run_faults(path, faults, runs, output, options))
 
 
 def _run_faults(path: Path, faults: str, runs: int, output: Path, options: dict[str, Any]) -> Answer:
-    from lockstep.workflow.network import network_campaign
+    from lockstep.workflow.runs.network import network_campaign
 
     with progress_display() as tell:
         found = network_campaign(path, faults, runs, output, **options, progress=tell)
@@ -71,7 +71,7 @@ def _run_faults(path: Path, faults: str, runs: int, output: Path, options: dict[
 
 
 def _options(controllers: str | None, seed: int | None, horizon: float | None) -> "CampaignOptions":
-    from lockstep.workflow.campaign import CampaignOptions
+    from lockstep.workflow.runs.campaign import CampaignOptions
 
     return CampaignOptions(controllers, seed, horizon)
 
@@ -79,7 +79,7 @@ def _options(controllers: str | None, seed: int | None, horizon: float | None) -
 def _run(
     path: Path, runs: int, output: Path, scheduler: str | None, jobs: int | None, options: "CampaignOptions"
 ) -> Answer:
-    from lockstep.workflow.campaign import run_campaign
+    from lockstep.workflow.runs.campaign import run_campaign
 
     with progress_display() as tell:
         found = run_campaign(path, runs, output, options, scheduler=scheduler, jobs=jobs, progress=tell)
@@ -133,7 +133,7 @@ def _families(document: dict[str, Any]) -> RenderableType:
 
 
 def _replay(path: Path, index: int, output: Path | None, options: "CampaignOptions") -> Answer:
-    from lockstep.workflow.campaign import replay
+    from lockstep.workflow.runs.campaign import replay
 
     found = replay(path, index, options, output=output)
     document = {**found.document(), "trajectory": None if output is None else str(output)}

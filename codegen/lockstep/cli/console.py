@@ -15,8 +15,8 @@ from rich.text import Text
 from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.check.wording import visible
 from lockstep.model.plain_json import to_json
-from lockstep.workflow.progress_lines import ProgressLines
-from lockstep.workflow.time_left import TimeLeft
+from lockstep.workflow.waiting.progress_lines import ProgressLines
+from lockstep.workflow.waiting.time_left import TimeLeft
 
 HOLDS, FAILS, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 

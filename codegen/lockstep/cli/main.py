@@ -311,7 +311,7 @@ def simulate(
 ) -> None:
     """Simulate the nonlinear closed loop, against what is proved of it."""
     from lockstep.cli.simulate import run
-    from lockstep.workflow.simulate_options import Many, Options
+    from lockstep.workflow.runs.simulate_options import Many, Options
 
     options = Options(controllers, horizon, seed, disturbance, integrator, plot, perturbation, figures)
     run(design, options, Many(campaign, replay, output, scheduler, jobs, faults), as_json=json)

@@ -12,12 +12,12 @@ from rich.text import Text
 
 from lockstep.check.errors import ProblemError
 from lockstep.cli.console import Answer, errors, progress_display, respond, two_columns
-from lockstep.workflow.simulate_options import Many, Options, conflict
+from lockstep.workflow.runs.simulate_options import Many, Options, conflict
 
 if TYPE_CHECKING:
     from lockstep.model.simulation import Trajectory
     from lockstep.verification.measured import Measured
-    from lockstep.workflow.simulate import Simulation
+    from lockstep.workflow.runs.simulate import Simulation
 
 
 def run(path: Path, options: Options, many: Many, *, as_json: bool) -> None:

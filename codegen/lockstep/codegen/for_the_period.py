@@ -10,12 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from lockstep.check.continuous.inequality import Certificate
+from lockstep.check.continuous.local import InitialSet
 from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.design_file.proofs import Proofs
 from lockstep.check.errors import ClaimError, Infeasible, NotCertified
-from lockstep.check.inequality import Certificate
-from lockstep.check.local import InitialSet
-from lockstep.check.loop import Gains, build_loop
+from lockstep.check.system.loop import Gains, build_loop
 from lockstep.codegen.sampled_design import (
     FOR_PERIOD,
     NOT_FOR_PERIOD,
@@ -29,7 +29,7 @@ from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.sampled.certify import plant_in_doubles
-from lockstep.lmi.sampled.improve import StartingGains
+from lockstep.lmi.sampled.descending.improve import StartingGains
 from lockstep.lmi.search.stopping import Stop
 from lockstep.lmi.threads import one_thread
 from lockstep.model.problem import Problem
@@ -159,7 +159,7 @@ def designed_for_period(stored: Stored, tell: Tell, others: Sequence[StartingGai
 
 def _searched(stored: Stored, tell: Tell, others: Sequence[StartingGains]) -> tuple[Gains, PairWeights]:
     from lockstep.lmi.analysis.rounding import short_gains
-    from lockstep.lmi.sampled.improve import AtPeriod, improved
+    from lockstep.lmi.sampled.descending.improve import AtPeriod, improved
 
     problem, c, order = stored.problem, stored.proofs.certificate, stored.gains.order
     m = pair_weights(stored)

@@ -1,6 +1,6 @@
 """What can be claimed of a design whose messages are lost or late, as its problem asks, or the part of that that is proved.
 
-`lockstep.lmi.sampled.messages` proposes, `lockstep.check.sampled.messages` decides.
+`lockstep.lmi.sampled.messages.witnesses` proposes, `lockstep.check.sampled.messages` decides.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.messages import Messages, MessageWitness, proves_messages
 from lockstep.check.sampled.performance import SampledRho
 from lockstep.lmi.document import Stored
-from lockstep.lmi.sampled.messages import certify_messages, message_rho
+from lockstep.lmi.sampled.messages.witnesses import certify_messages, message_rho
 
 HALVINGS = 4
 """Of the part of what is asked for that is certified, where all of it is not."""

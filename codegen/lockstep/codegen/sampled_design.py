@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.continuous.inequality import Certificate
+from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.errors import BoundNotProved, ProblemError
-from lockstep.check.inequality import Certificate
-from lockstep.check.modes import ModalCertificate
 from lockstep.check.sampled.certify import decide_sampled
 from lockstep.check.sampled.clipping import ClippedWitness, proves_clipped_radius
 from lockstep.check.sampled.inequality import Witness

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.errors import ProblemError
-from lockstep.check.modes import ModalCertificate
 from lockstep.check.sampled.certify import SampledVerdict
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers, sampled_table
@@ -18,7 +18,7 @@ from lockstep.check.sampled.modes import (
     widened,
 )
 from lockstep.check.sampled.sector import Sector
-from lockstep.check.spectrum import metric
+from lockstep.check.system.spectrum import metric
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.modal import certify_modal, longest_modal, modal_rho
 from lockstep.lmi.stored_bound import bound_again

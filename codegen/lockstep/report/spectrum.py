@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Complex, Float
 
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.model.network import Network
 from lockstep.report.canvas import legend, logarithmic, panels, rows_of
 from lockstep.report.style import LIGHT, MARKERS, colour, styled

@@ -11,10 +11,10 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.domain import argument_box
-from lockstep.check.inequality import Certificate
+from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.inequality import Witness
+from lockstep.check.system.domain import argument_box
 from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.stored_bound import bound_again

@@ -6,7 +6,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from lockstep.check.loop import Gains
+    from lockstep.check.system.loop import Gains
     from lockstep.lmi.document import Stored
     from lockstep.lmi.robustness import DiskMargin, GainPeak
     from lockstep.model.control.hybrid import Hybrid
@@ -150,7 +150,7 @@ class Analysis:
             step: the longest step of the integration, in s.
         """
         from lockstep.model.simulation.exchange import to_time_response
-        from lockstep.workflow.response import compiled_run
+        from lockstep.workflow.runs.response import compiled_run
 
         return to_time_response(compiled_run(self.stored, self.network, horizon, start, xi, step))
 

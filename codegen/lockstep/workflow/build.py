@@ -15,9 +15,9 @@ from lockstep.workflow.design import DESIGN_NAME, Design, design
 from lockstep.workflow.files import of_file
 from lockstep.workflow.folders import check_generated
 from lockstep.workflow.generate import generated_files
-from lockstep.workflow.progress import Progress, silent
 from lockstep.workflow.trade_off import gains_by_name, trade_off_points
 from lockstep.workflow.verify import verify
+from lockstep.workflow.waiting.progress import Progress, silent
 
 if TYPE_CHECKING:
     from lockstep.lmi.search.stopping import Stop

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from lockstep.model.problem import Problem
 from lockstep.workflow.files import of_file
-from lockstep.workflow.progress import Progress, silent
+from lockstep.workflow.waiting.progress import Progress, silent
 
 if TYPE_CHECKING:
     from lockstep.model.bound_search import SearchState

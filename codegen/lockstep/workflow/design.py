@@ -16,11 +16,11 @@ from lockstep.model.problem import Problem
 from lockstep.workflow.analysis import Analysis
 from lockstep.workflow.check import problem_of
 from lockstep.workflow.files import check_writable, of_file, seen, write_text
-from lockstep.workflow.progress import Progress, silent
 from lockstep.workflow.trade_off import check_folder, gains_by_name, trade_off_files, write_folder_of
+from lockstep.workflow.waiting.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from lockstep.check.loop import Gains
+    from lockstep.check.system.loop import Gains
     from lockstep.lmi.search.stopping import Stop
     from lockstep.model.network import Network
     from lockstep.workflow.generate import Generated

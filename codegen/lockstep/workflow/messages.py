@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 from lockstep.check.errors import NotCertified
 from lockstep.workflow.design import Design, as_design
 from lockstep.workflow.files import of_file
-from lockstep.workflow.progress import Progress, silent
+from lockstep.workflow.waiting.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from lockstep.lmi.sampled.message_limits import Limit
+    from lockstep.lmi.sampled.messages.limits import Limit
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def message_limits(design: Design | Path | str, *, progress: Progress = silent) 
         NotCertified: its sampled loop is not certified when all messages arrive.
     """
     from lockstep.codegen.sampled_design import prove_agreement
-    from lockstep.lmi.sampled import message_limits as limits
+    from lockstep.lmi.sampled.messages import limits
 
     found, path = as_design(design)
     with of_file(path):

@@ -9,10 +9,10 @@ from lockstep.check.errors import ProblemError
 from lockstep.lmi.document import Stored, read
 from lockstep.model.problem import load_problem
 from lockstep.workflow.files import check_takes_files, of_file, seen
-from lockstep.workflow.progress import Progress
+from lockstep.workflow.waiting.progress import Progress
 
 if TYPE_CHECKING:
-    from lockstep.check.loop import Gains
+    from lockstep.check.system.loop import Gains
     from lockstep.lmi.diagnosis.pareto import ParetoPoint
 
 STEM = "trade_off"

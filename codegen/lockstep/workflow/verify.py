@@ -9,7 +9,7 @@ import numpy as np
 from lockstep.check.errors import ProblemError
 from lockstep.workflow.design import DESIGN_NAME, Design, load
 from lockstep.workflow.files import seen
-from lockstep.workflow.progress import Progress, silent
+from lockstep.workflow.waiting.progress import Progress, silent
 
 if TYPE_CHECKING:
     from lockstep.codegen.manifest import Manifest

@@ -17,16 +17,16 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.continuous.inequality import Certificate, Claim
+from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.errors import Infeasible, NotCertified, OutOfTime, ProblemError
 from lockstep.check.floor.witness import FloorWitness
-from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.loop import Gains
-from lockstep.check.modes import ModalCertificate
+from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.defaults import MUCH, Wishes, is_far, named, wishes
 from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.initial import InitialStates, Unavailable
-from lockstep.lmi.sampled.improve import StartingGains
+from lockstep.lmi.sampled.descending.improve import StartingGains
 from lockstep.lmi.scope import Scope, initial_states, scope_of
 from lockstep.lmi.search.stopping import NothingYet, Stop
 from lockstep.lmi.threads import one_thread
@@ -246,7 +246,7 @@ def _searched(
     explain: bool,
 ) -> Proposal:
     from lockstep.lmi.methods.certified import searched
-    from lockstep.lmi.sampled.score import SampledScore
+    from lockstep.lmi.sampled.descending.score import SampledScore
 
     score = SampledScore.of(problem, network, claim)
     found = searched(problem, network, claim, jobs, tell, time_limit, score, stop, explain=explain)

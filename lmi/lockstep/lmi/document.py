@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
+from lockstep.check.continuous.local import InitialSet
+from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.design_file import content as design_file
 from lockstep.check.design_file.claims import Claims, SampledClaims, Scales
 from lockstep.check.design_file.content import DesignFile
 from lockstep.check.design_file.json_text import load_json
 from lockstep.check.design_file.messages import messages_document
 from lockstep.check.design_file.proofs import BoundProof, Proofs
-from lockstep.check.domain import claimed_box
-from lockstep.check.local import InitialSet
-from lockstep.check.modes import ModalCertificate
+from lockstep.check.system.domain import claimed_box
 from lockstep.lmi.design import Proposal
 from lockstep.lmi.initial import InitialStates
 from lockstep.lmi.upgrade import FORMAT_1, upgraded

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
+from lockstep.check.continuous.inequality import Claim
+from lockstep.check.continuous.stability import is_stable
 from lockstep.check.errors import NotCertified
-from lockstep.check.inequality import Claim
-from lockstep.check.loop import Gains
-from lockstep.check.stability import is_stable
+from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.decay import Decay, fastest_decay, proved_decay
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem

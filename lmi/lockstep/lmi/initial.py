@@ -1,4 +1,4 @@
-"""Initial disagreements from which every agent stays in its domain: the largest set that `lockstep.check.local` proves."""
+"""The largest set of initial disagreements from which agents stay in their domain, by `lockstep.check.continuous.local`."""
 
 import math
 from dataclasses import dataclass
@@ -10,8 +10,8 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from lockstep.check.bound.box import Box
-from lockstep.check.inequality import Certificate
-from lockstep.check.local import (
+from lockstep.check.continuous.inequality import Certificate
+from lockstep.check.continuous.local import (
     Domain,
     InitialSet,
     box_text,
@@ -20,10 +20,10 @@ from lockstep.check.local import (
     squared_distance,
     unavailable,
 )
-from lockstep.check.modes import ModalCertificate
-from lockstep.check.network import ExactNetwork
+from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.numbers import Matrix, as_floats, as_fraction, exact, rounded_down
 from lockstep.check.psd import decide_positive_definite
+from lockstep.check.system.network import ExactNetwork
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,11 @@
 from math import isfinite
 
 from lockstep.check.bound.box import Box
-from lockstep.check.domain import Scope
+from lockstep.check.continuous.inequality import Certificate
+from lockstep.check.continuous.local import Domain
+from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.errors import ProblemError
-from lockstep.check.inequality import Certificate
-from lockstep.check.local import Domain
-from lockstep.check.modes import ModalCertificate
+from lockstep.check.system.domain import Scope
 from lockstep.lmi.initial import InitialStates, Unavailable, initial_set
 from lockstep.model.agent import Agent
 from lockstep.model.arguments import arguments_text
@@ -32,7 +32,9 @@ def domain_of(agent: Agent) -> Domain:
 
 
 def inner_box(box: Box, fraction: float) -> Box:
-    """Return the box with `fraction` of its size around its middle: what is left to a leader (`lockstep.check.local`).
+    """Return the box with `fraction` of its size around its middle: what is left to a leader.
+
+    `lockstep.check.continuous.local` says why.
 
     A side without an opposite one moves towards 0 as if its opposite were -side, and by 1 - fraction if it is 0.
 
@@ -69,7 +71,7 @@ def initial_states(
     fraction: float = HALF,
     inner: Box | None = None,
 ) -> InitialStates | Unavailable:
-    """Return the largest set of `lockstep.check.local` for a network.
+    """Return the largest set of `lockstep.check.continuous.local` for a network.
 
     Args:
         network: the agents and the graph.

@@ -3,12 +3,12 @@
 import math
 from typing import Any
 
+from lockstep.check.continuous.inequality import Certificate
+from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.design_file.content import FORMAT, DesignFile
 from lockstep.check.design_file.proofs import BoundProof, Proofs
 from lockstep.check.floor.witness import FloorWitness
-from lockstep.check.inequality import Certificate
-from lockstep.check.loop import Gains
-from lockstep.check.modes import ModalCertificate
+from lockstep.check.system.loop import Gains
 from lockstep.model.plain_json import plain
 
 

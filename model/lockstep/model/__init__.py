@@ -12,7 +12,7 @@ if TYPE_CHECKING:
         NotCertified,
         ProblemError,
     )
-    from lockstep.check.loop import Gains
+    from lockstep.check.system.loop import Gains
     from lockstep.model.agent import Agent
     from lockstep.model.assembly import bound_of, network_of
     from lockstep.model.checks import CheckReport, check_problem
@@ -45,7 +45,7 @@ __all__ = [
 _HOMES = {
     "Agent": "lockstep.model.agent",
     "CheckReport": "lockstep.model.checks",
-    "Gains": "lockstep.check.loop",
+    "Gains": "lockstep.check.system.loop",
     "Graph": "lockstep.model.graph",
     "Lure": "lockstep.model.lure",
     "Network": "lockstep.model.network",

@@ -10,10 +10,10 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.agent import ExactAgent, Move
-from lockstep.check.domain import argument_box
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.exact import Exact, Value
+from lockstep.check.system.agent import ExactAgent, Move
+from lockstep.check.system.domain import argument_box
 from lockstep.model.agent_parts import (
     check_bounds,
     check_symbols,

@@ -3,12 +3,12 @@
 import numpy as np
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.graph import Digraph
-from lockstep.check.graph import Topology as Topology
+from lockstep.check.system.graph import Digraph
+from lockstep.check.system.graph import Topology as Topology
 
 
 class Graph(Digraph):
-    """A directed weighted graph of N >= 2 agents; see `lockstep.check.graph`.
+    """A directed weighted graph of N >= 2 agents; see `lockstep.check.system.graph`.
 
     >>> Graph.from_edges(3, [[1, 2], [2, 3], [3, 1]]).is_balanced
     True

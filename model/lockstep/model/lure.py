@@ -1,7 +1,7 @@
 """The agent of (2) in doubles: a linear part and a nonlinearity with structure, h(t, x) = G phi(H x, t) + offset(t).
 
-The split is made exactly by `lockstep.check.agent`; here each of its numbers becomes the nearest double, and phi and the
-offset become CasADi functions. All agents share the offset, so it cancels in their disagreement; what the certificate
+The split is made exactly by `lockstep.check.system.agent`; here each of its numbers becomes the nearest double, and phi and
+the offset become CasADi functions. All agents share the offset, so it cancels in their disagreement; what the certificate
 needs is how phi grows from one state to another. (3) at the origin needs h(t, 0) = G phi(0, t) + offset(t) = 0
 besides: `Lure.at_origin`.
 """
@@ -14,8 +14,8 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.agent import ExactAgent
 from lockstep.check.numbers import is_double
+from lockstep.check.system.agent import ExactAgent
 from lockstep.model.symbolic import rounds, symbolic, to_double
 
 

@@ -13,11 +13,11 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.disagreement import Coordinates
 from lockstep.check.errors import ProblemError
-from lockstep.check.loop import Gains, Loop, Plant
-from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import exactly
+from lockstep.check.system.disagreement import Coordinates
+from lockstep.check.system.loop import Gains, Loop, Plant
+from lockstep.check.system.network import ExactNetwork
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 
@@ -35,7 +35,7 @@ class Network:
         B: the input matrix (n, m) of each agent; by default the agent's own for all.
         coordinates: "orthonormal" (default) or "laplacian_rows" (the paper's (14)).
         spectrum: [a, b] where every undirected graph with its nonzero eigenvalues there is meant, `graph` being one.
-        decay: of e^(decay t) x_cl, whose loop it is; see `lockstep.check.network.Network`.
+        decay: of e^(decay t) x_cl, whose loop it is; see `lockstep.check.system.network.Network`.
         scales: (D_w, D_v), the diagonals with which the bound on phi was proved: |D_w^-1 J D_v| <= alpha,
             such that G D_w and D_v^-1 H are exact in doubles (`lockstep.model.assembly.bound_of` gives such ones).
     """

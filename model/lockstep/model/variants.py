@@ -6,11 +6,11 @@ from typing import Annotated, NoReturn
 
 import numpy as np
 
-from lockstep.check.agent import ExactAgent
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.node import Node, linear, variable
 from lockstep.check.expression.traversal import substitute
 from lockstep.check.numbers import as_fraction
+from lockstep.check.system.agent import ExactAgent
 from lockstep.check.wording import shorten
 from lockstep.model.written import written
 

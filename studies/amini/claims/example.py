@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.disagreement import Coordinates, disagreement
-from lockstep.check.inequality import Claim
-from lockstep.check.loop import Gains, Loop, Plant, build_loop
+from lockstep.check.continuous.inequality import Claim
+from lockstep.check.system.disagreement import Coordinates, disagreement
+from lockstep.check.system.loop import Gains, Loop, Plant, build_loop
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network

@@ -5,9 +5,9 @@ from jaxtyping import Float, Shaped
 
 from amini.claims.claim import Finding, PaperClaim
 from amini.claims.example import TABLE_1, A, B, C, claim, cycle, loop
-from lockstep.check.disagreement import Disagreement
-from lockstep.check.loop import Loop, build_loop
 from lockstep.check.numbers import Matrix, exactly, eye, inverse
+from lockstep.check.system.disagreement import Disagreement
+from lockstep.check.system.loop import Loop, build_loop
 from lockstep.lmi.analysis.solve import AffineF, least_rho, run
 
 

@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from amini.claims.claim import Finding, PaperClaim
 from amini.claims.example import ALPHA, TABLE_1, TABLE_2, A, B, C, G, H, cycle, loop
-from lockstep.check.loop import Plant
+from lockstep.check.system.loop import Plant
 
 HOLDS = (1e-3, 1e-2)
 """Two sampling periods of the noise, s."""

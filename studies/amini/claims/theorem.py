@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from amini.claims.claim import Finding, PaperClaim
 from amini.claims.example import ALPHA, DELTA, TABLE_1, A, B, Source, claim, loop, network
-from lockstep.check.inequality import Claim
+from lockstep.check.continuous.inequality import Claim
 from lockstep.check.numbers import exactly, inverse
 from lockstep.lmi.analysis.solve import least_rho, run
 from lockstep.lmi.methods.paper import Audit, _Printed, solve_as_printed
@@ -216,7 +216,7 @@ def _static_as_printed() -> Finding:
 
 
 def _static_certified() -> Finding:
-    from lockstep.check.loop import Gains
+    from lockstep.check.system.loop import Gains
     from lockstep.lmi.analysis.rounding import prove
 
     D = TABLE_1["corollary_1"].D

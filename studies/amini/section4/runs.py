@@ -7,7 +7,7 @@ import numpy as np
 
 from amini.claims.example import claim
 from amini.section4.contestants import Contestant, contestants
-from lockstep.check.disagreement import Coordinates
+from lockstep.check.system.disagreement import Coordinates
 from lockstep.model.simulation import RhoWeights, Scenario, Trajectory, energies, noise, simulate
 
 START = np.array([[0.8, 0.0, 0.8, 0.0], [-0.5, 0.0, -0.5, 0.0], [0.2, 0.0, 0.2, 0.0]])

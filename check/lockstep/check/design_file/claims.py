@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from lockstep.check.bound.box import Box
 from lockstep.check.bound.result import Entry
+from lockstep.check.continuous.local import InitialSet
 from lockstep.check.design_file.json_text import (
     above_zero,
     item,
@@ -24,7 +25,6 @@ from lockstep.check.design_file.json_text import (
 )
 from lockstep.check.design_file.messages import MessageClaims, message_claims_of
 from lockstep.check.errors import ProblemError
-from lockstep.check.local import InitialSet
 
 LETTERS = ("A", "B", "C", "D")
 

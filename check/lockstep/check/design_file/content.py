@@ -20,7 +20,7 @@ from lockstep.check.design_file.json_text import A_DESIGN, each, matrix, only, p
 from lockstep.check.design_file.problem_part import ProblemPart, Sizes
 from lockstep.check.design_file.proofs import Proofs, proofs_of
 from lockstep.check.errors import ProblemError, demand
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.check.wording import shorten
 
 FORMAT = "lockstep-design/2"

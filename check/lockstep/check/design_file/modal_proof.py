@@ -3,8 +3,8 @@
 from functools import partial
 from typing import Any
 
+from lockstep.check.continuous.modes import Segment
 from lockstep.check.design_file.json_text import Reader, each, matrix, number, one_of, record, vector
-from lockstep.check.modes import Segment
 from lockstep.check.sampled.modes import NUMBERS, SampledModalWitness
 
 

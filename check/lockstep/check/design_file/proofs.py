@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.check.agent import Move
+from lockstep.check.continuous.inequality import Certificate
+from lockstep.check.continuous.modes import ModalCertificate, Segment
 from lockstep.check.design_file.claims import Claims
 from lockstep.check.design_file.json_text import (
     Reader,
@@ -28,12 +29,11 @@ from lockstep.check.design_file.modal_proof import modal_witness_of
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import demand
 from lockstep.check.floor.witness import FloorWitness, Piece
-from lockstep.check.inequality import Certificate
-from lockstep.check.modes import ModalCertificate, Segment
 from lockstep.check.sampled.clipping import ClippedWitness
 from lockstep.check.sampled.inequality import NUMBERS, Witness
 from lockstep.check.sampled.messages import MessageWitness
 from lockstep.check.sampled.modes import SampledModalWitness
+from lockstep.check.system.agent import Move
 
 _AMOUNT = re.compile("-?[0-9]{1,400}(/[0-9]{1,400})?")
 

@@ -28,8 +28,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from lockstep.check.loop import Plant
 from lockstep.check.numbers import Matrix, eye, inverse, zeros
+from lockstep.check.system.loop import Plant
 
 
 class Side(NamedTuple):

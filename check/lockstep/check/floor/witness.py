@@ -25,10 +25,10 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from lockstep.check.floor.projected import Projected, Side, left_inverse, with_rho
-from lockstep.check.loop import Plant
-from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import Matrix, exact, exactly, zeros
 from lockstep.check.psd import decide_positive_definite
+from lockstep.check.system.loop import Plant
+from lockstep.check.system.network import ExactNetwork
 
 
 @dataclass(frozen=True)

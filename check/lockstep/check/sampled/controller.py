@@ -20,11 +20,11 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from flint import fmpq
 
-from lockstep.check.disagreement import Disagreement
 from lockstep.check.errors import ProblemError
-from lockstep.check.loop import Plant
 from lockstep.check.numbers import Matrix, as_floats, converter, exactly, is_exact, zeros
 from lockstep.check.sampled.sector import Sector
+from lockstep.check.system.disagreement import Disagreement
+from lockstep.check.system.loop import Plant
 
 
 class Precision(NamedTuple):

@@ -24,10 +24,10 @@ import numpy as np
 from flint import fmpq
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.loop import Gains
 from lockstep.check.numbers import Matrix, as_floats, exact, exactly, eye, inverse
 from lockstep.check.sampled.balls import exponential, working_precision
 from lockstep.check.sampled.controller import PRECISIONS, HeldController
+from lockstep.check.system.loop import Gains
 
 Discretization = Literal["tustin", "zoh", "euler"]
 Real = Literal["float32", "float64"]

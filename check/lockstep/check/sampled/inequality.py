@@ -28,11 +28,11 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from lockstep.check.disagreement import Disagreement
 from lockstep.check.numbers import Matrix, Vector, converter, inverse, is_exact, zeros
 from lockstep.check.sampled.balls import product
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop
+from lockstep.check.system.disagreement import Disagreement
 
 NUMBERS = ("decay", "kappa", "weight", "ratio", "kappa_mu")
 

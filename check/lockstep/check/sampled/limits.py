@@ -33,7 +33,7 @@ from typing import Annotated
 import numpy as np
 from flint import arb
 
-from lockstep.check.inequality import Performance
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import Matrix, exactly, eye, zeros
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.certify import ROUNDED_UP, admitted_multiplier, lifted_agent, proves

@@ -17,8 +17,8 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from lockstep.check.continuous.inequality import LETTERS
 from lockstep.check.errors import ProblemError
-from lockstep.check.inequality import LETTERS
 from lockstep.check.numbers import Matrix, converter, is_exact, zeros
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 

@@ -49,7 +49,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from lockstep.check.inequality import Performance
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import Matrix, converter, exactly, eye, is_exact, zeros
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.conjugate import no_conjugate_point

@@ -34,13 +34,9 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from lockstep.check.disagreement import Disagreement
+from lockstep.check.continuous.inequality import LETTERS, Performance
+from lockstep.check.continuous.modes import Segment
 from lockstep.check.errors import demand
-from lockstep.check.graph import Digraph
-from lockstep.check.inequality import LETTERS, Performance
-from lockstep.check.loop import Plant
-from lockstep.check.many_graphs import SpectrumRange
-from lockstep.check.modes import Segment
 from lockstep.check.numbers import Matrix, converter, exactly, eye, zeros
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.certify import ROUNDED_UP, SampledVerdict, lifted_agent, proves, refused
@@ -49,7 +45,11 @@ from lockstep.check.sampled.controller import PRECISIONS, HeldController, Sample
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import NO_NOISE, SampledLoop, Way
 from lockstep.check.sampled.performance import SampledRho, proves_rho
-from lockstep.check.spectrum import metric
+from lockstep.check.system.disagreement import Disagreement
+from lockstep.check.system.graph import Digraph
+from lockstep.check.system.loop import Plant
+from lockstep.check.system.many_graphs import SpectrumRange
+from lockstep.check.system.spectrum import metric
 
 NUMBERS = ("lower", "mu", "decay", "kappa", "weight", "ratio", "kappa_mu")
 

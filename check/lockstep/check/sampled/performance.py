@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lockstep.check.inequality import Performance
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import Matrix, converter, eye, is_exact, zeros
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.certify import admitted_multiplier

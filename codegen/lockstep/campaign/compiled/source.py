@@ -26,9 +26,9 @@ from lockstep.campaign.compiled.functions import (
 from lockstep.campaign.compiled.lanes import lanes_header
 from lockstep.campaign.compiled.layout import Features, Layout
 from lockstep.campaign.compiled.statements import LaneFunction
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
-from lockstep.check.inequality import Performance
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.codegen.rendering import render
 from lockstep.model.network import Network

@@ -14,8 +14,8 @@ from jaxtyping import Float, UInt
 from lockstep.campaign.compiled.functions import on_controllers, on_disagreement, plant_slope
 from lockstep.campaign.compiled.library import FLAGS
 from lockstep.campaign.network.faults import NetworkFaults
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
-from lockstep.check.inequality import Performance
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.codegen.rendering import render
 from lockstep.model.network import Network

@@ -6,10 +6,10 @@ any rho, proves V' < -2 sigma V. Of sigma = 0 the certificate of rho is one; -ab
 
 import numpy as np
 
+from lockstep.check.continuous.inequality import Certificate, Claim
+from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.errors import NotCertified
-from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.loop import Gains
-from lockstep.check.modes import ModalCertificate
+from lockstep.check.system.loop import Gains
 from lockstep.model.network import Network
 
 HALVINGS = 7
@@ -48,7 +48,7 @@ def abscissa(network: Network, gains: Gains, *, modal: bool) -> float:
     """Return the largest real part of the linear loop's poles, in doubles; of many graphs, on a grid of their lambdas."""
     if not modal:
         return float(np.linalg.eigvals(network.loop(gains.order).A_cl(gains.blocks)).real.max())
-    from lockstep.check.modes import Modes
+    from lockstep.check.continuous.modes import Modes
     from lockstep.lmi.methods.modal import eigenvalues_of
 
     modes, K = Modes(network.plant, gains.order, network.decay), gains.blocks[0]

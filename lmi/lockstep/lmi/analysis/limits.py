@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.loop import Plant
 from lockstep.check.numbers import exactly
+from lockstep.check.system.loop import Plant
 from lockstep.lmi.analysis.solve import run
 from lockstep.model.network import Network
 

@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.inequality import Claim
-from lockstep.check.loop import Loop
+from lockstep.check.continuous.inequality import Claim
+from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.solve import least_rho
 
 DOUBLINGS, HALVINGS = 20, 10

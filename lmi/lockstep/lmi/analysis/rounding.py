@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.decide import decide
+from lockstep.check.continuous.decide import decide
+from lockstep.check.continuous.inequality import Certificate, Claim, F_matrix
 from lockstep.check.errors import NotCertified
-from lockstep.check.inequality import Certificate, Claim, F_matrix
-from lockstep.check.loop import Gains, Loop
+from lockstep.check.system.loop import Gains, Loop
 from lockstep.lmi.analysis.solve import least_rho, tight
 from lockstep.lmi.search.units import Units, scaled
 from lockstep.model.network import Network

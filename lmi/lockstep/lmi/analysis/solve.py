@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.channels import Inequality
-from lockstep.check.inequality import Certificate, Claim, inequality, split
-from lockstep.check.loop import Loop
+from lockstep.check.continuous.channels import Inequality
+from lockstep.check.continuous.inequality import Certificate, Claim, inequality, split
+from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.inside import inside
 
 if TYPE_CHECKING:

@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.continuous.inequality import Claim
+from lockstep.check.continuous.stability import is_stable
 from lockstep.check.errors import NotCertified, ProblemError
-from lockstep.check.inequality import Claim
-from lockstep.check.loop import Gains
-from lockstep.check.stability import is_stable
+from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.decay import fastest_decay
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.analysis.solve import least_rho

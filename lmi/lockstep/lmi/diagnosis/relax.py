@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.continuous.inequality import Claim
 from lockstep.check.errors import NotCertified
-from lockstep.check.inequality import Claim
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.search.stabilise import stabilise_mode
 from lockstep.lmi.search.start import GainSearch, begin, climb

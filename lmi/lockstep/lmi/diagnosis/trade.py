@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lockstep.check.continuous.inequality import Claim
 from lockstep.check.errors import ProblemError
-from lockstep.check.inequality import Claim
 from lockstep.lmi.analysis.reach import largest_alpha, trade_off
 from lockstep.lmi.document import Stored
 from lockstep.lmi.stored_bound import bound_again

@@ -15,8 +15,8 @@ from jaxtyping import Float
 
 from lockstep.check.floor.projected import Projected, side
 from lockstep.check.floor.witness import FloorWitness, Piece, exact_agent, excludes, of_piece
-from lockstep.check.loop import Plant
 from lockstep.check.numbers import zeros
+from lockstep.check.system.loop import Plant
 from lockstep.lmi.floor.program import FloorProgram, FloorSolution, Scales, largest_margin
 from lockstep.model.network import Network
 

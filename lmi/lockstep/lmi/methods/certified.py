@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.errors import Infeasible, NotCertified, OutOfTime
-from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.decay import proved_decay
 from lockstep.lmi.analysis.limits import largest_alpha_of_any_controller, static_gains_cannot_stabilise
 from lockstep.lmi.analysis.reach import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.diagnosis.relax import hint, hint_of_stability
 from lockstep.lmi.floor.bisection import proves_that_none_carries
-from lockstep.lmi.sampled.improve import StartingGains
+from lockstep.lmi.sampled.descending.improve import StartingGains
 from lockstep.lmi.search import GainSearch, Polished, Score, SearchResult, search_gains
 from lockstep.lmi.search.fastest import raised_decay
 from lockstep.lmi.search.likely import likely

@@ -23,9 +23,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.continuous.inequality import Claim
 from lockstep.check.errors import Infeasible, ProblemError
-from lockstep.check.inequality import Claim
-from lockstep.check.loop import Gains, Plant
+from lockstep.check.system.loop import Gains, Plant
 from lockstep.lmi.analysis.connectivity import connectivity
 from lockstep.lmi.analysis.solve import least_rho, run
 from lockstep.model.network import Network

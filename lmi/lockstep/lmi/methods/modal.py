@@ -14,13 +14,13 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.continuous.inequality import Claim
+from lockstep.check.continuous.modes import ModalCertificate, Modes, Segment, check_covered, decide_modes
 from lockstep.check.errors import Infeasible, NotCertified
-from lockstep.check.graph import Digraph
-from lockstep.check.inequality import Claim
-from lockstep.check.loop import Gains
-from lockstep.check.modes import ModalCertificate, Modes, Segment, check_covered, decide_modes
 from lockstep.check.numbers import as_floats
-from lockstep.check.spectrum import Metric
+from lockstep.check.system.graph import Digraph
+from lockstep.check.system.loop import Gains
+from lockstep.check.system.spectrum import Metric
 from lockstep.lmi.analysis.rounding import round_up, short_gains
 from lockstep.lmi.methods.modal_common import CommonSearch
 from lockstep.lmi.methods.modal_search import ModalCandidate, ModalSearch, drawn, from_start

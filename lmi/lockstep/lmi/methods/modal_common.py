@@ -1,8 +1,8 @@
 """One K and one P for all lambda of an interval: what a certificate for every graph with its spectrum there needs.
 
 For given K the least sigma is that of a semidefinite program in (P, mu, sigma) with the matrix of a mode at both ends
-(`lockstep.check.modes`); its multipliers Z_a, Z_b give the slope in K, dsigma = sum_e <Z_e, dF_e>. First a P is looked for
-that carries the nonlinearity at both ends at all,
+(`lockstep.check.continuous.modes`); its multipliers Z_a, Z_b give the slope in K, dsigma = sum_e <Z_e, dF_e>.
+First a P is looked for that carries the nonlinearity at both ends at all,
 
     minimise s:    F_xphi(lambda) <= s I,   P >= I (and P <= 1000 I),
 
@@ -17,9 +17,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.channels import Inequality
-from lockstep.check.inequality import Claim
-from lockstep.check.modes import Modes
+from lockstep.check.continuous.channels import Inequality
+from lockstep.check.continuous.inequality import Claim
+from lockstep.check.continuous.modes import Modes
 from lockstep.lmi.analysis.semidefinite import Block, Solved, least, symmetric_basis
 from lockstep.lmi.search.stabilise import descend
 

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.graph import Digraph
-from lockstep.check.inequality import Claim
-from lockstep.check.loop import Plant
-from lockstep.check.modes import Modes
-from lockstep.check.network import ExactNetwork
+from lockstep.check.continuous.inequality import Claim
+from lockstep.check.continuous.modes import Modes
+from lockstep.check.system.graph import Digraph
+from lockstep.check.system.loop import Plant
+from lockstep.check.system.network import ExactNetwork
 from lockstep.lmi.methods.modal_witness import ModalWitness, witness
 from lockstep.lmi.search.smoothed import SmoothedNorm, descended, refined
 from lockstep.lmi.search.stabilise import DEFECTIVE, descend

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.inequality import Claim
-from lockstep.check.modes import Modes
+from lockstep.check.continuous.inequality import Claim
+from lockstep.check.continuous.modes import Modes
 from lockstep.lmi.analysis.solve import run
 
 if TYPE_CHECKING:

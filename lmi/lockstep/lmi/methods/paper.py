@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.disagreement import disagreement
 from lockstep.check.errors import Infeasible
-from lockstep.check.loop import Gains
+from lockstep.check.system.disagreement import disagreement
+from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.solve import run
 from lockstep.model.network import Network
 

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.disagreement import Disagreement
-from lockstep.check.loop import Plant
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.certify import SampledVerdict, decide_sampled, refused
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.lifting import Lifted, lift
 from lockstep.check.sampled.loop import NO_NOISE, SampledLoop, sampled_loop
+from lockstep.check.system.disagreement import Disagreement
+from lockstep.check.system.loop import Plant
 from lockstep.lmi.sampled.candidates import candidates
 from lockstep.lmi.sampled.search import best_multiplier, gain, spectral_radius
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.inequality import Performance
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness, metric, multiplier
 from lockstep.check.sampled.lifting import Lifted

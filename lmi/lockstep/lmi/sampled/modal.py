@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.inequality import LETTERS, Performance
-from lockstep.check.modes import Segment
+from lockstep.check.continuous.inequality import LETTERS, Performance
+from lockstep.check.continuous.modes import Segment
 from lockstep.check.sampled.certify import SampledVerdict, refused
 from lockstep.check.sampled.inequality import W_matrix, step_matrix
 from lockstep.check.sampled.lifting import Lifted, copies

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.bound.result import Entry
-from lockstep.check.inequality import Certificate
+from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.sampled.inequality import multiplier
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop

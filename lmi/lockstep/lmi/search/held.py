@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from lockstep.check.inequality import Claim
-from lockstep.check.loop import Loop, Plant, build_loop
+from lockstep.check.continuous.inequality import Claim
+from lockstep.check.system.loop import Loop, Plant, build_loop
 from lockstep.lmi.search.interior import within
 from lockstep.lmi.search.smoothed import SmoothedNorm, descended, refined
 from lockstep.lmi.search.stabilise import abscissa, stabilise

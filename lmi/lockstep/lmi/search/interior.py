@@ -24,8 +24,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from lockstep.check.inequality import Certificate, Claim, gain_errors
-from lockstep.check.loop import Loop
+from lockstep.check.continuous.inequality import Certificate, Claim, gain_errors
+from lockstep.check.system.loop import Loop
 from lockstep.lmi.search.logdet import BalancedF
 from lockstep.lmi.search.stopping import NEVER, Deadline
 

@@ -28,9 +28,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from lockstep.check.channels import Inequality, Term
-from lockstep.check.inequality import Certificate, Claim, inequality, split
-from lockstep.check.loop import Loop
+from lockstep.check.continuous.channels import Inequality, Term
+from lockstep.check.continuous.inequality import Certificate, Claim, inequality, split
+from lockstep.check.system.loop import Loop
 
 Slopes = tuple[Float[np.ndarray, " x"], Float[np.ndarray, "x x"], Float[np.ndarray, "x x"]]
 """A slope, the part of the curvature that is never negative, and the rest of it."""

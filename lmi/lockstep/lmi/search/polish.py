@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.inequality import Certificate
+from lockstep.check.continuous.inequality import Certificate
 from lockstep.lmi.analysis.reach import largest_alpha
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.search.interior import BarrierPoint, NewtonLimits

@@ -28,10 +28,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float, Shaped
 
-from lockstep.check.inequality import Claim
-from lockstep.check.loop import Loop
+from lockstep.check.continuous.inequality import Claim
+from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.solve import AffineF
-from lockstep.lmi.sampled.response import Poles
+from lockstep.lmi.sampled.descending.response import Poles
 from lockstep.lmi.search.stabilise import descend
 
 Stages = tuple[tuple[int, int], ...]

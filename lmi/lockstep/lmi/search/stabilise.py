@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Complex, Float
 
-from lockstep.check.loop import Loop, Plant
+from lockstep.check.system.loop import Loop, Plant
 
 Objective = Callable[[Float[np.ndarray, " x"]], tuple[float, Float[np.ndarray, " x"]]]
 

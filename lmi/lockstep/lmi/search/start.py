@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.loop import Loop
+from lockstep.check.continuous.inequality import Certificate, Claim
+from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.solve import AffineF, least_rho
 from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLimits, within
 from lockstep.lmi.search.smoothed import Descended, SmoothedNorm, descended, refined

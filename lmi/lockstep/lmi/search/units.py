@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.loop import Loop
+from lockstep.check.continuous.inequality import Certificate, Claim
+from lockstep.check.system.loop import Loop
 
 WEAK = 1e-2
 """The weight of the wish that R be near one in the least squares: it decides what the entries leave open."""

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 
 from lockstep.check.bound.decide import decide_bound
-from lockstep.check.domain import claimed_box
+from lockstep.check.system.domain import claimed_box
 from lockstep.model.agent import Agent
 from lockstep.model.arguments import arguments_text
 from lockstep.model.bound_search import BOXES, Bound, read
@@ -83,7 +83,7 @@ def slopes_of(proved: Bound) -> tuple[float, ...]:
 def reach(agent: Agent, graph: Graph, *, everywhere: bool) -> CheckRow:
     """Where the certificate holds: for every state, or only while all agents stay in the box.
 
-    With a single root the certificate gives initial states from which they stay (`lockstep.check.local`).
+    With a single root the certificate gives initial states from which they stay (`lockstep.check.continuous.local`).
     """
     reason = "a bound on a box says nothing about trajectories that leave it"
     if everywhere:

@@ -5,7 +5,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from lockstep.check.loop import Plant
+from lockstep.check.system.loop import Plant
 from lockstep.model.bound_search import Bound
 from lockstep.model.checks.proved.finding import CheckFinding
 

@@ -16,10 +16,10 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.disagreement import orthonormal_factor
 from lockstep.check.errors import ProblemError
-from lockstep.check.loop import Gains
 from lockstep.check.numbers import as_floats
+from lockstep.check.system.disagreement import orthonormal_factor
+from lockstep.check.system.loop import Gains
 from lockstep.model.agent import Agent
 
 if TYPE_CHECKING:

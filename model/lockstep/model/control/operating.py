@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 
 if TYPE_CHECKING:
     from lockstep.model.agent import Agent

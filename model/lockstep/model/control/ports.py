@@ -20,11 +20,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lockstep.check.disagreement import orthonormal_factor
 from lockstep.check.errors import ProblemError
-from lockstep.check.loop import Gains
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.controller import HeldController
+from lockstep.check.system.disagreement import orthonormal_factor
+from lockstep.check.system.loop import Gains
 from lockstep.model.control.hybrid import Hybrid
 from lockstep.model.control.wiring import joined
 

@@ -14,8 +14,8 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.agent import Move
 from lockstep.check.errors import ProblemError
+from lockstep.check.system.agent import Move
 from lockstep.model.loop_transformation.shift import fitting, shifted, without
 from lockstep.model.lure import Lure
 

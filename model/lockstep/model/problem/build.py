@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.many_graphs import SpectrumRange
+from lockstep.check.system.many_graphs import SpectrumRange
 from lockstep.check.wording import nearest, shorten
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph

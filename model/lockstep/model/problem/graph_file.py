@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.many_graphs import SpectrumRange
+from lockstep.check.system.many_graphs import SpectrumRange
 from lockstep.model.membership import Membership, membership, within
 from lockstep.model.problem.schema import NetworkTable, ProblemFile
 from lockstep.model.sparse_graph import SparseGraph, read_graph

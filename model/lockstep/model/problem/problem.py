@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.design_file.messages import messages_of
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import ProblemError
-from lockstep.check.inequality import Performance
-from lockstep.check.many_graphs import SpectrumRange
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled.messages import Messages
+from lockstep.check.system.many_graphs import SpectrumRange
 from lockstep.model.agent import Agent
 from lockstep.model.graph import Graph
 from lockstep.model.membership import Membership

@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, Strict
 from pydantic_core import PydanticCustomError
 
-from lockstep.check.many_graphs import MOST_NEIGHBOURS
-from lockstep.check.problem import MOST_ORDER
+from lockstep.check.system.many_graphs import MOST_NEIGHBOURS
+from lockstep.check.system.problem import MOST_ORDER
 
 T = TypeVar("T")
 Many = Annotated[tuple[T, ...], Strict(False)]

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.model.network import Network
 
 

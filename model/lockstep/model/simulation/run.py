@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.simulation.disturbance import Disturbance
 from lockstep.model.simulation.divergence import check_bounded

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.model.graph import Graph
 
 OK, CLIPPED = 0, 8

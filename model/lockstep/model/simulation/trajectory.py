@@ -1,6 +1,6 @@
 """What a simulation returns: every signal of every agent on one time grid, and the figures taken from it.
 
-The performance output is the certificate's (`lockstep.check.inequality`):
+The performance output is the certificate's (`lockstep.check.continuous.inequality`):
 
     |z|^2 = x_d' (S (x) R) x_d + x_C' (I (x) Q) x_C,      |w|^2 = xi_d' (S (x) I) xi_d,
 
@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.disagreement import Coordinates, disagreement
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats
+from lockstep.check.system.disagreement import Coordinates, disagreement
 from lockstep.model.graph import Graph
 from lockstep.model.simulation.quadrature import Hold, running_integral
 

@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.loop import Gains
+from lockstep.check.system.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.simulation.disturbance import Samples
 from lockstep.model.simulation.equations import closed_loop

@@ -15,7 +15,6 @@ from typing import Annotated
 
 import numpy as np
 
-from lockstep.check.agent import ExactAgent
 from lockstep.check.bound.conditions import Conditions
 from lockstep.check.bound.continuity import settle
 from lockstep.check.bound.graph import ExactPhi
@@ -24,6 +23,7 @@ from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.derivative import derivative
 from lockstep.check.expression.node import ZERO, Node, constant, linear, number, subtract, variable
 from lockstep.check.expression.traversal import order, substitute
+from lockstep.check.system.agent import ExactAgent
 from lockstep.model.agent import Agent
 from lockstep.model.variants import nonlinearity
 

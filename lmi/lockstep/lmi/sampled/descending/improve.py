@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.inequality import Performance
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork
 from lockstep.lmi.sampled.certify import in_doubles
-from lockstep.lmi.sampled.descent import Descent, DescentPoint, within
-from lockstep.lmi.sampled.objective import SampledObjective
+from lockstep.lmi.sampled.descending.descent import Descent, DescentPoint, within
+from lockstep.lmi.sampled.descending.objective import SampledObjective
+from lockstep.lmi.sampled.descending.tustin import tustin
 from lockstep.lmi.sampled.performance import least_rho
-from lockstep.lmi.sampled.tustin import tustin
 
 RHO_KEPT = (1.5, 5.0)
 """The continuous rho may grow by about so much: what ships is the sampled loop. The second where the first is too little."""

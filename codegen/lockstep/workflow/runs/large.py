@@ -20,8 +20,8 @@ from lockstep.swarm.neighbours import EdgeList
 from lockstep.verification.measured import Measured, network_of_design, promise, storage_of
 from lockstep.verification.toolchain import host_compilers
 from lockstep.workflow.design import Design
-from lockstep.workflow.progress import Progress
-from lockstep.workflow.simulate import Simulation
+from lockstep.workflow.runs.simulate import Simulation
+from lockstep.workflow.waiting.progress import Progress
 
 if TYPE_CHECKING:
     from lockstep.lmi.document import Stored

@@ -10,10 +10,10 @@ from lockstep.check.errors import ProblemError
 from lockstep.workflow.design import Design, as_design
 from lockstep.workflow.files import check_writable, of_file, write_text
 from lockstep.workflow.folders import check_folder, is_generated, write_files
-from lockstep.workflow.progress import Progress, silent
+from lockstep.workflow.waiting.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from lockstep.check.loop import Gains
+    from lockstep.check.system.loop import Gains
     from lockstep.lmi.document import Stored
     from lockstep.model.network import Network
     from lockstep.model.simulation import SampledControllers, Scenario, Trajectory
@@ -189,7 +189,7 @@ def simulate(
     """
     from lockstep.model.simulation import simulate as run
     from lockstep.verification.measured import measured, network_of_design, promise
-    from lockstep.workflow.large import is_large, simulate_large
+    from lockstep.workflow.runs.large import is_large, simulate_large
 
     kind, changes = _checked(controllers, horizon, seed, disturbance, perturbation, integrator)
     written, drawn = (None if one is None else Path(one) for one in (output, figures))

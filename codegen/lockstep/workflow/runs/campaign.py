@@ -12,7 +12,7 @@ from lockstep.workflow.design import DESIGN_NAME, Design, as_design
 from lockstep.workflow.files import check_writable, of_file, write_text
 from lockstep.workflow.folders import check_folder
 from lockstep.workflow.generate import generated_files
-from lockstep.workflow.progress import Progress, silent
+from lockstep.workflow.waiting.progress import Progress, silent
 
 if TYPE_CHECKING:
     from lockstep.campaign import Campaign, Plan, Replay

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import expm, solve_discrete_lyapunov
 
-from lockstep.check.inequality import Performance
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness, multiplier, step_matrix
 from lockstep.check.sampled.lifting import Lifted, copies, lift
@@ -26,7 +26,7 @@ from lockstep.check.sampled.messages import (
 )
 from lockstep.check.sampled.performance import SampledRho, running_cost
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
-from lockstep.lmi.sampled.message_program import Form, solved, with_fixed_weights, with_free_weights
+from lockstep.lmi.sampled.messages.program import Form, solved, with_fixed_weights, with_free_weights
 from lockstep.lmi.sampled.search import spectral_radius
 from lockstep.lmi.sampled.storage import holds_in_doubles
 

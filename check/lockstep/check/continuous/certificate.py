@@ -14,15 +14,15 @@ from typing import Annotated
 
 import numpy as np
 
-from lockstep.check.decide import decide
+from lockstep.check.continuous.decide import decide
+from lockstep.check.continuous.inequality import Certificate, Claim
+from lockstep.check.continuous.local import Domain, InitialSet, better_than_proved, box_text
+from lockstep.check.continuous.modes import ModalCertificate, decide_modes
+from lockstep.check.continuous.stability import is_stable, is_stable_step
 from lockstep.check.floor.witness import FloorWitness, proves_floor
-from lockstep.check.inequality import Certificate, Claim
-from lockstep.check.local import Domain, InitialSet, better_than_proved, box_text
-from lockstep.check.loop import Gains
-from lockstep.check.modes import ModalCertificate, decide_modes
-from lockstep.check.network import ExactNetwork
 from lockstep.check.psd import Definiteness
-from lockstep.check.stability import is_stable, is_stable_step
+from lockstep.check.system.loop import Gains
+from lockstep.check.system.network import ExactNetwork
 from lockstep.check.verdict import Verdict
 
 

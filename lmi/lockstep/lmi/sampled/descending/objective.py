@@ -16,14 +16,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
-from lockstep.check.inequality import Performance
-from lockstep.check.loop import build_loop
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.sampled.performance import running_cost
-from lockstep.lmi.sampled.response import Poles, power_mean
-from lockstep.lmi.sampled.slopes import lifted_period
-from lockstep.lmi.sampled.tustin import pulled_back, tustin
+from lockstep.check.system.loop import build_loop
+from lockstep.lmi.sampled.descending.response import Poles, power_mean
+from lockstep.lmi.sampled.descending.slopes import lifted_period
+from lockstep.lmi.sampled.descending.tustin import pulled_back, tustin
 
 PENALTY = 10.0
 """What the square of the continuous loop's g_p counts where it exceeds 0."""

@@ -12,8 +12,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from lockstep.check.graph import Digraph
 from lockstep.check.numbers import Matrix, as_floats, converter, eye, inverse
+from lockstep.check.system.graph import Digraph
 
 Coordinates = Literal["orthonormal", "laplacian_rows"]
 

@@ -14,9 +14,9 @@ from typing import Annotated
 
 import numpy as np
 
-from lockstep.check.disagreement import Disagreement
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import Matrix, Stack, converter, is_exact, product, zeros
+from lockstep.check.system.disagreement import Disagreement
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from lockstep.check.expression.exact import Exact, Value, read_text
 from lockstep.check.expression.node import Node, linear, linear_terms, variable
 from lockstep.check.expression.text import RESERVED
 from lockstep.check.expression.traversal import order
-from lockstep.check.structure import Arguments, Row, Terms, arguments, columns, forms_seen
+from lockstep.check.system.structure import Arguments, Row, Terms, arguments, columns, forms_seen
 from lockstep.check.wording import shorten
 
 Show = Callable[[Node, Sequence[str]], str]

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
-from lockstep.lmi.sampled.objective import SampledObjective, ValueAndSlopes
+from lockstep.lmi.sampled.descending.objective import SampledObjective, ValueAndSlopes
 from lockstep.lmi.search.stabilise import abscissa, descend
 
 

@@ -14,9 +14,9 @@ import numpy as np
 from flint import fmpq
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.graph import Digraph
 from lockstep.check.numbers import exactly
 from lockstep.check.psd import Definiteness, decide_positive_definite
+from lockstep.check.system.graph import Digraph
 
 REMEDY = 'use method = "certified", which takes any graph with a spanning tree'
 

@@ -43,13 +43,13 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from lockstep.check.bound.box import Box
-from lockstep.check.disagreement import disagreement
+from lockstep.check.continuous.inequality import Certificate
+from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.errors import demand
-from lockstep.check.inequality import Certificate
-from lockstep.check.modes import ModalCertificate
-from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import Matrix, Vector, as_fraction, exactly, eye
 from lockstep.check.psd import decide_positive_definite
+from lockstep.check.system.disagreement import disagreement
+from lockstep.check.system.network import ExactNetwork
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from lockstep.check.agent import ExactAgent, Move
 from lockstep.check.bound.box import Box
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.design_file.json_text import (
     above_zero,
     item,
@@ -26,17 +26,17 @@ from lockstep.check.design_file.json_text import (
 )
 from lockstep.check.design_file.messages import messages_of
 from lockstep.check.design_file.problem_part import Sizes
-from lockstep.check.disagreement import Coordinates
-from lockstep.check.domain import argument_box
 from lockstep.check.errors import demand
-from lockstep.check.graph import Digraph
-from lockstep.check.inequality import Performance
-from lockstep.check.loop import Plant
-from lockstep.check.many_graphs import SpectrumRange
-from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import exactly
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled.messages import Messages
+from lockstep.check.system.agent import ExactAgent, Move
+from lockstep.check.system.disagreement import Coordinates
+from lockstep.check.system.domain import argument_box
+from lockstep.check.system.graph import Digraph
+from lockstep.check.system.loop import Plant
+from lockstep.check.system.many_graphs import SpectrumRange
+from lockstep.check.system.network import ExactNetwork
 from lockstep.check.wording import shorten
 
 DEFAULT_ORDER, MOST_ORDER = 2, 64

@@ -4,11 +4,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lockstep.check.disagreement import Coordinates, disagreement
 from lockstep.check.errors import demand
-from lockstep.check.graph import Digraph
-from lockstep.check.loop import Loop, Plant, build_loop
 from lockstep.check.numbers import converter, eye
+from lockstep.check.system.disagreement import Coordinates, disagreement
+from lockstep.check.system.graph import Digraph
+from lockstep.check.system.loop import Loop, Plant, build_loop
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,15 +39,15 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from lockstep.check.channels import Channel, Inequality
-from lockstep.check.decide import decide_weights
+from lockstep.check.continuous.channels import Channel, Inequality
+from lockstep.check.continuous.decide import decide_weights
+from lockstep.check.continuous.inequality import Claim, Inputs, disturbance, nonlinearity
 from lockstep.check.errors import demand
-from lockstep.check.inequality import Claim, Inputs, disturbance, nonlinearity
-from lockstep.check.loop import Gains, Plant
-from lockstep.check.network import ExactNetwork
 from lockstep.check.numbers import Matrix, converter, exactly, eye, is_exact, zeros
 from lockstep.check.psd import Definiteness, decide_positive_definite
-from lockstep.check.spectrum import REMEDY, Metric, decide_spectrum, metric
+from lockstep.check.system.loop import Gains, Plant
+from lockstep.check.system.network import ExactNetwork
+from lockstep.check.system.spectrum import REMEDY, Metric, decide_spectrum, metric
 
 
 @dataclass(frozen=True)

@@ -39,9 +39,9 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from lockstep.check.bound.result import Entry
-from lockstep.check.channels import Channel, Inequality, Term
-from lockstep.check.loop import Loop, Plant
+from lockstep.check.continuous.channels import Channel, Inequality, Term
 from lockstep.check.numbers import Matrix, Vector, converter, eye, is_exact, zeros
+from lockstep.check.system.loop import Loop, Plant
 
 LETTERS = ("A", "B", "C", "D")
 

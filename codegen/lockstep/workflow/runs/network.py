@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lockstep.check.errors import ProblemError
-from lockstep.workflow.campaign import HORIZON, check_periods
 from lockstep.workflow.design import DESIGN_NAME, Design, as_design
 from lockstep.workflow.files import of_file
 from lockstep.workflow.folders import check_folder, write_files
 from lockstep.workflow.generate import generated_files
-from lockstep.workflow.progress import Progress, silent
+from lockstep.workflow.runs.campaign import HORIZON, check_periods
+from lockstep.workflow.waiting.progress import Progress, silent
 
 if TYPE_CHECKING:
     from lockstep.campaign.network.campaign import NetworkCampaign, NetworkGuarantee
@@ -70,7 +70,7 @@ def network_campaign(
     from lockstep.campaign.peaks import peaks
     from lockstep.campaign.plan import POINTS
     from lockstep.campaign.response import sampled_response
-    from lockstep.check.inequality import Performance
+    from lockstep.check.continuous.inequality import Performance
     from lockstep.codegen.sampled_design import sampled_controllers
     from lockstep.lmi.document import parse
     from lockstep.model.network import Network

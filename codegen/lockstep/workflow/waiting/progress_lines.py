@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from types import TracebackType
 
-from lockstep.workflow.time_left import TimeLeft
+from lockstep.workflow.waiting.time_left import TimeLeft
 
 PATIENCE = 5.0
 """Seconds before the first line: a command that answers at once says nothing else."""

@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.inequality import Certificate, Claim, split
-from lockstep.check.loop import Loop
+from lockstep.check.continuous.inequality import Certificate, Claim, split
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork
 from lockstep.check.sampled.sector import common_sector
+from lockstep.check.system.loop import Loop
 from lockstep.lmi.sampled.certify import in_doubles
-from lockstep.lmi.sampled.improve import usable
+from lockstep.lmi.sampled.descending.improve import usable
+from lockstep.lmi.sampled.descending.tustin import tustin
 from lockstep.lmi.sampled.performance import least_rho
 from lockstep.lmi.sampled.search import common_pair_weights
-from lockstep.lmi.sampled.tustin import tustin
 from lockstep.model.network import Network as Agents
 from lockstep.model.problem import Problem
 

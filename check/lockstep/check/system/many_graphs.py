@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 
 from lockstep.check.errors import demand
-from lockstep.check.graph import Digraph
+from lockstep.check.system.graph import Digraph
 
 MOST_NEIGHBOURS = 4096
 """Of one agent: each rounding of the sum over them counts."""

@@ -22,7 +22,7 @@ from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.lifting import copies, lift
 from lockstep.check.sampled.messages import Messages, message_step
 from lockstep.lmi.sampled.certify import in_doubles
-from lockstep.lmi.sampled.messages import certify_messages
+from lockstep.lmi.sampled.messages.witnesses import certify_messages
 
 Form = Float[np.ndarray, "k k"]
 

@@ -9,10 +9,10 @@ from typing import Annotated
 
 import numpy as np
 
-from lockstep.check.inequality import Certificate, Claim, F_matrix
-from lockstep.check.loop import Loop
+from lockstep.check.continuous.inequality import Certificate, Claim, F_matrix
 from lockstep.check.numbers import exactly
 from lockstep.check.psd import Definiteness, decide_positive_definite
+from lockstep.check.system.loop import Loop
 
 
 def decide(

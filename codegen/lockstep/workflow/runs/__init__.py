@@ -1,0 +1,1 @@
+"""Runs of a design: simulations, responses, and campaigns of many of them against what is proved."""
