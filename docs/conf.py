@@ -14,7 +14,7 @@ except PackageNotFoundError:  # the sources on the path, not installed
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 source_suffix = {".md": "markdown"}
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "paper"]
 html_theme = "furo"
 html_title = "Lockstep"
 html_static_path = ["_static"]
