@@ -121,57 +121,46 @@ def draw(index: int) -> Document:
         },
     }  # fmt: skip
     if rng.random() < 0.25:
-        one_of(MISTAKES)(drawn, rng)
+        mistaken(drawn, rng)
     return drawn
 
 
-def _put(*path: str, value: Any) -> Callable[[Document, Any], None]:
-    def mistake(document: Document, _rng: Any) -> None:
-        for key in path[:-1]:
-            document = document.setdefault(key, {})
-        document[path[-1]] = value
+VALUES: list[tuple[str, Any]] = [
+    ("agent.states", []), ("agent.name", "int"), ("agent.name", "a b"), ("agent.inputs", ["t"]), ("agent.stats", ["x"]),
+    ("agent.parameters", {"rate": 1e300}), ("agent.parameters", {"rate": math.inf}), ("agent.parameters", {"rate": 0.0}),
+    ("agent.limits", {"u0": [1.0, 2.0]}), ("agent.domain", {"nobody": [0, 1]}), ("title", "\u202e\x1b[2J"),
+    ("network.agents", 1), ("network.agents", -3), ("network.agents", "three"), ("network.topology", "rign"),
+    ("network.edges", [[1, 9]]), ("network.edges", [[1, 1]]), ("design.order", -1), ("design.order", 1.5),
+    ("design.order", 200), ("design.alpha", math.nan), ("design.alpha", -1.0), ("design.gain_limit", 0.0),
+    ("design.gain_limit", 1e-9), ("design.rho", 1e-9), ("design.decay", 1e6), ("design.weights", {"input": -1.0}),
+    ("controller.period", 0.0), ("controller.period", 1e9), ("controller.period", 1e-30), ("controller.real", "float16"),
+    ("simulation.horizon", -1.0), ("simulation.horizon", 1e300), ("agent.states", None), ("agent.dynamics", None),
+    ("agent.outputs", None), ("agent.parameters", None), ("network", None), ("controller", None),
+    ("simulation.initial", None),
+]  # fmt: skip
+"""A key and what it is set to by mistake; None: it is missing."""
 
-    return mistake
+FORMULAS: list[Callable[[str], str]] = [
+    lambda text: text + " +", lambda text: text.replace("rate", "raet"), lambda text: f"({text})**2",
+    lambda text: f"1/({text})", lambda text: f"sin{text}", lambda text: f"log({text})", lambda _: "0",
+    lambda text: f"exp({text})", lambda text: f"__import__('os') + {text}", lambda text: text.replace("*", "\u2217"),
+]  # fmt: skip
 
 
-def _without(*path: str) -> Callable[[Document, Any], None]:
-    def mistake(document: Document, _rng: Any) -> None:
-        for key in path[:-1]:
-            document = document[key]
-        document.pop(path[-1], None)
-
-    return mistake
-
-
-def _in_a_formula(change: Callable[[str], str]) -> Callable[[Document, Any], None]:
-    def mistake(document: Document, rng: Any) -> None:
+def mistaken(document: Document, rng: np.random.Generator) -> None:
+    """Put a mistake into a problem."""
+    which = int(rng.integers(len(VALUES) + len(FORMULAS)))
+    if which >= len(VALUES):
         dynamics = document["agent"]["dynamics"]
         state = list(dynamics)[int(rng.integers(len(dynamics)))]
-        dynamics[state] = change(dynamics[state])
-
-    return mistake
-
-
-MISTAKES = [
-    _without("agent", "states"), _without("agent", "dynamics"), _without("agent", "outputs"), _without("network"),
-    _without("controller"), _without("agent", "parameters"), _without("simulation", "initial"),
-    _put("agent", "states", value=[]), _put("agent", "name", value="int"), _put("agent", "name", value="a b"),
-    _put("agent", "inputs", value=["t"]), _put("agent", "stats", value=["x"]), _put("network", "agents", value=1),
-    _put("network", "agents", value=-3), _put("network", "agents", value="three"), _put("network", "topology", value="rign"),
-    _put("network", "edges", value=[[1, 9]]), _put("network", "edges", value=[[1, 1]]), _put("design", "order", value=-1),
-    _put("design", "order", value=1.5), _put("design", "order", value=200), _put("design", "alpha", value=float("nan")),
-    _put("design", "alpha", value=-1.0), _put("design", "gain_limit", value=0.0), _put("design", "rho", value=1e-9),
-    _put("design", "decay", value=1e6), _put("design", "gain_limit", value=1e-9), _put("design", "weights", value={"input": -1.0}),
-    _put("controller", "period", value=0.0), _put("controller", "period", value=1e9), _put("controller", "period", value=1e-30),
-    _put("controller", "real", value="float16"), _put("simulation", "horizon", value=-1.0), _put("simulation", "horizon", value=1e300),
-    _put("agent", "parameters", value={"rate": 1e300}), _put("agent", "parameters", value={"rate": float("inf")}),
-    _put("agent", "parameters", value={"rate": 0.0}), _put("agent", "limits", value={"u0": [1.0, 2.0]}),
-    _put("agent", "domain", value={"nobody": [0, 1]}), _put("title", value="\u202e\x1b[2J"),
-    _in_a_formula(lambda text: text + " +"), _in_a_formula(lambda text: text.replace("rate", "raet")),
-    _in_a_formula(lambda text: f"({text})**2"), _in_a_formula(lambda text: f"1/({text})"), _in_a_formula(lambda text: f"sin{text}"),
-    _in_a_formula(lambda text: f"log({text})"), _in_a_formula(lambda _: "0"), _in_a_formula(lambda text: f"exp({text})"),
-    _in_a_formula(lambda text: f"__import__('os') + {text}"), _in_a_formula(lambda text: text.replace("*", "\u2217")),
-]  # fmt: skip
+        dynamics[state] = FORMULAS[which - len(VALUES)](dynamics[state])
+        return
+    (*path, key), value = VALUES[which][0].split("."), VALUES[which][1]
+    for part in path:
+        document = document[part]
+    document[key] = value
+    if value is None:
+        del document[key]
 
 
 def run(index: int, time_limit: float) -> tuple[int, str, str]:

@@ -1,0 +1,26 @@
+"""Random problems through the whole pipeline: the first fifty of benchmarks/pipelines.py, whose others run by hand."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+from pipelines import draw, run
+
+
+def test_a_problem_is_drawn_from_its_number_alone():
+    assert draw(7) == draw(7) != draw(8)
+
+
+def test_a_mistake_is_refused():
+    assert "network" not in draw(171)
+    assert run(171, time_limit=1.0)[1:] == ("refused", "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("index", range(50))
+def test_every_failure_has_a_type_and_no_certified_loop_diverges(index):
+    outcome, fault = run(index, time_limit=10.0)[1:]
+    assert not fault, f"{outcome}: {fault}"
