@@ -157,7 +157,8 @@ def jacobian(nodes: Sequence[Node], n: int, *, of_slopes: bool = False) -> Matri
 def at_points(rows: Matrix, points: Boxes) -> np.ndarray:
     """Return a matrix of nodes at points (columns), points x rows x columns: in doubles, for proposals."""
     values = Program([node for row in rows for node in row]).on_boxes(points, points)
-    middle = np.array([0.5 * (low + high) for low, high in values])
+    with np.errstate(all="ignore"):
+        middle = np.array([0.5 * (low + high) for low, high in values])
     return middle.reshape(len(rows), len(rows[0]), -1).transpose(2, 0, 1)
 
 
