@@ -309,6 +309,16 @@ def test_loops_that_are_none_are_refused(parts, said):
         Hybrid(parts).poles()
 
 
+@pytest.mark.parametrize("signals", [[], ["arm1_u", "arm1_u"], ["arm1_torque"], ["d1_theta_m"]])
+@pytest.mark.parametrize("sampled", [True, False])
+def test_a_loop_is_opened_at_signals_that_it_has(arms, signals, sampled):
+    loop = arms.loop(sampled=sampled)
+    for open_at in (loop.opened, loop.sensitivity, loop.complementary):
+        with pytest.raises(ProblemError, match="one or more, each once"):
+            open_at(signals)
+    np.testing.assert_array_equal(loop.opened("arm2_u").A, loop.opened(["arm2_u"]).A)
+
+
 def test_norms_that_do_not_exist_are_refused(arms):
     plant = control.ss(1.0, [[1.0, 1.0]], 1.0, 0.0, inputs=["w", "u"], outputs="y")
     weak = control.ss([], [], [], -0.5, 0.1, inputs="y", outputs="u")

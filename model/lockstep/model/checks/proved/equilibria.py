@@ -15,7 +15,7 @@ import numpy as np
 
 from lockstep.check.bound import rounding
 from lockstep.check.bound.program import Boxes, Program
-from lockstep.check.expression.node import Node, Undefined, factors, linear, linear_terms, variable
+from lockstep.check.expression.node import Node, factors, linear, linear_terms, variable
 from lockstep.model.checks.proved.elimination import Reduced, reduced
 from lockstep.model.checks.proved.field import Field, exactly_at
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
@@ -222,15 +222,14 @@ class _Search:
 
     def _zero_from(self, point: Sequence[Fraction]) -> tuple[Fraction, ...] | None:
         """Return the states that go with the unknowns if f is exactly 0 there."""
-        try:
-            full = [value for value in exactly_at(self.solved, point) if value is not None]
-            if len(full) == self.field.n and not any(
-                value != 0 for value in exactly_at(self.field.f, [*full, Fraction(0)])
-            ):
-                return tuple(full)
-        except Undefined:
+        full = [value for value in exactly_at(self.solved, point) if value is not None]
+        if len(full) < self.field.n:
             return None
-        return None
+        return (
+            None
+            if any(value != 0 for value in exactly_at(self.field.f, [*full, Fraction(0)]))
+            else tuple(full)
+        )
 
 
 def _contract(node: Node, lower: End, upper: End) -> None:

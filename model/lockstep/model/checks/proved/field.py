@@ -21,7 +21,7 @@ from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.bound.program import Boxes, Program
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.derivative import derivative
-from lockstep.check.expression.node import ZERO, Node, constant, linear, number, subtract, variable
+from lockstep.check.expression.node import ZERO, Node, Undefined, constant, linear, number, subtract, variable
 from lockstep.check.expression.traversal import order, substitute
 from lockstep.check.system.agent import ExactAgent
 from lockstep.model.agent import Agent
@@ -165,4 +165,7 @@ def at_points(rows: Matrix, points: Boxes) -> np.ndarray:
 def exactly_at(nodes: Sequence[Node], point: Sequence[Fraction]) -> list[Fraction | None]:
     """Return nodes at a rational point where exact arithmetic gives a rational, None where it does not."""
     values = {variable(k): constant(value) for k, value in enumerate(point)}
-    return [Fraction(0) if node is ZERO else number(node) for node in substitute(nodes, values)]
+    try:
+        return [Fraction(0) if node is ZERO else number(node) for node in substitute(nodes, values)]
+    except Undefined:
+        return [None] * len(nodes)

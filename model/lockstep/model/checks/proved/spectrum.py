@@ -1,8 +1,8 @@
 """The eigenvalues of the Jacobian at a point or over a box, enclosed in balls.
 
-Simple ones by `acb_mat.eig`. Multiple ones at a rational point from the characteristic polynomial over the rationals; in balls
-by Gershgorin: with R the eigenvectors in doubles, the discs of R^-1 J R hold the eigenvalues, each connected part as many as
-it has discs (Horn and Johnson, Matrix Analysis, 2nd ed., 2013, theorem 6.1.1). Each of these gets the hull of its part.
+Simple ones by `acb_mat.eig`. Multiple ones at a rational point from the characteristic polynomial over the rationals; in
+balls by Gershgorin: with R the eigenvectors in doubles, the discs of R^-1 J R hold the eigenvalues, each connected part as
+many as it has discs (Horn and Johnson, Matrix Analysis, 2nd ed., 2013, theorem 6.1.1). Each gets the hull of its part.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 from flint import acb, acb_mat, arb, fmpq, fmpq_mat
 
 from lockstep.check.bound.program import Program
-from lockstep.check.expression.node import Undefined
 from lockstep.model.checks.proved.field import Field, exactly_at, smooth_on
 
 End = Annotated[np.ndarray, " variables"]
@@ -61,10 +60,7 @@ def eigenvalues(field: Field, lower: End, upper: End, exact: Point = None) -> li
 
 
 def _rationals(field: Field, point: Sequence[Fraction]) -> list[acb] | None:
-    try:
-        rows = [exactly_at(row, point) for row in field.jacobian]
-    except Undefined:
-        return None
+    rows = [exactly_at(row, point) for row in field.jacobian]
     if any(x is None for row in rows for x in row):
         return None
     J = fmpq_mat([[fmpq(x.numerator, x.denominator) for x in row if x is not None] for row in rows])
