@@ -91,7 +91,7 @@ def names(tmp_path, monkeypatch) -> dict:
 
 def test_the_page_does_what_it_says(names):
     """Equations to Bode plot, margins, phase plane and time response in under 30 lines; verdicts as the text has them."""
-    assert len([line for line in blocks("python")[0].splitlines() if line.strip()]) < 35
+    assert len([line for line in blocks("python")[0].splitlines() if line.strip()]) < 30
     assert names["loop"].closed().dt == 0.01
     assert names["period"] == 0.2
     assert names["one_input"].proved <= names["one_input"].above
