@@ -36,7 +36,7 @@ def compiled_run(
     from lockstep.model.simulation.trajectory import Trajectory
 
     agent, N = network.agent, network.N
-    horizon, step = (_floats(x, name, ()).item() for x, name in ((horizon, "horizon"), (step, "step")))
+    horizon, step = (_floats(x, what, ()).item() for x, what in ((horizon, "horizon"), (step, "step")))
     period = stored.problem.controller.period
     if not (step > 0 and 0 < horizon <= MOST_INSTANTS * min(period, step)):
         found = f"a horizon of {horizon:g} s in steps of {step:g} s"

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fractions import Fraction
 from math import isfinite
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from flint import acb, acb_mat, arb, fmpq, fmpq_mat
@@ -64,7 +64,8 @@ def _rationals(field: Field, point: Sequence[Fraction]) -> list[acb] | None:
     if any(x is None for row in rows for x in row):
         return None
     J = fmpq_mat([[fmpq(x.numerator, x.denominator) for x in row if x is not None] for row in rows])
-    return [acb(root) for root, count in J.charpoly().complex_roots() for _ in range(count)]
+    roots: Any = J.charpoly().complex_roots()  # each with how often; FLINT's stub has no counts
+    return [acb(root) for root, count in roots for _ in range(count)]
 
 
 def gershgorin(J: acb_mat) -> list[acb] | None:
