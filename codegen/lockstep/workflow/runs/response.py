@@ -39,8 +39,8 @@ def compiled_run(
     horizon, step = (_floats(x, what, ()).item() for x, what in ((horizon, "horizon"), (step, "step")))
     period = stored.problem.controller.period
     if not (step > 0 and 0 < horizon <= MOST_INSTANTS * min(period, step)):
-        found = f"a horizon of {horizon:g} s in steps of {step:g} s"
-        raise ProblemError(found, where="response", expected=f"both above 0, at most {MOST_INSTANTS} steps")
+        posed = f"a horizon of {horizon:g} s in steps of {step:g} s"
+        raise ProblemError(posed, where="response", expected=f"both above 0, at most {MOST_INSTANTS} steps")
     engine = _engine(_Key(stored, network), step)
     layout = engine.layout
     periods, states = layout.periods(horizon), N * agent.n
