@@ -27,7 +27,7 @@ LATER = {
         [f"check/lockstep/check/sampled/{name}.py" for name in ("limits", "clipping")],
         220,
     ),
-    "model/checks/proved": (["model/lockstep/model/checks/proved"], 1920),
+    "model/checks/proved": (["model/lockstep/model/checks/proved"], 1980),
     "check: every graph with a spectrum, and modes": (EVERY_GRAPH, 380),
     "many agents: search, witnesses, graphs": (
         [

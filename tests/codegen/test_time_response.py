@@ -59,6 +59,25 @@ def test_what_cannot_be_run_is_said(arms):
         arms.response(1.0, None, np.zeros((7, 12)))
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("a",), "horizon"),
+        ((np.nan,), "horizon"),
+        ((-1.0,), "both above 0"),
+        ((1e9,), "at most"),
+        ((1.0, "x"), "start"),
+        ((1.0, np.full((3, 4), np.inf)), "start"),
+        ((1.0, None, abs), "xi"),
+    ],
+)
+def test_what_is_no_run_is_refused(arms, arguments, said):
+    with pytest.raises(ProblemError, match=said):
+        arms.response(*arguments)
+    with pytest.raises(ProblemError, match="both above 0"):
+        arms.response(1.0, step=0.0)
+
+
 def test_a_simulation_as_a_table_and_as_a_response(arms):
     pandas = pytest.importorskip("pandas")
     run = lockstep.simulate(arms, horizon=0.5)

@@ -80,3 +80,27 @@ def test_stiffness():
     assert finding.value["ratio"] == pytest.approx(1000)
     assert finding.value["fastest"] >= 1000
     assert finding.value["period"] == pytest.approx(0.2 / finding.value["fastest"])
+
+
+def test_slopes_of_0_say_nothing_where_the_function_jumps():
+    """(a - b)'(h(a) - h(b)) and |h(a) - h(b)|^2 are 2 |a - b| and 4 across the jump, however near a and b are."""
+    jumps = field({"x": "u + sign(x) - x"}, {"x": (-1, 1)})
+    assert one_sided_lipschitz(jumps).status == "undecided"
+    assert quadratic_inner_boundedness(jumps).status == "undecided"
+    in_time = field({"x": "u + sign(t - 1) - x"}, {"x": (-1, 1)})
+    assert one_sided_lipschitz(in_time).value["rho"] == 0
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("f", ["1/y - 1", "log(y)", "sqrt(y) - x"])
+def test_a_singularity_in_the_box_leaves_questions_open(f):
+    singular = field({"x": f, "y": "x - y + u"}, {"x": (-2, 2), "y": (0, 2)})
+    assert one_sided_lipschitz(singular).status == "undecided"
+    assert quadratic_inner_boundedness(singular).status == "undecided"
+
+
+def test_a_quotient_is_not_taken_at_0():
+    (finding,) = sectors(problem({"x": "u + sqrt(x)"}, {"x": (0, 4)}).agent())
+    assert finding.witness["lowest"]["ratio"] == pytest.approx(0.5)  # sqrt(4)/4
+    assert 0.4 <= finding.value["a"] <= 0.5
+    assert finding.value["b"] is None

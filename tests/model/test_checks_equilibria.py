@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from checks_cases import field
+from flint import acb, acb_mat, fmpz_mat
 
 from lockstep.model.checks.proved.equilibria import equilibria
+from lockstep.model.checks.proved.spectrum import gershgorin
 
 TIED = {"x": "x - y + u", "y": "2*x - 2*y"}
 
@@ -84,3 +86,33 @@ def test_equilibria_that_are_not_isolated(dynamics, domain, status, point):
 def test_at_a_kink_no_linearisation_tells_of_stability(f, stable):
     _, found = equilibria(field({"x": f"u + {f}"}, {"x": (-0.5, 0.5)}))
     assert [(one.middle, one.stable) for one in found] == [([0.0], stable)]
+
+
+@pytest.mark.parametrize(
+    ("dynamics", "stable"),
+    [
+        ({"x": "u - x", "y": "x**2 - y", "z": "y**2 - z"}, True),  # -1 three times, in a chain
+        ({"x": "u - x", "y": "x*y - y"}, True),
+        ({"x": "u - x", "y": "y - x**3", "z": "z + x*y"}, False),  # 1 twice
+        ({"x": "y + u", "y": "-x**3"}, None),  # 0 twice
+    ],
+)
+def test_multiple_eigenvalues_tell_of_stability(dynamics, stable):
+    _, found = equilibria(field(dynamics, dict.fromkeys(dynamics, (-0.5, 0.5))))
+    assert [(one.middle, one.stable) for one in found] == [([0.0] * len(dynamics), stable)]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_balls_hold_the_eigenvalues_they_are_built_from(seed):
+    """T diag(s) T^-1 with whole-number T of determinant 1: each s as often as it was put there."""
+    random = np.random.default_rng(seed)
+    n = 4
+    s = random.choice([-2, -1, 3], size=n)
+    T = fmpz_mat(np.tril(random.integers(-2, 3, size=(n, n)), -1).tolist()) + fmpz_mat(
+        np.eye(n, dtype=int).tolist()
+    )
+    J = T * fmpz_mat(np.diag(s).tolist()) * T.inv(integer=True)
+    found = gershgorin(acb_mat(J))
+    assert found is not None
+    for value in {*s.tolist()}:
+        assert sum(ball.contains(acb(value)) for ball in found) == (s == value).sum()

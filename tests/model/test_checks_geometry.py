@@ -70,3 +70,23 @@ def test_zero_dynamics_at_a_kink_are_undecided():
     degree = relative_degree(f)
     assert (degree.status, degree.value["degrees"]) == ("proved", [1])
     assert zero_dynamics(f, points[0], degree).status == "undecided"
+
+
+def test_brackets_that_grow_are_given_up():
+    """Without biomass no feed makes any: its brackets vanish at X = 0, however many there are."""
+    growth = "53/100*S/(12/100 + S + S**2/(9/20))*X"
+    reactor = field(
+        {"X": f"{growth} - 0.3*X", "S": f"1.2 - 0.3*S - 2*{growth} + u"}, {"X": (0, 3), "S": (0, 5)}
+    )
+    _, found = equilibria(reactor)
+    finding = controllability_rank(reactor, Point.all(reactor, found)[0])
+    assert finding.status == "undecided"
+    assert finding.witness["rank"] == 1
+    assert any(x is not None for x in found[0].exact)
+
+
+def test_a_pole_at_the_origin_refutes_no_relative_degree():
+    assert (
+        relative_degree(field({"x": "1/y - 1", "y": "x - y + u"}, {"x": (-2, 2), "y": (-2, 2)})).status
+        == "undecided"
+    )

@@ -285,6 +285,18 @@ def test_the_gang_of_four_is_that_of_the_controller_and_what_it_sees(arms):
             np.testing.assert_allclose(found[name](1j * w, squeeze=False), value, rtol=1e-7, atol=1e-9)
 
 
+def test_a_hybrid_loop_may_be_part_of_another_and_refuses_what_does_not_fit():
+    integrator = control.ss(0.0, 1.0, 1.0, 0.0, inputs="u", outputs="y")
+    inner = Hybrid([integrator, control.ss([], [], [], -2.0, 0.25, inputs="y", outputs="u")])
+    outer = Hybrid([inner, control.ss(-1.0, 1.0, 1.0, 0.0, inputs="y", outputs="z")])
+    np.testing.assert_allclose(sorted(outer.poles().real), [0.5, np.exp(-0.25)], atol=1e-14)
+    for arguments in ({"start": [1.0, 2.0]}, {"w": [1.0, 2.0, 3.0]}):
+        with pytest.raises(ProblemError, match="shape"):
+            inner.response([0.0, 1.0], **arguments)
+    with pytest.raises(ProblemError, match="StateSpace"):
+        Hybrid([inner, 1])
+
+
 @pytest.mark.parametrize(
     ("parts", "said"),
     [
@@ -307,6 +319,16 @@ def test_the_gang_of_four_is_that_of_the_controller_and_what_it_sees(arms):
 def test_loops_that_are_none_are_refused(parts, said):
     with pytest.raises(ProblemError, match=said):
         Hybrid(parts).poles()
+
+
+@pytest.mark.parametrize("signals", [[], ["arm1_u", "arm1_u"], ["arm1_torque"], ["d1_theta_m"]])
+@pytest.mark.parametrize("sampled", [True, False])
+def test_a_loop_is_opened_at_signals_that_it_has(arms, signals, sampled):
+    loop = arms.loop(sampled=sampled)
+    for open_at in (loop.opened, loop.sensitivity, loop.complementary):
+        with pytest.raises(ProblemError, match="one or more, each once"):
+            open_at(signals)
+    np.testing.assert_array_equal(loop.opened("arm2_u").A, loop.opened(["arm2_u"]).A)
 
 
 def test_norms_that_do_not_exist_are_refused(arms):

@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from html import escape
 from typing import TYPE_CHECKING, Any
+
+from lockstep.model.html_table import html_table
 
 if TYPE_CHECKING:
     from lockstep.check.system.loop import Gains
@@ -42,9 +43,8 @@ class Margins:
 
     def _repr_html_(self) -> str:
         """Return a table, for a notebook."""
-        heads, *lines = (tuple(map(escape, line)) for line in self.table())
-        body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in line) + "</tr>" for line in lines)
-        return f"<table><tr>{''.join(f'<th>{cell}</th>' for cell in heads)}</tr>{body}</table>"
+        heads, *lines = self.table()
+        return html_table(lines, heads=heads)
 
 
 class Analysis:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lockstep.model.html_table import html_table
 from lockstep.workflow.design import DESIGN_NAME, Design, as_design
 from lockstep.workflow.files import of_file
 from lockstep.workflow.folders import is_generated
@@ -80,12 +81,9 @@ class DesignVerdict:
 
     def _repr_html_(self) -> str:
         """Return the same in a table, for a notebook."""
-        from html import escape
-
         sampled = "certified" if self.sampled.get("certified") is True else "not certified"
         rows = {"every claim holds": "yes" if self.ok else "no", "because": self.reason, "sampled": sampled}
-        body = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())
-        return f"<table><caption>{escape(self.design.title)}</caption>{body}</table>"
+        return html_table(rows.items(), title=self.design.title)
 
 
 def certify(design: Design | Path | str) -> DesignVerdict:

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,7 @@ from lockstep.check.design_file.json_text import A_DESIGN, parse_json
 from lockstep.check.errors import ProblemError
 from lockstep.check.files import as_text, read_inside
 from lockstep.lmi.document import Stored, answer, file_of, parse, read, sampled_answer
+from lockstep.model.html_table import html_table
 from lockstep.model.plain_json import to_json
 from lockstep.model.problem import Problem
 from lockstep.workflow.analysis import Analysis
@@ -185,10 +185,7 @@ class Design(Analysis):
 
     def _repr_html_(self) -> str:
         """Return a table of what is claimed, for a notebook; texts of the file are escaped."""
-        rows = "".join(
-            f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in self.rows().items()
-        )
-        return f"<table><caption>{escape(self.title)}</caption>{rows}</table>"
+        return html_table(self.rows().items(), title=self.title)
 
 
 def load(path: Path | str) -> Design:

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.wording import shorten
+from lockstep.model.simulation.scenario import MOST_INSTANTS
 
 if TYPE_CHECKING:
     from lockstep.campaign.compiled.engine import Engine
@@ -34,13 +36,18 @@ def compiled_run(
     from lockstep.model.simulation.trajectory import Trajectory
 
     agent, N = network.agent, network.N
-    engine = _engine(_Key(stored, network), float(step))
+    horizon, step = (_floats(x, what, ()).item() for x, what in ((horizon, "horizon"), (step, "step")))
+    period = stored.problem.controller.period
+    if not (step > 0 and 0 < horizon <= MOST_INSTANTS * min(period, step)):
+        posed = f"a horizon of {horizon:g} s in steps of {step:g} s"
+        raise ProblemError(posed, where="response", expected=f"both above 0, at most {MOST_INSTANTS} steps")
+    engine = _engine(_Key(stored, network), step)
     layout = engine.layout
     periods, states = layout.periods(horizon), N * agent.n
-    start = np.zeros((N, agent.n)) if start is None else np.asarray(start, dtype=float)
+    start = np.zeros((N, agent.n)) if start is None else _floats(start, "start")
     if start.size != states:
         raise ProblemError(f"`start` has {start.size} numbers", where="response", expected=f"{N} x {agent.n}")
-    xi = np.asarray(xi, dtype=float)
+    xi = _floats(xi, "xi")
     held = xi.ndim == 2 and xi.shape == (periods, states)
     try:
         given = xi.reshape(N, agent.n) if xi.size == states else xi
@@ -68,6 +75,17 @@ def compiled_run(
     u[-1] = [gains.C[i] @ x_C[-1, i] + gains.D[i] @ r[i] for i in range(N)]
     y = x @ agent.lure.C.T
     return Trajectory(t, x, x_C, u, y, recorded, agent.states, agent.inputs, agent.outputs, agent.name)
+
+
+def _floats(value: Any, name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
+    """Return finite numbers as an array."""
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    if not np.isfinite(array).all() or shape not in (None, array.shape):
+        raise ProblemError(f"`{name}` is {shorten(repr(value))}", where="response", expected="finite numbers")
+    return array
 
 
 class _Key:

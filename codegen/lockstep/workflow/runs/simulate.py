@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from lockstep.check.errors import ProblemError
+from lockstep.model.html_table import html_table
 from lockstep.workflow.design import Design, as_design
 from lockstep.workflow.files import check_writable, of_file, write_text
 from lockstep.workflow.folders import check_folder, is_generated, write_files
@@ -138,8 +139,6 @@ class Simulation:
 
     def _repr_html_(self) -> str:
         """Return the same in a table, for a notebook."""
-        from html import escape
-
         d, ratio = self.trajectory.disagreement(), self.measured.ratio
         rows = {
             "controllers": self.controllers,
@@ -147,8 +146,7 @@ class Simulation:
             "disagreement": f"{d[0]:.3g} at first, {d.max():.3g} at most, {d[-1]:.3g} at last",
             "against what is proved": "nothing is proved of it" if ratio is None else f"{ratio:.3g} of it",
         }
-        body = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())
-        return f"<table><caption>{escape(self.design.title)}</caption>{body}</table>"
+        return html_table(rows.items(), title=self.design.title)
 
     def figures(self) -> dict[str, bytes]:
         """Return the states, the disagreement and the effort as PNG and PDF: file name -> bytes."""

@@ -7,7 +7,6 @@ v' F v <= 0 (for >: v not 0), or < 0 (for >=), of whole numbers or rationals: an
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,6 +16,7 @@ from flint import fmpq, fmpq_mat
 from lockstep.check.numbers import as_floats, exactly
 from lockstep.check.psd import MOST_BITS, MOST_WORK, decide_positive_definite
 from lockstep.lmi.foreign.lmi_file import Constraint, Lmi
+from lockstep.model.html_table import html_table
 
 Found = Literal["proved", "refuted", "undecided"]
 
@@ -85,12 +85,10 @@ class LmiVerdict:
 
     def _repr_html_(self) -> str:
         """Return a table, for a notebook."""
-        cells = [
+        return html_table(
             (f"{one.constraint.name} {one.constraint.sign} 0", one.found, one.method)
             for one in self.constraints
-        ]
-        lines = ("".join(f"<td>{escape(cell)}</td>" for cell in line) for line in cells)
-        return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
+        )
 
     def __repr__(self) -> str:
         """Say what was decided."""
@@ -112,7 +110,8 @@ def decide_lmi(lmi: Lmi | Path | str | Mapping[str, Any]) -> LmiVerdict:
     True
     """
     if not isinstance(lmi, Lmi):
-        lmi = Lmi.of(dict(lmi)) if isinstance(lmi, Mapping) else Lmi.read(lmi)
+        content = dict(lmi) if isinstance(lmi, Mapping) else lmi
+        lmi = Lmi.read(content) if isinstance(content, str | Path) else Lmi.of(content)
     return LmiVerdict(tuple(_decided(one, one.at(lmi.point)) for one in lmi.constraints))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from lockstep.check.system.loop import Plant
 from lockstep.model.bound_search import Bound
 from lockstep.model.checks.proved.finding import CheckFinding
+from lockstep.model.html_table import html_table
 
 Outcome = Literal["ok", "fails", "note"]
 
@@ -70,6 +71,11 @@ class CheckReport:
     def notes(self) -> list[str]:
         """What holds with a caveat, as text."""
         return [f"{row.name}: {row.figure}" for row in self.rows if row.verdict == "note"]
+
+    def _repr_html_(self) -> str:
+        """Return the rows and findings in a table, for a notebook."""
+        found = [(one.name, one.status, one.figure) for one in self.findings]
+        return html_table([*((row.name, row.verdict, row.figure) for row in self.rows), *found])
 
     def document(self) -> dict[str, Any]:
         """Return the report as plain JSON types: what `lockstep check --json` prints."""

@@ -42,7 +42,7 @@ class Hybrid:
     """A linear loop of continuous and sampled parts.
 
     Args:
-        parts: `control.StateSpace` systems, with dt = 0 or the period in s; every output name is given once.
+        parts: `control.StateSpace` systems, with dt = 0 or the period in s, or hybrid loops; every output name is given once.
         inputs, outputs: of the whole; by default the inputs that no part gives, and all outputs.
 
     Raises:
@@ -60,6 +60,10 @@ class Hybrid:
     outputs: Sequence[str] = ()
 
     def __post_init__(self) -> None:
+        parts = [one for part in self.parts for one in (part.parts if isinstance(part, Hybrid) else [part])]
+        object.__setattr__(self, "parts", parts)
+        if strange := [part for part in parts if not hasattr(part, "dt")]:
+            raise ProblemError(f"{strange}", where="hybrid loop", expected="control.StateSpace systems")
         rates = {float(part.dt or 0) for part in self.parts}
         if any(part.dt is None or part.dt is True for part in self.parts) or not 0 < len(rates - {0.0}) < len(
             rates
@@ -264,9 +268,16 @@ class Hybrid:
                 "`t` does not increase from 0", where="response", expected="instants in s, 0 first"
             )
         shape = (len(self.inputs), len(t))
-        w = np.broadcast_to(np.reshape(w, (-1, 1)) if np.ndim(w) == 1 else np.asarray(w, dtype=float), shape)
         z = np.zeros(n_z)
-        z[: self.held.start] = start
+        try:
+            w = np.broadcast_to(
+                np.reshape(w, (-1, 1)) if np.ndim(w) == 1 else np.asarray(w, dtype=float), shape
+            )
+            z[: self.held.start] = start
+        except ValueError:
+            found = f"`w` of the shape {np.shape(w)}, `start` of the shape {np.shape(start)}"
+            expected = f"({shape[0]},) or {shape}, and ({self.held.start},)"
+            raise ProblemError(found, where="response", expected=expected) from None
         of_z, of_w = self.rows(self.outputs)
         states, outputs = np.zeros((self.held.start, len(t))), np.zeros((len(self.outputs), len(t)))
         events = iter(self._events(t[-1]))

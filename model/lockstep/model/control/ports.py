@@ -144,29 +144,40 @@ class PortedLoop:
         """
         return Hybrid(self.parts, inputs or self.disturbances, outputs or self.outputs)
 
-    def complementary(self, signals: Sequence[str]) -> Any:
+    def complementary(self, signals: Sequence[str] | str) -> Any:
         """Return T where these signals are opened: minus the closed loop from what is injected to the signal."""
-        H = self.transfer([f"{s}{INJECTED}" for s in signals], signals)
-        return _negative(H)
+        return _negative(self._injected(signals))
 
-    def sensitivity(self, signals: Sequence[str]) -> Any:
+    def sensitivity(self, signals: Sequence[str] | str) -> Any:
         """Return S = I - T where these signals are opened."""
-        H = self.transfer([f"{s}{INJECTED}" for s in signals], signals)
-        return _like(H, H.A, H.B, H.C, H.D + np.eye(len(signals)))
+        H = self._injected(signals)
+        return _like(H, H.A, H.B, H.C, H.D + np.eye(len(H.D)))
 
-    def opened(self, signals: Sequence[str]) -> Any:
+    def opened(self, signals: Sequence[str] | str) -> Any:
         """Return the loop opened at these signals at once, L = S^-1 - I, everything else closed.
 
         Raises:
-            ProblemError: a signal that feeds through to itself and cannot be opened.
+            ProblemError: a signal that is none, or that feeds through to itself and cannot be opened.
         """
-        H = self.transfer([f"{s}{INJECTED}" for s in signals], signals)
-        through = np.eye(len(signals)) + H.D
+        H = self._injected(signals)
+        through = np.eye(len(H.D)) + H.D
         if np.linalg.cond(through) > 1e12:
-            raise ProblemError(f"{list(signals)} cannot be opened", where="loop", expected="I + D invertible")
+            raise ProblemError(
+                f"{H.output_labels} cannot be opened", where="loop", expected="I + D invertible"
+            )
         R = np.linalg.inv(through)
         # e = s_in - s_out, where s_in is what the rest of the loop gets: H from e becomes -L from s_in.
         return _like(H, H.A - H.B @ R @ H.C, H.B @ R, -R @ H.C, -R @ H.D)
+
+    def _injected(self, signals: Sequence[str] | str) -> Any:
+        """Return H, from what is added to signals to the signals."""
+        names = [signals] if isinstance(signals, str) else list(signals)
+        known = [*self.inputs_of(), *self.relative_outputs_of(), *self.links()]
+        if not names or len({*names}) < len(names) or not {*names} <= {*known}:
+            raise ProblemError(
+                f"{names}", where="loop, signals", expected=f"one or more, each once, of {known}"
+            )
+        return self.transfer([f"{s}{INJECTED}" for s in names], names)
 
     def gang_of_four(self, agent: int) -> dict[str, Any]:
         """Return S, T, PS and CS at the inputs of one agent, from 1: P is what its controller C = -K sees.

@@ -136,7 +136,8 @@ class Question:
         values, vectors = np.linalg.eigh(0.5 * (at + at.swapaxes(1, 2)))
         q = thin(vectors[:, :, :1])
         turned = (q[0].swapaxes(0, 1),) * 2
-        form = product(product(turned, matrix), q)[1][0, 0]
+        with np.errstate(all="ignore"):
+            form = product(product(turned, matrix), q)[1][0, 0]
         best = int(np.argmin(np.where(good, values[:, 0], np.inf)))
         if not good[best] or not form[best] < 0:
             return None

@@ -22,9 +22,9 @@ from lockstep.check.expression.node import Node, linear
 from lockstep.check.psd import decide_positive_definite
 from lockstep.check.verdict import Verdict
 from lockstep.model.checks.proved.definite import BOXES, Question
-from lockstep.model.checks.proved.equilibria import eigenvalues
 from lockstep.model.checks.proved.field import Field, as_written, at_points
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
+from lockstep.model.checks.proved.spectrum import eigenvalues
 from lockstep.model.checks.proved.storage import Rational, Supply, few, propose, rounded
 
 SAMPLES = 300

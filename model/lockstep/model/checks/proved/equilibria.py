@@ -12,15 +12,15 @@ from fractions import Fraction
 from math import isfinite
 
 import numpy as np
-from flint import acb, acb_mat, arb
 
 from lockstep.check.bound import rounding
 from lockstep.check.bound.program import Boxes, Program
-from lockstep.check.expression.node import Node, Undefined, factors, linear, linear_terms, variable
+from lockstep.check.expression.node import Node, factors, linear, linear_terms, variable
 from lockstep.model.checks.proved.elimination import Reduced, reduced
-from lockstep.model.checks.proved.field import Field, exactly_at, smooth_on
+from lockstep.model.checks.proved.field import Field, exactly_at
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
 from lockstep.model.checks.proved.newton import End, System
+from lockstep.model.checks.proved.spectrum import stability
 
 NAME = "equilibria"
 BOXES = 20_000
@@ -203,7 +203,8 @@ class _Search:
         for j, value in enumerate(self.states.on_boxes(low[:, None], high[:, None])):
             if j in self.tied:
                 low[j], high[j] = value[0][0], value[1][0]
-        self.found.append(Equilibrium(low[:-1], high[:-1], exact, stability(self.field, low, high)))
+        point = None if exact is None or hidden else (*exact, Fraction(0))
+        self.found.append(Equilibrium(low[:-1], high[:-1], exact, stability(self.field, low, high, point)))
 
     def _rational(self, low: End, high: End) -> tuple[Fraction, ...] | None:
         """Return a zero of f with short rational coordinates in the box; a free state is as near to 0 as its range is."""
@@ -221,42 +222,14 @@ class _Search:
 
     def _zero_from(self, point: Sequence[Fraction]) -> tuple[Fraction, ...] | None:
         """Return the states that go with the unknowns if f is exactly 0 there."""
-        try:
-            full = [value for value in exactly_at(self.solved, point) if value is not None]
-            if len(full) == self.field.n and not any(
-                value != 0 for value in exactly_at(self.field.f, [*full, Fraction(0)])
-            ):
-                return tuple(full)
-        except Undefined:
+        full = [value for value in exactly_at(self.solved, point) if value is not None]
+        if len(full) < self.field.n:
             return None
-        return None
-
-
-def stability(field: Field, lower: End, upper: End) -> bool | None:
-    """Tell whether all eigenvalues of the Jacobian over a box have Re < 0, or one has Re > 0 at every point of it.
-
-    At a kink the slopes on its sides tell nothing: None.
-    """
-    values = eigenvalues(field, lower, upper) if smooth_on(field.f, lower, upper) else None
-    if values is None:
-        return None
-    if all(value.real < 0 for value in values):
-        return True
-    return False if any(value.real > 0 for value in values) else None
-
-
-def eigenvalues(field: Field, lower: End, upper: End) -> list[acb] | None:
-    """Return balls around the eigenvalues of the Jacobian over a box, None where they cannot be told apart."""
-    entries = [x for row in field.jacobian for x in row]
-    ranges = Program(entries).on_boxes(lower[:, None], upper[:, None])
-    if not all(isfinite(low[0]) and isfinite(high[0]) for low, high in ranges):
-        return None
-    balls = [arb(float(low[0])).union(arb(float(high[0]))) for low, high in ranges]
-    try:
-        found: list[acb] = acb_mat(field.n, field.n, balls).eig(algorithm="rump", multiple=True)
-    except (ValueError, ZeroDivisionError):
-        return None
-    return found if all(value.is_finite() for value in found) else None
+        return (
+            None
+            if any(value != 0 for value in exactly_at(self.field.f, [*full, Fraction(0)]))
+            else tuple(full)
+        )
 
 
 def _contract(node: Node, lower: End, upper: End) -> None:

@@ -21,7 +21,7 @@ from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.bound.program import Boxes, Program
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.derivative import derivative
-from lockstep.check.expression.node import ZERO, Node, constant, linear, number, subtract, variable
+from lockstep.check.expression.node import ZERO, Node, Undefined, constant, linear, number, subtract, variable
 from lockstep.check.expression.traversal import order, substitute
 from lockstep.check.system.agent import ExactAgent
 from lockstep.model.agent import Agent
@@ -157,11 +157,15 @@ def jacobian(nodes: Sequence[Node], n: int, *, of_slopes: bool = False) -> Matri
 def at_points(rows: Matrix, points: Boxes) -> np.ndarray:
     """Return a matrix of nodes at points (columns), points x rows x columns: in doubles, for proposals."""
     values = Program([node for row in rows for node in row]).on_boxes(points, points)
-    middle = np.array([0.5 * (low + high) for low, high in values])
+    with np.errstate(all="ignore"):
+        middle = np.array([0.5 * (low + high) for low, high in values])
     return middle.reshape(len(rows), len(rows[0]), -1).transpose(2, 0, 1)
 
 
 def exactly_at(nodes: Sequence[Node], point: Sequence[Fraction]) -> list[Fraction | None]:
     """Return nodes at a rational point where exact arithmetic gives a rational, None where it does not."""
     values = {variable(k): constant(value) for k, value in enumerate(point)}
-    return [Fraction(0) if node is ZERO else number(node) for node in substitute(nodes, values)]
+    try:
+        return [Fraction(0) if node is ZERO else number(node) for node in substitute(nodes, values)]
+    except Undefined:
+        return [None] * len(nodes)

@@ -36,7 +36,6 @@ def quadratic_inner_boundedness(field: Field, *, boxes: int = BOXES) -> CheckFin
     J = at_points(field.slopes, field.samples(SAMPLES))
     J = J[np.isfinite(J).all(axis=(1, 2))]
     gamma = _best_gamma(J)
-    used = sorted({k for row in field.slopes for k, x in enumerate(row) if x is not ZERO})
     S = symmetric(field.slopes)
     gram = tuple(
         tuple(
@@ -45,11 +44,7 @@ def quadratic_inner_boundedness(field: Field, *, boxes: int = BOXES) -> CheckFin
         )
         for i in range(field.n)
     )
-    level = (
-        bounded(field, gram, boxes, float((J**2).sum(axis=(1, 2)).max(initial=0.0)))
-        if used
-        else Level(0.0, [0.0] * (field.n + 1), 0.0)
-    )
+    level = bounded(field, gram, boxes, float((J**2).sum(axis=(1, 2)).max(initial=0.0)))
     return _finding("quadratic inner-boundedness", "beta", field, level, {"gamma": gamma})
 
 
@@ -66,7 +61,9 @@ def bounded(field: Field, M: Matrix, boxes: int, least: float = 0.0) -> Level:
     Tolerances are relative to the values of M, or to `least` where these are smaller.
     """
     if all(x is ZERO for row in M for x in row):
-        return Level(0.0, [0.0] * (field.n + 1), 0.0)
+        origin = np.clip(0.0, field.lower, field.upper).tolist()
+        # Where h may jump, slopes that are all 0 say nothing.
+        return Level(0.0, origin, 0.0 if below(field, ((ZERO,),))(1.0).decide(boxes).proved else None)
     kept = [i for i, row in enumerate(M) if any(x is not ZERO for x in row)]
     M = tuple(tuple(M[i][j] for j in kept) for i in kept)  # the rows that are 0 have the eigenvalue 0
     reached, at, size = highest(M, field.samples(SAMPLES))

@@ -128,7 +128,7 @@ def _quotient(w: Node, j: int, sign: int) -> Node:
 
 
 def _points(lower: Ends, upper: Ends, j: int) -> np.ndarray:
-    """Return points of (v, t) with v_j spread over its range, dense near 0, and t over some of its."""
+    """Return points of (v, t) with v_j spread over its range, dense near 0 but not 0, and t over some of its."""
     low, high = max(lower[j], -FAR), min(upper[j], FAR)
     spread = [
         *np.linspace(low, high, 400),
@@ -138,4 +138,5 @@ def _points(lower: Ends, upper: Ends, j: int) -> np.ndarray:
     points = np.zeros((len(lower), len(spread)))
     points[j] = np.clip(spread, lower[j], upper[j])
     points[-1] = np.linspace(0.0, FAR, len(spread))[np.random.default_rng(0).permutation(len(spread))]
-    return points
+    kept = points[:, points[j] != 0]
+    return kept if kept.size else points

@@ -13,11 +13,11 @@ from fractions import Fraction
 import numpy as np
 
 from lockstep.check.expression.node import add, multiply, scale
-from lockstep.model.checks.proved.equilibria import eigenvalues
 from lockstep.model.checks.proved.field import Field, at_points
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
 from lockstep.model.checks.proved.geometry.lie import Point
 from lockstep.model.checks.proved.lipschitz import SAMPLES, bounded
+from lockstep.model.checks.proved.spectrum import eigenvalues
 from lockstep.model.checks.proved.storage import scales
 
 BOXES = 5_000
@@ -35,7 +35,7 @@ def stiffness(field: Field, point: Point, *, boxes: int = BOXES) -> CheckFinding
         if w and period
         else ""
     )
-    values = eigenvalues(field, point.lower, point.upper)
+    values = eigenvalues(field, point.lower, point.upper, point.exact)
     if values is None:
         return CheckFinding(name, "undecided", f"the eigenvalues could not be told apart{said}", more)
     decaying = [-float(s.real.mid()) for s in values if s.real < 0]

@@ -10,7 +10,7 @@ import numpy as np
 from flint import arb, arb_mat, fmpq, fmpq_mat
 
 from lockstep.check.bound.program import Program
-from lockstep.check.expression.node import Node, Undefined, add, linear, multiply
+from lockstep.check.expression.node import Node, add, linear, multiply
 from lockstep.check.expression.traversal import expand, order
 from lockstep.model.checks.proved.equilibria import Equilibrium
 from lockstep.model.checks.proved.field import Field, Nodes, exactly_at, jacobian
@@ -53,10 +53,7 @@ class Point:
         """Return nodes here as rationals, None where one is not, and as balls."""
         rational: list[Fraction] | None = None
         if self.exact is not None:
-            try:
-                found = exactly_at(nodes, self.exact)
-            except Undefined:
-                found = [None]
+            found = exactly_at(nodes, self.exact)
             rational = [x for x in found if x is not None] if None not in found else None
         if rational is not None:
             return rational, [arb(fmpq(x.numerator, x.denominator)) for x in rational]

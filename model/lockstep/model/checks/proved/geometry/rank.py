@@ -16,12 +16,14 @@ from fractions import Fraction
 
 from flint import fmpq, fmpq_mat
 
-from lockstep.check.expression.node import ZERO, Node, constant, linear, variable
+from lockstep.check.expression.node import ZERO, Node, constant, linear, linear_terms, variable
 from lockstep.model.checks.proved.field import Field, Nodes, as_written, jacobian, smooth_on
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
 from lockstep.model.checks.proved.geometry.lie import Point, along, bracket, rank_at, too_long
 
 MOST_BRACKETS = 40
+MOST_TERMS = 1_000
+"""Of all brackets, beyond ad_f^k g."""
 
 Steps = Iterator[tuple[Sequence[Nodes], str]]
 Vectors = list[list[Fraction]]
@@ -83,7 +85,8 @@ def _brackets(field: Field) -> Steps:
         found += generation
         yield found, "ad_f^k g"
     for v in found:  # which grows
-        if len(found) >= MOST_BRACKETS or too_long(v):
+        terms = sum(len(linear_terms(x)[1]) for b in found for x in b)
+        if len(found) >= MOST_BRACKETS or terms > MOST_TERMS or too_long(v):
             break
         brackets = [bracket(field, g, v) for g in columns]
         found += [b for b in brackets if any(x is not ZERO for x in b)]
