@@ -8,6 +8,7 @@ import numpy as np
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.controller import PRECISIONS
+from lockstep.check.system.formation import measured_offsets
 from lockstep.codegen.one_image import OneImage, Table
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.codegen.spec import (
@@ -59,6 +60,12 @@ def specification(
             where="[agent.limits], --one-image",
             expected="the C of each agent, which clips: --per-agent",
         )
+    if one_image and problem.offsets is not None:
+        raise ProblemError(
+            "offsets in one image for all nodes",
+            where="[network] offsets, --one-image",
+            expected="the C of each agent, which holds its own and its neighbours': --per-agent",
+        )
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
     base, units, gains = f"{prefix}{agent.name}", agent.units, stored.gains
     names = [f"{base}{i}" for i in range(1, graph.N + 1)]
@@ -70,12 +77,14 @@ def specification(
     )
     heard = [() if one_image else tuple(Neighbour(names[j], a) for j, a in row) for row in sources]
     alike = one_image and has_one_controller(stored)
+    seen = measured_offsets(agent.exact, problem.offsets, problem.controller.real)
     controllers = tuple(
         Controller(
             *(name, gains.A[i], gains.B[i], gains.C[i], gains.D[i], heard[i]),
             outputs=outputs,
             inputs=inputs,
             limits=problem.sides,
+            offsets=None if seen is None else seen[[i, *(j for j, _ in sources[i])]],
         )
         for i, name in enumerate([base] if alike else names)
     )
@@ -156,6 +165,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         **({"rho, delta and decay are": "of the continuous controllers (proof: exact)"} if covered else {}),
         **_limits(stored),
         "controllers": _alone(stored),
+        "formation": _formation(stored),
     }
 
 
@@ -177,6 +187,17 @@ def _limits(stored: Stored) -> dict[str, str | None]:
         else None,
     }
     return {key: said for key, said in found.items() if said is not None or key == "limits"}
+
+
+def _formation(stored: Stored) -> str | None:
+    """Return what agrees where there are offsets: all that is proved of x is proved of x less them."""
+    if stored.problem.offsets is None:
+        return None
+    real = stored.problem.controller.real
+    return (
+        "what agrees is each agent's x less its offset o: so are all distances above to be read, from the formation; outputs"
+        f" are taken less C o, rounded to {real}, which errs by {PRECISIONS[real].u:.1e} of it: an error of a reading"
+    )
 
 
 def _alone(stored: Stored) -> str | None:

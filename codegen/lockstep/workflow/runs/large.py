@@ -95,6 +95,7 @@ def is_large(
         "the worst disturbance": disturbance == "worst",
         "gain errors": errors != "none",
         "inputs that are clipped": stored.problem.has_limits,
+        "a formation": stored.problem.offsets is not None,
         "a channel that loses or delays": not channel_of(table.channel, 0).is_ideal,
     }
     against = [name for name, holds in why.items() if holds]

@@ -304,7 +304,8 @@ def _worst(stored: "Stored", network: "Network", quiet: "Scenario", changes: "Ch
         common=[0 * weakest, weakest],
         seed=seed,
     )
-    return replace(quiet, start=found.start, disturbance=found.disturbance, pinned=True)
+    offsets = 0.0 if quiet.offsets is None else quiet.offsets
+    return replace(quiet, start=found.start + offsets, disturbance=found.disturbance, pinned=True)
 
 
 @contextmanager

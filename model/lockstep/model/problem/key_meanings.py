@@ -76,6 +76,10 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
             "With `spectrum`: the most neighbours that an agent has; roundings are counted for so many",
             "agents",
         ),
+        "offsets": (
+            "A formation: of each agent the offset of its states, in their order; the states less it are to agree",
+            "unit of each state",
+        ),
         "messages": ("What the network may do to messages; part of what is proved", ""),
     },
     "MessagesTable": {

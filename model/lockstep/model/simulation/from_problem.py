@@ -78,6 +78,7 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
         perturbation,
         channel,
         changes.method,
+        offsets=problem.offsets,
     )
 
 
