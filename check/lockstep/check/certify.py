@@ -325,7 +325,7 @@ def _read(
             "neighbours": theirs.sources == mine.sources and (not image or rows),
             "weights": np.array_equal(theirs.weights, mine.weights),
             "offsets": _same_offsets(stored.problem, i, mine.sources, one.offsets),
-            "limits": _same_limits(stored.problem, one.limits) and not (image and one.limits is not None),
+            "limits": _same_limits(stored.problem, one.limits),
         }
         if differs := ", ".join(word for word, holds in same.items() if not holds):
             return held, Verdict("refuted", f"{name}: not the design's {differs}")

@@ -89,7 +89,8 @@ def emit(spec: CodegenSpec) -> dict[str, str]:
             "eva.c.j2", **context, a=view, limit=real.literal(EVA_LIMIT)
         )
     if spec.image is not None:
-        node = node_view(spec.image, agents[0].shape, [view["name"] for view in views], real)
+        names, limits = [view["name"] for view in views], bool(len(agents[0].limits))
+        node = node_view(spec.image, agents[0].shape, names, real, limits=limits)
         for path, template in (("include/{}.h", "node.h"), ("src/{}.c", "node.c")):
             files[path.format(spec.image.name)] = render(f"{template}.j2", **context, k=node)
         files |= table_files(spec.image, real, lambda name, view: render(name, **context, k=view))

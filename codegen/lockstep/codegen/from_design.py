@@ -54,12 +54,6 @@ def specification(
     """
     problem, agent = stored.problem, stored.problem.agent()
     problem.demand_one_graph("for C that names the neighbours of each agent")
-    if one_image and problem.has_limits:
-        raise ProblemError(
-            "inputs that are clipped in one image for all nodes",
-            where="[agent.limits], --one-image",
-            expected="the C of each agent, which clips: --per-agent",
-        )
     if one_image and problem.offsets is not None:
         raise ProblemError(
             "offsets in one image for all nodes",

@@ -277,7 +277,7 @@ class CodegenSpec:
         if self.image is None:
             return
         check_identifier(self.image.name, "one image")
-        shapes = {(agent.order, *agent.D.shape) for agent in self.agents}
+        shapes = {(agent.order, *agent.D.shape, len(agent.limits)) for agent in self.agents}
         if len(shapes) > 1 or any(agent.neighbours for agent in self.agents):
             raise ProblemError(
                 "controllers of several sizes, or with neighbours of their own", where="one image"

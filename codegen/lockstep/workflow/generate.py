@@ -91,13 +91,13 @@ def generate(
 
 
 def _is_swarm(design: Design) -> bool:
-    """Tell whether a design is of many agents with the same gains, inputs that are not clipped, and no offsets."""
+    """Tell whether a design is of many agents with the same gains, and no offsets."""
     from lockstep.codegen.from_design import has_one_controller
     from lockstep.codegen.one_image import ONE_IMAGE_FROM
 
     stored = design.stored
-    plain = stored.problem.offsets is None and not stored.problem.has_limits
-    return stored.gains.N >= ONE_IMAGE_FROM and has_one_controller(stored) and plain
+    many, plain = stored.gains.N >= ONE_IMAGE_FROM, stored.problem.offsets is None
+    return many and plain and has_one_controller(stored)
 
 
 def generated_files(

@@ -4,9 +4,12 @@ With d_i = o_i - o_1 and w_i = x_i - d_i, agent i is
 
     w_i' = A w_i + B_i u_i + G phi(H w_i + H d_i, t) + offset(t) + A d_i + xi_i,
 
-the equation that it has without offsets where A d_i = 0 and H d_i = 0. The controllers' r_i = sum_j a_ij (y_i - y_j - C (o_i - o_j))
-is sum_j a_ij C (w_i - w_j): the whole loop is the one without offsets, sampled or not, and all that is proved of x is proved
-of w, w_i - w_j being (x_i - o_i) - (x_j - o_j). With a slope S moved from phi into A it is the same: (A + G S H) d_i = A d_i.
+the equation that it has without offsets where A d_i = 0 and H d_i = 0. A controller is given the sum of
+
+    a_ij (y_i - y_j - C (o_i - o_j)) = a_ij C (w_i - w_j),
+
+so that the whole loop is the one without offsets, sampled or not, and all that is proved of x is proved of w: w_i - w_j is
+(x_i - o_i) - (x_j - o_j). With a slope S moved from phi into A it is the same, (A + G S H) d_i = A d_i.
 """
 
 from typing import Annotated
