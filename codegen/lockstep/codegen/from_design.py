@@ -160,6 +160,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         **_limits(stored),
         "controllers": _alone(stored),
         "formation": _formation(stored),
+        "leader": _leader(stored),
     }
 
 
@@ -192,6 +193,24 @@ def _formation(stored: Stored) -> str | None:
         "what agrees is each agent's x less its offset o: so are all distances above to be read, from the formation; outputs"
         f" are taken less C o, rounded to {real}, which errs by {PRECISIONS[real].u:.1e} of it: an error of a reading"
     )
+
+
+def _leader(stored: Stored) -> str | None:
+    """Return what is proved of agents behind a leader with inputs v of its own: they are its disturbance xi = B v.
+
+    With the orthonormal T the disagreement of a disturbance of one agent is |xi_d|^2 = (1 - 1/N) |xi|^2; |B| is at most its
+    Frobenius norm. Two digits, rounded up, cover the rounding of both.
+    """
+    problem, claims = stored.problem, stored.claims
+    if problem.reference is None:
+        return None
+    leader, N = problem.reference.leader, problem.sizes.N
+    said = f"an input v of {problem.agent().name}{leader + 1}, which leads, is its disturbance B v"
+    rho = claims.sampled.rho if claims.sampled.certified else claims.rho
+    if rho is not None and problem.performance.covers_xi and problem.design.coordinates == "orthonormal":
+        gain = rho * math.sqrt(1 - 1 / N) * float(np.linalg.norm(problem.agents_B()[leader])) * (1 + 1e-9)
+        said += f": from agreement |z| <= {_two_digits(gain)} |v| in L2 is proved"
+    return f"{said}; not proved: that followers come to agree with it while v lasts"
 
 
 def _alone(stored: Stored) -> str | None:

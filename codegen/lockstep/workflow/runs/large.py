@@ -94,6 +94,7 @@ def is_large(
         "the adaptive integrator": changes.method != "rk4",
         "the worst disturbance": disturbance == "worst",
         "gain errors": errors != "none",
+        "a leader with a reference": stored.problem.reference is not None,
         "a formation": stored.problem.offsets is not None,
         "a channel that loses or delays": not channel_of(table.channel, 0).is_ideal,
     }

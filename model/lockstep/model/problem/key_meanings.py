@@ -174,6 +174,10 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
         "disturbance": ("What disturbs the run", ""),
         "perturbation": ("How the gains of continuous controllers are off in the run", ""),
         "channel": ("What happens to messages in the run", ""),
+        "reference": (
+            "Inputs of a single leader's own: the others are to follow it; proved of it is what is proved of a disturbance",
+            "as in `units`",
+        ),
     },
 }
 

@@ -26,6 +26,7 @@ from lockstep.model.problem.from_agent import plain, tables_of
 from lockstep.model.problem.gains import GivenGains, given_gains
 from lockstep.model.problem.graph_file import network_of_graph, with_graph
 from lockstep.model.problem.load import parse_tables, parse_toml, read_problem
+from lockstep.model.problem.reference import LeaderReference, reference_of
 from lockstep.model.problem.schema import (
     ControllerTable,
     DesignTable,
@@ -71,7 +72,8 @@ class Problem:
         self._check_spectrum()
         self._check_disturbance()
         _ = self._agent, self._graph, self._variants, self.gains
-        _ = self.performance, self.sides, self.messages, self.output_range, self.offsets
+        _ = self.performance, self.sides, self.messages, self.output_range
+        _ = self.offsets, self.reference
         self.initial_states()
 
     @classmethod
@@ -328,6 +330,11 @@ class Problem:
             ProblemError: offsets that some term of an agent's equation sees, or on a state that has a domain.
         """
         return formation_of(self.file, self._agent.exact, self._graph.agents)
+
+    @cached_property
+    def reference(self) -> LeaderReference | None:
+        """The inputs of the leader's own in a run; None where it has none."""
+        return reference_of(self.file, self._graph, self.sides)
 
     @cached_property
     def messages(self) -> Messages | None:

@@ -349,6 +349,9 @@ class SimulationTable(ProblemTable):
         default=None, description='a table, such as { kind = "random" }'
     )
     channel: ChannelTable | None = Field(default=None, description="a table, such as { drop = 0.1 }")
+    reference: dict[str, str] | None = Field(
+        default=None, description='a formula in t as text by input, such as u = "0.5*sin(0.3*t)"'
+    )
 
 
 class ProblemFile(ProblemTable):
