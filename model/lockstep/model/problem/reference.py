@@ -29,7 +29,7 @@ class LeaderReference:
     def at(self, t: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M m"]:
         """Return what acts at times."""
         v = np.asarray(self.inputs(t.reshape(1, -1))).T
-        return np.clip(v, self.sides[:, 0], self.sides[:, 1])
+        return np.asarray(np.clip(v, self.sides[:, 0], self.sides[:, 1]))
 
 
 def reference_of(file: ProblemFile, graph: Graph, sides: Float[np.ndarray, "m 2"]) -> LeaderReference | None:
