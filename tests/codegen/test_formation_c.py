@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from test_clipped_runs import engine_of, run_from
 
+from lockstep.campaign.network.faults import NetworkFaults
+from lockstep.campaign.network.loop import COLUMNS, network_loop, rows_of
 from lockstep.check.c_source.reader import read_controller
 from lockstep.check.certify import certify
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.codegen.doors import with_doors
 from lockstep.codegen.emit import emit
@@ -229,6 +232,26 @@ def test_a_campaign_runs_the_c_in_formation(formation):
     assert found["disagreement_initial"][0] == pytest.approx(run.disagreement()[0], rel=1e-12)
     assert found["disagreement_final"][0] == pytest.approx(run.disagreement()[-1], abs=2e-5)
     assert found["faults"][0] == 0
+
+
+@needs_compiler
+def test_nodes_on_a_bad_network_come_into_formation(formation):
+    """The compiled nodes, a tenth of their messages lost: the disagreement is that of x less the offsets."""
+    stored = replace(formation, problem=carts())
+    problem = stored.problem
+    files = with_doors(emit(specification(stored)), ["messages"])
+    weights = Performance(problem.state_weight(2), problem.controller_weight(1))
+    loop = network_loop(network_of_design(stored), files, weights)
+    start = problem.initial_states() - OFFSETS
+    rows = rows_of(NetworkFaults(loss=0.1), 1)
+    found = loop.runs(rows, np.array([3], np.uint64), start[None], 40.0)[0]
+    first, last, lost = (
+        found[COLUMNS.index(name)] for name in ("disagreement_initial", "disagreement_final", "lost")
+    )
+    e = start - start.mean(axis=0)
+    # The first figure is taken after one tenth of a period.
+    assert first == pytest.approx(float(np.sqrt((e**2).sum())), rel=1e-2)
+    assert lost > 100 and last < 1e-3
 
 
 def test_a_reference_is_held_against_what_is_proved_and_said(formation):

@@ -134,11 +134,8 @@ class AgentEntry(_Record):
     def _without_limits(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave `limits` out where u is not clipped, and `offsets` where there are none."""
         plain: dict[str, Any] = serialize(self)
-        return {
-            key: value
-            for key, value in plain.items()
-            if key not in ("limits", "offsets") or value is not None
-        }
+        left_out = ("limits", "offsets")
+        return {key: value for key, value in plain.items() if key not in left_out or value is not None}
 
     def shifts(self, real: RealType) -> Float[np.ndarray, "nn+1 q"] | None:
         """What is taken from own outputs, and from each neighbour's, in the target type; None where nothing is.
