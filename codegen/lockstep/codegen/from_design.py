@@ -159,8 +159,8 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         **({"rho, delta and decay are": "of the continuous controllers (proof: exact)"} if covered else {}),
         **_limits(stored),
         "controllers": _alone(stored),
-        "formation": _formation(stored),
-        "leader": _leader(stored),
+        **_formation(stored),
+        **_leader(stored),
     }
 
 
@@ -184,18 +184,19 @@ def _limits(stored: Stored) -> dict[str, str | None]:
     return {key: said for key, said in found.items() if said is not None or key == "limits"}
 
 
-def _formation(stored: Stored) -> str | None:
+def _formation(stored: Stored) -> dict[str, str]:
     """Return what agrees where there are offsets: all that is proved of x is proved of x less them."""
     if stored.problem.offsets is None:
-        return None
+        return {}
     real = stored.problem.controller.real
-    return (
+    said = (
         "what agrees is each agent's x less its offset o: so are all distances above to be read, from the formation; outputs"
         f" are taken less C o, rounded to {real}, which errs by {PRECISIONS[real].u:.1e} of it: an error of a reading"
     )
+    return {"formation": said}
 
 
-def _leader(stored: Stored) -> str | None:
+def _leader(stored: Stored) -> dict[str, str]:
     """Return what is proved of agents behind a leader with inputs v of its own: they are its disturbance xi = B v.
 
     With the orthonormal T the disagreement of a disturbance of one agent is |xi_d|^2 = (1 - 1/N) |xi|^2; |B| is at most its
@@ -203,14 +204,14 @@ def _leader(stored: Stored) -> str | None:
     """
     problem, claims = stored.problem, stored.claims
     if problem.reference is None:
-        return None
+        return {}
     leader, N = problem.reference.leader, problem.sizes.N
     said = f"an input v of {problem.agent().name}{leader + 1}, which leads, is its disturbance B v"
     rho = claims.sampled.rho if claims.sampled.certified else claims.rho
     if rho is not None and problem.performance.covers_xi and problem.design.coordinates == "orthonormal":
         gain = rho * math.sqrt(1 - 1 / N) * float(np.linalg.norm(problem.agents_B()[leader])) * (1 + 1e-9)
         said += f": from agreement |z| <= {_two_digits(gain)} |v| in L2 is proved"
-    return f"{said}; not proved: that followers come to agree with it while v lasts"
+    return {"leader": f"{said}; not proved: that followers come to agree with it while v lasts"}
 
 
 def _alone(stored: Stored) -> str | None:
