@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,12 +14,16 @@ from lockstep.check.c_source.reader import read_controller
 from lockstep.check.c_source.text import tokens_of
 from lockstep.check.certify import certify
 from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.codegen.calls import APPLIED, STEP, STEP_RELATIVE
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import Manifest
 from lockstep.codegen.one_image import OneImage
 from lockstep.codegen.spec import CodegenSpec
 from lockstep.verification import targets
+from lockstep.verification.nodes import NodeEntry, reference_of, with_nodes
+from lockstep.verification.reference import CLIPPED
+from lockstep.verification.stimulus import adversarial_calls, limit_calls, run_reference
 from lockstep.verification.toolchain import WARNINGS, first_compiler, host_compilers
 from lockstep.verification.verify import verify_folder
 
@@ -204,8 +209,57 @@ def test_nodes_equal_the_reference_on_emulated_cores(tmp_path, core, shape):
     assert report.ok, report.problems
 
 
-def test_inputs_that_are_clipped_are_refused(root, tmp_path):
-    """The nodes would take CLIPPED for a fault."""
-    with pytest.raises(ProblemError, match="clipped in one image"):
-        lockstep.generate(root / "generated" / "flexible_joint_arms", tmp_path / "out", one_image=True)
-    assert not (tmp_path / "out").exists()
+def clipping(**options):
+    """An image whose controllers clip, the first input on both sides and the others above."""
+    spec = image(**options)
+    sides = np.array([[-0.3, 0.5], [-np.inf, 2.0]])[: len(spec.agents[0].D)]
+    return replace(spec, agents=tuple(replace(one, limits=sides) for one in spec.agents))
+
+
+CLIPPING = {
+    "one controller": {"optimize": "size", "real": "float64"},
+    "by number": {"cores": 3, "inputs": 2},
+}
+
+
+@needs_compiler
+@pytest.mark.parametrize("shape", CLIPPING)
+def test_nodes_clip_as_their_controllers_do(tmp_path, shape):
+    """To the bit with the reference, statuses and applied values among it, and in both kinds of step."""
+    files = emit(clipping(**CLIPPING[shape]))
+    assert nodes(files) == 3
+    folder = write_folder(files, tmp_path / "cs")
+    report = verify_folder(folder, steps=300, adversarial_steps=600, targets=["host"])
+    assert report.ok, report.problems
+    manifest = with_nodes(Manifest.model_validate_json(files["manifest.json"]))
+    for node in [one for one in manifest.agents if isinstance(one, NodeEntry)]:
+        calls = limit_calls(manifest, node) + adversarial_calls(manifest, node, 600)
+        trace = run_reference(reference_of(node, manifest), calls)
+        for operation in (STEP, STEP_RELATIVE, APPLIED):
+            assert (trace.status[calls.operation == operation] == CLIPPED).any()
+        sides = node.sides(manifest.real_type)
+        assert ((trace.u >= sides[:, 0]) & (trace.u <= sides[:, 1])).all()
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs"),
+    [
+        ("(status == C_NODE_CLIPPED) ? C_NODE_OK : status", "status"),
+        ("&& (status != C_NODE_CLIPPED)", ""),
+        ("c_applied(&state->controller, u)", "c_step_relative(&state->controller, u, state->u)"),
+    ],
+)
+def test_c_that_takes_clipping_for_something_else_is_refused(ours, theirs):
+    files = emit(clipping())
+    source = files["src/c_node.c"]
+    assert ours in source
+    with pytest.raises(NotCertified, match="is not the C that is generated"):
+        nodes(files, c=source.replace(ours, theirs))
+
+
+def test_the_arms_clip_in_one_image(root, tmp_path):
+    made = lockstep.generate(root / "generated" / "flexible_joint_arms", tmp_path / "out", one_image=True)
+    assert "ARM_NODE_CLIPPED = 8" in made.files["include/arm_node.h"]
+    assert certify(tmp_path / "out").proved
+    held = json.loads(made.files["manifest.json"])["agents"][0]
+    assert held["limits"] is not None

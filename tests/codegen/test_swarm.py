@@ -7,6 +7,7 @@ import pytest
 
 import lockstep
 from lockstep.check.errors import ProblemError
+from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.system.loop import Gains
 from lockstep.model.graph import Graph
 from lockstep.model.network import Network
@@ -37,7 +38,7 @@ def digraph():
     return Graph(a)
 
 
-def loop_of(problem, *, own_gains, own_inputs, real="float32", delay=0, order=2):
+def loop_of(problem, *, own_gains, own_inputs, real="float32", delay=0, order=2, limits=()):
     agent, graph = problem.agent(), digraph()
     random = np.random.default_rng(5)
     tables = np.zeros((N if own_gains else 1, order + 1, order + 2))
@@ -49,7 +50,8 @@ def loop_of(problem, *, own_gains, own_inputs, real="float32", delay=0, order=2)
     B *= np.linspace(0.8, 1.2, len(B))[:, None, None] if own_inputs else 1
     R, Q = np.diag([1.0, 0.5, 2.0, 0.0]), 2 * np.eye(order)
     lists = NeighbourLists.from_graph(graph)
-    return SwarmLoop(agent, lists, order, tables, B, PERIOD, real, R, Q, delay), graph
+    sides = clipped_at(real, np.array(limits).reshape(-1, 2))
+    return SwarmLoop(agent, lists, order, tables, B, PERIOD, real, R, Q, delay, sides), graph
 
 
 def recorded(loop, graph, start, disturbance):
@@ -63,6 +65,7 @@ def recorded(loop, graph, start, disturbance):
                 graph.adjacency[i, list(heard[i])].astype(dtype),
                 loop.order,
                 True,
+                loop.limits.astype(dtype) if len(loop.limits) else None,
             )
         )
         for i in range(N)
@@ -86,6 +89,8 @@ LOOPS = {
     "one gain": {"own_gains": False, "own_inputs": False},
     "own gains and inputs": {"own_gains": True, "own_inputs": True},
     "late, in doubles": {"own_gains": True, "own_inputs": False, "real": "float64", "delay": 1},
+    "clipped": {"own_gains": False, "own_inputs": False, "limits": [[-0.1, 0.2]]},
+    "clipped below, late": {"own_gains": True, "own_inputs": False, "delay": 1, "limits": [[-0.1, np.inf]]},
     "static, late": {"own_gains": False, "own_inputs": True, "delay": 1, "order": 0},
 }
 
@@ -102,6 +107,8 @@ def test_a_swarm_is_the_loop_that_is_simulated(arms_problem, compiled, kind, dis
     run = simulate_swarm(loop, START, HORIZON, step=PERIOD / 2, disturbance=given, compiled=compiled)
     found = run.trajectory
     np.testing.assert_array_equal(found.u[0], expected.u[0])
+    assert (found.clipped, found.faults) == (expected.clipped, expected.faults)
+    assert (found.clipped > 0) == bool(len(loop.limits))
     for name in ("x", "x_C", "u", "y", "xi"):
         np.testing.assert_allclose(
             getattr(found, name), getattr(expected, name), rtol=1e-5, atol=1e-6, err_msg=name

@@ -1,5 +1,6 @@
 """The checker: from a design file, or a folder of C with its design, to a verdict for each claim, nothing being searched for.
 
+    formation      offsets change no agent's equation, where there are some
     bound          |phi(a, t) - phi(b, t)| <= alpha |a - b|, and the bounds of single slopes, where they are claimed
     certificate    rho of the continuous controllers, in rationals
     asked          the file claims no less than its problem asks for
@@ -112,6 +113,11 @@ def decide(stored: CheckedFile, folder: Path | None = None) -> Iterator[tuple[st
         yield "certificate", Verdict("undecided", "the file claims or proves no certificate")
         return
     network, agent = problem.network(proofs.bound.moves, claims.scales)
+    if problem.offsets is not None:
+        yield (
+            "formation",
+            Verdict("proved", "no agent's equation sees the offsets: what is proved of x is of x less them"),
+        )
     yield "bound", _bound(stored, agent)
     delta = np.tile([claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
     claim = Claim.of(claims.alpha, problem.performance, delta, claims.entries)
@@ -271,6 +277,14 @@ def _same_limits(problem: ProblemTables, read: Any) -> bool:
     return bool(np.array_equal(read, clipped_at(problem.controller["real"], sides)))
 
 
+def _same_offsets(problem: ProblemTables, i: int, sources: tuple[int, ...], read: Any) -> bool:
+    """Tell whether the C takes C o from its own output and from those that it hears; one that hears nobody takes none."""
+    seen = problem.measured_offsets
+    if seen is None or not sources:
+        return read is None
+    return read is not None and np.array_equal(read, seen[[i, *sources]])
+
+
 def _read(
     stored: CheckedFile, folder: Path, held: tuple[HeldController, ...]
 ) -> tuple[tuple[HeldController, ...], Verdict]:
@@ -310,7 +324,8 @@ def _read(
             "gains": np.array_equal(theirs.table, mine.table),
             "neighbours": theirs.sources == mine.sources and (not image or rows),
             "weights": np.array_equal(theirs.weights, mine.weights),
-            "limits": _same_limits(stored.problem, one.limits) and not (image and one.limits is not None),
+            "offsets": _same_offsets(stored.problem, i, mine.sources, one.offsets),
+            "limits": _same_limits(stored.problem, one.limits),
         }
         if differs := ", ".join(word for word, holds in same.items() if not holds):
             return held, Verdict("refuted", f"{name}: not the design's {differs}")

@@ -19,6 +19,7 @@ def agent_view(
     table: Sequence[Sequence[str]],
     weight_literals: Sequence[str],
     limit_literals: Sequence[Sequence[str]] = (),
+    offset_literals: Sequence[Sequence[str]] = (),
 ) -> dict[str, Any]:
     """Return the view.
 
@@ -28,6 +29,7 @@ def agent_view(
         M: [A B; C D] in the target type;  weights: a_j.
         statements: of the unrolled kernel;  table, weight_literals, limit_literals: M, a_j and, where u is clipped, its
             lowest and highest values as C literals.
+        offset_literals: of a formation: c of this agent's outputs, then of each neighbour's.
     """
     n, m, nn = shape.order, shape.inputs, shape.neighbours
     mask_bits = 32 if nn <= 32 else 64
@@ -49,6 +51,8 @@ def agent_view(
         "limits": bool(limit_literals),
         "lower": [low for low, _ in limit_literals],
         "upper": [high for _, high in limit_literals],
+        "offsets": [c for row in offset_literals for c in row] if nn else [],
+        "offset_rows": [[c.rstrip("f") for c in row] for row in offset_literals],
         "statements": statements,
         "unread": [letter for letter, part in parts.items() if part.shape[1] and not part.any()],
         "checked": _checked(M, n),

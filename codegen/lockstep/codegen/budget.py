@@ -12,6 +12,10 @@ _ALONE = 200
 """Bytes of flash: without messages clang unrolls the loop of the self-check that it leaves alone elsewhere."""
 _CLIP = 400
 """Bytes of code that clip u and take an applied one: measured as the rest."""
+_SHIFT = 400
+"""Bytes of code that take offsets from outputs, with soft arithmetic."""
+_FRAME = 64
+"""Bytes of stack of the function that does, beside what it keeps."""
 
 
 @dataclass(frozen=True)
@@ -87,20 +91,29 @@ def state_bytes(shape: Shape, real: RealType) -> int:
     return -(-(start + mask + 8 * neighbours + 4) // alignment) * alignment
 
 
-def stack_budgets(shape: Shape, real: RealType) -> dict[str, int]:
+def stack_budgets(shape: Shape, real: RealType, *, shifted: bool = False) -> dict[str, int]:
     """An upper bound for the stack of `init` and `step` on each core, in bytes: soft arithmetic included, interrupts not.
 
     >>> from lockstep.codegen.arithmetic import RealType
     >>> stack_budgets(Shape(2, 2, 1, 1), RealType("float32"))["cortex-m4f"]
     224
     """
-    return {group: _STACKS[group, real.name].bytes(shape, state_bytes(shape, real)) for group in CORES}
+    kept = real.bytes * (1 + shape.neighbours) * shape.outputs
+    shift = 8 * -(-(_FRAME + kept) // 8) * (shifted and shape.neighbours > 0)
+    return {
+        group: _STACKS[group, real.name].bytes(shape, state_bytes(shape, real)) + shift for group in CORES
+    }
 
 
-def flash_budgets(shape: Shape, real: RealType, *, limited: bool = False) -> dict[str, int]:
+def flash_budgets(
+    shape: Shape, real: RealType, *, limited: bool = False, shifted: bool = False
+) -> dict[str, int]:
     """An upper bound for code and constants on each core, in bytes; a soft-arithmetic library is not in it.
 
-    limited: whether u is clipped.
+    limited: whether u is clipped;  shifted: whether there are offsets.
     """
-    clip = (_CLIP + 2 * real.bytes * shape.inputs) * limited
-    return {group: _FLASHES[group, real.name].bytes(shape, real.bytes) + clip for group in CORES}
+    more = (_CLIP + 2 * real.bytes * shape.inputs) * limited
+    more += (_SHIFT + real.bytes * (1 + shape.neighbours) * shape.outputs) * (
+        shifted and shape.neighbours > 0
+    )
+    return {group: _FLASHES[group, real.name].bytes(shape, real.bytes) + more for group in CORES}

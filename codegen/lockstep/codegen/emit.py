@@ -56,13 +56,14 @@ ORDER_OF_SUMS = (
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """One controller ready for printing: its table [A B; C D], weights and limits (m x 2, or none), in the target type."""
+    """One controller ready for printing: its table [A B; C D], weights, limits (m x 2, or none), offsets, in its type."""
 
     controller: Controller
     table: np.ndarray
     weights: np.ndarray
     kernel: Kernel
     limits: np.ndarray
+    offsets: np.ndarray | None
 
     @property
     def shape(self) -> Shape:
@@ -88,7 +89,8 @@ def emit(spec: CodegenSpec) -> dict[str, str]:
             "eva.c.j2", **context, a=view, limit=real.literal(EVA_LIMIT)
         )
     if spec.image is not None:
-        node = node_view(spec.image, agents[0].shape, [view["name"] for view in views], real)
+        names, limits = [view["name"] for view in views], bool(len(agents[0].limits))
+        node = node_view(spec.image, agents[0].shape, names, real, limits=limits)
         for path, template in (("include/{}.h", "node.h"), ("src/{}.c", "node.c")):
             files[path.format(spec.image.name)] = render(f"{template}.j2", **context, k=node)
         files |= table_files(spec.image, real, lambda name, view: render(name, **context, k=view))
@@ -113,7 +115,8 @@ def _sample(agent: Controller, spec: CodegenSpec, real: RealType) -> Sampled:
         np.array([n.weight for n in agent.neighbours], dtype=np.float64), f"{where}, weights"
     )
     limits = clipped_at(spec.real, agent.limits)
-    return Sampled(agent, table, weights, straight_line(table, agent.order, real), limits)
+    offsets = None if agent.offsets is None else real.round(agent.offsets, f"{where}, offsets")
+    return Sampled(agent, table, weights, straight_line(table, agent.order, real), limits, offsets)
 
 
 def plain(text: str) -> str:
@@ -191,6 +194,9 @@ def _agent_context(agent: Sampled, real: RealType, optimize: str) -> dict[str, A
         table=[[real.literal(v) for v in row] for row in M],
         weight_literals=[real.literal(w) for w in agent.weights],
         limit_literals=[[real.literal(side) for side in row] for row in agent.limits],
+        offset_literals=[]
+        if agent.offsets is None
+        else [[real.literal(c) for c in row] for row in agent.offsets],
     )
     known = known_answers(shape, M, agent.weights, optimize == "speed", controller.name, agent.limits)
     view |= {"given": [real.literal(v) for v in known.given.ravel()]}
@@ -206,9 +212,18 @@ def _agent_context(agent: Sampled, real: RealType, optimize: str) -> dict[str, A
         "multiplications": agent.kernel.multiplications if optimize == "speed" else M.size,
         "additions": agent.kernel.additions if optimize == "speed" else M.size,
         "state_bytes": state_bytes(shape, real),
-        "stack": _by_core(stack_budgets(shape, real)),
-        "flash": _by_core(flash_budgets(shape, real, limited=bool(len(agent.limits)))),
+        "stack": _by_core(_stack(agent, real)),
+        "flash": _by_core(_flash(agent, real)),
     }
+
+
+def _stack(agent: Sampled, real: RealType) -> dict[str, int]:
+    return stack_budgets(agent.shape, real, shifted=agent.offsets is not None)
+
+
+def _flash(agent: Sampled, real: RealType) -> dict[str, int]:
+    limited, shifted = bool(len(agent.limits)), agent.offsets is not None
+    return flash_budgets(agent.shape, real, limited=limited, shifted=shifted)
 
 
 def _by_core(budgets: Mapping[str, int]) -> list[dict[str, Any]]:
@@ -280,9 +295,10 @@ def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None) -> 
         continuous={"A": _rows(c.A), "B": _rows(c.B), "C": _rows(c.C), "D": _rows(c.D)},
         sampled=GainsEntry(**{letter: Coefficients.of(block, real) for letter, block in blocks.items()}),
         state_bytes=state_bytes(shape, real),
-        stack_budget_bytes=stack_budgets(shape, real),
-        flash_budget_bytes=flash_budgets(shape, real, limited=bool(len(agent.limits))),
+        stack_budget_bytes=_stack(agent, real),
+        flash_budget_bytes=_flash(agent, real),
         limits=_rows(agent.limits) if len(agent.limits) else None,
+        offsets=None if agent.offsets is None else _rows(agent.offsets),
         plant=None
         if plant is None
         else PlantEntry(

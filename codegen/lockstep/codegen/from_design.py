@@ -8,6 +8,7 @@ import numpy as np
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.controller import PRECISIONS
+from lockstep.check.system.formation import measured_offsets
 from lockstep.codegen.one_image import OneImage, Table
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.codegen.spec import (
@@ -53,11 +54,11 @@ def specification(
     """
     problem, agent = stored.problem, stored.problem.agent()
     problem.demand_one_graph("for C that names the neighbours of each agent")
-    if one_image and problem.has_limits:
+    if one_image and problem.offsets is not None:
         raise ProblemError(
-            "inputs that are clipped in one image for all nodes",
-            where="[agent.limits], --one-image",
-            expected="the C of each agent, which clips: --per-agent",
+            "offsets in one image for all nodes",
+            where="[network] offsets, --one-image",
+            expected="the C of each agent, which holds its own and its neighbours': --per-agent",
         )
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
     base, units, gains = f"{prefix}{agent.name}", agent.units, stored.gains
@@ -70,12 +71,14 @@ def specification(
     )
     heard = [() if one_image else tuple(Neighbour(names[j], a) for j, a in row) for row in sources]
     alike = one_image and has_one_controller(stored)
+    seen = measured_offsets(agent.exact, problem.offsets, problem.controller.real)
     controllers = tuple(
         Controller(
             *(name, gains.A[i], gains.B[i], gains.C[i], gains.D[i], heard[i]),
             outputs=outputs,
             inputs=inputs,
             limits=problem.sides,
+            offsets=None if seen is None else seen[[i, *(j for j, _ in sources[i])]],
         )
         for i, name in enumerate([base] if alike else names)
     )
@@ -156,6 +159,8 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         **({"rho, delta and decay are": "of the continuous controllers (proof: exact)"} if covered else {}),
         **_limits(stored),
         "controllers": _alone(stored),
+        **_formation(stored),
+        **_leader(stored),
     }
 
 
@@ -177,6 +182,36 @@ def _limits(stored: Stored) -> dict[str, str | None]:
         else None,
     }
     return {key: said for key, said in found.items() if said is not None or key == "limits"}
+
+
+def _formation(stored: Stored) -> dict[str, str]:
+    """Return what agrees where there are offsets: all that is proved of x is proved of x less them."""
+    if stored.problem.offsets is None:
+        return {}
+    real = stored.problem.controller.real
+    said = (
+        "what agrees is each agent's x less its offset o: so are all distances above to be read, from the formation; outputs"
+        f" are taken less C o, rounded to {real}, which errs by {PRECISIONS[real].u:.1e} of it: an error of a reading"
+    )
+    return {"formation": said}
+
+
+def _leader(stored: Stored) -> dict[str, str]:
+    """Return what is proved of agents behind a leader with inputs v of its own: they are its disturbance xi = B v.
+
+    With the orthonormal T the disagreement of a disturbance of one agent is |xi_d|^2 = (1 - 1/N) |xi|^2; |B| is at most its
+    Frobenius norm. Two digits, rounded up, cover the rounding of both.
+    """
+    problem, claims = stored.problem, stored.claims
+    if problem.reference is None:
+        return {}
+    leader, N = problem.reference.leader, problem.sizes.N
+    said = f"an input v of {problem.agent().name}{leader + 1}, which leads, is its disturbance B v"
+    rho = claims.sampled.rho if claims.sampled.certified else claims.rho
+    if rho is not None and problem.performance.covers_xi and problem.design.coordinates == "orthonormal":
+        gain = rho * math.sqrt(1 - 1 / N) * float(np.linalg.norm(problem.agents_B()[leader])) * (1 + 1e-9)
+        said += f": from agreement |z| <= {_two_digits(gain)} |v| in L2 is proved"
+    return {"leader": f"{said}; not proved: that followers come to agree with it while v lasts"}
 
 
 def _alone(stored: Stored) -> str | None:

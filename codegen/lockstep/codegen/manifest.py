@@ -128,12 +128,30 @@ class AgentEntry(_Record):
     flash_budget_bytes: dict[str, int]
     plant: PlantEntry | None = None
     limits: Rows | None = None
+    offsets: Rows | None = None
 
     @model_serializer(mode="wrap")
     def _without_limits(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave `limits` out where u is not clipped."""
+        """Leave `limits` out where u is not clipped, and `offsets` where there are none."""
         plain: dict[str, Any] = serialize(self)
-        return {key: value for key, value in plain.items() if key != "limits" or value is not None}
+        left_out = ("limits", "offsets")
+        return {key: value for key, value in plain.items() if key not in left_out or value is not None}
+
+    def shifts(self, real: RealType) -> Float[np.ndarray, "nn+1 q"] | None:
+        """What is taken from own outputs, and from each neighbour's, in the target type; None where nothing is.
+
+        Raises:
+            ProblemError: not one row for each, or no numbers of the type.
+        """
+        if self.offsets is None:
+            return None
+        rows, where = np.array(self.offsets, dtype=np.float64), f"{FILE_NAME}, agent `{self.name}`, offsets"
+        rounded, shape = real.round(rows, where), (1 + len(self.neighbours), len(self.outputs))
+        if rows.shape != shape or (rounded != rows).any():
+            raise ProblemError(
+                f"{rows.tolist()}", where=where, expected=f"{shape[0]} x {shape[1]} numbers of {real.name}"
+            )
+        return rounded
 
     def sides(self, real: RealType) -> Float[np.ndarray, "m 2"] | None:
         """Where u is clipped, in the target type; None where it is not.
@@ -291,6 +309,7 @@ def load_manifest(directory: Path | str) -> Manifest:
         check_identifier(agent.name, str(path))
         agent.table(manifest.real_type)
         agent.sides(manifest.real_type)
+        agent.shifts(manifest.real_type)
     return manifest
 
 

@@ -111,7 +111,9 @@ def table_paths(name: str, table: Table) -> list[str]:
     return {"none": [], "csv": [CSV], "c": c}[table]
 
 
-def node_view(image: OneImage, shape: Shape, cores: Sequence[str], real: RealType) -> dict[str, Any]:
+def node_view(
+    image: OneImage, shape: Shape, cores: Sequence[str], real: RealType, *, limits: bool = False
+) -> dict[str, Any]:
     """Return what the templates of the nodes need to know.
 
     Args:
@@ -119,6 +121,7 @@ def node_view(image: OneImage, shape: Shape, cores: Sequence[str], real: RealTyp
         shape: nc, q, m of every controller.
         cores: names of the controllers, by the node's number.
         real: the arithmetic.
+        limits: whether the controllers clip.
     """
     known, weights = node_answers(image, shape.outputs, real)
     literals: dict[str, Any] = {
@@ -132,6 +135,7 @@ def node_view(image: OneImage, shape: Shape, cores: Sequence[str], real: RealTyp
         "NAME": image.name.upper(),
         "agents": image.agents,
         "degree": image.degree,
+        "limits": limits,
         "most": image.most,
         "mask_bits": image.mask_bits,
         "q": shape.outputs,

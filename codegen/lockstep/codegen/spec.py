@@ -116,6 +116,7 @@ class Controller:
     neighbours  the sources j with a_ij > 0, in the order of the mask bits; none: the relative output is 0
     outputs, inputs  the plant's measured outputs y (q) and inputs u (m): names and units for the header
     limits      the lowest and the highest value of each u (m x 2), infinite where there is none; empty: u is not clipped
+    offsets     of a formation: what is taken from own outputs, then from those of each neighbour (1 + nn x q); empty: nothing
     """
 
     name: str
@@ -127,6 +128,7 @@ class Controller:
     outputs: tuple[Signal, ...] = ()
     inputs: tuple[Signal, ...] = ()
     limits: Float[np.ndarray, "m 2"] = field(default_factory=lambda: np.zeros((0, 2)))
+    offsets: Float[np.ndarray, "nn+1 q"] | None = None
 
     def __post_init__(self) -> None:
         where = f"controller `{self.name}`"
@@ -148,6 +150,10 @@ class Controller:
             expected = f"{m} ranges around 0, at least from -{LEAST:g} to {LEAST:g}"
             raise ProblemError(f"{limits.tolist()}", where=f"{where}, limits", expected=expected)
         object.__setattr__(self, "limits", limits if np.isfinite(limits).any() else np.zeros((0, 2)))
+
+        if self.offsets is not None:
+            rows = (1 + len(self.neighbours), q)
+            object.__setattr__(self, "offsets", matrix(self.offsets, rows, f"{where}, offsets"))
 
     def _check_neighbours(self, where: str) -> None:
         object.__setattr__(self, "neighbours", tuple(self.neighbours))
@@ -271,7 +277,7 @@ class CodegenSpec:
         if self.image is None:
             return
         check_identifier(self.image.name, "one image")
-        shapes = {(agent.order, *agent.D.shape) for agent in self.agents}
+        shapes = {(agent.order, *agent.D.shape, len(agent.limits)) for agent in self.agents}
         if len(shapes) > 1 or any(agent.neighbours for agent in self.agents):
             raise ProblemError(
                 "controllers of several sizes, or with neighbours of their own", where="one image"

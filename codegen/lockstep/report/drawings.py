@@ -103,8 +103,8 @@ def _run(run: Trajectory, units: dict[str, str]) -> Iterator[Drawing]:
             figures.states_figure(run, chosen, units),
             "States of all agents.",
             f"Against time: {', '.join(chosen)} of {run.N} agents over {run.t[-1]:.4g} s."
-            f" At the start they lie up to {_spread(run.x[0, :, columns]):.3g} apart, at the end up to"
-            f" {_spread(run.x[-1, :, columns]):.3g}.",
+            f" At the start they lie up to {_spread(run.less_offsets[0, :, columns]):.3g} apart, at the end up to"
+            f" {_spread(run.less_offsets[-1, :, columns]):.3g}.",
         )
     distance = run.disagreement()
     yield _drawing(

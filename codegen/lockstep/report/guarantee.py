@@ -1,10 +1,12 @@
-"""The guarantee in three lines, as the C's headers and the manifest phrase it: what is proved, assumed, and left."""
+"""The guarantee in lines, as the C's headers and the manifest phrase it: what is proved, assumed, and left, of a formation
+and a leader's reference too."""
 
 from collections.abc import Mapping
 
 from lockstep.codegen.emit import claims
 
 LINES = {"proved": "Proved", "covers": "Covered", "assumes": "Assumed", "remains": "What remains"}
+LINES |= {"formation": "Formation", "leader": "Leader"}
 """Keys of the manifest's certificate, which `lockstep.codegen.from_design` fills."""
 
 

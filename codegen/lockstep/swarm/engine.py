@@ -97,7 +97,7 @@ class CompiledSwarm:
         self._shares = list(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True))
 
     def step(self, k: int, mean: Float[np.ndarray, " n"], *, last: bool = False) -> Float[np.ndarray, " f"]:
-        """Go from instant k to the next; return the sums of x - mean, |e|^2, e' R e, the controllers' cost, faults, strays.
+        """Go from instant k to the next; return sums: x - mean, |e|^2, e' R e, the controllers' cost, faults, strays, clips.
 
         Args:
             k: counted from 0, one after the other.

@@ -6,14 +6,14 @@
 in the arithmetic that ships: gains and weights rounded, every sum from left to right.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.sampled.discretise import Real, discretise, rounded_to
+from lockstep.check.sampled.discretise import Real, clipped_at, discretise, rounded_to
 from lockstep.model.agent import Agent
 from lockstep.swarm.neighbours import NeighbourLists
 
@@ -30,6 +30,7 @@ class SwarmLoop:
     B: (1 or N, n, m), likewise.
     period: T in s;  delay: periods between sampling y and applying u, 0 or 1;  real: of the arithmetic.
     R, Q: what rho weighs disagreements and controllers with.
+    limits: (m, 2), where the controllers clip u, in their arithmetic; empty: nowhere.
 
     Raises:
         ProblemError: parts that do not fit.
@@ -45,6 +46,7 @@ class SwarmLoop:
     R: Float[np.ndarray, "n n"]
     Q: Float[np.ndarray, "n_C n_C"]
     delay: int = 0
+    limits: Float[np.ndarray, "k 2"] = field(default_factory=lambda: np.zeros((0, 2)))
 
     def __post_init__(self) -> None:
         n, m, q, N, order = self.agent.n, self.agent.m, self.agent.q, self.neighbours.N, self.order
@@ -115,4 +117,5 @@ def swarm_of_design(stored: "Stored", neighbours: NeighbourLists | None = None) 
         problem.state_weight(problem.agent().n),
         problem.controller_weight(gains.order),
         table.delay,
+        clipped_at(table.real, problem.sides) if problem.has_limits else np.zeros((0, 2)),
     )

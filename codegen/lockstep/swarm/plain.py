@@ -46,6 +46,7 @@ class PlainSwarm:
             self._index[:, place + 2] += share * since * part
         weighed = float(np.einsum("ia,ab,ib->", e, self._loop.R, e))
         cost = faults = 0.0
+        self._clipped = 0
         if k % self._per == 0 and not last:
             memory = self._memory.astype(float)
             cost = float(np.einsum("ia,ab,ib->", memory, self._loop.Q, memory))
@@ -55,7 +56,7 @@ class PlainSwarm:
             self._integrate(since)
         strays = float((~(np.abs(self._x) <= BEYOND)).sum())
         sums = (self._x.T - mean).sum(axis=0)
-        return np.array([*sums, square.sum(), weighed, cost, faults, strays])
+        return np.array([*sums, square.sum(), weighed, cost, faults, strays, self._clipped])
 
     def states(self, agents: Sequence[int] | np.ndarray) -> Float[np.ndarray, "k n"]:
         """Return the states of some agents."""
@@ -89,6 +90,11 @@ class PlainSwarm:
             for i in range(found.shape[1]):
                 found[:, i] = _row(loop.tables[:, i], given)
         fine = np.isfinite(found).all(axis=1) & np.isfinite(r).all(axis=1)
+        if len(loop.limits):
+            lower, upper = loop.limits.T.astype(self._real)
+            u = np.clip(found[:, n_C:], lower, upper)
+            self._clipped = int(((u != found[:, n_C:]).any(axis=1) & fine).sum())
+            found[:, n_C:] = u
         self._memory[fine] = found[fine, :n_C]
         if loop.delay:
             self._u = self._late.copy()

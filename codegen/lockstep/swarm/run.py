@@ -47,7 +47,7 @@ class SwarmRun:
     trajectory: every signal of the first few agents, on all instants.
     energies: of all agents, with the weights R and Q.
     index: (N, 4), ISE, IAE, ITSE, ITAE of each e_i;  effort: (N, 4), of each u_i;  largest_input: (N,).
-    final: (N, n), the states at the end;  faults: steps of controllers with a status other than OK.
+    final: (N, n), the states at the end;  faults: steps of controllers that failed;  clipped: steps that met a limit.
     """
 
     trajectory: SwarmTrajectory
@@ -58,6 +58,7 @@ class SwarmRun:
     largest_input: Float[np.ndarray, " N"]
     final: Float[np.ndarray, "N n"]
     faults: int
+    clipped: int = 0
 
     @property
     def disagreement(self) -> Float[np.ndarray, " K"]:
@@ -148,7 +149,7 @@ class _Run:
         self._entered = np.zeros(count + 1)
         self._means = np.zeros((count + 1, agent.n))
         self._means[0] = _mean(start)
-        self._faults = 0
+        self._faults = self._clipped = 0
 
     def go(self) -> SwarmRun:
         """Run, and return what was found."""
@@ -166,6 +167,7 @@ class _Run:
             if not sampled:
                 self._squares[k, 2] = self._squares[k - 1, 2]
             self._faults += int(row[n + 3])
+            self._clipped += int(row[n + 5])
             if row[n + 4]:
                 self._diverged(k)
             if k < last:
@@ -188,6 +190,7 @@ class _Run:
             u_hold="held",
             xi_hold=hold,
             faults=self._faults,
+            clipped=self._clipped,
             mean=self._means,
             apart=np.sqrt(self._squares[:, 0]),
         )
@@ -204,6 +207,7 @@ class _Run:
             effort[:, 4],
             self._engine.states(np.arange(loop.N)),
             self._faults,
+            self._clipped,
         )
 
 

@@ -18,8 +18,8 @@ from lockstep.swarm.loop import SwarmLoop
 CHUNK = 32
 """Blocks of `LANES` agents whose figures are summed together."""
 
-FIGURES = 5
-"""Of each chunk, beside the sums of the states: |e|^2, e' R e, memory' Q memory, faults, strays."""
+FIGURES = 6
+"""Of each chunk, beside the sums of the states: |e|^2, e' R e, memory' Q memory, faults, strays, clipped steps."""
 
 _PRODUCT = re.compile(r"= (-?[0-9][^ ]*) \*")
 _NOTHING = re.compile(r"(_next\[\d+\]) = (-?[0-9][^ ]*);")
@@ -67,6 +67,8 @@ def swarm_source(loop: SwarmLoop, pace: Pace, *, held: bool, waves: bool) -> CFi
         statements=statements,
         functions=_functions(loop, own_inputs, held or waves),
         cost=_cost(loop.Q),
+        lower=[real.literal(low) for low, _ in loop.limits],
+        upper=[real.literal(high) for _, high in loop.limits],
         beyond=DOUBLE.literal(BEYOND),
     )
     return CFiles((("campaign-lanes.h", lanes_header()), ("swarm-loop.c", text)))

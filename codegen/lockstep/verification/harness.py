@@ -43,7 +43,7 @@ def layout(agent: AgentEntry, manifest: Manifest) -> dict[str, Any]:
         "in_bytes": [4, 8, q * real, nn * q * real, q * real],
         "out_bytes": [4, m * real, agent.order * real, nn * q * real, 8, 4 * nn, 4 * nn],
         **node_layout(agent, manifest),
-        "limits": agent.limits is not None and unit_of(agent) == agent.name,
+        "limits": agent.limits is not None,
     }
 
 

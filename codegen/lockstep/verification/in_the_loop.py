@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.discretise import clipped_at
+from lockstep.check.system.formation import measured_offsets
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.lmi.document import Stored
 from lockstep.model.simulation.sampled import SampledControllers
@@ -59,11 +60,13 @@ def design_controllers(stored: Stored) -> SampledControllers:
     dtype = np.dtype(table.real)
     sides = stored.problem.sides
     limits = clipped_at(table.real, sides).astype(dtype) if np.isfinite(sides).any() else None
+    seen = measured_offsets(stored.problem.agent().exact, stored.problem.offsets, table.real)
+    shifts = [None if seen is None else seen[[i, *one.sources]].astype(dtype) for i, one in enumerate(held)]
     steppers = [
         ReferenceStepper(
-            Reference(one.table.astype(dtype), one.weights.astype(dtype), one.order, True, limits)
+            Reference(one.table.astype(dtype), one.weights.astype(dtype), one.order, True, limits, shift)
         )
-        for one in held
+        for one, shift in zip(held, shifts, strict=True)
     ]
     return SampledControllers(
         steppers, tuple(one.sources for one in held), table.period, table.delay, table.real

@@ -158,7 +158,8 @@ def _inside(trajectory: Trajectory, network: Network) -> bool:
 
 def _storage(trajectory: Trajectory, network: Network, stored: Stored, promised: Promise) -> float | None:
     """Return V(0) = x_d' P_dd x_d, the controllers being at rest; None where P is not known."""
-    x = trajectory.x[0] - trajectory.x[0, :1]
+    start = trajectory.less_offsets[0]
+    x = start - start[:1]
     if not x.any() and not trajectory.x_C[0].any():
         return 0.0
     if promised.P is None or trajectory.x_C[0].any():

@@ -35,6 +35,8 @@ class State:
 class Reference:
     """One agent: its table M = [A B; C D], weights and, where u is clipped, limits in the target type, and its state.
 
+    offsets: of a formation, what is taken from own outputs and from each neighbour's.
+
     `step` and `step_relative` return (status, u), as the C functions do.
     """
 
@@ -43,6 +45,7 @@ class Reference:
     order: int
     skip_zeros: bool
     limits: Float[np.ndarray, "m 2"] | None = None
+    offsets: Float[np.ndarray, "nn+1 q"] | None = None
     state: State = field(init=False)
 
     def __post_init__(self) -> None:
@@ -56,7 +59,8 @@ class Reference:
         """The reference of one agent of a generated folder."""
         real = manifest.real_type
         skip = manifest.arithmetic.zero_terms == "skipped"
-        return cls(agent.table(real), agent.weights(real), agent.order, skip, agent.sides(real))
+        limits, offsets = agent.sides(real), agent.shifts(real)
+        return cls(agent.table(real), agent.weights(real), agent.order, skip, limits, offsets)
 
     @property
     def outputs(self) -> int:
@@ -103,6 +107,9 @@ class Reference:
     ) -> tuple[int, Float[np.ndarray, " m"]]:
         """One step with own and neighbours' outputs; bit j of `received` says that row j arrived."""
         arrived = [bool(received >> j & 1) for j in range(len(self.weights))]
+        if self.offsets is not None and arrived:
+            with np.errstate(all="ignore"):
+                y, neighbour_y = y - self.offsets[0], neighbour_y - self.offsets[1:]
         finite = bool(np.isfinite(y).all() and np.isfinite(neighbour_y[arrived]).all())
         status = self._advance(self._relative(y, neighbour_y, arrived), finite)
         self._remember(neighbour_y, arrived, status)

@@ -91,12 +91,13 @@ def generate(
 
 
 def _is_swarm(design: Design) -> bool:
-    """Tell whether a design is of many agents with the same gains, and inputs that are not clipped."""
+    """Tell whether a design is of many agents with the same gains, and no offsets."""
     from lockstep.codegen.from_design import has_one_controller
     from lockstep.codegen.one_image import ONE_IMAGE_FROM
 
     stored = design.stored
-    return stored.gains.N >= ONE_IMAGE_FROM and has_one_controller(stored) and not stored.problem.has_limits
+    many, plain = stored.gains.N >= ONE_IMAGE_FROM, stored.problem.offsets is None
+    return many and plain and has_one_controller(stored)
 
 
 def generated_files(

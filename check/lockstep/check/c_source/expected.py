@@ -2,7 +2,8 @@
 
 `expected` leaves out the lines marked for other kinds of agents: `[state]` is for those of an order above 0, `[hears]`
 and `[alone]` for those with neighbours and without, `[speed]` for unrolled statements, `[size]` for a loop over a table,
-`[unit]` and `[weighted]` for weights that are all 1 or not, `[limited]` for inputs that are clipped. The words in capitals,
+`[unit]` and `[weighted]` for weights that are all 1 or not, `[limited]` for inputs that are clipped, `[shifted]` for outputs
+less their offsets. The words in capitals,
 `agent` and `real` are put in by `reader`; some are parts of argument lists that only such agents have.
 """
 
@@ -158,7 +159,7 @@ LOCKSTEP_ONE_COPY agent_status_t agent_step_relative(agent_state_t *state, const
 
 WEIGHTS = "static const real weight[NEIGHBOURS] ="
 
-SOURCE_END = """
+SOURCE_STEP = """
 [hears][size] real check = ZERO;
 [hears]     uint32_t j; uint32_t k; for (k = 0u; k < OUTPUTSu; k++) { r[k] = ZERO;
 [hears][size] check = check + (y[k] - y[k]);
@@ -186,7 +187,7 @@ SOURCE_END = """
 [hears][speed]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j);
 [hears][speed]         if ((received & bit) != 0u) { check = check + agent_check(&neighbour_y[j * OUTPUTSu], OUTPUTSu); } }
 [hears][speed]     return (check == ZERO) ? AGENT_OVERFLOW : AGENT_NOT_FINITE; }
-LOCKSTEP_ONE_COPY agent_status_t agent_step(
+LOCKSTEP_ONE_COPY EXCHANGE(
     agent_state_t *state, const real y[OUTPUTS], HEARD, agent_mask_t received, real u[INPUTS]) {
 [hears]        READY real r[OUTPUTS];
 [hears][speed] agent_relative(state, y, neighbour_y, received, r); status = agent_advance(state, r);
@@ -200,6 +201,19 @@ LOCKSTEP_ONE_COPY agent_status_t agent_step(
 [alone][size]  status = agent_advance(state, r, agent_check(y, OUTPUTSu));
 [limited]      status = agent_clip(state, status);
     } else { agent_reset(state); } agent_output(state, u); return status; }
+[shifted] agent_status_t agent_step(
+[shifted]     agent_state_t *state, const real y[OUTPUTS], HEARD, agent_mask_t received, real u[INPUTS]) {
+"""
+
+OFFSETS = "static const real offset[{}] ="
+
+SOURCE_END = """
+[shifted]     real own[OUTPUTS]; real others[MESSAGES]; uint32_t j; uint32_t k;
+[shifted]     for (k = 0u; k < OUTPUTSu; k++) { own[k] = y[k] - offset[k]; }
+[shifted]     for (j = 0u; j < NEIGHBOURSu; j++) { const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j);
+[shifted]         for (k = 0u; k < OUTPUTSu; k++) { others[(j * OUTPUTSu) + k] = ((received & bit) != 0u)
+[shifted]             ? (neighbour_y[(j * OUTPUTSu) + k] - offset[((j + 1u) * OUTPUTSu) + k]) : ZERO; } }
+[shifted]     return agent_exchange(state, own, others, received, u); }
 [limited] agent_status_t agent_applied(agent_state_t *state, const real u[INPUTS]) {
 [limited]     agent_status_t status = AGENT_NOT_READY; if (state->ready == AGENT_DESIGN_WORD) {
 [limited]     status = AGENT_NOT_FINITE; if (agent_check(u, INPUTSu) == ZERO) { uint32_t k;
@@ -216,7 +230,7 @@ SELF_CHECK_END = """
     const uint8_t *bytes = (const uint8_t *)&plus; agent_state_t state; uint32_t differs = 0u; uint32_t j; uint32_t k;
     agent_start(&state); for (k = first; k < sizeof(plus); k++) { differs |= bytes[k]; }
 LOOP for (k = first; k < ANSWERSu; k++) { const real scale = (k == 0u) ? SCALE; real u[INPUTS];
-[hears] if (k == 0u) { (void)agent_step_relative(&state, given, u); } else { (void)agent_step(&state,
+[hears] if (k == 0u) { (void)agent_step_relative(&state, given, u); } else { (void)STEPS(&state,
 [hears]     &given[k * OUTPUTSu], &given[(k + 1u) * OUTPUTSu], AGENT_ALL_RECEIVED, u); }
 [alone] (void)agent_step_relative(&state, &given[k * OUTPUTSu], u);
 [state] for (j = 0u; j < ORDERu; j++) { differs |= ((state.x[j] * scale) == answer[(k * ROWSu) + j]) ? 0u : 1u; }

@@ -18,7 +18,9 @@ _COUNT = re.compile("[1-9][0-9]?")
 HEADER = """
 #define AGENT_NUMBERS COUNT
 typedef MASK agent_mask_t; typedef enum { AGENT_OK = 0, AGENT_NOT_FINITE = 1, AGENT_OVERFLOW = 2,
-    AGENT_NOT_READY = 3, AGENT_UNFIT = 4, AGENT_TOO_MANY = 5 } agent_status_t;
+    AGENT_NOT_READY = 3, AGENT_UNFIT = 4, AGENT_TOO_MANY = 5
+[limited] , AGENT_CLIPPED = 8
+    } agent_status_t;
 typedef struct { uint32_t count; real weight[MOST]; } agent_list_t; typedef struct { CONTROLLER
     real u[INPUTS]; real held[MOST][OUTPUTS]; agent_mask_t heard; uint32_t age[MOST]; uint32_t misses[MOST];
     uint32_t ready; } agent_state_t;
@@ -27,6 +29,7 @@ void agent_reset(agent_state_t *state); void agent_forget(agent_state_t *state, 
 agent_status_t agent_step(agent_state_t *state, const agent_list_t *list, const real y[OUTPUTS], const real *neighbour_y,
     agent_mask_t received, real u[INPUTS]);
 agent_status_t agent_step_relative(agent_state_t *state, const real r[OUTPUTS], real u[INPUTS]);
+[limited] agent_status_t agent_applied(agent_state_t *state, const real u[INPUTS]);
 #ifdef __cplusplus
 }
 #endif
@@ -75,9 +78,11 @@ LOCKSTEP_ONE_COPY agent_status_t agent_step(agent_state_t *state, const agent_li
     if (state->ready != READY) { agent_reset(state); }
     else if (list->count > MOSTu) { status = AGENT_TOO_MANY; } else { real r[OUTPUTS];
         agent_relative(state, list, y, neighbour_y, received, r); status = agent_advance(state, r, state->u);
-        if (status != AGENT_OK) { status = agent_fault(list->count, y, neighbour_y, received); }
-        agent_remember(state, list->count, neighbour_y, received, status); }
+        if (FAULTY) { status = agent_fault(list->count, y, neighbour_y, received); }
+        agent_remember(state, list->count, neighbour_y, received, KEPT); }
     agent_output(state, u); return status; }
+[limited] agent_status_t agent_applied(agent_state_t *state, const real u[INPUTS]) { agent_status_t status = AGENT_NOT_READY;
+[limited]     if (state->ready == READY) { uint32_t k; APPLY } return status; }
 static uint32_t agent_differs(agent_state_t *state) { static const agent_list_t list = { KNOWNu,
 """
 
@@ -107,6 +112,7 @@ def read_node(name: str, cores: Sequence[str], one: ReadController, header: str,
     """
     top, code = CText(f"include/{name}.h", header), CText(f"src/{name}.c", source)
     words, q = _words(name, cores, one), one.controller.outputs
+    kinds = set() if one.limits is None else {"limited"}
     top.expect(c.expected("#ifndef AGENT_H\n#define AGENT_H", set(), words))
     top.expect("".join(f'#include "{core}.h"\n' for core in cores))
     top.expect(c.expected(c.HEADER_TOP.split("#define AGENT_H\n")[1], set(), words))
@@ -116,9 +122,9 @@ def read_node(name: str, cores: Sequence[str], one: ReadController, header: str,
     known = min(2, int(most))
     words |= {"MOST": most, "MASK": f"uint{32 if int(most) <= 32 else 64}_t"}
     words |= {"KNOWN": str(known), "ARRIVED": f"0x{2**known - 1:x}u"}
-    top.expect(c.expected(HEADER, set(), words))
+    top.expect(c.expected(HEADER, kinds, words))
     top.end()
-    code.expect(c.expected(c.SOURCE_TOP + SOURCE, set(), words))
+    code.expect(c.expected(c.SOURCE_TOP + SOURCE, kinds, words))
     code.row(int(most), one.real)
     code.expect("};")
     for array, count in (("given", (2 + known) * q), ("answer", 2 * q)):
@@ -135,6 +141,12 @@ def _words(name: str, cores: Sequence[str], one: ReadController) -> dict[str, st
     words |= dict(zip(OF_REAL, SINGLE if one.real == "float32" else DOUBLE, strict=True))
     words |= {"OUTPUTS": str(one.controller.outputs), "INPUTS": str(one.controller.inputs)}
     words["READY"] = f"{cores[0].upper()}_DESIGN_WORD"
+    OK, CLIPPED, clips = f"{name.upper()}_OK", f"{name.upper()}_CLIPPED", one.limits is not None
+    words["FAULTY"] = f"(status != {OK}) && (status != {CLIPPED})" if clips else f"status != {OK}"
+    words["KEPT"] = f"(status == {CLIPPED}) ? {OK} : status" if clips else "status"
+    keep = "for (k = 0u; k < INPUTSu; k++) { state->u[k] = state->controller.u[k]; }".replace(
+        "INPUTS", words["INPUTS"]
+    )
     if len(cores) == 1:
         (core,) = cores
         return words | {
@@ -143,20 +155,24 @@ def _words(name: str, cores: Sequence[str], one: ReadController) -> dict[str, st
             "ADVANCE": f"return ({name}_status_t){core}_step_relative(&state->controller, r, u);",
             "RESET": f"{core}_reset(&state->controller);",
             "INIT": f"status = ({name}_status_t){core}_init(&state->controller);",
+            "APPLY": f"status = ({name}_status_t){core}_applied(&state->controller, u); {keep}",
         }
 
     def by_number(of: str, form: str) -> str:
-        cases = (f"case {i}u: {form.format(core)} break;" for i, core in enumerate(cores))
+        cases = (f"case {i}u: {form.replace('{0}', core)} break;" for i, core in enumerate(cores))
         return f"switch ({of}) {{ {' '.join(cases)} default: break; }}"
 
     states = " ".join(f"{core}_state_t {core};" for core in cores)
     advance = f"status = ({name}_status_t){{0}}_step_relative(&state->controller.{{0}}, r, u);"
     init = f"status = ({name}_status_t){{0}}_init(&state->controller.{{0}});"
+    apply = f"status = ({name}_status_t){{0}}_applied(&state->controller.{{0}}, u); "
+    apply += keep.replace("controller", "controller.{0}")
     start = f"{name}_status_t status = {name.upper()}_NOT_READY;"
     return words | {
         "CONTROLLER": f"union {{ {states} }} controller; uint32_t number;",
         "NUMBER": ", uint32_t number",
         "ADVANCE": f"{start} {by_number('state->number', advance)} return status;",
         "RESET": by_number("state->number", "{0}_reset(&state->controller.{0});"),
+        "APPLY": by_number("state->number", apply),
         "INIT": f"state->number = number; {by_number('number', init)}",
     }

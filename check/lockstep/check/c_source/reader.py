@@ -42,7 +42,8 @@ _LOOPS_FROM = 9
 
 @dataclass(frozen=True, eq=False)
 class ReadController:
-    """One agent as its C has it: its controller, the period in s of its header, its arithmetic, and where u is clipped.
+    """One agent as its C has it: its controller, the period in s of its header, its arithmetic, where u is clipped, and what
+    is taken from its own output and from its neighbours'.
 
     The numbers of its self-check are read and not judged: they can only keep from running what is proved.
     """
@@ -53,6 +54,7 @@ class ReadController:
     period_literal: str
     real: Real
     limits: Annotated[np.ndarray, "m 2"] | None = None
+    offsets: Annotated[np.ndarray, "nn+1 q"] | None = None
 
 
 def read_controller(name: str, header: str, source: str, names: Sequence[str]) -> ReadController:
@@ -91,7 +93,9 @@ def read_controller(name: str, header: str, source: str, names: Sequence[str]) -
     controller = HeldController.row_by_row(table, shape.order, sources, weights, PRECISIONS[real])
     if roundings is not None:
         controller = replace(controller, roundings=roundings)
-    return ReadController(name, controller, float(period.rstrip("f")), period, real, agent.limits)
+    return ReadController(
+        name, controller, float(period.rstrip("f")), period, real, agent.limits, agent.offsets
+    )
 
 
 class _Agent:
@@ -115,7 +119,12 @@ class _Agent:
         kept = c.KEPT if shape.terms >= _LOOPS_FROM else ""
         self.words |= {"KEPT": kept, "LOOP": c.KEPT, "ANSWERS": str(ANSWERS)}
         self.kinds = {"hears" if nn else "alone"} | ({"state"} if n else set())
+        name, shifted = words["agent"], f"{words['agent']}_exchange" in file.tokens
+        self.kinds |= {"shifted"} if shifted else set()
+        self.words["STEPS"] = f"{name}_{'exchange' if shifted else 'step'}"
+        self.words["EXCHANGE"] = f"{'static ' * shifted}{name}_status_t {self.words['STEPS']}"
         self.limits: Annotated[np.ndarray, "m 2"] | None = None
+        self.offsets: Annotated[np.ndarray, "nn+1 q"] | None = None
 
     def expected(self, code: str) -> str:
         return c.expected(code, self.kinds, self.words)
@@ -144,8 +153,14 @@ class _Agent:
                 raise file.refusal("weights that are all 1 are not generated")
         else:
             self.kinds.add("unit")
-        file.expect(self.expected(c.SOURCE_END))
         n, q, m, nn = self.shape
+        file.expect(self.expected(c.SOURCE_STEP))
+        if "shifted" in self.kinds:
+            count = (1 + nn) * q
+            file.expect(self.expected(c.OFFSETS.format(count)))
+            self.offsets = np.array(file.row(count, self.real)).reshape(1 + nn, q)
+            file.expect(";")
+        file.expect(self.expected(c.SOURCE_END))
         for name, count in (("given", (ANSWERS + nn) * q), ("answer", ANSWERS * (n + m))):
             file.expect(self.expected(c.KNOWN.format(name, count)))
             file.row(count, self.real)

@@ -33,6 +33,7 @@ from lockstep.check.sampled.messages import Messages
 from lockstep.check.system.agent import ExactAgent, Move
 from lockstep.check.system.disagreement import Coordinates
 from lockstep.check.system.domain import argument_box
+from lockstep.check.system.formation import WHERE, check_formation, measured_offsets
 from lockstep.check.system.graph import Digraph
 from lockstep.check.system.loop import Plant
 from lockstep.check.system.many_graphs import SpectrumRange
@@ -70,7 +71,7 @@ class ProblemTables:
         for key, known in CONTROLLER.items():
             one_of(problem.controller.get(key), known, f"[controller] {key}")
         _ = problem.sizes, problem.box, problem.performance, problem.limits
-        _ = problem.period, problem.delay, problem.messages
+        _ = problem.period, problem.delay, problem.messages, problem.offsets
         return problem
 
     def document(self) -> dict[str, Any]:
@@ -171,6 +172,22 @@ class ProblemTables:
             demand(not odd, f"{odd} differs", f"[network] parameters, entry {k}", same_but_B)
             found.append(variant.B)
         return tuple(found)
+
+    @cached_property
+    def offsets(self) -> Annotated[np.ndarray, "N n"] | None:
+        """o_i of each agent, whose x_i - o_i are to agree and obey the equations of x_i; None where the x_i are to agree."""
+        given = part(self.tables, "network", dict).get("offsets")
+        if given is None:
+            return None
+        demand(not self.spectrum, "they are given", WHERE, "none with `spectrum`")
+        offsets: np.ndarray = matrix(self.graph.N, len(self.agent.states))(given, WHERE)
+        check_formation(self.agent, offsets)
+        return offsets
+
+    @property
+    def measured_offsets(self) -> Annotated[np.ndarray, "N q"] | None:
+        """C o_i as the C has them; None where there are none."""
+        return measured_offsets(self.agent, self.offsets, self.controller["real"])
 
     @property
     def order(self) -> int:

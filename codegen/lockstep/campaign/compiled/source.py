@@ -184,6 +184,8 @@ def _agents(manifest: Manifest | None, plant_states: int) -> list[dict[str, Any]
             {
                 **{"name": agent.name, "NAME": agent.name.upper(), "order": agent.order, "q": q, "m": m},
                 "limits": agent.limits is not None,
+                # The loop is that of x less the offsets; the C is given the outputs of x.
+                "offset": agent.offsets[0] if agent.offsets else None,
                 **{"first_output": first["output"], "first_input": first["input"], "first_state": states},
                 "sources": [
                     {"name": s.source, "link": first["link"] + k} for k, s in enumerate(agent.neighbours)

@@ -157,7 +157,7 @@ def _generated(function: ca.Function) -> str:
 def _source(network: Network, manifest: Manifest, advance: ca.Function) -> str:
     sources = sources_in(manifest)
     links = [(i, j) for i, heard in enumerate(sources) for j in heard]
-    rows = [", ".join(repr(float(v)) for v in row) for row in network.agent.lure.C]
+    offsets = [agent.offsets[0] for agent in manifest.agents if agent.offsets]
     return render(
         "campaign/network.c.j2",
         title=manifest.name,
@@ -170,7 +170,8 @@ def _source(network: Network, manifest: Manifest, advance: ca.Function) -> str:
         links=len(links),
         sources="{" + ", ".join(str(j) for _, j in links) + "}",
         listeners="{" + ", ".join(str(i) for i, _ in links) + "}",
-        C="{" + ", ".join(f"{{{row}}}" for row in rows) + "}",
+        C=_braced(network.agent.lure.C),
+        offsets=_braced(offsets) if offsets else "",
         substeps=SUBSTEPS,
         period=repr(manifest.period),
         step=repr(manifest.period / SUBSTEPS),
@@ -180,6 +181,11 @@ def _source(network: Network, manifest: Manifest, advance: ca.Function) -> str:
         work=max(int(advance.sz_w()), 1),
         iwork=max(int(advance.sz_iw()), 1),
     )
+
+
+def _braced(matrix: Any) -> str:
+    rows = (", ".join(repr(float(v)) for v in row) for row in matrix)
+    return "{" + ", ".join(f"{{{row}}}" for row in rows) + "}"
 
 
 def rows_of(faults: NetworkFaults, runs: int, *, noise: float = 0.0) -> Float[np.ndarray, "runs faults"]:

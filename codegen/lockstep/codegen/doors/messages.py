@@ -88,6 +88,7 @@ def _view(agent: AgentEntry, manifest: Manifest) -> dict[str, Any]:
     real, numbers = manifest.real_type, senders(manifest)
     weights = agent.weights(real)
     low, high = ranges_of(agent, manifest)
+    shifts = agent.shifts(real)
     return agent_view(agent, manifest) | {
         "sender": numbers[agent.name],
         "senders": [f"{numbers[one.source]}u" for one in agent.neighbours],
@@ -95,6 +96,7 @@ def _view(agent: AgentEntry, manifest: Manifest) -> dict[str, Any]:
         "unit_weights": bool((weights == 1).all()),
         "lowest": [real.literal(v) for v in low],
         "highest": [real.literal(v) for v in high],
+        "offset": [] if shifts is None else [real.literal(c) for c in shifts[0]],
     }
 
 

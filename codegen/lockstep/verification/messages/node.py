@@ -117,7 +117,7 @@ class ReferenceNode:
     """One agent with its messages.
 
     controller: of the agent, by its reference;  wire: the folder's;  sender: own number;  sources: the neighbours';
-    kept: own readings;  limit: periods to being stale;  low, high: (q,) plausible outputs.
+    kept: own readings;  limit: periods to being stale;  low, high: (q,) plausible outputs;  offset: of own outputs.
     """
 
     controller: Reference
@@ -128,6 +128,7 @@ class ReferenceNode:
     limit: int
     low: Float[np.ndarray, " q"]
     high: Float[np.ndarray, " q"]
+    offset: Float[np.ndarray, " q"] | None = None
     refused: list[int] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -137,7 +138,7 @@ class ReferenceNode:
     def of(cls, agent: AgentEntry, manifest: Manifest) -> "ReferenceNode":
         """Return the node of an agent of a generated folder."""
         limits, numbers = limits_of(manifest), senders(manifest)
-        wire = Wire.of(manifest)
+        wire, shifts = Wire.of(manifest), agent.shifts(manifest.real_type)
         assert wire.length == message_bytes(manifest)
         return cls(
             Reference.of(agent, manifest),
@@ -147,6 +148,7 @@ class ReferenceNode:
             limits.kept,
             limits.limit,
             *ranges_of(agent, manifest),
+            None if shifts is None else shifts[0],
         )
 
     def init(self) -> None:
@@ -219,8 +221,10 @@ class ReferenceNode:
             return True
         for other in [s for s in self.own if s % self.kept == instant % self.kept]:
             del self.own[other]
-        if np.isfinite(y).all():
-            self.own[instant] = y.copy()
+        with np.errstate(all="ignore"):
+            reading = y.copy() if self.offset is None else y - self.offset
+        if np.isfinite(reading).all():
+            self.own[instant] = reading
         return instant in self.own
 
     def _accept(self, message: Message) -> Refusal:

@@ -94,7 +94,8 @@ def is_large(
         "the adaptive integrator": changes.method != "rk4",
         "the worst disturbance": disturbance == "worst",
         "gain errors": errors != "none",
-        "inputs that are clipped": stored.problem.has_limits,
+        "a leader with a reference": stored.problem.reference is not None,
+        "a formation": stored.problem.offsets is not None,
         "a channel that loses or delays": not channel_of(table.channel, 0).is_ideal,
     }
     against = [name for name, holds in why.items() if holds]
@@ -186,6 +187,8 @@ def _measured(run: SwarmRun, stored: "Stored", start: Float[np.ndarray, "N n"], 
         "|z| of so many agents is not in the paper's coordinates": problem.design.coordinates
         != "orthonormal",
         f"{run.faults} steps reported a fault": run.faults > 0,
+        f"{run.clipped} steps clipped an input at its limit, and rho is proved without clipping": run.clipped
+        > 0,
         "the run starts in disagreement, and the storage V(0) of this proof is not at hand": (
             storage is None
         ),

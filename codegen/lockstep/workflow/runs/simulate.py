@@ -104,7 +104,14 @@ class Simulation:
 
     def remarks(self) -> dict[str, str]:
         """Return what is to be told of the run besides, by a word for it."""
-        return {}
+        problem = self.design.stored.problem
+        if problem.reference is None:
+            return {}
+        formulas = ", ".join(
+            f"{name} = {text}" for name, text in (problem.simulation.reference or {}).items()
+        )
+        leader = f"{problem.agent().name}{problem.reference.leader + 1}"
+        return {"reference": f"of {leader}: {formulas}, counted as its disturbance"}
 
     def to_control(self) -> Any:
         """Return the run as `control.TimeResponseData`, with the names of `Design.to_control`."""
@@ -302,7 +309,8 @@ def _worst(stored: "Stored", network: "Network", quiet: "Scenario", changes: "Ch
         common=[0 * weakest, weakest],
         seed=seed,
     )
-    return replace(quiet, start=found.start, disturbance=found.disturbance, pinned=True)
+    offsets = 0.0 if quiet.offsets is None else quiet.offsets
+    return replace(quiet, start=found.start + offsets, disturbance=found.disturbance, pinned=True)
 
 
 @contextmanager

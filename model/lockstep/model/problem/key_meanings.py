@@ -76,6 +76,10 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
             "With `spectrum`: the most neighbours that an agent has; roundings are counted for so many",
             "agents",
         ),
+        "offsets": (
+            "A formation: of each agent the offset of its states, in their order; the states less it are to agree",
+            "unit of each state",
+        ),
         "messages": ("What the network may do to messages; part of what is proved", ""),
     },
     "MessagesTable": {
@@ -170,6 +174,10 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
         "disturbance": ("What disturbs the run", ""),
         "perturbation": ("How the gains of continuous controllers are off in the run", ""),
         "channel": ("What happens to messages in the run", ""),
+        "reference": (
+            "Inputs of a single leader's own: the others are to follow it; proved of it is what is proved of a disturbance",
+            "as in `units`",
+        ),
     },
 }
 

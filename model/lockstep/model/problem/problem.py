@@ -21,10 +21,12 @@ from lockstep.model.graph import Graph
 from lockstep.model.membership import Membership
 from lockstep.model.problem.assumptions import check_assumptions
 from lockstep.model.problem.build import build_agent, build_graph, build_variants
+from lockstep.model.problem.formation import formation_of
 from lockstep.model.problem.from_agent import plain, tables_of
 from lockstep.model.problem.gains import GivenGains, given_gains
 from lockstep.model.problem.graph_file import network_of_graph, with_graph
 from lockstep.model.problem.load import parse_tables, parse_toml, read_problem
+from lockstep.model.problem.reference import LeaderReference, reference_of
 from lockstep.model.problem.schema import (
     ControllerTable,
     DesignTable,
@@ -71,6 +73,7 @@ class Problem:
         self._check_disturbance()
         _ = self._agent, self._graph, self._variants, self.gains
         _ = self.performance, self.sides, self.messages, self.output_range
+        _ = self.offsets, self.reference
         self.initial_states()
 
     @classmethod
@@ -318,6 +321,20 @@ class Problem:
         """How far each input goes either way before the C clips it, (m,), infinite where it has no limit."""
         nearer = np.abs(clipped_at(self.controller.real, self.sides)).min(axis=1)
         return np.where(np.isinf(self.sides).all(axis=1), np.inf, nearer)
+
+    @cached_property
+    def offsets(self) -> Float[np.ndarray, "N n"] | None:
+        """o_i of each agent: x_i - o_i are to agree; None where the x_i are.
+
+        Raises:
+            ProblemError: offsets that some term of an agent's equation sees, or on a state that has a domain.
+        """
+        return formation_of(self.file, self._agent.exact, self._graph.agents)
+
+    @cached_property
+    def reference(self) -> LeaderReference | None:
+        """The inputs of the leader's own in a run; None where it has none."""
+        return reference_of(self.file, self._graph, self.sides)
 
     @cached_property
     def messages(self) -> Messages | None:

@@ -180,6 +180,9 @@ class NetworkTable(ProblemTable):
     parameters: Many[dict[str, float]] | None = Field(
         default=None, description="one table of finite numbers per agent, such as [{ k = 1.0 }, {}]"
     )
+    offsets: Matrix | None = Field(
+        default=None, description="one list of n numbers per agent, such as [[0.0, 0.0], [1.0, 0.0]]"
+    )
     messages: MessagesTable | None = Field(
         default=None, description="a table, such as { loss = 0.1, burst = 2, delay = [0, 2], jitter = 0.1 }"
     )
@@ -346,6 +349,9 @@ class SimulationTable(ProblemTable):
         default=None, description='a table, such as { kind = "random" }'
     )
     channel: ChannelTable | None = Field(default=None, description="a table, such as { drop = 0.1 }")
+    reference: dict[str, str] | None = Field(
+        default=None, description='a formula in t as text by input, such as u = "0.5*sin(0.3*t)"'
+    )
 
 
 class ProblemFile(ProblemTable):

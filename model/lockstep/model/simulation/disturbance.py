@@ -9,6 +9,7 @@ so that neither steps over a jump.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -104,6 +105,26 @@ class Sines:
         """Return the sines; on or off for a whole step."""
         angle = 2 * np.pi * self.frequency * (t - self.start)[:, None, None] + self.phases
         return np.asarray(_on(since, self.start, self.stop)[:, None, None] * self.values * np.sin(angle))
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """One agent's states driven by an input of its own, B v(t); those of the others are not.
+
+    agent: counted from 0, of N;  B: (n, m);  v: times (M,) -> (M, m).
+    """
+
+    agent: int
+    N: int
+    B: Float[np.ndarray, "n m"]
+    v: Callable[[Float[np.ndarray, " M"]], Float[np.ndarray, "M m"]]
+    hold: Hold = field(default="smooth", init=False)
+
+    def at(self, t: Float[np.ndarray, " M"], since: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M N n"]:  # noqa: ARG002
+        """Return B v on the agent's states."""
+        xi = np.zeros((len(t), self.N, len(self.B)))
+        xi[:, self.agent] = self.v(np.asarray(t, dtype=float)) @ self.B.T
+        return xi
 
 
 @dataclass(frozen=True)

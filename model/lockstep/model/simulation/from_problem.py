@@ -8,7 +8,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.model.problem import Problem
 from lockstep.model.problem.schema import ChannelTable, DisturbanceTable, PerturbationTable, SimulationTable
 from lockstep.model.simulation.channel import MessageChannel
-from lockstep.model.simulation.disturbance import Disturbance, Sines, Steps, noise
+from lockstep.model.simulation.disturbance import Disturbance, Driven, Sines, Steps, Sum, noise
 from lockstep.model.simulation.integrate import Method
 from lockstep.model.simulation.perturbation import PaperPerturbation, Perturbation, random_perturbation
 from lockstep.model.simulation.scenario import Scenario
@@ -33,6 +33,7 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
 
     Noise is held for a period; sines get random phases and steps random signs from the seed, since what is the same
     for all agents disturbs no agreement. The record has a whole number of steps per period.
+    A leader's reference v is a disturbance B v of its own, which is what proofs take it for.
 
     Args:
         problem: the problem.
@@ -70,14 +71,19 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
             expected="sampled controllers: they exchange messages",
             remedy="use --controllers sampled",
         )
+    disturbance = disturbance_of(given, N, n, period=period, horizon=horizon, seed=seed)
+    if (v := problem.reference) is not None:
+        driven = Driven(v.leader, N, problem.agents_B()[v.leader], v.at)
+        disturbance = driven if disturbance is None else Sum((disturbance, driven))
     return Scenario(
         initial_states(problem, seed),
         horizon,
         step,
-        disturbance_of(given, N, n, period=period, horizon=horizon, seed=seed),
+        disturbance,
         perturbation,
         channel,
         changes.method,
+        offsets=problem.offsets,
     )
 
 

@@ -6,6 +6,8 @@ Continuous controllers are integrated with the agents, Delta(t) of (11) included
 multiples of their period and hold u in between, and are whatever `Stepper` they are.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -72,13 +74,18 @@ def _continuous(network: Network, gains: Gains, scenario: Scenario) -> Trajector
         return np.hstack([part.reshape(len(time), -1) for part in given])
 
     split = scenario.start.size
-    X = run(np.concatenate([scenario.start.ravel(), np.zeros(gains.N * gains.order)]), t, parameters)
-    x = X[:, :split].reshape(len(t), network.N, -1)
+    # No agent's equation sees the offsets: the loop of x is that of x less them.
+    offsets = 0.0 if scenario.offsets is None else scenario.offsets
+    start = (scenario.start - offsets).ravel()
+    X = run(np.concatenate([start, np.zeros(gains.N * gains.order)]), t, parameters)
+    apart = X[:, :split].reshape(len(t), network.N, -1)
+    x = apart + offsets
     x_C = X[:, split:].reshape(len(t), gains.N, gains.order)
     check_bounded(t, x, network.agent.states, network.agent.name)
     blocks = np.broadcast_to(gains.blocks, (len(t), *gains.blocks.shape))
-    u = inputs_of(network, x, x_C, blocks if errors is None else blocks + errors.at(t, t))
-    return _record(network, t, x, x_C, u, xi.at(t, t), hold="smooth", xi_hold=xi.hold)
+    u = inputs_of(network, apart, x_C, blocks if errors is None else blocks + errors.at(t, t))
+    found = _record(network, t, x, x_C, u, xi.at(t, t), hold="smooth", xi_hold=xi.hold)
+    return replace(found, offsets=scenario.offsets)
 
 
 def _sampled(network: Network, controllers: SampledControllers, scenario: Scenario) -> Trajectory:
@@ -112,7 +119,8 @@ def _sampled(network: Network, controllers: SampledControllers, scenario: Scenar
         check_bounded(t[now], x[now], network.agent.states, network.agent.name)
     x_C[-1] = program.memory
     counts = (program.faults, program.clipped)
-    return _record(network, t, x, x_C, u, xi.at(t, t), hold="held", xi_hold=xi.hold, counts=counts)
+    found = _record(network, t, x, x_C, u, xi.at(t, t), hold="held", xi_hold=xi.hold, counts=counts)
+    return replace(found, offsets=scenario.offsets)
 
 
 class _Held:

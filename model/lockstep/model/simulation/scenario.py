@@ -31,6 +31,8 @@ class Scenario:
         pinned: a disturbance common to all agents keeps their mean where it starts. It has no part in xi_d, so it is
             admitted, and it lets the disagreement meet the slopes of phi at any common state, stable or not. The
             recorded xi is without it.
+        offsets: (N, n), o_i of a formation, which no agent's equation sees: x_i - o_i are to agree. The steppers of sampled
+            controllers are given y_i, and take C o_i from it themselves.
 
     Raises:
         ProblemError: a start that is no finite N x n matrix, or times that make no grid.
@@ -46,6 +48,7 @@ class Scenario:
     substeps: int = 4
     tolerance: float = 1e-10
     pinned: bool = False
+    offsets: Float[np.ndarray, "N n"] | None = None
 
     def __post_init__(self) -> None:
         start = np.array(self.start, dtype=float)

@@ -38,6 +38,7 @@ class Trajectory:
         xi_hold: the same of xi.
         faults: how many steps of sampled controllers reported a fault and held their output.
         clipped: how many of them clipped an input at its limit.
+        offsets: (N, n), o_i of a formation: disagreement is that of x_i - o_i.
 
     Raises:
         ProblemError: shapes that do not fit, instants that do not increase, or a number that is not finite.
@@ -57,6 +58,7 @@ class Trajectory:
     xi_hold: Hold = "held"
     faults: int = 0
     clipped: int = 0
+    offsets: Float[np.ndarray, "N n"] | None = None
 
     def __post_init__(self) -> None:
         t = np.asarray(self.t, dtype=float)
@@ -93,9 +95,15 @@ class Trajectory:
         """From the first instant to the last, in s."""
         return float(self.t[-1] - self.t[0])
 
+    @property
+    def less_offsets(self) -> Float[np.ndarray, "K N n"]:
+        """x_i - o_i, which are to agree; x_i where there are no offsets."""
+        return self.x if self.offsets is None else np.asarray(self.x - self.offsets)
+
     def errors(self) -> Float[np.ndarray, "K N n"]:
-        """Return e_i = x_i - mean of all x_j: the disagreement of each agent."""
-        return np.asarray(self.x - self.x.mean(axis=1, keepdims=True))
+        """Return e_i = x_i - mean of all x_j, of states less their offsets: the disagreement of each agent."""
+        x = self.less_offsets
+        return np.asarray(x - x.mean(axis=1, keepdims=True))
 
     def disagreement(self) -> Float[np.ndarray, " K"]:
         """Return |x_d| = (sum_i |x_i - mean|^2)^1/2, x_d in orthonormal coordinates."""
@@ -180,7 +188,7 @@ def energies(trajectory: Trajectory, weights: RhoWeights) -> Energies:
     Smooth signals are integrated by the trapezoidal rule, whose relative error is about (omega h)^2 / 12 for signals
     of omega rad/s on instants h apart; held ones exactly.
     """
-    squared = weights.squared_states(trajectory.x)
+    squared = weights.squared_states(trajectory.less_offsets)
     at_rest = squared[0] <= AT_REST**2 * max(1.0, float(np.abs(weights.R).max()))
     output = running_integral(squared, trajectory.t, "smooth")
     output += running_integral(weights.squared_controllers(trajectory.x_C), trajectory.t, trajectory.u_hold)
