@@ -52,7 +52,8 @@ def generate(
         doors: more files: "pil" (test vectors and a runner for any board),
             "fmu" (FMI 3.0 co-simulation units, compiled for this machine if it has a compiler),
             "rust" (a `no_std` crate over the C), "arduino" (a library in Arduino's layout),
-            "messages" (each agent as a node that sends, receives and holds stamped differences).
+            "messages" (each agent as a node that sends, receives and holds stamped differences),
+            "dbc" (its messages as CAN FD frames, for bus analysers).
         name: of the CMake target and the umbrella header; by default the agent's name and `_controllers`.
         prefix: put before the agents' names, so that two designs fit one program.
         one_image: one image for all nodes, whom a node hears given at run time; by default from 17 agents on whose gains are
