@@ -69,7 +69,7 @@ LATER = {
             "codegen/lockstep/codegen/doors",
             *(f"{VERIFICATION}/{one}.py" for one in ("pil_log", "qemu", "units")),
         ],
-        640,  # 600 before the DBC
+        650,  # 600 before the DBC
     ),
     "messages: nodes compared with their reference, campaigns of network faults": (
         [

@@ -97,5 +97,5 @@ def _check_names(frames: list[dict[str, Any]]) -> None:
             raise ProblemError(
                 f"`{found[0]}` is no name in it",
                 where="--dbc",
-                expected="identifiers of at most 32 characters, all different, none of DBC's own, none that begins with `message_`",
+                expected="identifiers of at most 32 characters, all different, none of DBC's own, nor with `message_` first",
             )
