@@ -8,7 +8,7 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
 
 from lockstep.check.errors import ProblemError
-from lockstep.codegen.doors import arduino, dbc, fmu, messages, pil, rust
+from lockstep.codegen.doors import arduino, dbc, fixed, fmu, messages, pil, rust
 from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 
@@ -21,6 +21,7 @@ DOORS: dict[str, Callable[[Manifest, Mapping[str, str]], Texts]] = {
     "arduino": arduino.files,
     "messages": messages.files,
     "dbc": dbc.files,
+    "fixed": fixed.files,
 }
 """By name, which is the option of `generate` and the first part of the paths: (manifest, the folder's texts) -> texts."""
 
