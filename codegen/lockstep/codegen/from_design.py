@@ -119,13 +119,16 @@ def formats_of(claims: FixedClaims) -> FixedFormats:
         else "not proved"
     )
     radius = "not proved" if claims.radius is None else f"{claims.radius:g}"
+    residual, per_error = (
+        _two_digits(one) for one in (claims.residual_from_rounding, claims.residual_per_message_error)
+    )
     lines = (
         "all agents come to agree, between the samples too, while no step is SATURATED",
-        f"residual_from_rounding = {_two_digits(claims.residual_from_rounding)}: the distance of the states from agreement in the end",
-        f"residual_per_message_error = {_two_digits(claims.residual_per_message_error)}: times the largest error of a reading, besides",
-        f"rho = {rho}: the square of what is weighed, integrated up to t, is at most V_0 + rho^2 times the energy of the",
-        "    disturbance + t times the square of the part from rounding",
-        f"radius = {radius}: from disagreements up to it, controllers at rest, undisturbed, no step is SATURATED",
+        f"residual_from_rounding = {residual}: the distance of the states from agreement in the end, readings exact",
+        f"residual_per_message_error = {per_error}: times the largest error of a reading, besides",
+        f"rho = {rho}: the square of what is weighed, integrated up to a sample at t, is at most",
+        "    V_0 + rho^2 times the energy of the disturbance + t times the square of the part from rounding, readings exact",
+        f"radius = {radius}: from disagreements up to it, controllers at rest, undisturbed, readings exact, no step is SATURATED",
     )
     return FixedFormats(claims.outputs, claims.inputs, claims.states, lines)
 

@@ -122,8 +122,8 @@ def generated_files(
     """
     from lockstep.codegen.doors import with_doors
     from lockstep.codegen.emit import emit
-    from lockstep.codegen.folder.bundle import bundle
     from lockstep.codegen.fixed_design import with_fixed, without_fixed
+    from lockstep.codegen.folder.bundle import bundle
     from lockstep.codegen.from_design import specification
     from lockstep.codegen.sampled_design import certify_files, prove_design, with_sampled
     from lockstep.lmi.certify import certify

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 from lockstep.check.c_source import expected as c
@@ -182,7 +183,7 @@ def _row(file: CText, name: str, i: int, n: int, q: int) -> tuple[tuple[int, ...
     tokens = file.take_to(";")
     found = [
         int(token.rstrip("u")) * (-1 if before == "-" else 1)
-        for before, token in zip(tokens, tokens[1:], strict=False)
+        for before, token in pairwise(tokens)
         if _INTEGER.fullmatch(token.rstrip("u"))
     ]
     if len(found) == (2 * n + 2 if n else 0) + q + 1:

@@ -51,11 +51,11 @@ class BoundProof:
 class Proofs:
     """What proves the claims of a design file.
 
-    certificate: of rho, with P, m, t;  decay: a certificate of the loop of e^(decay t) x_cl, with a rho of its own;  floor:
-    dual points;  sampled, sampled_rho, max_period, radius, limits_gain, clipped: of the sampled loop, at its period, of its
-    rho, at the largest period claimed, of the radius, of the energy that meets no limit, and of the clipped loop;  bound: of
-    alpha and the entries;  messages, messages_rho: of the sampled loop whose messages are lost or late;  fixed: of the controllers in integers. A claim whose witness
-    is None is proved anew, or is not.
+    certificate: of rho, with P, m, t; decay: a certificate of the loop of e^(decay t) x_cl, with a rho of its own; floor:
+    dual points; sampled, sampled_rho, max_period, radius, limits_gain, clipped: of the sampled loop, at its period, of
+    its rho, at the largest period claimed, of the radius, of the energy that meets no limit, and of the clipped loop;
+    bound: of alpha and the entries; messages, messages_rho: of the sampled loop whose messages are lost or late; fixed:
+    of the controllers in integers. A claim whose witness is None is proved anew, or is not.
     """
 
     certificate: Certificate | ModalCertificate | None = None

@@ -22,7 +22,7 @@ from lockstep.check.sampled.performance import SampledRho, proves_rho
 from lockstep.lmi.sampled.candidates import ROUNDINGS, candidates, priced_anew
 from lockstep.lmi.sampled.certify import first_guess, in_doubles, period_in_doubles
 from lockstep.lmi.sampled.convex import step_program
-from lockstep.lmi.sampled.limits import CLAIMED, KEPT, RATES
+from lockstep.lmi.sampled.limits import RATES
 from lockstep.lmi.sampled.performance import period_of
 from lockstep.lmi.sampled.search import best_multiplier, spectral_radius
 
@@ -32,8 +32,11 @@ SLACKS = (2e-4, 1e-3, 5e-3, 1e-2, 2e-2)
 PRICES = tuple(10.0**k for k in range(-6, 9))
 """Of mu in the search for rho, relative to the lifted cost: the first that holds says least of rounding."""
 
-SHARE = 0.1
-"""The part of V's level that rounding may take."""
+SHARE, CLAIMED = 0.05, 0.9
+"""The part of V's level that rounding may take, and the part of the decay that is claimed."""
+
+KEPT = (0.99, 0.97, 0.9)
+"""Parts of the radius found, less what rounding takes of it, that are claimed."""
 
 PairWeights = Float[np.ndarray, " pairs"]
 
@@ -92,8 +95,9 @@ def radius(
     mu = math.hypot(*(one.underflow for one in held))
     rows = np.array([row / side for row, side in ranges_of(in_doubles(network, held), integers)], dtype=float)
     for gamma, candidate in _levels(network, held, rows, mu):
+        room = max(1 - candidate.kappa_mu * mu * mu / (1 - candidate.decay), 1e-6)
         for part in KEPT:
-            found = float(f"{part / gamma**0.5:.4g}")
+            found = float(f"{part * (room / gamma) ** 0.5:.4g}")
             if proves_range(exact, held, integers, candidate, found):
                 return found, candidate
     return None
@@ -124,16 +128,17 @@ def reaches(
 def _levels(
     network: SampledNetwork, held: tuple[HeldController, ...], rows: Float[np.ndarray, "k n_xi"], mu: float
 ) -> Iterator[tuple[float, Witness]]:
-    """Yield gamma and witnesses of |k_l xi| <= 1 wherever V <= 1, gamma (T T')^-1 >= P_dd, the least gamma first."""
+    """Yield gamma and witnesses of |k_l xi| <= 1 wherever V <= 1, gamma (T T')^-1 >= P_dd, gamma the least for a decay."""
     loop = exchanged(in_doubles(network, held))
     one = period_in_doubles(loop)
     if one is None:
         return
     spread = 1 - spectral_radius(loop, one) ** 2
-    found = [_least(loop, one, rows, 1 - rate * spread, mu) for rate in RATES] if spread > 0 else []
-    for gamma, witness in sorted((each for each in found if each is not None), key=lambda each: each[0]):
-        for candidate in priced_anew(loop, one, witness, CLAIMED):
-            yield gamma, _read(candidate)
+    for rate in RATES if spread > 0 else ():
+        found = _least(loop, one, rows, 1 - rate * spread, mu)
+        if found is not None:
+            for candidate in priced_anew(loop, one, found[1], CLAIMED):
+                yield found[0], _read(candidate)
 
 
 def _least(
