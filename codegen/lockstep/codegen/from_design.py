@@ -128,7 +128,7 @@ def formats_of(claims: FixedClaims) -> FixedFormats:
         f"residual_per_message_error = {per_error}: times the largest error of a reading, besides",
         f"rho = {rho}: the square of what is weighed, integrated up to a sample at t, is at most",
         "    V_0 + rho^2 times the energy of the disturbance + t times the square of the part from rounding, readings exact",
-        f"radius = {radius}: from disagreements up to it, controllers at rest, undisturbed, readings exact, no step is SATURATED",
+        f"radius = {radius}: from disagreements up to it, at rest, undisturbed, readings exact, no step is SATURATED",
     )
     return FixedFormats(claims.outputs, claims.inputs, claims.states, lines)
 

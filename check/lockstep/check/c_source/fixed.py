@@ -26,6 +26,9 @@ agent_fixed_status_t agent_fixed_step(agent_fixed_state_t *state, const int16_t 
 
 SOURCE = """
 #include "agent_fixed.h"
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC optimize("Os")
+#endif
 static int32_t agent_fixed_scaled(int32_t value, uint32_t bits) {
     const uint32_t raised = (uint32_t)value + 0x80000000u + ((uint32_t)1u << (bits - 1u));
     return (int32_t)(raised >> bits) - (int32_t)(0x80000000u >> bits); }

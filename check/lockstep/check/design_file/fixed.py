@@ -19,9 +19,9 @@ class FixedClaims:
 
     decay, residual_per_message_error: as of the sampled loop;  residual_from_rounding: what remains of the disagreement
     because of the rounding of each step, an ultimate distance;  rho, rho_rounding: what is weighed, integrated up to a
-    sample at t, is at most V_0 + rho^2 times the disturbance's energy up to t + rho_rounding^2 t (smaller is better for all of
-    these);  radius: from disagreements up to it, controllers at rest and undisturbed, no integer meets its limit (larger is
-    better);  outputs, inputs, states: exponents e, a count being worth 2^-e, the states' by agent.
+    sample at t, is at most V_0 + rho^2 times the disturbance's energy up to t + rho_rounding^2 t (smaller is better for all
+    of these);  radius: from disagreements up to it, controllers at rest and undisturbed, no integer meets its limit (larger
+    is better);  outputs, inputs, states: exponents e, a count being worth 2^-e, the states' by agent.
     """
 
     decay: float

@@ -10,8 +10,9 @@ a count, h >= 1, so that a row is off by at most 5/4 counts: a bounded mu in the
 r itself is exact in counts.
 
 Nothing overflows: sum_j |a_j| <= 2^16 and sum_k |d_k| <= 2^15 keep the sums to 2^30 + 2^16 + 1, what is added before a
-shift is at most 2^29, and x_i + v is below 2^28 + 2 (2^29 + 2^16). Where r, x or u meets the limits of its integers it is held there
-and the step says so: what is proved is of runs in which none does, which `proves_range` shows from small disagreements.
+shift is at most 2^29, and x_i + v is below 2^28 + 2 (2^29 + 2^16). Where r, x or u meets the limits of its integers it is
+held there and the step says so: what is proved is of runs in which none does, which `proves_range` shows from small
+disagreements.
 """
 
 import math
