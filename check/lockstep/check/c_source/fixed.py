@@ -8,7 +8,7 @@ from typing import NamedTuple
 from lockstep.check.c_source import expected as c
 from lockstep.check.c_source.reader import MAX_NEIGHBOURS
 from lockstep.check.c_source.text import CText, tokens_of
-from lockstep.check.sampled.fixed import FixedController
+from lockstep.check.sampled.fixed import SHIFTS, FixedController
 
 HEADER = """
 [state] int32_t x[ORDER];
@@ -31,10 +31,13 @@ SOURCE = """
 #endif
 static int32_t agent_fixed_scaled(int32_t value, uint32_t bits) {
     const uint32_t raised = (uint32_t)value + 0x80000000u + ((uint32_t)1u << (bits - 1u));
-    return (int32_t)(raised >> bits) - (int32_t)(0x80000000u >> bits); }
+    const uint32_t shifted = raised >> bits; const uint32_t offset = 0x80000000u >> bits;
+    return (int32_t)shifted - (int32_t)offset; }
 [state] static int32_t agent_fixed_high(int32_t value) {
-[state]     return (int32_t)(((uint32_t)value + 0x80000000u) >> 14) - 131072; }
-[state] static int32_t agent_fixed_low(int32_t value) { return (int32_t)((uint32_t)value & 0x3fffu); }
+[state]     const uint32_t raised = (uint32_t)value + 0x80000000u; const uint32_t shifted = raised >> 14;
+[state]     return (int32_t)shifted - 131072; }
+[state] static int32_t agent_fixed_low(int32_t value) {
+[state]     const uint32_t rest = (uint32_t)value & 0x3fffu; return (int32_t)rest; }
 static int32_t agent_fixed_limited(int32_t value, int32_t lowest, int32_t highest, uint32_t *saturated) {
     int32_t found = value; if (value < lowest) { found = lowest; *saturated = 1u; }
     else if (value > highest) { found = highest; *saturated = 1u; } else { } return found; }
@@ -191,7 +194,7 @@ def _row(file: CText, name: str, i: int, n: int, q: int) -> tuple[tuple[int, ...
     ]
     if len(found) == (2 * n + 2 if n else 0) + q + 1:
         a, d, g = tuple(found[:n]), tuple(found[-q - 1 : -1]), found[-1]
-        h = found[2 * n + 1] if n else 1
+        h = found[2 * n + 1] if n else SHIFTS[-1]  # without states there is none
         if list(tokens) == tokens_of(f"const int32_t v{i} = {row_of(name, a, h, d, g)}"):
             return a, h, d, g
     raise file.refusal(f"row {i} is none that is generated")
