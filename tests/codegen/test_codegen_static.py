@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 from codegen_cases import arms, shapes
 
+from lockstep.codegen.doors import with_doors
 from lockstep.codegen.emit import emit
 from lockstep.codegen.folder import write_folder
+from lockstep.codegen.spec import FixedFormats
 from lockstep.verification.toolchain import WARNINGS
 
 # what the guards of the sources ask the compiler, which cppcheck is not
@@ -119,6 +121,18 @@ def limited(optimize="speed", real="float32"):
     """The arms, u being clipped."""
     spec = arms(optimize=optimize, real=real)
     return replace(spec, agents=tuple(replace(one, limits=np.array([[-6.0, 5.0]])) for one in spec.agents))
+
+
+@needs("cppcheck")
+def test_integers_deviate_in_macros_for_the_caller_alone(tmp_path):
+    """No shift of a signed value, no cast of a composite expression: what is found is 2.5."""
+    spec = replace(limited(), fixed=FixedFormats((11,) * 2, (10,), ((22,) * 2,) * 3, ()))
+    folder = write_folder(with_doors(emit(spec), ["fixed"]), tmp_path / "arms")
+    command = ["cppcheck", *CPPCHECK[:-2], "-Ifixed", "fixed"]
+    assert set(re.findall(r"\[([\w.-]+)\]$", said(command, folder)[1], re.M)) == {"misra-c2012-2.5"}
+    path = folder / "fixed" / "arm1_fixed.c"
+    path.write_text(path.read_text().replace("return (int32_t)shifted - 131072;", "return value >> 14;"))
+    assert "misra-c2012-10.1" in said(command, folder)[1]
 
 
 @needs("gcc")

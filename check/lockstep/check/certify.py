@@ -6,6 +6,7 @@
     asked          the file claims no less than its problem asks for
     decay, controllers_stable, floor, initial_set   where they are claimed
     sampled        agreement of the sampled, rounded controllers, in balls;  sampled_rho, max_period, limits: where claimed
+    fixed, fixed_rho, fixed_radius   the controllers in integers, read out of the C of a folder: where claimed
     messages       the same with messages lost or late, at least as asked;  messages_rho: where claimed
     code           the controllers read out of the C are those of the design
 
@@ -37,6 +38,7 @@ from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.design_file.json_text import A_DESIGN, load_json, parse_json
 from lockstep.check.errors import NotCertified, demand
 from lockstep.check.files import as_text, read_inside
+from lockstep.check.fixed import decide_fixed
 from lockstep.check.held import CheckedFile, decide_held, held_controllers, modal_loop_of, sampled_network
 from lockstep.check.messages import decide_messages
 from lockstep.check.numbers import as_floats
@@ -190,6 +192,8 @@ def _sampled(
     if claims.max_period is not None and not (claims.certified and claims.max_period <= problem.period):
         yield "max_period", _longest(stored, network, claims.max_period)
     yield from _limits(stored, network, held)
+    if stored.claims.fixed is not None:
+        yield from decide_fixed(stored, network, held, folder)
     asked, claimed = problem.messages, stored.claims.messages
     if claimed and problem.spectrum is not None:
         yield (

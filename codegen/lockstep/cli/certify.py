@@ -47,6 +47,9 @@ def _table(found: "DesignVerdict") -> RenderableType:
     of_c = "differences" in found.answer
     rows["sampled C" if of_c else "sampled"] = sampled_text(found.sampled)
     rows |= messages_row(found.answer)
+    if (fixed := found.answer.get("fixed")) is not None and verdict.proves("fixed"):
+        rho, radius = (fixed[key] or "not proved" for key in ("rho", "radius"))
+        rows["in integers"] = f"yes, while none saturates: rho {rho}, radius {radius}"
     if verdict.certified and not verdict.ok:
         rows["refused"] = verdict.reason
     if of_c:

@@ -209,6 +209,8 @@ def generate(
     messages: Annotated[
         bool, typer.Option("--messages", help="The message layer: stamped differences, refusals counted.")
     ] = False,
+    dbc: Annotated[bool, typer.Option("--dbc", help="The messages as a DBC, for CAN FD.")] = False,
+    fixed: Annotated[bool, typer.Option("--fixed", help="Controllers in integers, certified too.")] = False,
     name: Annotated[str, typer.Option(help="The CMake target's and the umbrella header's name.")] = "",
     prefix: Annotated[
         str, typer.Option(help="Put before the agents' names: two designs fit one program.")
@@ -221,7 +223,15 @@ def generate(
     """Emit C for each agent's controller."""
     from lockstep.cli.generate import run
 
-    wanted = {"pil": pil, "fmu": fmu, "rust": rust, "arduino": arduino, "messages": messages}
+    wanted = {
+        "pil": pil,
+        "fmu": fmu,
+        "rust": rust,
+        "arduino": arduino,
+        "messages": messages,
+        "dbc": dbc,
+        "fixed": fixed,
+    }
     doors = [name for name, chosen in wanted.items() if chosen]
     image = {"one_image": one_image, "max_neighbours": max_neighbours, "table": table}
     run(design, output, as_json=json, optimize=optimize, doors=doors, name=name, prefix=prefix, **image)

@@ -46,6 +46,17 @@ def table_of(report: "VerifyReport") -> RenderableType:
             reasons.append(f"{target.name}: {said}, {why}")
         numbers = ["-" if cell is None else str(cell) for cell in cells]
         table.add_row(Text(target.name), said, str(target.steps), *numbers)
+        if fixed := target.fixed:
+            most = [
+                max((c for c in column if c is not None), default=None)
+                for column in zip(
+                    *((one.instructions_per_step, one.text_bytes, one.ram_bytes) for one in fixed),
+                    strict=True,
+                )
+            ]
+            equal = "equal" if all(one.bitwise for one in fixed) else "NO"
+            measured = ["-" if cell is None else str(cell) for cell in (*most, None)]
+            table.add_row(Text("  in integers"), equal, str(fixed[0].calls), *measured)
     verdict = (
         f"every bit is equal: {report.fed}" if report.ok else "NOT as claimed: " + "; ".join(report.problems)
     )

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from lockstep.check.design_file.fixed import FixedClaims
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.controller import PRECISIONS
 from lockstep.check.system.formation import measured_offsets
@@ -14,6 +15,7 @@ from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.codegen.spec import (
     CodegenSpec,
     Controller,
+    FixedFormats,
     LinearPlant,
     MessageLimits,
     Neighbour,
@@ -108,7 +110,30 @@ def specification(
         plants=plants,
         image=image,
         messages=_messages(stored),
+        fixed=None if stored.claims.fixed is None else formats_of(stored.claims.fixed),
     )
+
+
+def formats_of(claims: FixedClaims) -> FixedFormats:
+    """Return the formats of the controllers in integers, and what is claimed of them in words."""
+    rho = (
+        f"{claims.rho:g}, and {_two_digits(claims.rho_rounding)} from rounding"
+        if claims.rho
+        else "not proved"
+    )
+    radius = "not proved" if claims.radius is None else f"{claims.radius:g}"
+    residual, per_error = (
+        _two_digits(one) for one in (claims.residual_from_rounding, claims.residual_per_message_error)
+    )
+    lines = (
+        "all agents come to agree, between the samples too, while no step is SATURATED",
+        f"residual_from_rounding = {residual}: the distance of the states from agreement in the end, readings exact",
+        f"residual_per_message_error = {per_error}: times the largest error of a reading, besides",
+        f"rho = {rho}: the square of what is weighed, integrated up to a sample at t, is at most",
+        "    V_0 + rho^2 times the energy of the disturbance + t times the square of the part from rounding, readings exact",
+        f"radius = {radius}: from disagreements up to it, at rest, undisturbed, readings exact, no step is SATURATED",
+    )
+    return FixedFormats(claims.outputs, claims.inputs, claims.states, lines)
 
 
 def has_one_controller(stored: Stored) -> bool:

@@ -223,6 +223,15 @@ class MessagesEntry(_Record):
     ranges: dict[str, tuple[float | None, float | None]]
 
 
+class FixedEntry(_Record):
+    """Formats of the controllers in integers: exponents e, a count being worth 2^-e; states by agent; and what is claimed."""
+
+    outputs: tuple[int, ...]
+    inputs: tuple[int, ...]
+    states: tuple[tuple[int, ...], ...]
+    claims: tuple[str, ...]
+
+
 class Manifest(_Record):
     """The whole of manifest.json."""
 
@@ -242,6 +251,7 @@ class Manifest(_Record):
     prefix: str = ""
     image: ImageEntry | None = None
     messages: MessagesEntry | None = None
+    fixed: FixedEntry | None = None
     digest: str = ""
 
     @model_validator(mode="after")
@@ -269,7 +279,7 @@ class Manifest(_Record):
 
     def _plain(self) -> dict[str, Any]:
         # Absent rather than null: a folder without them is as it was before there were any.
-        exclude = {name for name in ("image", "messages") if getattr(self, name) is None}
+        exclude = {name for name in ("image", "messages", "fixed") if getattr(self, name) is None}
         return self.model_dump(mode="json", exclude_none=False, exclude=exclude)
 
 

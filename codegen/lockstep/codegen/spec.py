@@ -198,6 +198,16 @@ class LinearPlant:
 
 
 @dataclass(frozen=True)
+class FixedFormats:
+    """Exponents e of the counts, worth 2^-e each, of outputs, inputs and states by agent; and what is claimed, in words."""
+
+    outputs: tuple[int, ...]
+    inputs: tuple[int, ...]
+    states: tuple[tuple[int, ...], ...]
+    claims: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class MessageLimits:
     """What the message layer in C is told of a network.
 
@@ -233,6 +243,7 @@ class CodegenSpec:
     optimize        "speed" (unrolled, gains as literals) or "size" (a loop over a table)
     name            the CMake target, the umbrella header and its table of descriptors; no agent's name
     messages        what the message layer is told; None: its defaults
+    fixed           formats of the controllers in integers, and what is claimed of them; None where nothing is
     prefix          what the agents' names begin with besides their design's: so that two folders fit one program
     title           one line for headers and README
     certificate     figures for the datasheet (alpha, rho, fragility, certified, proof, ...); printed, never
@@ -258,6 +269,7 @@ class CodegenSpec:
     prefix: str = ""
     image: "OneImage | None" = None
     messages: MessageLimits | None = None
+    fixed: "FixedFormats | None" = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "agents", tuple(self.agents))

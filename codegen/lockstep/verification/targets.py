@@ -35,7 +35,8 @@ _SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recov
 class Target:
     """One way to compile and run the C; `skipped` says why it cannot be done here; `core` names an emulated one.
 
-    `nodes` runs the agents with their messages, where this is possible.
+    `nodes` runs the agents with their messages, where this is possible; `built` is how other code is built for it: by which
+    compiler, with which flags, for which emulated core.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Target:
     skipped: str = ""
     core: str = ""
     nodes: NodeRunner | None = None
+    built: tuple[Compiler, tuple[str, ...], Core | None] | None = None
 
 
 def targets_of(groups: Sequence[str], manifest: Manifest) -> list[Target]:
@@ -64,6 +66,7 @@ def _host(_: Manifest) -> Iterator[Target]:
                 f"host {compiler.name} {level}",
                 _on_host(compiler, (level,)),
                 nodes=_nodes(compiler, (level,)),
+                built=(compiler, (level,), None),
             )
     if not compilers:
         yield _skipped("host", f"no C compiler: {TO_INSTALL}")
@@ -75,7 +78,12 @@ def _sanitizers(_: Manifest) -> Iterator[Target]:
         if reason := _no_sanitizers(compiler):
             yield _skipped(name, reason)
         else:
-            yield Target(name, _on_host(compiler, _SANITIZERS), nodes=_nodes(compiler, _SANITIZERS))
+            yield Target(
+                name,
+                _on_host(compiler, _SANITIZERS),
+                nodes=_nodes(compiler, _SANITIZERS),
+                built=(compiler, _SANITIZERS, None),
+            )
 
 
 def _no_sanitizers(compiler: Compiler) -> str:
@@ -108,6 +116,7 @@ def _on_core(core: Core, _: Manifest) -> Iterator[Target]:
                 partial(_emulated, core, found, level),
                 core=core.group,
                 nodes=partial(_emulated_nodes, core, found, level),
+                built=(found, (level,), core),
             )
 
 

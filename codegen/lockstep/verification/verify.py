@@ -20,6 +20,7 @@ from lockstep.codegen.doors.vectors import ADVERSARIAL, ORDINARY, vectors
 from lockstep.codegen.folder.contents import refusals, strangers
 from lockstep.codegen.manifest import AgentEntry, Manifest, changed_files, load_manifest
 from lockstep.verification.comparison import Difference, compare
+from lockstep.verification.fixed import FixedResult, compare_fixed
 from lockstep.verification.harness import Run
 from lockstep.verification.messages.compare import NodeResult, compare_nodes
 from lockstep.verification.nodes import reference_of, with_nodes
@@ -36,6 +37,9 @@ from lockstep.verification.stimulus import (
     run_reference,
 )
 from lockstep.verification.targets import GROUPS, Target, targets_of
+
+INTEGERS = 2000
+"""Calls of each kind of the controllers in integers, all of them with every instruction counted, at the most."""
 
 Progress = Callable[[str, int, int], None]
 """Called as progress(what is being done, steps done, steps in all)."""
@@ -66,6 +70,7 @@ class TargetResult:
     instructions_per_step  most instructions (never cycles) of one `<agent>_step`
     skipped            why the target did not run; empty if it ran
     error              the compiler's or program's message if it failed
+    fixed               each agent in integers (`fixed/`), if the folder has them and the target runs them
     nodes              each agent with its messages (`messages/`), if the folder has them and the target runs them
     core               group of the emulated core, whose stack and flash the header bounds; empty on the host
     """
@@ -85,6 +90,7 @@ class TargetResult:
     core: str = ""
     agents: tuple[AgentResult, ...] = ()
     nodes: tuple[NodeResult, ...] = ()
+    fixed: tuple[FixedResult, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -254,12 +260,21 @@ def _run_target(
                 tell(f"{target.name}: {agent.name}")
                 results.append(_agent_result(agent, run, compare(run.trace, expected[agent.name])))
             nodes = compare_nodes(target, manifest, folder, Path(temporary).resolve(), adversarial=steps[1])
+            fixed = compare_fixed(
+                target,
+                manifest,
+                folder,
+                Path(temporary).resolve(),
+                steps=min(steps[0], INTEGERS),
+                adversarial=min(steps[1], INTEGERS),
+            )
         except ClaimError as error:
             return TargetResult(
                 target.name, False, *steps, error=str(error), core=target.core, agents=tuple(results)
             )
     found = _target_result(target.name, results, steps, target.core)
-    return replace(found, bitwise=found.bitwise and all(one.bitwise for one in nodes), nodes=nodes)
+    same = all(one.bitwise for one in nodes) and all(one.bitwise for one in fixed)
+    return replace(found, bitwise=found.bitwise and same, nodes=nodes, fixed=fixed)
 
 
 def _target_result(
@@ -312,6 +327,10 @@ def _problems(results: Sequence[TargetResult], changed: Sequence[str], manifest:
             if not node.bitwise:
                 calls = f"with its messages differs in {node.differing_calls} calls"
                 yield f"{result.name}: {node.agent} {calls}; {node.first_difference}"
+        for one in result.fixed:
+            if not one.bitwise:
+                calls = f"in integers differs in {one.differing_calls} calls"
+                yield f"{result.name}: {one.agent} {calls}; {one.first_difference}"
         for found in result.agents:
             if not found.bitwise:
                 calls = f"differs in {found.differing_calls} calls"

@@ -143,6 +143,7 @@ def _document(design: Design, verdict: "Decided") -> dict[str, Any]:
         **({} if verdict.ok else {"error": error}),
         "sampled": _sampled(design, verdict),
         **messages_answer(stored, certified=verdict.proves("messages")),
+        **({"fixed": said["fixed"]} if verdict.ok and verdict.proves("fixed") else {}),
     }
 
 

@@ -52,7 +52,9 @@ def generate(
         doors: more files: "pil" (test vectors and a runner for any board),
             "fmu" (FMI 3.0 co-simulation units, compiled for this machine if it has a compiler),
             "rust" (a `no_std` crate over the C), "arduino" (a library in Arduino's layout),
-            "messages" (each agent as a node that sends, receives and holds stamped differences).
+            "messages" (each agent as a node that sends, receives and holds stamped differences),
+            "dbc" (its messages as CAN FD frames, for bus analysers),
+            "fixed" (each controller in integers, for cores without floating point, certified as such).
         name: of the CMake target and the umbrella header; by default the agent's name and `_controllers`.
         prefix: put before the agents' names, so that two designs fit one program.
         one_image: one image for all nodes, whom a node hears given at run time; by default from 17 agents on whose gains are
@@ -121,6 +123,7 @@ def generated_files(
     """
     from lockstep.codegen.doors import with_doors
     from lockstep.codegen.emit import emit
+    from lockstep.codegen.fixed_design import with_fixed, without_fixed
     from lockstep.codegen.folder.bundle import bundle
     from lockstep.codegen.from_design import specification
     from lockstep.codegen.sampled_design import certify_files, prove_design, with_sampled
@@ -147,6 +150,7 @@ def generated_files(
     claims = stored.claims.sampled
     if not (verdict.ok and claims.certified and claims.rho and claims.max_period):
         stored = with_sampled(stored, prove_design(stored))
+    stored = with_fixed(stored) if "fixed" in doors else without_fixed(stored)
     stored = replace(stored, claims=replace(stored.claims, scope=verdict.scope))
     spec = specification(
         stored,

@@ -17,7 +17,8 @@ from lockstep.check.verdict import Verdict
 from lockstep.lmi.document import Stored, with_bound_proof
 from lockstep.model.plain_json import plain
 
-OF_WHAT_SHIPS = ("code", "sampled", "sampled_rho", "max_period", "messages", "messages_rho")
+FIXED = ("fixed", "fixed_rho", "fixed_radius")
+OF_WHAT_SHIPS = ("code", "sampled", "sampled_rho", "max_period", "messages", "messages_rho", *FIXED)
 """Claims about the controllers as they ship; all others are about the continuous ones."""
 
 

@@ -40,7 +40,7 @@ def proofs_document(proofs: Proofs) -> dict[str, Any]:
         key: None if (one := getattr(proofs, key)) is None else one.document()
         for key in ("sampled", "sampled_rho", "max_period", "radius")
     }
-    names = ("limits_gain", "clipped", "messages", "messages_rho")
+    names = ("limits_gain", "clipped", "messages", "messages_rho", "fixed")
     later = {key: one.document() for key in names if (one := getattr(proofs, key)) is not None}
     return {
         "certificate": None if proofs.certificate is None else certificate_document(proofs.certificate),

@@ -12,6 +12,7 @@ from typing import Any, Literal
 from lockstep.check.bound.box import Box
 from lockstep.check.bound.result import Entry
 from lockstep.check.continuous.local import InitialSet
+from lockstep.check.design_file.fixed import FixedClaims, fixed_claims_of
 from lockstep.check.design_file.json_text import (
     above_zero,
     item,
@@ -152,7 +153,7 @@ class Claims:
     initial_set: states from which the agents stay in their domain;  floor: no controllers can certify less (larger is
     better);  decay: sigma in 1/s, by which e^(-sigma t) bounds every disagreement up to a constant (larger is better);
     controllers_stable: whether each controller is stable by itself, as designed and as it ships;  sampled: of the
-    controllers that ship;  messages: of these where the network loses or delays messages.
+    controllers that ship;  messages: of these where the network loses or delays messages;  fixed: of those in integers.
     """
 
     certified: bool
@@ -168,6 +169,7 @@ class Claims:
     controllers_stable: bool = False
     sampled: SampledClaims = field(default_factory=SampledClaims)
     messages: MessageClaims | None = None
+    fixed: FixedClaims | None = None
 
     def __post_init__(self) -> None:
         if not self.certified and any((self.rho, self.scope, self.initial_set, self.decay)):
@@ -206,6 +208,7 @@ class Claims:
             "controllers_stable": self.controllers_stable,
             "sampled": self.sampled.document(),
             **({} if self.messages is None else {"messages": self.messages.document()}),
+            **({} if self.fixed is None else {"fixed": self.fixed.document()}),
         }
 
 
@@ -215,7 +218,7 @@ def claims_of(content: Any) -> Claims:
     Raises:
         ProblemError: a key missing or unknown, or a value that cannot be one of its kind.
     """
-    only(content, (*Claims(False, None, 0.0, {}).document(), "messages"), "claims")
+    only(content, (*Claims(False, None, 0.0, {}).document(), "messages", "fixed"), "claims")
     certified = part(content, "certified", bool)
     one_of(item(content, "proof", "claims"), ("exact" if certified else "none",), "claims, `proof`")
     fragility = part(content, "fragility", dict)
@@ -234,6 +237,7 @@ def claims_of(content: Any) -> Claims:
         part({"controllers_stable": False, **content}, "controllers_stable", bool),
         optional(content, "sampled", _sampled) or SampledClaims(),
         optional(content, "messages", message_claims_of),
+        optional(content, "fixed", fixed_claims_of),
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.continuous.modes import ModalCertificate, Segment
 from lockstep.check.design_file.claims import Claims
+from lockstep.check.design_file.fixed import FixedWitness
 from lockstep.check.design_file.json_text import (
     Reader,
     above_zero,
@@ -50,11 +51,11 @@ class BoundProof:
 class Proofs:
     """What proves the claims of a design file.
 
-    certificate: of rho, with P, m, t;  decay: a certificate of the loop of e^(decay t) x_cl, with a rho of its own;  floor:
-    dual points;  sampled, sampled_rho, max_period, radius, limits_gain, clipped: of the sampled loop, at its period, of its
-    rho, at the largest period claimed, of the radius, of the energy that meets no limit, and of the clipped loop;  bound: of
-    alpha and the entries;  messages, messages_rho: of the sampled loop whose messages are lost or late. A claim whose witness
-    is None is proved anew, or is not.
+    certificate: of rho, with P, m, t; decay: a certificate of the loop of e^(decay t) x_cl, with a rho of its own; floor:
+    dual points; sampled, sampled_rho, max_period, radius, limits_gain, clipped: of the sampled loop, at its period, of
+    its rho, at the largest period claimed, of the radius, of the energy that meets no limit, and of the clipped loop;
+    bound: of alpha and the entries; messages, messages_rho: of the sampled loop whose messages are lost or late; fixed:
+    of the controllers in integers. A claim whose witness is None is proved anew, or is not.
     """
 
     certificate: Certificate | ModalCertificate | None = None
@@ -69,6 +70,7 @@ class Proofs:
     messages_rho: MessageWitness | None = None
     limits_gain: Witness | None = None
     clipped: ClippedWitness | None = None
+    fixed: FixedWitness | None = None
 
 
 def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
@@ -88,6 +90,7 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
         **dict.fromkeys(("messages", "messages_rho"), or_none(message_witness_of)),
         "limits_gain": or_none(sampled_witness_of),
         "clipped": or_none(_clipped),
+        "fixed": or_none(_fixed),
     }
     return Proofs(*record(content, "proofs", readers))
 
@@ -128,6 +131,13 @@ def sampled_witness_of(value: Any, where: str) -> Witness:
         value = {"kappa_mu": value.get("kappa"), **value}
     readers = {"P": matrix(), "m": vector(), "t": vector(), **dict.fromkeys(NUMBERS, number)}
     return Witness(*record(value, where, readers))
+
+
+def _fixed(value: Any, where: str) -> FixedWitness:
+    maybe = or_none(sampled_witness_of)
+    return FixedWitness(
+        *record(value, where, {"agreement": sampled_witness_of, "rho": maybe, "radius": maybe})
+    )
 
 
 def _clipped(value: Any, where: str) -> ClippedWitness:

@@ -42,13 +42,18 @@ PRECISIONS = {
 }
 
 
+ROW_ERROR = 1.25
+"""Counts by which a row of `fixed` is off at most: exact in doubles, with room for the product."""
+
+
 @dataclass(frozen=True, eq=False)
 class HeldController:
     """One agent's sampled controller as it is computed.
 
     order: n_C;  table: (n_C + m, n_C + q), M as it stands in the code;  sources: the agents it listens to, from 0;
     weights: (nn,) their a_j;  roundings: (n_C + m, n_C + q), how many roundings each product of M passes through;
-    before: (nn,) how many each d_j has passed through already;  precision: of the arithmetic.
+    before: (nn,) how many each d_j has passed through already;  precision: of the arithmetic;  counts: (n_C + m,) or none:
+    what a count of each of (x+, u) is worth in integers (`fixed`), mu being then in counts.
     """
 
     order: int
@@ -58,6 +63,7 @@ class HeldController:
     roundings: Annotated[np.ndarray, "k l"]
     before: Annotated[np.ndarray, " nn"]
     precision: Precision
+    counts: Annotated[np.ndarray, " k"] | None = None
 
     def __post_init__(self) -> None:
         """Check that the parts fit together."""
@@ -139,11 +145,13 @@ class HeldController:
 
     @property
     def underflow(self) -> float:
-        """A bound on the length of what underflow of the products adds to (x+, u).
+        """A bound on the length of what underflow of the products adds to (x+, u); in integers, of their rounding in counts.
 
         At most n_C + q products per row; the factor of 2 covers the roundings that follow, each less than 1 + u.
         """
         rows, columns = self.table.shape
+        if self.counts is not None:
+            return ROW_ERROR * math.nextafter(math.sqrt(rows), math.inf)
         return float(2 * columns * math.sqrt(rows) * self.precision.underflow)
 
 

@@ -5,7 +5,7 @@ matrices act on z = (xi, e): the state, then the errors
 
     e_j = Delta_j Y_j z,  |Delta_j| <= delta_j    of the coefficients A, B, C, D of each agent: rounding;
     nu_i                                          of the differences d_ij = a_ij (y_i - y_j), from the messages;
-    mu_i                                          added to (x_C+, u) of agent i, from underflow;
+    mu_i                                          added to (x_C+, u) of agent i, from underflow, or in counts of integers;
     n_d                                           the disagreement of the outputs' own noise, where rho is a gain from it.
 
     d_i = differences + nu_i,
@@ -202,7 +202,10 @@ class _Layout:
     def agent_rows(self, i: int) -> Matrix:
         """Return (x_C+, u) of agent i."""
         n_C, table = self.n_C, self.number(self.controllers[i].table)
-        rows: Matrix = table @ self.received(i) + self._select(self.places[i, "mu"])
+        mu, counts = self._select(self.places[i, "mu"]), self.controllers[i].counts
+        if counts is not None:
+            mu = self.number(counts)[:, None] * mu
+        rows: Matrix = table @ self.received(i) + mu
         for letter in LETTERS:
             if (i, letter) in self.places:
                 part = slice(0, n_C) if letter in "AB" else slice(n_C, None)

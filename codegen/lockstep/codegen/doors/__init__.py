@@ -8,7 +8,7 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
 
 from lockstep.check.errors import ProblemError
-from lockstep.codegen.doors import arduino, fmu, messages, pil, rust
+from lockstep.codegen.doors import arduino, dbc, fixed, fmu, messages, pil, rust
 from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 
@@ -20,6 +20,8 @@ DOORS: dict[str, Callable[[Manifest, Mapping[str, str]], Texts]] = {
     "rust": rust.files,
     "arduino": arduino.files,
     "messages": messages.files,
+    "dbc": dbc.files,
+    "fixed": fixed.files,
 }
 """By name, which is the option of `generate` and the first part of the paths: (manifest, the folder's texts) -> texts."""
 
@@ -36,6 +38,10 @@ def with_doors(files: Mapping[str, str], doors: Collection[str]) -> Texts:
     """
     if unknown := sorted(set(doors) - set(DOORS)):
         raise ProblemError(f"`{unknown[0]}`", where="doors", expected=" or ".join(DOORS))
+    if "dbc" in doors and "messages" not in doors:
+        raise ProblemError(
+            "no `--messages`", where="--dbc", expected="both: it describes the bytes of its messages"
+        )
     if not doors:
         return dict(files)
     return bundle(files, _rendered(Manifest.model_validate_json(files[FILE_NAME]), doors, files))

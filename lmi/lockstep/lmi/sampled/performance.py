@@ -81,7 +81,7 @@ def _proved_with(
         return None
     for slack, dear in itertools.product(SLACKS, ROUNDINGS):
         rho = float(f"{least * (1 + slack):.4g}")
-        period = _period(loop, weights, m, rho)
+        period = period_of(loop, weights, m, rho)
         witness = None if period is None else period.witness(dear)
         if witness is not None and proves_rho(exact_loop, weights, SampledRho(rho, witness)):
             return SampledRho(rho, witness)
@@ -105,10 +105,11 @@ class _Period:
     running: Float[np.ndarray, "n_z n_z"]
     unit: float
     """The largest eigenvalue of R: costs are small or large beside it."""
+    price: float = PRICE
 
     @property
     def kappa(self) -> float:
-        return PRICE * float(np.abs(self.lifted.Q).max() or 1.0)
+        return self.price * float(np.abs(self.lifted.Q).max() or 1.0)
 
     def prices(
         self, t: Float[np.ndarray, " ways"], P: Float[np.ndarray, "n_xi n_xi"] | None = None
@@ -146,7 +147,7 @@ class _Period:
         return None if P is None else confirmed(loop, self.lifted, self.prices(prices.t, P), self.running)
 
 
-def _period(
+def period_of(
     loop: SampledLoop, weights: Performance, m: Float[np.ndarray, " pairs"], rho: float
 ) -> _Period | None:
     """Lift a period, or return None where the period alone exceeds rho."""
@@ -174,7 +175,7 @@ def least_rho(
     low, high = np.log10(between or (LEAST, MOST))
 
     def holds(exponent: float) -> bool:
-        period = _period(loop, weights, m, 10**exponent)
+        period = period_of(loop, weights, m, 10**exponent)
         problem = None if period is None else period.unrounded()
         return problem is not None and problem.smallest(1.0) is not None
 

@@ -1,0 +1,112 @@
+"""What a design file claims of its controllers in integers, decided by the integers in the C of its folder."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+from lockstep.check.c_source.fixed import read_fixed
+from lockstep.check.design_file.claims import SURE
+from lockstep.check.design_file.json_text import parse_json
+from lockstep.check.errors import NotCertified, demand
+from lockstep.check.files import as_text, read_inside
+from lockstep.check.held import CheckedFile, sampled_network
+from lockstep.check.sampled.certify import ROUNDED_UP, decide_sampled
+from lockstep.check.sampled.controller import HeldController
+from lockstep.check.sampled.discretise import clipped_at
+from lockstep.check.sampled.fixed import FixedController, integers_of, proves_range
+from lockstep.check.sampled.inequality import Witness
+from lockstep.check.sampled.loop import sampled_loop
+from lockstep.check.sampled.performance import SampledRho, proves_rho
+from lockstep.check.system.network import ExactNetwork
+from lockstep.check.verdict import Verdict
+
+
+def decide_fixed(
+    stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController, ...], folder: Path | None
+) -> Iterator[tuple[str, Verdict]]:
+    """Yield what is proved of the integers in `fixed/`, as far as it is claimed.
+
+    Args:
+        stored: a design file that claims something of integers.
+        network: of its problem.
+        held: the design's controllers, for whom they hear.
+        folder: that holds the C, whose integers must be those of the design's gains in its formats.
+
+    Raises:
+        ProblemError: formats that do not fit the agents, or gains that do not fit the formats.
+    """
+    claims, proofs, problem = stored.claims.fixed, stored.proofs.fixed, stored.problem
+    if claims is None or proofs is None or problem.spectrum is not None:
+        yield "fixed", Verdict("undecided", "integers are claimed without witnesses, or of many graphs")
+        return
+    demand(len(claims.states) == len(held), f"{len(claims.states)} agents", "claims, fixed", f"{len(held)}")
+    sides = clipped_at(problem.controller["real"], problem.sides)
+    integers = tuple(
+        integers_of(one.table, (states, claims.outputs, claims.inputs), sides, one.weights)
+        for one, states in zip(held, claims.states, strict=True)
+    )
+    mine = tuple(one.held(own.sources) for one, own in zip(integers, held, strict=True))
+    if folder is not None and (wrong := _differs(stored, folder, integers, mine)):
+        yield "fixed", Verdict("refuted", wrong)
+        return
+    at, weights = sampled_network(stored, network, problem.period), problem.performance
+    found = decide_sampled(at, mine, (proofs.agreement,))
+    better = (
+        claims.decay < found.decay
+        or claims.residual_per_message_error < SURE * found.residual
+        or claims.residual_from_rounding < SURE * found.underflow
+    )
+    if not found.certified or better:
+        said = "more is claimed of them than proved" if found.certified else found.reason
+        yield "fixed", Verdict("undecided", f"the controllers in integers: {said}")
+        return
+    yield "fixed", Verdict("proved", f"the controllers in integers: {found.reason}")
+    if claims.rho is not None:
+        w, rounding = proofs.rho, claims.rho_rounding or 0.0
+        holds = w is not None and rounding >= SURE * rho_rounding(w, mine, problem.period)
+        holds = holds and proves_rho(
+            sampled_loop(at, mine, weights.outputs),
+            weights,
+            SampledRho(claims.rho, w),  # type: ignore[arg-type]
+        )
+        yield (
+            "fixed_rho",
+            _said(f"in integers the loop has the gain {claims.rho:g}, up to {rounding:g}", holds),
+        )
+    if claims.radius is not None:
+        w = proofs.radius
+        holds = w is not None and proves_range(sampled_loop(at, mine), mine, integers, w, claims.radius)
+        yield "fixed_radius", _said(f"from |x_d(0)| <= {claims.radius:g} no integer meets its limit", holds)
+
+
+def rho_rounding(witness: Witness, held: tuple[HeldController, ...], period: float) -> float:
+    """Return the root of what the rounding adds to the integral of what is weighed, per unit of time."""
+    mu = math.hypot(*(one.underflow for one in held))
+    return ROUNDED_UP * math.sqrt(witness.kappa_mu / period) * mu
+
+
+def _differs(
+    stored: CheckedFile,
+    folder: Path,
+    integers: tuple[FixedController, ...],
+    held: tuple[HeldController, ...],
+) -> str:
+    """Return in what the C of a folder is not these controllers, or nothing."""
+    listed = parse_json(as_text(read_inside(folder, "manifest.json"), "manifest.json"), "manifest.json")
+    base = f"{listed.get('prefix', '')}{stored.problem.agent.name}"
+    names = [f"{base}{i}" for i in range(1, len(held) + 1)]
+    for name, one, own in zip(names, integers, held, strict=True):
+        texts = [
+            as_text(read_inside(folder, path), path) for path in (f"fixed/{name}_fixed.{e}" for e in "hc")
+        ]
+        try:
+            read = read_fixed(name, texts[0], texts[1], names)
+        except NotCertified as error:
+            return str(error)
+        if read != (one, own.sources, stored.problem.period):
+            return f"fixed/{name}_fixed: not the design's integers, neighbours or period"
+    return ""
+
+
+def _said(said: str, holds: bool) -> Verdict:
+    return Verdict("proved", said) if holds else Verdict("undecided", f"{said}: claimed, and not proved")
