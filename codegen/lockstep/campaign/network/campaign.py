@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from lockstep.campaign.network.faults import NetworkFaults
 from lockstep.campaign.network.loop import COLUMNS, NetworkLoop
@@ -95,9 +95,16 @@ class NetworkCampaign:
         return np.asarray(self.values[:, COLUMNS.index(name)])
 
     @property
+    def held(self) -> Bool[np.ndarray, " disturbed"]:
+        """Which of the disturbed runs something is claimed of: no input was clipped, and no agent left its domain."""
+        inside = (self["clipped"] == 0) & (self["outside"] == 0)
+        known = np.asarray(inside[::2])
+        return known if self.faults.oldest is not None else np.full(len(known), known.all())
+
+    @property
     def covered(self) -> bool:
-        """Whether something is claimed of such a network."""
-        return self.guarantee.covers(self.faults)
+        """Whether something is claimed of such a network and of some of the runs; in the mean square, of all or none."""
+        return self.guarantee.covers(self.faults) and bool(self.held.any())
 
     @property
     def diverged(self) -> int:
@@ -106,10 +113,10 @@ class NetworkCampaign:
 
     @property
     def gain(self) -> float:
-        """Return |z| / |xi_d| of the disturbed runs: the largest, or with independent losses the root of its mean square."""
+        """Return |z| / |xi_d| of the disturbed runs: the largest of those held, or with independent losses the root of its mean square."""
         squares = self["z2"][::2] / self["xi2"][::2]
         if self.faults.oldest is not None:
-            return float(np.sqrt(squares.max()))
+            return float(np.sqrt(squares[self.held if self.held.any() else slice(None)].max()))
         sines = np.arange(len(squares)) % 4 > 0
         return float(np.sqrt(squares[sines if sines.any() else slice(None)].mean()))
 
@@ -138,8 +145,10 @@ class NetworkCampaign:
             "diverged": self.diverged,
             "lost": float(self["lost"].sum()) / sent if sent else 0.0,
             "faulty_steps": int(self["faults"].sum()),
+            "clipped_runs": int((self["clipped"] > 0).sum()),
+            "runs_outside": int((self["outside"] > 0).sum()),
             "disagreement_kept": _number((final / first).max()) if len(free) else None,
-            "refused": {name: int(self[name].sum()) for name in COLUMNS[9:]},
+            "refused": {name: int(self[name].sum()) for name in COLUMNS[COLUMNS.index("bad_length") :]},
         }
 
     def csv(self) -> str:
