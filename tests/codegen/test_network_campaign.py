@@ -136,26 +136,34 @@ def test_a_bound_below_what_is_reached_is_seen_as_exceeded(loop):
 
 
 @pytest.mark.parametrize(
-    ("faults", "covered"),
+    ("loss", "faults", "covered"),
     [
-        ("loss=0.1", True),
-        ("loss=0.11", False),
-        ("loss=0.05,corrupt=0.06", False),
-        ("loss=0.05,corrupt=0.05,twice=1", True),
-        ("loss=1,burst=2", True),
-        ("loss=1,burst=3", False),
-        ("delay=0:4", True),
-        ("delay=0:5", False),
-        ("jitter=0.2", True),
-        ("jitter=0.3", False),
-        ("to_bad=0.01", False),
-        ("restarts=0.1", False),
+        (0.1, "loss=0.1", True),
+        (0.1, "loss=0.11", False),
+        (0.1, "loss=0.09", False),
+        (0.1, "", False),
+        (0.145, "loss=0.1,corrupt=0.05,twice=1", True),
+        (0.1, "loss=0.1,corrupt=0.05", False),
+        (0.1, "loss=0.1,delay=0:4,jitter=0.2", True),
+        (0.1, "loss=0.1,delay=0:5", False),
+        (0.1, "loss=0.1,to_bad=0.01", False),
+        (0.0, "loss=1,burst=2", True),
+        (0.1, "loss=1,burst=2", False),
+        (0.0, "loss=1,burst=3", False),
+        (0.0, "delay=0:4", True),
+        (0.0, "delay=0:5", False),
+        (0.0, "jitter=0.2", True),
+        (0.0, "jitter=0.3", False),
+        (0.0, "restarts=0.1", False),
     ],
 )
-def test_what_is_covered(faults, covered):
-    class Proved:
-        loss, burst, delay, jitter = 0.1, 2, (0, 4), 0.2
+def test_what_is_covered(loss, faults, covered):
+    """A mean over chances is proved for the one probability; everything else for as much or less."""
 
+    class Proved:
+        burst, delay, jitter = 2, (0, 4), 0.2
+
+    Proved.loss = loss
     assert NetworkGuarantee(1.0, Proved()).covers(NetworkFaults.parse(faults)) is covered
     assert not NetworkGuarantee(None, Proved()).covers(NetworkFaults.parse(faults))
 

@@ -155,6 +155,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         "decay": None if claims.decay is None else f"{claims.decay:g} 1/s, of every disagreement",
         **({"rho, delta and decay are": "of the continuous controllers (proof: exact)"} if covered else {}),
         **_limits(stored),
+        "messages": _network(stored),
         "controllers": _alone(stored),
     }
 
@@ -214,31 +215,40 @@ def signed_lines(stored: Stored) -> dict[str, str]:
     unclipped = (
         "meets no limit (where that is proved, `limits` says)" if stored.problem.has_limits else "unclipped"
     )
+    arrives = "every message arrives"
+    if stored.claims.messages is not None:
+        arrives += ", or as `messages` says"
     residual, rms = (_two_digits(one) for one in (sampled.residual, sampled.residual_rms))
     return {
         "proved": f"all agents come to agree, between the samples too, under these {table.real} controllers stepped every"
         f" {table.period!r} s with u held, every rounding of a step counted",
         "assumes": f"the agents obey their model with slopes up to {_slopes(stored)}; all step at one instant;"
-        f" {_network(stored)}; u acts {applied} and {unclipped}; no step overflows",
+        f" {arrives}; u acts {applied} and {unclipped}; no step overflows",
         "remains": "at the sampling instants, in the end, a distance of the states from agreement of up to"
         f" {residual} times the largest error of a message or of an own reading (root mean square: {rms} times);"
         f" rounding a message to {table.real} errs by {PRECISIONS[table.real].u:.1e} of its size",
     }
 
 
-def _network(stored: Stored) -> str:
-    """Return what is assumed of the messages: that all arrive, or the bounds that are claimed."""
+def _network(stored: Stored) -> str | None:
+    """Return what is claimed of messages that do not all arrive, and of whom: listeners that hold stamped differences."""
     claimed = stored.claims.messages
     if claimed is None:
-        return "every message arrives"
+        return None
     one = claimed.messages
     parts = [
-        f"a link loses a message with a probability of at most {one.loss:g}" if one.loss else "",
+        f"a link loses a message with a probability of {one.loss:g}" if one.loss else "",
         f"at most {one.burst} are lost in a row" if one.burst else "",
         f"they are at most {one.delay[1]} periods late" if one.delay[1] else "",
         f"a reading is taken at most {one.jitter:g} of a period early" if one.jitter else "",
     ]
-    return ", ".join(part for part in parts if part) or "every message arrives"
+    faults = ", ".join(part for part in parts if part) or "every message arrives"
+    mean = " in the mean square" if one.loss else ""
+    gain = "" if claimed.rho is None else f", rho = {claimed.rho:g}"
+    return (
+        f"{faults}: all come to agree{gain}{mean}, where differences are stamped as in `generate --messages`;"
+        " of a step that holds a message itself nothing is proved"
+    )
 
 
 def _slopes(stored: Stored) -> str:

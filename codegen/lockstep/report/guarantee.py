@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from lockstep.codegen.emit import claims
 
-LINES = {"proved": "Proved", "covers": "Covered", "assumes": "Assumed", "remains": "What remains"}
+LINES = {"proved": "Proved", "covers": "Covered", "assumes": "Assumed", "remains": "What remains", "messages": "Messages"}
 """Keys of the manifest's certificate, which `lockstep.codegen.from_design` fills."""
 
 

@@ -6,6 +6,7 @@ loss) int |z|^2 <= rho^2 int |xi_d|^2 of every run from agreement; with independ
 """
 
 import json
+import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
@@ -69,15 +70,15 @@ class NetworkGuarantee:
     proved: MessagesProved | None = None
 
     def covers(self, faults: NetworkFaults) -> bool:
-        """Tell whether no more happens to messages than was proved for, by the rules that the faults follow."""
+        """Tell whether what was proved is of such faults: chance loses as many, and nothing else is more than was proved."""
         proved = self.proved
         if proved is None or self.rho is None or faults.restarts > 0:
             return False
         late = faults.delay[1] <= proved.delay[1] and faults.jitter <= proved.jitter
         if faults.burst is not None:
-            return late and faults.burst <= proved.burst
+            return late and faults.burst <= proved.burst and not proved.loss
         together = 1.0 - (1.0 - faults.loss) * (1.0 - faults.corrupt)
-        return late and not faults.to_bad and together <= proved.loss
+        return late and not faults.to_bad and math.isclose(together, proved.loss, rel_tol=1e-9)
 
 
 @dataclass(frozen=True, eq=False)
