@@ -155,7 +155,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         "decay": None if claims.decay is None else f"{claims.decay:g} 1/s, of every disagreement",
         **({"rho, delta and decay are": "of the continuous controllers (proof: exact)"} if covered else {}),
         **_limits(stored),
-        "messages": _network(stored),
+        **_network(stored),
         "controllers": _alone(stored),
     }
 
@@ -230,11 +230,11 @@ def signed_lines(stored: Stored) -> dict[str, str]:
     }
 
 
-def _network(stored: Stored) -> str | None:
+def _network(stored: Stored) -> dict[str, str]:
     """Return what is claimed of messages that do not all arrive, and of whom: listeners that hold stamped differences."""
     claimed = stored.claims.messages
     if claimed is None:
-        return None
+        return {}
     one = claimed.messages
     parts = [
         f"a link loses a message with a probability of {one.loss:g}" if one.loss else "",
@@ -245,10 +245,11 @@ def _network(stored: Stored) -> str | None:
     faults = ", ".join(part for part in parts if part) or "every message arrives"
     mean = " in the mean square" if one.loss else ""
     gain = "" if claimed.rho is None else f", rho = {claimed.rho:g}"
-    return (
+    said = (
         f"{faults}: all come to agree{gain}{mean}, where differences are stamped as in `generate --messages`;"
         " of a step that holds a message itself nothing is proved"
     )
+    return {"messages": said}
 
 
 def _slopes(stored: Stored) -> str:
