@@ -94,6 +94,7 @@ def is_large(
         "the adaptive integrator": changes.method != "rk4",
         "the worst disturbance": disturbance == "worst",
         "gain errors": errors != "none",
+        "send on change": changes.change is not None,
         "inputs that are clipped": stored.problem.has_limits,
         "a channel that loses or delays": not channel_of(table.channel, 0).is_ideal,
     }

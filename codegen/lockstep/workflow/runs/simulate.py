@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -37,6 +37,7 @@ class Simulation:
         measured: |z|, |xi_d|, and the rho they are held against.
         controllers: "continuous", "sampled" or "compiled".
         disturbance, seed, step, integrator: of the run.
+        threshold: of send on change, None without it;  residual: what is proved of it (`Promise.residual`).
     """
 
     design: Design
@@ -47,6 +48,8 @@ class Simulation:
     seed: int
     step: float
     integrator: str
+    threshold: float | None = field(default=None, kw_only=True)
+    residual: tuple[float, float] | None = field(default=None, kw_only=True)
 
     @property
     def ok(self) -> bool:
@@ -84,8 +87,32 @@ class Simulation:
             **self.of_each(),
             "faults": trajectory.faults,
             "clipped": trajectory.clipped,
+            **({"messages": self.messages} if self.messages else {}),
             "l2": l2,
             **error,
+        }
+
+    @property
+    def messages(self) -> dict[str, Any]:
+        """What send on change saved, and the residual that it costs; nothing without it.
+
+        residual: kappa e + mu, in which kappa is `residual_per_message_error`, mu that of underflow, and e = c + u |y| the
+        largest error of an entry of a message or of an own reading: the threshold, and the rounding of the largest output.
+        """
+        import numpy as np
+
+        if self.threshold is None:
+            return {}
+        trajectory, precision = self.trajectory, self.design.problem.controller.real
+        y = float(np.abs(trajectory.y).max())
+        error = self.threshold + float(np.finfo(precision).eps) / 2 * y
+        proved = self.residual and self.residual[0] * error + self.residual[1]
+        offered = trajectory.sent + trajectory.saved
+        return {
+            "threshold": self.threshold,
+            "sent": trajectory.sent,
+            "saved": trajectory.saved / offered,
+            "residual": proved,
         }
 
     def of_each(self) -> dict[str, Any]:
@@ -167,6 +194,7 @@ def simulate(
     output: Path | str | None = None,
     figures: Path | str | None = None,
     neighbours: "NeighbourLists | EdgeList | None" = None,
+    send_on_change: float | None = None,
     progress: Progress = silent,
 ) -> Simulation:
     """Simulate the nonlinear closed loop of a design, and hold the run against what is proved of it.
@@ -182,6 +210,7 @@ def simulate(
         output: where to write the trajectory (CSV), if anywhere.
         figures: a folder in which to draw the run as PNG and PDF, if any.
         neighbours: another graph than the design's, of any size, for controllers that are all the same.
+        send_on_change: c: an agent sends only where some output differs from the one last sent by more than this.
         progress: told what is being done and the part of it that is done.
 
     Raises:
@@ -191,7 +220,7 @@ def simulate(
     from lockstep.verification.measured import measured, network_of_design, promise
     from lockstep.workflow.runs.large import is_large, simulate_large
 
-    kind, changes = _checked(controllers, horizon, seed, disturbance, perturbation, integrator)
+    kind, changes = _checked(controllers, horizon, seed, disturbance, perturbation, integrator, send_on_change)
     written, drawn = (None if one is None else Path(one) for one in (output, figures))
     check_writable(written, None if isinstance(design, Design) else Path(design))
     if drawn is not None:
@@ -222,6 +251,8 @@ def simulate(
         table.seed if changes.seed is None else changes.seed,
         scenario.step,
         scenario.method,
+        threshold=changes.change,
+        residual=promised.residual,
     )
     return _kept(made, drawn, written)
 
@@ -260,6 +291,7 @@ def _checked(
     disturbance: str | None,
     perturbation: str | None,
     integrator: str,
+    change: float | None,
 ) -> "tuple[Kind, Changes]":
     from lockstep.model.simulation.from_problem import Changes
     from lockstep.model.simulation.integrate import Method
@@ -270,7 +302,7 @@ def _checked(
     if integrator not in get_args(Method):
         raise ProblemError(f"`{integrator}`", where="--integrator", expected=" or ".join(get_args(Method)))
     method: Any = integrator
-    return kind, Changes(horizon, seed, disturbance, method, perturbation)  # type: ignore[return-value]
+    return kind, Changes(horizon, seed, disturbance, method, perturbation, change)  # type: ignore[return-value]
 
 
 def _scenario(stored: "Stored", network: "Network", kind: "Kind", changes: "Changes") -> "Scenario":

@@ -38,6 +38,7 @@ class Trajectory:
         xi_hold: the same of xi.
         faults: how many steps of sampled controllers reported a fault and held their output.
         clipped: how many of them clipped an input at its limit.
+        sent, saved: messages of all links that were sent, and that send on change did without.
 
     Raises:
         ProblemError: shapes that do not fit, instants that do not increase, or a number that is not finite.
@@ -57,6 +58,8 @@ class Trajectory:
     xi_hold: Hold = "held"
     faults: int = 0
     clipped: int = 0
+    sent: int = 0
+    saved: int = 0
 
     def __post_init__(self) -> None:
         t = np.asarray(self.t, dtype=float)
