@@ -79,6 +79,7 @@ LATER = {
         ],
         1000,
     ),
+    "send on change": (["model/lockstep/model/simulation/send_on_change.py"], 50),
     "check: one image for all nodes": (["check/lockstep/check/c_source/node.py"], 140),
     "codegen: one image for all nodes": (
         ["codegen/lockstep/codegen/one_image.py", f"{VERIFICATION}/nodes.py"],

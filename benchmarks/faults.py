@@ -1,11 +1,11 @@
 """100 000 runs of the arms' nodes on bad networks, each network with what is proved of it: none above that.
 
-Run by hand:  python benchmarks/faults.py [--runs 100000] [--networks loss burst delay jitter mixed] [--seed 1] [--jobs 2] [--json]
+Run by hand:  python benchmarks/faults.py [--runs 100000] [--networks loss burst delay jitter mixed] [--seed 1] [--jobs 2]
 
 For each network the committed arms are asked to carry it ([network.messages]), which is proved anew and decided by the
-checker; then the compiled nodes run on it, 10 s each. Every other run starts in agreement and is disturbed: it is held against
-rho, in the mean square where messages are lost by chance. The others start anywhere: they may not diverge, and how much of their
-disagreement is left is shown. Exit status 1 if a run diverged or rho is exceeded.
+checker; then the compiled nodes run on it, 10 s each. Every other run starts in agreement and is disturbed: it is held
+against rho, in the mean square where messages are lost by chance. The others start anywhere: they may not diverge, and
+how much of their disagreement is left is shown. Exit status 1 if a run diverged or rho is exceeded.
 """
 
 import argparse
@@ -46,7 +46,18 @@ def measured(name: str, runs: int, seed: int, jobs: int | None) -> dict[str, Any
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         document = network_campaign(design, faults, runs, folder, seed=seed, jobs=jobs).document()
-    wanted = ("ok", "runs", "seed", "covered", "rho", "gain", "gain_of", "diverged", "lost", "disagreement_kept")
+    wanted = (
+        "ok",
+        "runs",
+        "seed",
+        "covered",
+        "rho",
+        "gain",
+        "gain_of",
+        "diverged",
+        "lost",
+        "disagreement_kept",
+    )
     seconds = time.process_time() - began
     return {"network": name, "faults": faults, **{key: document[key] for key in wanted}, "seconds": seconds}
 

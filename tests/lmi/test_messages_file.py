@@ -127,7 +127,9 @@ def test_header_and_manifest_assume_the_bounds_on_the_network(made, tmp_path):
     name = next((folder / "include").glob("*1.h")).stem
     for path in (folder / "include" / f"{name}.h", folder / "messages" / f"{name}_node.h"):
         said = " ".join(path.read_text().replace("\n *", " ").split())
-        assert "messages = a link loses a message with a probability of 0.2, at most 1 are lost in a row" in said
+        assert (
+            "messages = a link loses a message with a probability of 0.2, at most 1 are lost in a row" in said
+        )
         assert "where differences are stamped" in said
         assert "Of messages that are late or lost nothing is claimed" not in said
     assert "every message arrives, or as `messages` says" in " ".join(

@@ -287,7 +287,11 @@ def simulate(
     integrator: Annotated[str, typer.Option(help='"rk4" or "adaptive".')] = "rk4",
     send_on_change: Annotated[
         float | None,
-        _option(min=0.0, metavar="C", help="An agent sends where an output has changed by more than C since it sent."),
+        _option(
+            min=0.0,
+            metavar="C",
+            help="An agent sends where an output has changed by more than C since it sent.",
+        ),
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Plot in the terminal.")] = False,
     figures: Annotated[

@@ -4,7 +4,13 @@ from collections.abc import Mapping
 
 from lockstep.codegen.emit import claims
 
-LINES = {"proved": "Proved", "covers": "Covered", "assumes": "Assumed", "remains": "What remains", "messages": "Messages"}
+LINES = {
+    "proved": "Proved",
+    "covers": "Covered",
+    "assumes": "Assumed",
+    "remains": "What remains",
+    "messages": "Messages",
+}
 """Keys of the manifest's certificate, which `lockstep.codegen.from_design` fills."""
 
 

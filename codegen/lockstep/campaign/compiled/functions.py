@@ -8,12 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.campaign.compiled.statements import DOUBLE, LaneFunction, lane_function
-from lockstep.check.continuous.inequality import Performance
+from lockstep.check.continuous.inequality import LETTERS, Performance
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.loop import Gains
 from lockstep.model.network import Network
-
-LETTERS = "ABCD"
 
 
 def continuous_functions(

@@ -114,7 +114,7 @@ class NetworkCampaign:
 
     @property
     def gain(self) -> float:
-        """Return |z| / |xi_d| of the disturbed runs: the largest of those held, or with independent losses the root of its mean square."""
+        """Return |z| / |xi_d| of disturbed runs: the largest of those held; with losses by chance the root mean square."""
         squares = self["z2"][::2] / self["xi2"][::2]
         if self.faults.oldest is not None:
             return float(np.sqrt(squares[self.held if self.held.any() else slice(None)].max()))

@@ -40,8 +40,8 @@ COLUMNS = (
         "implausible",
     ),
 )
-"""Of a run: int |z|^2 and int |xi_d|^2, the disagreement, faulty steps and such that clipped u, Runge-Kutta steps with an agent
-out of its domain, messages lost and sent, steps with a stale neighbour, and what was refused, by reason."""
+"""Of a run: int |z|^2 and int |xi_d|^2, the disagreement, faulty steps and such that clipped u, Runge-Kutta steps with an
+agent out of its domain, messages lost and sent, steps with a stale neighbour, and what was refused, by reason."""
 
 SYMBOL = "lockstep_network_runs"
 
@@ -127,7 +127,7 @@ def network_loop(
 
 
 def _advance(network: Network, weights: Performance, manifest: Manifest) -> ca.Function:
-    """(x, u, xi, x_C, t) -> (x after a Runge-Kutta step, int |z|^2, int |xi_d|^2 over it, |x_d|^2 after it, and out of the domain)."""
+    """(x, u, xi, x_C, t) -> (x after a Runge-Kutta step, int |z|^2, int |xi_d|^2 over it, |x_d|^2 and `strays` after)."""
     N, n, m, n_C = network.N, network.agent.n, network.agent.m, manifest.agents[0].order
     x, u, xi = ca.SX.sym("x", n, N), ca.SX.sym("u", m, N), ca.SX.sym("xi", n, N)
     x_C, t = ca.SX.sym("x_C", n_C, N), ca.SX.sym("t")
@@ -147,7 +147,9 @@ def _advance(network: Network, weights: Performance, manifest: Manifest) -> ca.F
     z = h / 6 * (z1 + 2 * z2 + 2 * z3 + z4) + h * on_controllers(x_C, weights.Q)
     inputs = [ca.vec(x), ca.vec(u), ca.vec(xi), ca.vec(x_C), t]
     apart, entered = (on_disagreement(network, one, np.eye(n)) for one in (after, xi))
-    return ca.Function("lockstep_advance", inputs, [ca.vec(after), z, h * entered, apart, strays(network, after)])
+    return ca.Function(
+        "lockstep_advance", inputs, [ca.vec(after), z, h * entered, apart, strays(network, after)]
+    )
 
 
 def _generated(function: ca.Function) -> str:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from lockstep.model.network import Network
     from lockstep.model.simulation import SampledControllers, Scenario, Trajectory
     from lockstep.model.simulation.from_problem import Changes
+    from lockstep.model.simulation.send_on_change import SendOnChange
     from lockstep.swarm.neighbours import EdgeList, NeighbourLists
     from lockstep.verification.measured import Kind, Measured
 
@@ -37,7 +38,7 @@ class Simulation:
         measured: |z|, |xi_d|, and the rho they are held against.
         controllers: "continuous", "sampled" or "compiled".
         disturbance, seed, step, integrator: of the run.
-        threshold: of send on change, None without it;  residual: what is proved of it (`Promise.residual`).
+        on_change: its threshold and what is proved of it, None where every period is sent.
     """
 
     design: Design
@@ -48,8 +49,7 @@ class Simulation:
     seed: int
     step: float
     integrator: str
-    threshold: float | None = field(default=None, kw_only=True)
-    residual: tuple[float, float] | None = field(default=None, kw_only=True)
+    on_change: "SendOnChange | None" = field(default=None, kw_only=True)
 
     @property
     def ok(self) -> bool:
@@ -94,26 +94,9 @@ class Simulation:
 
     @property
     def messages(self) -> dict[str, Any]:
-        """What send on change saved, and the residual that it costs; nothing without it.
-
-        residual: kappa e + mu, in which kappa is `residual_per_message_error`, mu that of underflow, and e = c + u |y| the
-        largest error of an entry of a message or of an own reading: the threshold, and the rounding of the largest output.
-        """
-        import numpy as np
-
-        if self.threshold is None:
-            return {}
-        trajectory, precision = self.trajectory, self.design.problem.controller.real
-        y = float(np.abs(trajectory.y).max())
-        error = self.threshold + float(np.finfo(precision).eps) / 2 * y
-        proved = self.residual and self.residual[0] * error + self.residual[1]
-        offered = trajectory.sent + trajectory.saved
-        return {
-            "threshold": self.threshold,
-            "sent": trajectory.sent,
-            "saved": trajectory.saved / offered,
-            "residual": proved,
-        }
+        """What send on change saved, and the residual that it costs; nothing without it."""
+        on = self.on_change
+        return {} if on is None else on.cost(self.trajectory, self.design.problem.controller.real)
 
     def of_each(self) -> dict[str, Any]:
         """Return the figures of each agent: `indices`, `effort`, `largest_input`."""
@@ -217,10 +200,13 @@ def simulate(
         ProblemError: bad input, or an output that cannot be written.
     """
     from lockstep.model.simulation import simulate as run
+    from lockstep.model.simulation.send_on_change import SendOnChange
     from lockstep.verification.measured import measured, network_of_design, promise
     from lockstep.workflow.runs.large import is_large, simulate_large
 
-    kind, changes = _checked(controllers, horizon, seed, disturbance, perturbation, integrator, send_on_change)
+    kind, changes = _checked(
+        controllers, horizon, seed, disturbance, perturbation, integrator, send_on_change
+    )
     written, drawn = (None if one is None else Path(one) for one in (output, figures))
     check_writable(written, None if isinstance(design, Design) else Path(design))
     if drawn is not None:
@@ -251,8 +237,7 @@ def simulate(
         table.seed if changes.seed is None else changes.seed,
         scenario.step,
         scenario.method,
-        threshold=changes.change,
-        residual=promised.residual,
+        on_change=None if changes.change is None else SendOnChange(changes.change, promised.residual),
     )
     return _kept(made, drawn, written)
 

@@ -4,9 +4,7 @@ A message of agent j, its output y_j sampled at t_k, arrives at a listener `dela
 listener's own output is not delayed. What the listener does without a message is its own affair: the C code uses the
 last one again, and before the first one ever takes the term as zero.
 
-With send on change an agent sends at first, and then only where some output differs from the one last sent by more than a
-threshold c. A listener that takes its own readings of now is thus off by at most c in each entry of a message, as long as
-what is sent arrives.
+With send on change (`send_on_change`) there are fewer of them.
 
 Quantisation is the converter's, so an agent hears of itself and of others in the same numbers: agents that agree then
 see r = 0.
@@ -27,7 +25,7 @@ class MessageChannel:
     """delay: whole periods;  drop: the probability that a message is lost, each by itself;  seed: of the losses.
 
     bits, full_scale: outputs are rounded to multiples of full_scale / 2^(bits - 1) and clipped to +-full_scale, as a
-    converter of so many bits does;  real: outputs are rounded to this type first;  change: c, None where every period is sent.
+    converter of so many bits does;  real: outputs are rounded to this type first;  change: c; None: all is sent.
     """
 
     delay: int = 0
@@ -72,18 +70,6 @@ class MessageChannel:
             return y
         quantum = self.full_scale / 2 ** (self.bits - 1)
         return np.asarray(quantum * np.clip(np.rint(y / quantum), *self._codes))
-
-    def sent(
-        self, y: Float[np.ndarray, "N q"], last: Float[np.ndarray, "N q"] | None
-    ) -> Bool[np.ndarray, " N"]:
-        """Return which agents send, last being what each sent last, None before the first time.
-
-        >>> MessageChannel(change=0.1).sent(np.array([[1.0], [1.2]]), np.array([[1.05], [1.05]])).tolist()
-        [False, True]
-        """
-        if self.change is None or last is None:
-            return np.ones(len(y), dtype=bool)
-        return np.asarray((np.abs(y.astype(float) - last.astype(float)) > self.change).any(axis=1))
 
     def arrivals(self, steps: int, edges: int) -> Bool[np.ndarray, "steps edges"]:
         """Return which messages arrive: one row per step, one column per edge."""

@@ -20,6 +20,7 @@ from lockstep.model.simulation.perturbation import check_sizes
 from lockstep.model.simulation.quadrature import Hold
 from lockstep.model.simulation.sampled import CLIPPED, OK, SampledControllers
 from lockstep.model.simulation.scenario import Scenario, whole_number
+from lockstep.model.simulation.send_on_change import Senders
 from lockstep.model.simulation.trajectory import Trajectory
 
 
@@ -111,7 +112,7 @@ def _sampled(network: Network, controllers: SampledControllers, scenario: Scenar
         x[now] = states.reshape(per + 1, *scenario.start.shape)
         check_bounded(t[now], x[now], network.agent.states, network.agent.name)
     x_C[-1] = program.memory
-    counts = (program.faults, program.clipped, program.sent, program.saved)
+    counts = (program.faults, program.clipped, program.senders.sent, program.senders.saved)
     return _record(network, t, x, x_C, u, xi.at(t, t), hold="held", xi_hold=xi.hold, counts=counts)
 
 
@@ -139,9 +140,9 @@ class _Program:
         edges = sum(len(heard) for heard in controllers.sources)
         self._arrivals = iter(self._channel.arrivals(periods, edges))
         self._sent: list[tuple[np.ndarray, np.ndarray]] = []
-        self._last: np.ndarray | None = None
+        self.senders = Senders(controllers.sources, self._channel.change)
         self._pending = np.zeros((network.N, network.agent.m))
-        self.faults = self.clipped = self.sent = self.saved = 0
+        self.faults = self.clipped = 0
 
     @property
     def memory(self) -> Float[np.ndarray, "N n_C"]:
@@ -153,18 +154,14 @@ class _Program:
         real = np.dtype(self._all.real)
         with np.errstate(over="ignore", under="ignore"):
             y = self._channel.quantised(x @ self._C.T).astype(real)
-        sends = self._channel.sent(y, self._last)
-        self._last = y if self._last is None else np.where(sends[:, None], y, self._last)
-        self._sent = [*self._sent, (y, sends)][-1 - self._channel.delay :]
+        self._sent = [*self._sent, (y, self.senders.sends(y))][-1 - self._channel.delay :]
         # a message of `delay` periods ago: there is none in the first periods
-        heard, there = self._sent[0] if len(self._sent) > self._channel.delay else (None, sends)
+        heard, there = self._sent[0] if len(self._sent) > self._channel.delay else (None, None)
         arrived, u, first = next(self._arrivals), [], 0
         for i, sources in enumerate(self._all.sources):
             here = arrived[first : first + len(sources)]
             first += len(sources)
-            out_of_all = int(sends[list(sources)].sum())
-            self.sent, self.saved = self.sent + out_of_all, self.saved + len(sources) - out_of_all
-            received = 0 if heard is None else _mask(here & there[list(sources)])
+            received = 0 if heard is None or there is None else _mask(here & there[list(sources)])
             rows = np.zeros((len(sources), y.shape[1]), real) if heard is None else heard[list(sources)]
             status, out = self._all.steppers[i].step(y[i], rows, received)
             self.faults += status not in (OK, CLIPPED)
