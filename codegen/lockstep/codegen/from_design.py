@@ -8,6 +8,7 @@ import numpy as np
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.controller import PRECISIONS
+from lockstep.codegen.message_claims import said_of_messages
 from lockstep.codegen.one_image import OneImage, Table
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.codegen.spec import (
@@ -155,7 +156,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         "decay": None if claims.decay is None else f"{claims.decay:g} 1/s, of every disagreement",
         **({"rho, delta and decay are": "of the continuous controllers (proof: exact)"} if covered else {}),
         **_limits(stored),
-        **_network(stored),
+        **said_of_messages(stored),
         "controllers": _alone(stored),
     }
 
@@ -228,28 +229,6 @@ def signed_lines(stored: Stored) -> dict[str, str]:
         f" {residual} times the largest error of a message or of an own reading (root mean square: {rms} times);"
         f" rounding a message to {table.real} errs by {PRECISIONS[table.real].u:.1e} of its size",
     }
-
-
-def _network(stored: Stored) -> dict[str, str]:
-    """Return what is claimed of messages that do not all arrive, and of whom: listeners that hold stamped differences."""
-    claimed = stored.claims.messages
-    if claimed is None:
-        return {}
-    one = claimed.messages
-    parts = [
-        f"a link loses a message with a probability of {one.loss:g}" if one.loss else "",
-        f"at most {one.burst} are lost in a row" if one.burst else "",
-        f"they are at most {one.delay[1]} periods late" if one.delay[1] else "",
-        f"a reading is taken at most {one.jitter:g} of a period early" if one.jitter else "",
-    ]
-    faults = ", ".join(part for part in parts if part) or "every message arrives"
-    mean = " in the mean square" if one.loss else ""
-    gain = "" if claimed.rho is None else f", rho = {claimed.rho:g}"
-    said = (
-        f"{faults}: all come to agree{gain}{mean}, where differences are stamped as in `generate --messages`;"
-        " of a step that holds a message itself nothing is proved"
-    )
-    return {"messages": said}
 
 
 def _slopes(stored: Stored) -> str:
