@@ -43,10 +43,10 @@
  *   stack            at most 224 bytes on Cortex-M4F, Cortex-M7; interrupt frame not counted
  *   stack            at most 304 bytes on RV32IMAC; interrupt frame not counted
  *   stack            at most 336 bytes on Cortex-M0; interrupt frame not counted
- *   flash            at most 1836 bytes on Cortex-M0
- *   flash            at most 1912 bytes on Cortex-M4F, Cortex-M7
- *   flash            at most 2060 bytes on RV32IMAFC
- *   flash            at most 2448 bytes on RV32IMAC
+ *   flash            at most 1823 bytes on Cortex-M0
+ *   flash            at most 1899 bytes on Cortex-M4F, Cortex-M7
+ *   flash            at most 2047 bytes on RV32IMAFC
+ *   flash            at most 2435 bytes on RV32IMAC
  *   arithmetic       12 multiplications and 9 additions in the controller itself
  *   no heap, no recursion, no loop without a constant bound, and the source calls no library function.
  *   The compiler may still call memcpy or memset for a copy, and on a core without single-precision hardware its
