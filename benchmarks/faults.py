@@ -27,7 +27,10 @@ NETWORKS: dict[str, tuple[dict[str, Any], str]] = {
     "burst": ({"burst": 5}, "loss=0.9,burst=5"),
     "delay": ({"delay": [0, 5]}, "delay=0:5"),
     "jitter": ({"jitter": 0.1}, "jitter=0.1"),
-    "mixed": ({"loss": 0.2, "delay": [0, 2], "jitter": 0.05}, "loss=0.2,delay=0:2,jitter=0.05,twice=0.1"),
+    "mixed": (
+        {"loss": 0.2, "burst": 2, "delay": [0, 2], "jitter": 0.05},
+        "loss=0.2,delay=0:2,jitter=0.05,twice=0.1",
+    ),
 }
 """What a problem asks for, and the faults of the runs."""
 
