@@ -20,6 +20,8 @@
 
 #define OF_AGENT(suffix) JOIN(AGENT, suffix)
 
+enum { OK = 0, CLIPPED = 8 }; /* good steps: of the header, whose names are the agent's in capitals */
+
 int JOIN(node_, AGENT)(const node_t *node)
 {
     static OF_AGENT(_node_t) self;
@@ -41,7 +43,9 @@ int JOIN(node_, AGENT)(const node_t *node)
             while ((length = recv(node->socket, bytes, sizeof bytes, MSG_DONTWAIT)) >= 0) {
                 (void)OF_AGENT(_receive)(&self, bytes, (uint32_t)length);
             }
-            if (OF_AGENT(_node_step)(&self, tick.instant, tick.y, &answer.u) != 0) return 4;
+            const int status = (int)OF_AGENT(_node_step)(&self, tick.instant, tick.y, &answer.u);
+
+            if (status != OK && status != CLIPPED) return 4;
             if (self.stale != 0) {
                 OF_AGENT(_node_reset)(&self);
                 answer.u = 0.0f;

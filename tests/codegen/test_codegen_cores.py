@@ -1,5 +1,7 @@
 """The code of each emulated microcontroller; skipped, and said so, where the packages are missing."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from codegen_cases import arms, random_controller, shapes
@@ -82,6 +84,25 @@ def test_orders_0_to_12_keep_to_the_stated_stack_and_flash(tmp_path, group, opti
     spec = shapes([0, 3, 6, 12], [1, 3, 4], [2], optimize=optimize)
     folder = write_folder(emit(spec), tmp_path / "shapes")
     assert verify_folder(folder, targets=[group], steps=20, adversarial_steps=100).problems == ()
+
+
+@needs_emulator
+@pytest.mark.slow
+@pytest.mark.parametrize("real", ["float32", "float64"])
+@pytest.mark.parametrize("group", CORES)
+@pytest.mark.usefixtures("all_levels")
+def test_many_inputs_and_limits_keep_to_the_stated_stack_and_flash(tmp_path, group, real):
+    """clang unrolls what is done for each input, the clipping most of all."""
+    for optimize in ("speed", "size"):
+        spec = shapes([0, 3], [1], [1, 4, 8], optimize=optimize, real=real)
+        limited = [
+            dataclasses.replace(agent, limits=np.tile([-0.7, 1.3], (len(agent.inputs), 1)))
+            for agent in spec.agents
+        ]
+        for name, agents in (("free", spec.agents), ("limited", tuple(limited))):
+            made = emit(dataclasses.replace(spec, agents=agents))
+            folder = write_folder(made, tmp_path / f"{name}_{optimize}")
+            assert verify_folder(folder, targets=[group], steps=20, adversarial_steps=100).problems == ()
 
 
 @needs_emulator

@@ -11,7 +11,7 @@ from door_cases import folder_of, generated, needs, run
 from typer.testing import CliRunner
 
 from lockstep.cli.main import app
-from lockstep.codegen.calls import RESET, STEP_RELATIVE
+from lockstep.codegen.calls import APPLIED, RESET, STEP_RELATIVE
 from lockstep.codegen.doors.vectors import vectors
 from lockstep.codegen.manifest import load_manifest
 from lockstep.verification.reference import Reference
@@ -36,6 +36,7 @@ fn main() {{
         let status = match words[0] {{
             1 => controller.step_relative(real[(1 + NEIGHBOURS) * OUTPUTS..].try_into().unwrap(), &mut u),
             2 => {{ controller.reset(); {crate_}::Status::OK }}
+            {applied}
             4 => {{ controller = Controller::new().unwrap(); {crate_}::Status(3) }} // no state here is uninitialised
             _ => controller.step(real[..OUTPUTS].try_into().unwrap(), &neighbour_y, words[1] as Mask, &mut u),
         }};
@@ -47,6 +48,9 @@ fn main() {{
     }}
 }}
 """
+
+APPLIED_ARM = "5 => controller.applied(real[(1 + NEIGHBOURS) * OUTPUTS..][..INPUTS].try_into().unwrap()),"
+"""Of agents whose inputs are clipped: the relative output is given back as what was applied."""
 
 
 def compared(folder, tmp_path, index=0):
@@ -60,7 +64,12 @@ def compared(folder, tmp_path, index=0):
         f'[dependencies]\n{manifest.name} = {{ path = "{folder / "rust"}" }}\n'
     )
     (program / "src" / "main.rs").write_text(
-        MAIN.format(crate_=manifest.name, agent=agent.name, real=f"f{8 * width}")
+        MAIN.format(
+            crate_=manifest.name,
+            agent=agent.name,
+            real=f"f{8 * width}",
+            applied=APPLIED_ARM if agent.limits is not None else "",
+        )
     )
     calls = vectors(agent, manifest)
     values = np.concatenate([calls.y, calls.neighbour_y.reshape(len(calls.y), -1), calls.r], axis=1)
@@ -76,7 +85,7 @@ def compared(folder, tmp_path, index=0):
     wrong = 0
     for k, line in enumerate(printed.decode().splitlines()):
         status, *u = line.split()
-        same_u = calls.operation[k] == RESET or [int(word, 16) for word in u] == bits[k]
+        same_u = calls.operation[k] in (RESET, APPLIED) or [int(word, 16) for word in u] == bits[k]
         wrong += not (same_u and int(status) == expected.status[k])
     assert len(printed.splitlines()) == len(lines) == 200
     assert (calls.operation == STEP_RELATIVE).any()

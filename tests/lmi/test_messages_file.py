@@ -121,10 +121,20 @@ def test_what_is_not_carried_is_refused_and_says_what_is():
 
 
 def test_header_and_manifest_assume_the_bounds_on_the_network(made, tmp_path):
+    """Of nodes that stamp, and of no others: a step that holds a message itself compares two instants."""
     folder = tmp_path / "c"
-    generate(made, folder)
-    header = next((folder / "include").glob("*1.h")).read_text()
-    assert "every message arrives" not in " ".join(header.split())
+    generate(made, folder, doors=["messages"])
+    name = next((folder / "include").glob("*1.h")).stem
+    for path in (folder / "include" / f"{name}.h", folder / "messages" / f"{name}_node.h"):
+        said = " ".join(path.read_text().replace("\n *", " ").split())
+        assert (
+            "messages = a link loses a message with a probability of 0.2, at most 1 are lost in a row" in said
+        )
+        assert "where differences are stamped" in said
+        assert "Of messages that are late or lost nothing is claimed" not in said
+    assert "every message arrives, or as `messages` says" in " ".join(
+        (folder / "include" / f"{name}.h").read_text().replace("\n *", " ").split()
+    )
     assert certify(folder).ok
 
 
@@ -170,4 +180,5 @@ def test_a_table_that_cannot_be_is_refused_by_name(table, said):
 def test_absent_keys_say_that_nothing_happens():
     assert messages_of({}) == Messages()
     assert messages_of({"delay": [1, 2], "burst": 3}).age == 5
-    assert deepcopy(Messages(0.1)).within(Messages(0.2, 1))
+    assert deepcopy(Messages(0.2)).within(Messages(0.2, 1))
+    assert not Messages(0.1).within(Messages(0.2, 1)), "the mean over chances is proved of one probability"

@@ -25,7 +25,7 @@ def decide_messages(
         weights: of rho.
     """
     if asked is not None and not (claimed and asked.within(claimed.messages)):
-        yield "messages", Verdict("undecided", "[network.messages] asks for more than is claimed")
+        yield "messages", Verdict("undecided", "[network.messages] asks for more than is claimed, or other")
     elif claimed is not None:
         text = f"with {claimed.messages.text}"
         yield "messages", _said(loop, claimed, proofs.messages, text)

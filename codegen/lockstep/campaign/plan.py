@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.campaign.compiled.functions import LETTERS
 from lockstep.campaign.compiled.layout import Features
 from lockstep.campaign.compiled.source import CampaignSource, continuous_source, sampled_source
 from lockstep.campaign.guarantee import Controllers, Guarantee, guarantee_of
 from lockstep.campaign.peaks import Peak, peaks
 from lockstep.campaign.response import Response, continuous_response, sampled_response
-from lockstep.check.continuous.inequality import Performance
+from lockstep.check.continuous.inequality import LETTERS, Performance
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.lmi.document import Stored

@@ -56,13 +56,12 @@ def _run_faults(path: Path, faults: str, runs: int, output: Path, options: dict[
     with progress_display() as tell:
         found = network_campaign(path, faults, runs, output, **options, progress=tell)
     document = found.document()
-    claimed = (
-        f"{document['rho']:g} is claimed" if document["covered"] else "nothing is claimed of such a network"
-    )
+    claimed = f"{document['rho']:g} is claimed" if document["covered"] else "nothing is claimed of these runs"
     rows = {
         "runs": f"{document['runs']} of {document['horizon']:g} s each; {document['lost']:.1%} of the messages lost",
         "gain": f"{document['gain']:.4f} of {document['gain_of']}; {claimed}",
         "diverged": f"{document['diverged']} runs, {document['faulty_steps']} faulty controller steps",
+        "not covered": f"{document['clipped_runs']} runs met a limit of an input, {document['runs_outside']} left the domain",
         "refused": ", ".join(f"{count} {why}" for why, count in document["refused"].items() if count)
         or "none",
         "results": document["results"],

@@ -295,6 +295,14 @@ def simulate(
         ),
     ] = None,
     integrator: Annotated[str, typer.Option(help='"rk4" or "adaptive".')] = "rk4",
+    send_on_change: Annotated[
+        float | None,
+        _option(
+            min=0.0,
+            metavar="C",
+            help="An agent sends where an output has changed by more than C since it sent.",
+        ),
+    ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Plot in the terminal.")] = False,
     figures: Annotated[
         Path | None, _option(help="Draw the run as PNG and PDF in this folder.", metavar="DIR")
@@ -323,7 +331,9 @@ def simulate(
     from lockstep.cli.simulate import run
     from lockstep.workflow.runs.simulate_options import Many, Options
 
-    options = Options(controllers, horizon, seed, disturbance, integrator, plot, perturbation, figures)
+    options = Options(
+        controllers, horizon, seed, disturbance, integrator, plot, perturbation, figures, send_on_change
+    )
     run(design, options, Many(campaign, replay, output, scheduler, jobs, faults), as_json=json)
 
 

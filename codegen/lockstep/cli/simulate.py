@@ -81,6 +81,14 @@ def _tables(found: "Simulation", plot: str) -> RenderableType:
         rows["faults"] = f"{trajectory.faults} steps with a status other than OK or CLIPPED"
     if trajectory.clipped:
         rows["clipped"] = f"{trajectory.clipped} controller steps met a limit of an input"
+    if found.messages:
+        of = found.messages
+        proved = (
+            ""
+            if of["residual"] is None
+            else f"; in the end at most {of['residual']:.4g} apart, which is proved"
+        )
+        rows["send on change"] = f"{of['saved']:.1%} of the messages saved ({of['sent']} sent){proved}"
     # Three digits and folded cells: in 80 columns a figure that is cut says nothing.
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     headings = ("agent", "ISE", "IAE", "ITSE", "ITAE", "of u: ISE", "IAE", "ITSE", "ITAE")

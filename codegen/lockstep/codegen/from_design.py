@@ -10,6 +10,7 @@ from lockstep.check.design_file.fixed import FixedClaims
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.controller import PRECISIONS
 from lockstep.check.system.formation import measured_offsets
+from lockstep.codegen.message_claims import said_of_messages
 from lockstep.codegen.one_image import OneImage, Table
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.codegen.spec import (
@@ -183,6 +184,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         "decay": None if claims.decay is None else f"{claims.decay:g} 1/s, of every disagreement",
         **({"rho, delta and decay are": "of the continuous controllers (proof: exact)"} if covered else {}),
         **_limits(stored),
+        **said_of_messages(stored),
         "controllers": _alone(stored),
         **_formation(stored),
         **_leader(stored),
@@ -274,31 +276,19 @@ def signed_lines(stored: Stored) -> dict[str, str]:
     unclipped = (
         "meets no limit (where that is proved, `limits` says)" if stored.problem.has_limits else "unclipped"
     )
+    arrives = "every message arrives"
+    if stored.claims.messages is not None:
+        arrives += ", or as `messages` says"
     residual, rms = (_two_digits(one) for one in (sampled.residual, sampled.residual_rms))
     return {
         "proved": f"all agents come to agree, between the samples too, under these {table.real} controllers stepped every"
         f" {table.period!r} s with u held, every rounding of a step counted",
         "assumes": f"the agents obey their model with slopes up to {_slopes(stored)}; all step at one instant;"
-        f" {_network(stored)}; u acts {applied} and {unclipped}; no step overflows",
+        f" {arrives}; u acts {applied} and {unclipped}; no step overflows",
         "remains": "at the sampling instants, in the end, a distance of the states from agreement of up to"
         f" {residual} times the largest error of a message or of an own reading (root mean square: {rms} times);"
         f" rounding a message to {table.real} errs by {PRECISIONS[table.real].u:.1e} of its size",
     }
-
-
-def _network(stored: Stored) -> str:
-    """Return what is assumed of the messages: that all arrive, or the bounds that are claimed."""
-    claimed = stored.claims.messages
-    if claimed is None:
-        return "every message arrives"
-    one = claimed.messages
-    parts = [
-        f"a link loses a message with a probability of at most {one.loss:g}" if one.loss else "",
-        f"at most {one.burst} are lost in a row" if one.burst else "",
-        f"they are at most {one.delay[1]} periods late" if one.delay[1] else "",
-        f"a reading is taken at most {one.jitter:g} of a period early" if one.jitter else "",
-    ]
-    return ", ".join(part for part in parts if part) or "every message arrives"
 
 
 def _slopes(stored: Stored) -> str:

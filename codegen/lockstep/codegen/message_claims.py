@@ -97,3 +97,25 @@ def _shortfall(
     carried = messages_document(part_of(asked, low))
     said = f"{asked.text}: no certificate was found; with {part_of(asked, low).text} there is one"
     return {"reason": said, "certified_up_to": carried}
+
+
+def said_of_messages(stored: Stored) -> dict[str, str]:
+    """Return what is claimed of messages that do not all arrive, and of whom: listeners that hold stamped differences."""
+    claimed = stored.claims.messages
+    if claimed is None:
+        return {}
+    one = claimed.messages
+    parts = [
+        f"a link loses a message with a probability of {one.loss:g}" if one.loss else "",
+        f"at most {one.burst} are lost in a row" if one.burst else "",
+        f"they are at most {one.delay[1]} periods late" if one.delay[1] else "",
+        f"a reading is taken at most {one.jitter:g} of a period early" if one.jitter else "",
+    ]
+    faults = ", ".join(part for part in parts if part) or "every message arrives"
+    mean = " in the mean square" if one.loss else ""
+    gain = "" if claimed.rho is None else f", rho = {claimed.rho:g}"
+    said = (
+        f"{faults}: all come to agree{gain}{mean}, where differences are stamped as in `generate --messages`;"
+        " of a step that holds a message itself nothing is proved"
+    )
+    return {"messages": said}

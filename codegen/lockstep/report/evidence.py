@@ -4,8 +4,8 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from typing import Literal
 
+from lockstep.check.continuous.inequality import LETTERS
 from lockstep.codegen.manifest import AgentEntry
 from lockstep.codegen.rendering import render
 from lockstep.model.problem.lines import lines_of_keys
@@ -14,8 +14,6 @@ from lockstep.report.guarantee import lines_of
 
 TOOLS = ("lockstep-control", "casadi", "cvxpy", "clarabel", "python-flint", "numpy", "scipy")
 """Packages that a figure of the design may have come from; the proof rests on python-flint alone."""
-
-LETTERS: tuple[Literal["A", "B", "C", "D"], ...] = ("A", "B", "C", "D")
 
 MOST_PAGES = 100
 """Pages; of more agents the manifest has the same figures."""
@@ -120,6 +118,7 @@ def coefficients(agent: AgentEntry, text: str) -> Iterator[CoefficientRow]:
         for j in range(agent.order if letter in "AC" else len(agent.outputs))
     ]
     sampled = {letter: getattr(agent.sampled, letter) for letter in LETTERS}
+    continuous = {str(letter): rows for letter, rows in agent.continuous.items()}
     wanted = [
         (sampled[letter].decimal[i][j], "x" if letter in "AC" else "r", j)
         for letter, i, j in entries
@@ -133,7 +132,7 @@ def coefficients(agent: AgentEntry, text: str) -> Iterator[CoefficientRow]:
         value = sampled[letter].decimal[i][j]
         yield CoefficientRow(
             f"{letter}[{i + 1},{j + 1}]",
-            agent.continuous[letter][i][j],
+            continuous[letter][i][j],
             value,
             sampled[letter].hex[i][j],
             next(lines, 0) if value else 0,

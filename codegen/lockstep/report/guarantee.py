@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from lockstep.codegen.emit import claims
 
 LINES = {"proved": "Proved", "covers": "Covered", "assumes": "Assumed", "remains": "What remains"}
-LINES |= {"formation": "Formation", "leader": "Leader"}
+LINES |= {"messages": "Messages", "formation": "Formation", "leader": "Leader"}
 """Keys of the manifest's certificate, which `lockstep.codegen.from_design` fills."""
 
 

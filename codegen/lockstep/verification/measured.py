@@ -33,13 +33,17 @@ sampled proof adds for the rounding of messages, some 1e-7 of their size, is far
 
 @dataclass(frozen=True, eq=False)
 class Promise:
-    """What is proved of a loop: rho (None: nothing), its scope, the P of V where it is known, and why not."""
+    """What is proved of a loop: rho (None: nothing), its scope, the P of V where it is known, and why not.
+
+    residual: the ultimate distance from consensus per unit of error of every message entry, and that of underflow alone.
+    """
 
     kind: Kind
     rho: float | None
     scope: str | None
     P: Float[np.ndarray, "n_x n_x"] | None
     reason: str
+    residual: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -78,13 +82,16 @@ def promise(stored: Stored, kind: Kind) -> Promise:
         c = stored.proofs.certificate
         P = c.P if isinstance(c, Certificate) else None
         return Promise(kind, None if c is None else c.rho, verdict.scope, P, verdict.reason)
-    witness = stored.proofs.sampled_rho
+    witness, sampled = stored.proofs.sampled_rho, stored.claims.sampled
+    residual = None
+    if verdict.proves("sampled") and sampled.residual is not None and sampled.underflow is not None:
+        residual = sampled.residual, sampled.underflow
     if not verdict.proves("sampled_rho") or witness is None:
         reason = "no rho of the sampled loop is proved in the design file"
-        return Promise(kind, None, verdict.scope, None, reason)
-    rho, reason = stored.claims.sampled.rho, "proved of the sampled loop in ball arithmetic"
+        return Promise(kind, None, verdict.scope, None, reason, residual)
+    rho, reason = sampled.rho, "proved of the sampled loop in ball arithmetic"
     P = witness.P if isinstance(witness, Witness) else None
-    return Promise(kind, rho, verdict.scope, P, reason)
+    return Promise(kind, rho, verdict.scope, P, reason, residual)
 
 
 def network_of_design(stored: Stored) -> Network:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from lockstep.check.errors import ProblemError
 from lockstep.model.plain_json import plain
 from lockstep.model.problem import Problem
+from lockstep.model.problem.load import read_problem
 from lockstep.workflow.check import check
 from lockstep.workflow.design import DESIGN_NAME, Design, design
 from lockstep.workflow.files import of_file
@@ -112,6 +113,7 @@ def build(
             "gains to compare with are named", where="--against", expected="--trade-off with it"
         )
     others = gains_by_name(against)
+    source = "" if isinstance(problem, Problem) else read_problem(Path(problem))
     posed, checks = check(problem, every=True, progress=progress)
     with of_file(None if isinstance(problem, Problem) else Path(problem)):
         designed = design(posed, jobs=jobs, time_limit=time_limit, progress=progress, reuse=reuse, stop=stop)
@@ -124,7 +126,6 @@ def build(
     if not wrong:
         points = trade_off_points(made.stored, others, progress) if trade_off else ()
         progress("drawing the report", 0.5)
-        source = "" if isinstance(problem, Problem) else Path(problem).read_text(encoding="utf-8")
         written = _written(files, make_report(files, made.stored, checks, verified, points, source), folder)
     return Build(folder, checks, made, verified, (*wrong, *open_claims), written)
 

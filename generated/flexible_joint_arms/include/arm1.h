@@ -43,10 +43,10 @@
  *   stack            at most 224 bytes on Cortex-M4F, Cortex-M7; interrupt frame not counted
  *   stack            at most 304 bytes on RV32IMAC; interrupt frame not counted
  *   stack            at most 336 bytes on Cortex-M0; interrupt frame not counted
- *   flash            at most 1836 bytes on Cortex-M0
- *   flash            at most 1912 bytes on Cortex-M4F, Cortex-M7
- *   flash            at most 2060 bytes on RV32IMAFC
- *   flash            at most 2448 bytes on RV32IMAC
+ *   flash            at most 1823 bytes on Cortex-M0
+ *   flash            at most 1899 bytes on Cortex-M4F, Cortex-M7
+ *   flash            at most 2047 bytes on RV32IMAFC
+ *   flash            at most 2435 bytes on RV32IMAC
  *   arithmetic       12 multiplications and 9 additions in the controller itself
  *   no heap, no recursion, no loop without a constant bound, and the source calls no library function.
  *   The compiler may still call memcpy or memset for a copy, and on a core without single-precision hardware its
@@ -60,11 +60,11 @@
  *   at every call    look at the status; on a fault u repeats the last good value: decide what is safe for the plant.
  *                    A fault of the inputs ends with the inputs. An OVERFLOW that the state itself causes stays, since
  *                    the state is held: then call arm1_reset
- *   CLIPPED          is no fault: the step was taken, and u is the limit that it met. x+ depends on r alone, so clipping winds
+ *   CLIPPED          is no fault: the step was taken, and u is the limit that it would pass. x+ depends on r alone, so clipping winds
  *                    nothing up; no anti-windup gain is designed. Where less than u acts, tell arm1_applied
  *   after a stop     call arm1_reset
  *   a first message  moves u by D a_j (y - y_j) and nothing else: before it the neighbour's term is 0, and no message
- *                    from before a reset is used; with the neighbour in agreement u does not move
+ *                    from before a reset is used; with the neighbour in agreement u does not move (u before it is clipped)
  *   Instances share nothing. One instance is not to be stepped from two contexts at a time.
  *   Pointers are valid, none overlaps *state; u may overlap y or the neighbours' outputs.
  */
@@ -105,13 +105,13 @@ typedef enum {
     ARM1_NOT_READY = 3,
     /* Of init and self_check: known answers came out otherwise (contraction, flush to zero, another rounding, ...). */
     ARM1_UNFIT = 4,
-    /* A good step in which an entry of u met its limit: *state and u hold what is applied. A bit that no other status has. */
+    /* A good step that asked for an entry of u beyond its limit: *state and u hold the limit. A bit that no other status has. */
     ARM1_CLIPPED = 8
 } arm1_status_t;
 
 typedef struct {
     float x[2]; /* controller state, Tustin's: (I - A T/2) x_C - (T/2) B r */
-    float u[1]; /* last good output, within its limits */
+    float u[1]; /* last good output within its limits, or what was said to be applied */
     float held[1][2]; /* last message of each neighbour */
     arm1_mask_t heard; /* neighbours that have been heard at least once */
     uint32_t age[1]; /* steps since the message in `held`, faults among them, or since init or reset; saturates */

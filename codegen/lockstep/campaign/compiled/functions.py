@@ -8,12 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.campaign.compiled.statements import DOUBLE, LaneFunction, lane_function
-from lockstep.check.continuous.inequality import Performance
+from lockstep.check.continuous.inequality import LETTERS, Performance
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.loop import Gains
 from lockstep.model.network import Network
-
-LETTERS = "ABCD"
 
 
 def continuous_functions(
@@ -104,10 +102,15 @@ def monitors(network: Network) -> list[LaneFunction]:
     x = ca.SX.sym("x", network.agent.n, network.N)
     each = ca.vertcat(*[ca.sumsqr(e) for e in _errors(x)])
     entered = on_disagreement(network, x, np.eye(network.agent.n))
-    found = [
+    return [
         lane_function("errors", [ca.vec(x)], [each], "x e"),
         lane_function("differences", [ca.vec(x)], [entered], "xi w"),
+        lane_function("strays", [ca.vec(x)], [strays(network, x)], "x out"),
     ]
+
+
+def strays(network: Network, x: ca.SX) -> ca.SX:
+    """1 where an agent is out of its domain, else 0."""
     out = ca.SX(0)
     for k, (low, high) in enumerate(network.agent.box):
         for i in range(network.N):
@@ -115,4 +118,4 @@ def monitors(network: Network) -> list[LaneFunction]:
                 out = ca.logic_or(out, x[k, i] < low)
             if np.isfinite(high):
                 out = ca.logic_or(out, x[k, i] > high)
-    return [*found, lane_function("strays", [ca.vec(x)], [out], "x out")]
+    return out

@@ -17,7 +17,6 @@ import numpy as np
 
 from lockstep.campaign.compiled.c_text import CFiles
 from lockstep.campaign.compiled.functions import (
-    LETTERS,
     continuous_functions,
     cost_expression,
     monitors,
@@ -26,7 +25,7 @@ from lockstep.campaign.compiled.functions import (
 from lockstep.campaign.compiled.lanes import lanes_header
 from lockstep.campaign.compiled.layout import Features, Layout
 from lockstep.campaign.compiled.statements import LaneFunction
-from lockstep.check.continuous.inequality import Performance
+from lockstep.check.continuous.inequality import LETTERS, Performance
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.loop import Gains
 from lockstep.codegen.manifest import FILE_NAME, Manifest

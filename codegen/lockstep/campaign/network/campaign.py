@@ -6,13 +6,14 @@ loss) int |z|^2 <= rho^2 int |xi_d|^2 of every run from agreement; with independ
 """
 
 import json
+import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from lockstep.campaign.network.faults import NetworkFaults
 from lockstep.campaign.network.loop import COLUMNS, NetworkLoop
@@ -69,15 +70,15 @@ class NetworkGuarantee:
     proved: MessagesProved | None = None
 
     def covers(self, faults: NetworkFaults) -> bool:
-        """Tell whether no more happens to messages than was proved for, by the rules that the faults follow."""
+        """Tell whether what was proved is of such faults: chance loses as many, and nothing else is more than was proved."""
         proved = self.proved
         if proved is None or self.rho is None or faults.restarts > 0:
             return False
         late = faults.delay[1] <= proved.delay[1] and faults.jitter <= proved.jitter
         if faults.burst is not None:
-            return late and faults.burst <= proved.burst
+            return late and faults.burst <= proved.burst and not proved.loss
         together = 1.0 - (1.0 - faults.loss) * (1.0 - faults.corrupt)
-        return late and not faults.to_bad and together <= proved.loss
+        return late and not faults.to_bad and math.isclose(together, proved.loss, rel_tol=1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +96,16 @@ class NetworkCampaign:
         return np.asarray(self.values[:, COLUMNS.index(name)])
 
     @property
+    def held(self) -> Bool[np.ndarray, " disturbed"]:
+        """Which of the disturbed runs something is claimed of: no input was clipped, and no agent left its domain."""
+        inside = (self["clipped"] == 0) & (self["outside"] == 0)
+        known = np.asarray(inside[::2])
+        return known if self.faults.oldest is not None else np.full(len(known), known.all())
+
+    @property
     def covered(self) -> bool:
-        """Whether something is claimed of such a network."""
-        return self.guarantee.covers(self.faults)
+        """Whether something is claimed of such a network and of some of the runs; in the mean square, of all or none."""
+        return self.guarantee.covers(self.faults) and bool(self.held.any())
 
     @property
     def diverged(self) -> int:
@@ -106,10 +114,10 @@ class NetworkCampaign:
 
     @property
     def gain(self) -> float:
-        """Return |z| / |xi_d| of the disturbed runs: the largest, or with independent losses the root of its mean square."""
+        """Return |z| / |xi_d| of disturbed runs: the largest of those held; with losses by chance the root mean square."""
         squares = self["z2"][::2] / self["xi2"][::2]
         if self.faults.oldest is not None:
-            return float(np.sqrt(squares.max()))
+            return float(np.sqrt(squares[self.held if self.held.any() else slice(None)].max()))
         sines = np.arange(len(squares)) % 4 > 0
         return float(np.sqrt(squares[sines if sines.any() else slice(None)].mean()))
 
@@ -138,8 +146,10 @@ class NetworkCampaign:
             "diverged": self.diverged,
             "lost": float(self["lost"].sum()) / sent if sent else 0.0,
             "faulty_steps": int(self["faults"].sum()),
+            "clipped_runs": int((self["clipped"] > 0).sum()),
+            "runs_outside": int((self["outside"] > 0).sum()),
             "disagreement_kept": _number((final / first).max()) if len(free) else None,
-            "refused": {name: int(self[name].sum()) for name in COLUMNS[9:]},
+            "refused": {name: int(self[name].sum()) for name in COLUMNS[COLUMNS.index("bad_length") :]},
         }
 
     def csv(self) -> str:

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float, UInt
 
-from lockstep.campaign.compiled.functions import on_controllers, on_disagreement, plant_slope
+from lockstep.campaign.compiled.functions import on_controllers, on_disagreement, plant_slope, strays
 from lockstep.campaign.compiled.library import FLAGS
 from lockstep.campaign.network.faults import NetworkFaults
 from lockstep.check.continuous.inequality import Performance
@@ -28,7 +28,7 @@ SUBSTEPS = 10
 
 COLUMNS = (
     *("z2", "xi2", "disagreement_initial", "disagreement_largest", "disagreement_final"),
-    *("faults", "lost", "sent", "stale"),
+    *("faults", "clipped", "outside", "lost", "sent", "stale"),
     *(
         "bad_length",
         "bad_checksum",
@@ -40,8 +40,8 @@ COLUMNS = (
         "implausible",
     ),
 )
-"""Of a run: int |z|^2 and int |xi_d|^2, the disagreement, faulty steps, messages lost and sent, steps with a stale neighbour,
-and what was refused, by reason."""
+"""Of a run: int |z|^2 and int |xi_d|^2, the disagreement, faulty steps and such that clipped u, Runge-Kutta steps with an
+agent out of its domain, messages lost and sent, steps with a stale neighbour, and what was refused, by reason."""
 
 SYMBOL = "lockstep_network_runs"
 
@@ -89,13 +89,16 @@ class NetworkLoop:
         return out
 
 
-def network_loop(network: Network, files: Mapping[str, str], weights: Performance) -> NetworkLoop:
+def network_loop(
+    network: Network, files: Mapping[str, str], weights: Performance, delay: int = 0
+) -> NetworkLoop:
     """Compile the loop of a network with the nodes of a folder that has `messages/`.
 
     Args:
         network: the agents and their graph.
         files: of the folder, relative path -> text.
         weights: R of x_d and Q of the controllers' states, in what |z| weighs.
+        delay: periods after its sample at which u acts.
 
     Raises:
         ProblemError: no compiler, or a folder without messages.
@@ -113,7 +116,7 @@ def network_loop(network: Network, files: Mapping[str, str], weights: Performanc
                 (place / Path(path).name).write_text(text, encoding="utf-8")
         advance = _advance(network, weights, manifest)
         (place / "advance.c").write_text(_generated(advance), encoding="utf-8")
-        (place / "network.c").write_text(_source(network, manifest, advance), encoding="utf-8")
+        (place / "network.c").write_text(_source(network, manifest, advance, delay), encoding="utf-8")
         agents = [f"{agent.name}{end}" for agent in manifest.agents for end in (".c", "_node.c")]
         sources = [*agents, f"{manifest.name}_message.c", "network.c", "advance.c"]
         library = build_library(first_compiler("campaign"), (*FLAGS, "-I."), sources, place, "the network")
@@ -124,7 +127,7 @@ def network_loop(network: Network, files: Mapping[str, str], weights: Performanc
 
 
 def _advance(network: Network, weights: Performance, manifest: Manifest) -> ca.Function:
-    """(x, u, xi, x_C, t) -> (x after a Runge-Kutta step, int |z|^2, int |xi_d|^2 over it, |x_d|^2 after it)."""
+    """(x, u, xi, x_C, t) -> (x after a Runge-Kutta step, int |z|^2, int |xi_d|^2 over it, |x_d|^2 and `strays` after)."""
     N, n, m, n_C = network.N, network.agent.n, network.agent.m, manifest.agents[0].order
     x, u, xi = ca.SX.sym("x", n, N), ca.SX.sym("u", m, N), ca.SX.sym("xi", n, N)
     x_C, t = ca.SX.sym("x_C", n_C, N), ca.SX.sym("t")
@@ -144,7 +147,9 @@ def _advance(network: Network, weights: Performance, manifest: Manifest) -> ca.F
     z = h / 6 * (z1 + 2 * z2 + 2 * z3 + z4) + h * on_controllers(x_C, weights.Q)
     inputs = [ca.vec(x), ca.vec(u), ca.vec(xi), ca.vec(x_C), t]
     apart, entered = (on_disagreement(network, one, np.eye(n)) for one in (after, xi))
-    return ca.Function("lockstep_advance", inputs, [ca.vec(after), z, h * entered, apart])
+    return ca.Function(
+        "lockstep_advance", inputs, [ca.vec(after), z, h * entered, apart, strays(network, after)]
+    )
 
 
 def _generated(function: ca.Function) -> str:
@@ -154,7 +159,7 @@ def _generated(function: ca.Function) -> str:
     return text
 
 
-def _source(network: Network, manifest: Manifest, advance: ca.Function) -> str:
+def _source(network: Network, manifest: Manifest, advance: ca.Function, delay: int) -> str:
     sources = sources_in(manifest)
     links = [(i, j) for i, heard in enumerate(sources) for j in heard]
     offsets = [agent.offsets[0] for agent in manifest.agents if agent.offsets]
@@ -166,6 +171,7 @@ def _source(network: Network, manifest: Manifest, advance: ca.Function) -> str:
         n=network.agent.n,
         m=network.agent.m,
         q=len(network.agent.lure.C),
+        delay=delay,
         nc=manifest.agents[0].order,
         links=len(links),
         sources="{" + ", ".join(str(j) for _, j in links) + "}",

@@ -2,7 +2,7 @@
 
 A walk in small steps first, as in ordinary operation, its last fifth with lost messages; then values meant to break the
 code: subnormal, huge, signed zeros, every exponent, NaN and infinities, with resets, overlapping buffers, and a state
-that was never initialised.
+that was never initialised. Where u is clipped, values are also said to be applied.
 """
 
 import hashlib
@@ -10,7 +10,7 @@ import hashlib
 import numpy as np
 from jaxtyping import Float, UInt
 
-from lockstep.codegen.calls import RESET, STEP, STEP_ALIASED, STEP_RELATIVE, STEP_UNREADY, Calls
+from lockstep.codegen.calls import APPLIED, RESET, STEP, STEP_ALIASED, STEP_RELATIVE, STEP_UNREADY, Calls
 from lockstep.codegen.manifest import AgentEntry, Manifest
 
 ORDINARY, ADVERSARIAL = 100, 100
@@ -31,6 +31,8 @@ def vectors(agent: AgentEntry, manifest: Manifest) -> Calls:
     operation[:ORDINARY] = STEP
     operation[ORDINARY::_KIND_LASTS] = RESET
     operation[ORDINARY + _KIND_LASTS // 2] = STEP_UNREADY
+    if agent.limits is not None:
+        operation[(operation == STEP_RELATIVE) & (np.arange(S) % 2 == 0)] = APPLIED
     arrived = _words(name + b" arrived", S, nn) % np.uint64(10) > 0
     arrived[: ORDINARY - ORDINARY // 5] = True
     arrived[ORDINARY:] &= (np.arange(ADVERSARIAL) // 7 % 3 > 0)[:, None]

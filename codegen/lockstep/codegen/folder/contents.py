@@ -22,7 +22,7 @@ from lockstep.codegen.one_image import table_paths
 DESIGN_NAME = "design.json"
 
 MEASURED = ("report.html", "report.md")
-_FIGURE = re.compile(r"figures/[a-z0-9_-]+\.(png|pdf)|evidence/[A-Za-z0-9_]+\.md")
+_SHOWN = re.compile(r"figures/[a-z0-9_-]+\.(png|pdf)|evidence/[A-Za-z0-9_]+\.md")
 
 MOST_ENTRIES = 20_000
 """Files and folders in a folder: four files for each agent, and figures."""
@@ -34,7 +34,7 @@ _MOST_LINES = 20
 def not_proved(manifest: Manifest) -> tuple[str, ...]:
     """Return the files of a folder that a certificate says nothing about: drawings, measurements, compiled units."""
     others = {*MEASURED, *archives(manifest)}
-    return tuple(sorted(path for path in manifest.files if path in others or _FIGURE.fullmatch(path)))
+    return tuple(sorted(path for path in manifest.files if path in others or _SHOWN.fullmatch(path)))
 
 
 def strangers(folder: Path, manifest: Manifest) -> list[str]:
@@ -48,7 +48,10 @@ def strangers(folder: Path, manifest: Manifest) -> list[str]:
         ProblemError: the folder cannot be listed.
     """
     expected = _expected(manifest)
-    files = {FILE_NAME, *(path for path in manifest.files if path in expected or _FIGURE.fullmatch(path))}
+    files = {
+        FILE_NAME,
+        *(path for path in manifest.files if path in expected or _SHOWN.fullmatch(path)),
+    }
     folders = {str(above) for path in files for above in PurePosixPath(path).parents}
     found = [
         f"{path} is listed in {FILE_NAME}, but is no file that is generated"

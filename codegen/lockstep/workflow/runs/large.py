@@ -96,6 +96,7 @@ def is_large(
         "gain errors": errors != "none",
         "a leader with a reference": stored.problem.reference is not None,
         "a formation": stored.problem.offsets is not None,
+        "send on change": changes.change is not None,
         "a channel that loses or delays": not channel_of(table.channel, 0).is_ideal,
     }
     against = [name for name, holds in why.items() if holds]

@@ -94,7 +94,7 @@ def network_campaign(
         problem.state_weight(network.agent.n), problem.controller_weight(stored.gains.order)
     )
     progress("compiling the network", 0.1)
-    loop = network_loop(network, files, weights)
+    loop = network_loop(network, files, weights, problem.controller.delay)
     progress("running", 0.2)
     response = sampled_response(
         network,
@@ -123,8 +123,9 @@ def _guarantee(stored: "Stored") -> "NetworkGuarantee":
     """Return what the design claims of its messages, decided by the checker with the design; or nothing."""
     from lockstep.campaign.network.campaign import EveryMessageArrives, NetworkGuarantee
 
-    claims = stored.claims.messages
+    claims, sampled = stored.claims.messages, stored.claims.sampled
+    if not stored.problem.performance.covers_xi:
+        return NetworkGuarantee()
     if claims is not None:
         return NetworkGuarantee(claims.rho, claims.messages)
-    covered = stored.claims.sampled.certified and stored.problem.performance.covers_xi
-    return NetworkGuarantee(stored.claims.sampled.rho if covered else None, EveryMessageArrives())
+    return NetworkGuarantee(sampled.rho if sampled.certified else None, EveryMessageArrives())

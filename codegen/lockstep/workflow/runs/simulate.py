@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from lockstep.model.network import Network
     from lockstep.model.simulation import SampledControllers, Scenario, Trajectory
     from lockstep.model.simulation.from_problem import Changes
+    from lockstep.model.simulation.send_on_change import SendOnChange
     from lockstep.swarm.neighbours import EdgeList, NeighbourLists
     from lockstep.verification.measured import Kind, Measured
 
@@ -38,6 +39,7 @@ class Simulation:
         measured: |z|, |xi_d|, and the rho they are held against.
         controllers: "continuous", "sampled" or "compiled".
         disturbance, seed, step, integrator: of the run.
+        on_change: its threshold and what is proved of it, None where every period is sent.
     """
 
     design: Design
@@ -48,6 +50,7 @@ class Simulation:
     seed: int
     step: float
     integrator: str
+    on_change: "SendOnChange | None" = field(default=None, kw_only=True)
 
     @property
     def ok(self) -> bool:
@@ -85,9 +88,16 @@ class Simulation:
             **self.of_each(),
             "faults": trajectory.faults,
             "clipped": trajectory.clipped,
+            **({"messages": self.messages} if self.messages else {}),
             "l2": l2,
             **error,
         }
+
+    @property
+    def messages(self) -> dict[str, Any]:
+        """What send on change saved, and the residual that it costs; nothing without it."""
+        on = self.on_change
+        return {} if on is None else on.cost(self.trajectory, self.design.problem.controller.real)
 
     def of_each(self) -> dict[str, Any]:
         """Return the figures of each agent: `indices`, `effort`, `largest_input`."""
@@ -172,6 +182,7 @@ def simulate(
     output: Path | str | None = None,
     figures: Path | str | None = None,
     neighbours: "NeighbourLists | EdgeList | None" = None,
+    send_on_change: float | None = None,
     progress: Progress = silent,
 ) -> Simulation:
     """Simulate the nonlinear closed loop of a design, and hold the run against what is proved of it.
@@ -187,16 +198,20 @@ def simulate(
         output: where to write the trajectory (CSV), if anywhere.
         figures: a folder in which to draw the run as PNG and PDF, if any.
         neighbours: another graph than the design's, of any size, for controllers that are all the same.
+        send_on_change: c: an agent sends only where some output differs from the one last sent by more than this.
         progress: told what is being done and the part of it that is done.
 
     Raises:
         ProblemError: bad input, or an output that cannot be written.
     """
     from lockstep.model.simulation import simulate as run
+    from lockstep.model.simulation.send_on_change import SendOnChange
     from lockstep.verification.measured import measured, network_of_design, promise
     from lockstep.workflow.runs.large import is_large, simulate_large
 
-    kind, changes = _checked(controllers, horizon, seed, disturbance, perturbation, integrator)
+    kind, changes = _checked(
+        controllers, horizon, seed, disturbance, perturbation, integrator, send_on_change
+    )
     written, drawn = (None if one is None else Path(one) for one in (output, figures))
     check_writable(written, None if isinstance(design, Design) else Path(design))
     if drawn is not None:
@@ -227,6 +242,7 @@ def simulate(
         table.seed if changes.seed is None else changes.seed,
         scenario.step,
         scenario.method,
+        on_change=None if changes.change is None else SendOnChange(changes.change, promised.residual),
     )
     return _kept(made, drawn, written)
 
@@ -265,6 +281,7 @@ def _checked(
     disturbance: str | None,
     perturbation: str | None,
     integrator: str,
+    change: float | None,
 ) -> "tuple[Kind, Changes]":
     from lockstep.model.simulation.from_problem import Changes
     from lockstep.model.simulation.integrate import Method
@@ -275,7 +292,7 @@ def _checked(
     if integrator not in get_args(Method):
         raise ProblemError(f"`{integrator}`", where="--integrator", expected=" or ".join(get_args(Method)))
     method: Any = integrator
-    return kind, Changes(horizon, seed, disturbance, method, perturbation)  # type: ignore[return-value]
+    return kind, Changes(horizon, seed, disturbance, method, perturbation, change)  # type: ignore[return-value]
 
 
 def _scenario(stored: "Stored", network: "Network", kind: "Kind", changes: "Changes") -> "Scenario":

@@ -20,6 +20,7 @@ class Options:
     plot: bool = False
     perturbation: str | None = None
     figures: Path | None = None
+    send_on_change: float | None = None
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,7 @@ def _about_runs(options: Options, many: Many) -> ProblemError | None:
         "--plot": options.plot,
         "--figures": options.figures is not None,
         "--integrator": options.integrator != "rk4",
+        "--send-on-change": options.send_on_change is not None,
     }
     for name, given in single.items():
         if given:

@@ -4,6 +4,8 @@ A message of agent j, its output y_j sampled at t_k, arrives at a listener `dela
 listener's own output is not delayed. What the listener does without a message is its own affair: the C code uses the
 last one again, and before the first one ever takes the term as zero.
 
+With send on change (`send_on_change`) there are fewer of them.
+
 Quantisation is the converter's, so an agent hears of itself and of others in the same numbers: agents that agree then
 see r = 0.
 """
@@ -23,7 +25,7 @@ class MessageChannel:
     """delay: whole periods;  drop: the probability that a message is lost, each by itself;  seed: of the losses.
 
     bits, full_scale: outputs are rounded to multiples of full_scale / 2^(bits - 1) and clipped to +-full_scale, as a
-    converter of so many bits does;  real: outputs are rounded to this type first.
+    converter of so many bits does;  real: outputs are rounded to this type first;  change: c; None: all is sent.
     """
 
     delay: int = 0
@@ -32,6 +34,7 @@ class MessageChannel:
     bits: int | None = None
     full_scale: float = 10.0
     real: Literal["float32", "float64"] = "float64"
+    change: float | None = None
 
     def __post_init__(self) -> None:
         where = "channel"
@@ -43,13 +46,16 @@ class MessageChannel:
             raise ProblemError(f"`drop` is {self.drop}", where=where, expected="a probability from 0 to 1")
         if self.bits is not None and not 2 <= self.bits <= 53:
             raise ProblemError(f"`bits` is {self.bits}", where=where, expected="a whole number from 2 to 53")
+        if self.change is not None and not (math.isfinite(self.change) and self.change >= 0):
+            raise ProblemError(f"a change of {self.change}", where=where, expected="a number, 0 or more")
         if not (math.isfinite(self.full_scale) and self.full_scale > 0):
             raise ProblemError(f"`full_scale` is {self.full_scale}", where=where, expected="a number above 0")
 
     @property
     def is_ideal(self) -> bool:
         """Whether everything arrives at once, as it was sent."""
-        return not self.delay and not self.drop and self.bits is None and self.real == "float64"
+        untouched = self.bits is None and self.real == "float64" and self.change is None
+        return not self.delay and not self.drop and untouched
 
     def quantised(self, y: Float[np.ndarray, "N q"]) -> Float[np.ndarray, "N q"]:
         """Return outputs as the converter gives them, ties to even.

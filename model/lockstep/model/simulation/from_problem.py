@@ -1,6 +1,6 @@
 """The scenario of a problem file's [simulation], and what of it a caller may change."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ class Changes:
     disturbance: str | None = None
     method: Method = "rk4"
     perturbation: str | None = None
+    change: float | None = None
 
 
 def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bool) -> Scenario:
@@ -56,7 +57,7 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
         table.perturbation if changes.perturbation is None else _errors_of_kind(table, changes.perturbation)
     )
     perturbation = _perturbation(errors, problem, seed, horizon)
-    channel = channel_of(table.channel, seed)
+    channel = replace(channel_of(table.channel, seed), change=changes.change)
     if sampled and perturbation is not None:
         raise ProblemError(
             "gain errors, but the controllers are sampled",

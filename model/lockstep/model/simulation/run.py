@@ -22,6 +22,7 @@ from lockstep.model.simulation.perturbation import check_sizes
 from lockstep.model.simulation.quadrature import Hold
 from lockstep.model.simulation.sampled import CLIPPED, OK, SampledControllers
 from lockstep.model.simulation.scenario import Scenario, whole_number
+from lockstep.model.simulation.send_on_change import Senders
 from lockstep.model.simulation.trajectory import Trajectory
 
 
@@ -118,7 +119,7 @@ def _sampled(network: Network, controllers: SampledControllers, scenario: Scenar
         x[now] = states.reshape(per + 1, *scenario.start.shape)
         check_bounded(t[now], x[now], network.agent.states, network.agent.name)
     x_C[-1] = program.memory
-    counts = (program.faults, program.clipped)
+    counts = (program.faults, program.clipped, program.senders.sent, program.senders.saved)
     found = _record(network, t, x, x_C, u, xi.at(t, t), hold="held", xi_hold=xi.hold, counts=counts)
     return replace(found, offsets=scenario.offsets)
 
@@ -146,7 +147,8 @@ class _Program:
         self._C, self._all, self._channel = network.agent.lure.C, controllers, scenario.channel
         edges = sum(len(heard) for heard in controllers.sources)
         self._arrivals = iter(self._channel.arrivals(periods, edges))
-        self._sent: list[np.ndarray] = []
+        self._sent: list[tuple[np.ndarray, np.ndarray]] = []
+        self.senders = Senders(controllers.sources, self._channel.change)
         self._pending = np.zeros((network.N, network.agent.m))
         self.faults = self.clipped = 0
 
@@ -160,14 +162,14 @@ class _Program:
         real = np.dtype(self._all.real)
         with np.errstate(over="ignore", under="ignore"):
             y = self._channel.quantised(x @ self._C.T).astype(real)
-        self._sent = [*self._sent, y][-1 - self._channel.delay :]
+        self._sent = [*self._sent, (y, self.senders.sends(y))][-1 - self._channel.delay :]
         # a message of `delay` periods ago: there is none in the first periods
-        heard = self._sent[0] if len(self._sent) > self._channel.delay else None
+        heard, there = self._sent[0] if len(self._sent) > self._channel.delay else (None, None)
         arrived, u, first = next(self._arrivals), [], 0
         for i, sources in enumerate(self._all.sources):
             here = arrived[first : first + len(sources)]
             first += len(sources)
-            received = 0 if heard is None else _mask(here)
+            received = 0 if heard is None or there is None else _mask(here & there[list(sources)])
             rows = np.zeros((len(sources), y.shape[1]), real) if heard is None else heard[list(sources)]
             status, out = self._all.steppers[i].step(y[i], rows, received)
             self.faults += status not in (OK, CLIPPED)
@@ -192,7 +194,7 @@ def _record(
     *,
     hold: Hold,
     xi_hold: Hold,
-    counts: tuple[int, int] = (0, 0),
+    counts: tuple[int, int, int, int] = (0, 0, 0, 0),
 ) -> Trajectory:
     agent = network.agent
     return Trajectory(

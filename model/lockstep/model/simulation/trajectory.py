@@ -39,6 +39,7 @@ class Trajectory:
         faults: how many steps of sampled controllers reported a fault and held their output.
         clipped: how many of them clipped an input at its limit.
         offsets: (N, n), o_i of a formation: disagreement is that of x_i - o_i.
+        sent, saved: messages of all links that were sent, and that send on change did without.
 
     Raises:
         ProblemError: shapes that do not fit, instants that do not increase, or a number that is not finite.
@@ -59,6 +60,8 @@ class Trajectory:
     faults: int = 0
     clipped: int = 0
     offsets: Float[np.ndarray, "N n"] | None = None
+    sent: int = 0
+    saved: int = 0
 
     def __post_init__(self) -> None:
         t = np.asarray(self.t, dtype=float)
