@@ -59,9 +59,9 @@ class Trajectory:
     xi_hold: Hold = "held"
     faults: int = 0
     clipped: int = 0
-    offsets: Float[np.ndarray, "N n"] | None = None
     sent: int = 0
     saved: int = 0
+    offsets: Float[np.ndarray, "N n"] | None = None
 
     def __post_init__(self) -> None:
         t = np.asarray(self.t, dtype=float)
