@@ -4,6 +4,7 @@ import json
 import math
 import re
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,29 +51,31 @@ def measure(field: str, simulation: lockstep.Simulation) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as place:
         made = lockstep.generate(lockstep.load(design_path(field)), Path(place) / "c")
         verified = lockstep.verify(made.folder, steps=STEPS, targets=["host", CORE])
-        header = next((made.folder / "include").glob("*1.h")).read_text(encoding="utf-8")
+        headers = [
+            path.read_text(encoding="utf-8") for path in sorted((made.folder / "include").glob("*[0-9].h"))
+        ]
     run = [target for target in verified.targets if not target.skipped]
     if not verified.ok or not all(target.bitwise for target in run):
         raise lockstep.ClaimError(f"{field}: the C differs from its reference")
     steps = [target.instructions_per_step for target in run if target.core == CORE]
-    return {"costs": costs(header), "instructions": [min(steps), max(steps)], "run": run_figures(simulation)}
+    return {"costs": costs(headers), "instructions": [min(steps), max(steps)], "run": run_figures(simulation)}
 
 
-def costs(header: str) -> dict[str, int]:
-    """Return what the header of an agent promises, for the core that is shown."""
+def costs(headers: Sequence[str]) -> dict[str, int]:
+    """Return the most that the headers of the agents promise, for the core that is shown."""
 
-    def found(pattern: str) -> int:
-        number = re.search(pattern, header)
-        if number is None:
-            raise ValueError(f"the header does not say `{pattern}`")
-        return int(number[1])
+    def most(pattern: str) -> int:
+        found = [re.search(pattern, header) for header in headers]
+        if not all(found):
+            raise ValueError(f"a header does not say `{pattern}`")
+        return max(int(one[1]) for one in found if one)
 
     return {
-        "ram": found(r"RAM +(\d+) bytes"),
-        "stack": found(rf"stack +at most (\d+) bytes on [^;]*{NAME}"),
-        "flash": found(rf"flash +at most (\d+) bytes on .*{NAME}"),
-        "multiplications": found(r"(\d+) multiplications"),
-        "additions": found(r"(\d+) additions"),
+        "ram": most(r"RAM +(\d+) bytes"),
+        "stack": most(rf"stack +at most (\d+) bytes on [^;]*{NAME}"),
+        "flash": most(rf"flash +at most (\d+) bytes on .*{NAME}"),
+        "multiplications": most(r"(\d+) multiplications"),
+        "additions": most(r"(\d+) additions"),
     }
 
 
