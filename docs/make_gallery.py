@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import lockstep
 from gallery_maker.graph import drawing
-from gallery_maker.measure import FOLDER, design_path, keep, measure, pictures
+from gallery_maker.measure import FOLDER, design_path, keep, known, measure, pictures
 from gallery_maker.pages import index, page, parts
 from lockstep.model.problem import Problem
 from lockstep.workflow.files import write_text
@@ -59,7 +59,7 @@ def main() -> None:
     asked = options.parse_args()
     for field in asked.design:
         design_again(field)
-    for field in (*asked.design, *(fields() if asked.measure == [] else asked.measure or ())):
+    for field in (*asked.design, *(known() if asked.measure == [] else asked.measure or ())):
         measure_again(field)
     for name, content in files().items():
         write_text(FOLDER / name, content)

@@ -24,9 +24,10 @@ MOVING = {
 
 
 @functools.cache
-def parts(field: str) -> tuple[Problem, lockstep.Design, dict[str, Any]]:
-    """Return a field's problem, its committed design, and what was measured of that."""
-    return Problem.parse(init(field).text), lockstep.load(design_path(field)), known()[field]
+def parts(field: str) -> tuple[Problem, lockstep.Design | None, dict[str, Any]]:
+    """Return a field's problem, its committed design if there is one, and what was measured of that."""
+    problem, measured = Problem.parse(init(field).text), known().get(field)
+    return problem, None if measured is None else lockstep.load(design_path(field)), measured or {}
 
 
 def index() -> str:
@@ -91,9 +92,7 @@ States {states}; inputs {inputs}{f"; parameters {values}" if values else ""}.
 
 {graph.N} agents; an arrow goes from whom an agent listens to; {reach}.
 
-{_run(field, design, measured)}
-{_proved(design)}
-{_ships(design, measured)}
+{_of_design(field, design, measured)}
 ## Run it
 
 ```sh
@@ -112,16 +111,22 @@ lockstep build {field}.toml -o {field}
 """
 
 
-def _row(field: str, problem: Problem, design: lockstep.Design, measured: dict[str, Any]) -> str:
+def _of_design(field: str, design: lockstep.Design | None, measured: dict[str, Any]) -> str:
+    if design is None:
+        return "No design of it is committed: `lockstep design` searches for one, and what it proves is not shown here.\n"
+    return "\n".join((_run(field, design, measured), _proved(design), _ships(design, measured)))
+
+
+def _row(field: str, problem: Problem, design: lockstep.Design | None, measured: dict[str, Any]) -> str:
     cells = (
         f"[{field}]({field}.md)",
         problem.title,
         problem.graph().N,
         problem.agent().n,
         problem.order,
-        f"{design.rho:.4g}",
+        "" if design is None else f"{design.rho:.4g}",
         f"{problem.controller.period:g} s",
-        f"{measured['costs']['flash']} B",
+        "" if design is None else f"{measured['costs']['flash']} B",
     )
     return "| " + " | ".join(map(str, cells)) + " |"
 
@@ -132,11 +137,13 @@ def _run(field: str, design: lockstep.Design, measured: dict[str, Any]) -> str:
     ended = f"{last:.2g}" if last > SMALL * first else "less than a thousandth of that"
     swing = f", after at most {most:.3g} on the way" if most > 1.05 * first else ""
     held = (
-        f"What is proved allows 1 / {run['ratio']:.2g} times the weighted disagreement of this run, in L2."
+        f"Its weighted disagreement, in L2, is {run['ratio']:.2g} of the most that is proved to be possible from there."
         if run["covered"] and run["ratio"]
         else "The proof says nothing of the size of this run."
     )
-    moving = f"\n![the agents as they move]({field}-moving.svg)\n\n{MOVING[field]}\n" if field in SCENES else ""
+    moving = (
+        f"\n![the agents as they move]({field}-moving.svg)\n\n{MOVING[field]}\n" if field in SCENES else ""
+    )
     return f"""## The run
 
 The nonlinear loop with the arithmetic of the C, from the file's initial states, undisturbed. The distance from agreement is {first:.3g}
@@ -152,17 +159,31 @@ def _proved(design: lockstep.Design) -> str:
     claims, problem, sampled = design.stored.claims, design.problem, design.sampled
     scope = "from all states" if claims.scope == "global" else "while each agent stays in its `domain`"
     rows = [
-        ("rho", f"{design.rho:.4g}", "gain from the disagreement of the disturbances to that of the states, in L2")
+        (
+            "rho",
+            f"{design.rho:.4g}",
+            "gain from the disagreement of the disturbances to that of the states, in L2",
+        )
     ]
     if claims.floor is not None:
-        rows.append(("floor", f"{claims.floor:.4g}", "no controllers at all can be certified below it in this way"))
+        rows.append(
+            ("floor", f"{claims.floor:.4g}", "no controllers at all can be certified below it in this way")
+        )
     rows.append(("alpha", f"{design.alpha:.4g}", "the largest slope of the nonlinearity, proved"))
     if claims.decay is not None:
         rows.append(("decay", f"{claims.decay:.3g} 1/s", "of every disagreement, undisturbed"))
-    rows.append(("sampled rho", f"{sampled['rho']:.4g}", f"of the loop that ships: {problem.controller.real}, roundings included"))
+    rows.append(
+        (
+            "sampled rho",
+            f"{sampled['rho']:.4g}",
+            f"of the loop that ships: {problem.controller.real}, roundings included",
+        )
+    )
     longest = sampled.get("max_period")
     if longest:
-        rows.append(("longest period", f"{longest:.3g} s", "at which the same gains, sampled anew, still agree"))
+        rows.append(
+            ("longest period", f"{longest:.3g} s", "at which the same gains, sampled anew, still agree")
+        )
     if problem.order:
         stable = "yes" if claims.controllers_stable else "not claimed"
         rows.append(("controllers stable", stable, "each by itself"))

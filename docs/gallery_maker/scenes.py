@@ -147,7 +147,9 @@ def _draw(body: Body, rules: list[str]) -> str:
         for x, y, a in zip(body.x, body.y, body.angle, strict=True)
     ]
     chosen = [
-        k for k in range(len(poses)) if k in (0, len(poses) - 1) or not poses[k - 1] == poses[k] == poses[k + 1]
+        k
+        for k in range(len(poses))
+        if k in (0, len(poses) - 1) or not poses[k - 1] == poses[k] == poses[k + 1]
     ]
     frames = " ".join(f"{90 * k / (len(poses) - 1):.3g}% {{ transform: {poses[k]} }}" for k in chosen)
     moving = len(set(poses)) > 1
