@@ -35,7 +35,7 @@ napoleon_numpy_docstring = False
 default_role = "code"
 
 _UPWARDS = re.compile(r"\[([^\]]+)\]\(((?:\.\./)+)([^)#]+)[^)]*\)")
-"""Links upwards: to files of the repository that are no pages of the site, whose names are shown instead, or to other pages."""
+"""Links upwards: to other pages, or to files of the repository that are no pages, whose names are shown instead."""
 
 _LITERAL = re.compile(r"(``.*?``|`.*?`)")
 

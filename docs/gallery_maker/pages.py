@@ -18,7 +18,7 @@ SMALL = 1e-3
 MOVING = {
     "arms": "The links swing on their joints; the dot on each hub is the motor's angle.",
     "carts": "The leader's cart above, its follower below.",
-    "platoon": "Seen from the leader, on the right; the marks are the places in the platoon. Errors are drawn larger than gaps.",
+    "platoon": "Seen from the leader, on the right; the marks are the places. Errors are drawn larger than gaps.",
     "quadrotors": "Seen from the side and from where the first one flies, which is on top.",
 }
 
@@ -43,8 +43,8 @@ beside it. Parameters are those of the source that the file names, or of its ord
 |---|---|---|---|---|---|---|---|
 {rows}
 
-Each page shows a committed design, the run of its C's arithmetic, and what is proved of it. CI proves every one of them again, compiles
-its C and compares it with the reference, and runs it. Five of them are walked through in [notebooks](../notebooks/index.md).
+Each page shows a committed design, the run of its C's arithmetic, and what is proved of it. CI proves every one of them
+again, compiles its C, compares it with the reference, and runs it. Five are walked through in [notebooks](../notebooks/index.md).
 
 ```{{toctree}}
 :hidden:
@@ -146,8 +146,8 @@ def _run(field: str, design: lockstep.Design, measured: dict[str, Any]) -> str:
     )
     return f"""## The run
 
-The nonlinear loop with the arithmetic of the C, from the file's initial states, undisturbed. The distance from agreement is {first:.3g}
-at first and {ended} after {horizon:g} s{swing}; the largest input is {run["input"]:.3g}. {held}
+The nonlinear loop with the arithmetic of the C, from the file's initial states, undisturbed. The distance from
+agreement is {first:.3g} at first and {ended} after {horizon:g} s{swing}; the largest input is {run["input"]:.3g}. {held}
 
 ![states of all agents against time]({field}-states.png)
 
@@ -224,7 +224,7 @@ def _gains(design: lockstep.Design) -> str:
     won = (
         ""
         if floor is None
-        else f" Without any limit rho could be {100 * (1 - floor / design.rho):.2g} % smaller at the very most, down to its floor."
+        else f" Without any limit rho could be {100 * (1 - floor / design.rho):.2g} % smaller at the very most: its floor."
     )
     return (
         f"{size}, {chosen}{raised}: it binds, and on purpose. Larger gains lower rho, and pay with inputs and noise that rho"

@@ -58,7 +58,8 @@ def carts(run: Trajectory) -> str:
             still,
             theta * DEGREES,
         )
-        cart = '<rect x="-24" y="0" width="48" height="16" rx="3"/><circle cx="-14" cy="20" r="5"/><circle cx="14" cy="20" r="5"/>'
+        wheels = '<circle cx="-14" cy="20" r="5"/><circle cx="14" cy="20" r="5"/>'
+        cart = f'<rect x="-24" y="0" width="48" height="16" rx="3"/>{wheels}'
         bodies.append(Body(cart, 90 + 350 * p, still + 80 + 110 * i, still, (rod,)))
     rails = "".join(f'<path class="rail" d="M20,{106 + 110 * i} H340"/>' for i in range(run.N))
     return _scene(bodies, 225, shown, "the leader's cart above, its follower below", rails)
@@ -89,7 +90,8 @@ def platoon(run: Trajectory) -> str:
         off = _of(run, shown, "p", i) - lead
         car = (
             f'<rect x="-20" y="-8" width="40" height="12" rx="4" fill="{colour}" stroke="none"/>'
-            f'<path d="M-11,-8 L-6,-16 H8 L13,-8" stroke="{colour}"/><circle cx="-11" cy="5" r="4.5"/><circle cx="11" cy="5" r="4.5"/>'
+            f'<path d="M-11,-8 L-6,-16 H8 L13,-8" stroke="{colour}"/>'
+            '<circle cx="-11" cy="5" r="4.5"/><circle cx="11" cy="5" r="4.5"/>'
         )
         bodies.append(Body(car, 320 - 70 * i + 5 * off, 0 * off + 46, 0 * off))
     places = "".join(f'<path class="rail" d="M{320 - 70 * i},60 v10"/>' for i in range(run.N))
@@ -119,7 +121,8 @@ def _scene(bodies: Sequence[Body], height: int, shown: np.ndarray, caption: str,
     drawn = "\n".join(_draw(body, rules) for body in bodies)
     speed = float(shown[-1]) / PLAYED
     words = f"{shown[-1]:g} s, played {speed:.2g} times as fast"
-    return f"""<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{height + 24}" viewBox="0 0 {WIDTH} {height + 24}">
+    size = f'width="{WIDTH}" height="{height + 24}"'
+    return f"""<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="0 0 {WIDTH} {height + 24}">
 <title>{caption}</title>
 <style>
 g {{ animation: {PLAYED / 0.9:.4g}s linear infinite; transform-origin: 0 0; }}
@@ -130,7 +133,7 @@ text {{ font: 11px sans-serif; fill: #59636e; stroke: none; }}
 @media (prefers-reduced-motion: reduce) {{ g {{ animation: none; }} }}
 {chr(10).join(rules)}
 </style>
-<rect width="{WIDTH}" height="{height + 24}" fill="#fefefe"/>
+<rect {size} fill="#fefefe"/>
 <g class="all">{still}
 {drawn}
 <text x="8" y="{height + 14}">{words}</text>
