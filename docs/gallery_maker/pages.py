@@ -215,7 +215,7 @@ def largest(design: lockstep.Design) -> float:
 def _gains(design: lockstep.Design) -> str:
     norm, limit, floor = largest(design), design.problem.design.gain_limit, design.floor
     if design.problem.design.method == "given":
-        return f"The gains are those of the file: nothing was searched for but their certificate. Their largest norm is {norm:.3g}."
+        return f"The gains are those of the file: only their certificate was searched for. Their largest norm is {norm:.3g}."
     size = f"The largest norm of a controller's gains is {norm:.3g}; their limit is {limit:g}"
     figures = design.stored.info.get("figures", {}).get("defaults", {})
     given_up = figures.get("given_up")
