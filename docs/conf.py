@@ -12,8 +12,9 @@ try:
 except PackageNotFoundError:  # the sources on the path, not installed
     release = ""
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-source_suffix = {".md": "markdown"}
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+source_suffix = {".md": "myst-nb", ".ipynb": "myst-nb"}
+nb_execution_mode = "off"  # notebooks are committed as executed; the tests execute them again
 exclude_patterns = ["_build", "paper"]
 html_theme = "furo"
 html_title = "Lockstep"
@@ -33,14 +34,19 @@ napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 default_role = "code"
 
-_OUTSIDE = re.compile(r"\[([^\]]+)\]\((?:\.\./)+([^)#]+)[^)]*\)")
-"""Links to files of the repository that are no pages of the site: their names are shown instead."""
+_UPWARDS = re.compile(r"\[([^\]]+)\]\(((?:\.\./)+)([^)#]+)[^)]*\)")
+"""Links upwards: to other pages, or to files of the repository that are no pages, whose names are shown instead."""
 
 _LITERAL = re.compile(r"(``.*?``|`.*?`)")
 
 
-def _read(_app: object, _name: str, source: list[str]) -> None:
-    source[0] = _OUTSIDE.sub(lambda found: f"{found[1]} (`{found[2]}`)", source[0])
+def _read(app: object, name: str, source: list[str]) -> None:
+    def shown(found: re.Match[str]) -> str:
+        outside = found[2].count("../") > name.count("/")
+        return f"{found[1]} (`{found[3]}`)" if outside else found[0]
+
+    if str(app.env.doc2path(name)).endswith(".md"):  # type: ignore[attr-defined]
+        source[0] = _UPWARDS.sub(shown, source[0])
 
 
 def _docstring(

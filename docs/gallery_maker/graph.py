@@ -1,0 +1,42 @@
+"""The graph of a field as SVG."""
+
+import math
+
+from lockstep.model.problem import Problem
+
+SIZE, RADIUS, NODE = 240, 85, 16
+
+
+def drawing(problem: Problem) -> str:
+    """Return the graph as SVG: agents on a circle, an arrow from whom each listens to."""
+    graph, middle = problem.graph(), SIZE / 2
+    places = [
+        (
+            middle + RADIUS * math.sin(2 * math.pi * k / graph.N),
+            middle - RADIUS * math.cos(2 * math.pi * k / graph.N),
+        )
+        for k in range(graph.N)
+    ]
+    lines = []
+    for listener, source, _ in graph.edges:
+        (x0, y0), (x1, y1) = places[source - 1], places[listener - 1]
+        length = math.hypot(x1 - x0, y1 - y0)
+        a, b = NODE / length, 1 - (NODE + 7) / length
+        ends = (x0 + a * (x1 - x0), y0 + a * (y1 - y0), x0 + b * (x1 - x0), y0 + b * (y1 - y0))
+        lines.append(
+            '<line x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}" marker-end="url(#tip)"/>'.format(*ends)
+        )
+    nodes = [
+        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{NODE}"/><text x="{x:.1f}" y="{y + 5:.1f}">{k}</text>'
+        for k, (x, y) in enumerate(places, start=1)
+    ]
+    body = "\n".join([*lines, *nodes])
+    return f"""<svg xmlns="http://www.w3.org/2000/svg" width="{SIZE}" height="{SIZE}" viewBox="0 0 {SIZE} {SIZE}">
+<defs><marker id="tip" markerWidth="7" markerHeight="7" refX="0" refY="3" orient="auto">
+<path d="M0,0 L7,3 L0,6 z" fill="#3b6ea5"/></marker></defs>
+<g stroke="#3b6ea5" stroke-width="2" fill="#ffffff" font-family="sans-serif" font-size="14" text-anchor="middle">
+<style>text {{ stroke: none; fill: #1f2d3d; }}</style>
+{body}
+</g>
+</svg>
+"""

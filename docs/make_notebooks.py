@@ -1,0 +1,51 @@
+"""Execute the notebooks, and keep what they print and draw.
+
+    python docs/make_notebooks.py [FIELD ...]
+
+They are committed as executed, so that they can be read without running them; tests/test_gallery.py executes them again.
+"""
+
+import sys
+from pathlib import Path
+
+import nbformat
+from nbclient import NotebookClient
+
+FOLDER = Path(__file__).parent / "notebooks"
+LONGEST = 600
+"""Seconds that one cell may take."""
+
+
+def executed(path: Path) -> nbformat.NotebookNode:
+    """Return a notebook with its outputs, without times and counts.
+
+    Raises:
+        CellExecutionError: a cell ends with an exception.
+    """
+    notebook = nbformat.read(path, as_version=4)
+    NotebookClient(notebook, timeout=LONGEST, resources={"metadata": {"path": str(FOLDER)}}).execute()
+    for cell in notebook.cells:
+        cell.metadata = {}
+        if cell.cell_type == "code":
+            cell.execution_count = None
+            for output in cell.outputs:
+                output.pop("execution_count", None)
+                if output.output_type == "execute_result":
+                    output["execution_count"] = None
+                output.get("data", {}).pop("text/plain", None)
+    notebook.metadata = {
+        "kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"},
+        "language_info": {"name": "python"},
+    }
+    return notebook
+
+
+def main() -> None:
+    """Execute those that are named, or all."""
+    for path in sorted(FOLDER.glob("*.ipynb")):
+        if sys.argv[1:] in ([], [path.stem]) or path.stem in sys.argv[1:]:
+            nbformat.write(executed(path), path)
+
+
+if __name__ == "__main__":
+    main()
