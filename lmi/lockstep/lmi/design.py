@@ -27,7 +27,7 @@ from lockstep.lmi.defaults import MUCH, Wishes, is_far, named, wishes
 from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.initial import InitialStates, Unavailable
 from lockstep.lmi.sampled.descending.improve import StartingGains
-from lockstep.lmi.scope import Scope, initial_states, scope_of
+from lockstep.lmi.scope import Scope, largest_initial_states, scope_of
 from lockstep.lmi.search.stopping import NothingYet, Stop
 from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import bound_of, network_of
@@ -70,18 +70,29 @@ class Proposal:
         """Where the certificate holds: "global", or "local" where its bound was proved on [agent.domain] only."""
         return scope_of(self.network.agent, self.bound) if self.certified else None
 
-    @cached_property
+    @property
     def initial(self) -> InitialStates | Unavailable | None:
         """Where the certificate is local: states from which the agents stay in their domain, or why none can be given."""
+        return self._initial[0]
+
+    @property
+    def initial_proof(self) -> Certificate | None:
+        """What proves these, where the certificate of rho does not."""
+        return self._initial[1]
+
+    @cached_property
+    def _initial(self) -> tuple[InitialStates | Unavailable | None, Certificate | None]:
         if self.certificate is None or self.scope != "local":
-            return None
+            return None, None
         if self.network.spectrum is not None:
-            return Unavailable("[network] spectrum names graphs without a leader: no agent moves by itself")
-        if not self.claim.performance.covers_xi:
             return Unavailable(
-                "[design.disturbances] leaves states out, so that rho is no gain from all of xi"
-            )
-        return initial_states(self.network, self.certificate)
+                "[network] spectrum names graphs without a leader: no agent moves by itself"
+            ), None
+        if not self.claim.performance.covers_xi:
+            said = "[design.disturbances] leaves states out, so that rho is no gain from all of xi"
+            return Unavailable(said), None
+        with one_thread():
+            return largest_initial_states(self.network, self.gains, self.claim, self.certificate)
 
 
 def design(

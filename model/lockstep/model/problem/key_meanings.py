@@ -124,7 +124,10 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
             "The slope of the nonlinearity to design for; absent: the smallest one proved",
             "as phi(H x) is written",
         ),
-        "objective": ("Minimise rho, raise alpha with `rho` given, or raise the decay", ""),
+        "objective": (
+            "Minimise rho, raise alpha with `rho` given, raise the decay, or enlarge the initial set",
+            "",
+        ),
         "rho": ("The rho to keep while alpha is raised", "s"),
         "coordinates": ("Of the disagreement; laplacian_rows are the paper's", ""),
         "for_period": ("Design for the sampled controllers at once", ""),

@@ -400,13 +400,13 @@ class Problem:
             raise ProblemError(
                 f"`rho` is {design.rho}, but rho is what is minimised",
                 where="[design] rho",
-                expected='no `rho`, or objective = "alpha" or "decay"',
+                expected='no `rho`, or objective = "alpha", "decay" or "initial_set"',
             )
-        if design.objective == "decay" and design.method != "certified":
+        if design.objective in ("decay", "initial_set") and design.method != "certified":
             raise ProblemError(
                 f'`method` is "{design.method}"',
                 where="[design] objective",
-                expected='method = "certified", the one that looks for the largest decay',
+                expected='method = "certified", the one that looks for more than rho',
             )
 
     def _check_spectrum(self) -> None:

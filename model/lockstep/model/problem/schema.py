@@ -257,8 +257,8 @@ class DesignTable(ProblemTable):
     gain_limit: Positive = Field(default=50.0, description="a finite number above 0")
     fragility: FragilityTable | None = Field(default=None, description="a table, such as { A = 0.5 }")
     alpha: Positive | None = Field(default=None, description="a finite number above 0")
-    objective: Literal["rho", "alpha", "decay"] = Field(
-        default="rho", description='"rho", "alpha" or "decay"'
+    objective: Literal["rho", "alpha", "decay", "initial_set"] = Field(
+        default="rho", description='"rho", "alpha", "decay" or "initial_set"'
     )
     rho: Positive | None = Field(default=None, description="a finite number above 0")
     coordinates: Literal["orthonormal", "laplacian_rows"] = Field(
