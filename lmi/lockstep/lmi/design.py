@@ -26,8 +26,9 @@ from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.defaults import MUCH, Wishes, is_far, named, wishes
 from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.initial import InitialStates, Unavailable
+from lockstep.lmi.local_sets import largest_initial_states
 from lockstep.lmi.sampled.descending.improve import StartingGains
-from lockstep.lmi.scope import Scope, largest_initial_states, scope_of
+from lockstep.lmi.scope import Scope, scope_of
 from lockstep.lmi.search.stopping import NothingYet, Stop
 from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import bound_of, network_of

@@ -3,12 +3,11 @@
 from math import isfinite
 
 from lockstep.check.bound.box import Box
-from lockstep.check.continuous.inequality import Certificate, Claim
+from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.continuous.local import Domain
 from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.domain import Scope
-from lockstep.check.system.loop import Gains
 from lockstep.lmi.initial import InitialStates, Unavailable, initial_set
 from lockstep.model.agent import Agent
 from lockstep.model.arguments import arguments_text
@@ -20,9 +19,6 @@ __all__ = ["Scope", "scope_of"]
 
 HALF = 0.5
 """The part of the box left to the leader where nothing else is asked for."""
-
-LARGEST_LOOP = 60
-"""States of a loop up to which an initial set has a P of its own looked for: beyond, the program takes minutes."""
 
 
 def scope_of(agent: Agent, bound: Bound) -> Scope:
@@ -89,27 +85,3 @@ def initial_states(
     domain = domain_of(network.agent)
     inner = inner_box(domain.box, fraction) if inner is None else inner
     return initial_set(network.matrices, certificate, domain, inner, arguments_text(network.agent))
-
-
-def largest_initial_states(
-    network: Network, gains: Gains, claim: Claim, certificate: Certificate | ModalCertificate
-) -> tuple[InitialStates | Unavailable, Certificate | None]:
-    """Return the largest set that is proved of given gains, and the certificate of its own that proves it, if one does."""
-    from lockstep.lmi.analysis.rounding import shortest_that_proves
-    from lockstep.lmi.search.initial_set import SetProgram
-
-    plain = initial_states(network, certificate)
-    if isinstance(plain, Unavailable) or isinstance(certificate, ModalCertificate):
-        return plain, None
-    program = SetProgram.of(network, gains.order, claim, domain_of(network.agent), plain.inner)
-    if program.loop.n_x > LARGEST_LOOP:
-        return plain, None
-    candidate = program.certificate(program.largest(program.at(gains.blocks, certificate)))
-    if candidate is None:
-        return plain, None
-    exact = network.loop(gains.order, exact_arithmetic=True)
-    own = shortest_that_proves(program.loop, exact, gains.blocks, claim, candidate)
-    found = plain if own is None else initial_states(network, own)
-    if isinstance(found, Unavailable) or found.radius <= plain.radius:
-        return plain, None
-    return found, own

@@ -52,9 +52,9 @@ class Proofs:
 
     certificate: of rho, with P, m, t;  decay: a certificate of the loop of e^(decay t) x_cl, with a rho of its own;
     initial_set: one of the loop itself, with a rho of its own, where the certificate does not prove the set;  floor: dual
-    points;  sampled, sampled_rho, max_period, radius, limits_gain, clipped: of the sampled loop, at its period, of its rho, at
-    the largest period claimed, of the radius, of the energy that meets no limit, and of the clipped loop;  bound: of alpha and
-    the entries;  messages, messages_rho: of the sampled loop whose messages are lost or late. A claim whose witness
+    points;  sampled, sampled_rho, max_period, radius, limits_gain, clipped: of the sampled loop, at its period, of its rho,
+    at the largest period claimed, of the radius, of the energy that meets no limit, and of the clipped loop;  bound: of
+    alpha and the entries;  messages, messages_rho: of the sampled loop whose messages are lost or late. A claim whose witness
     is None is proved anew, or is not.
     """
 

@@ -15,18 +15,15 @@ from lockstep.lmi.analysis.decay import proved_decay
 from lockstep.lmi.analysis.limits import largest_alpha_of_any_controller, static_gains_cannot_stabilise
 from lockstep.lmi.analysis.reach import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
-from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.diagnosis.relax import hint, hint_of_stability
 from lockstep.lmi.floor.bisection import proves_that_none_carries
-from lockstep.lmi.initial import Unavailable
+from lockstep.lmi.local_sets import with_larger_set
 from lockstep.lmi.sampled.descending.improve import StartingGains
-from lockstep.lmi.scope import domain_of, initial_states
 from lockstep.lmi.search import GainSearch, Polished, Score, SearchResult, search_gains
 from lockstep.lmi.search.fastest import raised_decay
-from lockstep.lmi.search.initial_set import SetPoint, SetProgram
 from lockstep.lmi.search.likely import likely
 from lockstep.lmi.search.start import Climbed
-from lockstep.lmi.search.stopping import NEVER, Deadline, NothingYet, Stop
+from lockstep.lmi.search.stopping import Deadline, NothingYet, Stop
 from lockstep.lmi.threads import one_thread
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
@@ -39,9 +36,8 @@ FORGOTTEN = 100
 """Periods within which a controller that is to be stable by itself forgets all but 1/e of its state."""
 
 
-RHO_OF_SET, KEPT_OF_RHO = 10.0, 0.98
-"""Where no rho is given, how much larger than the least one found it may become for a larger initial set; and the part of
-the limit that gains keep to before they are rounded."""
+RHO_OF_SET = 10.0
+"""Where no rho is given, how many times the least one found it may become for a larger initial set."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +122,7 @@ def searched(
                 if table.objective == "decay":
                     proved = with_largest_decay(problem, network, proved, search, score)
                 elif table.objective == "initial_set":
-                    proved = with_larger_set(problem, network, proved, search, score, deadline)
+                    proved = _with_larger_set(problem, network, proved, search, score, deadline)
                 refuse_a_slow_one(problem, network, proved)
             except NotCertified as error:
                 refused = error
@@ -194,45 +190,30 @@ def with_largest_decay(
     return _moved(problem, network, found, raised_decay(at, found.gains.blocks, rho=rho, score=score), rho)
 
 
-def with_larger_set(
+def _with_larger_set(
     problem: Problem,
     network: Network,
     found: CertifiedGains,
     search: GainSearch,
     score: Score | None,
-    deadline: Deadline = NEVER,
+    deadline: Deadline,
 ) -> CertifiedGains:
-    """Return gains with a larger initial set than those found, rho within the one given if one is; or those found.
-
-    Without one, rho is within `RHO_OF_SET` times that of the gains found.
-
-    Raises:
-        NotCertified: the rho given is not reached, or there is no initial set, and why.
-    """
-    plain = initial_states(network, found.certificate)
-    if isinstance(plain, Unavailable):
-        raise NotCertified(f"[design] objective asks for an initial set, but {plain.text()}")
+    """Return gains with a larger initial set; without a rho given, within `RHO_OF_SET` times the one found."""
     rho, table = _largest_rho(problem, found), problem.design
     rho = min(rho, RHO_OF_SET * found.certificate.rho) if table.rho is None else rho
-    program = SetProgram.of(
+    rate = None if search.rate is None else search.rate / 2  # rounding has taken some of it
+    K = with_larger_set(
         network,
-        problem.order,
+        found.gains,
         found.claim,
-        domain_of(network.agent),
-        plain.inner,
+        found.certificate,
+        rho=rho,
         gain_limit=table.gain_limit,
-        rate=None if search.rate is None else search.rate / 2,  # rounding has taken some of it
+        rate=rate,
+        score=score,
+        deadline=deadline,
     )
-
-    def allowed(point: SetPoint) -> bool:
-        near = program.certificate(point)
-        c = None if near is None else least_rho(program.loop, point.K, found.claim, near)
-        if c is None or c.rho > KEPT_OF_RHO * rho:
-            return False
-        return score is None or bool(np.isfinite(score(point.K, c.pair_weights)))
-
-    start = program.at(found.gains.blocks, found.certificate)
-    return _moved(problem, network, found, program.enlarged(start, allowed, deadline).K, rho)
+    return _moved(problem, network, found, K, rho)
 
 
 def _largest_rho(problem: Problem, found: CertifiedGains) -> float:
