@@ -1,7 +1,7 @@
 """Decay and gains that are proved of random loops, against brute force in other coordinates: never better than the truth.
 
-The truth is bounded by phi(v) = s v with |s| <= alpha, constant or switching in time, for all agents alike: of such a loop the
-decay is the abscissa or the largest Floquet exponent, and the gain at a frequency a norm.
+The truth is bounded by phi(v) = s v with |s| <= alpha, constant or switching in time, for all agents alike: of such a loop
+the decay is the abscissa or the largest Floquet exponent, and the gain at a frequency a norm.
 """
 
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ def drawn(seed: int) -> Drawn | None:
     A, B, C = rng.normal(size=(2, 2)), rng.normal(size=(2, 1)), rng.normal(size=(2, 2))
     G, H = rng.normal(size=(2, 1)), rng.normal(size=(1, 2))
     graph = Graph.topology(str(rng.choice(TOPOLOGIES)), N)
-    # Disagreement in orthonormal coordinates, from the agents' own equations: x_i' = A x_i + B u_i, r_i = sum_j a_ij (y_i - y_j).
+    # Orthonormal coordinates, from the agents' own equations: x_i' = A x_i + B u_i, r_i = sum_j a_ij (y_i - y_j).
     L = np.asarray(graph.laplacian, dtype=float)
     T = np.linalg.svd(np.ones((1, N)))[2][1:]
     n_d = 2 * (N - 1)

@@ -205,12 +205,13 @@ def _placed(made: Stored) -> Stored:
     from lockstep.model.assembly import network_of
 
     certificate = made.proofs.certificate
-    covered = made.problem.performance.covers_xi
-    if made.claims.scope != "local" or certificate is None or not covered:
+    if made.claims.scope != "local" or certificate is None:
         return replace(made, claims=replace(made.claims, initial_set=None))
     bound = bound_again(made).or_raise()
     claim = replace(claim_of(made.problem, bound), alpha=made.claims.alpha)
-    initial, own = largest_initial_states(network_of(made.problem, bound), made.gains, claim, certificate)
+    initial, own = largest_initial_states(
+        network_of(made.problem, bound), made.gains, claim, certificate, made.problem.leader
+    )
     return replace(
         made,
         claims=replace(made.claims, initial_set=initial if isinstance(initial, InitialSet) else None),

@@ -85,15 +85,10 @@ class Proposal:
     def _initial(self) -> tuple[InitialStates | Unavailable | None, Certificate | None]:
         if self.certificate is None or self.scope != "local":
             return None, None
-        if self.network.spectrum is not None:
-            return Unavailable(
-                "[network] spectrum names graphs without a leader: no agent moves by itself"
-            ), None
-        if not self.claim.performance.covers_xi:
-            said = "[design.disturbances] leaves states out, so that rho is no gain from all of xi"
-            return Unavailable(said), None
         with one_thread():
-            return largest_initial_states(self.network, self.gains, self.claim, self.certificate)
+            return largest_initial_states(
+                self.network, self.gains, self.claim, self.certificate, self.problem.leader
+            )
 
 
 def design(

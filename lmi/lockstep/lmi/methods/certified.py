@@ -36,10 +36,6 @@ FORGOTTEN = 100
 """Periods within which a controller that is to be stable by itself forgets all but 1/e of its state."""
 
 
-RHO_OF_SET = 10.0
-"""Where no rho is given, how many times the least one found it may become for a larger initial set."""
-
-
 @dataclass(frozen=True)
 class CertifiedGains:
     """Gains, the claim they were found for (alpha may have been raised), and its certificate.
@@ -122,7 +118,10 @@ def searched(
                 if table.objective == "decay":
                     proved = with_largest_decay(problem, network, proved, search, score)
                 elif table.objective == "initial_set":
-                    proved = _with_larger_set(problem, network, proved, search, score, deadline)
+                    rho, start = _largest_rho(problem, proved), (proved.gains, claim, proved.certificate)
+                    rate = search.rate
+                    K = with_larger_set(problem, network, *start, rate=rate, score=score, deadline=deadline)
+                    proved = _moved(problem, network, proved, K, rho)
                 refuse_a_slow_one(problem, network, proved)
             except NotCertified as error:
                 refused = error
@@ -188,32 +187,6 @@ def with_largest_decay(
         )
 
     return _moved(problem, network, found, raised_decay(at, found.gains.blocks, rho=rho, score=score), rho)
-
-
-def _with_larger_set(
-    problem: Problem,
-    network: Network,
-    found: CertifiedGains,
-    search: GainSearch,
-    score: Score | None,
-    deadline: Deadline,
-) -> CertifiedGains:
-    """Return gains with a larger initial set; without a rho given, within `RHO_OF_SET` times the one found."""
-    rho, table = _largest_rho(problem, found), problem.design
-    rho = min(rho, RHO_OF_SET * found.certificate.rho) if table.rho is None else rho
-    rate = None if search.rate is None else search.rate / 2  # rounding has taken some of it
-    K = with_larger_set(
-        network,
-        found.gains,
-        found.claim,
-        found.certificate,
-        rho=rho,
-        gain_limit=table.gain_limit,
-        rate=rate,
-        score=score,
-        deadline=deadline,
-    )
-    return _moved(problem, network, found, K, rho)
 
 
 def _largest_rho(problem: Problem, found: CertifiedGains) -> float:

@@ -61,6 +61,10 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
             "L row by row: the sum of what agent i listens with on the diagonal, -weight elsewhere",
             "",
         ),
+        "leader": (
+            "Where a single leader stays, for a local certificate; absent: the middle half of the domain",
+            "",
+        ),
         "topology": (
             "cycle: each listens to the next; ring: both neighbours on a circle; path: both on a line; complete: all; star:"
             " all to agent 1; leader_path: each to the one before",

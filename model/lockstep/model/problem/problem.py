@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.bound.box import Box
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.design_file.messages import messages_of
 from lockstep.check.design_file.problem_part import Sizes
@@ -24,6 +25,7 @@ from lockstep.model.problem.build import build_agent, build_graph, build_variant
 from lockstep.model.problem.from_agent import plain, tables_of
 from lockstep.model.problem.gains import GivenGains, given_gains
 from lockstep.model.problem.graph_file import network_of_graph, with_graph
+from lockstep.model.problem.leader import leader_box
 from lockstep.model.problem.load import parse_tables, parse_toml, read_problem
 from lockstep.model.problem.schema import (
     ControllerTable,
@@ -70,7 +72,7 @@ class Problem:
         self._check_spectrum()
         self._check_disturbance()
         _ = self._agent, self._graph, self._variants, self.gains
-        _ = self.performance, self.sides, self.messages, self.output_range
+        _ = self.performance, self.sides, self.messages, self.output_range, self.leader
         self.initial_states()
 
     @classmethod
@@ -324,6 +326,11 @@ class Problem:
         """What the network may do to messages, if the problem says so."""
         table = self.file.network.messages
         return None if table is None else messages_of(table.model_dump(exclude_none=True))
+
+    @cached_property
+    def leader(self) -> Box | None:
+        """The box of v = H x that a single leader keeps to, by `[network] leader`; None where that is not said."""
+        return leader_box(self.file, self._agent)
 
     @cached_property
     def output_range(self) -> dict[str, tuple[float | None, float | None]]:

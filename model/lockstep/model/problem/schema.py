@@ -177,6 +177,9 @@ class NetworkTable(ProblemTable):
         le=MOST_NEIGHBOURS,
         description=f"a whole number from 1 to {MOST_NEIGHBOURS}: the most neighbours of an agent, with `spectrum`",
     )
+    leader: dict[str, Interval] | None = Field(
+        default=None, description="[lower, upper] by state of [agent.domain], as two numbers inside its own"
+    )
     parameters: Many[dict[str, float]] | None = Field(
         default=None, description="one table of finite numbers per agent, such as [{ k = 1.0 }, {}]"
     )
