@@ -90,3 +90,32 @@ def test_ten_agents_with_gains_of_their_own():
     found = design(problem)
     assert certify(parse(file_of(found).document(), "design")).certified
     assert not np.allclose(found.gains.D[0], found.gains.D[1])
+
+
+def test_a_cart_and_pole_behind_a_leader(examples):
+    """Issue 19: a certified radius of 0.1 in a box of 0.6 rad; from its boundary, none leaves and all agree."""
+    found = designed(examples / "cart_poles.toml")
+    states, box = found.initial, found.network.agent.argument_box
+    assert states.radius >= 0.1
+    assert box.upper[0] == 0.6
+    apart = np.random.default_rng(1).standard_normal((5, 400))
+    apart[:, :10] = np.eye(5)[:, [2] * 10]  # the pole alone
+    apart *= np.sqrt(2) * states.radius / np.linalg.norm(apart, axis=0)  # |x_d|^2 = |x_2 - x_1|^2 / 2
+    leader = np.zeros((5, 400))
+    leader[1] = np.linspace(-1, 1, 400)  # at a constant speed, its pole upright
+    x, x_C = np.vstack([leader, leader + apart]), np.zeros((2 * found.gains.order, 400))
+    f, largest = found.network.closed_loop(found.gains).map(400), np.zeros(2)
+
+    def rate(y):
+        dx, dx_C, _ = f(y[:10], y[10:], 0.0, np.zeros((10, 400)))
+        return np.vstack([np.asarray(dx), np.asarray(dx_C)])
+
+    y, step = np.vstack([x, x_C]), 2e-3
+    for _ in range(10_000):
+        largest = np.maximum(largest, np.abs(y[[7, 9]]).max(axis=1))
+        a = rate(y)
+        b = rate(y + step / 2 * a)
+        c = rate(y + step / 2 * b)
+        y = y + step / 6 * (a + 2 * b + 2 * c + rate(y + step * c))
+    assert (largest < box.upper).all()
+    assert np.abs(y[5:10] - y[:5]).max() < 0.05 * states.radius

@@ -209,15 +209,14 @@ def _placed(made: Stored) -> Stored:
         return replace(made, claims=replace(made.claims, initial_set=None))
     bound = bound_again(made).or_raise()
     claim = replace(claim_of(made.problem, bound), alpha=made.claims.alpha)
-    initial, own = largest_initial_states(
-        network_of(made.problem, bound), made.gains, claim, certificate, made.problem.leader
+    given = network_of(made.problem, bound), made.gains, claim, certificate
+    initial, own = largest_initial_states(*given, made.problem.leader)
+    proved, proofs = (
+        initial if isinstance(initial, InitialSet) else None,
+        replace(made.proofs, initial_set=own),
     )
-    return replace(
-        made,
-        claims=replace(made.claims, initial_set=initial if isinstance(initial, InitialSet) else None),
-        proofs=replace(made.proofs, initial_set=own),
-        info={**made.info, "initial_set": initial.remarks()},
-    )
+    remarks = {**made.info, "initial_set": initial.remarks()}
+    return replace(made, claims=replace(made.claims, initial_set=proved), proofs=proofs, info=remarks)
 
 
 def _abscissa(proved: Stored) -> float:

@@ -74,21 +74,16 @@ class Proposal:
     @property
     def initial(self) -> InitialStates | Unavailable | None:
         """Where the certificate is local: states from which the agents stay in their domain, or why none can be given."""
-        return self._initial[0]
-
-    @property
-    def initial_proof(self) -> Certificate | None:
-        """What proves these, where the certificate of rho does not."""
-        return self._initial[1]
+        return self.initial_and_proof[0]
 
     @cached_property
-    def _initial(self) -> tuple[InitialStates | Unavailable | None, Certificate | None]:
+    def initial_and_proof(self) -> tuple[InitialStates | Unavailable | None, Certificate | None]:
+        """These, and the certificate of their own that proves them, where that of rho does not."""
         if self.certificate is None or self.scope != "local":
             return None, None
         with one_thread():
-            return largest_initial_states(
-                self.network, self.gains, self.claim, self.certificate, self.problem.leader
-            )
+            given = self.network, self.gains, self.claim, self.certificate
+            return largest_initial_states(*given, self.problem.leader)
 
 
 def design(

@@ -58,7 +58,7 @@ def file_of(design: Proposal) -> Stored:
         | remarks
         | ({} if initial is None else {"initial_set": initial.remarks()})
     )
-    bound, own = _bound_proof(design.problem, claims), design.initial_proof
+    bound, own = _bound_proof(design.problem, claims), design.initial_and_proof[1]
     proofs = Proofs(c, None if decay is None else decay[1], floor, bound=bound, initial_set=own)
     return Stored(design.problem, design.gains, claims, proofs, info)
 

@@ -115,13 +115,8 @@ def searched(
         for one in found.outcomes:
             try:
                 proved = _proved(problem, network, claim, one, search, limit)
-                if table.objective == "decay":
-                    proved = with_largest_decay(problem, network, proved, search, score)
-                elif table.objective == "initial_set":
-                    rho, start = _largest_rho(problem, proved), (proved.gains, claim, proved.certificate)
-                    rate = search.rate
-                    K = with_larger_set(problem, network, *start, rate=rate, score=score, deadline=deadline)
-                    proved = _moved(problem, network, proved, K, rho)
+                if table.objective in ("decay", "initial_set"):
+                    proved = _improved(problem, network, proved, search, score, deadline)
                 refuse_a_slow_one(problem, network, proved)
             except NotCertified as error:
                 refused = error
@@ -170,50 +165,38 @@ def rate_of_controllers(problem: Problem) -> float | None:
     return max(1 / (FORGOTTEN * problem.controller.period), problem.design.decay or 0.0)
 
 
-def with_largest_decay(
-    problem: Problem, network: Network, found: CertifiedGains, search: GainSearch, score: Score | None
+def _improved(
+    problem: Problem,
+    network: Network,
+    found: CertifiedGains,
+    search: GainSearch,
+    score: Score | None,
+    deadline: Deadline,
 ) -> CertifiedGains:
-    """Return gains with a larger decay than those found, rho within the one given if one is; or those found.
+    """Return gains with a larger decay or initial set than those found, rho within the one given if one is; or those found.
 
     Raises:
-        NotCertified: the rho given is not reached.
+        NotCertified: the rho given is not reached, or there is no initial set.
     """
-    table, claim = problem.design, found.claim
-    rho = _largest_rho(problem, found)
+    table, claim, gains, c = problem.design, found.claim, found.gains, found.certificate
+    rho = np.inf if table.rho is None else table.rho
+    if c.rho > rho:
+        raise NotCertified(f"rho = {rho:g} was not reached: {c.rho:g} was", rho=rho, reachable_rho=c.rho)
 
     def at(decay: float) -> GainSearch:
-        return GainSearch.of(
-            network.decaying(decay).loop(problem.order), claim, table.gain_limit, search.lag, search.rate
-        )
+        loop = network.decaying(decay).loop(problem.order)
+        return GainSearch.of(loop, claim, table.gain_limit, search.lag, search.rate)
 
-    return _moved(problem, network, found, raised_decay(at, found.gains.blocks, rho=rho, score=score), rho)
-
-
-def _largest_rho(problem: Problem, found: CertifiedGains) -> float:
-    """Return the rho that is to be kept while something else is improved; infinite where none is given.
-
-    Raises:
-        NotCertified: it is not reached.
-    """
-    rho = problem.design.rho
-    if rho is not None and found.certificate.rho > rho:
-        raise NotCertified(
-            f"rho = {rho:g} was not reached: {found.certificate.rho:g} was",
-            rho=rho,
-            reachable_rho=found.certificate.rho,
-        )
-    return np.inf if rho is None else rho
-
-
-def _moved(
-    problem: Problem, network: Network, found: CertifiedGains, K: np.ndarray, rho: float
-) -> CertifiedGains:
-    """Return what was found with other gains, rounded and proved; or as it was where they are not proved."""
-    gains = Gains.from_blocks(short_gains(K, problem.design.gain_limit), problem.order)
+    if table.objective == "decay":
+        K = raised_decay(at, gains.blocks, rho=rho, score=score)
+    else:
+        limits: dict[str, Any] = {"rate": search.rate, "score": score, "deadline": deadline}
+        K = with_larger_set(problem, network, gains, claim, c, **limits)
+    gains = Gains.from_blocks(short_gains(K, table.gain_limit), problem.order)
     try:
-        certificate = prove(network, gains, found.claim)
+        certificate = prove(network, gains, claim)
         if certificate.rho > rho:
-            certificate = prove(network, gains, found.claim, rho=rho)
+            certificate = prove(network, gains, claim, rho=rho)
     except NotCertified:
         return found
     return replace(found, gains=gains, certificate=certificate)
