@@ -189,7 +189,13 @@ def test_the_schema_of_designs_and_the_reader_have_the_same_keys():
     claims = claims_of(json.loads((ARMS / "design.json").read_text())["claims"])
     assert set(tables["claims"]["properties"]) == {*claims.document(), "messages"}
     assert set(tables["sampled"]["properties"]) == {*claims.sampled.document(), *LATER}
-    seldom = {"limits_gain", "clipped", "messages", "messages_rho"}  # written where they are claimed alone
+    seldom = {
+        "limits_gain",
+        "clipped",
+        "messages",
+        "messages_rho",
+        "initial_set",
+    }  # where they are claimed alone
     assert set(tables["proofs"]["properties"]) == {*proofs_document(Proofs()), *seldom}
 
 

@@ -145,15 +145,13 @@ def _decay(stored: CheckedFile, network: ExactNetwork, claim: Claim) -> Verdict:
 
 def _initial_set(stored: CheckedFile, network: ExactNetwork, domain: Domain, claim: Claim) -> Verdict:
     """Decide an initial set by the certificate of rho, or by one of its own."""
-    claimed, own = stored.claims.initial_set, stored.proofs.initial_set
-    assert claimed is not None
+    claimed, main, own = stored.claims.initial_set, stored.proofs.certificate, stored.proofs.initial_set
+    assert claimed is not None and main is not None
     if not claim.performance.covers_xi:
         return Verdict("undecided", "initial states are claimed, but rho is no gain from all of xi")
-    if own is not None:
-        found = decide_certificate(network, stored.gains, claim, own)
-        if not found.proved:
-            return found
-    return decide_initial_set(network, own or stored.proofs.certificate, domain, claimed)
+    if own is not None and not (found := decide_certificate(network, stored.gains, claim, own)).proved:
+        return found
+    return decide_initial_set(network, own or main, domain, claimed)
 
 
 def _bound(stored: CheckedFile, agent: ExactAgent) -> Verdict:
