@@ -123,6 +123,13 @@ LATER = {
         ],
         850,
     ),
+    "initial sets: a P of their own, gains that move": (
+        [
+            *(f"lmi/lockstep/lmi/{name}.py" for name in ("local_sets", "search/initial_set")),
+            "model/lockstep/model/problem/leader.py",
+        ],
+        360,
+    ),
     "evidence: from the problem to the C": (
         ["codegen/lockstep/report/evidence.py", "model/lockstep/model/problem/lines.py"],
         200,

@@ -195,7 +195,8 @@ def test_the_schema_of_designs_and_the_reader_have_the_same_keys():
         "messages",
         "messages_rho",
         "fixed",
-    }  # written where they are claimed alone
+        "initial_set",
+    }  # where they are claimed alone
     assert set(tables["proofs"]["properties"]) == {*proofs_document(Proofs()), *seldom}
 
 

@@ -90,3 +90,38 @@ def test_ten_agents_with_gains_of_their_own():
     found = design(problem)
     assert certify(parse(file_of(found).document(), "design")).certified
     assert not np.allclose(found.gains.D[0], found.gains.D[1])
+
+
+def test_a_cart_and_pole_behind_a_leader(examples):
+    """Issue 19: a certified radius of 0.1 in a box of 0.6 rad; from its boundary, none leaves."""
+    found = designed(examples / "cart_poles.toml")
+    states, box = found.initial, found.network.agent.argument_box
+    assert states.radius >= 0.1
+    assert box.upper[0] == 0.6
+    n, order, count = 5, found.gains.order, 400
+    apart = np.random.default_rng(1).standard_normal((n, count))
+    apart[:, :10] = np.eye(n)[:, [2] * 10]  # the pole alone
+    apart *= np.sqrt(2) * states.radius / np.linalg.norm(apart, axis=0)  # |x_d|^2 = |x_2 - x_1|^2 / 2
+    leader = np.zeros((n, count))
+    leader[1] = np.linspace(-1, 1, count)  # at a constant speed, its pole upright: x_1' is v alone
+    A_C, B_C, C_C, D_C = (getattr(found.gains, letter)[1] for letter in "ABCD")
+
+    def rate(t, y):
+        p, v, theta, omega, a = y[:n]
+        r = np.array([p - leader[1] * t, v - leader[1], theta, omega])
+        u = (C_C @ y[n:] + D_C @ r)[0]
+        turned = 3 * (9.8 * np.sin(theta) - a * np.cos(theta)) / (4 * 0.5)
+        return np.vstack([v, a, omega, turned, (u - a) / 0.05, A_C @ y[n:] + B_C @ r])
+
+    y, largest, step = np.vstack([leader + apart, np.zeros((order, count))]), np.zeros(2), 2e-3
+    for k in range(10_000):
+        largest, t = np.maximum(largest, np.abs(y[[2, 4]]).max(axis=1)), k * step
+        first = rate(t, y)
+        second = rate(t + step / 2, y + step / 2 * first)
+        third = rate(t + step / 2, y + step / 2 * second)
+        last = rate(t + step, y + step * third)
+        y = y + step / 6 * (first + 2 * second + 2 * third + last)
+    assert (largest < box.upper).all()
+    assert largest[0] > 0.1  # staying is some news
+    assert np.abs(y[2:5]).max() < 1e-2  # the poles stand; the positions follow slowly
+    assert np.abs(y[0] - leader[1] * 20).max() < np.abs(apart[0]).max()

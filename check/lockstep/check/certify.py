@@ -138,14 +138,7 @@ def decide(stored: CheckedFile, folder: Path | None = None) -> Iterator[tuple[st
     if proofs.floor is not None:
         yield "floor", decide_floor(network, claim, proofs.floor)
     if claims.initial_set is not None:
-        box = problem.box
-        domain = Domain(as_floats(agent.H), box)
-        yield (
-            "initial_set",
-            decide_initial_set(network, proofs.certificate, domain, claims.initial_set)
-            if claim.performance.covers_xi
-            else Verdict("undecided", "initial states are claimed, but rho is no gain from all of xi"),
-        )
+        yield "initial_set", _initial_set(stored, network, Domain(as_floats(agent.H), problem.box), claim)
     yield from _sampled(stored, network, folder)
 
 
@@ -156,6 +149,17 @@ def _decay(stored: CheckedFile, network: ExactNetwork, claim: Claim) -> Verdict:
         return Verdict("undecided", f"it is claimed that {said}, without a witness")
     found = decide_certificate(network.decaying(decay), stored.gains, claim, certificate)
     return Verdict("proved", said, found.figures) if found.proved else found
+
+
+def _initial_set(stored: CheckedFile, network: ExactNetwork, domain: Domain, claim: Claim) -> Verdict:
+    """Decide an initial set by the certificate of rho, or by one of its own."""
+    claimed, main, own = stored.claims.initial_set, stored.proofs.certificate, stored.proofs.initial_set
+    assert claimed is not None and main is not None
+    if not claim.performance.covers_xi:
+        return Verdict("undecided", "initial states are claimed, but rho is no gain from all of xi")
+    if own is not None and not (found := decide_certificate(network, stored.gains, claim, own)).proved:
+        return found
+    return decide_initial_set(network, own or main, domain, claimed)
 
 
 def _bound(stored: CheckedFile, agent: ExactAgent) -> Verdict:

@@ -103,8 +103,8 @@ def obstacle(stored: Stored) -> str | None:
     problem = stored.problem
     if problem.design.method != "certified":
         return f'the gains of method "{problem.design.method}" are not designed for a period'
-    if problem.design.objective == "decay":
-        return 'objective is "decay", which a descent on rho would spend'
+    if problem.design.objective in ("decay", "initial_set"):
+        return f'objective is "{problem.design.objective}", which a descent on rho would spend'
     if not isinstance(stored.proofs.certificate, Certificate):
         return "there is no continuous certificate to start from"
     if any(problem.fragility.values()):
@@ -199,18 +199,24 @@ def _continuous(stored: Stored, gains: Gains) -> tuple[Certificate, Guarantees]:
 
 def _placed(made: Stored) -> Stored:
     """Return a design file with the initial states that its own certificate proves; those of another say nothing."""
-    from lockstep.lmi.scope import initial_states
+    from lockstep.lmi.design import claim_of
+    from lockstep.lmi.local_sets import largest_initial_states
     from lockstep.lmi.stored_bound import bound_again
     from lockstep.model.assembly import network_of
 
     certificate = made.proofs.certificate
-    covered = made.problem.performance.covers_xi
-    if made.claims.scope != "local" or certificate is None or not covered:
+    if made.claims.scope != "local" or certificate is None:
         return replace(made, claims=replace(made.claims, initial_set=None))
-    initial = initial_states(network_of(made.problem, bound_again(made)), certificate)
-    proved = initial if isinstance(initial, InitialSet) else None
-    remarks = {"initial_set": initial.remarks()}
-    return replace(made, claims=replace(made.claims, initial_set=proved), info={**made.info, **remarks})
+    bound = bound_again(made).or_raise()
+    claim = replace(claim_of(made.problem, bound), alpha=made.claims.alpha)
+    given = network_of(made.problem, bound), made.gains, claim, certificate
+    initial, own = largest_initial_states(*given, made.problem.leader)
+    proved, proofs = (
+        initial if isinstance(initial, InitialSet) else None,
+        replace(made.proofs, initial_set=own),
+    )
+    remarks = {**made.info, "initial_set": initial.remarks()}
+    return replace(made, claims=replace(made.claims, initial_set=proved), proofs=proofs, info=remarks)
 
 
 def _abscissa(proved: Stored) -> float:

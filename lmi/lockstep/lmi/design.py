@@ -26,8 +26,9 @@ from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.defaults import MUCH, Wishes, is_far, named, wishes
 from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.initial import InitialStates, Unavailable
+from lockstep.lmi.local_sets import largest_initial_states
 from lockstep.lmi.sampled.descending.improve import StartingGains
-from lockstep.lmi.scope import Scope, initial_states, scope_of
+from lockstep.lmi.scope import Scope, scope_of
 from lockstep.lmi.search.stopping import NothingYet, Stop
 from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import bound_of, network_of
@@ -70,18 +71,19 @@ class Proposal:
         """Where the certificate holds: "global", or "local" where its bound was proved on [agent.domain] only."""
         return scope_of(self.network.agent, self.bound) if self.certified else None
 
-    @cached_property
+    @property
     def initial(self) -> InitialStates | Unavailable | None:
         """Where the certificate is local: states from which the agents stay in their domain, or why none can be given."""
+        return self.initial_and_proof[0]
+
+    @cached_property
+    def initial_and_proof(self) -> tuple[InitialStates | Unavailable | None, Certificate | None]:
+        """These, and the certificate of their own that proves them, where that of rho does not."""
         if self.certificate is None or self.scope != "local":
-            return None
-        if self.network.spectrum is not None:
-            return Unavailable("[network] spectrum names graphs without a leader: no agent moves by itself")
-        if not self.claim.performance.covers_xi:
-            return Unavailable(
-                "[design.disturbances] leaves states out, so that rho is no gain from all of xi"
-            )
-        return initial_states(self.network, self.certificate)
+            return None, None
+        with one_thread():
+            given = self.network, self.gains, self.claim, self.certificate
+            return largest_initial_states(*given, self.problem.leader)
 
 
 def design(

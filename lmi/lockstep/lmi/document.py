@@ -58,7 +58,8 @@ def file_of(design: Proposal) -> Stored:
         | remarks
         | ({} if initial is None else {"initial_set": initial.remarks()})
     )
-    proofs = Proofs(c, None if decay is None else decay[1], floor, bound=_bound_proof(design.problem, claims))
+    bound, own = _bound_proof(design.problem, claims), design.initial_and_proof[1]
+    proofs = Proofs(c, None if decay is None else decay[1], floor, bound=bound, initial_set=own)
     return Stored(design.problem, design.gains, claims, proofs, info)
 
 

@@ -44,14 +44,17 @@ def proofs_document(proofs: Proofs) -> dict[str, Any]:
     later = {key: one.document() for key in names if (one := getattr(proofs, key)) is not None}
     return {
         "certificate": None if proofs.certificate is None else certificate_document(proofs.certificate),
-        "decay": None
-        if proofs.decay is None
-        else {"rho": proofs.decay.rho, **certificate_document(proofs.decay)},
+        "decay": None if proofs.decay is None else _with_rho(proofs.decay),
+        **({} if proofs.initial_set is None else {"initial_set": _with_rho(proofs.initial_set)}),
         "floor": None if proofs.floor is None else pieces_document(proofs.floor),
         **sampled,
         "bound": None if proofs.bound is None else _bound_document(proofs.bound),
         **later,
     }
+
+
+def _with_rho(certificate: Certificate | ModalCertificate) -> dict[str, Any]:
+    return {"rho": certificate.rho, **certificate_document(certificate)}
 
 
 def _bound_document(proof: BoundProof) -> dict[str, Any]:

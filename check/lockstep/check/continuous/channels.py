@@ -67,7 +67,7 @@ class Inequality:
     def Z(self, K: Stack) -> Annotated[np.ndarray, "n_x n_F"]:
         """Return [A_cl, E_c + sum_i U_i K_i Y_ci, ...], with x' = Z (x, w)."""
         total = np.hstack([self.A_0, *[channel.E for channel in self.channels]])
-        for U, block, given in zip(self.U, K, self._given(), strict=True):
+        for U, block, given in zip(self.U, K, self.given(), strict=True):
             total[:, : given.shape[1]] += product(U, product(block, given))
         return total
 
@@ -116,7 +116,7 @@ class Inequality:
             yield slice(at, at + width), channel
             at += width
 
-    def _given(self) -> list[Matrix]:
+    def given(self) -> list[Matrix]:
         """Return [Y_i, Y_ci, ...] of each agent, without the signals where no controller sees any."""
         if not any(channel.Y for channel in self.channels):
             return list(self.Y)
@@ -148,8 +148,7 @@ class Inequality:
         if not term.S:
             return term.C
         outputs = [
-            product(S, product(block, given))
-            for S, block, given in zip(term.S, K, self._given(), strict=True)
+            product(S, product(block, given)) for S, block, given in zip(term.S, K, self.given(), strict=True)
         ]
         total = sum(outputs[1:], start=outputs[0])
         width = max(total.shape[1], term.C.shape[1])

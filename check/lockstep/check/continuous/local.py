@@ -133,15 +133,28 @@ def largest_level(
     Raises:
         ProblemError: an inner box that is not inside the box on every side, or a P that does not fit the network.
     """
-    margins, root = _margins(domain.box, inner), network.graph.roots[0] - 1
     order = _order(network, certificate.P)
-    places = [
-        (i, j, d) for i in range(network.N) for j, d in enumerate(margins) if i != root and d is not None
+    found = rows_within(network, order, domain, inner)
+    P_0 = at_rest(exactly(certificate.P), network, order)
+    spread = _squares(P_0, [w for *_, w in found])
+    return min((d * d / q, i, j) for (i, j, d, _), q in zip(found, spread, strict=True) if q)
+
+
+def rows_within(
+    network: ExactNetwork, order: int, domain: Domain, inner: Box
+) -> list[tuple[int, int, Fraction, Vector]]:
+    """Return (i, j, d_j, w_ij) for each agent behind the leader and each side it keeps to, both from 0.
+
+    Raises:
+        ProblemError: an inner box that is not inside the box on every side.
+    """
+    margins, root = _margins(domain.box, inner), network.graph.roots[0] - 1
+    return [
+        (i, j, d, at_rest(_row(network, order, root, i, domain.H[j]), network, order))
+        for i in range(network.N)
+        for j, d in enumerate(margins)
+        if i != root and d is not None
     ]
-    rows = [_row(network, order, root, i, domain.H[j]) for i, j, _ in places]
-    P_0 = _at_rest(exactly(certificate.P), network, order, root)
-    spread = _squares(P_0, [_at_rest(w, network, order, root) for w in rows])
-    return min((d * d / q, i, j) for (i, j, d), q in zip(places, spread, strict=True) if q)
 
 
 def on_disagreement(network: ExactNetwork, certificate: Certificate) -> Matrix:
@@ -191,11 +204,11 @@ def _row(network: ExactNetwork, order: int, root: int, i: int, h: Vector) -> Vec
     return np.concatenate([w, exactly(np.zeros(order * network.N))])
 
 
-def _at_rest(
-    array: Annotated[np.ndarray, "..."], network: ExactNetwork, order: int, root: int
+def at_rest(
+    array: Annotated[np.ndarray, "..."], network: ExactNetwork, order: int
 ) -> Annotated[np.ndarray, "..."]:
     """Leave the root's controller out of a vector or matrix over x_cl."""
-    start = len(network.plant.A) * (network.N - 1) + root * order
+    start = len(network.plant.A) * (network.N - 1) + (network.graph.roots[0] - 1) * order
     keep = [k for k in range(array.shape[0]) if not start <= k < start + order]
     return array[np.ix_(*[keep] * array.ndim)]
 

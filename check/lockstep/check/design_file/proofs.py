@@ -51,11 +51,12 @@ class BoundProof:
 class Proofs:
     """What proves the claims of a design file.
 
-    certificate: of rho, with P, m, t; decay: a certificate of the loop of e^(decay t) x_cl, with a rho of its own; floor:
-    dual points; sampled, sampled_rho, max_period, radius, limits_gain, clipped: of the sampled loop, at its period, of
-    its rho, at the largest period claimed, of the radius, of the energy that meets no limit, and of the clipped loop;
-    bound: of alpha and the entries; messages, messages_rho: of the sampled loop whose messages are lost or late; fixed:
-    of the controllers in integers. A claim whose witness is None is proved anew, or is not.
+    certificate: of rho, with P, m, t;  decay: a certificate of the loop of e^(decay t) x_cl, with a rho of its own;
+    initial_set: one of the loop itself, with a rho of its own, where the certificate does not prove the set;  floor: dual
+    points;  sampled, sampled_rho, max_period, radius, limits_gain, clipped: of the sampled loop, at its period, of its rho,
+    at the largest period claimed, of the radius, of the energy that meets no limit, and of the clipped loop;  bound: of
+    alpha and the entries;  messages, messages_rho: of the sampled loop whose messages are lost or late;  fixed: of the
+    controllers in integers. A claim whose witness is None is proved anew, or is not.
     """
 
     certificate: Certificate | ModalCertificate | None = None
@@ -71,6 +72,7 @@ class Proofs:
     limits_gain: Witness | None = None
     clipped: ClippedWitness | None = None
     fixed: FixedWitness | None = None
+    initial_set: Certificate | ModalCertificate | None = None
 
 
 def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
@@ -82,7 +84,7 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
     rho = claims.floor
     readers: dict[str, Reader] = {
         "certificate": or_none(partial(_certificate, claims, sizes, claims.rho)),
-        "decay": or_none(partial(_decaying, claims, sizes)),
+        "decay": or_none(partial(_with_rho, claims, sizes)),
         "floor": lambda value, where: None if rho is None else witness_of(rho, value, where),
         **dict.fromkeys(("sampled", "sampled_rho", "max_period"), or_none(_sampled_witness)),
         "radius": or_none(sampled_witness_of),
@@ -91,6 +93,7 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
         "limits_gain": or_none(sampled_witness_of),
         "clipped": or_none(_clipped),
         "fixed": or_none(_fixed),
+        "initial_set": or_none(partial(_with_rho, claims, sizes)),
     }
     return Proofs(*record(content, "proofs", readers))
 
@@ -169,7 +172,7 @@ def _triangle(value: Any, where: str) -> Any:
     return M
 
 
-def _decaying(claims: Claims, sizes: Sizes, stored: Any, where: str) -> Certificate | ModalCertificate:
+def _with_rho(claims: Claims, sizes: Sizes, stored: Any, where: str) -> Certificate | ModalCertificate:
     """Read a certificate with a rho of its own."""
     demand(isinstance(stored, dict), f"a {type(stored).__name__}", where, "an object")
     rho = above_zero(stored.get("rho"), f"{where}, `rho`")

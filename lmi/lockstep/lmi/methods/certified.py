@@ -17,6 +17,7 @@ from lockstep.lmi.analysis.reach import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.diagnosis.relax import hint, hint_of_stability
 from lockstep.lmi.floor.bisection import proves_that_none_carries
+from lockstep.lmi.local_sets import with_larger_set
 from lockstep.lmi.sampled.descending.improve import StartingGains
 from lockstep.lmi.search import GainSearch, Polished, Score, SearchResult, search_gains
 from lockstep.lmi.search.fastest import raised_decay
@@ -114,8 +115,8 @@ def searched(
         for one in found.outcomes:
             try:
                 proved = _proved(problem, network, claim, one, search, limit)
-                if table.objective == "decay":
-                    proved = with_largest_decay(problem, network, proved, search, score)
+                if table.objective in ("decay", "initial_set"):
+                    proved = _improved(problem, network, proved, search, score, deadline)
                 refuse_a_slow_one(problem, network, proved)
             except NotCertified as error:
                 refused = error
@@ -164,32 +165,37 @@ def rate_of_controllers(problem: Problem) -> float | None:
     return max(1 / (FORGOTTEN * problem.controller.period), problem.design.decay or 0.0)
 
 
-def with_largest_decay(
-    problem: Problem, network: Network, found: CertifiedGains, search: GainSearch, score: Score | None
+def _improved(
+    problem: Problem,
+    network: Network,
+    found: CertifiedGains,
+    search: GainSearch,
+    score: Score | None,
+    deadline: Deadline,
 ) -> CertifiedGains:
-    """Return gains with a larger decay than those found, rho within the one given if one is; or those found.
+    """Return gains with a larger decay or initial set than those found, rho within the one given if one is; or those found.
 
     Raises:
-        NotCertified: the rho given is not reached.
+        NotCertified: the rho given is not reached, or there is no initial set.
     """
-    table, claim, rho = problem.design, found.claim, problem.design.rho
-    if rho is not None and found.certificate.rho > rho:
-        raise NotCertified(
-            f"rho = {rho:g} was not reached: {found.certificate.rho:g} was",
-            rho=rho,
-            reachable_rho=found.certificate.rho,
-        )
+    table, claim, gains, c = problem.design, found.claim, found.gains, found.certificate
+    rho = np.inf if table.rho is None else table.rho
+    if c.rho > rho:
+        raise NotCertified(f"rho = {rho:g} was not reached: {c.rho:g} was", rho=rho, reachable_rho=c.rho)
 
     def at(decay: float) -> GainSearch:
-        return GainSearch.of(
-            network.decaying(decay).loop(problem.order), claim, table.gain_limit, search.lag, search.rate
-        )
+        loop = network.decaying(decay).loop(problem.order)
+        return GainSearch.of(loop, claim, table.gain_limit, search.lag, search.rate)
 
-    K = raised_decay(at, found.gains.blocks, rho=np.inf if rho is None else rho, score=score)
+    if table.objective == "decay":
+        K = raised_decay(at, gains.blocks, rho=rho, score=score)
+    else:
+        limits: dict[str, Any] = {"rate": search.rate, "score": score, "deadline": deadline}
+        K = with_larger_set(problem, network, gains, claim, c, **limits)
     gains = Gains.from_blocks(short_gains(K, table.gain_limit), problem.order)
     try:
         certificate = prove(network, gains, claim)
-        if rho is not None and certificate.rho > rho:
+        if certificate.rho > rho:
             certificate = prove(network, gains, claim, rho=rho)
     except NotCertified:
         return found

@@ -61,6 +61,10 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
             "L row by row: the sum of what agent i listens with on the diagonal, -weight elsewhere",
             "",
         ),
+        "leader": (
+            "Where a single leader stays, for a local certificate; absent: the middle half of the domain",
+            "",
+        ),
         "topology": (
             "cycle: each listens to the next; ring: both neighbours on a circle; path: both on a line; complete: all; star:"
             " all to agent 1; leader_path: each to the one before",
@@ -128,7 +132,10 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
             "The slope of the nonlinearity to design for; absent: the smallest one proved",
             "as phi(H x) is written",
         ),
-        "objective": ("Minimise rho, raise alpha with `rho` given, or raise the decay", ""),
+        "objective": (
+            "Minimise rho, raise alpha with `rho` given, raise the decay, or enlarge the initial set",
+            "",
+        ),
         "rho": ("The rho to keep while alpha is raised", "s"),
         "coordinates": ("Of the disagreement; laplacian_rows are the paper's", ""),
         "for_period": ("Design for the sampled controllers at once", ""),

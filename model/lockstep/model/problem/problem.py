@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.bound.box import Box
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.design_file.messages import messages_of
 from lockstep.check.design_file.problem_part import Sizes
@@ -25,6 +26,7 @@ from lockstep.model.problem.formation import formation_of
 from lockstep.model.problem.from_agent import plain, tables_of
 from lockstep.model.problem.gains import GivenGains, given_gains
 from lockstep.model.problem.graph_file import network_of_graph, with_graph
+from lockstep.model.problem.leader import leader_box
 from lockstep.model.problem.load import parse_tables, parse_toml, read_problem
 from lockstep.model.problem.reference import LeaderReference, reference_of
 from lockstep.model.problem.schema import (
@@ -73,7 +75,7 @@ class Problem:
         self._check_disturbance()
         _ = self._agent, self._graph, self._variants, self.gains
         _ = self.performance, self.sides, self.messages, self.output_range
-        _ = self.offsets, self.reference
+        _ = self.offsets, self.reference, self.leader
         self.initial_states()
 
     @classmethod
@@ -343,6 +345,11 @@ class Problem:
         return None if table is None else messages_of(table.model_dump(exclude_none=True))
 
     @cached_property
+    def leader(self) -> Box | None:
+        """The box of v = H x that a single leader keeps to, by `[network] leader`; None where that is not said."""
+        return leader_box(self.file, self._agent)
+
+    @cached_property
     def output_range(self) -> dict[str, tuple[float | None, float | None]]:
         """Lowest and highest plausible value by output, where one is given: messages beyond are refused."""
         given, where = self.file.agent.output_range or {}, "[agent.output_range]"
@@ -417,13 +424,13 @@ class Problem:
             raise ProblemError(
                 f"`rho` is {design.rho}, but rho is what is minimised",
                 where="[design] rho",
-                expected='no `rho`, or objective = "alpha" or "decay"',
+                expected='no `rho`, or objective = "alpha", "decay" or "initial_set"',
             )
-        if design.objective == "decay" and design.method != "certified":
+        if design.objective in ("decay", "initial_set") and design.method != "certified":
             raise ProblemError(
                 f'`method` is "{design.method}"',
                 where="[design] objective",
-                expected='method = "certified", the one that looks for the largest decay',
+                expected='method = "certified", the one that looks for more than rho',
             )
 
     def _check_spectrum(self) -> None:

@@ -177,6 +177,9 @@ class NetworkTable(ProblemTable):
         le=MOST_NEIGHBOURS,
         description=f"a whole number from 1 to {MOST_NEIGHBOURS}: the most neighbours of an agent, with `spectrum`",
     )
+    leader: dict[str, Interval] | None = Field(
+        default=None, description="[lower, upper] by state of [agent.domain], as two numbers inside its own"
+    )
     parameters: Many[dict[str, float]] | None = Field(
         default=None, description="one table of finite numbers per agent, such as [{ k = 1.0 }, {}]"
     )
@@ -260,8 +263,8 @@ class DesignTable(ProblemTable):
     gain_limit: Positive = Field(default=50.0, description="a finite number above 0")
     fragility: FragilityTable | None = Field(default=None, description="a table, such as { A = 0.5 }")
     alpha: Positive | None = Field(default=None, description="a finite number above 0")
-    objective: Literal["rho", "alpha", "decay"] = Field(
-        default="rho", description='"rho", "alpha" or "decay"'
+    objective: Literal["rho", "alpha", "decay", "initial_set"] = Field(
+        default="rho", description='"rho", "alpha", "decay" or "initial_set"'
     )
     rho: Positive | None = Field(default=None, description="a finite number above 0")
     coordinates: Literal["orthonormal", "laplacian_rows"] = Field(
