@@ -41,7 +41,9 @@ least of w'X w + kappa |error|^2. It holds for each outcome of delta, before it 
 
 E of a square being that of the mean and p (1 - p) (eps_e - eta_e)'Gamma_ee (eps_e - eta_e) for each link. With p = 0 nothing
 is random, and the decay is that of each run; with p > 0 it is that of the mean square, and with probability 1 there is
-agreement as well. With rho, both halves hold with decay 1 and the cost of `performance`.
+agreement as well. With rho, both halves hold with decay 1 and the cost of `performance`. The outputs' own noise n is then in
+what is read, eta_e + Y_n n in the place of eta_e with Y_n its columns of `differences`, and nowhere else: W_1 has no column
+of it (nu holds what was read), and rho^2 T n'(S (x) I) n stands on the right of the second half.
 """
 
 from dataclasses import dataclass
@@ -158,10 +160,10 @@ def proves_messages(
     """Decide in balls whether a witness proves agreement under what happens to the messages, or rho with weights.
 
     Without rho the decay has to be below 1; with it the decay is 1, and rho is the gain that `performance` states, from the
-    disturbances of the states, in the mean square where messages are lost by chance.
+    disturbances and the outputs' noise, in the mean square where messages are lost by chance.
 
     Args:
-        exact_loop: assembled from the controllers, outputs without noise of their own.
+        exact_loop: assembled from the controllers, with the outputs' own noise where rho is a gain from it.
         messages: what happens to them.
         witness: from wherever.
         weights, rho: of the gain, where one is claimed.
@@ -177,13 +179,13 @@ def proves_messages(
         if not all(balls.is_positive_definite(one) for one in forms):
             return False
         parts = period_parts(exact_loop, messages, witness, M, weights, rho)
-        if parts is None or not balls.is_positive_definite(W_2(exact_loop, messages, witness)):
+        running = None if weights is None or rho is None else running_cost(exact_loop, weights, rho)
+        if parts is None or not balls.is_positive_definite(W_2(exact_loop, messages, witness, running)):
             return False
         A, B, EE, FF = parts
         if not no_conjugate_point(A, EE, FF[: len(A), : len(A)], exact_loop.network.period):
             return False
         lifted = lift(A, B, EE, FF, exact_loop.network.period)
-        running = None if weights is None or rho is None else running_cost(exact_loop, weights, rho)
         return balls.is_positive_definite(W_1(exact_loop, lifted, witness, running))
 
 
@@ -288,29 +290,36 @@ def W_1(loop: SampledLoop, lifted: Lifted, witness: MessageWitness, running: Mat
     Z = Z + balls.product(apart.T, priced, apart)
     known = np.r_[0:n, n_z : n_z + links]
     Z[np.ix_(known, known)] = Z[np.ix_(known, known)] + Gamma
-    side = balls.product(P, step)
+    kept = np.delete(np.arange(n_z + links), loop.outputs)
+    side = balls.product(P, step[:, kept])
     into = balls.product(P, enters)
     corner = P - balls.product(into, lifted.S, into.T)
-    return np.block([[Z, side.T], [side, corner]])
+    return np.block([[Z[np.ix_(kept, kept)], side.T], [side, corner]])
 
 
-def W_2(loop: SampledLoop, messages: Messages, witness: MessageWitness) -> Matrix:
-    """Assemble W_2, in the numbers of the loop."""
+def W_2(
+    loop: SampledLoop, messages: Messages, witness: MessageWitness, running: Matrix | None = None
+) -> Matrix:
+    """Assemble W_2, in the numbers of the loop, on (xi, eps, eta, n); running: as in `W_1`, n being there only with it."""
     number = converter(is_exact(loop.held))
     P, Gamma, X = (number(one) for one in (witness.P, witness.Gamma, witness.X))
     decay, p = number(np.array([witness.decay, messages.loss]))
     n, links, D = loop.n_xi, len(X), messages.age
     unit, none = eye(links, P), zeros(links, n, P)
-    mean = np.vstack([eye(n + 2 * links, P)[:n], np.hstack([none, p * unit, (1 - p) * unit])])
-    apart = np.hstack([none, unit, -unit])
+    Y_n = loop.differences[:, loop.outputs] if running is not None else unit[:, :0]
+    read, late, noise = np.hstack([unit, Y_n]), slice(n + links, n + 2 * links), n + 2 * links
+    size = noise + Y_n.shape[1]
+    mean = np.vstack([eye(size, P)[:n], np.hstack([none, p * unit, (1 - p) * read])])
+    apart = np.hstack([none, unit, -read])
     spread = p * (1 - p) * links_apart(np.vstack(_blocks(Gamma[n:, n:], X.shape[1])))
     if D:
         spread = spread + (1 - p) * D * D * decay ** (1 - D) * links_apart(X)
-    W: Matrix = _padded(decay * P, n + 2 * links) - mean.T @ Gamma @ mean - apart.T @ spread @ apart
-    if not messages.jitter:
-        return W[: n + links, : n + links]
-    W[n + links :, n + links :] = W[n + links :, n + links :] + decay * links_apart(number(witness.X_jitter))
-    return W
+    W: Matrix = _padded(decay * P, size) - mean.T @ Gamma @ mean - apart.T @ spread @ apart
+    W[late, late] = W[late, late] + decay * links_apart(number(witness.X_jitter))
+    if running is not None:
+        W[noise:, noise:] = W[noise:, noise:] - running[loop.outputs, loop.outputs]
+    kept = np.arange(size) if messages.jitter else np.delete(np.arange(size), late)
+    return W[np.ix_(kept, kept)]
 
 
 def _blocks(form: Matrix, q: int) -> list[Matrix]:

@@ -96,10 +96,9 @@ class Descent:
             found = self._descended(found, _Root(self, found, p).slopes, weight, ITERATIONS)
             yield found
 
-    def _recovered(self, start: DescentPoint) -> DescentPoint | None:
+    def _recovered(self, start: DescentPoint, first: Stage = STAGES[0]) -> DescentPoint | None:
         """Return a point with a finite rho_p, or None."""
         point = self._steadied(start)
-        first = STAGES[0]
         for _ in range(RECOVERIES):
             if point is None:
                 return None

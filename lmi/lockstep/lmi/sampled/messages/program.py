@@ -6,7 +6,7 @@ identity: near what proves the loop whose messages all arrive. The room for roun
 conditions, which is what is made large.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -30,7 +30,8 @@ class MessageProgram:
 
     basis: (xi, eps) = basis @ coordinates;  N: (xi+, eps+) from (xi, nu, nu1, omega), w_d = root omega;  costs,
     multipliers: of each pair's weight, on these and on omega, in units of `size`; one of each where the weights are fixed;
-    rates: whose squares sum up to T int |Y x_d'|^2 dt over a period, without nonlinearity.
+    rates: whose squares sum up to T int |Y x_d'|^2 dt over a period, without nonlinearity;  noise: what is read from the
+    outputs' own noise of price 1, in the coordinates of eps.
     """
 
     basis: Form
@@ -39,6 +40,7 @@ class MessageProgram:
     multipliers: list[Form]
     size: float
     rates: list[Float[np.ndarray, "links l"]]
+    noise: Float[np.ndarray, "links n"]
 
     @property
     def count(self) -> int:
@@ -78,7 +80,7 @@ class MessageProgram:
         padded = [np.pad(cost / size, (0, links + count)) for cost in costs]
         into_rates = [each @ loop.start[:, columns[: n + links]] @ held / sigma for each in _rates(loop)]
         rates = [np.pad(each, ((0, 0), (0, links + count))) for each in into_rates]
-        return cls(basis, N, padded, multipliers, size, rates)
+        return cls(basis, N, padded, multipliers, size, rates, np.zeros((links, 0)))
 
 
 def _rates(loop: SampledLoop) -> list[Float[np.ndarray, "links a"]]:
@@ -109,7 +111,12 @@ def with_fixed_weights(loop: SampledLoop, lifted: Lifted, running: Form | None, 
     """Return the program of a period lifted with all weights; running: a cost of z at each sampling instant."""
     root = _root(lifted.S)
     costs = [loop.start.T @ lifted.Q @ loop.start + (0.0 if running is None else running)]
-    return MessageProgram.of(loop, lifted, root, costs, [np.eye(root.shape[1])], near, scaled=False)
+    found = MessageProgram.of(loop, lifted, root, costs, [np.eye(root.shape[1])], near, scaled=False)
+    if running is None:
+        return found
+    price = np.linalg.cholesky(-running[loop.outputs, loop.outputs])
+    noise = np.linalg.solve(price, loop.differences[:, loop.outputs].T).T
+    return replace(found, noise=noise / found.basis[-1, -1])
 
 
 def _root(square: Form) -> Float[np.ndarray, "n k"]:
@@ -151,20 +158,21 @@ def solved(
     K = K + (of_nu - of_nu1).T @ X @ (of_nu - of_nu1) if D else K
     own = np.kron(np.eye(links // q), np.ones((q, q)))
     spread = p * (1 - p) * cp.multiply(Gamma[n:, n:], own) + (1 - p) * D * D * decay ** (1 - D) * X
-    early = links if J else 0
-    mean = np.zeros((n + links, n + links + early))
-    mean[:n, :n], mean[n:, n : n + links] = np.eye(n), p * np.eye(links)
-    mean[n:, n + links :] = (1 - p) * np.eye(links, early)
-    apart = np.hstack([np.zeros((links, n)), np.eye(links), -np.eye(links, early)])
-    stored = np.eye(n + links, n + links + early)
+    early, noisy = links if J else 0, program.noise.shape[1]
+    read = np.hstack([np.eye(links, early), program.noise])
+    size = n + links + early + noisy
+    mean = np.vstack([np.eye(n, size), np.hstack([np.zeros((links, n)), p * np.eye(links), (1 - p) * read])])
+    apart = np.hstack([np.zeros((links, n)), np.eye(links), -read])
+    stored, priced = np.eye(n + links, size), np.eye(size)[size - noisy :]
     second = decay * stored.T @ V @ stored - mean.T @ Gamma @ mean - apart.T @ spread @ apart
+    second = second + priced.T @ priced
     X_jitter = None
     if J:
         ones = [cp.Variable((q, q), symmetric=True) for _ in range(links // q)]
         if fixed is not None and fixed.X_jitter.size:
             ones = list(np.split(fixed.X_jitter * program.basis[-1, -1] ** 2, links // q))
         X_jitter = sum(place.T @ block @ place for place, block in zip(places, ones, strict=True))
-        tail = np.eye(n + 2 * links)[n + links :]
+        tail = np.eye(size)[n + links : n + 2 * links]
         second = second + decay * tail.T @ X_jitter @ tail
         if fixed is None or not fixed.X_jitter.size:
             K = K - MORE * J * sum(
@@ -175,7 +183,7 @@ def solved(
     room = np.diag(np.r_[np.ones(keep.shape[1]), np.zeros(n + links)])
     conditions = [
         (first + first.T) / 2 >> slack * room,
-        (second + second.T) / 2 >> slack * np.eye(n + links + early),
+        (second + second.T) / 2 >> slack * np.eye(size),
         V >> FLATTEST * np.eye(n + links),
         slack <= 1,
         cp.trace(V[:n, :n]) == n if fixed is None else m == 1,

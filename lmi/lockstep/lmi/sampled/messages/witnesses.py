@@ -138,10 +138,11 @@ def message_rho(
 
     Args:
         network, controllers, messages: as for `certify_messages`.
-        weights: what rho is a gain to and from; noise of the outputs is left out.
+        weights: what rho is a gain to and from.
         known: rho of the loop whose messages all arrive: its pair weights and P are where this starts.
     """
-    loop, exact_loop = in_doubles(network, controllers), sampled_loop(network, controllers)
+    loop = in_doubles(network, controllers, weights.outputs)
+    exact_loop = sampled_loop(network, controllers, weights.outputs)
     for factor, scale in FACTORS:
         rho = float(f"{factor * known.rho:.4g}")
         for witness in _with_rho(loop, messages, weights, rho, scale, known.witness):
@@ -201,6 +202,6 @@ def _priced(
             found, Gamma=Gamma, X=X, t=t, decay=decay, kappa=kappa, kappa_mu=MU * weighed(loop.underflows)
         )
         W = W_1(loop, lifted, witness, running)
-        if holds_in_doubles(W_2(loop, messages, witness)) and holds_in_doubles(W):
+        if holds_in_doubles(W_2(loop, messages, witness, running)) and holds_in_doubles(W):
             yield witness
             return
