@@ -141,12 +141,14 @@ def solved(
     n, links, q = loop.n_xi, len(loop.differences), len(loop.network.plant.C)
     p, D, J = messages.loss, messages.age, messages.jitter
     # Columns of (xi, nu, nu1, omega) that occur: without ages nu is nu1, and without chance and jitter nu1 is 0.
+    chance = bool(p or J or program.noise.size)
     unit = np.eye(n + 2 * links + program.count)
     xi, nu, nu1, omega = np.split(unit, np.cumsum([n, links, links]), axis=1)
     keep = np.hstack(
-        [xi, *([nu, nu1] if D and (p or J) else [nu] if D else [nu + nu1] if p or J else []), omega]
+        [xi, *([nu, nu1] if D and chance else [nu] if D else [nu + nu1] if chance else []), omega]
     )
     of_nu, of_nu1, of_omega = np.split(keep[n:], np.cumsum([links, links]))
+    padded_nu1 = np.eye(n + links)[n:]
     known, costs = np.vstack([keep[:n], of_nu1]), [keep.T @ cost @ keep for cost in program.costs]
     V, Gamma = (cp.Variable((n + links,) * 2, symmetric=True) for _ in range(2))
     slack, m = cp.Variable(), cp.Variable(len(costs), nonneg=True)
@@ -156,15 +158,23 @@ def solved(
     M = sum(m[k] * form for k, form in enumerate(program.multipliers))
     K = known.T @ Gamma @ known - sum(m[k] * cost for k, cost in enumerate(costs)) + of_omega.T @ M @ of_omega
     K = K + (of_nu - of_nu1).T @ X @ (of_nu - of_nu1) if D else K
+    seconds = [[cp.Variable((q, q), symmetric=True) for _ in blocks] for _ in range(3 if D and chance else 0)]
+    Xa, Xb, Xs = (
+        sum(place.T @ block @ place for place, block in zip(places, ones, strict=True)) for ones in seconds
+    ) if seconds else (None, None, None)
+    inner = Gamma
+    if seconds:
+        K = K + of_nu.T @ Xs @ of_nu
+        inner = Gamma + (D + 1) * decay**-D * padded_nu1.T @ Xa @ padded_nu1
     own = np.kron(np.eye(links // q), np.ones((q, q)))
-    spread = p * (1 - p) * cp.multiply(Gamma[n:, n:], own) + (1 - p) * D * D * decay ** (1 - D) * X
+    spread = p * (1 - p) * cp.multiply(inner[n:, n:], own) + (1 - p) * D * D * decay ** (1 - D) * X
     early, noisy = links if J else 0, program.noise.shape[1]
     read = np.hstack([np.eye(links, early), program.noise])
     size = n + links + early + noisy
     mean = np.vstack([np.eye(n, size), np.hstack([np.zeros((links, n)), p * np.eye(links), (1 - p) * read])])
     apart = np.hstack([np.zeros((links, n)), np.eye(links), -read])
     stored, priced = np.eye(n + links, size), np.eye(size)[size - noisy :]
-    second = decay * stored.T @ V @ stored - mean.T @ Gamma @ mean - apart.T @ spread @ apart
+    second = decay * stored.T @ V @ stored - mean.T @ inner @ mean - apart.T @ spread @ apart
     second = second + priced.T @ priced
     X_jitter = None
     if J:
@@ -179,8 +189,13 @@ def solved(
                 rate.T @ X_jitter @ rate for rate in (each @ keep for each in program.rates)
             )
     moved = V @ (program.N @ keep)
-    first = cp.bmat([[K, moved.T], [moved, V]])
-    room = np.diag(np.r_[np.ones(keep.shape[1]), np.zeros(n + links)])
+    rows = [[K, moved.T], [moved, V]]
+    if seconds:
+        R, none = D * D * decay**-D * Xb, np.zeros((n + links, links))
+        change = R @ (of_nu1 - (program.N @ keep)[n:])
+        rows = [[K, moved.T, change.T], [moved, V, none], [change, none.T, R]]
+    first = cp.bmat(rows)
+    room = np.diag(np.r_[np.ones(keep.shape[1]), np.zeros(first.shape[0] - keep.shape[1])])
     conditions = [
         (first + first.T) / 2 >> slack * room,
         (second + second.T) / 2 >> slack * np.eye(size),
@@ -188,6 +203,11 @@ def solved(
         slack <= 1,
         cp.trace(V[:n, :n]) == n if fixed is None else m == 1,
         *[block >> slack * np.eye(q) for block in blocks],
+        *[
+            cp.bmat([[a - s, -s], [-s, b - s]]) >> slack * np.eye(2 * q)
+            for a, b, s in zip(*seconds, strict=True)
+        ],
+        *[s >> slack * np.eye(q) for ones in seconds[2:] for s in ones],
     ]
     problem = cp.Problem(cp.Maximize(slack), conditions)
     if not run(problem, decompose=False, equilibrate=False) or V.value is None or not slack.value > 0:
@@ -208,6 +228,7 @@ def solved(
         decay,
         0.0,
         0.0,
+        *(np.vstack([_symmetric(one.value) for one in ones]) / scale for ones in seconds),
     )
 
 
