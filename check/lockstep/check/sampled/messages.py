@@ -45,10 +45,12 @@ nonlinearity, with z^ = (z, nu1) and the step (xi+, eps+) = N^ z^ + J^ w_d,
     V(xi+, eps+) + J T int |Y x_d'|_Xj^2 + D^2 decay^(-D) v+'Xb v+
         < (xi, nu1)'Gamma (xi, nu1) + w'X w + nu'Xs nu + kappa |error|^2 + kappa_mu |mu|^2,
 
-by W_1 > 0, a Schur complement as in `inequality`; with (nu - nu1, nu) = (w, w_a + w_b) + E error, the form R - R E E'R / kappa
-of it, R = diag(X, Xs), E = [I; I], is below the least of the right side. It holds for each outcome of delta, before it is averaged. Second, the mean over delta,
+by W_1 > 0, a Schur complement as in `inequality`; with (nu - nu1, nu) = (w, w_a + w_b) + E error, the form
+R - R E E'R / kappa of it, R = diag(X, Xs), E = [I; I], is below the least of the right side. It holds for each outcome of
+delta, before it is averaged. Second, the mean over delta,
 
-    E (xi, nu1)'Gamma (xi, nu1) + (D + 1) decay^(-D) E nu1'Xa nu1 + D^2 decay^(1 - D) E g'X g < decay (V(xi, eps) + eta'Xj eta):        W_2 > 0,
+    E ((xi, nu1)'Gamma (xi, nu1) + (D + 1) decay^(-D) nu1'Xa nu1 + D^2 decay^(1 - D) g'X g)
+        < decay (V(xi, eps) + eta'Xj eta):                                                         W_2 > 0,
 
 E of a square being that of the mean and p (1 - p) (eps_e - eta_e)'Gamma_ee (eps_e - eta_e) for each link. With p = 0 nothing
 is random, and the decay is that of each run; with p > 0 it is that of the mean square, and with probability 1 there is
@@ -297,7 +299,11 @@ def message_step(loop: SampledLoop, lifted: Lifted) -> tuple[Matrix, Matrix]:
 
 
 def W_1(
-    loop: SampledLoop, lifted: Lifted, messages: Messages, witness: MessageWitness, running: Matrix | None = None
+    loop: SampledLoop,
+    lifted: Lifted,
+    messages: Messages,
+    witness: MessageWitness,
+    running: Matrix | None = None,
 ) -> Matrix:
     """Assemble W_1 in doubles or in balls; running: a cost of z at each sampling instant."""
     number = converter(is_exact(loop.held))
@@ -336,7 +342,7 @@ def W_1(
 
 def _apart(first: Matrix, second: Matrix) -> Matrix:
     """Return diag(first, second)."""
-    form = _padded(first, len(first) + len(second))
+    form: Matrix = _padded(first, len(first) + len(second))
     form[len(first) :, len(first) :] = second
     return form
 

@@ -37,12 +37,16 @@ class AgedObjective(SampledObjective):
         Y = loop.differences[:, : loop.n_xi]
         self.change = np.hstack([Y, -np.eye(len(Y))])
 
-    def packed(self, m: Float[np.ndarray, " pairs"], X: Float[np.ndarray, "links q"]) -> Float[np.ndarray, " logs"]:
+    def packed(
+        self, m: Float[np.ndarray, " pairs"], X: Float[np.ndarray, "links q"]
+    ) -> Float[np.ndarray, " logs"]:
         """Return weights and forms of all links as one vector."""
         roots = np.linalg.cholesky(X.reshape(-1, self.q, self.q))
         for k in range(self.q):
             roots[:, k, k] = np.log(roots[:, k, k])
-        return np.concatenate([np.log(m) if self.has_phi else np.zeros(0), roots[:, *np.tril_indices(self.q)].ravel()])
+        return np.concatenate(
+            [np.log(m) if self.has_phi else np.zeros(0), roots[:, *np.tril_indices(self.q)].ravel()]
+        )
 
     def roots(self, logs: Float[np.ndarray, " logs"]) -> Float[np.ndarray, "links q q"]:
         """Return the lower triangular roots of X."""
@@ -90,15 +94,22 @@ class AgedObjective(SampledObjective):
         by_step = np.hstack([mean.N[:n, :n], 2 * mean.S[:n, :n] @ into @ X_inv])
         by_start = A_d.T @ by_step[:n_d]
         by_start[:, :n] += 2 * Q @ own @ mean.Q[:n, :n]
-        by_computed = loop.start[:, loop.underflows].T @ by_start + loop.advanced[:, loop.underflows].T @ by_step[n_d:]
+        by_computed = (
+            loop.start[:, loop.underflows].T @ by_start + loop.advanced[:, loop.underflows].T @ by_step[n_d:]
+        )
         rows = by_computed.reshape(len(K), -1, len(self.columns))
         by_K = pulled_back(K, rows @ self.received.swapaxes(1, 2), self.order, self.period)
         EE, FF = one.pulled_back(by_step[:n_d] @ start.T, mean.S[:n_d, :n_d], own @ mean.Q[:n, :n] @ own.T)
         by_m, by_rho = self._numbers(m, log_rho, EE, FF)
-        by_X = self.age**2 * self.change @ mean.Q @ self.change.T - X_inv @ into.T @ mean.S[:n, :n] @ into @ X_inv
+        by_X = (
+            self.age**2 * self.change @ mean.Q @ self.change.T
+            - X_inv @ into.T @ mean.S[:n, :n] @ into @ X_inv
+        )
         return ValueAndSlopes(mean.value, by_K, np.concatenate([by_m, self._of_roots(by_X, L)]), by_rho)
 
-    def _of_roots(self, by_X: Float[np.ndarray, "l l"], L: Float[np.ndarray, "links q q"]) -> Float[np.ndarray, " k"]:
+    def _of_roots(
+        self, by_X: Float[np.ndarray, "l l"], L: Float[np.ndarray, "links q q"]
+    ) -> Float[np.ndarray, " k"]:
         q, out = self.q, np.zeros_like(L)
         for e, root in enumerate(L):
             block = by_X[e * q : (e + 1) * q, e * q : (e + 1) * q]

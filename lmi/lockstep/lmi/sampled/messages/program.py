@@ -160,8 +160,9 @@ def solved(
     K = K + (of_nu - of_nu1).T @ X @ (of_nu - of_nu1) if D else K
     seconds = [[cp.Variable((q, q), symmetric=True) for _ in blocks] for _ in range(3 if D and chance else 0)]
     Xa, Xb, Xs = (
-        sum(place.T @ block @ place for place, block in zip(places, ones, strict=True)) for ones in seconds
-    ) if seconds else (None, None, None)
+        sum(place.T @ block @ place for place, block in zip(places, ones, strict=True))
+        for ones in seconds or [blocks] * 3
+    )
     inner = Gamma
     if seconds:
         K = K + of_nu.T @ Xs @ of_nu
