@@ -52,8 +52,8 @@ def as_shipped(
     """Return a design file with what is proved of its controllers sampled and rounded.
 
     Where `[network.messages]` asks for more than is proved, gains are designed for it (`for_messages`). Else, where the
-    period is too long for the continuous design, or costs more than 5 % of the least rho known, or the problem asks for it, gains
-    are designed for the sampled loop. Where that fails, the continuous design is kept and the remarks say why.
+    period is too long for the continuous design, or costs more than 5 % of the least rho known, or the problem asks for it,
+    gains are designed for the sampled loop. Where that fails, the continuous design is kept and the remarks say why.
 
     Args:
         stored: the design file.
