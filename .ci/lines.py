@@ -55,17 +55,26 @@ LATER = {
             f"check/lockstep/check/{name}.py"
             for name in ("messages", "design_file/messages", "sampled/messages")
         ],
-        300,
+        # 300 before the bound of what chance held back and the outputs' noise.
+        330,
     ),
     "messages: what proposes and says": (
         [
-            "lmi/lockstep/lmi/sampled/messages",
+            *(f"lmi/lockstep/lmi/sampled/messages/{one}.py" for one in ("limits", "program", "witnesses")),
             *(
                 f"codegen/lockstep/{name}.py"
                 for name in ("codegen/message_claims", "workflow/messages", "cli/messages")
             ),
         ],
-        650,
+        # 640 before the bound of what chance held back and the outputs' noise.
+        660,
+    ),
+    "messages: gains that carry them": (
+        [
+            *(f"lmi/lockstep/lmi/sampled/messages/{one}.py" for one in ("descent", "gains")),
+            "codegen/lockstep/codegen/for_messages.py",
+        ],
+        270,
     ),
     "check: controllers in integers": (
         [f"check/lockstep/check/{name}fixed.py" for name in ("", "c_source/", "design_file/", "sampled/")],

@@ -129,3 +129,54 @@ def worst_jitter(net, ones, messages, slope, longest=3):
             product = np.linalg.multi_dot([lifted[p] for p in pattern]) if length > 1 else lifted[pattern[0]]
             worst = max(worst, float(np.abs(np.linalg.eigvals(product)).max()) ** (1 / length))
     return worst
+
+
+def growth_of(net, ones, messages, slope, pattern, periods=240):
+    """The growth of the mean square per period, by iteration of its exact recursion, outcome by outcome.
+
+    pattern: for each period in turn, the ages of all links, and how early each reads what it uses in the next.
+    """
+    parts = tuple(sorted({part for _, early in pattern for part in early})) if messages.jitter else ()
+    loop = HeldLoop(net, ones, slope, memory=max(messages.age, 1), jitter=parts)
+    links, p = len(loop.links), messages.loss
+    outcomes = list(itertools.product((False, True), repeat=links)) if p else [(False,) * links]
+    maps = [
+        [
+            np.sqrt(p ** sum(lost) * (1 - p) ** (links - sum(lost)) if p else 1.0)
+            * loop.across(loop.step(lost, ages, early))
+            for lost in outcomes
+        ]
+        for ages, early in pattern
+    ]
+    X, logs = np.eye(len(maps[0][0])), []
+    for k in range(periods * len(pattern)):
+        X = sum(F @ X @ F.T for F in maps[k % len(maps)])
+        logs.append(np.log(np.linalg.norm(X)))
+        X = X / np.linalg.norm(X)
+    whole = len(pattern)
+    return float(np.exp(np.mean(logs[whole * (periods // 2) :])))
+
+
+def patterns(messages, links, rng, random):
+    """Ages and parts: the newest and the oldest, on time and early, always and in turns, and by chance link by link."""
+    oldest, newest, early, on_time = ((value,) * links for value in (messages.age, 0, messages.jitter, 0.0))
+    saw = [((age,) * links, early) for age in range(messages.age + 1)]
+    found = [
+        [(oldest, early)],
+        [(oldest, on_time)],
+        [(newest, early)],
+        saw,
+        [(oldest, early), (newest, on_time)],
+    ]
+    for _ in range(random):
+        length = int(rng.integers(1, 4))
+        found.append(
+            [
+                (
+                    tuple(rng.integers(0, messages.age + 1, links)),
+                    tuple(rng.choice([0.0, messages.jitter], links)),
+                )
+                for _ in range(length)
+            ]
+        )
+    return found

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from messages_cases import mean_square_radius, worst_jitter, worst_pattern
+from messages_cases import growth_of, mean_square_radius, patterns, worst_jitter, worst_pattern
 from sampled_cases import controllers, network, random_problem
 
 from lockstep.check.sampled.loop import sampled_loop
@@ -68,6 +68,36 @@ def test_brute_force_contradicts_none_of_a_hundred_and_many_are_certified():
     assert sum(one is not None for one in found) >= 30
 
 
+def contradicted_early(seed, random):
+    """As `contradicted`, with jitter besides, and all of it at once: every link its own ages and early readings."""
+    net, ones, messages, rng = drawn(seed)
+    messages = replace(messages, jitter=float(rng.choice([0.1, 0.3, 0.6, 0.9])))
+    found = certify_messages(net, ones, messages)
+    if found is None:
+        return None
+    links = sum(len(one.sources) for one in ones)
+    growth = [
+        growth_of(net, ones, messages, part * net.alpha, pattern)
+        for part in SLOPES
+        for pattern in patterns(messages, links, rng, random)
+    ]
+    return max(growth) / found.witness.decay
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_brute_force_never_contradicts_a_certificate_with_jitter(seed):
+    excess = contradicted_early(seed, random=2)
+    assert excess is None or excess <= 1 + 1e-6
+
+
+@pytest.mark.by_hand
+@pytest.mark.slow
+def test_brute_force_contradicts_none_of_a_hundred_with_jitter_and_many_are_certified():
+    found = [contradicted_early(seed, random=6) for seed in range(100)]
+    assert all(one is None or one <= 1 + 1e-6 for one in found)
+    assert sum(one is not None for one in found) >= 30
+
+
 @pytest.mark.parametrize(
     ("messages", "delay"),
     [(Messages(0.5), 0), (Messages(0.0, 1, (0, 1)), 0), (Messages(0.2, 1), 0), (Messages(0.3), 1)],
@@ -104,6 +134,17 @@ def strong():
 
 def max_growth(net, ones, loss):
     return max(mean_square_radius(net, ones, float(loss), part * net.alpha) for part in SLOPES)
+
+
+def test_a_second_bound_that_is_split_wrongly_proves_nothing():
+    net, ones = pendulums()
+    messages, loop = Messages(0.3, 1), sampled_loop(net, ones)
+    witness = certify_messages(net, ones, messages).witness
+    assert proves_messages(loop, messages, witness)
+    chance, change, both = witness.seconds
+    wrong = [{"X_sum": both + chance}, {"X_chance": 0 * chance}, {"X_change": -change}, {"X_sum": None}]
+    for one in wrong:
+        assert not proves_messages(loop, messages, replace(witness, **one)), one
 
 
 @pytest.mark.parametrize("change", ["P", "Gamma", "X", "m", "t", "kappa", "kappa_mu", "decay"])

@@ -85,6 +85,32 @@ def test_a_claim_that_is_better_than_its_witness_is_refused(made, path, value):
     assert not verdict(content).proved
 
 
+def test_rho_holds_for_the_noise_of_the_outputs_too():
+    """x_d' = -2 g (x_d + 3 n) - phi: at rest with slope -1 the gain from n alone is 3 * 8 / 7 for g = 4."""
+    text = TEXT.replace("MESSAGES", "messages = { loss = 0.2, delay = [0, 1] }").replace("GAIN", "4.0")
+    noisy = text.replace(
+        "[controller]", "disturbances = { states = 1.0, outputs = { y = 3.0 } }\n[controller]"
+    )
+    without, made = (design(Problem.parse(one)) for one in (text, noisy))
+    assert without.document()["messages"]["rho"] < 3 * 8 / 7 <= made.document()["messages"]["rho"]
+    assert checked(complete(made)) == {"messages": True, "messages_rho": True}
+    content = complete(made)
+    content["problem"]["design"].pop("disturbances")
+    assert checked(content)["messages_rho"]
+    content = complete(without)
+    content["problem"]["design"]["disturbances"] = complete(made)["problem"]["design"]["disturbances"]
+    assert not checked(content).get("messages_rho", False), "a witness for no noise proves nothing of noise"
+
+
+def test_many_graphs_and_messages_are_refused_by_name():
+    text = TEXT.replace("MESSAGES", "messages = { loss = 0.1 }").replace(
+        'topology = "complete"', "spectrum = [1.0, 3.0]"
+    )
+    text = text.replace("agents = 2\n", "").split("[design]")[0] + '[design]\nmethod = "modal"\n'
+    with pytest.raises(ProblemError, match="`messages` is given"):
+        Problem.parse(text)
+
+
 def test_less_than_is_asked_for_is_refused(made):
     for change in ({"loss": 0.1}, {"burst": 0}, {"jitter": 0.0}):
         content = complete(made)

@@ -205,8 +205,9 @@ def _sampled(
             Verdict("undecided", "messages are lost or late in one graph, and `spectrum` names many"),
         )
     elif claimed or (claims.certified and asked):
-        loop = sampled_loop(sampled_network(stored, network, problem.period), held)
-        yield from decide_messages(asked, claimed, proofs, loop, problem.performance)
+        weights = problem.performance
+        loop = sampled_loop(sampled_network(stored, network, problem.period), held, weights.outputs)
+        yield from decide_messages(asked, claimed, proofs, loop, weights)
 
 
 def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:

@@ -21,7 +21,7 @@ def decide_messages(
 
     Args:
         asked: by the problem;  claimed, proofs: by the file.
-        loop: of the sampled controllers, outputs without noise of their own.
+        loop: of the sampled controllers, with the outputs' own noise where rho is a gain from it.
         weights: of rho.
     """
     if asked is not None and not (claimed and asked.within(claimed.messages)):

@@ -51,9 +51,9 @@ def as_shipped(
 ) -> Stored:
     """Return a design file with what is proved of its controllers sampled and rounded.
 
-    Where the period is too long for the continuous design, or costs more than 5 % of the least rho known, or the
-    problem asks for it, gains are designed for the sampled loop; where that fails, the continuous design is kept and
-    the remarks on the sampled controllers say why.
+    Where `[network.messages]` asks for more than is proved, gains are designed for it (`for_messages`). Else, where the
+    period is too long for the continuous design, or costs more than 5 % of the least rho known, or the problem asks for it,
+    gains are designed for the sampled loop. Where that fails, the continuous design is kept and the remarks say why.
 
     Args:
         stored: the design file.
@@ -64,6 +64,8 @@ def as_shipped(
     Raises:
         NotCertified: the file says that the design is certified, and the checker refuses it.
     """
+    from lockstep.codegen.for_messages import for_messages
+
     with one_thread():
         verdict = certify(stored)
         if stored.claims.certified and not verdict.certified:
@@ -72,6 +74,8 @@ def as_shipped(
         held = prove_design(stored)
         kept = with_sampled(stored, held)
         sampled = kept.claims.sampled
+        if sampled.certified and stored.problem.messages is not None and kept.claims.messages is None:
+            return for_messages(kept, tell, stop or Stop())
         asked = is_asked(stored.problem) or not sampled.certified
         enough = NEAR * min([stored.claims.rho or np.inf, *(one.rho for one in others)])
         if not asked and (sampled.rho or np.inf) <= enough:
@@ -129,13 +133,7 @@ def designed_for_period(stored: Stored, tell: Tell, others: Sequence[StartingGai
         Infeasible: no gains survive the period, or none with both certificates, or none that are better.
     """
     found, m = _searched(stored, tell, others)
-    c, also = _continuous(stored, found)
-    decay, witness = also.decay or (None, None)
-    claims = replace(
-        stored.claims, rho=c.rho, decay=decay, controllers_stable=also.stable, sampled=SampledClaims()
-    )
-    proofs = Proofs(c, witness, stored.proofs.floor, bound=stored.proofs.bound)
-    made = replace(stored, gains=found, claims=claims, proofs=proofs)
+    made = with_gains(stored, found)
     sampled, before = prove_design(made, m), stored.claims.sampled
     if not sampled.verdict.certified or sampled.rho is None:
         raise Infeasible(f"gains were found for the period, but not proved: {sampled.verdict.reason}")
@@ -143,18 +141,39 @@ def designed_for_period(stored: Stored, tell: Tell, others: Sequence[StartingGai
         raise Infeasible(
             f"no gains were found with a smaller rho of the sampled loop than {before.rho:g}", rho=before.rho
         )
+    return with_sampled(with_figures(made, stored), sampled, **{FOR_PERIOD: True})
+
+
+def with_gains(stored: Stored, gains: Gains) -> Stored:
+    """Return a design file with other gains, their continuous certificate and guarantees proved, nothing else claimed."""
+    c, also = _continuous(stored, gains)
+    decay, witness = also.decay or (None, None)
+    claims = replace(
+        stored.claims,
+        rho=c.rho,
+        decay=decay,
+        controllers_stable=also.stable,
+        sampled=SampledClaims(),
+        messages=None,
+    )
+    proofs = Proofs(c, witness, stored.proofs.floor, bound=stored.proofs.bound)
+    return replace(stored, gains=gains, claims=claims, proofs=proofs)
+
+
+def with_figures(made: Stored, stored: Stored) -> Stored:
+    """Return a design with the figures of its gains, those of what they replace, and the states from which it holds."""
+    before = stored.claims.sampled
     figures = {
         **stored.info["figures"],
         "abscissa": _abscissa(made),
-        "gain_norms": found.norms,
+        "gain_norms": made.gains.norms,
         "replaced": {
             "rho": stored.claims.rho,
             "sampled_rho": before.rho,
             "sampled_max_period": before.max_period,
         },
     }
-    made = _placed(replace(made, info={**stored.info, "figures": figures}))
-    return with_sampled(made, sampled, **{FOR_PERIOD: True})
+    return _placed(replace(made, info={**stored.info, "figures": figures}))
 
 
 def _searched(stored: Stored, tell: Tell, others: Sequence[StartingGains]) -> tuple[Gains, PairWeights]:
@@ -192,9 +211,7 @@ def _continuous(stored: Stored, gains: Gains) -> tuple[Certificate, Guarantees]:
         c = prove(network, gains, claim, rho=problem.design.rho)
         return c, guarantees(problem, network, gains, claim, modal=False)
     except ClaimError as error:
-        raise Infeasible(
-            f"gains were found for the period, but not certified in continuous time: {error}"
-        ) from None
+        raise Infeasible(f"gains were found, but not certified in continuous time: {error}") from None
 
 
 def _placed(made: Stored) -> Stored:

@@ -63,13 +63,14 @@ def prove_messages(
 def _stated(
     stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...], asked: Messages
 ) -> MessageProof | None:
-    claims, proofs, loop = stored.claims.messages, stored.proofs, sampled_loop(network, controllers)
+    claims, proofs, weights = stored.claims.messages, stored.proofs, stored.problem.performance
+    loop = sampled_loop(network, controllers, weights.outputs)
     if claims is None or proofs.messages is None or not asked.within(claims.messages):
         return None
     if proofs.messages.decay > claims.decay or not proves_messages(loop, claims.messages, proofs.messages):
         return None
     if claims.rho is not None:
-        weights, of_rho = stored.problem.performance, proofs.messages_rho
+        of_rho = proofs.messages_rho
         if of_rho is None or not proves_messages(loop, claims.messages, of_rho, weights, claims.rho):
             return None
     return MessageProof(claims, proofs.messages, proofs.messages_rho)

@@ -47,6 +47,9 @@ from lockstep.model.plain_json import to_json
 FOR_PERIOD, NOT_FOR_PERIOD = "designed_for_period", "not_designed_for_period"
 """Of `sampled`: that the gains were designed for the sampled loop, not for the continuous one; or why they were not."""
 
+FOR_MESSAGES, NOT_FOR_MESSAGES = "designed_for_messages", "not_designed_for_messages"
+"""Of `sampled`, that the gains were designed for what `[network.messages]` asks; of `messages`, why none were found."""
+
 PairWeights = Float[np.ndarray, " pairs"]
 
 
@@ -228,7 +231,7 @@ def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
     """Return a design file with what is proved of its sampled controllers, and its witnesses."""
     said = stored.info.get("sampled")
     kept = (
-        {key: said[key] for key in (FOR_PERIOD, NOT_FOR_PERIOD) if key in said}
+        {key: said[key] for key in (FOR_PERIOD, NOT_FOR_PERIOD, FOR_MESSAGES) if key in said}
         if isinstance(said, dict)
         else {}
     )

@@ -75,4 +75,6 @@ def message_witness_of(value: Any, where: str) -> MessageWitness:
     """Read a witness; whether its sizes fit is decided with the loop."""
     forms = dict.fromkeys(("P", "Gamma", "X", "X_jitter"), matrix())
     numbers = dict.fromkeys(("decay", "kappa", "kappa_mu"), number)
-    return MessageWitness(*record(value, where, {**forms, "m": vector(), "t": vector(), **numbers}))
+    seconds = dict.fromkeys(("X_chance", "X_change", "X_sum"), or_none(matrix()))
+    readers = {**forms, "m": vector(), "t": vector(), **numbers, **seconds}
+    return MessageWitness(*record(value, where, readers))

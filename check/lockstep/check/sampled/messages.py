@@ -25,6 +25,16 @@ c = D decay^-D,
     S(k + 1) - decay S(k) = c decay (D g(k)'X g(k) - sum_{s<D} decay^s g(k - s)'X g(k - s))
                          <= D^2 decay^(1 - D) g(k)'X g(k) - w(k)'X w(k).
 
+What chance held back is a jump when it is let go, which D g counts too often. So a second bound may stand beside the first:
+nu = w_a + w_b, w_a(k) = nu1(k - tau) and w_b(k) = d(k - tau) - d(k) = -sum_{s < tau} v(k - s), v(k) = d(k) - d(k - 1). Then
+w_a'Xa w_a <= sum_{s <= D} nu1(k - s)'Xa nu1(k - s), and w_b'Xb w_b <= D sum_{s < D} v(k - s)'Xb v(k - s) as above. The same
+sums as S, over D + 1 periods and up to v(k), turn these into
+
+    (D + 1) decay^(-D) nu1'Xa nu1 - w_a'Xa w_a,     D^2 decay^(-D) v+'Xb v+ - w_b'Xb w_b,     v+ = Y (xi+ - xi),
+
+and w_a'Xa w_a + w_b'Xb w_b >= nu'Xs nu wherever [Xa - Xs, -Xs; -Xs, Xb - Xs] >= 0. At the start d was d(0) for ever, nu1 was
+eps(0), and the sum of it counts.
+
 Jitter: |eta_e(k + 1)|^2 in the form Xj <= J T int (Y x_d')'Xj (Y x_d') dt over the period before (Cauchy and Schwarz), a way
 out of the period that is lifted; what decays is V + eta'Xj eta + S. Readings of two agents for one instant that are s seconds
 apart differ from this by at most s |y'|: an error of the message, as any other, that kappa counts.
@@ -32,16 +42,21 @@ apart differ from this by at most s |y'|: an error of the message, as any other,
 The proof has two halves, with a form Gamma on (xi, nu1) between them. First, for every rounding, underflow and
 nonlinearity, with z^ = (z, nu1) and the step (xi+, eps+) = N^ z^ + J^ w_d,
 
-    V(xi+, eps+) + J T int |Y x_d'|_Xj^2 < (xi, nu1)'Gamma (xi, nu1) + w'X w + kappa |error|^2 + kappa_mu |mu|^2,
+    V(xi+, eps+) + J T int |Y x_d'|_Xj^2 + D^2 decay^(-D) v+'Xb v+
+        < (xi, nu1)'Gamma (xi, nu1) + w'X w + nu'Xs nu + kappa |error|^2 + kappa_mu |mu|^2,
 
-by W_1 > 0, a Schur complement as in `inequality`; with nu - nu1 = w + error, the form X - X^2 / kappa of it is below the
-least of w'X w + kappa |error|^2. It holds for each outcome of delta, before it is averaged. Second, the mean over delta,
+by W_1 > 0, a Schur complement as in `inequality`; with (nu - nu1, nu) = (w, w_a + w_b) + E error, the form
+R - R E E'R / kappa of it, R = diag(X, Xs), E = [I; I], is below the least of the right side. It holds for each outcome of
+delta, before it is averaged. Second, the mean over delta,
 
-    E (xi, nu1)'Gamma (xi, nu1) + D^2 decay^(1 - D) E g'X g < decay (V(xi, eps) + eta'Xj eta):        W_2 > 0,
+    E ((xi, nu1)'Gamma (xi, nu1) + (D + 1) decay^(-D) nu1'Xa nu1 + D^2 decay^(1 - D) g'X g)
+        < decay (V(xi, eps) + eta'Xj eta):                                                         W_2 > 0,
 
 E of a square being that of the mean and p (1 - p) (eps_e - eta_e)'Gamma_ee (eps_e - eta_e) for each link. With p = 0 nothing
 is random, and the decay is that of each run; with p > 0 it is that of the mean square, and with probability 1 there is
-agreement as well. With rho, both halves hold with decay 1 and the cost of `performance`.
+agreement as well. With rho, both halves hold with decay 1 and the cost of `performance`. The outputs' own noise n is then in
+what is read, eta_e + Y_n n in the place of eta_e with Y_n its columns of `differences`, and nowhere else: W_1 has no column
+of it (nu holds what was read), and rho^2 T n'(S (x) I) n stands on the right of the second half.
 """
 
 from dataclasses import dataclass
@@ -93,7 +108,10 @@ class Messages:
 
 @dataclass(frozen=True, eq=False)
 class MessageWitness:
-    """P, Gamma (n_xi + links, n_xi + links), X, Xj (links, q) block below block, m, t and numbers as of `inequality`."""
+    """P, Gamma (n_xi + links, n_xi + links), X, Xj (links, q) block below block, m, t and numbers as of `inequality`.
+
+    X_chance, X_change, X_sum: Xa, Xb and Xs like X, or all None.
+    """
 
     P: Annotated[np.ndarray, "n n"]
     Gamma: Annotated[np.ndarray, "n n"]
@@ -104,6 +122,14 @@ class MessageWitness:
     decay: float
     kappa: float
     kappa_mu: float
+    X_chance: Annotated[np.ndarray, "links q"] | None = None
+    X_change: Annotated[np.ndarray, "links q"] | None = None
+    X_sum: Annotated[np.ndarray, "links q"] | None = None
+
+    @property
+    def seconds(self) -> tuple[Matrix, ...]:
+        """Xa, Xb and Xs, those that there are."""
+        return tuple(one for one in (self.X_chance, self.X_change, self.X_sum) if one is not None)
 
     def document(self) -> dict[str, Any]:
         """Return the witness as plain JSON types."""
@@ -116,15 +142,14 @@ class MessageWitness:
         """Tell whether the sizes are those of a loop, forms symmetric, prices and numbers in their ranges."""
         n, links, q = loop.n_xi + len(loop.differences), len(loop.differences), len(loop.network.plant.C)
         shapes = (
-            *(one.shape for one in (self.P, self.Gamma, self.X, self.X_jitter)),
+            *(one.shape for one in (self.P, self.Gamma, self.X, self.X_jitter, *self.seconds)),
             self.m.shape,
             self.t.shape,
         )
         if shapes != (
             (n, n),
             (n, n),
-            (links, q),
-            (links, q),
+            *[(links, q)] * (2 + len(self.seconds)),
             (len(loop.network.d.pairs()),),
             (len(loop.ways),),
         ):
@@ -132,10 +157,11 @@ class MessageWitness:
         forms = (
             self.P,
             self.Gamma,
-            *(one for X in (self.X, self.X_jitter) for one in np.split(X, links // q)),
+            *(one for X in (self.X, self.X_jitter, *self.seconds) for one in np.split(X, links // q)),
         )
         return (
-            all(np.array_equal(one, one.T) for one in forms)
+            len(self.seconds) in (0, 3)
+            and all(np.array_equal(one, one.T) for one in forms)
             and bool(np.all(self.m >= 0) and np.all(self.t >= 0))
             and 0 < self.decay <= 1
             and self.kappa > 0
@@ -158,10 +184,10 @@ def proves_messages(
     """Decide in balls whether a witness proves agreement under what happens to the messages, or rho with weights.
 
     Without rho the decay has to be below 1; with it the decay is 1, and rho is the gain that `performance` states, from the
-    disturbances of the states, in the mean square where messages are lost by chance.
+    disturbances and the outputs' noise, in the mean square where messages are lost by chance.
 
     Args:
-        exact_loop: assembled from the controllers, outputs without noise of their own.
+        exact_loop: assembled from the controllers, with the outputs' own noise where rho is a gain from it.
         messages: what happens to them.
         witness: from wherever.
         weights, rho: of the gain, where one is claimed.
@@ -173,18 +199,21 @@ def proves_messages(
         return False
     with balls.working_precision():
         M = multiplier(exact_loop.network.d, exactly(witness.m))
-        forms = (exactly(witness.P), M, *(links_apart(exactly(X)) for X in (witness.X, witness.X_jitter)))
+        forms = [exactly(witness.P), M, *(links_apart(exactly(X)) for X in (witness.X, witness.X_jitter))]
+        if witness.seconds:
+            Xa, Xb, Xs = (links_apart(exactly(X)) for X in witness.seconds)
+            forms += [Xs, np.block([[Xa - Xs, -Xs], [-Xs, Xb - Xs]])]
         if not all(balls.is_positive_definite(one) for one in forms):
             return False
         parts = period_parts(exact_loop, messages, witness, M, weights, rho)
-        if parts is None or not balls.is_positive_definite(W_2(exact_loop, messages, witness)):
+        running = None if weights is None or rho is None else running_cost(exact_loop, weights, rho)
+        if parts is None or not balls.is_positive_definite(W_2(exact_loop, messages, witness, running)):
             return False
         A, B, EE, FF = parts
         if not no_conjugate_point(A, EE, FF[: len(A), : len(A)], exact_loop.network.period):
             return False
         lifted = lift(A, B, EE, FF, exact_loop.network.period)
-        running = None if weights is None or rho is None else running_cost(exact_loop, weights, rho)
-        return balls.is_positive_definite(W_1(exact_loop, lifted, witness, running))
+        return balls.is_positive_definite(W_1(exact_loop, lifted, messages, witness, running))
 
 
 def period_parts(
@@ -269,48 +298,80 @@ def message_step(loop: SampledLoop, lifted: Lifted) -> tuple[Matrix, Matrix]:
     return step, np.vstack([enters, -Y[:, : loop.n_d]])
 
 
-def W_1(loop: SampledLoop, lifted: Lifted, witness: MessageWitness, running: Matrix | None = None) -> Matrix:
+def W_1(
+    loop: SampledLoop,
+    lifted: Lifted,
+    messages: Messages,
+    witness: MessageWitness,
+    running: Matrix | None = None,
+) -> Matrix:
     """Assemble W_1 in doubles or in balls; running: a cost of z at each sampling instant."""
     number = converter(is_exact(loop.held))
-    P, Gamma, X, kappa = (
-        number(np.asarray(one)) for one in (witness.P, witness.Gamma, witness.X, [witness.kappa])
+    P, Gamma, X, kappa, decay = (
+        number(np.asarray(one))
+        for one in (witness.P, witness.Gamma, witness.X, [witness.kappa], [witness.decay])
     )
-    n, n_z, links = loop.n_xi, loop.n_z, len(loop.differences)
+    n, n_z, links, D = loop.n_xi, loop.n_z, len(loop.differences), messages.age
     step, enters = message_step(loop, lifted)
     Z = zeros(n_z + links, n_z + links, loop.held)
     Z[:n_z, :n_z] = stored_matrix(loop, witness.prices(loop), running) - balls.product(
         loop.start.T, lifted.Q, loop.start
     )
-    X = links_apart(X)
-    priced = X - balls.product(X, X) / kappa[0]
-    apart = zeros(links, n_z + links, loop.held)
-    apart[:, loop.messages], apart[:, n_z:] = eye(links, X), -eye(links, X)
-    Z = Z + balls.product(apart.T, priced, apart)
+    R, unit = links_apart(X), eye(links, X)
+    own = zeros(links, n_z + links, loop.held)
+    own[:, loop.messages] = unit
+    apart, both = own.copy(), unit
+    apart[:, n_z:] = -unit
+    if D and witness.seconds:
+        _, change, late = (links_apart(number(one)) for one in witness.seconds)
+        R, apart, both = _apart(R, late), np.vstack([apart, own]), np.vstack([unit, unit])
+        P = _apart(P, D * D * decay[0] ** -D * change)
+        moved = -step[n:]
+        moved[:, n_z:] = moved[:, n_z:] + unit
+        step, enters = np.vstack([step, moved]), np.vstack([enters, -enters[n:]])
+    charged = balls.product(R, both)
+    Z = Z + balls.product(apart.T, R - balls.product(charged, charged.T) / kappa[0], apart)
     known = np.r_[0:n, n_z : n_z + links]
     Z[np.ix_(known, known)] = Z[np.ix_(known, known)] + Gamma
-    side = balls.product(P, step)
+    kept = np.delete(np.arange(n_z + links), loop.outputs)
+    side = balls.product(P, step[:, kept])
     into = balls.product(P, enters)
     corner = P - balls.product(into, lifted.S, into.T)
-    return np.block([[Z, side.T], [side, corner]])
+    return np.block([[Z[np.ix_(kept, kept)], side.T], [side, corner]])
 
 
-def W_2(loop: SampledLoop, messages: Messages, witness: MessageWitness) -> Matrix:
-    """Assemble W_2, in the numbers of the loop."""
+def _apart(first: Matrix, second: Matrix) -> Matrix:
+    """Return diag(first, second)."""
+    form: Matrix = _padded(first, len(first) + len(second))
+    form[len(first) :, len(first) :] = second
+    return form
+
+
+def W_2(
+    loop: SampledLoop, messages: Messages, witness: MessageWitness, running: Matrix | None = None
+) -> Matrix:
+    """Assemble W_2, in the numbers of the loop, on (xi, eps, eta, n); running: as in `W_1`, n being there only with it."""
     number = converter(is_exact(loop.held))
-    P, Gamma, X = (number(one) for one in (witness.P, witness.Gamma, witness.X))
+    P, Gamma, X = (number(one) for one in (witness.P, witness.Gamma.copy(), witness.X))
     decay, p = number(np.array([witness.decay, messages.loss]))
     n, links, D = loop.n_xi, len(X), messages.age
     unit, none = eye(links, P), zeros(links, n, P)
-    mean = np.vstack([eye(n + 2 * links, P)[:n], np.hstack([none, p * unit, (1 - p) * unit])])
-    apart = np.hstack([none, unit, -unit])
+    Y_n = loop.differences[:, loop.outputs] if running is not None else unit[:, :0]
+    read, late, noise = np.hstack([unit, Y_n]), slice(n + links, n + 2 * links), n + 2 * links
+    size = noise + Y_n.shape[1]
+    if D and witness.seconds:
+        Gamma[n:, n:] = Gamma[n:, n:] + (D + 1) * decay**-D * links_apart(number(witness.seconds[0]))
+    mean = np.vstack([eye(size, P)[:n], np.hstack([none, p * unit, (1 - p) * read])])
+    apart = np.hstack([none, unit, -read])
     spread = p * (1 - p) * links_apart(np.vstack(_blocks(Gamma[n:, n:], X.shape[1])))
     if D:
         spread = spread + (1 - p) * D * D * decay ** (1 - D) * links_apart(X)
-    W: Matrix = _padded(decay * P, n + 2 * links) - mean.T @ Gamma @ mean - apart.T @ spread @ apart
-    if not messages.jitter:
-        return W[: n + links, : n + links]
-    W[n + links :, n + links :] = W[n + links :, n + links :] + decay * links_apart(number(witness.X_jitter))
-    return W
+    W: Matrix = _padded(decay * P, size) - mean.T @ Gamma @ mean - apart.T @ spread @ apart
+    W[late, late] = W[late, late] + decay * links_apart(number(witness.X_jitter))
+    if running is not None:
+        W[noise:, noise:] = W[noise:, noise:] - running[loop.outputs, loop.outputs]
+    kept = np.arange(size) if messages.jitter else np.delete(np.arange(size), late)
+    return W[np.ix_(kept, kept)]
 
 
 def _blocks(form: Matrix, q: int) -> list[Matrix]:

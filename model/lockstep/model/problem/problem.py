@@ -449,6 +449,9 @@ class Problem:
             )
         if network.parameters is not None:
             raise ProblemError("`parameters` are given", where=where, expected="agents that are all alike")
+        if network.messages is not None:
+            said = "one graph, such as `edges`: what is proved of messages that are lost or late is of one"
+            raise ProblemError("`messages` is given", where=where, expected=said)
 
     def _check_method(self) -> None:
         given = self.design.method == "given"

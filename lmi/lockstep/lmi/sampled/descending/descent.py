@@ -96,10 +96,16 @@ class Descent:
             found = self._descended(found, _Root(self, found, p).slopes, weight, ITERATIONS)
             yield found
 
-    def _recovered(self, start: DescentPoint) -> DescentPoint | None:
+    def lowered(self, start: DescentPoint, stage: Stage, iterations: int) -> DescentPoint | None:
+        """Return where one descent leads from a start that is brought back first; None where it is not."""
+        found = self._recovered(start, stage)
+        if found is None:
+            return None
+        return self._descended(found, _Root(self, found, stage.p).slopes, stage.weight, iterations)
+
+    def _recovered(self, start: DescentPoint, first: Stage = STAGES[0]) -> DescentPoint | None:
         """Return a point with a finite rho_p, or None."""
         point = self._steadied(start)
-        first = STAGES[0]
         for _ in range(RECOVERIES):
             if point is None:
                 return None

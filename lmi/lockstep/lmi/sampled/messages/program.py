@@ -6,7 +6,7 @@ identity: near what proves the loop whose messages all arrive. The room for roun
 conditions, which is what is made large.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -30,7 +30,8 @@ class MessageProgram:
 
     basis: (xi, eps) = basis @ coordinates;  N: (xi+, eps+) from (xi, nu, nu1, omega), w_d = root omega;  costs,
     multipliers: of each pair's weight, on these and on omega, in units of `size`; one of each where the weights are fixed;
-    rates: whose squares sum up to T int |Y x_d'|^2 dt over a period, without nonlinearity.
+    rates: whose squares sum up to T int |Y x_d'|^2 dt over a period, without nonlinearity;  noise: what is read from the
+    outputs' own noise of price 1, in the coordinates of eps.
     """
 
     basis: Form
@@ -39,6 +40,7 @@ class MessageProgram:
     multipliers: list[Form]
     size: float
     rates: list[Float[np.ndarray, "links l"]]
+    noise: Float[np.ndarray, "links n"]
 
     @property
     def count(self) -> int:
@@ -78,7 +80,7 @@ class MessageProgram:
         padded = [np.pad(cost / size, (0, links + count)) for cost in costs]
         into_rates = [each @ loop.start[:, columns[: n + links]] @ held / sigma for each in _rates(loop)]
         rates = [np.pad(each, ((0, 0), (0, links + count))) for each in into_rates]
-        return cls(basis, N, padded, multipliers, size, rates)
+        return cls(basis, N, padded, multipliers, size, rates, np.zeros((links, 0)))
 
 
 def _rates(loop: SampledLoop) -> list[Float[np.ndarray, "links a"]]:
@@ -109,7 +111,12 @@ def with_fixed_weights(loop: SampledLoop, lifted: Lifted, running: Form | None, 
     """Return the program of a period lifted with all weights; running: a cost of z at each sampling instant."""
     root = _root(lifted.S)
     costs = [loop.start.T @ lifted.Q @ loop.start + (0.0 if running is None else running)]
-    return MessageProgram.of(loop, lifted, root, costs, [np.eye(root.shape[1])], near, scaled=False)
+    found = MessageProgram.of(loop, lifted, root, costs, [np.eye(root.shape[1])], near, scaled=False)
+    if running is None:
+        return found
+    price = np.linalg.cholesky(-running[loop.outputs, loop.outputs])
+    noise = np.linalg.solve(price, loop.differences[:, loop.outputs].T).T
+    return replace(found, noise=noise / found.basis[-1, -1])
 
 
 def _root(square: Form) -> Float[np.ndarray, "n k"]:
@@ -134,12 +141,14 @@ def solved(
     n, links, q = loop.n_xi, len(loop.differences), len(loop.network.plant.C)
     p, D, J = messages.loss, messages.age, messages.jitter
     # Columns of (xi, nu, nu1, omega) that occur: without ages nu is nu1, and without chance and jitter nu1 is 0.
+    chance = bool(p or J or program.noise.size)
     unit = np.eye(n + 2 * links + program.count)
     xi, nu, nu1, omega = np.split(unit, np.cumsum([n, links, links]), axis=1)
     keep = np.hstack(
-        [xi, *([nu, nu1] if D and (p or J) else [nu] if D else [nu + nu1] if p or J else []), omega]
+        [xi, *([nu, nu1] if D and chance else [nu] if D else [nu + nu1] if chance else []), omega]
     )
     of_nu, of_nu1, of_omega = np.split(keep[n:], np.cumsum([links, links]))
+    padded_nu1 = np.eye(n + links)[n:]
     known, costs = np.vstack([keep[:n], of_nu1]), [keep.T @ cost @ keep for cost in program.costs]
     V, Gamma = (cp.Variable((n + links,) * 2, symmetric=True) for _ in range(2))
     slack, m = cp.Variable(), cp.Variable(len(costs), nonneg=True)
@@ -149,37 +158,57 @@ def solved(
     M = sum(m[k] * form for k, form in enumerate(program.multipliers))
     K = known.T @ Gamma @ known - sum(m[k] * cost for k, cost in enumerate(costs)) + of_omega.T @ M @ of_omega
     K = K + (of_nu - of_nu1).T @ X @ (of_nu - of_nu1) if D else K
+    seconds = [[cp.Variable((q, q), symmetric=True) for _ in blocks] for _ in range(3 if D and chance else 0)]
+    Xa, Xb, Xs = (
+        sum(place.T @ block @ place for place, block in zip(places, ones, strict=True))
+        for ones in seconds or [blocks] * 3
+    )
+    inner = Gamma
+    if seconds:
+        K = K + of_nu.T @ Xs @ of_nu
+        inner = Gamma + (D + 1) * decay**-D * padded_nu1.T @ Xa @ padded_nu1
     own = np.kron(np.eye(links // q), np.ones((q, q)))
-    spread = p * (1 - p) * cp.multiply(Gamma[n:, n:], own) + (1 - p) * D * D * decay ** (1 - D) * X
-    early = links if J else 0
-    mean = np.zeros((n + links, n + links + early))
-    mean[:n, :n], mean[n:, n : n + links] = np.eye(n), p * np.eye(links)
-    mean[n:, n + links :] = (1 - p) * np.eye(links, early)
-    apart = np.hstack([np.zeros((links, n)), np.eye(links), -np.eye(links, early)])
-    stored = np.eye(n + links, n + links + early)
-    second = decay * stored.T @ V @ stored - mean.T @ Gamma @ mean - apart.T @ spread @ apart
+    spread = p * (1 - p) * cp.multiply(inner[n:, n:], own) + (1 - p) * D * D * decay ** (1 - D) * X
+    early, noisy = links if J else 0, program.noise.shape[1]
+    read = np.hstack([np.eye(links, early), program.noise])
+    size = n + links + early + noisy
+    mean = np.vstack([np.eye(n, size), np.hstack([np.zeros((links, n)), p * np.eye(links), (1 - p) * read])])
+    apart = np.hstack([np.zeros((links, n)), np.eye(links), -read])
+    stored, priced = np.eye(n + links, size), np.eye(size)[size - noisy :]
+    second = decay * stored.T @ V @ stored - mean.T @ inner @ mean - apart.T @ spread @ apart
+    second = second + priced.T @ priced
     X_jitter = None
     if J:
         ones = [cp.Variable((q, q), symmetric=True) for _ in range(links // q)]
         if fixed is not None and fixed.X_jitter.size:
             ones = list(np.split(fixed.X_jitter * program.basis[-1, -1] ** 2, links // q))
         X_jitter = sum(place.T @ block @ place for place, block in zip(places, ones, strict=True))
-        tail = np.eye(n + 2 * links)[n + links :]
+        tail = np.eye(size)[n + links : n + 2 * links]
         second = second + decay * tail.T @ X_jitter @ tail
         if fixed is None or not fixed.X_jitter.size:
             K = K - MORE * J * sum(
                 rate.T @ X_jitter @ rate for rate in (each @ keep for each in program.rates)
             )
     moved = V @ (program.N @ keep)
-    first = cp.bmat([[K, moved.T], [moved, V]])
-    room = np.diag(np.r_[np.ones(keep.shape[1]), np.zeros(n + links)])
+    rows = [[K, moved.T], [moved, V]]
+    if seconds:
+        R, none = D * D * decay**-D * Xb, np.zeros((n + links, links))
+        change = R @ (of_nu1 - (program.N @ keep)[n:])
+        rows = [[K, moved.T, change.T], [moved, V, none], [change, none.T, R]]
+    first = cp.bmat(rows)
+    room = np.diag(np.r_[np.ones(keep.shape[1]), np.zeros(first.shape[0] - keep.shape[1])])
     conditions = [
         (first + first.T) / 2 >> slack * room,
-        (second + second.T) / 2 >> slack * np.eye(n + links + early),
+        (second + second.T) / 2 >> slack * np.eye(size),
         V >> FLATTEST * np.eye(n + links),
         slack <= 1,
         cp.trace(V[:n, :n]) == n if fixed is None else m == 1,
         *[block >> slack * np.eye(q) for block in blocks],
+        *[
+            cp.bmat([[a - s, -s], [-s, b - s]]) >> slack * np.eye(2 * q)
+            for a, b, s in zip(*seconds, strict=True)
+        ],
+        *[s >> slack * np.eye(q) for ones in seconds[2:] for s in ones],
     ]
     problem = cp.Problem(cp.Maximize(slack), conditions)
     if not run(problem, decompose=False, equilibrate=False) or V.value is None or not slack.value > 0:
@@ -200,6 +229,7 @@ def solved(
         decay,
         0.0,
         0.0,
+        *(np.vstack([_symmetric(one.value) for one in ones]) / scale for ones in seconds),
     )
 
 

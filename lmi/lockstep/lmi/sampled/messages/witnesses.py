@@ -138,10 +138,11 @@ def message_rho(
 
     Args:
         network, controllers, messages: as for `certify_messages`.
-        weights: what rho is a gain to and from; noise of the outputs is left out.
+        weights: what rho is a gain to and from.
         known: rho of the loop whose messages all arrive: its pair weights and P are where this starts.
     """
-    loop, exact_loop = in_doubles(network, controllers), sampled_loop(network, controllers)
+    loop = in_doubles(network, controllers, weights.outputs)
+    exact_loop = sampled_loop(network, controllers, weights.outputs)
     for factor, scale in FACTORS:
         rho = float(f"{factor * known.rho:.4g}")
         for witness in _with_rho(loop, messages, weights, rho, scale, known.witness):
@@ -188,19 +189,20 @@ def _priced(
 
     Gamma, X = found.Gamma.copy(), found.X.copy()
     never = ERROR * max(weighed(loop.messages), weighed(slice(loop.n_z, loop.n_z + links)))
-    if not (messages.loss or messages.jitter):
+    noisy = running is not None and loop.outputs.stop > loop.outputs.start
+    if not (messages.loss or messages.jitter or noisy):
         Gamma[n:, n:] = never * np.eye(links)
     if not messages.age:
         X = np.tile(never * np.eye(X.shape[1]), (len(X) // X.shape[1], 1))
     # Half of the room that the decay leaves goes to the first inequality.
     Gamma[:n, :n] += 0.5 * (decay - found.decay) * found.P[:n, :n]
-    kappa = ERROR * float(np.linalg.norm(X, 2))
+    kappa = ERROR * max(float(np.linalg.norm(one, 2)) for one in (X, *found.seconds[2:]))
     for dear in ROUNDINGS:
         t = np.array([dear * weighed(way.place) for way in loop.ways])
         witness = replace(
             found, Gamma=Gamma, X=X, t=t, decay=decay, kappa=kappa, kappa_mu=MU * weighed(loop.underflows)
         )
-        W = W_1(loop, lifted, witness, running)
-        if holds_in_doubles(W_2(loop, messages, witness)) and holds_in_doubles(W):
+        W = W_1(loop, lifted, messages, witness, running)
+        if holds_in_doubles(W_2(loop, messages, witness, running)) and holds_in_doubles(W):
             yield witness
             return
