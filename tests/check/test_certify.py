@@ -73,6 +73,16 @@ def test_fewer_boxes_than_the_proof_takes_decide_nothing(tmp_path: Path) -> None
     assert not certify(written(tmp_path, content)).proved
 
 
+def test_a_figure_that_overflows_proves_no_residual(tmp_path: Path) -> None:
+    """kappa c beyond the doubles times no error of messages is not a number, and a claim is no worse than that."""
+    content = deepcopy(DESIGN)
+    content["proofs"]["sampled"] |= {"kappa": 1e300, "ratio": 1e10}
+    for key in ("residual_per_message_error", "residual_rms_per_message_error"):
+        content["claims"]["sampled"][key] = None
+    content["claims"]["sampled"]["residual_from_underflow"] = 0.0
+    assert certify(written(tmp_path, content)).verdicts["sampled"].status == "undecided"
+
+
 @pytest.mark.parametrize(
     ("path", "old", "new", "what"),
     [

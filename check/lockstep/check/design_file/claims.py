@@ -124,7 +124,7 @@ class SampledClaims:
             if mine[key] is not None and mine[key] != theirs[key]:
                 yield _unproved(key, mine[key], theirs[key])
         for key, room in (("decay", 1.0), ("rho", 1.0), *((key, SURE) for key in self._residuals())):
-            if mine[key] is not None and (theirs[key] is None or mine[key] < room * theirs[key]):
+            if mine[key] is not None and (theirs[key] is None or not mine[key] >= room * theirs[key]):
                 yield _unproved(key, mine[key], theirs[key])
         if self.max_period is not None and self.max_period > (proved.max_period or 0.0):
             yield _unproved("max_period", self.max_period, proved.max_period)
@@ -133,7 +133,7 @@ class SampledClaims:
             return
         for i, (one, own) in enumerate(zip(self.rounding, proved.rounding, strict=False), start=1):
             for letter in LETTERS:
-                if one[letter] < own[letter]:
+                if not one[letter] >= own[letter]:
                     yield _unproved(f"rounding of {letter} of agent {i}", one[letter], own[letter])
 
 
