@@ -51,12 +51,12 @@ def decide_fixed(
         return
     at, weights = sampled_network(stored, network, problem.period), problem.performance
     found = decide_sampled(at, mine, (proofs.agreement,))
-    better = (
-        claims.decay < found.decay
-        or claims.residual_per_message_error < SURE * found.residual
-        or claims.residual_from_rounding < SURE * found.underflow
-    )
-    if not found.certified or better:
+    kept = (
+        claims.decay >= found.decay
+        and claims.residual_per_message_error >= SURE * found.residual
+        and claims.residual_from_rounding >= SURE * found.underflow
+    )  # false where a figure is no number
+    if not (found.certified and kept):
         said = "more is claimed of them than proved" if found.certified else found.reason
         yield "fixed", Verdict("undecided", f"the controllers in integers: {said}")
         return

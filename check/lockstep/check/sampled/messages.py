@@ -371,8 +371,8 @@ def W_2(
     if running is not None:
         W[noise:, noise:] = W[noise:, noise:] - running[loop.outputs, loop.outputs]
     kept = np.arange(size) if messages.jitter else np.delete(np.arange(size), late)
-    W = W[np.ix_(kept, kept)]
-    return W
+    within: Matrix = W[np.ix_(kept, kept)]
+    return within
 
 
 def _blocks(form: Matrix, q: int) -> list[Matrix]:
