@@ -86,8 +86,10 @@ class Messages:
         )
 
     def within(self, proved: "Messages") -> bool:
-        """Tell whether no more happens than was proved for."""
-        mine, theirs = ((one.loss, one.burst, one.delay[1], one.jitter) for one in (self, proved))
+        """Tell whether no more happens than was proved for, and no message is earlier."""
+        mine, theirs = (
+            (one.loss, one.burst, -one.delay[0], one.delay[1], one.jitter) for one in (self, proved)
+        )
         return all(a <= b for a, b in zip(mine, theirs, strict=True))
 
 
