@@ -208,3 +208,13 @@ def test_absent_keys_say_that_nothing_happens():
     assert messages_of({"delay": [1, 2], "burst": 3}).age == 5
     assert deepcopy(Messages(0.2)).within(Messages(0.2, 1))
     assert not Messages(0.1).within(Messages(0.2, 1)), "the mean over chances is proved of one probability"
+    assert Messages(delay=(1, 2)).within(Messages(delay=(0, 2)))
+    assert not Messages(delay=(0, 2)).within(Messages(delay=(1, 2))), "less is claimed: that none is early"
+
+
+@pytest.mark.parametrize(
+    "table", [{"loss": []}, {"jitter": ""}, {"burst": False}, {"delay": {}}, {"delay": []}]
+)
+def test_what_is_there_and_false_is_no_absent_key(table):
+    with pytest.raises(ProblemError):
+        messages_of(table)

@@ -250,14 +250,14 @@ def _limits(
         return
     at, weights = sampled_network(stored, network, stored.problem.period), stored.problem.performance
     plain, noisy = sampled_loop(at, held), sampled_loop(at, held, weights.outputs)
-    start = "from |x_d(0)| <= {:g}, controllers at rest, "
+    start = "from |x_d(0)| <= {:g}, controllers at rest, every message in time, "
     if (radius := claims.radius) is not None:
         holds = proofs.radius is not None and proves_radius(plain, held, proofs.radius, limits, radius)
         yield "limits", _said(f"{start}no input meets its limit".format(radius), holds)
     if (gain := claims.limits_gain) is not None:
         w = proofs.limits_gain
         holds = w is not None and proves_gain(noisy, held, w, limits, weights, gain)
-        said = f"under a disturbance of energy {gain:g}^2, from agreement, no input meets its limit"
+        said = f"under a disturbance of energy {gain:g}^2, from agreement, every message in time, no input meets its limit"
         yield "limits_gain", _said(said, holds)
     if (radius := claims.clipped_radius) is not None:
         c = proofs.clipped

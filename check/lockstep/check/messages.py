@@ -30,11 +30,8 @@ def decide_messages(
         text = f"with {claimed.messages.text}"
         yield "messages", _said(loop, claimed, proofs.messages, text)
         if claimed.rho is not None:
-            gain = weights, claimed.rho
-            yield (
-                "messages_rho",
-                _said(loop, claimed, proofs.messages_rho, f"rho {claimed.rho:g} {text}", *gain),
-            )
+            said = f"rho {claimed.rho:g} from the states' disturbances {text}"
+            yield "messages_rho", _said(loop, claimed, proofs.messages_rho, said, weights, claimed.rho)
 
 
 def _said(

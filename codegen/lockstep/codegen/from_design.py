@@ -196,12 +196,13 @@ def _limits(stored: Stored) -> dict[str, str | None]:
     claims, problem = stored.claims.sampled, stored.problem
     names = zip(problem.agent().inputs, problem.limits, strict=True)
     sides = ", ".join(f"|{name}| < {limit:g}" for name, limit in names if math.isfinite(limit))
-    rest = "controllers at rest, no disturbance"
+    timely = ", every message in time" if problem.messages is not None else ""
+    rest = f"controllers at rest, no disturbance{timely}"
     found = {
         "limits": f"{sides} for ever from a disagreement of at most {claims.radius:g}, {rest}"
         if claims.radius is not None
         else None,
-        "limits_gain": f"{sides} for ever from agreement, under a disturbance of energy {claims.limits_gain:g}^2"
+        "limits_gain": f"{sides} for ever from agreement, under a disturbance of energy {claims.limits_gain:g}^2{timely}"
         if claims.limits_gain is not None
         else None,
         "clipped": f"from a disagreement of at most {claims.clipped_radius:g} all come to agree with u clipped, {rest}"

@@ -214,8 +214,8 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
         yield Statement(
             "radius",
             f"{radius:.4g}",
-            f"From a disagreement of at most this ({_units(found.design)}), controllers at rest and nothing disturbing, no"
-            f" actuator ever meets its limit: {limits}.",
+            f"From a disagreement of at most this ({_units(found.design)}), controllers at rest, nothing disturbing and every"
+            f" message in time, no actuator ever meets its limit: {limits}.",
         )
 
 

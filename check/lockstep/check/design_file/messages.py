@@ -26,7 +26,8 @@ class MessageClaims:
     """What is claimed of the sampled loop whose messages are lost, late or jittered.
 
     messages: what may happen to them (more is better);  decay: V shrinks by it from sample to sample, in the mean square
-    where chance loses messages (smaller is better);  rho: the disturbance gain then (smaller is better), None where none is.
+    where chance loses messages (smaller is better);  rho: the gain from the states' disturbances then, the outputs' noise
+    left out (smaller is better), or None.
     """
 
     messages: Messages
@@ -46,13 +47,14 @@ def messages_document(messages: Messages) -> dict[str, Any]:
 def messages_of(table: Any, where: str = ASKED) -> Messages:
     """Read the table; a key that is absent says that nothing of the kind happens."""
     only(table, KEYS, where)
-    loss, jitter = (not_negative(table.get(key) or 0.0, f"{where} {key}") for key in ("loss", "jitter"))
+    table = {key: one for key, one in table.items() if one is not None}
+    loss, jitter = (not_negative(table.get(key, 0.0), f"{where} {key}") for key in ("loss", "jitter"))
     demand(loss < 1, f"{loss!r}", f"{where} loss", "a probability from 0 up, below 1")
     demand(jitter < 1, f"{jitter!r}", f"{where} jitter", "a part of the period from 0 up, below 1")
-    delay = table.get("delay") or [0, 0]
+    delay = table.get("delay", [0, 0])
     pair = isinstance(delay, list | tuple) and len(delay) == 2
     demand(pair, f"{delay!r}", f"{where} delay", "the least and the most periods, such as [0, 2]")
-    burst, low, high = (_count(one, where) for one in (table.get("burst") or 0, *delay))
+    burst, low, high = (_count(one, where) for one in (table.get("burst", 0), *delay))
     demand(low <= high, f"{delay!r}", f"{where} delay", "the least first")
     return Messages(loss, burst, (low, high), jitter)
 

@@ -57,17 +57,17 @@ class Witness:
     @property
     def rms(self) -> float:
         """The gain from nu to the distance from consensus, both as root mean squares over all instants."""
-        return math.sqrt(self.kappa / self.weight) if self.weight > 0 else math.inf
+        return root(self.kappa / self.weight) if self.weight > 0 else math.inf
 
     @property
     def ultimate(self) -> float:
         """The ultimate distance from consensus per length of nu: sqrt(c kappa / (1 - decay))."""
-        return math.sqrt(self.ratio * self.kappa / (1 - self.decay)) if self.decay < 1 else math.inf
+        return root(self.ratio * self.kappa / (1 - self.decay)) if self.decay < 1 else math.inf
 
     @property
     def ultimate_mu(self) -> float:
         """The same per length of mu."""
-        return math.sqrt(self.ratio * self.kappa_mu / (1 - self.decay)) if self.decay < 1 else math.inf
+        return root(self.ratio * self.kappa_mu / (1 - self.decay)) if self.decay < 1 else math.inf
 
     def document(self) -> dict[str, Any]:
         """Return the witness as plain JSON types."""
@@ -81,6 +81,15 @@ class Witness:
             len(loop.network.d.pairs()),
             len(loop.ways),
         )
+
+
+def root(square: float) -> float:
+    """Return the square root; infinite where doubles next to 0 may have lost digits, or all, on the way to the square.
+
+    >>> root(4.0), root(1e-170 * 1e-170)
+    (2.0, inf)
+    """
+    return math.sqrt(square) if square > 1e-280 else math.inf
 
 
 def multiplier(d: Disagreement, m: Vector) -> Matrix:

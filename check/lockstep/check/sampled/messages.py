@@ -101,8 +101,8 @@ class Messages:
         )
 
     def within(self, proved: "Messages") -> bool:
-        """Tell whether no more happens than was proved for: the mean over delta is of p itself, and of no smaller one."""
-        mine, theirs = ((one.burst, one.delay[1], one.jitter) for one in (self, proved))
+        """Tell whether no more happens than was proved for, and no message is earlier: the mean over delta is of p itself."""
+        mine, theirs = ((one.burst, -one.delay[0], one.delay[1], one.jitter) for one in (self, proved))
         return self.loss == proved.loss and all(a <= b for a, b in zip(mine, theirs, strict=True))
 
 

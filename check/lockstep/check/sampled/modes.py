@@ -42,7 +42,7 @@ from lockstep.check.sampled import balls
 from lockstep.check.sampled.certify import ROUNDED_UP, SampledVerdict, lifted_agent, proves, refused
 from lockstep.check.sampled.conjugate import no_conjugate_point
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork, spectral_bound
-from lockstep.check.sampled.inequality import Witness
+from lockstep.check.sampled.inequality import Witness, root
 from lockstep.check.sampled.loop import NO_NOISE, SampledLoop, Way
 from lockstep.check.sampled.performance import SampledRho, proves_rho
 from lockstep.check.system.disagreement import Disagreement
@@ -80,7 +80,7 @@ class SampledModalWitness:
     @property
     def ultimate(self) -> float:
         """sqrt(c kappa / (1 - decay)), by which witnesses are compared."""
-        return math.sqrt(self.ratio * self.kappa / (1 - self.decay)) if self.decay < 1 else math.inf
+        return root(self.ratio * self.kappa / (1 - self.decay)) if self.decay < 1 else math.inf
 
     def covers(self, lower: float, upper: float) -> bool:
         """Tell whether the segments follow each other from `lower` at most to `upper` at least."""
