@@ -195,3 +195,15 @@ def test_the_smallest_bound_is_one_of_the_agent_that_the_checker_sees(formula):
     assert decide_bound(exact, agent.argument_box, bound.alpha, *scales, bound.entries, boxes=1000).proved
     below = bound.alpha * (1 - 1e-8)
     assert not decide_bound(exact, agent.argument_box, below, *scales, bound.entries, boxes=1000).proved
+
+
+def test_the_smallest_bound_of_two_components_can_be_asked_for() -> None:
+    """0.2 tanh(v/0.1) has the slopes 0 to 2, centred 1 in size: exactly the smallest bound, and no more with the nearest doubles."""
+    robot = Agent.from_expressions(
+        "robot",
+        states=["vx", "vy"],
+        inputs=["fx", "fy"],
+        outputs={"x": "vx", "y": "vy"},
+        dynamics={"vx": "fx - 0.2*tanh(vx/0.1)", "vy": "fy - 0.2*tanh(vy/0.1)"},
+    )
+    assert bound_of(robot).alpha == bound_of(robot, alpha=1.0).alpha == 1.0

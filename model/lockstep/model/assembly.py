@@ -23,7 +23,6 @@ from lockstep.model.bound_search import (
     BOXES,
     UNFINISHED,
     Bound,
-    Box,
     Entry,
     SearchState,
     confirmed,
@@ -79,9 +78,9 @@ def bound_of(
         raise no_bound(found, agent)
     exact = _with_exact_scales(found, agent.lure)
     if exact.alpha > ALLOWED_GAP * exact.lower:
-        exact = _tightened(exact, agent.lure, box, boxes)
+        exact = _tightened(exact, agent, boxes)
     if alpha is not None:
-        return _decided(_with_scales_of(exact, agent.lure, box, alpha, boxes, progress), alpha)
+        return _decided(_with_scales_of(exact, agent, alpha, boxes, progress), alpha)
     exact = confirmed(problem, exact)
     if not exact.proved:
         raise _undecided(exact)
@@ -185,14 +184,14 @@ def _short_above(scale: float, column: Float[np.ndarray, " n"]) -> float:
     return math.ldexp(1.0, exponent)
 
 
-def _tightened(bound: Bound, lure: Lure, box: Box, boxes: int) -> Bound:
+def _tightened(bound: Bound, agent: Agent, boxes: int) -> Bound:
     """Look for a smaller alpha with the scales as they are, by halving the gap."""
     best, low = bound, bound.lower
     for _ in range(TIGHTENINGS):
         if best.alpha <= ALLOWED_GAP * low:
             break
         alpha = math.sqrt(best.alpha * max(low, best.alpha / 4))
-        tried = _with_scales_of(bound, lure, box, alpha, boxes)
+        tried = _with_scales_of(bound, agent, alpha, boxes)
         low = max(low, tried.lower)
         if tried.proved:
             best = replace(tried, asked=None, tolerance=bound.tolerance)
@@ -204,12 +203,12 @@ def _tightened(bound: Bound, lure: Lure, box: Box, boxes: int) -> Bound:
 
 
 def _with_scales_of(
-    bound: Bound, lure: Lure, box: Box, alpha: float, boxes: int, progress: Report | None = None
+    bound: Bound, agent: Agent, alpha: float, boxes: int, progress: Report | None = None
 ) -> Bound:
     """Decide another alpha with the scales of a bound."""
     return prove_bound(
-        lure.phi,
-        box,
+        agent.exact.phi,
+        agent.argument_box,
         alpha,
         input_scale=bound.input_scale,
         output_scale=bound.output_scale,
