@@ -71,7 +71,7 @@ def test_a_list_that_is_longer_than_what_is_proved_is_refused(generated, tmp_pat
 
 
 def test_another_gain_is_refuted(generated, tmp_path):
-    changed = {"cart.c": [(r"(const float t1 = -?)\d", r"\g<1>9")]}
+    changed = {"cart.c": [(r"(const float t1 = -?)(\d)", lambda m: f"{m[1]}{(int(m[2]) + 5) % 10}")]}
     found = certify(copied(generated, tmp_path / "gain", changed)).verdicts["code"]
     assert found.status == "refuted" and "gains" in found.reason
 
