@@ -8,7 +8,7 @@ from lockstep.check.continuous.modes import Modes, mode_matrix
 from lockstep.check.system.loop import Plant
 from lockstep.lmi.analysis.semidefinite import symmetric_basis
 from lockstep.lmi.methods.modal_together import Together
-from lockstep.lmi.search.bilinear import Bilinear, BilinearProgram, Condition
+from lockstep.lmi.search.bilinear import Bilinear, BilinearCondition, BilinearProgram
 
 
 def small():
@@ -20,11 +20,13 @@ def small():
 
     both = Bilinear(slice(0, 1), slice(1, 2), np.ones((1, 1, 1, 1)))
     rest = [
-        Condition(-one, linear(c=1.0)),
-        Condition(4 * one, linear(c=-1.0)),
-        Condition(0 * one, linear(a=-1.0, c=1.0)),
+        BilinearCondition(-one, linear(c=1.0)),
+        BilinearCondition(4 * one, linear(c=-1.0)),
+        BilinearCondition(0 * one, linear(a=-1.0, c=1.0)),
     ]
-    return BilinearProgram([Condition(-one, linear(), both), Condition(2 * one, linear(b=-1.0)), *rest], 0)
+    return BilinearProgram(
+        [BilinearCondition(-one, linear(), both), BilinearCondition(2 * one, linear(b=-1.0)), *rest], 0
+    )
 
 
 def test_the_least_is_found():
@@ -67,7 +69,7 @@ def test_the_curvature_is_that_of_the_barrier():
     at, random = together()
     x = 0.05 * random.standard_normal(at.size)
     lifted = [
-        Condition(one.constant + 50 * np.eye(len(one.constant)), one.linear, one.bilinear)
+        BilinearCondition(one.constant + 50 * np.eye(len(one.constant)), one.linear, one.bilinear)
         for one in at.program.conditions
     ]
     program = BilinearProgram(lifted, at.program.goal)

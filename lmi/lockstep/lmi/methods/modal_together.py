@@ -19,7 +19,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import Modes
 from lockstep.lmi.analysis.semidefinite import symmetric_basis
-from lockstep.lmi.search.bilinear import Bilinear, BilinearProgram, Condition
+from lockstep.lmi.search.bilinear import Bilinear, BilinearCondition, BilinearProgram
 
 Gain = Float[np.ndarray, "a b"]
 Square = Float[np.ndarray, "k k"]
@@ -101,15 +101,15 @@ class Together:
     def program(self) -> BilinearProgram:
         """Its conditions, and log sigma to be lowered."""
         k, n_C, at = len(self.base), self.modes.order, self.places
-        P = Condition(np.zeros((k, k)), self._linear(k, P=symmetric_basis(k)))
+        P = BilinearCondition(np.zeros((k, k)), self._linear(k, P=symmetric_basis(k)))
         signs = [
-            Condition(np.zeros((1, 1)), np.eye(self.size)[i].reshape(-1, 1, 1))
+            BilinearCondition(np.zeros((1, 1)), np.eye(self.size)[i].reshape(-1, 1, 1))
             for i in range(at["mu"].start, at["mu"].stop)
         ]
         a, b = self.shape
         norm = np.zeros((a * b, a + b, a + b))
         norm[:, :a, a:] = np.eye(a * b).reshape(-1, a, b) / self.gain_limit
-        limit = Condition(np.eye(a + b), self._linear(a + b, K=norm + norm.transpose(0, 2, 1)))
+        limit = BilinearCondition(np.eye(a + b), self._linear(a + b, K=norm + norm.transpose(0, 2, 1)))
         found = [*(self._mode(value) for value in self.ends), P, *signs, limit]
         if n_C:
             basis = symmetric_basis(n_C)
@@ -117,9 +117,9 @@ class Together:
             own = Bilinear(at["K"], at["P_m"], -(half + half.transpose(0, 1, 3, 2)))
             nothing = np.zeros((n_C, n_C))
             found += [
-                Condition(nothing, self._linear(n_C, P_m=-2 * self.rate * basis), own),
-                Condition(nothing, self._linear(n_C, P_m=basis)),
-                Condition(np.eye(n_C), self._linear(n_C, P_m=-basis)),
+                BilinearCondition(nothing, self._linear(n_C, P_m=-2 * self.rate * basis), own),
+                BilinearCondition(nothing, self._linear(n_C, P_m=basis)),
+                BilinearCondition(np.eye(n_C), self._linear(n_C, P_m=-basis)),
             ]
         return BilinearProgram(found, at["sigma"].start)
 
@@ -129,7 +129,7 @@ class Together:
             found[self.places[name]] = part
         return found
 
-    def _mode(self, value: float) -> Condition:
+    def _mode(self, value: float) -> BilinearCondition:
         """Return the condition at one lambda; the signals in units of the base."""
         stated, (a, b), n_C = self.modes.inequality(self.claim, value), self.shape, self.modes.order
         n, f, m = len(self.base), stated.size, len(self.claim.W)
@@ -160,7 +160,7 @@ class Together:
             "pij,kjf->kpif", basis, self.base.T @ stated.U[0] @ units @ given @ D.T
         )
         both = Bilinear(self.places["K"], self.places["P"], -(moved + moved.transpose(0, 1, 3, 2)))
-        return Condition(constant, linear, both)
+        return BilinearCondition(constant, linear, both)
 
 
 def _entries(P: Square) -> Float[np.ndarray, " p"]:

@@ -27,7 +27,7 @@ class Bilinear(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Condition:
+class BilinearCondition:
     """M(x) > 0: M_0 (n, n), the M_k (x, n, n), and what is bilinear, if anything is."""
 
     constant: Float[np.ndarray, "n n"]
@@ -57,7 +57,7 @@ class Condition:
 class BilinearProgram:
     """Conditions, and the unknown whose logarithm is lowered."""
 
-    conditions: Sequence[Condition]
+    conditions: Sequence[BilinearCondition]
     goal: int
 
     def value(self, x: Vector, mu: float) -> float:
