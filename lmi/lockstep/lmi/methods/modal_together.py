@@ -59,7 +59,7 @@ class Together:
     @property
     def size(self) -> int:
         """Unknowns."""
-        return self.places["P_m"].stop
+        return int(self.places["P_m"].stop)
 
     def pack(self, K: Gain, mu: Float[np.ndarray, " s"], sigma: float) -> Float[np.ndarray, " x"] | None:
         """Return x inside, or None: K, a P that is the base's, and its mu and sigma, all but K scaled up."""
