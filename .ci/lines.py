@@ -46,6 +46,10 @@ LATER = {
         ],
         1250,
     ),
+    "gains and one P together": (
+        ["lmi/lockstep/lmi/search/bilinear.py", "lmi/lockstep/lmi/methods/modal_together.py"],
+        260,
+    ),
     "model/control: loops sampled and opened": (
         [f"{CONTROL}/{name}.py" for name in ("hybrid", "hybrid_norms", "operating", "ports", "wiring")],
         800,

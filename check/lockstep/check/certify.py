@@ -177,9 +177,6 @@ def _sampled(
     """Yield what is proved of the sampled controllers: of the C of a folder, else of the design's gains."""
     claims, proofs, problem = stored.claims.sampled, stored.proofs, stored.problem
     held = held_controllers(stored, problem.period)
-    if folder is not None and problem.spectrum is not None:
-        yield "code", Verdict("undecided", "C is written for one graph, and `spectrum` names many")
-        return
     if folder is not None:
         read, refused = _read(stored, folder, held)
         yield "code", refused
@@ -300,7 +297,8 @@ def _read(
     """Read the controllers out of the C, and hold them against the design's.
 
     In one image for all nodes each controller is read as often as it serves: the weights and sources of a node are its row of
-    the design's graph, which it is given at run time.
+    the design's graph, which it is given at run time. With `spectrum` it is a row of any graph that this names, and one
+    controller with the most neighbours stands for all: then a list may hold no more than these.
     """
     listed = parse_json(as_text(read_inside(folder, "manifest.json"), "manifest.json"), "manifest.json")
     listed = listed if isinstance(listed, dict) else {}
@@ -309,6 +307,9 @@ def _read(
     # One image holds one controller where all gains are the same, and else each agent's.
     alike = image and bool((stored.gains.blocks == stored.gains.blocks[0]).all())
     cores = [base] if alike else [f"{base}{i}" for i in range(1, N + 1)]
+    many = stored.problem.spectrum is not None
+    if many and not image:
+        return held, Verdict("undecided", "`spectrum` names many graphs, and this C the neighbours of one")
     read: dict[str, ReadController] = {}
     try:
         for name in cores:
@@ -323,7 +324,8 @@ def _read(
         one = read[name]
         theirs = one.controller
         if image:
-            rows = theirs.sources == () and len(mine.sources) <= most
+            fits = most == len(mine.sources) if many else len(mine.sources) <= most
+            rows = theirs.sources == () and fits
             theirs = replace(theirs, sources=mine.sources, weights=mine.weights, before=mine.before)
         period = stored.problem.period
         rounded = float(np.float32(period) if one.real == "float32" else period)
@@ -343,7 +345,10 @@ def _read(
     if image:
         degree = max(len(one.sources) for one in held)
         given = "rows" if alike else "numbers and rows"
-        said += f"; nodes are given their {given} of its graph, of in-degree {degree} at most, a list holding {most}"
+        of = "a graph with its spectrum" if many else "its graph"
+        said += (
+            f"; nodes are given their {given} of {of}, of in-degree {degree} at most, a list holding {most}"
+        )
     return tuple(found), Verdict("proved", said)
 
 

@@ -56,7 +56,8 @@ def specification(
         table: of whom each node hears: "none", "csv" or "c".
     """
     problem, agent = stored.problem, stored.problem.agent()
-    problem.demand_one_graph("for C that names the neighbours of each agent")
+    if not one_image:
+        problem.demand_one_graph("for C that names the neighbours of each agent")
     if one_image and problem.offsets is not None:
         raise ProblemError(
             "offsets in one image for all nodes",
@@ -91,10 +92,7 @@ def specification(
     )
     image = None
     if one_image:
-        degree = max(map(len, sources))
-        most = degree if max_neighbours is None else max_neighbours
-        lists = () if table == "none" else tuple(map(tuple, sources))
-        image = OneImage(f"{base}_node", graph.N, degree, most, table, lists)
+        image = _image(stored, f"{base}_node", sources, max_neighbours, table)
     controller = problem.controller
     return CodegenSpec(
         agents=controllers,
@@ -135,6 +133,26 @@ def formats_of(claims: FixedClaims) -> FixedFormats:
         f"radius = {radius}: from disagreements up to it, at rest, undisturbed, readings exact, no step is SATURATED",
     )
     return FixedFormats(claims.outputs, claims.inputs, claims.states, lines)
+
+
+def _image(
+    stored: Stored, name: str, sources: list[list[tuple[int, float]]], most: int | None, table: Table
+) -> OneImage:
+    """Return what one image is made for: the design's graph, or any with its spectrum, whose lists hold what is proved."""
+    spectrum, degree = stored.problem.spectrum, max(map(len, sources))
+    if spectrum is None:
+        lists = () if table == "none" else tuple(map(tuple, sources))
+        return OneImage(name, len(sources), degree, degree if most is None else most, table, lists)
+    if table != "none":
+        stored.problem.demand_one_graph("whose lists `--table` writes")
+    if most not in (None, spectrum.neighbours):
+        raise ProblemError(
+            f"a list of {most}",
+            where="--max-neighbours",
+            expected=f"{spectrum.neighbours}, for so many the design is proved",
+            remedy="name `max_degree` in [network] and design again",
+        )
+    return OneImage(name, 1, spectrum.neighbours, spectrum.neighbours)
 
 
 def has_one_controller(stored: Stored) -> bool:

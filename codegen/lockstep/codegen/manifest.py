@@ -204,7 +204,7 @@ class ImageEntry(_Record):
     """One image for all nodes: `agents` are then its controllers, by the node's number."""
 
     name: str
-    agents: int = Field(ge=2, description="N of the design")
+    agents: int = Field(ge=1, description="N of the design; 1 where it is for any number of agents")
     largest_in_degree: int = Field(ge=0, description="of its graph: so many roundings of r are covered")
     max_neighbours: int = Field(ge=1, le=MAX_NEIGHBOURS, description="of a list, at compile time")
     state_bytes: int

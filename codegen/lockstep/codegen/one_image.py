@@ -32,9 +32,9 @@ KNOWN_STEPS = 2
 class OneImage:
     """What one image is made for.
 
-    name: prefix of the nodes' functions;  agents: N of the design;  degree: the most neighbours of any of them;  most: of a
-    list, at compile time;  table: of whom each node hears, as C for an image that holds all lists, or as CSV for what
-    installs them;  lists: (source from 0, weight) of every node, for the table.
+    name: prefix of the nodes' functions;  agents: N of the design, 1 for any number;  degree: the most neighbours of any of
+    them;  most: of a list, at compile time;  table: of whom each node hears, as C for an image that holds all lists, or as
+    CSV for what installs them;  lists: (source from 0, weight) of every node, for the table.
     """
 
     name: str

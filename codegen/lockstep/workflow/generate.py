@@ -58,8 +58,8 @@ def generate(
         name: of the CMake target and the umbrella header; by default the agent's name and `_controllers`.
         prefix: put before the agents' names, so that two designs fit one program.
         one_image: one image for all nodes, whom a node hears given at run time; by default from 17 agents on whose gains are
-            all the same, where no doors are asked for.
-        max_neighbours: of a node of one image; by default the largest in-degree of the design's graph.
+            all the same, where no doors are asked for, and for `spectrum`, whose graphs the nodes are told later.
+        max_neighbours: of a node of one image; by default the largest in-degree of the design's graph, or `max_degree`.
         table: of whom each node hears, beside one image: "none", since a node needs its own list alone, "csv" for what
             installs the nodes, or "c" for an image that holds all lists.
 
@@ -98,8 +98,8 @@ def _is_swarm(design: Design) -> bool:
     from lockstep.codegen.one_image import ONE_IMAGE_FROM
 
     stored = design.stored
-    many, plain = stored.gains.N >= ONE_IMAGE_FROM, stored.problem.offsets is None
-    return many and plain and has_one_controller(stored)
+    many = stored.gains.N >= ONE_IMAGE_FROM or stored.problem.spectrum is not None
+    return many and stored.problem.offsets is None and has_one_controller(stored)
 
 
 def generated_files(

@@ -44,8 +44,8 @@ _ANY = Claim(0.0, np.eye(1), np.eye(1), np.zeros((1, 4)))
 RATIOS = (2.0, 4.0, 16.0, 64.0, 256.0, 1024.0)
 """Ratios of the largest to the smallest eigenvalue that are tried where the one asked for is too large."""
 
-FIRST_STEPS, KEPT = 60, 2
-"""Of gains with one P: steps for all, and how many of the best go on."""
+FIRST_ROUNDS, KEPT = 4, 3
+"""Of gains with one P: rounds of the search for all, and how many of the best go on."""
 
 POORLY = "docs/graphs.md says what does for poorly connected graphs"
 
@@ -141,7 +141,7 @@ def _common(
     for index in range(starts):
         if tell is not None:
             tell(index / starts)
-        found += [common.improved(K, FIRST_STEPS) for K in drawn(search, seed, index)]
+        found += [common.improved(K, FIRST_ROUNDS) for K in drawn(search, seed, index)]
     first = sorted((one for one in found if one[0] < np.inf), key=lambda one: one[0])[:KEPT]
     best = min((common.improved(K) for _, K in first), key=lambda one: one[0], default=None)
     if best is None:

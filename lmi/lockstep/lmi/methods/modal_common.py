@@ -6,8 +6,9 @@ First a P is looked for that carries the nonlinearity at both ends at all,
 
     minimise s:    F_xphi(lambda) <= s I,   P >= I (and P <= 1000 I),
 
-F_xphi being the matrix of a mode without disturbance and weights, until s < 0; then sigma is lowered. Both by BFGS,
-with a small barrier at the gain limit. What comes out is a set of gains; `modal.prove_modes` certifies them or does not.
+F_xphi being the matrix of a mode without disturbance and weights, until s < 0, by BFGS with a small barrier at the gain
+limit. Then sigma is lowered in K and P together (`modal_together`), since sigma(K) has kinks where BFGS stops. What comes
+out is a set of gains; `modal.prove_modes` certifies them or does not.
 """
 
 from collections.abc import Callable
@@ -21,6 +22,7 @@ from lockstep.check.continuous.channels import Inequality
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import Modes
 from lockstep.lmi.analysis.semidefinite import Block, Solved, least, symmetric_basis
+from lockstep.lmi.methods.modal_together import Together
 from lockstep.lmi.search.stabilise import descend
 
 Gain = Float[np.ndarray, "a b"]
@@ -36,7 +38,10 @@ BARRIER = 3e-3
 """Of -log det(I - K K' / gain_limit^2), beside log sigma."""
 
 STEPS_INSIDE, STEPS_DOWN = 150, 400
-"""Steps of BFGS for either phase."""
+"""Steps of BFGS for either phase: the second where no barrier can be put up."""
+
+WEIGHTS, NEWTON_STEPS, ROUNDS, WORTHWHILE = (6e-3, 2e-3, 5e-4), 150, 40, 3e-3
+"""Of the barrier beside log sigma, and of its rounds: Newton steps, how many, and the part of sigma that one has to gain."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +54,13 @@ class CommonSearch:
     gain_limit: float
     rate: float = 0.0
 
-    def improved(self, K: Gain, steps: int = STEPS_DOWN) -> tuple[float, Gain]:
-        """Return sigma and gains with one P for both ends, from gains that may have none; infinite where none are found."""
+    def improved(self, K: Gain, rounds: int = ROUNDS) -> tuple[float, Gain]:
+        """Return sigma and gains with one P for both ends, from gains that may have none; infinite where none are found.
+
+        Args:
+            K: where to start.
+            rounds: of Newton's method on the barrier, at most.
+        """
         base = self._base(K)
         if base is None:
             return np.inf, K
@@ -58,8 +68,32 @@ class CommonSearch:
             K = self._inside(K, base)
         if self.sigma(K)[0] == np.inf:
             return np.inf, K
-        K = self._descended(self._log_sigma, K, steps)
+        K = self._together(K, rounds)
         return self.sigma(K)[0], K
+
+    def _together(self, K: Gain, rounds: int) -> Gain:
+        """Lower sigma in K and P together, while a round gains enough."""
+        found = self._solved(K)
+        if found is None:
+            return K
+        shapes, solved, unit = found
+        p = len(shapes.P_basis)
+        P = np.tensordot(solved.x[:p], shapes.P_basis, 1)
+        rate = max(self.rate, self.modes.decay)
+        at = Together(
+            self.modes, self.claim, self.ends, self.gain_limit, rate, (K.shape[0], K.shape[1]),
+            shapes.base @ np.linalg.cholesky(P + 1e-9 * float(np.trace(P)) * np.eye(len(P))),
+        )  # fmt: skip
+        x = at.pack(K, unit * solved.x[p:-1], unit * float(solved.x[-1]))
+        if x is None:
+            return self._descended(self._log_sigma, K, STEPS_DOWN)
+        goal = at.program.goal
+        for weight in (*WEIGHTS[:-1], *[WEIGHTS[-1]] * rounds):
+            before = x[goal]
+            at, x = at.rebased(at.program.improved(x, weight, NEWTON_STEPS))
+            if weight == WEIGHTS[-1] and x[goal] > (1 - WORTHWHILE) * before:
+                break
+        return at.K(x)
 
     def has_one_P(self, K: Gain) -> bool:
         """Tell whether gains with one P for both ends are found from these."""
@@ -77,17 +111,22 @@ class CommonSearch:
 
     def sigma(self, K: Gain) -> Valued:
         """Return the least sigma with one P, and its slope in K; infinite where there is none."""
-        base, nothing = self._base(K), (np.inf, np.zeros(K.shape))
+        found = self._solved(K)
+        if found is None:
+            return np.inf, np.zeros(K.shape)
+        shapes, solved, unit = found
+        return solved.value * unit, unit * self._slope(K, shapes, solved)
+
+    def _solved(self, K: Gain) -> tuple["_Shapes", Solved, float] | None:
+        base = self._base(K)
         if base is None:
-            return nothing
+            return None
         unit = float(np.linalg.norm(base, 2)) ** 2
         shapes = _Shapes(self, K, base, unit)
         blocks = [shapes.block(value) for value in self.ends]
         k = shapes.unknowns
         solved = least(np.eye(k)[-1], [*blocks, *shapes.signs])
-        if solved is None or not solved.value > 0:
-            return nothing
-        return solved.value * unit, unit * self._slope(K, shapes, solved)
+        return None if solved is None or not solved.value > 0 else (shapes, solved, unit)
 
     def _slack(self, K: Gain, base: Float[np.ndarray, "k k"]) -> Valued:
         """Return the least s with F_xphi <= s I and P >= I, in the coordinates of a base, and its slope in K."""

@@ -265,12 +265,12 @@ class InteriorProgram:
                 break
             slope, square, rest = self._slopes(F, x, task, mu)
             inside = np.ix_(task.free, task.free)
-            step, decrement, shift = _newton(slope[task.free], square[inside], rest[inside], shift)
+            step, decrement, shift = newton_step(slope[task.free], square[inside], rest[inside], shift)
             if decrement < SETTLED:
                 break
             move = np.zeros(F.size)
             move[task.free] = step
-            length, here = _line_search(value, x, move, here, decrement)
+            length, here = line_search(value, x, move, here, decrement)
             if length == 0.0:
                 break
             x = x + length * move
@@ -316,7 +316,7 @@ def _logarithms(weights: dict[int, float]) -> Goal:
     return goal
 
 
-def _newton(
+def newton_step(
     slope: Float[np.ndarray, " x"],
     square: Float[np.ndarray, "x x"],
     rest: Float[np.ndarray, "x x"],
@@ -341,7 +341,7 @@ def _newton(
     return np.zeros_like(slope), 0.0, 0.0
 
 
-def _line_search(
+def line_search(
     value: Callable[[Float[np.ndarray, " x"]], float],
     x: Float[np.ndarray, " x"],
     move: Float[np.ndarray, " x"],
