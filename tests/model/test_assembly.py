@@ -198,7 +198,7 @@ def test_the_smallest_bound_is_one_of_the_agent_that_the_checker_sees(formula):
 
 
 def test_the_smallest_bound_of_two_components_can_be_asked_for() -> None:
-    """0.2 tanh(v/0.1) has the slopes 0 to 2, centred 1 in size: exactly the smallest bound, and no more with the nearest doubles."""
+    """0.2 tanh(v/0.1) has slopes of 0 to 2, centred of 1 in size at most: not of the nearest doubles."""
     robot = Agent.from_expressions(
         "robot",
         states=["vx", "vy"],
