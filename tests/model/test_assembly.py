@@ -205,5 +205,6 @@ def test_the_smallest_bound_of_two_components_can_be_asked_for() -> None:
         inputs=["fx", "fy"],
         outputs={"x": "vx", "y": "vy"},
         dynamics={"vx": "fx - 0.2*tanh(vx/0.1)", "vy": "fy - 0.2*tanh(vy/0.1)"},
+        centre=True,
     )
     assert bound_of(robot).alpha == bound_of(robot, alpha=1.0).alpha == 1.0
