@@ -20,7 +20,7 @@ CLOCKS = {
     ),
     # how long a search is likely to take, and figures for people
     "lmi/search/likely.py",
-    *(f"workflow/{name}.py" for name in ("progress_lines", "time_left")),
+    *(f"workflow/waiting/{name}.py" for name in ("progress_lines", "time_left")),
     "campaign/campaign.py",
 }
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -87,7 +88,11 @@ def test_bad_problem(name, command, examples, tmp_path, run):
     assert expected in result.stderr
     assert "Traceback" not in result.output
     assert problem in result.stderr, "the message names the file"
-    assert len(result.stderr.strip().splitlines()) == 1, "one message"
+    # Signs of life, `lockstep: ..., 5 s`, appear where the machine is slow: they are no messages.
+    said = [
+        line for line in result.stderr.strip().splitlines() if not re.fullmatch(r"lockstep: .*, \d+ s", line)
+    ]
+    assert len(said) == 1, "one message"
     assert sorted(path.name for path in tmp_path.iterdir()) == [problem], "nothing is written"
 
 

@@ -48,10 +48,10 @@ def check_problem(
     >>> report.ok, report.document()["bound"]["alpha"], report.roots
     (True, 2.0, (1, 2, 3))
     """
-    findings = prove(problem, boxes=min(boxes, PROVING_BOXES), progress=proving) if every else ()
     problem.validate()
     agent, graph, agents_B = problem.agent(), problem.graph(), problem.agents_B()
     bound = bound_of(agent, boxes=boxes, alpha=problem.design.alpha, progress=progress)
+    findings = prove(problem, boxes=min(boxes, PROVING_BOXES), progress=proving) if every else ()
     everywhere = nonlinearity.holds_everywhere(agent, bound)
     controllable, inputs = structure.controllable(agent, agents_B)
     observable, outputs = structure.observable(agent)
