@@ -13,7 +13,8 @@ def leader_box(file: ProblemFile, agent: Agent) -> Box | None:
     """Return the box of v = H x for the leader; None where nothing is said of it.
 
     Raises:
-        ProblemError: another name, a state of [agent.domain] without an interval, or one that is not inside its own, away from its ends.
+        ProblemError: a name without a domain, a state of [agent.domain] without an interval, or one that is not inside its
+            own, away from its ends.
     """
     given, domain = file.network.leader, file.agent.domain
     if given is None:
