@@ -101,7 +101,7 @@ def test_names_units_and_listeners_are_those_of_the_problem(tmp_path):
     assert all(signal.receivers == ["arm1"] for signal in frame.signals)
 
 
-def test_signals_of_a_formation_are_said_to_be_less_the_offsets(tmp_path):
+def test_signals_of_a_formation_are_said_to_be_less_the_offsets():
     apart = replace(random_controller("c1", 1, 2, 1, neighbours=0), offsets=np.array([[0.5, 0.0]]))
     for one, said in ((apart, True), (random_controller("c1", 1, 2, 1, neighbours=0), False)):
         files = with_doors(emit(CodegenSpec((one,), period=0.01, name="c", real="float32")), DOORS)

@@ -85,13 +85,10 @@ def _tables(found: "Simulation", plot: str) -> RenderableType:
         of = found.messages
         besides = {"disturbances": trajectory.xi.any(), "clipped inputs": trajectory.clipped}
         without = " and ".join(what for what, there in besides.items() if there)
-        proved = (
-            ""
-            if of["residual"] is None
-            else f"; in the end at most {of['residual']:.4g} apart, which is proved"
-            + (f" without {without} (this run has them)" if without else "")
-        )
-        rows["send on change"] = f"{of['saved']:.1%} of the messages saved ({of['sent']} sent){proved}"
+        less = f" without {without} (this run has them)" if without else ""
+        residual = of["residual"]
+        proved = residual and f"; in the end at most {residual:.4g} apart, which is proved{less}"
+        rows["send on change"] = f"{of['saved']:.1%} of the messages saved ({of['sent']} sent){proved or ''}"
     # Three digits and folded cells: in 80 columns a figure that is cut says nothing.
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     headings = ("agent", "ISE", "IAE", "ITSE", "ITAE", "of u: ISE", "IAE", "ITSE", "ITAE")
