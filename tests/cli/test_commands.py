@@ -41,6 +41,10 @@ def changed(table_1: Path, place: Path, change) -> Path:
     return path
 
 
+def test_limits_of_which_clipping_alone_is_proved_are_no_radius():
+    assert proved_besides({"limits": {"clipped_radius": 1.9}}) == {}
+
+
 def test_the_trade_off_rises_with_alpha(examples, run, tmp_path):
     result = run("design", examples / "table_1.toml", "--trade-off", "curve.csv", "--json")
     assert result.exit_code == 0

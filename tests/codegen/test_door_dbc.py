@@ -3,6 +3,7 @@
 import ctypes
 import json
 import struct
+from dataclasses import replace
 
 import cantools
 import numpy as np
@@ -98,6 +99,13 @@ def test_names_units_and_listeners_are_those_of_the_problem(tmp_path):
         "omega_m": "rad/s",
     }
     assert all(signal.receivers == ["arm1"] for signal in frame.signals)
+
+
+def test_signals_of_a_formation_are_said_to_be_less_the_offsets():
+    apart = replace(random_controller("c1", 1, 2, 1, neighbours=0), offsets=np.array([[0.5, 0.0]]))
+    for one, said in ((apart, True), (random_controller("c1", 1, 2, 1, neighbours=0), False)):
+        files = with_doors(emit(CodegenSpec((one,), period=0.01, name="c", real="float32")), DOORS)
+        assert ("less the sender's offsets" in files["dbc/c.dbc"]) is said
 
 
 def test_what_does_not_fit_is_refused_in_one_message():

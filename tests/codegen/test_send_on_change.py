@@ -102,6 +102,15 @@ def test_the_command_says_what_is_saved(root):
     assert not found["l2"]["covered"]
 
 
+@pytest.mark.parametrize(("kind", "words"), [("none", "proved"), ("sine", "provedwithoutdisturbances")])
+def test_what_remains_is_said_of_runs_without_disturbances(root, kind, words):
+    folder = str(root / "generated" / "flexible_joint_arms")
+    more = ["--send-on-change", "0.01", "--horizon", "0.5", "--disturbance", kind]
+    said = "".join(CliRunner().invoke(app, ["simulate", folder, *more]).stdout.split())
+    assert f"apart,whichis{words}" in said
+    assert ("without" in said) is (kind == "sine")
+
+
 @pytest.mark.parametrize(
     "wrong",
     [

@@ -8,6 +8,7 @@ import pytest
 import lockstep
 from lockstep.check.certify import certify
 from lockstep.check.errors import ProblemError
+from lockstep.workflow.explain import explain
 
 PROBLEM = """
 [agent]
@@ -58,6 +59,13 @@ def test_every_claim_is_decided_by_the_numbers_in_the_c(generated):
     assert lockstep.certify(generated / "carts").ok
     image = json.loads((generated / "carts" / "manifest.json").read_text())["image"]
     assert (image["agents"], image["max_neighbours"]) == (1, 4)
+
+
+def test_it_is_explained_as_what_it_is_for_all_graphs_of_its_spectrum(generated):
+    said = {one.name: one for one in explain(generated / "carts").proved}
+    assert said["agreement"].value == "any number of agents"
+    assert "nonzero Laplacian eigenvalues are from 1 to 4" in said["agreement"].meaning
+    assert "at most 4 neighbours" in said["period"].meaning
 
 
 def test_a_list_that_is_longer_than_what_is_proved_is_refused(generated, tmp_path):

@@ -375,13 +375,29 @@ def test_an_initial_set_that_cannot_be_is_no_objective():
     [
         ("{ p = [-1.2, 0.0] }", "inside its own"),
         ("{ p = [0.5, -0.5] }", "inside its own"),
-        ("{ v = [-1.0, 1.0] }", "inside its own"),
+        ("{ v = [-1.0, 1.0] }", "`v` has no domain.*: p"),
         ("{}", "it is missing"),
     ],
 )
 def test_a_box_that_a_leader_cannot_have_is_refused(leader, says):
     text = asked(order=1).document()
     text["network"]["leader"] = tomllib.loads(f"x = {leader}")["x"]
+    with pytest.raises(ProblemError, match=says):
+        Problem.from_document(text)
+
+
+@pytest.mark.parametrize(
+    ("part", "change", "says"),
+    [
+        ("network", {"topology": "cycle"}, "no agent leads alone"),
+        ("agent", {"domain": {}}, r"no \[agent.domain\]"),
+    ],
+)
+def test_an_initial_set_that_no_gains_can_have_is_refused_before_a_search(root, part, change, says):
+    text = Problem.load(root / "examples" / "cart_poles.toml").document()
+    del text["network"]["leader"]
+    Problem.from_document(text)
+    text[part] |= change
     with pytest.raises(ProblemError, match=says):
         Problem.from_document(text)
 

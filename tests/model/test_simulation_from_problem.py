@@ -31,6 +31,24 @@ def test_the_record_divides_the_period():
     assert scenario().horizon == 20.0
 
 
+def test_a_long_run_is_recorded_as_finely_as_the_agent_moves():
+    text = HEAD.replace("0.02", "60.0").replace("f - tanh(v)", "0.001*(f - v)")
+
+    def step(more="", text=text, **changes):
+        return scenario_of(
+            parse_problem(text + more), Changes(**{"horizon": 86400.0} | changes), sampled=True
+        ).step
+
+    assert step() == pytest.approx(60.0)  # 0.1 s / 0.001 is longer
+    assert step(text=text.replace("0.001", "0.01")) == pytest.approx(10.0)
+    assert step(horizon=400.0) == pytest.approx(0.005)
+    assert step(disturbance="noise") == pytest.approx(60.0)
+    with pytest.raises(ProblemError, match=r"steps of 0\.005 s.*shorten the horizon"):
+        step(disturbance="sine")
+    with pytest.raises(ProblemError, match=r"steps of 0\.005 s"):
+        scenario_of(parse_problem(text), Changes(horizon=86400.0), sampled=False)
+
+
 def test_random_states_go_with_the_seed():
     file = scenario("[simulation]\nseed = 4\nspread = 0.1")
     assert np.array_equal(file.start, scenario("[simulation]\nspread = 0.1", seed=4).start)

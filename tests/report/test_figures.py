@@ -1,5 +1,7 @@
 """Figures hold the data they are given, and arrows point the way messages go."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.patches import FancyArrowPatch
@@ -50,6 +52,23 @@ def test_agents_differ_by_dashes_as_well():
 def test_many_agents_have_no_legend():
     assert not states_figure(run(N=9)).legends
     assert states_figure(run(N=8)).legends
+
+
+@pytest.mark.parametrize("N", [1, 3, 4, 8])
+@pytest.mark.parametrize("name", ["a", "flexible_joint_arm", "a_name_that_is_quite_long_" * 2])
+def test_a_legend_lies_within_its_figure_and_below_the_panels(N, name):
+    figure = states_figure(replace(run(N=N), agent=name))
+    figure.draw_without_rendering()
+    box = figure.legends[0].get_window_extent()
+    width, height = figure.get_size_inches() * figure.dpi
+    assert 0 <= box.x0 <= box.x1 <= width
+    label = figure.axes[-1].xaxis.label.get_window_extent()
+    assert 0 <= box.y0 <= box.y1 <= label.y0
+    if name == "a":
+        short = states_figure(run(N=N))
+        np.testing.assert_array_equal(figure.get_size_inches(), short.get_size_inches())
+    heights = {round(panel.get_position().height * height, 6) for panel in figure.axes}
+    assert heights == {round(1.15 * figure.dpi, 6)}
 
 
 def test_held_inputs_are_steps():

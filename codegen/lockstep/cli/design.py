@@ -95,7 +95,9 @@ def proved_besides(
         ),
         "limits": (
             "no limit met",
-            limits and f"from a disagreement of at most {limits['radius']:.6g}, at rest",
+            limits
+            and "radius" in limits
+            and f"from a disagreement of at most {limits['radius']:.6g}, at rest",
         ),
     }
     return {name: said for claim, (name, said) in rows.items() if said and proves(claim)}

@@ -83,12 +83,12 @@ def _tables(found: "Simulation", plot: str) -> RenderableType:
         rows["clipped"] = f"{trajectory.clipped} controller steps met a limit of an input"
     if found.messages:
         of = found.messages
-        proved = (
-            ""
-            if of["residual"] is None
-            else f"; in the end at most {of['residual']:.4g} apart, which is proved"
-        )
-        rows["send on change"] = f"{of['saved']:.1%} of the messages saved ({of['sent']} sent){proved}"
+        besides = {"disturbances": trajectory.xi.any(), "clipped inputs": trajectory.clipped}
+        without = " and ".join(what for what, there in besides.items() if there)
+        less = f" without {without} (this run has them)" if without else ""
+        residual = of["residual"]
+        proved = residual and f"; in the end at most {residual:.4g} apart, which is proved{less}"
+        rows["send on change"] = f"{of['saved']:.1%} of the messages saved ({of['sent']} sent){proved or ''}"
     # Three digits and folded cells: in 80 columns a figure that is cut says nothing.
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     headings = ("agent", "ISE", "IAE", "ITSE", "ITAE", "of u: ISE", "IAE", "ITSE", "ITAE")
@@ -97,9 +97,19 @@ def _tables(found: "Simulation", plot: str) -> RenderableType:
     pairs = zip(indices(trajectory), effort_indices(trajectory), strict=True)
     for i, (error, effort) in enumerate(pairs, start=1):
         cells = [*error.document().values(), *effort.document().values()]
-        table.add_row(f"{trajectory.agent}{i}", *[f"{value:.3g}" for value in cells])
+        table.add_row(f"{trajectory.agent}{i}", *[_short(value) for value in cells])
     parts: list[RenderableType] = [two_columns(found.design.title, rows), table]
     return Group(*parts, *([Text.from_ansi(plot)] if plot else []))
+
+
+def _short(value: float) -> str:
+    """Return three digits, and an exponent without a sign and a zero that say nothing.
+
+    >>> _short(6661.0), _short(1.5e-12), _short(0.25)
+    ('6.66e3', '1.5e-12', '0.25')
+    """
+    mantissa, _, exponent = f"{value:.3g}".partition("e")
+    return f"{mantissa}e{int(exponent)}" if exponent else mantissa
 
 
 def _gain_text(found: "Measured") -> str:

@@ -14,6 +14,15 @@ if TYPE_CHECKING:
 LEFT, RIGHT, TITLE, AXIS, ROW = 0.6, 0.16, 0.29, 0.48, 0.21
 """Inches: for tick labels, for half a tick label, above a panel, below the last one, and for a row of the legend."""
 
+_BELOW: dict[str, Any] = {
+    "loc": "lower center",
+    "borderpad": 0.1,
+    "borderaxespad": 0.2,
+    "labelspacing": 0.25,
+    "columnspacing": 1.2,
+    "handlelength": 2.4,
+}
+
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -39,16 +48,34 @@ def panels(count: int, height: float, *, rows: int = 0) -> "tuple[Figure, list[A
 
 
 def legend(figure: "Figure", axes: "Axes", columns: int) -> None:
-    """Put the legend of a panel below all of them."""
-    figure.legend(
-        *axes.get_legend_handles_labels(),
-        loc="lower center",
-        ncols=columns,
-        borderpad=0.1,
-        borderaxespad=0.2,
-        labelspacing=0.25,
-        columnspacing=1.2,
-        handlelength=2.4,
+    """Put the legend of a panel below all of them.
+
+    Names that are too long for so many columns get fewer, and the figure grows by the rows; a name that is too long
+    for one gets smaller letters.
+    """
+    names = axes.get_legend_handles_labels()
+    most, entries = WIDTH * figure.dpi, len(names[0])
+    for n in range(columns, 0, -1):
+        drawn = figure.legend(*names, ncols=n, **_BELOW)
+        width = drawn.get_window_extent().width
+        if width <= most or n == 1:
+            break
+        drawn.remove()
+    if width > most:
+        size = drawn.get_texts()[0].get_fontsize() * 0.95 * most / width
+        drawn.remove()
+        figure.legend(*names, ncols=n, fontsize=size, **_BELOW)
+    if more := rows_of(entries, n) - rows_of(entries, columns):
+        _grow(figure, ROW * more)
+
+
+def _grow(figure: "Figure", more: float) -> None:
+    """Add `more` inches below the panels, which stay as they are."""
+    width, before = figure.get_size_inches()
+    total, room = before + more, figure.subplotpars
+    figure.set_size_inches(width, total)
+    figure.subplots_adjust(
+        top=1 - (1 - room.top) * before / total, bottom=(room.bottom * before + more) / total
     )
 
 

@@ -10,7 +10,7 @@ from lockstep.model.checks import CheckReport
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 from lockstep.model.simulation import Diverged, Trajectory, simulate
-from lockstep.model.simulation.from_problem import FINEST, Changes, scenario_of
+from lockstep.model.simulation.from_problem import FINEST, Changes, scenario_of, step_of
 from lockstep.verification.in_the_loop import reference_controllers
 from lockstep.verification.verify import VerifyReport
 
@@ -89,7 +89,8 @@ def run_shipped(problem: Problem, manifest: Manifest) -> Trajectory:
     simulation = table.model_copy(update={"perturbation": None})
     plain = Problem(problem.file.model_copy(update={"simulation": simulation}))
     periods = max(1, MOST_STEPS // len(manifest.agents))
-    horizon = min(table.horizon, periods * manifest.period, MOST_INSTANTS * FINEST)
+    step = max(FINEST, step_of(plain, table.horizon, held=kind in ("none", "noise")))
+    horizon = min(table.horizon, periods * manifest.period, MOST_INSTANTS * step)
     return simulate(
         Network(problem.agent(), problem.graph(), problem.agents_B()),
         reference_controllers(manifest, delay=problem.controller.delay),

@@ -98,10 +98,17 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
         if found.verdict.scope == "global"
         else "while each stays in its domain"
     )
+    many = problem.spectrum
+    graphs = (
+        ""
+        if many is None
+        else f", on every undirected graph whose nonzero Laplacian eigenvalues are from {many.lower:g} to {many.upper:g},"
+        " switching among them"
+    )
     yield Statement(
         "agreement",
-        f"{problem.graph().N} agents",
-        f"All agents come to the same states, {where}, with the continuous controllers of the file. Decided in exact"
+        f"{problem.graph().N} agents" if many is None else "any number of agents",
+        f"All agents come to the same states{graphs}, {where}, with the continuous controllers of the file. Decided in exact"
         " arithmetic for the very gains in it.",
     )
     rho = found.rho
@@ -176,11 +183,13 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
     if sampled.get("certified") is not True:
         return
     delay = "one period after the reading" if table.delay else "at once"
+    many = found.design.problem.spectrum
+    degree = "" if many is None else f" With at most {many.neighbours} neighbours each."
     yield Statement(
         "period",
         f"{table.period:g} s",
         f"The controllers that ship agree too: {table.real}, stepped {1 / table.period:.6g} times a second, their output held"
-        f" and applied {delay}; between the samples as well. Decided in ball arithmetic.",
+        f" and applied {delay}; between the samples as well.{degree} Decided in ball arithmetic.",
     )
     longest = sampled.get("max_period")
     if longest and longest > table.period:
@@ -264,10 +273,13 @@ def _assumed(found: DesignVerdict) -> Iterator[Statement]:
             "all of them",
             "Every message of a neighbour arrives, unless a statement above says what may be lost.",
         )
+        clipped = (
+            ", but where a statement above is of clipped inputs" if found.verdict.proves("clipped") else ""
+        )
         yield Statement(
             "actuators",
             "unclipped",
-            "The plant does what u says, and no step overflows (Frama-C proves that).",
+            f"The plant does what u says{clipped}, and no step overflows (Frama-C proves that).",
         )
 
 

@@ -52,6 +52,7 @@ def files(manifest: Manifest, _: Mapping[str, str]) -> dict[str, str]:
         title=_quoted(manifest.title),
         identity=manifest.identity.design,
         period=repr(manifest.period),
+        formation=any(agent.offsets for agent in manifest.agents),
     )
     return {f"dbc/{manifest.name}.dbc": text}
 

@@ -130,7 +130,8 @@ def simulate_large(
     horizon = table.horizon if changes.horizon is None else changes.horizon
     seed = table.seed if changes.seed is None else changes.seed
     kind = changes.disturbance or table.disturbance.kind
-    step, compiled = step_of(problem), bool(host_compilers())
+    step = step_of(problem, horizon, held=kind in ("none", "noise"))
+    compiled = bool(host_compilers())
     engine = "compiled" if compiled else "NumPy: there is no C compiler, set CC or install gcc or clang"
     progress(f"the closed loop of {loop.N} agents ({engine})", 0.3)
     start = _start(problem, loop.N, seed)

@@ -13,18 +13,25 @@ def leader_box(file: ProblemFile, agent: Agent) -> Box | None:
     """Return the box of v = H x for the leader; None where nothing is said of it.
 
     Raises:
-        ProblemError: a state of [agent.domain] without an interval, or one that is not inside its own, away from its ends.
+        ProblemError: a name without a domain, a state of [agent.domain] without an interval, or one that is not inside its
+            own, away from its ends.
     """
     given, domain = file.network.leader, file.agent.domain
     if given is None:
         return None
     states = dict.fromkeys(agent.states, (-inf, inf))
     for name in (*given, *domain):
+        if name not in domain:
+            raise ProblemError(
+                f"`{name}` has no domain",
+                where="[network] leader",
+                expected=f"an interval for each state of [agent.domain]: {', '.join(domain) or 'there is none'}",
+            )
         low, high = given.get(name, (None, None))
         lowest, highest = domain.get(name, (None, None))
         a, b = (-inf if low is None else low), (inf if high is None else high)
         away = (lowest is None or a > lowest) and (highest is None or b < highest) and a <= b
-        if not away or name not in domain or name not in given:
+        if not away or name not in given:
             raise ProblemError(
                 f"[{low}, {high}]" if name in given else "it is missing",
                 where=f"[network] leader, `{name}`",

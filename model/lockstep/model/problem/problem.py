@@ -432,6 +432,13 @@ class Problem:
                 where="[design] objective",
                 expected='method = "certified", the one that looks for more than rho',
             )
+        if design.objective == "initial_set" and not (self.file.agent.domain and len(self._graph.roots) == 1):
+            raise ProblemError(
+                "no agent leads alone" if self.file.agent.domain else "there is no [agent.domain] to stay in",
+                where="[design] objective",
+                expected="initial states from which all stay in [agent.domain], behind a single leader",
+                remedy='topology = "leader_path" has one; without a domain every certificate is global',
+            )
 
     def _check_spectrum(self) -> None:
         network, where = self.file.network, "[network] spectrum"

@@ -137,7 +137,10 @@ class MessagesTable(ProblemTable):
         description="a probability from 0 up, below 1, by which a link loses the message of a period",
     )
     burst: int | None = Field(
-        default=None, ge=0, le=1000, description="a whole number: at most so many messages lost in a row"
+        default=None,
+        ge=0,
+        le=1000,
+        description="a whole number up to 1000: at most so many messages lost in a row",
     )
     delay: Annotated[tuple[int, int], Strict(False)] | None = Field(
         default=None, description="[least, most] periods, whole numbers from 0 up, such as [0, 2]"

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+import casadi as ca
 import numpy as np
 
 from lockstep.check.errors import ProblemError
@@ -14,7 +15,10 @@ from lockstep.model.simulation.perturbation import PaperPerturbation, Perturbati
 from lockstep.model.simulation.scenario import Scenario
 
 FINEST = 0.005
-"""Longest step of a record in s: a longer period is recorded in whole parts."""
+"""Longest step of a record in s, up to `LONG`: a longer period is recorded in whole parts."""
+
+LONG = 100_000 * FINEST
+"""A horizon in s beyond which steps follow the agent."""
 
 
 @dataclass(frozen=True)
@@ -49,10 +53,10 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
     horizon = table.horizon if changes.horizon is None else changes.horizon
     seed = table.seed if changes.seed is None else changes.seed
     period, N, n = problem.controller.period, problem.graph().N, problem.agent().n
-    step = step_of(problem)
     given = (
         table.disturbance if changes.disturbance is None else _of_kind(table.disturbance, changes.disturbance)
     )
+    step = step_of(problem, horizon, held=sampled and given.kind in ("none", "noise"))
     errors = (
         table.perturbation if changes.perturbation is None else _errors_of_kind(table, changes.perturbation)
     )
@@ -88,10 +92,29 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
     )
 
 
-def step_of(problem: Problem) -> float:
-    """Return the step of a record in s: the period, or equal parts of one that is longer than `FINEST`."""
-    period = problem.controller.period
-    return float(period / np.ceil(period / FINEST - 1e-9))
+def step_of(problem: Problem, horizon: float = 0.0, *, held: bool = False) -> float:
+    """Return the step of a record in s: the period, or equal parts of one that is longer than `FINEST`.
+
+    Over a horizon beyond `LONG`, parts of up to 0.1 / rate will do where all that acts is `held` for a period and the leader
+    is told nothing. The rate is the largest spectral radius of |df/dx|, entry by entry, at the initial states and at 0: it
+    bounds every |eigenvalue| there, in any units of the states. Runge-Kutta takes four steps to each.
+    """
+    period, longest = problem.controller.period, FINEST
+    if held and horizon > LONG and problem.reference is None:
+        longest = max(FINEST, 0.1 / max(_rate(problem), 0.1 / period))
+    return float(period / np.ceil(period / longest - 1e-9))
+
+
+def _rate(problem: Problem) -> float:
+    """Return how fast an agent moves by itself where a run begins, in 1/s."""
+    agent = problem.agent()
+    slope = ca.Function("slope", [agent.x, agent.u, agent.t], [ca.jacobian(agent.rhs, agent.x)])
+    points = (*initial_states(problem, problem.simulation.seed), np.zeros(agent.n))
+    sizes = [np.abs(np.asarray(slope(x, np.zeros(agent.m), 0.0))) for x in points]
+    return max(
+        (float(np.abs(np.linalg.eigvals(one)).max()) for one in sizes if np.isfinite(one).all()),
+        default=np.inf,
+    )
 
 
 def initial_states(problem: Problem, seed: int) -> np.ndarray:

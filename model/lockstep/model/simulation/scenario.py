@@ -61,7 +61,10 @@ class Scenario:
                 raise ProblemError(f"`{name}` is {value!r}", where="scenario", expected="seconds above 0")
         if self.horizon / self.step > MOST_INSTANTS:
             raise ProblemError(
-                f"{self.horizon / self.step:.3g} steps", where="scenario", expected=f"at most {MOST_INSTANTS}"
+                f"{self.horizon / self.step:.3g} steps of {self.step:g} s",
+                where="scenario",
+                expected=f"at most {MOST_INSTANTS}",
+                remedy="shorten the horizon",
             )
         parts = self.disturbance.parts if isinstance(self.disturbance, Sum) else (self.disturbance,)
         for part in parts:
