@@ -8,7 +8,7 @@ from lockstep.codegen.spec import Optimize
 
 # Tenths of instructions: at all, for each term, row, message entry, neighbour, output, limit, offset, and neighbour of a
 # mask of 64 bits. 1.3 times what bounds measurements at -O2 and -Os, zig's clang and GCC: dense gains, orders 0 to 8, 1 to 3
-# outputs, 0 to 3 neighbours and 33 to 64, 1 to 4 inputs, fed subnormals, huge and non-finite values, gains that are subnormal too.
+# outputs, 0 to 3 neighbours and 33 to 64, 1 to 4 inputs, fed subnormals, huge and non-finite values; subnormal gains too.
 _INSTRUCTIONS: dict[tuple[str, str, Optimize], tuple[int, ...]] = {
     ("cortex-m0", "float32", "speed"): (0, 4268, 0, 7330, 428, 0, 911, 0, 1575),
     ("cortex-m0", "float32", "size"): (222, 4279, 2352, 9556, 247, 0, 0, 0, 0),
