@@ -62,7 +62,7 @@ def legend(figure: "Figure", axes: "Axes", columns: int) -> None:
             break
         drawn.remove()
     if width > most:
-        size = drawn.get_texts()[0].get_fontsize() * 0.95 * most / width
+        size = float(drawn.get_texts()[0].get_fontsize()) * 0.95 * most / width
         drawn.remove()
         figure.legend(*names, ncols=n, fontsize=size, **_BELOW)
     if more := rows_of(entries, n) - rows_of(entries, columns):
