@@ -1,4 +1,4 @@
-"""Random problems through the whole pipeline: the first fifty of benchmarks/pipelines.py, whose others run by hand."""
+"""Random problems through the whole pipeline: the first fifty of benchmarks/pipelines.py, by hand as the others."""
 
 import sys
 from pathlib import Path
@@ -19,6 +19,7 @@ def test_a_mistake_is_refused():
     assert run(171, time_limit=1.0)[1:] == ("refused", "")
 
 
+@pytest.mark.by_hand
 @pytest.mark.slow
 @pytest.mark.parametrize("index", range(50))
 def test_every_failure_has_a_type_and_no_certified_loop_diverges(index):

@@ -87,6 +87,7 @@ def test_orders_0_to_12_keep_to_the_stated_stack_and_flash(tmp_path, group, opti
 
 
 @needs_emulator
+@pytest.mark.by_hand  # ten builds of as many shapes: twenty minutes
 @pytest.mark.slow
 @pytest.mark.parametrize("real", ["float32", "float64"])
 @pytest.mark.parametrize("group", CORES)
