@@ -41,12 +41,12 @@ from lockstep.check.system.network import ExactNetwork
 from lockstep.check.wording import shorten
 
 DEFAULT_ORDER, DEFAULT_ORDER_FOR_ALL, MOST_ORDER = 2, 4, 64
-"""n_C where a problem states none; for a spectrum, the number of states up to this; and the largest."""
+"""n_C where a problem states none; of a spectrum at the most; and the largest of all."""
 
 
 def default_order(states: int, *, for_all: bool) -> int:
-    """Return n_C where a problem states none: one P for all of a spectrum takes a controller that knows the whole state."""
-    return min(states, DEFAULT_ORDER_FOR_ALL) if for_all else DEFAULT_ORDER
+    """Return n_C where a problem states none; for a spectrum, whose one P asks for more, that of a reduced observer."""
+    return max(DEFAULT_ORDER, min(states - 1, DEFAULT_ORDER_FOR_ALL)) if for_all else DEFAULT_ORDER
 
 
 CONTROLLER = {"discretization": ("tustin", "zoh", "euler"), "real": ("float32", "float64")}

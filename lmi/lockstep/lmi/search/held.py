@@ -21,6 +21,9 @@ from lockstep.lmi.search.stabilise import abscissa, stabilise
 from lockstep.lmi.search.start import INSIDE, STABLE, GainSearch, Score, StartResult, scored
 from lockstep.lmi.search.stopping import NEVER, Deadline
 
+LATER = (1.0, 2.0, 4.0, 8.0)
+"""How many times the lag is tried, until the sampled loop has a certificate: on the mean is not at the worst instant."""
+
 ABSENT = 1e-12
 """A singular value of the inputs, relative to the largest, that is rounding."""
 
@@ -57,9 +60,9 @@ def late(loop: Loop, claim: Claim, lag: float) -> tuple[Loop, Claim]:
     return replace(found, E=E), replace(claim, R=R, states=states)
 
 
-def late_norm(search: GainSearch) -> SmoothedNorm:
-    """Return the smoothed norm of the loop with its inputs late."""
-    loop, claim = late(search.loop, search.claim, search.lag / search.units.time)
+def late_norm(search: GainSearch, more: float = 1.0) -> SmoothedNorm:
+    """Return the smoothed norm of the loop with its inputs late, by `more` times the lag."""
+    loop, claim = late(search.loop, search.claim, more * search.lag / search.units.time)
     return SmoothedNorm(loop, claim, search.gain_limit, search.units.gains, rate=search.rate)
 
 
@@ -67,19 +70,23 @@ def hold(
     search: GainSearch, score: Score | None, start: StartResult, deadline: Deadline = NEVER
 ) -> StartResult:
     """Return a start with its gains made for the late loop, or as it is where that made what ships worse."""
-    if deadline.over or start.abscissa >= 0:
-        return start
-    norm, limit = late_norm(search), search.gain_limit
-    K = start.at.K
-    if abscissa(norm.loop, K, rate=search.rate)[0] >= 0:
-        K = stabilise(norm.loop, K, STABLE * limit, units=search.units.gains, rate=search.rate)[0]
-        K = within(K, INSIDE * limit)
-    if abscissa(norm.loop, K, rate=search.rate)[0] >= 0:
-        return start
-    found = descended(norm, K)
-    if np.isfinite(found.rho):
-        found = refined(norm, found)
-    own, x = search.norm, search.norm.pack(found.K, found.w)
-    square = own.level(x, None, own.frequencies(x)) if np.isfinite(found.rho) else np.inf
-    held = scored(search, score, replace(start, at=replace(found, rho=float(np.sqrt(square)))))
-    return min(start, held, key=lambda one: one.rank)
+    K, limit, found = start.at.K, search.gain_limit, start
+    for more in LATER:
+        if deadline.over or start.abscissa >= 0:
+            break
+        norm = late_norm(search, more)
+        if abscissa(norm.loop, K, rate=search.rate)[0] >= 0:
+            K = stabilise(norm.loop, K, STABLE * limit, units=search.units.gains, rate=search.rate)[0]
+            K = within(K, INSIDE * limit)
+        if abscissa(norm.loop, K, rate=search.rate)[0] >= 0:
+            break
+        made = descended(norm, K)
+        if np.isfinite(made.rho):
+            made = refined(norm, made)
+        K, own, x = made.K, search.norm, search.norm.pack(made.K, made.w)
+        square = own.level(x, None, own.frequencies(x)) if np.isfinite(made.rho) else np.inf
+        held = scored(search, score, replace(start, at=replace(made, rho=float(np.sqrt(square)))))
+        found = min(found, held, key=lambda one: one.rank)
+        if np.isfinite(found.sampled):
+            break
+    return found

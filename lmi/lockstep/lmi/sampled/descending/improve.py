@@ -28,6 +28,9 @@ RHO_KEPT = (1.5, 5.0)
 SCALES = (1.0, 0.1, 10.0, 100.0, 1e3)
 """Of multipliers whose scale is another problem's, against the weights of rho."""
 
+NEARBY = (1.0, 1.05, 1.2, 1.5, 2.0, 4.0)
+"""Of the multipliers that a descent ends with: they are the least for its rho, and a power mean is below the peak."""
+
 ON_THE_WAY = (4.0, 2.0, 1.0)
 """Where no start is brought back at the asked period, parts of it that are reached one after the other."""
 
@@ -161,7 +164,7 @@ def _reached(
     best, last = None, None
     for last in Descent(objective, at.gain_limit, rho_c).stages(DescentPoint(start.K, logs, logs)):
         m = np.exp(last.logs) if objective.has_phi else known
-        found = measured(at, within(last.K, (1 - ROOM) * at.gain_limit), m, (1.0,))
+        found = measured(at, within(last.K, (1 - ROOM) * at.gain_limit), m, NEARBY)
         if found is not None and (best is None or found.rho < best.rho):
             best = found
     return best, last

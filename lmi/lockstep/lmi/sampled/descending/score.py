@@ -21,8 +21,9 @@ from lockstep.model.problem import Problem
 RESOLUTION = 1e-3
 """Of the logarithm of rho: 0.2 %, as much as two starts may differ by for no reason."""
 
-SCALES = (1.0, 10.0, 0.1, 100.0)
-"""Of the pair weights, tried in this order: those of the continuous loop may hold the sampled one in another scale only."""
+SCALES = (1.0, 1.1, 2.0, 10.0, 0.1, 100.0)
+"""Of the pair weights, tried in this order: those of the continuous loop are its least, and may hold the sampled one in another
+scale only."""
 
 
 @dataclass(frozen=True)
