@@ -20,7 +20,7 @@ from lockstep.check.system.graph import Digraph
 from lockstep.check.system.loop import Plant
 from lockstep.check.system.many_graphs import SpectrumRange
 from lockstep.check.system.network import ExactNetwork
-from lockstep.check.system.problem import ProblemTables
+from lockstep.check.system.problem import ProblemTables, default_order
 from lockstep.codegen.for_the_period import as_shipped
 from lockstep.lmi.design import design
 from lockstep.lmi.document import answer, file_of
@@ -246,6 +246,14 @@ def test_bad_intervals_and_other_methods_are_refused():
                 '"modal"', '"certified"'
             )
         )
+
+
+def test_a_spectrum_asks_for_a_reduced_observer_and_the_checker_reads_the_same_order():
+    text = PENDULUMS.format(network="spectrum = [1.0, 4.0]", order=0, design="").replace("order = 0\n", "")
+    assert Problem.parse(text).order == 2
+    for states, order in ((1, 2), (3, 2), (4, 3), (5, 4), (12, 4)):
+        assert default_order(states, for_all=True) == order
+        assert default_order(states, for_all=False) == 2
 
 
 def test_too_wide_a_spectrum_names_the_ratio_that_has_one_p():

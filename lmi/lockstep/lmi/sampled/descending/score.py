@@ -22,8 +22,8 @@ RESOLUTION = 1e-3
 """Of the logarithm of rho: 0.2 %, as much as two starts may differ by for no reason."""
 
 SCALES = (1.0, 1.1, 2.0, 10.0, 0.1, 100.0)
-"""Of the pair weights, tried in this order: those of the continuous loop are its least, and may hold the sampled one in another
-scale only."""
+"""Of the pair weights, tried in this order: those of the continuous loop are its least, and may hold the sampled one
+in another scale only."""
 
 
 @dataclass(frozen=True)
