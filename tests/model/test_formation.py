@@ -113,6 +113,7 @@ def test_what_the_c_takes_off_is_the_nearest_number_of_its_type():
         ("[-2.3, 0.0]]", "[-2.3, 1e-9]]", "adds 1e-09 to the derivative of `p`"),
         (", [-2.3, 0.0]]", "]", "2 rows of 2 numbers; expected 3 rows"),
         ("[-2.3, 0.0]]", "[-2.3]]", "3 rows of 1, 2 numbers"),
+        ("[[0.0, 0.0], [-1.1, 0.0], [-2.3, 0.0]]", "[]", "no rows; expected 3 rows"),
         ('y2 = "v" }', 'y2 = "v" }\ndomain = { p = [-1, 1] }', "set apart in `p`, which has a domain"),
         ('y2 = "v" }', 'y2 = "v" }\noutput_range = { y1 = [-1, 1] }', "`output_range` beside offsets"),
         ('"leader_path"', '"ring"', "no agent leads"),

@@ -46,6 +46,16 @@ DEFAULT_ORDER, MOST_ORDER = 2, 64
 CONTROLLER = {"discretization": ("tustin", "zoh", "euler"), "real": ("float32", "float64")}
 """Of [controller], the words that are known."""
 
+KEYS = {
+    "agent": "name states inputs parameters dynamics outputs limits output_range domain units split centre",
+    "network": "agents edges laplacian topology file spectrum max_degree leader parameters offsets messages",
+    "design": "method order weights disturbances decay search_decay stable_controllers gain_limit fragility alpha objective"
+    " rho coordinates for_period starts seed gains",
+    "controller": "period discretization real delay",
+    "simulation": "initial spread horizon seed disturbance perturbation channel reference",
+}
+"""What each table of a problem may hold: a key that nothing here reads is no misspelt one."""
+
 _COMMON = ("A", "C", "G", "H", "phi", "offset")
 """What agents that differ in B only have in common."""
 
@@ -68,8 +78,11 @@ class ProblemTables:
     def from_document(cls, tables: Mapping[str, Any]) -> "ProblemTables":
         """Build the problem and look at all of it, so that what is wrong with it is told at once."""
         problem = cls(tables)
-        for key, known in CONTROLLER.items():
-            one_of(problem.controller.get(key), known, f"[controller] {key}")
+        only(tables, ("title", *KEYS), "problem")
+        for name, known in KEYS.items():
+            only(tables.get(name, {}), known.split(), f"[{name}]")
+        for key, words in CONTROLLER.items():
+            one_of(problem.controller.get(key), words, f"[controller] {key}")
         _ = problem.sizes, problem.box, problem.performance, problem.limits
         _ = problem.period, problem.delay, problem.messages, problem.offsets
         return problem
@@ -228,6 +241,7 @@ class ProblemTables:
     def box(self) -> Box:
         """The box of v = H x over the domain of the states."""
         domain = part({"domain": {}, **part(self.tables, "agent", dict)}, "domain", dict)
+        only(domain, self.agent.states, "[agent.domain]")
         sides = {state: _range(domain[state], f"[agent.domain] {state}") for state in domain}
         states = [sides.get(state, (-math.inf, math.inf)) for state in self.agent.states]
         return argument_box(self.agent.H, states)

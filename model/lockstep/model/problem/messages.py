@@ -20,6 +20,10 @@ _MOST = 3
 def problem_error(error: ValidationError) -> ProblemError:
     """Join the errors of a validation into one; misspelt keys first, for they are why others are missing."""
     details = [d for d in error.errors(include_url=False) if not _is_second_opinion(d["loc"])]
+    parts = {d["loc"][:k] for d in details for k in range(len(d["loc"]))}
+    details = [
+        d for d in details if d["loc"] not in parts
+    ]  # a list is said to be too short of what is wrong in it
     details.sort(key=lambda d: d["type"] != "extra_forbidden")
     first, *rest = [_one(*_place(d)) for d in details[:_MOST]]
     if not rest:
