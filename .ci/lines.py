@@ -40,8 +40,8 @@ LATER = {
             "lmi/lockstep/lmi/analysis/semidefinite.py",
             "lmi/lockstep/lmi/sampled/modal.py",
             "codegen/lockstep/codegen/sampled_modes.py",
-            "model/lockstep/model/sparse_graph.py",
-            "model/lockstep/model/membership.py",
+            "model/lockstep/model/graphs/sparse_graph.py",
+            "model/lockstep/model/graphs/membership.py",
             "model/lockstep/model/problem/graph_file.py",
         ],
         1250,
@@ -155,7 +155,7 @@ LATER = {
             ),
             *(
                 f"model/lockstep/model/{name}.py"
-                for name in ("look_alikes", "checks/slips", "problem/key_meanings")
+                for name in ("formulas/look_alikes", "checks/slips", "problem/key_meanings")
             ),
             *(f"lmi/lockstep/lmi/search/{one}.py" for one in ("stopping", "likely")),
         ],

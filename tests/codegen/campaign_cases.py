@@ -14,7 +14,7 @@ from lockstep.check.system.loop import Gains
 from lockstep.codegen.emit import emit
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import load_problem
 from lockstep.model.simulation.disturbance import Samples, Sines, Steps, Sum

@@ -9,7 +9,7 @@ import lockstep
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.system.loop import Gains
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.simulation import SampledControllers, Scenario, effort_indices, indices, simulate
 from lockstep.model.simulation.disturbance import Samples, Sines, Steps, noise

@@ -10,7 +10,7 @@ import numpy as np
 from amini.claims.example import arm
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Gains
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem, parse_problem
 

@@ -20,10 +20,10 @@ from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.initial import Unavailable, _ratio_above
 from lockstep.lmi.local_sets import largest_initial_states, with_larger_set
 from lockstep.lmi.scope import domain_of, initial_states, inner_box
-from lockstep.model.agent import Agent
+from lockstep.model.agents.agent import Agent
 from lockstep.model.assembly import bound_of
 from lockstep.model.bound_search import Box
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem, parse_problem
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.report.canvas import legend, logarithmic, panels, rows_of
 from lockstep.report.style import LIGHT, WIDTH, line, styled
 

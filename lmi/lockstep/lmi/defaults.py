@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lockstep.check.continuous.inequality import Claim
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 from lockstep.model.problem.schema import DisturbancesTable, WeightsTable

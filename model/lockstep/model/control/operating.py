@@ -19,7 +19,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.system.loop import Gains
 
 if TYPE_CHECKING:
-    from lockstep.model.agent import Agent
+    from lockstep.model.agents.agent import Agent
     from lockstep.model.network import Network
     from lockstep.model.simulation.trajectory import Trajectory
 

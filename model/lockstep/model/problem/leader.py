@@ -5,7 +5,7 @@ from math import inf
 from lockstep.check.bound.box import Box
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.domain import argument_box
-from lockstep.model.agent import Agent
+from lockstep.model.agents.agent import Agent
 from lockstep.model.problem.schema import ProblemFile
 
 

@@ -11,7 +11,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.files import read_text
 from lockstep.check.limits import DEEPEST_KEY, MOST_KEYS, check_document
 from lockstep.check.wording import shorten
-from lockstep.model.look_alikes import advice
+from lockstep.model.formulas.look_alikes import advice
 from lockstep.model.problem.messages import problem_error
 from lockstep.model.problem.schema import ProblemFile
 

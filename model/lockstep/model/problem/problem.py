@@ -17,9 +17,10 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled.messages import Messages
 from lockstep.check.system.many_graphs import SpectrumRange
-from lockstep.model.agent import Agent
-from lockstep.model.graph import Graph
-from lockstep.model.membership import Membership
+from lockstep.model.agents.agent import Agent
+from lockstep.model.graphs.graph import Graph
+from lockstep.model.graphs.membership import Membership
+from lockstep.model.graphs.sparse_graph import SparseGraph
 from lockstep.model.problem.assumptions import check_assumptions
 from lockstep.model.problem.build import build_agent, build_graph, build_variants
 from lockstep.model.problem.formation import formation_of
@@ -39,7 +40,6 @@ from lockstep.model.problem.schema import (
 )
 from lockstep.model.problem.toml_text import ASKED_FOR, toml_text
 from lockstep.model.problem.weights import input_weight, scale_of_each, weight_matrix
-from lockstep.model.sparse_graph import SparseGraph
 
 if TYPE_CHECKING:
     from lockstep.model.checks import CheckReport

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.disagreement import Coordinates, disagreement
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.simulation.quadrature import Hold, running_integral
 
 AT_REST = 1e-12

@@ -1,7 +1,7 @@
 """Expressions of a problem file as CasADi SX, operation by operation as they are written.
 
 The text is read by `lockstep.check.expression.text`, as the checker reads it; only what the operations build differs.
-`formula_text` looks first for what people usually get wrong.
+`mistakes` looks first for what people usually get wrong.
 """
 
 import math
@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 import casadi as ca
 
 from lockstep.check.expression.text import parse
-from lockstep.model.formula_text import check_text
+from lockstep.model.formulas.mistakes import check_text
 
 _OPERATIONS: Mapping[str, Callable[..., ca.SX]] = {
     "add": lambda a, b: a + b,

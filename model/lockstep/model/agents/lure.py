@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from lockstep.check.numbers import is_double
 from lockstep.check.system.agent import ExactAgent
-from lockstep.model.symbolic import rounds, symbolic, to_double
+from lockstep.model.formulas.symbolic import rounds, symbolic, to_double
 
 
 @dataclass(frozen=True, eq=False)

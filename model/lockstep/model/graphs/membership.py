@@ -33,7 +33,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.sparse_graph import SparseGraph
+from lockstep.model.graphs.sparse_graph import SparseGraph
 
 U = 2.0**-53
 

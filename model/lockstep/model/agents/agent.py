@@ -14,7 +14,8 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.expression.exact import Exact, Value
 from lockstep.check.system.agent import ExactAgent, Move
 from lockstep.check.system.domain import argument_box
-from lockstep.model.agent_parts import (
+from lockstep.model.agents.lure import Lure, lure_form
+from lockstep.model.agents.parts import (
     check_bounds,
     check_symbols,
     column_of,
@@ -24,18 +25,17 @@ from lockstep.model.bound_search import Box
 from lockstep.model.bound_search.graph import read_value
 from lockstep.model.bound_search.operations import RULES
 from lockstep.model.control.pbh import Controllability, Observability, controllability, observability
-from lockstep.model.expression import parse_expression
-from lockstep.model.loop_transformation.centring import Centring, centred
-from lockstep.model.loop_transformation.linearise import linearised
-from lockstep.model.lure import Lure, lure_form
-from lockstep.model.names import (
+from lockstep.model.formulas.expression import parse_expression
+from lockstep.model.formulas.names import (
     check_agent_name,
     check_formulas,
     check_known,
     check_names,
     check_parameters,
 )
-from lockstep.model.written import written
+from lockstep.model.formulas.written import written
+from lockstep.model.loop_transformation.centring import Centring, centred
+from lockstep.model.loop_transformation.linearise import linearised
 
 Split = Literal["terms", "jacobian"]
 UNBOUNDED = (-np.inf, np.inf)

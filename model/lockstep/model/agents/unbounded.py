@@ -5,8 +5,8 @@ import re
 import numpy as np
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.agent import Agent
-from lockstep.model.arguments import argument_texts
+from lockstep.model.agents.agent import Agent
+from lockstep.model.agents.arguments import argument_texts
 from lockstep.model.bound_search import Bound
 
 

@@ -1,7 +1,7 @@
 """What phi's arguments v = H x are, in the names of the states."""
 
 from lockstep.check.wording import shorten
-from lockstep.model.agent import Agent
+from lockstep.model.agents.agent import Agent
 
 
 def arguments_text(agent: Agent) -> str:

@@ -19,8 +19,8 @@ import casadi as ca
 from lockstep.check.errors import ProblemError
 from lockstep.check.wording import shorten
 from lockstep.model.bound_search.operations import INSTEAD
-from lockstep.model.expression import parse_expression
-from lockstep.model.expression_writer import ARITY, COMPARISONS, REPEATED, Step, write
+from lockstep.model.formulas.expression import parse_expression
+from lockstep.model.formulas.expression_writer import ARITY, COMPARISONS, REPEATED, Step, write
 
 _TRUTHS = frozenset({*COMPARISONS, ca.OP_NOT})
 _NAMES: Mapping[int, str] = {
