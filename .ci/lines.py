@@ -144,7 +144,7 @@ LATER = {
         360,
     ),
     "evidence: from the problem to the C": (
-        ["codegen/lockstep/report/evidence.py", "model/lockstep/model/problem/lines.py"],
+        ["codegen/lockstep/report/evidence.py", "model/lockstep/model/problem/tables/lines.py"],
         200,
     ),
     "begin, explain, wait, reuse": (
@@ -155,7 +155,7 @@ LATER = {
             ),
             *(
                 f"model/lockstep/model/{name}.py"
-                for name in ("formulas/look_alikes", "checks/slips", "problem/key_meanings")
+                for name in ("formulas/look_alikes", "checks/slips", "problem/tables/key_meanings")
             ),
             *(f"lmi/lockstep/lmi/search/{one}.py" for one in ("stopping", "likely")),
         ],

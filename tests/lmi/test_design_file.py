@@ -32,7 +32,7 @@ from lockstep.lmi.upgrade import FORMAT_1, upgraded
 from lockstep.lmi.written import proofs_document
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, parse_problem
-from lockstep.model.problem.schema import ProblemFile
+from lockstep.model.problem.tables.schema import ProblemFile
 
 ARMS = Path(__file__).parents[2] / "generated" / "flexible_joint_arms" / "design.json"
 

@@ -6,7 +6,7 @@ from jaxtyping import Float
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.agent import ExactAgent
 from lockstep.check.system.formation import WHERE, check_formation
-from lockstep.model.problem.schema import ProblemFile
+from lockstep.model.problem.tables.schema import ProblemFile
 
 
 def formation_of(file: ProblemFile, agent: ExactAgent, N: int) -> Float[np.ndarray, "N n"] | None:

@@ -28,9 +28,9 @@ from lockstep.model.problem.from_agent import plain, tables_of
 from lockstep.model.problem.gains import GivenGains, given_gains
 from lockstep.model.problem.graph_file import network_of_graph, with_graph
 from lockstep.model.problem.leader import leader_box
-from lockstep.model.problem.load import parse_tables, parse_toml, read_problem
 from lockstep.model.problem.reference import LeaderReference, reference_of
-from lockstep.model.problem.schema import (
+from lockstep.model.problem.tables.load import parse_tables, parse_toml, read_problem
+from lockstep.model.problem.tables.schema import (
     ControllerTable,
     DesignTable,
     DisturbancesTable,
@@ -38,7 +38,7 @@ from lockstep.model.problem.schema import (
     ProblemFile,
     SimulationTable,
 )
-from lockstep.model.problem.toml_text import ASKED_FOR, toml_text
+from lockstep.model.problem.tables.toml_text import ASKED_FOR, toml_text
 from lockstep.model.problem.weights import input_weight, scale_of_each, weight_matrix
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ from lockstep.check.files import read_text
 from lockstep.check.limits import DEEPEST_KEY, MOST_KEYS, check_document
 from lockstep.check.wording import shorten
 from lockstep.model.formulas.look_alikes import advice
-from lockstep.model.problem.messages import problem_error
-from lockstep.model.problem.schema import ProblemFile
+from lockstep.model.problem.tables.messages import problem_error
+from lockstep.model.problem.tables.schema import ProblemFile
 
 # Nothing is tried twice: a key part begins where none goes on, and gives nothing back.
 _LONG_KEY = re.compile(

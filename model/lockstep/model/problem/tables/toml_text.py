@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from lockstep.model.problem.schema import ProblemFile
+from lockstep.model.problem.tables.schema import ProblemFile
 
 ASKED_FOR = ("weights", "gain_limit")
 """Keys of [design] that mean something by being there: a file without any of them asks for more than rho."""

@@ -1,6 +1,6 @@
 """What each key of a problem file is, and its unit: shown by editors that read the JSON Schema.
 
-By table as in `lockstep.model.problem.schema`; the unit is empty where there is none.
+By table as in `lockstep.model.problem.tables.schema`; the unit is empty where there is none.
 docs/problem.md says the same at length.
 """
 

@@ -10,7 +10,7 @@ from pydantic_core import ErrorDetails
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.wording import nearest, shorten
-from lockstep.model.problem.schema import ProblemFile
+from lockstep.model.problem.tables.schema import ProblemFile
 
 Location = tuple[int | str, ...]
 _MOST = 3

@@ -5,8 +5,8 @@ They say what the tables are; that an agent, a graph and gains fit together is d
 
 from typing import Any
 
-from lockstep.model.problem.key_meanings import described
-from lockstep.model.problem.schema import ProblemFile
+from lockstep.model.problem.tables.key_meanings import described
+from lockstep.model.problem.tables.schema import ProblemFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 DIALECT_07 = "http://json-schema.org/draft-07/schema#"
