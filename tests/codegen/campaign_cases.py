@@ -18,7 +18,7 @@ from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import load_problem
 from lockstep.model.simulation.disturbance import Samples, Sines, Steps, Sum
-from lockstep.model.simulation.indices import indices
+from lockstep.model.simulation.results.indices import indices
 from lockstep.model.simulation.scenario import Scenario
 from lockstep.verification.in_the_loop import reference_controllers
 

@@ -14,8 +14,8 @@ from lockstep.model.network import Network
 from lockstep.model.simulation import SampledControllers, Scenario, effort_indices, indices, simulate
 from lockstep.model.simulation.disturbance import Samples, Sines, Steps, noise
 from lockstep.model.simulation.divergence import Diverged
+from lockstep.model.simulation.results.trajectory import RhoWeights, energies
 from lockstep.model.simulation.sampled import sources_of
-from lockstep.model.simulation.trajectory import RhoWeights, energies
 from lockstep.swarm import NeighbourLists, SwarmLoop, simulate_swarm, swarm_of_design
 from lockstep.swarm.fields import StreamedNoise
 from lockstep.verification.in_the_loop import ReferenceStepper

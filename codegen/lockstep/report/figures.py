@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from lockstep.model.simulation.trajectory import Trajectory
+    from lockstep.model.simulation.results.trajectory import Trajectory
 
 MOST_POINTS = 1200
 """Of a drawn line: the width of a figure has fewer pixels than that on most screens."""

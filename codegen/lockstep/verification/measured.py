@@ -21,8 +21,8 @@ from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
 from lockstep.model.network import Network
 from lockstep.model.simulation.perturbation import norms
+from lockstep.model.simulation.results.trajectory import RhoWeights, Trajectory, energies
 from lockstep.model.simulation.scenario import Scenario
-from lockstep.model.simulation.trajectory import RhoWeights, Trajectory, energies
 
 Kind = Literal["continuous", "sampled", "compiled"]
 

@@ -125,13 +125,13 @@ class Simulation:
 
     def to_control(self) -> Any:
         """Return the run as `control.TimeResponseData`, with the names of `Design.to_control`."""
-        from lockstep.model.simulation.exchange import to_time_response
+        from lockstep.model.simulation.results.exchange import to_time_response
 
         return to_time_response(self.trajectory)
 
     def to_pandas(self) -> Any:
         """Return the run as a `pandas.DataFrame` by t, a column for each signal (extra `notebook`)."""
-        from lockstep.model.simulation.exchange import to_pandas
+        from lockstep.model.simulation.results.exchange import to_pandas
 
         return to_pandas(self.trajectory)
 
@@ -253,7 +253,7 @@ def _kept(made: Simulation, drawn: Path | None, written: Path | None) -> Simulat
     if drawn is not None:
         write_files(drawn, pictures)
     if written is not None:
-        from lockstep.model.simulation.table import to_csv
+        from lockstep.model.simulation.results.table import to_csv
 
         write_text(written, to_csv(made.trajectory))
     return made

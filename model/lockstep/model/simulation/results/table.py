@@ -5,7 +5,7 @@ import io
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.simulation.trajectory import Trajectory
+from lockstep.model.simulation.results.trajectory import Trajectory
 
 
 def columns(trajectory: Trajectory) -> dict[str, Float[np.ndarray, " K"]]:

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.model.simulation.quadrature import Hold, running_integral
-from lockstep.model.simulation.trajectory import Trajectory
+from lockstep.model.simulation.results.trajectory import Trajectory
 
 
 @dataclass(frozen=True)

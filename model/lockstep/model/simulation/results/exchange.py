@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.simulation.table import columns
-from lockstep.model.simulation.trajectory import Trajectory
+from lockstep.model.simulation.results.table import columns
+from lockstep.model.simulation.results.trajectory import Trajectory
 
 
 def to_time_response(trajectory: Trajectory) -> Any:
