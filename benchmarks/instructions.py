@@ -36,10 +36,10 @@ from lockstep.codegen.known_answers import SCALE, known_answers
 from lockstep.codegen.manifest import AgentEntry, Manifest, load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.verification.comparison import compare
-from lockstep.verification.emulator import run_on_core
+from lockstep.verification.machines.emulator import run_on_core
+from lockstep.verification.machines.toolchain import Compiler, arm_gcc, zig
 from lockstep.verification.reference import Reference
 from lockstep.verification.stimulus import closed_loop_calls, recorded_outputs, run_reference
-from lockstep.verification.toolchain import Compiler, arm_gcc, zig
 
 VARIANTS = ("speed", "size", "hand", "loop", "casadi", "data")
 BY_HAND = ("hand", "loop")

@@ -25,8 +25,8 @@ from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 from lockstep.model.simulation import simulate
 from lockstep.model.simulation.scenario import Scenario
-from lockstep.verification.in_the_loop import design_controllers
-from lockstep.verification.measured import measured, network_of_design, promise
+from lockstep.verification.closed_loop.in_the_loop import design_controllers
+from lockstep.verification.closed_loop.measured import measured, network_of_design, promise
 
 PENDULUMS = """
 [agent]

@@ -11,7 +11,7 @@ from lockstep.codegen.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import load_manifest
 from lockstep.verification.harness import run_on_host
-from lockstep.verification.toolchain import host_compilers
+from lockstep.verification.machines.toolchain import host_compilers
 
 STEPS, FIRST = 12, 8
 EARLY, LATE = 0b01, 0b10

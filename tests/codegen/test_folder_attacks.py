@@ -18,7 +18,7 @@ from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.from_design import specification
 from lockstep.codegen.manifest import load_manifest, sha256
 from lockstep.lmi.document import parse
-from lockstep.verification.toolchain import host_compilers
+from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.verification.verify import verify_folder
 
 GENERATED = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"

@@ -27,10 +27,10 @@ from lockstep.model.plain_json import to_json
 from lockstep.model.problem import Problem
 from lockstep.model.simulation import simulate
 from lockstep.model.simulation.from_problem import scenario_of
-from lockstep.verification import targets
-from lockstep.verification.in_the_loop import design_controllers
-from lockstep.verification.measured import measured, network_of_design, promise
-from lockstep.verification.toolchain import host_compilers
+from lockstep.verification.closed_loop.in_the_loop import design_controllers
+from lockstep.verification.closed_loop.measured import measured, network_of_design, promise
+from lockstep.verification.machines import targets
+from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.verification.verify import verify_folder
 from lockstep.workflow.design import Design
 from lockstep.workflow.generate import generated_files

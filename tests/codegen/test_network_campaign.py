@@ -28,8 +28,8 @@ from lockstep.model.simulation import simulate
 from lockstep.model.simulation.channel import MessageChannel
 from lockstep.model.simulation.disturbance import Sines
 from lockstep.model.simulation.scenario import Scenario
-from lockstep.verification.in_the_loop import design_controllers
-from lockstep.verification.toolchain import host_compilers
+from lockstep.verification.closed_loop.in_the_loop import design_controllers
+from lockstep.verification.machines.toolchain import host_compilers
 
 pytestmark = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
 

@@ -20,11 +20,11 @@ from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import Manifest
 from lockstep.codegen.one_image import OneImage
 from lockstep.codegen.spec import CodegenSpec
-from lockstep.verification import targets
+from lockstep.verification.machines import targets
+from lockstep.verification.machines.toolchain import WARNINGS, first_compiler, host_compilers
 from lockstep.verification.nodes import NodeEntry, reference_of, with_nodes
 from lockstep.verification.reference import CLIPPED
 from lockstep.verification.stimulus import adversarial_calls, limit_calls, run_reference
-from lockstep.verification.toolchain import WARNINGS, first_compiler, host_compilers
 from lockstep.verification.verify import verify_folder
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")

@@ -18,9 +18,9 @@ from lockstep.model.simulation.results.trajectory import RhoWeights, energies
 from lockstep.model.simulation.sampled import sources_of
 from lockstep.swarm import NeighbourLists, SwarmLoop, simulate_swarm, swarm_of_design
 from lockstep.swarm.fields import StreamedNoise
-from lockstep.verification.in_the_loop import ReferenceStepper
+from lockstep.verification.closed_loop.in_the_loop import ReferenceStepper
+from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.verification.reference import Reference
-from lockstep.verification.toolchain import host_compilers
 from lockstep.workflow.runs import large
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")

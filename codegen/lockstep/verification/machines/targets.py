@@ -10,13 +10,13 @@ from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.codegen.calls import Calls
 from lockstep.codegen.cores import CORES, Core
 from lockstep.codegen.manifest import AgentEntry, Manifest
-from lockstep.verification.emulator import missing_packages, run_on_core
 from lockstep.verification.harness import Run, run_on_host
+from lockstep.verification.machines.emulator import missing_packages, run_on_core
+from lockstep.verification.machines.qemu import M7, missing, run_on_qemu
+from lockstep.verification.machines.toolchain import TO_INSTALL, Compiler, arm_gcc, host_compilers, run, zig
 from lockstep.verification.messages.events import Events
 from lockstep.verification.messages.run import Traces, run_nodes_on_core, run_nodes_on_host
 from lockstep.verification.nodes import without_nodes
-from lockstep.verification.qemu import M7, missing, run_on_qemu
-from lockstep.verification.toolchain import TO_INSTALL, Compiler, arm_gcc, host_compilers, run, zig
 
 Runner = Callable[[Manifest, Path, Mapping[str, Calls], Path], Iterator[tuple[AgentEntry, Run]]]
 

@@ -14,9 +14,9 @@ from lockstep.codegen.doors.pil import runner
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.codegen.rendering import render
 from lockstep.verification.harness import Run, compile_objects, text_bytes
-from lockstep.verification.image import check_calls, machine_flags
+from lockstep.verification.machines.image import check_calls, machine_flags
+from lockstep.verification.machines.toolchain import COMPILE_SECONDS, RUN_SECONDS, Compiler, run
 from lockstep.verification.pil_log import runs
-from lockstep.verification.toolchain import COMPILE_SECONDS, RUN_SECONDS, Compiler, run
 
 QEMU = "qemu-system-arm"
 

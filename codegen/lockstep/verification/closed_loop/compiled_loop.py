@@ -20,10 +20,10 @@ from lockstep.codegen.folder.contents import refusals
 from lockstep.codegen.manifest import AgentEntry, Manifest, load_manifest
 from lockstep.codegen.rendering import render
 from lockstep.model.simulation.sampled import SampledControllers
+from lockstep.verification.closed_loop.in_the_loop import sources_in
 from lockstep.verification.harness import layout, product_sources
-from lockstep.verification.in_the_loop import sources_in
-from lockstep.verification.shared_library import build_library, loaded
-from lockstep.verification.toolchain import WARNINGS, Compiler, first_compiler
+from lockstep.verification.machines.shared_library import build_library, loaded
+from lockstep.verification.machines.toolchain import WARNINGS, Compiler, first_compiler
 
 
 class CompiledStepper:

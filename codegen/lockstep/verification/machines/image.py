@@ -16,7 +16,7 @@ from lockstep.codegen.cores import Core
 from lockstep.codegen.manifest import Manifest
 from lockstep.codegen.rendering import render
 from lockstep.verification.harness import compile_objects, product_sources, write_harness
-from lockstep.verification.toolchain import COMPILE_SECONDS, Compiler, run
+from lockstep.verification.machines.toolchain import COMPILE_SECONDS, Compiler, run
 
 CODE, DATA = 0x0001_0000, 0x2000_0000
 IMAGE_BYTES = 0x100_0000
