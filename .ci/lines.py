@@ -112,7 +112,7 @@ LATER = {
     "send on change": (["model/lockstep/model/simulation/send_on_change.py"], 50),
     "check: one image for all nodes": (["check/lockstep/check/c_source/node.py"], 150),
     "codegen: one image for all nodes": (
-        ["codegen/lockstep/codegen/one_image.py", f"{VERIFICATION}/nodes.py"],
+        ["codegen/lockstep/codegen/emission/one_image.py", f"{VERIFICATION}/nodes.py"],
         300,
     ),
     "codegen/swarm, and its runs": (

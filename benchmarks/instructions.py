@@ -29,10 +29,10 @@ import numpy as np
 
 from lockstep.check.c_source.kernel import Shape
 from lockstep.codegen.cores import CORES
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
+from lockstep.codegen.emission.kernel import kernel_function
+from lockstep.codegen.emission.known_answers import SCALE, known_answers
 from lockstep.codegen.folder import write_folder
-from lockstep.codegen.kernel import kernel_function
-from lockstep.codegen.known_answers import SCALE, known_answers
 from lockstep.codegen.manifest import AgentEntry, Manifest, load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.verification.comparison import compare

@@ -11,7 +11,7 @@ from lockstep.campaign.compiled.functions import Performance
 from lockstep.campaign.compiled.layout import Features
 from lockstep.campaign.compiled.source import CampaignSource, continuous_source, sampled_source
 from lockstep.check.system.loop import Gains
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.model.graphs.graph import Graph

@@ -15,7 +15,7 @@ from lockstep.campaign.plan import plan_of
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.for_the_period import as_shipped
 from lockstep.codegen.from_design import specification
 from lockstep.lmi.certify import certify

@@ -8,7 +8,7 @@ from codegen_cases import arms, random_controller, shapes
 
 from lockstep.check.errors import ClaimError
 from lockstep.codegen.cores import CORES
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller

@@ -14,7 +14,7 @@ import pytest
 from codegen_cases import arms, shapes
 
 from lockstep.codegen.doors import with_doors
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.spec import FixedFormats
 from lockstep.verification.machines.toolchain import WARNINGS

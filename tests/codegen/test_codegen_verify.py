@@ -11,7 +11,7 @@ import pytest
 from codegen_cases import arms, random_controller, shapes
 
 from lockstep.check.errors import Mismatch, ProblemError
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import Manifest
 from lockstep.verification.machines import targets, toolchain

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from lockstep.check.errors import ProblemError
 from lockstep.cli.main import app
 from lockstep.codegen.doors import with_doors
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.spec import CodegenSpec, Signal
 from lockstep.verification.machines.toolchain import host_compilers

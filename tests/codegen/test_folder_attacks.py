@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from lockstep.cli.main import app
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.from_design import specification

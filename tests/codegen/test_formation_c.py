@@ -14,7 +14,7 @@ from lockstep.check.certify import certify
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.codegen.doors import with_doors
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.for_the_period import as_shipped

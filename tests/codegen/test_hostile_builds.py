@@ -14,12 +14,12 @@ import pytest
 from codegen_cases import arms, random_controller
 
 from lockstep.check.errors import ClaimError
-from lockstep.codegen.calls import STEP_RELATIVE
 from lockstep.codegen.cores import CORES, emulated
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.calls import STEP_RELATIVE
+from lockstep.codegen.emission.emit import emit
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import load_manifest
-from lockstep.codegen.rendering import render
 from lockstep.verification.comparison import compare
 from lockstep.verification.harness import inputs, layout, outputs, product_sources, write_harness
 from lockstep.verification.machines.emulator import missing_packages, run_on_core
@@ -261,7 +261,7 @@ def test_a_core_that_flushes_to_zero_is_found_at_start_up(tmp_path, monkeypatch)
 def test_the_answers_are_those_of_the_reference_and_tell_every_variation():
     """The reference shares nothing with the emission; what each variation changes is computed apart from both."""
     from lockstep.check.c_source.kernel import Shape
-    from lockstep.codegen.known_answers import VARIATIONS, known_answers
+    from lockstep.codegen.emission.known_answers import VARIATIONS, known_answers
 
     for optimize in ("speed", "size"):
         for real in (np.float32, np.float64):

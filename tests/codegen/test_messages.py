@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from lockstep.check.errors import ProblemError
 from lockstep.cli.main import app
 from lockstep.codegen.doors import with_doors
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.from_design import specification
 from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.codegen.spec import MessageLimits

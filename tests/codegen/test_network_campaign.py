@@ -20,7 +20,7 @@ from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
 from lockstep.cli.main import app
 from lockstep.codegen.doors import with_doors
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.from_design import specification
 from lockstep.lmi.document import parse
 from lockstep.model.network import Network

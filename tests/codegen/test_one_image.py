@@ -14,11 +14,11 @@ from lockstep.check.c_source.reader import read_controller
 from lockstep.check.c_source.text import tokens_of
 from lockstep.check.certify import certify
 from lockstep.check.errors import NotCertified, ProblemError
-from lockstep.codegen.calls import APPLIED, STEP, STEP_RELATIVE
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.calls import APPLIED, STEP, STEP_RELATIVE
+from lockstep.codegen.emission.emit import emit
+from lockstep.codegen.emission.one_image import OneImage
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import Manifest
-from lockstep.codegen.one_image import OneImage
 from lockstep.codegen.spec import CodegenSpec
 from lockstep.verification.machines import targets
 from lockstep.verification.machines.toolchain import WARNINGS, first_compiler, host_compilers

@@ -14,8 +14,8 @@ from lockstep.check.sampled.fixed import LARGEST_R, LARGEST_X, SPLIT, FixedContr
 from lockstep.codegen.cores import Core, registers_of
 from lockstep.codegen.doors import doors_of
 from lockstep.codegen.doors.fixed import controller_of
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import AgentEntry, Manifest
-from lockstep.codegen.rendering import render
 from lockstep.verification.comparison import compare
 from lockstep.verification.harness import compile_objects, drive, text_bytes
 from lockstep.verification.machines.emulator import Machine, Watch

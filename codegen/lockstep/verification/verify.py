@@ -14,9 +14,9 @@ import numpy as np
 
 from lockstep.check.errors import ClaimError, Mismatch, ProblemError
 from lockstep.check.files import read_bytes
-from lockstep.codegen.calls import Calls
 from lockstep.codegen.doors import doors_of
 from lockstep.codegen.doors.vectors import ADVERSARIAL, ORDINARY, vectors
+from lockstep.codegen.emission.calls import Calls
 from lockstep.codegen.folder.contents import refusals, strangers
 from lockstep.codegen.manifest import AgentEntry, Manifest, changed_files, load_manifest
 from lockstep.verification.comparison import Difference, compare

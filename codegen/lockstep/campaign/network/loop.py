@@ -16,8 +16,8 @@ from lockstep.campaign.compiled.library import FLAGS
 from lockstep.campaign.network.faults import NetworkFaults
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import FILE_NAME, Manifest
-from lockstep.codegen.rendering import render
 from lockstep.model.network import Network
 from lockstep.verification.closed_loop.in_the_loop import sources_in
 from lockstep.verification.machines.shared_library import build_library

@@ -10,7 +10,15 @@ import hashlib
 import numpy as np
 from jaxtyping import Float, UInt
 
-from lockstep.codegen.calls import APPLIED, RESET, STEP, STEP_ALIASED, STEP_RELATIVE, STEP_UNREADY, Calls
+from lockstep.codegen.emission.calls import (
+    APPLIED,
+    RESET,
+    STEP,
+    STEP_ALIASED,
+    STEP_RELATIVE,
+    STEP_UNREADY,
+    Calls,
+)
 from lockstep.codegen.manifest import AgentEntry, Manifest
 
 ORDINARY, ADVERSARIAL = 100, 100

@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ClaimError, ProblemError
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.folder.contents import refusals
 from lockstep.codegen.manifest import AgentEntry, Manifest, load_manifest
-from lockstep.codegen.rendering import render
 from lockstep.model.simulation.sampled import SampledControllers
 from lockstep.verification.closed_loop.in_the_loop import sources_in
 from lockstep.verification.harness import layout, product_sources

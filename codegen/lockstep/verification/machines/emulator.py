@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.errors import ClaimError
-from lockstep.codegen.calls import Calls
 from lockstep.codegen.cores import Core, Registers, emulated, registers_of
+from lockstep.codegen.emission.calls import Calls
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.harness import Run, inputs, output_arrays, outputs, text_bytes
 from lockstep.verification.machines.image import Image, build_image, load_image

@@ -13,8 +13,8 @@ from typing import Any
 from lockstep.check.errors import ClaimError
 from lockstep.check.sampled.discretise import Real
 from lockstep.codegen.cores import Core
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import Manifest
-from lockstep.codegen.rendering import render
 from lockstep.verification.harness import compile_objects, product_sources, write_harness
 from lockstep.verification.machines.toolchain import COMPILE_SECONDS, Compiler, run
 

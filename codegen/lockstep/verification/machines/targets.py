@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 
 from lockstep.check.errors import ClaimError, ProblemError
-from lockstep.codegen.calls import Calls
 from lockstep.codegen.cores import CORES, Core
+from lockstep.codegen.emission.calls import Calls
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.harness import Run, run_on_host
 from lockstep.verification.machines.emulator import missing_packages, run_on_core

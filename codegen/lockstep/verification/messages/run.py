@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from lockstep.codegen.cores import Core
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import AgentEntry, Manifest
-from lockstep.codegen.rendering import render
 from lockstep.verification.harness import compile_objects, drive, product_sources
 from lockstep.verification.machines.emulator import Machine
 from lockstep.verification.machines.image import check_calls, link_image, load_image, machine_flags

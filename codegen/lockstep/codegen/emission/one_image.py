@@ -15,7 +15,7 @@ from lockstep.check.c_source.reader import MAX_NEIGHBOURS
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.budget import state_bytes
-from lockstep.codegen.known_answers import KnownAnswers, known_answers
+from lockstep.codegen.emission.known_answers import KnownAnswers, known_answers
 
 ONE_IMAGE_FROM = 17
 """Agents from which `generate` writes one image unasked, where all gains are the same: fewer have files of their own."""

@@ -14,13 +14,15 @@ import numpy as np
 from lockstep.check.c_source.kernel import Shape
 from lockstep.check.c_source.reader import ANSWERS
 from lockstep.check.sampled.discretise import SampledGains, clipped_at, discretise
-from lockstep.codegen.agent_view import agent_view
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.budget import flash_budgets, stack_budgets, state_bytes
 from lockstep.codegen.cores import CORES
+from lockstep.codegen.emission.agent_view import agent_view
+from lockstep.codegen.emission.kernel import Kernel, straight_line
+from lockstep.codegen.emission.known_answers import SCALE, known_answers
+from lockstep.codegen.emission.one_image import OneImage, node_bytes, node_view, table_files
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.identity import Identity
-from lockstep.codegen.kernel import Kernel, straight_line
-from lockstep.codegen.known_answers import SCALE, known_answers
 from lockstep.codegen.manifest import (
     FILE_NAME,
     FORMAT,
@@ -38,8 +40,6 @@ from lockstep.codegen.manifest import (
     PlantEntry,
     sha256,
 )
-from lockstep.codegen.one_image import OneImage, node_bytes, node_view, table_files
-from lockstep.codegen.rendering import render
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant
 
 _RULES = {
