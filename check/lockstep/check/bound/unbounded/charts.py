@@ -12,7 +12,7 @@ from lockstep.check.bound.conditions import Conditions
 from lockstep.check.bound.objective import Objective
 from lockstep.check.bound.program import Boxes, Program
 from lockstep.check.bound.rounding import INF, Interval
-from lockstep.check.bound.tails import Pattern, bounded_on_tails, on_tails
+from lockstep.check.bound.unbounded.tails import Pattern, bounded_on_tails, on_tails
 from lockstep.check.expression.derivative import derivative
 
 
