@@ -164,17 +164,12 @@ class ProblemTables:
     @cached_property
     def inputs(self) -> tuple[Annotated[np.ndarray, "n m"], ...]:
         """B_i of each agent; they differ by `[network] parameters` only, and nothing else may."""
-        given = part(self.tables, "network", dict).get("parameters")
-        demand(
-            given is None or not self.spectrum,
-            "they are given",
-            "[network] parameters",
-            "none with `spectrum`",
-        )
+        given, where = part(self.tables, "network", dict).get("parameters"), "[network] parameters"
+        demand(given is None or not self.spectrum, "they are given", where, "none with `spectrum`")
         if given is None:
             return (self.agent.B,) * self.graph.N
         whole = isinstance(given, list) and len(given) == self.graph.N
-        demand(whole, "another number of tables", "[network] parameters", "one per agent")
+        demand(whole, "another number of tables", where, "one per agent")
         found = []
         for k, changed in enumerate(given, start=1):
             variant = self._agent(changed) if changed else self.agent
@@ -182,7 +177,7 @@ class ProblemTables:
                 (one for one in _COMMON if not _equal(getattr(self.agent, one), getattr(variant, one))), ""
             )
             same_but_B = "agents that differ in B only: (2) has one A, one C and one h for all"
-            demand(not odd, f"{odd} differs", f"[network] parameters, entry {k}", same_but_B)
+            demand(not odd, f"{odd} differs", f"{where}, entry {k}", same_but_B)
             found.append(variant.B)
         return tuple(found)
 
