@@ -38,7 +38,7 @@ LATER = {
         [
             "lmi/lockstep/lmi/methods/modal_common.py",
             "lmi/lockstep/lmi/analysis/semidefinite.py",
-            "lmi/lockstep/lmi/sampled/modal.py",
+            "lmi/lockstep/lmi/sampled/modal",
             "codegen/lockstep/codegen/sampled_modes.py",
             "model/lockstep/model/graphs/sparse_graph.py",
             "model/lockstep/model/graphs/membership.py",
