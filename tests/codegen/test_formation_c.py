@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from test_clipped_runs import engine_of, run_from
 
+from cart import cart
 from lockstep.campaign.network.faults import NetworkFaults
 from lockstep.campaign.network.loop import COLUMNS, network_loop, rows_of
 from lockstep.check.c_source.reader import read_controller
@@ -37,13 +38,9 @@ from lockstep.workflow.generate import generated_files
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
 OFFSETS = np.array([[0.1, 0.0], [-7.3, 0.0], [-15.2, 0.0]])
-CARTS = """
-[agent]
-name = "cart"
-states = ["p", "v"]
-inputs = ["f"]
-dynamics = { p = "v", v = "f - 0.2*tanh(v)" }
-outputs = { y1 = "p", y2 = "v" }
+CARTS = (
+    cart("f - 0.2*tanh(v)")
+    + """
 [network]
 agents = 3
 edges = [[2, 1], [3, 2], [3, 1, 0.5]]
@@ -57,6 +54,7 @@ period = 0.02
 horizon = 30.0
 initial = [[0.0, 0.5], [1.0, 0.0], [-2.0, 0.3]]
 """
+)
 GIVEN = "{ A = [[-3.0]], B = [[1.0, 0.5]], C = [[-0.2]], D = [[-1.5, -2.0]] }"
 REFERENCE = '[simulation.reference]\nf = "0.5*sin(0.4*t)"\n'
 
