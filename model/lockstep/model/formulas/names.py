@@ -34,20 +34,8 @@ def check_agent_name(name: str) -> None:
     such as `arm`
     """
     where = "[agent] name"
-    if not isinstance(name, str) or not _IDENTIFIER.fullmatch(name):
-        raise ProblemError(
-            f"`{shorten(str(name))}` is not a C identifier",
-            where=where,
-            expected="an ASCII letter, then letters, digits and _",
-            remedy=advice(str(name)),
-        )
-    if len(name) > LONGEST_AGENT_NAME:
-        raise ProblemError(
-            f"`{shorten(name)}` has {len(name)} characters",
-            where=where,
-            expected=f"at most {LONGEST_AGENT_NAME}",
-            remedy="C compilers may tell names apart by their first 31 characters only",
-        )
+    why = "C compilers may tell names apart by their first 31 characters only"
+    _check_identifier(name, where, "a C identifier", LONGEST_AGENT_NAME, why)
     if name in _C_WORDS.split():
         raise ProblemError(
             f"`{name}` is a word of C", where=where, expected="a name of your own, such as `arm`"
@@ -71,18 +59,18 @@ def check_names(
     _check_unique([(name, "outputs") for name in outputs])
 
 
-def _check_name(name: str, where: str) -> None:
+def _check_identifier(name: str, where: str, kind: str, longest: int, why: str = "") -> None:
     if not isinstance(name, str) or not _IDENTIFIER.fullmatch(name):
-        raise ProblemError(
-            f"`{shorten(str(name))}` is not a name",
-            where=where,
-            expected="an ASCII letter, then letters, digits and _",
-            remedy=advice(str(name)),
-        )
-    if len(name) > LONGEST_NAME:
-        raise ProblemError(
-            f"`{shorten(name)}` has {len(name)} characters", where=where, expected=f"at most {LONGEST_NAME}"
-        )
+        expected = "an ASCII letter, then letters, digits and _"
+        found, remedy = f"`{shorten(str(name))}` is not {kind}", advice(str(name))
+        raise ProblemError(found, where=where, expected=expected, remedy=remedy)
+    if len(name) > longest:
+        found = f"`{shorten(name)}` has {len(name)} characters"
+        raise ProblemError(found, where=where, expected=f"at most {longest}", remedy=why)
+
+
+def _check_name(name: str, where: str) -> None:
+    _check_identifier(name, where, "a name", LONGEST_NAME)
     if name in RESERVED:
         meaning = "a function" if name in FUNCTIONS else "a constant" if name in CONSTANTS else "the time"
         raise ProblemError(
