@@ -47,13 +47,8 @@ def vectors(agent: AgentEntry, manifest: Manifest) -> Calls:
     received = np.zeros(S, np.uint64)
     for j in range(nn):
         received |= arrived[:, j].astype(np.uint64) << np.uint64(j)
-    return Calls(
-        operation.astype(np.uint32),
-        received,
-        values[:, :q].copy(),
-        values[:, q : q + nn * q].reshape(S, nn, q).copy(),
-        values[:, q + nn * q :].copy(),
-    )
+    y, others, r = (part.copy() for part in np.split(values, [q, q + nn * q], axis=1))
+    return Calls(operation.astype(np.uint32), received, y, others.reshape(S, nn, q), r)
 
 
 def _words(purpose: bytes, *shape: int) -> UInt[np.ndarray, "..."]:

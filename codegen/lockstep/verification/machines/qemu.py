@@ -81,10 +81,8 @@ def _image(
         (directory / path).write_text(text, encoding="utf-8")
     flags, include = (*machine_flags(M7, compiler), level, "-fno-builtin"), folder / "include"
     product = folder / "src" / f"{agent.name}.c"
-    ours = [
-        directory / "pil" / name
-        for name in (f"{agent.name}_pil.c", "pil.c", "pil_run.c", "pil_semihosting.c")
-    ]
+    names = (f"{agent.name}_pil.c", "pil.c", "pil_run.c", "pil_semihosting.c")
+    ours = [directory / "pil" / name for name in names]
     ours += [directory / "start.c", directory / "support.c"]
     objects = compile_objects(compiler, (*flags[:-1],), [product], include, directory)
     check_calls(objects[0], manifest.real, M7)
