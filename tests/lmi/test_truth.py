@@ -119,13 +119,9 @@ def slowest(one: Drawn) -> float:
 
 def largest_noise_gain(one: Drawn) -> float:
     """Return the largest gain from nu to all states of a loop with a constant slope."""
-    found = 0.0
-    for s in SLOPES:
-        values, vectors = np.linalg.eig(one.loop(s))
-        inside = np.linalg.solve(vectors, one.B_nu)
-        for w in FREQUENCIES:
-            found = max(found, np.linalg.norm(vectors @ (inside / (1j * w - values)[:, None]), 2))
-    return float(found)
+    # Solved, not diagonalised: controllers that share a mode have eigenvectors that are as good as parallel.
+    resolvents = [1j * FREQUENCIES[:, None, None] * np.eye(len(one.A)) - one.loop(s) for s in SLOPES]
+    return float(max(np.linalg.norm(np.linalg.solve(M, one.B_nu), 2, axis=(1, 2)).max() for M in resolvents))
 
 
 def ratios(seed: int) -> tuple[float, float] | None:
@@ -151,7 +147,6 @@ def test_neither_decay_nor_gain_is_better_than_the_truth(seed):
     ratios(seed)
 
 
-@pytest.mark.by_hand
 @pytest.mark.slow
 def test_of_a_hundred_random_loops_the_proved_figures_are_near_the_truth():
     """Issue 19: never above the truth, and within 1.5 of it in the median."""

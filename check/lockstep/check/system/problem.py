@@ -40,8 +40,14 @@ from lockstep.check.system.many_graphs import SpectrumRange
 from lockstep.check.system.network import ExactNetwork
 from lockstep.check.wording import shorten
 
-DEFAULT_ORDER, MOST_ORDER = 2, 64
-"""n_C where a problem states none."""
+DEFAULT_ORDER, DEFAULT_ORDER_FOR_ALL, MOST_ORDER = 2, 4, 64
+"""n_C where a problem states none; for a spectrum, the number of states up to this; and the largest."""
+
+
+def default_order(states: int, *, for_all: bool) -> int:
+    """Return n_C where a problem states none: one P for all of a spectrum takes a controller that knows the whole state."""
+    return min(states, DEFAULT_ORDER_FOR_ALL) if for_all else DEFAULT_ORDER
+
 
 CONTROLLER = {"discretization": ("tustin", "zoh", "euler"), "real": ("float32", "float64")}
 """Of [controller], the words that are known."""
@@ -204,7 +210,8 @@ class ProblemTables:
         if given:
             first = given[0] if isinstance(given, list) and isinstance(given[0], dict) else {}
             return len(part(first, "A", list))
-        order = self.design.get("order", DEFAULT_ORDER)
+        default = default_order(len(self.agent.states), for_all=self.spectrum is not None)
+        order = self.design.get("order", default)
         whole = isinstance(order, int) and not isinstance(order, bool) and 0 <= order <= MOST_ORDER
         demand(whole, shorten(repr(order)), "[design] order", f"a whole number from 0 to {MOST_ORDER}")
         return int(order)

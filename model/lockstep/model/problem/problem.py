@@ -17,6 +17,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled.messages import Messages
 from lockstep.check.system.many_graphs import SpectrumRange
+from lockstep.check.system.problem import default_order
 from lockstep.model.agents.agent import Agent
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.graphs.membership import Membership
@@ -44,8 +45,6 @@ from lockstep.model.problem.weights import input_weight, scale_of_each, weight_m
 
 if TYPE_CHECKING:
     from lockstep.model.checks import CheckReport
-
-DEFAULT_ORDER = 2
 
 SEARCHED = ("certified", "modal")
 """Methods that look for gains, and take wishes beside rho."""
@@ -261,7 +260,9 @@ class Problem:
         """n_C, the number of states of each controller; with given gains, theirs."""
         if self.gains is not None:
             return int(self.gains[0].A.shape[0])
-        return DEFAULT_ORDER if self.design.order is None else self.design.order
+        if self.design.order is not None:
+            return self.design.order
+        return default_order(len(self.file.agent.states), for_all=self.file.network.spectrum is not None)
 
     @property
     def fragility(self) -> dict[str, float]:
