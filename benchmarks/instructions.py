@@ -29,17 +29,17 @@ import numpy as np
 
 from lockstep.check.c_source.kernel import Shape
 from lockstep.codegen.cores import CORES
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
+from lockstep.codegen.emission.kernel import kernel_function
+from lockstep.codegen.emission.known_answers import SCALE, known_answers
 from lockstep.codegen.folder import write_folder
-from lockstep.codegen.kernel import kernel_function
-from lockstep.codegen.known_answers import SCALE, known_answers
 from lockstep.codegen.manifest import AgentEntry, Manifest, load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.verification.comparison import compare
-from lockstep.verification.emulator import run_on_core
+from lockstep.verification.machines.emulator import run_on_core
+from lockstep.verification.machines.toolchain import Compiler, arm_gcc, zig
 from lockstep.verification.reference import Reference
 from lockstep.verification.stimulus import closed_loop_calls, recorded_outputs, run_reference
-from lockstep.verification.toolchain import Compiler, arm_gcc, zig
 
 VARIANTS = ("speed", "size", "hand", "loop", "casadi", "data")
 BY_HAND = ("hand", "loop")

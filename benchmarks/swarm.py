@@ -23,7 +23,7 @@ from lockstep.check.sampled.discretise import discretise
 from lockstep.model.problem import load_problem
 from lockstep.swarm import NeighbourLists, SwarmLoop, simulate_swarm
 from lockstep.swarm.engine import processors
-from lockstep.verification.toolchain import first_compiler
+from lockstep.verification.machines.toolchain import first_compiler
 
 HERE = Path(__file__).parent
 ARMS = HERE.parent / "examples" / "flexible_joint_arms.toml"

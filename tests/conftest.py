@@ -4,6 +4,7 @@ Property tests draw the same examples on every machine and in every run. `--hypo
 then prints how to repeat it (`@reproduce_failure`), as does `--hypothesis-seed`.
 """
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(Path(__file__).parent))  # these tests are no package
 
 # What is slow on one machine is not wrong.
 ANYWHERE = settings(deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow])

@@ -13,7 +13,7 @@ import pytest
 from pydantic import BaseModel
 
 from lockstep.model.problem import Problem, load_problem
-from lockstep.model.problem.schema import ProblemFile
+from lockstep.model.problem.tables.schema import ProblemFile
 from lockstep.workflow.design import Design, load
 
 ROOT = Path(__file__).parents[1]

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.from_design import specification
 from lockstep.lmi.document import parse

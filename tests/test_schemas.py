@@ -18,9 +18,9 @@ from lockstep.check.errors import ProblemError
 from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.lmi.document import parse
 from lockstep.lmi.written import proofs_document
-from lockstep.model.problem.json_schema import DIALECT, draft_07, problem_schema
-from lockstep.model.problem.key_meanings import MEANINGS
-from lockstep.model.problem.load import parse_tables
+from lockstep.model.problem.tables.json_schema import DIALECT, draft_07, problem_schema
+from lockstep.model.problem.tables.key_meanings import MEANINGS
+from lockstep.model.problem.tables.load import parse_tables
 from lockstep.workflow.init import init
 
 ROOT = Path(__file__).parents[1]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lockstep.model.simulation.trajectory import Trajectory
+from lockstep.model.simulation.results.trajectory import Trajectory
 
 FRAMES = 90
 PLAYED = 9.0

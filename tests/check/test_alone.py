@@ -44,8 +44,8 @@ def test_the_checker_imports_nothing_else():
 
 def test_what_is_not_allowed_is_seen():
     assert unwanted("def f():\n    from scipy.linalg import expm\n") == {"scipy.linalg"}
-    assert unwanted("if TYPE_CHECKING:\n    from lockstep.model.graph import Graph\n") == {
-        "lockstep.model.graph"
+    assert unwanted("if TYPE_CHECKING:\n    from lockstep.model.graphs.graph import Graph\n") == {
+        "lockstep.model.graphs.graph"
     }
     assert unwanted("import lockstep.checked\n") == {"lockstep.checked"}
     assert "lockstep.lmi" in unwanted("from lockstep import lmi\n")

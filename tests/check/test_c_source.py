@@ -8,7 +8,7 @@ import pytest
 from lockstep.check.c_source.reader import read_controller
 from lockstep.check.c_source.text import CText, nearest
 from lockstep.check.errors import NotCertified, ProblemError
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.manifest import Manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 

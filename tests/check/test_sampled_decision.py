@@ -24,7 +24,7 @@ from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import SampledRho, proves_rho
 from lockstep.check.system.disagreement import disagreement
 from lockstep.check.system.loop import Gains, Plant
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 
 EDGES = [(1, 2, 1.0), (2, 1, 1.0)]
 ONE, ZERO = (exactly(np.full((1, 1), value)) for value in (1.0, 0.0))

@@ -130,7 +130,7 @@ def test_a_branch_needs_what_it_needs_only_where_it_is_taken():
 
 @pytest.mark.parametrize("text", [text for text, _ in BAD])
 def test_bad_text_is_refused(text):
-    """With its place and what was expected; what a mistake looks like is told by `lockstep.model.formula_text`."""
+    """With its place and what was expected; what a mistake looks like is told by `lockstep.model.formulas.mistakes`."""
     with pytest.raises(ProblemError) as caught:
         read(text)
     assert re.search(r" at column [0-9]+ of `|characters|multiply to inf", str(caught.value))

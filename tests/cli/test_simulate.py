@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from lockstep.cli.main import app
-from lockstep.verification.toolchain import host_compilers
+from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.workflow.runs.simulate_options import Many, Options, conflict
 
 KEYS = {"ISE", "IAE", "ITSE", "ITAE"}
@@ -76,7 +76,7 @@ def test_the_worst_disturbance_comes_near_rho(folder, run):
 
 def test_a_run_above_a_proved_rho_fails(folder, run, monkeypatch):
     """No such run exists; a checker that said rho = 1 would be found out."""
-    from lockstep.verification import measured
+    from lockstep.verification.closed_loop import measured
 
     kept = measured.promise
 

@@ -11,16 +11,16 @@ from lockstep.campaign.compiled.functions import Performance
 from lockstep.campaign.compiled.layout import Features
 from lockstep.campaign.compiled.source import CampaignSource, continuous_source, sampled_source
 from lockstep.check.system.loop import Gains
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import load_problem
 from lockstep.model.simulation.disturbance import Samples, Sines, Steps, Sum
-from lockstep.model.simulation.indices import indices
+from lockstep.model.simulation.results.indices import indices
 from lockstep.model.simulation.scenario import Scenario
-from lockstep.verification.in_the_loop import reference_controllers
+from lockstep.verification.closed_loop.in_the_loop import reference_controllers
 
 STEP, PERIOD, HORIZON = 1e-3, 5e-3, 1.0
 WEIGHTS = Performance(np.diag([1.0, 0.5, 2.0, 1.0]), np.array([[2.0, 0.3], [0.3, 1.0]]))

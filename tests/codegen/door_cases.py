@@ -8,9 +8,9 @@ from typer.testing import CliRunner
 
 from lockstep.cli.main import app
 from lockstep.codegen.doors import with_doors
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
-from lockstep.verification.toolchain import WARNINGS, host_compilers
+from lockstep.verification.machines.toolchain import WARNINGS, host_compilers
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
 

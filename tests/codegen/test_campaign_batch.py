@@ -13,7 +13,7 @@ from lockstep.campaign.compiled.layout import Features
 from lockstep.campaign.disturbance import disturbance
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.loop import Gains
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.spec import CodegenSpec
 
 

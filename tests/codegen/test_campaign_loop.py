@@ -23,8 +23,8 @@ from lockstep.campaign.compiled.functions import Performance
 from lockstep.campaign.compiled.layout import Features
 from lockstep.campaign.compiled.source import sampled_source
 from lockstep.check.system.loop import Gains
-from lockstep.model.agent import Agent
-from lockstep.model.graph import Graph
+from lockstep.model.agents.agent import Agent
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.simulation.perturbation import HeldPerturbation
 from lockstep.model.simulation.run import simulate

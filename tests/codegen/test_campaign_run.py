@@ -22,7 +22,7 @@ from lockstep.check.design_file.json_text import load_json
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.cli import campaign as command
 from lockstep.lmi.document import parse
-from lockstep.model.simulation.indices import indices
+from lockstep.model.simulation.results.indices import indices
 from lockstep.workflow.runs.campaign import CampaignOptions, planned
 
 DESIGN = Path("generated") / "flexible_joint_arms"

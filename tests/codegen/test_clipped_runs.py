@@ -15,7 +15,7 @@ from lockstep.campaign.plan import plan_of
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.for_the_period import as_shipped
 from lockstep.codegen.from_design import specification
 from lockstep.lmi.certify import certify
@@ -25,8 +25,8 @@ from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 from lockstep.model.simulation import simulate
 from lockstep.model.simulation.scenario import Scenario
-from lockstep.verification.in_the_loop import design_controllers
-from lockstep.verification.measured import measured, network_of_design, promise
+from lockstep.verification.closed_loop.in_the_loop import design_controllers
+from lockstep.verification.closed_loop.measured import measured, network_of_design, promise
 
 PENDULUMS = """
 [agent]

@@ -7,10 +7,10 @@ import pytest
 
 from lockstep.codegen.cores import CORES, emulated, registers_of
 from lockstep.codegen.manifest import load_manifest
-from lockstep.verification.emulator import missing_packages
-from lockstep.verification.image import load_image, machine_flags, undefined_symbols
+from lockstep.verification.machines.emulator import missing_packages
+from lockstep.verification.machines.image import load_image, machine_flags, undefined_symbols
+from lockstep.verification.machines.toolchain import run, zig
 from lockstep.verification.reference import references
-from lockstep.verification.toolchain import run, zig
 
 pytestmark = pytest.mark.skipif(
     zig() is None or bool(missing_packages()), reason="ziglang, unicorn or pyelftools is not installed"

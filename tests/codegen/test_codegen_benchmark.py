@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from lockstep.verification.emulator import missing_packages
-from lockstep.verification.toolchain import zig
+from lockstep.verification.machines.emulator import missing_packages
+from lockstep.verification.machines.toolchain import zig
 
 
 @pytest.fixture(scope="module")

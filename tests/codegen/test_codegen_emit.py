@@ -10,8 +10,8 @@ from codegen_cases import TABLE_1, arms, shapes
 
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.emit import emit
-from lockstep.codegen.kernel import kernel_function
+from lockstep.codegen.emission.emit import emit
+from lockstep.codegen.emission.kernel import kernel_function
 from lockstep.codegen.manifest import Manifest, manifest_is_intact
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Neighbour, Signal
 

@@ -6,7 +6,7 @@ import pytest
 from codegen_cases import arms
 
 from lockstep.check.errors import ProblemError
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import load_manifest
 

@@ -9,7 +9,7 @@ from codegen_cases import arms, random_controller, shapes
 
 from lockstep.check.c_source.reader import read_controller
 from lockstep.check.sampled.controller import HeldController
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder.as_generated import compared
 from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour

@@ -5,7 +5,7 @@ import pytest
 from codegen_cases import arms, shapes
 
 from lockstep.check.errors import ProblemError
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.manifest import Manifest
 from lockstep.verification.reference import NOT_FINITE, OK, OVERFLOW, Reference, closed_loop
 from lockstep.verification.stimulus import recorded_outputs

@@ -14,10 +14,10 @@ import pytest
 from codegen_cases import arms, shapes
 
 from lockstep.codegen.doors import with_doors
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.spec import FixedFormats
-from lockstep.verification.toolchain import WARNINGS
+from lockstep.verification.machines.toolchain import WARNINGS
 
 # what the guards of the sources ask the compiler, which cppcheck is not
 CPPCHECK = """--std=c99 --addon=misra --enable=warning,style,performance,portability -q --error-exitcode=0

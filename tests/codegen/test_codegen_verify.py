@@ -11,11 +11,11 @@ import pytest
 from codegen_cases import arms, random_controller, shapes
 
 from lockstep.check.errors import Mismatch, ProblemError
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import Manifest
-from lockstep.verification import targets, toolchain
-from lockstep.verification.toolchain import Compiler, host_compilers
+from lockstep.verification.machines import targets, toolchain
+from lockstep.verification.machines.toolchain import Compiler, host_compilers
 from lockstep.verification.verify import verify_folder
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")

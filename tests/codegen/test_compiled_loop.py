@@ -8,7 +8,7 @@ import pytest
 from codegen_cases import random_controller
 
 from lockstep.check.errors import ProblemError
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.spec import CodegenSpec, Neighbour
@@ -16,9 +16,9 @@ from lockstep.lmi.document import read
 from lockstep.model.network import Network
 from lockstep.model.simulation import MessageChannel, simulate
 from lockstep.model.simulation.from_problem import Changes, scenario_of
-from lockstep.verification.compiled_loop import compiled_controllers
-from lockstep.verification.in_the_loop import design_controllers, reference_controllers
-from lockstep.verification.toolchain import host_compilers
+from lockstep.verification.closed_loop.compiled_loop import compiled_controllers
+from lockstep.verification.closed_loop.in_the_loop import design_controllers, reference_controllers
+from lockstep.verification.machines.toolchain import host_compilers
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler")
 

@@ -12,7 +12,7 @@ import lockstep
 from lockstep.check.certify import certify as certify_alone
 from lockstep.check.errors import ProblemError
 from lockstep.cli.main import app
-from lockstep.verification.toolchain import host_compilers
+from lockstep.verification.machines.toolchain import host_compilers
 
 GENERATED = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
 needs_cmake = pytest.mark.skipif(

@@ -15,10 +15,10 @@ from typer.testing import CliRunner
 from lockstep.check.errors import ProblemError
 from lockstep.cli.main import app
 from lockstep.codegen.doors import with_doors
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.spec import CodegenSpec, Signal
-from lockstep.verification.toolchain import host_compilers
+from lockstep.verification.machines.toolchain import host_compilers
 
 DOORS = ("messages", "dbc")
 LENGTHS = (8, 12, 16, 20, 24, 32, 48, 64)

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import lockstep
 from lockstep.cli.main import app
 from lockstep.codegen.doors import with_doors
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.manifest import load_manifest

@@ -10,8 +10,8 @@ import test_door_rust
 from codegen_cases import arms
 from door_cases import folder_of, log_of, needs, needs_compiler
 
-from lockstep.codegen.calls import APPLIED, STEP
 from lockstep.codegen.doors.vectors import vectors
+from lockstep.codegen.emission.calls import APPLIED, STEP
 from lockstep.codegen.manifest import load_manifest
 from lockstep.verification.messages.events import RECEIVE, faulty_events, run_node
 from lockstep.verification.messages.events import STEP as NODE_STEP
@@ -71,7 +71,7 @@ def test_in_rust(tmp_path):
 def test_as_a_unit(tmp_path):
     pytest.importorskip("fmpy")
     from lockstep.codegen.doors import with_doors
-    from lockstep.codegen.emit import emit
+    from lockstep.codegen.emission.emit import emit
     from lockstep.codegen.folder import write_folder
     from lockstep.verification.units import units
 

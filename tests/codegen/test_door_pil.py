@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from lockstep.check.errors import ProblemError
 from lockstep.cli.main import app
 from lockstep.codegen.doors.vectors import vectors
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.manifest import load_manifest
 from lockstep.verification.verify import verify_log
 

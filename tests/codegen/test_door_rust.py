@@ -11,8 +11,8 @@ from door_cases import folder_of, generated, needs, run
 from typer.testing import CliRunner
 
 from lockstep.cli.main import app
-from lockstep.codegen.calls import APPLIED, RESET, STEP_RELATIVE
 from lockstep.codegen.doors.vectors import vectors
+from lockstep.codegen.emission.calls import APPLIED, RESET, STEP_RELATIVE
 from lockstep.codegen.manifest import load_manifest
 from lockstep.verification.reference import Reference
 from lockstep.verification.stimulus import run_reference

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from codegen_cases import arms, random_controller
 
-from lockstep.codegen.calls import RESET, STEP, Calls
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.calls import RESET, STEP, Calls
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import load_manifest
 from lockstep.verification.harness import run_on_host
-from lockstep.verification.toolchain import host_compilers
+from lockstep.verification.machines.toolchain import host_compilers
 
 STEPS, FIRST = 12, 8
 EARLY, LATE = 0b01, 0b10

@@ -20,7 +20,7 @@ from lockstep.check.sampled.fixed import LARGEST_R, LARGEST_X, MOST_A, MOST_D, S
 from lockstep.check.system.problem import ProblemTables
 from lockstep.codegen.doors import with_doors
 from lockstep.codegen.doors.fixed import controller_of
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.spec import CodegenSpec, FixedFormats, Neighbour
 from lockstep.verification.fixed import step_of

@@ -12,13 +12,13 @@ import pytest
 from typer.testing import CliRunner
 
 from lockstep.cli.main import app
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.from_design import specification
 from lockstep.codegen.manifest import load_manifest, sha256
 from lockstep.lmi.document import parse
-from lockstep.verification.toolchain import host_compilers
+from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.verification.verify import verify_folder
 
 GENERATED = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from test_clipped_runs import engine_of, run_from
 
+from cart import cart
 from lockstep.campaign.network.faults import NetworkFaults
 from lockstep.campaign.network.loop import COLUMNS, network_loop, rows_of
 from lockstep.check.c_source.reader import read_controller
@@ -14,7 +15,7 @@ from lockstep.check.certify import certify
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.codegen.doors import with_doors
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.for_the_period import as_shipped
@@ -27,23 +28,19 @@ from lockstep.model.plain_json import to_json
 from lockstep.model.problem import Problem
 from lockstep.model.simulation import simulate
 from lockstep.model.simulation.from_problem import scenario_of
-from lockstep.verification import targets
-from lockstep.verification.in_the_loop import design_controllers
-from lockstep.verification.measured import measured, network_of_design, promise
-from lockstep.verification.toolchain import host_compilers
+from lockstep.verification.closed_loop.in_the_loop import design_controllers
+from lockstep.verification.closed_loop.measured import measured, network_of_design, promise
+from lockstep.verification.machines import targets
+from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.verification.verify import verify_folder
 from lockstep.workflow.design import Design
 from lockstep.workflow.generate import generated_files
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
 OFFSETS = np.array([[0.1, 0.0], [-7.3, 0.0], [-15.2, 0.0]])
-CARTS = """
-[agent]
-name = "cart"
-states = ["p", "v"]
-inputs = ["f"]
-dynamics = { p = "v", v = "f - 0.2*tanh(v)" }
-outputs = { y1 = "p", y2 = "v" }
+CARTS = (
+    cart("f - 0.2*tanh(v)")
+    + """
 [network]
 agents = 3
 edges = [[2, 1], [3, 2], [3, 1, 0.5]]
@@ -57,6 +54,7 @@ period = 0.02
 horizon = 30.0
 initial = [[0.0, 0.5], [1.0, 0.0], [-2.0, 0.3]]
 """
+)
 GIVEN = "{ A = [[-3.0]], B = [[1.0, 0.5]], C = [[-0.2]], D = [[-1.5, -2.0]] }"
 REFERENCE = '[simulation.reference]\nf = "0.5*sin(0.4*t)"\n'
 

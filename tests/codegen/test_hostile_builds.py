@@ -14,15 +14,16 @@ import pytest
 from codegen_cases import arms, random_controller
 
 from lockstep.check.errors import ClaimError
-from lockstep.codegen.calls import STEP_RELATIVE
 from lockstep.codegen.cores import CORES, emulated
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.calls import STEP_RELATIVE
+from lockstep.codegen.emission.emit import emit
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import load_manifest
-from lockstep.codegen.rendering import render
 from lockstep.verification.comparison import compare
-from lockstep.verification.emulator import missing_packages, run_on_core
 from lockstep.verification.harness import inputs, layout, outputs, product_sources, write_harness
+from lockstep.verification.machines.emulator import missing_packages, run_on_core
+from lockstep.verification.machines.toolchain import Compiler
 from lockstep.verification.reference import NOT_READY, Reference
 from lockstep.verification.stimulus import (
     adversarial_calls,
@@ -31,7 +32,6 @@ from lockstep.verification.stimulus import (
     recorded_outputs,
     run_reference,
 )
-from lockstep.verification.toolchain import Compiler
 
 WAYS = {
     "as documented": "-std=c99 -ffp-contract=off",
@@ -250,7 +250,7 @@ def test_no_build_for_a_microcontroller_differs_silently(group, tmp_path):
 
 @needs_arm
 def test_a_core_that_flushes_to_zero_is_found_at_start_up(tmp_path, monkeypatch):
-    monkeypatch.setattr("lockstep.verification.emulator.emulated", flushing)
+    monkeypatch.setattr("lockstep.verification.machines.emulator.emulated", flushing)
     bench = Bench(folder_of(tmp_path / "c"), tmp_path)
     flags = WAYS["as documented"].split()
     assert bench.on_core(CORES["cortex-m4f"], flags, "-Os") == UNFIT
@@ -261,7 +261,7 @@ def test_a_core_that_flushes_to_zero_is_found_at_start_up(tmp_path, monkeypatch)
 def test_the_answers_are_those_of_the_reference_and_tell_every_variation():
     """The reference shares nothing with the emission; what each variation changes is computed apart from both."""
     from lockstep.check.c_source.kernel import Shape
-    from lockstep.codegen.known_answers import VARIATIONS, known_answers
+    from lockstep.codegen.emission.known_answers import VARIATIONS, known_answers
 
     for optimize in ("speed", "size"):
         for real in (np.float32, np.float64):

@@ -14,12 +14,13 @@ from typer.testing import CliRunner
 from lockstep.check.errors import ProblemError
 from lockstep.cli.main import app
 from lockstep.codegen.doors import with_doors
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.from_design import specification
 from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.codegen.spec import MessageLimits
 from lockstep.lmi.document import parse
 from lockstep.verification.comparison import compare
+from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.verification.messages.events import (
     FORGET,
     INIT,
@@ -33,7 +34,6 @@ from lockstep.verification.messages.events import (
 from lockstep.verification.messages.node import Message, ReferenceNode, Refusal, Wire
 from lockstep.verification.messages.run import run_nodes_on_host
 from lockstep.verification.reference import Reference
-from lockstep.verification.toolchain import host_compilers
 from lockstep.verification.verify import verify_folder
 
 pytestmark = needs_compiler

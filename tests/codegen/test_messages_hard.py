@@ -12,7 +12,7 @@ from door_cases import folder_of
 from message_cases import messages_folder
 from test_codegen_static import CPPCHECK, TIDY, documented, needs, said
 
-from lockstep.verification.toolchain import WARNINGS
+from lockstep.verification.machines.toolchain import WARNINGS
 
 HERE = Path(__file__).parent
 

@@ -20,7 +20,7 @@ from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
 from lockstep.cli.main import app
 from lockstep.codegen.doors import with_doors
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.from_design import specification
 from lockstep.lmi.document import parse
 from lockstep.model.network import Network
@@ -28,8 +28,8 @@ from lockstep.model.simulation import simulate
 from lockstep.model.simulation.channel import MessageChannel
 from lockstep.model.simulation.disturbance import Sines
 from lockstep.model.simulation.scenario import Scenario
-from lockstep.verification.in_the_loop import design_controllers
-from lockstep.verification.toolchain import host_compilers
+from lockstep.verification.closed_loop.in_the_loop import design_controllers
+from lockstep.verification.machines.toolchain import host_compilers
 
 pytestmark = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
 

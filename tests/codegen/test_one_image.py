@@ -14,17 +14,17 @@ from lockstep.check.c_source.reader import read_controller
 from lockstep.check.c_source.text import tokens_of
 from lockstep.check.certify import certify
 from lockstep.check.errors import NotCertified, ProblemError
-from lockstep.codegen.calls import APPLIED, STEP, STEP_RELATIVE
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.calls import APPLIED, STEP, STEP_RELATIVE
+from lockstep.codegen.emission.emit import emit
+from lockstep.codegen.emission.one_image import OneImage
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import Manifest
-from lockstep.codegen.one_image import OneImage
 from lockstep.codegen.spec import CodegenSpec
-from lockstep.verification import targets
+from lockstep.verification.machines import targets
+from lockstep.verification.machines.toolchain import WARNINGS, first_compiler, host_compilers
 from lockstep.verification.nodes import NodeEntry, reference_of, with_nodes
 from lockstep.verification.reference import CLIPPED
 from lockstep.verification.stimulus import adversarial_calls, limit_calls, run_reference
-from lockstep.verification.toolchain import WARNINGS, first_compiler, host_compilers
 from lockstep.verification.verify import verify_folder
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")

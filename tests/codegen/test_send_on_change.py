@@ -14,7 +14,7 @@ from lockstep.model.simulation import simulate
 from lockstep.model.simulation.channel import MessageChannel
 from lockstep.model.simulation.sampled import SampledControllers
 from lockstep.model.simulation.scenario import Scenario
-from lockstep.verification.in_the_loop import design_controllers
+from lockstep.verification.closed_loop.in_the_loop import design_controllers
 
 
 @pytest.fixture(scope="module")

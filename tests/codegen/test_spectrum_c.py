@@ -6,17 +6,14 @@ import re
 import pytest
 
 import lockstep
+from cart import cart
 from lockstep.check.certify import certify
 from lockstep.check.errors import ProblemError
 from lockstep.workflow.explain import explain
 
-PROBLEM = """
-[agent]
-name = "cart"
-states = ["p", "v"]
-inputs = ["f"]
-dynamics = { p = "v", v = "f" }
-outputs = { y1 = "p", y2 = "v" }
+PROBLEM = (
+    cart("f")
+    + """
 [network]
 spectrum = [1.0, 4.0]
 [design]
@@ -27,6 +24,7 @@ gain_limit = 10.0
 [controller]
 period = 0.02
 """
+)
 
 
 @pytest.fixture(scope="module")

@@ -9,18 +9,18 @@ import lockstep
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.system.loop import Gains
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.simulation import SampledControllers, Scenario, effort_indices, indices, simulate
 from lockstep.model.simulation.disturbance import Samples, Sines, Steps, noise
 from lockstep.model.simulation.divergence import Diverged
+from lockstep.model.simulation.results.trajectory import RhoWeights, energies
 from lockstep.model.simulation.sampled import sources_of
-from lockstep.model.simulation.trajectory import RhoWeights, energies
 from lockstep.swarm import NeighbourLists, SwarmLoop, simulate_swarm, swarm_of_design
 from lockstep.swarm.fields import StreamedNoise
-from lockstep.verification.in_the_loop import ReferenceStepper
+from lockstep.verification.closed_loop.in_the_loop import ReferenceStepper
+from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.verification.reference import Reference
-from lockstep.verification.toolchain import host_compilers
 from lockstep.workflow.runs import large
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")

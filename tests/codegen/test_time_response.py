@@ -9,7 +9,7 @@ import pytest
 
 import lockstep
 from lockstep.check.errors import ProblemError
-from lockstep.model.simulation.exchange import to_pandas, to_time_response
+from lockstep.model.simulation.results.exchange import to_pandas, to_time_response
 
 ROOT = Path(__file__).parents[2]
 

@@ -6,8 +6,8 @@ from lockstep.check.continuous.inequality import Claim
 from lockstep.check.floor.witness import proves_floor
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.floor.bisection import largest_floor
-from lockstep.model.agent import Agent
-from lockstep.model.graph import Graph
+from lockstep.model.agents.agent import Agent
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 
 GRAPHS = {

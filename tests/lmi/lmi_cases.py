@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from amini.claims.example import arm
+from cart import cart
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Gains
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem, parse_problem
 
@@ -109,13 +110,9 @@ DOUBLE_INTEGRATOR = {"p": "v", "v": "u"}
 """x'' = u."""
 
 
-CARTS = """
-[agent]
-name = "cart"
-states = ["p", "v"]
-inputs = ["f"]
-dynamics = { p = "v", v = "f - 0.3*sin(p)" }
-outputs = { y1 = "p", y2 = "v" }
+CARTS = (
+    cart("f - 0.3*sin(p)")
+    + """
 [network]
 agents = 4
 topology = "path"
@@ -125,6 +122,7 @@ order = 0
 gain_limit = 50.0
 starts = 1
 """
+)
 
 
 def carts(**changes: str) -> str:

@@ -8,7 +8,7 @@ from lockstep.check.numbers import as_floats
 from lockstep.check.system.disagreement import disagreement
 from lockstep.check.system.loop import Plant
 from lockstep.lmi.sampled import HeldController, SampledNetwork
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 
 SLOPES = np.linspace(-1, 1, 9)
 """Constant slopes tried, as parts of alpha: both ends, and zero."""

@@ -8,8 +8,8 @@ from lockstep.check.errors import Infeasible, NotCertified
 from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.design import design
 from lockstep.lmi.methods.paper import Audit, solve_as_printed
-from lockstep.model.agent import Agent
-from lockstep.model.graph import Graph
+from lockstep.model.agents.agent import Agent
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 

@@ -17,7 +17,9 @@ from typer.testing import CliRunner
 from lockstep.check.__main__ import main as check_alone
 from lockstep.check.continuous.local import better_than_proved
 from lockstep.check.design_file.content import FORMAT
+from lockstep.check.design_file.content import parse as parse_exactly
 from lockstep.check.errors import ClaimError, ProblemError
+from lockstep.check.system.problem import KEYS, ProblemTables
 from lockstep.cli.main import app
 from lockstep.codegen.for_the_period import as_shipped
 from lockstep.lmi.certify import certify
@@ -30,6 +32,7 @@ from lockstep.lmi.upgrade import FORMAT_1, upgraded
 from lockstep.lmi.written import proofs_document
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, parse_problem
+from lockstep.model.problem.tables.schema import ProblemFile
 
 ARMS = Path(__file__).parents[2] / "generated" / "flexible_joint_arms" / "design.json"
 
@@ -173,6 +176,25 @@ def test_an_unknown_or_missing_claim_is_named(name: str) -> None:
         claims = {name: value for name, value in file["claims"].items() if name != key}
         with pytest.raises(ProblemError, match=f"`{key}`"):
             parse({**file, "claims": claims}, "here.json")
+
+
+@pytest.mark.parametrize(
+    "place", [(), ("agent",), ("agent", "domain"), *((one,) for one in ("network", "design"))]
+)
+def test_an_unknown_key_of_the_problem_is_named_by_the_checker(place: tuple[str, ...]) -> None:
+    file = json.loads(text_of("arms"))
+    content = replaced(file, ("problem", *place, "limitz"), {"u": [-10.0, 10.0]})
+    with pytest.raises(ProblemError, match="the key `limitz` is unknown; expected `") as caught:
+        parse_exactly(content, "here.json", ProblemTables.from_document)
+    assert caught.value.where == "here.json, " + (f"[{'.'.join(place)}]" if place else "problem")
+
+
+def test_the_checker_knows_the_keys_that_a_problem_file_may_hold() -> None:
+    fields = ProblemFile.model_fields
+    assert ["title", *KEYS] == list(fields)
+    for name, known in KEYS.items():
+        table: Any = fields[name].annotation
+        assert known.split() == list(table.model_fields)
 
 
 REMARKS: list[Any] = [None, 1e-30, [], {"certified": True, "rho": 1e-30, "reason": "proved"}]

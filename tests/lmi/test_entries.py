@@ -29,7 +29,7 @@ from lockstep.lmi.floor.bisection import largest_floor
 from lockstep.lmi.methods.modal import prove_modes
 from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram
 from lockstep.model.assembly import network_of
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem, load_problem
 

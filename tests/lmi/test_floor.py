@@ -26,8 +26,8 @@ from lockstep.lmi.design import design
 from lockstep.lmi.document import file_of, parse
 from lockstep.lmi.floor.bisection import largest_floor, proves_that_none_carries, rounded_down
 from lockstep.lmi.written import pieces_document
-from lockstep.model.agent import Agent
-from lockstep.model.graph import Graph
+from lockstep.model.agents.agent import Agent
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 
 BELOW = 5e-3

@@ -16,7 +16,7 @@ from lockstep.check.sampled.inequality import multiplier
 from lockstep.check.system.disagreement import disagreement
 from lockstep.check.system.loop import Loop, Plant, build_loop
 from lockstep.model.bound_search import Entry
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 
 Case = tuple[Loop, Twin, np.ndarray, Claim, Certificate]
 

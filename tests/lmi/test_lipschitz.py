@@ -18,7 +18,7 @@ from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
 from lockstep.lmi.document import file_of, parse
 from lockstep.lmi.methods.lipschitz import FirstStep, Protocol, design_protocol, first_step, step_1_matrix
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.problem import Problem, parse_problem
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

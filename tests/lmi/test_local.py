@@ -1,61 +1,33 @@
 """The set of initial disagreements of a local certificate: what starts in it stays, something beside it leaves."""
 
 import math
-import tomllib
 from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 import pytest
-
-from lockstep.check.continuous.certificate import decide_certificate, decide_initial_set
-from lockstep.check.continuous.inequality import Certificate, Claim
-from lockstep.check.continuous.local import InitialSet
-from lockstep.check.continuous.modes import ModalCertificate, Segment
-from lockstep.check.errors import NotCertified, ProblemError
-from lockstep.check.numbers import as_floats, exactly
-from lockstep.check.system.disagreement import disagreement
-from lockstep.check.system.loop import Gains
-from lockstep.lmi.analysis.rounding import prove
-from lockstep.lmi.initial import Unavailable, _ratio_above
-from lockstep.lmi.local_sets import largest_initial_states, with_larger_set
-from lockstep.lmi.scope import domain_of, initial_states, inner_box
-from lockstep.model.agent import Agent
-from lockstep.model.assembly import bound_of
-from lockstep.model.bound_search import Box
-from lockstep.model.graph import Graph
-from lockstep.model.network import Network
-from lockstep.model.problem import Problem, parse_problem
-
-N, ORDER, SIDE = 3, 1, 1.2
-GAINS = Gains(
-    (-np.eye(1),) * N,
-    (np.array([[0.1, 0.1]]),) * N,
-    (np.array([[0.1]]),) * N,
-    (np.array([[-4.0, -3.0]]),) * N,
+from local_cases import (
+    SIDE,
+    N,
+    certified,
+    disagreement_of,
+    leaders,
+    network,
+    run,
+    starts,
 )
 
-
-def network(topology: str = "leader_path", *, domain: float | None = SIDE, **options) -> Network:
-    """Duffing oscillators with a softening spring: beyond |p| = sqrt 2 they do not come back by themselves."""
-    agent = Agent.from_expressions(
-        "duffing",
-        states=["p", "v"],
-        inputs=["u"],
-        outputs={"y1": "p", "y2": "v"},
-        dynamics={"p": "v", "v": "-p + 0.5*p**3 + u"} if domain else {"p": "v", "v": "-sin(p) + u"},
-        domain={"p": (-domain, domain)} if domain else {},
-        centre=True,
-    )
-    bound = bound_of(agent)
-    return Network(
-        agent, Graph.topology(topology, N), scales=(bound.output_scale, bound.input_scale), **options
-    )
-
-
-def certified(net: Network, gains: Gains = GAINS) -> Certificate:
-    claim = Claim(bound_of(net.agent).alpha, np.eye(2), np.eye(gains.order), np.zeros((N, 4)))
-    return prove(net, gains, claim)
+from lockstep.check.continuous.certificate import decide_initial_set
+from lockstep.check.continuous.inequality import Certificate
+from lockstep.check.continuous.local import InitialSet
+from lockstep.check.continuous.modes import ModalCertificate, Segment
+from lockstep.check.errors import ProblemError
+from lockstep.check.numbers import as_floats, exactly
+from lockstep.check.system.disagreement import disagreement
+from lockstep.lmi.initial import Unavailable, _ratio_above
+from lockstep.lmi.scope import domain_of, initial_states, inner_box
+from lockstep.model.assembly import bound_of
+from lockstep.model.bound_search import Box
 
 
 @pytest.fixture(scope="module")
@@ -73,57 +45,6 @@ def found(net, certificate):
     answer = initial_states(net, certificate)
     assert isinstance(answer, InitialSet)
     return answer
-
-
-def leaders(generator, count):
-    """States on the largest orbit of one Duffing oscillator in |p| <= 0.6: v^2/2 + p^2/2 - p^4/8 is constant on it."""
-    p = generator.uniform(-0.6, 0.6, count)
-    p[: count // 2] = np.sign(p[: count // 2]) * 0.6
-    level = 0.6**2 - 0.6**4 / 4
-    return np.stack([p, generator.choice([-1, 1], count) * np.sqrt(np.maximum(level - p**2 + p**4 / 4, 0.0))])
-
-
-def starts(net, certificate, level, generator, count, *, widest=False):
-    """Return x (N n, count) and x_C (N n_C, count) with V = level, the root's controller at rest."""
-    P, d = certificate.P, disagreement(net.graph)
-    keep = np.delete(np.arange(len(P)), 4)  # x_C1 is at rest
-    P_0 = P[np.ix_(keep, keep)]
-    z = generator.standard_normal((len(keep), count))
-    if widest:  # towards the farthest |p_3 - p_1| of the ellipsoid
-        z[:, ::2] = np.linalg.solve(P_0, -np.eye(len(keep))[:, [0]])
-        z[:, ::2] += (
-            0.02 * generator.standard_normal((len(keep), z[:, ::2].shape[1])) * np.linalg.norm(z[:, 0])
-        )
-    z *= np.sqrt(level / np.einsum("ik,ij,jk->k", z, P_0, z))
-    whole = np.zeros((len(P), count))
-    whole[keep] = z
-    apart = np.kron(as_floats(d.right), np.eye(2)) @ whole[:4]
-    x = apart + np.tile(leaders(generator, count) - apart[:2], (N, 1))
-    return x, whole[4:]
-
-
-def run(net, x, x_C, *, horizon, step=0.01, xi=lambda _: np.zeros((6, 1))):
-    """Classical Runge-Kutta on the symbolic nonlinear loop; yields (t, x, x_C) of all runs at once."""
-    f = net.closed_loop(GAINS).map(x.shape[1])
-
-    def rate(t, y):
-        dx, dx_C, _ = f(y[:6], y[6:], t, np.broadcast_to(xi(t), (6, x.shape[1])))
-        return np.vstack([np.asarray(dx), np.asarray(dx_C)])
-
-    y = np.vstack([x, x_C])
-    for k in range(round(horizon / step)):
-        t = k * step
-        yield t, y[:6], y[6:]
-        a = rate(t, y)
-        b = rate(t + step / 2, y + step / 2 * a)
-        c = rate(t + step / 2, y + step / 2 * b)
-        y = y + step / 6 * (a + 2 * b + 2 * c + rate(t + step, y + step * c))
-    yield horizon, y[:6], y[6:]
-
-
-def disagreement_of(x):
-    agents = x.reshape(N, 2, -1)
-    return np.sqrt(((agents - agents.mean(axis=0)) ** 2).sum(axis=(0, 1)))
 
 
 def test_from_the_boundary_of_the_set_all_stay_and_agree(net, certificate, found):
@@ -302,110 +223,3 @@ def test_another_leader_or_a_smaller_domain_is_not_proved(net, certificate, foun
         assert says in answer.reason
     none = decide_initial_set(network("path").matrices, certificate, domain, found)
     assert "hear each other" in none.reason
-
-
-@pytest.fixture(scope="module")
-def own(net, certificate):
-    found, proof = largest_initial_states(net, GAINS, claim_of(net), certificate)
-    assert proof is not None
-    return found, proof
-
-
-def claim_of(net: Network) -> Claim:
-    return Claim(bound_of(net.agent).alpha, np.eye(2), np.eye(ORDER), np.zeros((N, 4)))
-
-
-def test_a_P_of_its_own_gives_a_larger_set_that_the_checker_proves(net, found, own):
-    larger, proof = own
-    assert larger.radius > 1.2 * found.radius
-    domain = domain_of(net.agent)
-    assert decide_certificate(net.matrices, GAINS, claim_of(net), proof).proved
-    assert decide_initial_set(net.matrices, proof, domain, larger).proved
-    beyond = replace(larger, radius=1.001 * larger.radius)
-    assert not decide_initial_set(net.matrices, proof, domain, beyond).proved
-
-
-def test_no_set_is_larger_than_the_room_between_the_boxes(own):
-    """|p_3 - p_1| <= sqrt(2) |x_d| is reached, and the room is 0.6: what starts farther apart is outside at once."""
-    assert own[0].radius <= 0.6 / math.sqrt(2) * (1 + 1e-9)
-
-
-def test_from_the_boundary_of_the_larger_set_none_leaves(net, own):
-    larger, proof = own
-    generator = np.random.default_rng(9)
-    x, x_C = starts(net, proof, larger.level, generator, 200, widest=True)
-    first = disagreement_of(x)
-    for _, now, _ in run(net, x, x_C, horizon=12.0):
-        last = now
-        assert np.abs(now[::2]).max() <= SIDE
-    assert disagreement_of(last).max() < 1e-3 * first.min()
-
-
-def asked(**keys) -> Problem:
-    """Return a problem with the [design] asked for: its agents are those of the tests' networks."""
-    design = "\n".join(f"{key} = {value}" for key, value in keys.items())
-    return parse_problem(
-        "[agent]\nstates = ['p', 'v']\ninputs = ['u']\noutputs = { y1 = 'p', y2 = 'v' }\n"
-        "dynamics = { p = 'v', v = '-p + 0.5*p**3 + u' }\ndomain = { p = [-1.2, 1.2] }\n"
-        f"[network]\nagents = 3\ntopology = 'leader_path'\n[design]\nobjective = 'initial_set'\n{design}\n"
-    )
-
-
-def test_gains_that_move_have_a_larger_set_within_rho_and_the_gain_limit(net, certificate, own):
-    larger, _ = own
-    problem = asked(order=1, gain_limit=8.0, rho=2 * certificate.rho)
-    K = with_larger_set(problem, net, GAINS, claim_of(net), certificate, rate=0.2)
-    assert np.linalg.norm(K, 2, axis=(1, 2)).max() <= 8.0
-    assert all(np.linalg.eigvals(block[:ORDER, :ORDER]).real.max() < 0 for block in K)
-    gains = Gains.from_blocks(K, ORDER)
-    moved = prove(net, gains, claim_of(net))
-    assert moved.rho <= 2 * certificate.rho
-    found, _ = largest_initial_states(net, gains, claim_of(net), moved)
-    assert found.radius > 1.02 * larger.radius
-
-
-def test_an_initial_set_that_cannot_be_is_no_objective():
-    none = Certificate(1.0, np.eye(7), np.ones(3))
-    with pytest.raises(NotCertified, match="hear each other"):
-        with_larger_set(asked(order=1), network("path"), GAINS, claim_of(network()), none)
-
-
-@pytest.mark.parametrize(
-    ("leader", "says"),
-    [
-        ("{ p = [-1.2, 0.0] }", "inside its own"),
-        ("{ p = [0.5, -0.5] }", "inside its own"),
-        ("{ v = [-1.0, 1.0] }", "`v` has no domain.*: p"),
-        ("{}", "it is missing"),
-    ],
-)
-def test_a_box_that_a_leader_cannot_have_is_refused(leader, says):
-    text = asked(order=1).document()
-    text["network"]["leader"] = tomllib.loads(f"x = {leader}")["x"]
-    with pytest.raises(ProblemError, match=says):
-        Problem.from_document(text)
-
-
-@pytest.mark.parametrize(
-    ("part", "change", "says"),
-    [
-        ("network", {"topology": "cycle"}, "no agent leads alone"),
-        ("agent", {"domain": {}}, r"no \[agent.domain\]"),
-    ],
-)
-def test_an_initial_set_that_no_gains_can_have_is_refused_before_a_search(root, part, change, says):
-    text = Problem.load(root / "examples" / "cart_poles.toml").document()
-    del text["network"]["leader"]
-    Problem.from_document(text)
-    text[part] |= change
-    with pytest.raises(ProblemError, match=says):
-        Problem.from_document(text)
-
-
-def test_a_leader_that_keeps_to_less_leaves_more_to_the_others(net, certificate, own):
-    text = asked(order=1).document()
-    text["network"]["leader"] = {"p": [-0.2, 0.2]}
-    inner = Problem.from_document(text).leader
-    assert inner == Box((-0.2,), (0.2,))
-    found, _ = largest_initial_states(net, GAINS, claim_of(net), certificate, inner)
-    assert found.radius == pytest.approx(own[0].radius / 0.6, rel=0.02)  # (1.2 - 0.2) / (1.2 - 0.6)

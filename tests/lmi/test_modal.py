@@ -19,7 +19,7 @@ from lockstep.lmi.design import design
 from lockstep.lmi.document import file_of, parse
 from lockstep.lmi.methods.modal import prove_modes, segment_ends, shared_gains, spectrum_bounds
 from lockstep.lmi.methods.modal_witness import witness
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import parse_problem
 

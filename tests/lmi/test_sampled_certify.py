@@ -26,7 +26,7 @@ from lockstep.check.system.disagreement import disagreement
 from lockstep.lmi.sampled import SampledVerdict, certify_sampled, max_period, sampled_rho, storage
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.search import spectral_radius
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 
 EDGES = [(1, 2, 1.0), (2, 3, 1.0), (3, 1, 1.0)]
 

@@ -26,7 +26,7 @@ from lockstep.lmi.design import design
 from lockstep.lmi.document import answer, file_of
 from lockstep.lmi.methods.modal_common import CommonSearch
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
-from lockstep.lmi.sampled.modal import certify_modal
+from lockstep.lmi.sampled.modal.search import certify_modal
 from lockstep.model.problem import Problem
 
 PENDULUMS = """

@@ -16,8 +16,8 @@ from lockstep.check.errors import NotCertified
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.decay import fastest_decay
 from lockstep.lmi.analysis.rounding import prove
-from lockstep.model.agent import Agent
-from lockstep.model.graph import Graph
+from lockstep.model.agents.agent import Agent
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 
 TOPOLOGIES = ("path", "cycle", "leader_path", "complete")

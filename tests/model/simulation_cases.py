@@ -4,8 +4,8 @@ import numpy as np
 
 from amini.claims.example import TABLE_1, network
 from lockstep.check.system.loop import Gains
-from lockstep.model.agent import Agent
-from lockstep.model.graph import Graph
+from lockstep.model.agents.agent import Agent
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 
 ARMS = network()

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.node import Node, linear_terms
 from lockstep.check.system.structure import solve
-from lockstep.model.agent import Agent
-from lockstep.model.expression import parse_expression
-from lockstep.model.lure import Lure
+from lockstep.model.agents.agent import Agent
+from lockstep.model.agents.lure import Lure
+from lockstep.model.formulas.expression import parse_expression
 
 X, Y, Z, T = (ca.SX.sym(name) for name in "xyzt")
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.agent import Agent
+from lockstep.model.agents.agent import Agent
 from lockstep.model.control.pbh import controllability, observability
 
 ARM = {

@@ -7,7 +7,7 @@ import pytest
 
 from lockstep.check.bound.decide import decide_bound
 from lockstep.check.verdict import Verdict
-from lockstep.model.agent import Agent
+from lockstep.model.agents.agent import Agent
 from lockstep.model.assembly import bound_of, bound_with_scales
 from lockstep.model.bound_search import Bound
 from lockstep.model.problem import load_problem

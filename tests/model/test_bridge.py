@@ -8,9 +8,9 @@ from scipy.integrate import solve_ivp
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.loop import Gains
-from lockstep.model.agent import Agent
+from lockstep.model.agents.agent import Agent
 from lockstep.model.control.bridge import agent_from_control, controllers_to_control
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.simulation import Scenario, Sines, simulate
 

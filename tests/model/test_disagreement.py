@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from lockstep.check.numbers import as_floats, exactly
 from lockstep.check.system.disagreement import Disagreement, disagreement, orthonormal_factor
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 
 COORDINATES = ("orthonormal", "laplacian_rows")
 

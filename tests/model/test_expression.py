@@ -11,7 +11,7 @@ from text_cases import BAD
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.text import FUNCTIONS
-from lockstep.model.expression import parse_expression
+from lockstep.model.formulas.expression import parse_expression
 
 X, Y, T = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("t")
 SYMBOLS = {"x": X, "y": Y, "t": T, "k": 2.5}

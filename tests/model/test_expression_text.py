@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.expression import parse_expression
-from lockstep.model.expression_text import expression_text
+from lockstep.model.formulas.expression import parse_expression
+from lockstep.model.formulas.expression_text import expression_text
 
 X, Y, T = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("t")
 SYMBOLS = {"x": X, "y": Y, "t": T}

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cart import cart
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.agent import ExactAgent
 from lockstep.check.system.formation import check_formation, measured_offsets
@@ -12,13 +13,9 @@ from lockstep.check.system.problem import ProblemTables
 from lockstep.model.problem import Problem
 from lockstep.model.simulation.from_problem import scenario_of
 
-CARTS = """
-[agent]
-name = "cart"
-states = ["p", "v"]
-inputs = ["f"]
-dynamics = { p = "v", v = "f - 0.2*tanh(v)" }
-outputs = { y1 = "p", y2 = "v" }
+CARTS = (
+    cart("f - 0.2*tanh(v)")
+    + """
 [network]
 agents = 3
 topology = "leader_path"
@@ -29,6 +26,7 @@ weights = { state = 1.0 }
 horizon = 5.0
 reference = { f = "0.3*sin(t)" }
 """
+)
 
 
 def agent_of(dynamics: dict[str, str], states: list[str]) -> ExactAgent:
@@ -113,6 +111,7 @@ def test_what_the_c_takes_off_is_the_nearest_number_of_its_type():
         ("[-2.3, 0.0]]", "[-2.3, 1e-9]]", "adds 1e-09 to the derivative of `p`"),
         (", [-2.3, 0.0]]", "]", "2 rows of 2 numbers; expected 3 rows"),
         ("[-2.3, 0.0]]", "[-2.3]]", "3 rows of 1, 2 numbers"),
+        ("[[0.0, 0.0], [-1.1, 0.0], [-2.3, 0.0]]", "[]", "no rows; expected 3 rows"),
         ('y2 = "v" }', 'y2 = "v" }\ndomain = { p = [-1, 1] }', "set apart in `p`, which has a domain"),
         ('y2 = "v" }', 'y2 = "v" }\noutput_range = { y1 = [-1, 1] }', "`output_range` beside offsets"),
         ('"leader_path"', '"ring"', "no agent leads"),

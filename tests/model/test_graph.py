@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats, exactly
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 
 CYCLE = [[1, -1, 0], [0, 1, -1], [-1, 0, 1]]
 

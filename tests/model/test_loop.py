@@ -10,7 +10,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats, converter
 from lockstep.check.system.disagreement import disagreement
 from lockstep.check.system.loop import Gains, Loop, Plant, build_loop
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 
 ARM = Plant(
     A=np.array([[0, 1, 0, 0], [-48.6, -1.25, 48.6, 0], [0, 0, 0, 1], [19.5, 0, -19.5, 0]]),  # (38)

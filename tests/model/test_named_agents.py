@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lockstep.check.errors import BoundNotProved, ProblemError
-from lockstep.model.agent import Agent
+from lockstep.model.agents.agent import Agent
 from lockstep.model.assembly import bound_of
 
 AGENTS = {

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from amini.claims.example import arm
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.loop import Gains
-from lockstep.model.agent import Agent
-from lockstep.model.graph import Graph
+from lockstep.model.agents.agent import Agent
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 
 Reader = Callable[[np.ndarray], np.ndarray]

@@ -310,3 +310,10 @@ def test_a_key_of_several_tables_is_told_with_all_of_them() -> None:
 def test_gains_that_are_one_table_are_told_as_such() -> None:
     with pytest.raises(ProblemError, match=r"\[design\] gains: `gains` is a table"):
         parse_problem(f"{SMALL}\n[design.gains]\nD = [[1.0]]\n")
+
+
+def test_a_list_is_not_called_too_short_of_the_entries_that_are_refused():
+    text = changed("[network]\n", "[network]\nspectrum = [0, 1]\n")
+    with pytest.raises(ProblemError, match=r"spectrum, entry 1: found 0; expected two numbers") as error:
+        parse_problem(text)
+    assert "also" not in str(error.value)

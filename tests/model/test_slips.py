@@ -6,7 +6,7 @@ import pytest
 
 from lockstep.check.errors import ProblemError
 from lockstep.model.checks import slips
-from lockstep.model.look_alikes import keyboard_for
+from lockstep.model.formulas.look_alikes import keyboard_for
 from lockstep.model.problem import Problem
 
 PENDULUM = """

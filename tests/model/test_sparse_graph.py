@@ -6,10 +6,10 @@ import pytest
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.graph import Digraph
-from lockstep.model import membership as members
-from lockstep.model.membership import largest_from_degrees, membership, within
+from lockstep.model.graphs import membership as members
+from lockstep.model.graphs.membership import largest_from_degrees, membership, within
+from lockstep.model.graphs.sparse_graph import SparseGraph, read_graph
 from lockstep.model.problem import Problem
-from lockstep.model.sparse_graph import SparseGraph, read_graph
 
 HEAD = "%%MatrixMarket matrix coordinate "
 EDGES = ((1, 2, 1.0), (2, 3, 0.5), (3, 4, 2.0), (4, 1, 1.0))

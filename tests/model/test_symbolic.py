@@ -10,10 +10,10 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.expression.exact import Exact, Value, read_text
 from lockstep.check.expression.node import constant, linear, variable
 from lockstep.check.system.agent import ExactAgent
-from lockstep.model.agent import Agent
+from lockstep.model.agents.agent import Agent
 from lockstep.model.bound_search.graph import read
-from lockstep.model.expression import parse_expression
-from lockstep.model.symbolic import rounds, symbolic
+from lockstep.model.formulas.expression import parse_expression
+from lockstep.model.formulas.symbolic import rounds, symbolic
 
 X, Y, T, U = (ca.SX.sym(name) for name in "xytu")
 TEXTS = [

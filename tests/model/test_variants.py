@@ -5,7 +5,7 @@ from text_cases import plant
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.agent import ExactAgent
-from lockstep.model.variants import check_same_but_B
+from lockstep.model.agents.variants import check_same_but_B
 
 TANK = ("-c*y + b*u - tanh(k*x)", "d*t - sqrt(e + x**2)")
 OWN = {"b": 2.0, "c": 1.0, "k": 3.0, "d": 0.5, "e": 4.0, "o": 1.0}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.patches import FancyArrowPatch
 
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.simulation import Trajectory
 from lockstep.report.export import inline_svg, pdf, png
 from lockstep.report.figures import (

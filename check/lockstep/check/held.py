@@ -1,5 +1,7 @@
 """The sampled loop of a design file: of all agents, or mode by mode, with its controllers as they are computed."""
 
+from typing import Any
+
 import numpy as np
 
 from lockstep.check.continuous.modes import ModalCertificate
@@ -17,7 +19,6 @@ from lockstep.check.sampled.modes import (
     single_difference,
 )
 from lockstep.check.sampled.sector import Sector, common_sector
-from lockstep.check.system.loop import Plant
 from lockstep.check.system.network import ExactNetwork
 from lockstep.check.system.problem import ProblemTables
 
@@ -76,8 +77,8 @@ def sampled_network(stored: CheckedFile, network: ExactNetwork, period: float) -
     )
 
 
-def sector(stored: CheckedFile, plant: Plant) -> Sector | None:
-    """Return the sector that takes the place of alpha where the continuous certificate uses entries."""
+def sector(stored: DesignFile[Any], plant: Any) -> Sector | None:
+    """Return the sector that takes the place of alpha where the continuous certificate uses entries; plant has G and H."""
     c, claims = stored.proofs.certificate, stored.claims
     if not claims.entries or c is None:
         return None

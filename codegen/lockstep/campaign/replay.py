@@ -12,8 +12,8 @@ from lockstep.campaign.disturbance import disturbance
 from lockstep.campaign.draw import FAMILIES, draw
 from lockstep.campaign.plan import Plan
 from lockstep.check.errors import ProblemError
-from lockstep.model.agent import Agent
-from lockstep.model.simulation.trajectory import Trajectory
+from lockstep.model.agents.agent import Agent
+from lockstep.model.simulation.results.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,6 @@
 
 import io
 import json
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from lockstep.campaign.compute import RunTable, chunks, columns_of
 from lockstep.campaign.draw import FAMILIES
 from lockstep.campaign.plan import Plan
 from lockstep.check.errors import ProblemError
+from lockstep.model.whole_file import write_whole
 
 SHORT = 16
 _WHOLE_NUMBERS = ("run", "outside", "faults", "clipped")
@@ -49,7 +49,7 @@ class Store:
             raise ProblemError(f"it cannot be made ({error.strerror})", where=str(self.folder)) from None
         identity = self.folder / "identity"
         if not identity.exists():
-            write(identity, self.plan.identity.encode())
+            write_whole(identity, self.plan.identity.encode())
         if identity.read_text(encoding="utf-8", errors="replace") != self.plan.identity:
             raise ProblemError(
                 "the folder is another campaign's", where=str(self.folder), remedy="name another output"
@@ -63,7 +63,7 @@ class Store:
         """Keep a chunk; keeping it twice is keeping it once."""
         buffer = io.BytesIO()
         np.save(buffer, table, allow_pickle=False)
-        write(self._path(begin, end), buffer.getvalue())
+        write_whole(self._path(begin, end), buffer.getvalue())
 
     def read(self, begin: int, end: int) -> Float[np.ndarray, "runs columns"] | None:
         """Return a chunk; None if it is not there or is not one: it is then computed again."""
@@ -94,20 +94,8 @@ class Store:
     def publish(self, table: RunTable, documents: dict[str, Any]) -> Path:
         """Write the table and JSON documents by file name; return the table's path."""
         for name, document in documents.items():
-            write(self.folder / name, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
+            write_whole(self.folder / name, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
         return _write_table(table, self.folder)
-
-
-def write(path: Path, content: bytes) -> None:
-    """Write a file as a whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        temporary.write_bytes(content)
-        temporary.replace(path)
-    except OSError as error:
-        raise ProblemError(f"it cannot be written ({error.strerror})", where=str(path)) from None
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _write_table(table: RunTable, folder: Path) -> Path:
@@ -116,12 +104,12 @@ def _write_table(table: RunTable, folder: Path) -> Path:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
-        write(folder / "runs.csv", _csv(table).encode())
+        write_whole(folder / "runs.csv", _csv(table).encode())
         return folder / "runs.csv"
     arrays = {name: pyarrow.array(values) for name, values in _typed(table).items()}
     buffer = io.BytesIO()
     pyarrow.parquet.write_table(pyarrow.table(arrays), buffer)
-    write(folder / "runs.parquet", buffer.getvalue())
+    write_whole(folder / "runs.parquet", buffer.getvalue())
     return folder / "runs.parquet"
 
 

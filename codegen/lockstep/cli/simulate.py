@@ -16,7 +16,7 @@ from lockstep.workflow.runs.simulate_options import Many, Options, conflict
 
 if TYPE_CHECKING:
     from lockstep.model.simulation import Trajectory
-    from lockstep.verification.measured import Measured
+    from lockstep.verification.closed_loop.measured import Measured
     from lockstep.workflow.runs.simulate import Simulation
 
 

@@ -10,8 +10,8 @@ from lockstep.check.design_file.fixed import FixedClaims
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.controller import PRECISIONS
 from lockstep.check.system.formation import measured_offsets
+from lockstep.codegen.emission.one_image import OneImage, Table
 from lockstep.codegen.message_claims import said_of_messages
-from lockstep.codegen.one_image import OneImage, Table
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.codegen.spec import (
     CodegenSpec,

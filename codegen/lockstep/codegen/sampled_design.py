@@ -13,16 +13,16 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Certificate
-from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.errors import BoundNotProved, ProblemError
+from lockstep.check.held import sector
 from lockstep.check.sampled.certify import decide_sampled
 from lockstep.check.sampled.clipping import ClippedWitness, proves_clipped_radius
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.limits import proves_gain, proves_radius
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.performance import proves_rho
-from lockstep.check.sampled.sector import Sector, common_sector
+from lockstep.check.sampled.sector import Sector
 from lockstep.codegen.folder.contents import DESIGN_NAME
 from lockstep.codegen.message_claims import MessageProof, prove_messages
 from lockstep.codegen.sampled_modes import ModalRho, held_controllers, prove_modes_of, splits
@@ -299,17 +299,7 @@ def sampled_network(stored: Stored) -> SampledNetwork:
 
 
 def _sector(stored: Stored) -> Sector | None:
-    """Return the sector that takes the place of alpha where the continuous certificate uses entries."""
-    c, lure = stored.proofs.certificate, stored.problem.agent().lure
-    if not stored.claims.entries or c is None:
-        return None
-    if isinstance(c, ModalCertificate):
-        m, m_entries = np.array([c.mu]), np.array(c.mu_entries)[:, None]
-    else:
-        m, m_entries = c.m, c.m_entries
-    return common_sector(
-        stored.claims.alpha, stored.claims.entries, m, m_entries, lure.G.shape[1], lure.H.shape[0]
-    )
+    return sector(stored, stored.problem.agent().lure)
 
 
 def sampled_controllers(stored: Stored, period: float) -> tuple[HeldController, ...]:
@@ -350,10 +340,10 @@ def _longest_stated(stored: Stored, network: SampledNetwork) -> SampledVerdict |
 
 def pair_weights(stored: Stored) -> PairWeights | None:
     """Return those of the continuous certificate, as far as one weight for each pair can stand for them."""
-    c, sector = stored.proofs.certificate, _sector(stored)
+    c, known = stored.proofs.certificate, _sector(stored)
     if not isinstance(c, Certificate):
         return None
-    return c.m if sector is None else common_pair_weights(stored.claims.entries, c, sector)
+    return c.m if known is None else common_pair_weights(stored.claims.entries, c, known)
 
 
 def _guess(stored: Stored) -> PairWeights | None:

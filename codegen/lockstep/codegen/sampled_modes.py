@@ -20,7 +20,7 @@ from lockstep.check.sampled.modes import (
 from lockstep.check.sampled.sector import Sector
 from lockstep.check.system.spectrum import metric
 from lockstep.lmi.document import Stored
-from lockstep.lmi.sampled.modal import certify_modal, longest_modal, modal_rho
+from lockstep.lmi.sampled.modal.search import certify_modal, longest_modal, modal_rho
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
 

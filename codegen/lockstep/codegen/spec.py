@@ -18,7 +18,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.discretise import Discretization, Real, check_period
 
 if TYPE_CHECKING:
-    from lockstep.codegen.one_image import OneImage
+    from lockstep.codegen.emission.one_image import OneImage
 
 Optimize = Literal["speed", "size"]
 MOST_KEPT = 4096

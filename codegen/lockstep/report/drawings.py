@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from lockstep.lmi.diagnosis.pareto import ParetoPoint
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.simulation import Trajectory
 from lockstep.report import figures
 from lockstep.report.export import as_files, inline_svg

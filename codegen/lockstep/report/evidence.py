@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 from lockstep.check.continuous.inequality import LETTERS
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import AgentEntry
-from lockstep.codegen.rendering import render
-from lockstep.model.problem.lines import lines_of_keys
+from lockstep.model.problem.tables.lines import lines_of_keys
 from lockstep.report.facts import Facts
 from lockstep.report.guarantee import lines_of
 

@@ -11,7 +11,7 @@ from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 from lockstep.model.simulation import Diverged, Trajectory, simulate
 from lockstep.model.simulation.from_problem import FINEST, Changes, scenario_of, step_of
-from lockstep.verification.in_the_loop import reference_controllers
+from lockstep.verification.closed_loop.in_the_loop import reference_controllers
 from lockstep.verification.verify import VerifyReport
 
 DESIGN_NAME = "design.json"

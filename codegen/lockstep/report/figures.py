@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.report.canvas import legend, logarithmic, panels, rows_of
 from lockstep.report.style import LIGHT, WIDTH, line, styled
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from lockstep.model.simulation.trajectory import Trajectory
+    from lockstep.model.simulation.results.trajectory import Trajectory
 
 MOST_POINTS = 1200
 """Of a drawn line: the width of a figure has fewer pixels than that on most screens."""

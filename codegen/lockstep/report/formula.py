@@ -1,8 +1,8 @@
 """Formulas of a problem file as MathML, which browsers typeset without a script.
 
-The text has been through the model's own parser (`lockstep.model.expression`), so its grammar is Python's with nothing but
-numbers, names, operators and calls. A sum becomes one `<math>` element per term: a narrow page breaks the line between
-them.
+The text has been through the model's own parser (`lockstep.model.formulas.expression`), so its grammar is Python's with
+nothing but numbers, names, operators and calls. A sum becomes one `<math>` element per term: a narrow page breaks the line
+between them.
 """
 
 import ast

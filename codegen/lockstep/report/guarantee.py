@@ -3,7 +3,7 @@ and a leader's reference too."""
 
 from collections.abc import Mapping
 
-from lockstep.codegen.emit import claims
+from lockstep.codegen.emission.emit import claims
 
 LINES = {"proved": "Proved", "covers": "Covered", "assumes": "Assumed", "remains": "What remains"}
 LINES |= {"messages": "Messages", "formation": "Formation", "leader": "Leader"}

@@ -8,7 +8,7 @@ from jaxtyping import Complex
 from markupsafe import Markup
 
 from lockstep.codegen.cores import CORES
-from lockstep.codegen.rendering import templates
+from lockstep.codegen.emission.rendering import templates
 from lockstep.lmi.document import answer
 from lockstep.model.simulation import effort_indices, indices
 from lockstep.report import formula

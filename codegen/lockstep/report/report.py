@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from lockstep.codegen.rendering import render
+from lockstep.codegen.emission.rendering import render
 from lockstep.lmi.diagnosis.pareto import ParetoPoint
 from lockstep.lmi.document import Stored, answer
 from lockstep.model.checks import CheckReport

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.discretise import Real, clipped_at, discretise, rounded_to
-from lockstep.model.agent import Agent
+from lockstep.model.agents.agent import Agent
 from lockstep.swarm.neighbours import NeighbourLists
 
 if TYPE_CHECKING:

@@ -8,10 +8,10 @@ from jaxtyping import Float
 from lockstep.check.errors import ProblemError
 from lockstep.model.simulation.disturbance import Disturbance
 from lockstep.model.simulation.divergence import check_bounded
-from lockstep.model.simulation.indices import Indices
 from lockstep.model.simulation.quadrature import Hold, running_integral
+from lockstep.model.simulation.results.indices import Indices
+from lockstep.model.simulation.results.trajectory import AT_REST, Energies, Trajectory
 from lockstep.model.simulation.scenario import whole_number
-from lockstep.model.simulation.trajectory import AT_REST, Energies, Trajectory
 from lockstep.swarm.engine import CompiledSwarm
 from lockstep.swarm.fields import Fields, Pace
 from lockstep.swarm.loop import SwarmLoop

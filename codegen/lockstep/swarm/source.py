@@ -9,8 +9,8 @@ from lockstep.campaign.compiled.c_text import CFiles
 from lockstep.campaign.compiled.lanes import LANES, lanes_header
 from lockstep.campaign.compiled.statements import DOUBLE, LaneFunction, lane_function
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.kernel import straight_line
-from lockstep.codegen.rendering import render
+from lockstep.codegen.emission.kernel import straight_line
+from lockstep.codegen.emission.rendering import render
 from lockstep.model.simulation.divergence import BEYOND
 from lockstep.swarm.fields import Pace
 from lockstep.swarm.loop import SwarmLoop

@@ -14,15 +14,15 @@ from lockstep.check.sampled.fixed import LARGEST_R, LARGEST_X, SPLIT, FixedContr
 from lockstep.codegen.cores import Core, registers_of
 from lockstep.codegen.doors import doors_of
 from lockstep.codegen.doors.fixed import controller_of
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import AgentEntry, Manifest
-from lockstep.codegen.rendering import render
 from lockstep.verification.comparison import compare
-from lockstep.verification.emulator import Machine, Watch
 from lockstep.verification.harness import compile_objects, drive, text_bytes
-from lockstep.verification.image import link_image, load_image, machine_flags, undefined_symbols
+from lockstep.verification.machines.emulator import Machine, Watch
+from lockstep.verification.machines.image import link_image, load_image, machine_flags, undefined_symbols
+from lockstep.verification.machines.targets import Target
+from lockstep.verification.machines.toolchain import Compiler
 from lockstep.verification.stimulus import Trace, recorded_outputs
-from lockstep.verification.targets import Target
-from lockstep.verification.toolchain import Compiler
 
 OK, NOT_READY, SATURATED = 0, 3, 8
 STEP, RESET, UNREADY = 0, 2, 4

@@ -11,7 +11,15 @@ import scipy.linalg
 from jaxtyping import Float, Int, UInt
 
 from lockstep.check.errors import ProblemError
-from lockstep.codegen.calls import APPLIED, RESET, STEP, STEP_ALIASED, STEP_RELATIVE, STEP_UNREADY, Calls
+from lockstep.codegen.emission.calls import (
+    APPLIED,
+    RESET,
+    STEP,
+    STEP_ALIASED,
+    STEP_RELATIVE,
+    STEP_UNREADY,
+    Calls,
+)
 from lockstep.codegen.manifest import AgentEntry, Manifest, PlantEntry
 from lockstep.verification.reference import Reference, closed_loop
 

@@ -14,14 +14,15 @@ import numpy as np
 
 from lockstep.check.errors import ClaimError, Mismatch, ProblemError
 from lockstep.check.files import read_bytes
-from lockstep.codegen.calls import Calls
 from lockstep.codegen.doors import doors_of
 from lockstep.codegen.doors.vectors import ADVERSARIAL, ORDINARY, vectors
+from lockstep.codegen.emission.calls import Calls
 from lockstep.codegen.folder.contents import refusals, strangers
 from lockstep.codegen.manifest import AgentEntry, Manifest, changed_files, load_manifest
 from lockstep.verification.comparison import Difference, compare
 from lockstep.verification.fixed import FixedResult, compare_fixed
 from lockstep.verification.harness import Run
+from lockstep.verification.machines.targets import GROUPS, Target, targets_of
 from lockstep.verification.messages.compare import NodeResult, compare_nodes
 from lockstep.verification.nodes import reference_of, with_nodes
 from lockstep.verification.pil_log import runs
@@ -36,7 +37,6 @@ from lockstep.verification.stimulus import (
     recorded_outputs,
     run_reference,
 )
-from lockstep.verification.targets import GROUPS, Target, targets_of
 
 INTEGERS = 2000
 """Calls of each kind of the controllers in integers, all of them with every instruction counted, at the most."""

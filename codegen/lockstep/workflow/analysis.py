@@ -149,7 +149,7 @@ class Analysis:
             xi: the disturbance, constant (N, n), or (periods, N n), held for a period each.
             step: the longest step of the integration, in s.
         """
-        from lockstep.model.simulation.exchange import to_time_response
+        from lockstep.model.simulation.results.exchange import to_time_response
         from lockstep.workflow.runs.response import compiled_run
 
         return to_time_response(compiled_run(self.stored, self.network, horizon, start, xi, step))

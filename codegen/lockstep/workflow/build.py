@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from lockstep.check.errors import ProblemError
 from lockstep.model.plain_json import plain
 from lockstep.model.problem import Problem
-from lockstep.model.problem.load import read_problem
+from lockstep.model.problem.tables.load import read_problem
 from lockstep.workflow.check import check
 from lockstep.workflow.design import DESIGN_NAME, Design, design
 from lockstep.workflow.files import of_file

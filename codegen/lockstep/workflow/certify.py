@@ -150,7 +150,7 @@ def _document(design: Design, verdict: "Decided") -> dict[str, Any]:
 def _initial_set(design: Design) -> dict[str, Any]:
     """Return the states from which the agents stay in their domain, as they are claimed."""
     from lockstep.lmi.initial import InitialStates, Unavailable
-    from lockstep.model.arguments import arguments_text
+    from lockstep.model.agents.arguments import arguments_text
 
     claimed = design.stored.claims.initial_set
     if claimed is None:

@@ -1,12 +1,12 @@
 """Where outputs may go, files written as a whole, and the file's name in what is wrong with it."""
 
-import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from lockstep.check.errors import ProblemError
+from lockstep.model.whole_file import write_whole
 
 
 def check_writable(output: Path | None, *others: Path | None) -> None:
@@ -65,11 +65,4 @@ def of_file(path: Path | None) -> Iterator[None]:
 
 def write_text(path: Path, text: str) -> None:
     """Write a file as a whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
-        temporary.replace(path)
-    except OSError as error:
-        raise ProblemError(f"it cannot be written ({error.strerror})", where=str(path)) from None
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_whole(path, text.encode())

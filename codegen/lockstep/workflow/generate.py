@@ -94,8 +94,8 @@ def generate(
 
 def _is_swarm(design: Design) -> bool:
     """Tell whether a design is of many agents with the same gains, and no offsets."""
+    from lockstep.codegen.emission.one_image import ONE_IMAGE_FROM
     from lockstep.codegen.from_design import has_one_controller
-    from lockstep.codegen.one_image import ONE_IMAGE_FROM
 
     stored = design.stored
     many = stored.gains.N >= ONE_IMAGE_FROM or stored.problem.spectrum is not None
@@ -122,7 +122,7 @@ def generated_files(
         NotCertified: the checker refuses the design: C is generated from certified designs only.
     """
     from lockstep.codegen.doors import with_doors
-    from lockstep.codegen.emit import emit
+    from lockstep.codegen.emission.emit import emit
     from lockstep.codegen.fixed_design import with_fixed, without_fixed
     from lockstep.codegen.folder.bundle import bundle
     from lockstep.codegen.from_design import specification

@@ -67,7 +67,7 @@ def _closed_loop(folder: Path, steps: int) -> list[np.ndarray] | None:
     """Return the outputs of the agents of the design in the folder; None without one: `verify` then has its own."""
     from lockstep.codegen.manifest import load_manifest
     from lockstep.model.network import Network
-    from lockstep.verification.plant import HeldPlant
+    from lockstep.verification.closed_loop.plant import HeldPlant
     from lockstep.verification.reference import closed_loop
 
     manifest = load_manifest(folder)
@@ -85,8 +85,8 @@ def _closed_loop(folder: Path, steps: int) -> list[np.ndarray] | None:
 def _nodes(design: Design, manifest: "Manifest", steps: int) -> list[np.ndarray]:
     """Return outputs of the loop of all nodes, some agent's for each controller and each node of one image."""
     from lockstep.swarm import simulate_swarm, swarm_of_design
+    from lockstep.verification.machines.toolchain import host_compilers
     from lockstep.verification.nodes import with_nodes
-    from lockstep.verification.toolchain import host_compilers
 
     loop, compiled = swarm_of_design(design.stored), bool(host_compilers())
     start, horizon = design.problem.initial_states(), steps * manifest.period

@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lockstep.check.continuous.inequality import Claim
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
-from lockstep.model.problem.schema import DisturbancesTable, WeightsTable
+from lockstep.model.problem.tables.schema import DisturbancesTable, WeightsTable
 
 GAIN_LIMIT, HIGH_GAIN_LIMIT = 6.4, 50.0
 """Where gains of size one have a norm below `SIZE_ONE`; else as many parts of it as here, times that norm."""

@@ -19,7 +19,7 @@ from lockstep.lmi.design import Proposal
 from lockstep.lmi.initial import InitialStates
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
 from lockstep.lmi.written import file_document, gains_document
-from lockstep.model.arguments import arguments_text
+from lockstep.model.agents.arguments import arguments_text
 from lockstep.model.bound_search import Bound
 from lockstep.model.problem import Problem
 

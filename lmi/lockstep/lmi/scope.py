@@ -9,8 +9,8 @@ from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.domain import Scope
 from lockstep.lmi.initial import InitialStates, Unavailable, initial_set
-from lockstep.model.agent import Agent
-from lockstep.model.arguments import arguments_text
+from lockstep.model.agents.agent import Agent
+from lockstep.model.agents.arguments import arguments_text
 from lockstep.model.bound_search import Bound
 from lockstep.model.checks.nonlinearity import holds_everywhere
 from lockstep.model.network import Network

@@ -13,11 +13,11 @@ if TYPE_CHECKING:
         ProblemError,
     )
     from lockstep.check.system.loop import Gains
-    from lockstep.model.agent import Agent
+    from lockstep.model.agents.agent import Agent
+    from lockstep.model.agents.lure import Lure
     from lockstep.model.assembly import bound_of, network_of
     from lockstep.model.checks import CheckReport, check_problem
-    from lockstep.model.graph import Graph
-    from lockstep.model.lure import Lure
+    from lockstep.model.graphs.graph import Graph
     from lockstep.model.network import Network
     from lockstep.model.problem import Problem, load_problem, parse_problem
 
@@ -43,11 +43,11 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Agent": "lockstep.model.agent",
+    "Agent": "lockstep.model.agents.agent",
     "CheckReport": "lockstep.model.checks",
     "Gains": "lockstep.check.system.loop",
-    "Graph": "lockstep.model.graph",
-    "Lure": "lockstep.model.lure",
+    "Graph": "lockstep.model.graphs.graph",
+    "Lure": "lockstep.model.agents.lure",
     "Network": "lockstep.model.network",
     "Problem": "lockstep.model.problem",
     "bound_of": "lockstep.model.assembly",

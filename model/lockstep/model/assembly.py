@@ -18,7 +18,9 @@ from lockstep.check.bound.decide import MOST_BOXES, Budget, decide_entries
 from lockstep.check.bound.slopes import SlopeProblem
 from lockstep.check.errors import BoundNotProved
 from lockstep.check.numbers import is_double
-from lockstep.model.agent import Agent
+from lockstep.model.agents.agent import Agent
+from lockstep.model.agents.lure import Lure
+from lockstep.model.agents.unbounded import no_bound
 from lockstep.model.bound_search import (
     BOXES,
     UNFINISHED,
@@ -30,10 +32,8 @@ from lockstep.model.bound_search import (
     search_bound,
     with_entries,
 )
-from lockstep.model.lure import Lure
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
-from lockstep.model.unbounded import no_bound
 
 ALLOWED_GAP = 1.02
 """Scales rounded to exact ones may cost this factor of alpha before a smaller one is looked for."""

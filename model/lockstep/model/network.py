@@ -18,8 +18,8 @@ from lockstep.check.numbers import exactly
 from lockstep.check.system.disagreement import Coordinates
 from lockstep.check.system.loop import Gains, Loop, Plant
 from lockstep.check.system.network import ExactNetwork
-from lockstep.model.agent import Agent
-from lockstep.model.graph import Graph
+from lockstep.model.agents.agent import Agent
+from lockstep.model.graphs.graph import Graph
 
 if TYPE_CHECKING:
     from lockstep.model.bound_search import Bound

@@ -12,8 +12,8 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.disagreement import Coordinates, disagreement
 from lockstep.check.system.loop import Gains, Loop, Plant, build_loop
-from lockstep.model.agent import Agent
-from lockstep.model.graph import Graph
+from lockstep.model.agents.agent import Agent
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 
 Source = Literal["theorem_1", "corollary_1"]

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from amini.claims.claim import Finding, PaperClaim
 from amini.claims.example import cycle
 from lockstep.check.numbers import exactly
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 
 
 def _rank(matrix: Float[np.ndarray, "a b"]) -> int:

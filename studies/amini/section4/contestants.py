@@ -13,7 +13,7 @@ import numpy as np
 from amini.claims.example import TABLE_1, arm, claim, cycle
 from lockstep.check.errors import ClaimError
 from lockstep.check.system.loop import Gains
-from lockstep.model.agent import Agent
+from lockstep.model.agents.agent import Agent
 from lockstep.model.network import Network
 from lockstep.model.simulation.perturbation import PaperPerturbation, Perturbation
 

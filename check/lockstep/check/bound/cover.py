@@ -13,11 +13,11 @@ from typing import Annotated, Any
 import numpy as np
 
 from lockstep.check.bound import rounding
-from lockstep.check.bound.charts import Chart, Enclosure, to_v
 from lockstep.check.bound.objective import Objective
 from lockstep.check.bound.program import Boxes
 from lockstep.check.bound.rounding import INF
-from lockstep.check.bound.tails import Pattern
+from lockstep.check.bound.unbounded.charts import Chart, Enclosure, to_v
+from lockstep.check.bound.unbounded.tails import Pattern
 from lockstep.check.expression.node import Node, linear_terms
 from lockstep.check.expression.traversal import order
 

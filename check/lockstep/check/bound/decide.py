@@ -20,7 +20,7 @@ from lockstep.check.bound.cover import Cover, Examined, Part, Pool
 from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.bound.result import Entry
 from lockstep.check.bound.slopes import Block, Given, SlopeProblem
-from lockstep.check.bound.tails import Pattern
+from lockstep.check.bound.unbounded.tails import Pattern
 from lockstep.check.errors import demand
 from lockstep.check.verdict import Verdict
 

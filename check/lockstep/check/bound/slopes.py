@@ -15,8 +15,8 @@ from lockstep.check.bound.continuity import settle
 from lockstep.check.bound.cover import Cover
 from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.bound.objective import Objective, blocks
-from lockstep.check.bound.period import reduce_to_period
-from lockstep.check.bound.relaxation import relax
+from lockstep.check.bound.unbounded.period import reduce_to_period
+from lockstep.check.bound.unbounded.relaxation import relax
 from lockstep.check.errors import demand
 from lockstep.check.expression.derivative import derivative
 from lockstep.check.expression.node import ZERO, Node, scale

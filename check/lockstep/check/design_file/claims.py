@@ -7,6 +7,7 @@ better than what it proves itself.
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal
 
 from lockstep.check.bound.box import Box
@@ -15,6 +16,7 @@ from lockstep.check.continuous.local import InitialSet
 from lockstep.check.design_file.fixed import FixedClaims, fixed_claims_of
 from lockstep.check.design_file.json_text import (
     above_zero,
+    each,
     item,
     not_negative,
     number,
@@ -23,6 +25,7 @@ from lockstep.check.design_file.json_text import (
     optional,
     part,
     position,
+    record,
 )
 from lockstep.check.design_file.messages import MessageClaims, message_claims_of
 from lockstep.check.errors import ProblemError
@@ -230,7 +233,7 @@ def claims_of(content: Any) -> Claims:
         {letter: not_negative(fragility.get(letter), f"claims, fragility `{letter}`") for letter in LETTERS},
         optional(content, "scope", lambda value, where: one_of(value, ("global", "local"), where)),
         optional(content, "scales", _scales),
-        tuple(optional(content, "entries", _entries) or ()),
+        optional(content, "entries", partial(each, read=_entry)) or (),
         optional(content, "initial_set", _initial_set),
         optional(content, "floor", above_zero),
         optional(content, "decay", above_zero),
@@ -242,43 +245,20 @@ def claims_of(content: Any) -> Claims:
 
 
 def _scales(value: Any, where: str) -> Scales:
-    both = {key: item(value, key, where) for key in "GH"}
-    only(value, both, where)
-    if any(not isinstance(d, list) for d in both.values()):
-        raise ProblemError("`G` or `H` is missing", where=where, expected="a list of numbers for each")
-    G, H = (tuple(above_zero(d, f"{where}, `{key}`") for d in both[key]) for key in "GH")
+    G, H = record(value, where, dict.fromkeys("GH", partial(each, read=above_zero)))
     return G, H
 
 
-def _entries(value: Any, where: str) -> Iterator[Entry]:
-    if not isinstance(value, list):
-        raise ProblemError(f"a {type(value).__name__}", where=where, expected="a list")
-    for i, one in enumerate(value, start=1):
-        place = f"{where}, entry {i}"
-        component, argument, bound = (item(one, key, place) for key in ("component", "argument", "bound"))
-        only(one, ("component", "argument", "bound"), place)
-        yield Entry(
-            position(component, f"{place}, `component`"),
-            position(argument, f"{place}, `argument`"),
-            not_negative(bound, f"{place}, `bound`"),
-        )
+def _entry(value: Any, where: str) -> Entry:
+    readers = {"component": position, "argument": position, "bound": not_negative}
+    return Entry(*record(value, where, readers))
 
 
 def _initial_set(value: Any, where: str) -> InitialSet:
-    keys = ("leader", "inner", "box", "level", "radius", "energy")
-    leader, inner, box, *figures = (item(value, key, where) for key in keys)
-    only(value, keys, where)
-    level, radius, energy = (
-        above_zero(one, f"{where}, `{key}`") for one, key in zip(figures, keys[3:], strict=True)
-    )
-    return InitialSet(
-        position(leader, f"{where}, `leader`") + 1,
-        _box(box, f"{where}, `box`"),
-        _box(inner, f"{where}, `inner`"),
-        level,
-        radius,
-        energy,
-    )
+    figures = dict.fromkeys(("level", "radius", "energy"), above_zero)
+    readers = {"leader": position, "box": _box, "inner": _box, **figures}
+    leader, *others = record(value, where, readers)
+    return InitialSet(leader + 1, *others)
 
 
 def _box(value: Any, where: str) -> Box:
@@ -298,7 +278,7 @@ def _sampled(value: Any, where: str) -> SampledClaims:
         )
     one_of(value.get("proof"), ("ball" if certified else "none",), f"{where}, `proof`")
     delay = optional(value, "delay", lambda given, place: one_of(given, (0, 1), place), where)
-    rounding = optional(value, "rounding", _rounding, where) or ()
+    rounding = optional(value, "rounding", partial(each, read=_deltas, name="agent"), where) or ()
     numbers = {
         key: optional(value, name, not_negative, where)
         for key, name in (
@@ -312,14 +292,8 @@ def _sampled(value: Any, where: str) -> SampledClaims:
         key: optional(value, key, above_zero, where)
         for key in ("period", "rho", "max_period", "radius", *LATER)
     }
-    return SampledClaims(certified, delay=delay, rounding=tuple(rounding), **numbers, **lengths)
+    return SampledClaims(certified, delay=delay, rounding=rounding, **numbers, **lengths)
 
 
-def _rounding(value: Any, where: str) -> Iterator[dict[str, float]]:
-    if not isinstance(value, list):
-        raise ProblemError(f"a {type(value).__name__}", where=where, expected="a list")
-    for i, one in enumerate(value, start=1):
-        place = f"{where}, agent {i}"
-        found = {letter: item(one, letter, place) for letter in LETTERS}
-        only(one, LETTERS, place)
-        yield {letter: not_negative(delta, f"{place}, `{letter}`") for letter, delta in found.items()}
+def _deltas(value: Any, where: str) -> dict[str, float]:
+    return dict(zip(LETTERS, record(value, where, dict.fromkeys(LETTERS, not_negative)), strict=True))

@@ -36,12 +36,12 @@ from flint import arb
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import Matrix, exactly, eye, zeros
 from lockstep.check.sampled import balls
-from lockstep.check.sampled.certify import ROUNDED_UP, admitted_multiplier, lifted_agent, proves
+from lockstep.check.sampled.certify import ROUNDED_UP, lifted_agent, proves
 from lockstep.check.sampled.conjugate import no_conjugate_point
 from lockstep.check.sampled.controller import HeldController
-from lockstep.check.sampled.inequality import W_matrix, Witness, metric
+from lockstep.check.sampled.inequality import Witness, metric
 from lockstep.check.sampled.loop import SampledLoop
-from lockstep.check.sampled.performance import lift_all, running_cost, ways
+from lockstep.check.sampled.performance import dissipates
 
 
 def proves_radius(
@@ -88,21 +88,11 @@ def proves_gain(
         weights: whose scales of disturbance and noise are meant; what they weigh does not count.
         gain: the root of the energy, above 0.
     """
-    network, quiet = (
-        exact_loop.network,
-        weights._replace(R=0 * weights.R, Q=0 * weights.Q, W=weights.W[:0, :0]),
-    )
+    quiet = weights._replace(R=0 * weights.R, Q=0 * weights.Q, W=weights.W[:0, :0])
     if not (0 < gain < math.inf and 0 < witness.decay < 1):
         return False
     with balls.working_precision():
-        M = admitted_multiplier(exact_loop, witness)
-        if M is None:
-            return False
-        EE, FF = ways(exact_loop, quiet, M, 1.0)
-        if not no_conjugate_point(np.kron(eye(network.d.N - 1, M), network.plant.A), EE, FF, network.period):
-            return False
-        lifted, running = lift_all(exact_loop, EE, FF), running_cost(exact_loop, quiet, 1.0)
-        if not balls.is_positive_definite(W_matrix(exact_loop, lifted, witness, running)):
+        if not dissipates(exact_loop, quiet, witness, 1.0):
             return False
         rows = exact_loop.computed[:, _seen(exact_loop)]
         return bool(level(exact_loop, controllers, witness, limits, rows) > arb(gain) ** 2)

@@ -39,18 +39,23 @@ class SampledRho:
 
 def proves_rho(exact_loop: SampledLoop, weights: Performance, found: SampledRho) -> bool:
     """Decide in balls whether P > 0, m >= 0, t >= 0, M > 0 and W > 0, and that the period holds no conjugate point."""
-    witness, network = found.witness, exact_loop.network
+    witness = found.witness
     if not (witness.decay == 1 and witness.weight == 0 and found.rho > 0):
         return False
     with balls.working_precision():
-        M = admitted_multiplier(exact_loop, witness)
-        if M is None:
-            return False
-        EE, FF = ways(exact_loop, weights, M, found.rho)
-        if not no_conjugate_point(np.kron(eye(network.d.N - 1, M), network.plant.A), EE, FF, network.period):
-            return False
-        lifted, running = lift_all(exact_loop, EE, FF), running_cost(exact_loop, weights, found.rho)
-        return balls.is_positive_definite(W_matrix(exact_loop, lifted, witness, running))
+        return dissipates(exact_loop, weights, witness, found.rho)
+
+
+def dissipates(exact_loop: SampledLoop, weights: Performance, witness: Witness, rho: float) -> bool:
+    """Decide, within the working precision, all of that but what the witness's decay and weight are to be."""
+    M, network = admitted_multiplier(exact_loop, witness), exact_loop.network
+    if M is None:
+        return False
+    EE, FF = ways(exact_loop, weights, M, rho)
+    if not no_conjugate_point(np.kron(eye(network.d.N - 1, M), network.plant.A), EE, FF, network.period):
+        return False
+    lifted, running = lift_all(exact_loop, EE, FF), running_cost(exact_loop, weights, rho)
+    return balls.is_positive_definite(W_matrix(exact_loop, lifted, witness, running))
 
 
 def running_cost(loop: SampledLoop, weights: Performance, rho: float) -> Matrix:

@@ -29,13 +29,11 @@ class SpectrumRange:
     def __post_init__(self) -> None:
         found, where = f"[{self.lower}, {self.upper}]", "[network] spectrum"
         demand(0 < self.lower <= self.upper < math.inf, found, where, "[a, b] with 0 < a <= b")
-        within = 1 <= self.neighbours <= MOST_NEIGHBOURS
-        demand(
-            within,
-            f"{self.neighbours}",
-            "[network] max_degree",
+        within, expected = (
+            1 <= self.neighbours <= MOST_NEIGHBOURS,
             f"a whole number from 1 to {MOST_NEIGHBOURS}",
         )
+        demand(within, f"{self.neighbours}", "[network] max_degree", expected)
 
     @classmethod
     def of(cls, table: Mapping[str, Any]) -> Self:
@@ -51,12 +49,8 @@ class SpectrumRange:
             demand(table.get(key) is None, f"`{key}` is given too", "[network]", "a graph or `spectrum`")
         most = table.get("max_degree")
         most = max(1, min(math.floor(value[1]), MOST_NEIGHBOURS)) if most is None else most
-        demand(
-            isinstance(most, int) and not isinstance(most, bool),
-            f"{most!r}",
-            "[network] max_degree",
-            "a whole number",
-        )
+        whole = isinstance(most, int) and not isinstance(most, bool)
+        demand(whole, f"{most!r}", "[network] max_degree", "a whole number")
         return cls(float(value[0]), float(value[1]), most)
 
     @property

@@ -52,6 +52,16 @@ def default_order(states: int, *, for_all: bool) -> int:
 CONTROLLER = {"discretization": ("tustin", "zoh", "euler"), "real": ("float32", "float64")}
 """Of [controller], the words that are known."""
 
+KEYS = {
+    "agent": "name states inputs parameters dynamics outputs limits output_range domain units split centre",
+    "network": "agents edges laplacian topology file spectrum max_degree leader parameters offsets messages",
+    "design": "method order weights disturbances decay search_decay stable_controllers gain_limit fragility alpha objective"
+    " rho coordinates for_period starts seed gains",
+    "controller": "period discretization real delay",
+    "simulation": "initial spread horizon seed disturbance perturbation channel reference",
+}
+"""What each table of a problem may hold: a key that nothing here reads is no misspelt one."""
+
 _COMMON = ("A", "C", "G", "H", "phi", "offset")
 """What agents that differ in B only have in common."""
 
@@ -74,8 +84,11 @@ class ProblemTables:
     def from_document(cls, tables: Mapping[str, Any]) -> "ProblemTables":
         """Build the problem and look at all of it, so that what is wrong with it is told at once."""
         problem = cls(tables)
-        for key, known in CONTROLLER.items():
-            one_of(problem.controller.get(key), known, f"[controller] {key}")
+        only(tables, ("title", *KEYS), "problem")
+        for name, known in KEYS.items():
+            only(tables.get(name, {}), known.split(), f"[{name}]")
+        for key, words in CONTROLLER.items():
+            one_of(problem.controller.get(key), words, f"[controller] {key}")
         _ = problem.sizes, problem.box, problem.performance, problem.limits
         _ = problem.period, problem.delay, problem.messages, problem.offsets
         return problem
@@ -157,17 +170,12 @@ class ProblemTables:
     @cached_property
     def inputs(self) -> tuple[Annotated[np.ndarray, "n m"], ...]:
         """B_i of each agent; they differ by `[network] parameters` only, and nothing else may."""
-        given = part(self.tables, "network", dict).get("parameters")
-        demand(
-            given is None or not self.spectrum,
-            "they are given",
-            "[network] parameters",
-            "none with `spectrum`",
-        )
+        given, where = part(self.tables, "network", dict).get("parameters"), "[network] parameters"
+        demand(given is None or not self.spectrum, "they are given", where, "none with `spectrum`")
         if given is None:
             return (self.agent.B,) * self.graph.N
         whole = isinstance(given, list) and len(given) == self.graph.N
-        demand(whole, "another number of tables", "[network] parameters", "one per agent")
+        demand(whole, "another number of tables", where, "one per agent")
         found = []
         for k, changed in enumerate(given, start=1):
             variant = self._agent(changed) if changed else self.agent
@@ -175,7 +183,7 @@ class ProblemTables:
                 (one for one in _COMMON if not _equal(getattr(self.agent, one), getattr(variant, one))), ""
             )
             same_but_B = "agents that differ in B only: (2) has one A, one C and one h for all"
-            demand(not odd, f"{odd} differs", f"[network] parameters, entry {k}", same_but_B)
+            demand(not odd, f"{odd} differs", f"{where}, entry {k}", same_but_B)
             found.append(variant.B)
         return tuple(found)
 
@@ -235,6 +243,7 @@ class ProblemTables:
     def box(self) -> Box:
         """The box of v = H x over the domain of the states."""
         domain = part({"domain": {}, **part(self.tables, "agent", dict)}, "domain", dict)
+        only(domain, self.agent.states, "[agent.domain]")
         sides = {state: _range(domain[state], f"[agent.domain] {state}") for state in domain}
         states = [sides.get(state, (-math.inf, math.inf)) for state in self.agent.states]
         return argument_box(self.agent.H, states)

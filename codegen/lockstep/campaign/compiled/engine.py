@@ -125,7 +125,7 @@ class RunFigures:
 
     @property
     def indices(self) -> Float[np.ndarray, "runs N 4"]:
-        """ISE, IAE, ITSE, ITAE of each agent's disagreement, as in `lockstep.model.simulation.indices`."""
+        """ISE, IAE, ITSE, ITAE of each agent's disagreement, as in `lockstep.model.simulation.results.indices`."""
         first = self.layout.columns.index(f"{INDICES[0]}_1")
         return self.table[:, first : first + 4 * self.layout.N].reshape(-1, self.layout.N, 4)
 

@@ -3,7 +3,7 @@
 import math
 
 from lockstep.campaign.compiled.statements import BY_LANE_1, BY_LANE_2
-from lockstep.codegen.rendering import render
+from lockstep.codegen.emission.rendering import render
 
 LANES = 8
 """Runs side by side: one AVX-512 register, two of AVX2, four of SSE2 or NEON."""

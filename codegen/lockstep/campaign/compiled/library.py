@@ -12,8 +12,8 @@ from typing import Any
 from lockstep.campaign.compiled.c_text import CFiles
 from lockstep.campaign.compiled.source import CampaignSource
 from lockstep.check.errors import ClaimError
-from lockstep.verification.shared_library import build_library
-from lockstep.verification.toolchain import Compiler, first_compiler, own_folder
+from lockstep.verification.machines.shared_library import build_library
+from lockstep.verification.machines.toolchain import Compiler, first_compiler, own_folder
 
 FLAGS = (
     # Every operation rounds once, whatever the machine: the results are those of any other machine's.

@@ -28,8 +28,8 @@ from lockstep.campaign.compiled.statements import LaneFunction
 from lockstep.check.continuous.inequality import LETTERS, Performance
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.loop import Gains
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import FILE_NAME, Manifest
-from lockstep.codegen.rendering import render
 from lockstep.model.network import Network
 
 DIVERGED = 1e6
@@ -89,7 +89,7 @@ def sampled_source(
 
     Args:
         network: the agents on their graph, in the order of the folder's.
-        folder: relative path -> text, as `lockstep.codegen.emit.emit` returns it.
+        folder: relative path -> text, as `lockstep.codegen.emission.emit.emit` returns it.
         weights, step, features: as in `continuous_source`.
         delay: periods between sampling y and applying u, 0 or 1.
 

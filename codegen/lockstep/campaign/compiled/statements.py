@@ -1,8 +1,8 @@
 """CasADi functions as C statements that act on several runs side by side (`campaign-lanes.h`).
 
-`lockstep.codegen.kernel` prints the controllers, which are linear, in the target's arithmetic. An agent's dynamics hold
-whatever its author wrote, so here every elementary function of CasADi has its C, in doubles. The order of operations
-is CasADi's instruction list, each operation rounded once.
+`lockstep.codegen.emission.kernel` prints the controllers, which are linear, in the target's arithmetic. An agent's dynamics
+hold whatever its author wrote, so here every elementary function of CasADi has its C, in doubles. The order of operations is
+CasADi's instruction list, each operation rounded once.
 """
 
 import math

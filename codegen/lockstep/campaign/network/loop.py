@@ -16,12 +16,12 @@ from lockstep.campaign.compiled.library import FLAGS
 from lockstep.campaign.network.faults import NetworkFaults
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import FILE_NAME, Manifest
-from lockstep.codegen.rendering import render
 from lockstep.model.network import Network
-from lockstep.verification.in_the_loop import sources_in
-from lockstep.verification.shared_library import build_library
-from lockstep.verification.toolchain import first_compiler
+from lockstep.verification.closed_loop.in_the_loop import sources_in
+from lockstep.verification.machines.shared_library import build_library
+from lockstep.verification.machines.toolchain import first_compiler
 
 SUBSTEPS = 10
 """Runge-Kutta steps of a period: with jitter, sampling instants are multiples of them."""

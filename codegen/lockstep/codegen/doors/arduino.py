@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.doors.view import folder_view
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import Manifest
-from lockstep.codegen.rendering import render
 
 
 def files(manifest: Manifest, product: Mapping[str, str]) -> dict[str, str]:

@@ -10,9 +10,9 @@ from typing import Any
 
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.doors.messages import HEAD, TAIL, message_bytes, senders
-from lockstep.codegen.emit import plain
+from lockstep.codegen.emission.emit import plain
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import Manifest, Named
-from lockstep.codegen.rendering import render
 
 LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 """Bytes of a CAN FD frame."""

@@ -11,9 +11,9 @@ import numpy as np
 from lockstep.check.c_source.fixed import row_of
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.fixed import FixedController, integers_of
-from lockstep.codegen.emit import plain
+from lockstep.codegen.emission.emit import plain
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import FORMAT, AgentEntry, Manifest
-from lockstep.codegen.rendering import render
 
 
 def files(manifest: Manifest, _: Mapping[str, str]) -> dict[str, str]:

@@ -15,9 +15,9 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.files import read_inside
 from lockstep.codegen.doors.pil import identity
 from lockstep.codegen.doors.view import agent_view
-from lockstep.codegen.emit import plain
+from lockstep.codegen.emission.emit import plain
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import AgentEntry, Manifest
-from lockstep.codegen.rendering import render
 
 _BINARY = re.compile(
     r"binaries/(?:x86_64|aarch64|x86)-(?:linux|darwin|windows)/(\w+)\.(?:so|dylib|dll)", re.ASCII

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from lockstep.codegen.doors.view import agent_view
-from lockstep.codegen.emit import claims, plain
+from lockstep.codegen.emission.emit import claims, plain
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import FORMAT, AgentEntry, Manifest, MessagesEntry
-from lockstep.codegen.rendering import render
 from lockstep.codegen.spec import MessageLimits
 
 FORM = 1

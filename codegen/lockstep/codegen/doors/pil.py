@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.codegen.calls import Calls
 from lockstep.codegen.doors.vectors import vectors
 from lockstep.codegen.doors.view import agent_view
+from lockstep.codegen.emission.calls import Calls
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import AgentEntry, Manifest, sha256
-from lockstep.codegen.rendering import render
 
 LOG_FORMAT = "lockstep-pil/1"
 

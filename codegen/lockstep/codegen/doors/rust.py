@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 from lockstep.codegen.doors.view import folder_view
+from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import Manifest
-from lockstep.codegen.rendering import render
 
 
 def files(manifest: Manifest, _: Mapping[str, str]) -> dict[str, str]:

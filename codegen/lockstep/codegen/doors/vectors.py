@@ -10,7 +10,15 @@ import hashlib
 import numpy as np
 from jaxtyping import Float, UInt
 
-from lockstep.codegen.calls import APPLIED, RESET, STEP, STEP_ALIASED, STEP_RELATIVE, STEP_UNREADY, Calls
+from lockstep.codegen.emission.calls import (
+    APPLIED,
+    RESET,
+    STEP,
+    STEP_ALIASED,
+    STEP_RELATIVE,
+    STEP_UNREADY,
+    Calls,
+)
 from lockstep.codegen.manifest import AgentEntry, Manifest
 
 ORDINARY, ADVERSARIAL = 100, 100
@@ -39,13 +47,8 @@ def vectors(agent: AgentEntry, manifest: Manifest) -> Calls:
     received = np.zeros(S, np.uint64)
     for j in range(nn):
         received |= arrived[:, j].astype(np.uint64) << np.uint64(j)
-    return Calls(
-        operation.astype(np.uint32),
-        received,
-        values[:, :q].copy(),
-        values[:, q : q + nn * q].reshape(S, nn, q).copy(),
-        values[:, q + nn * q :].copy(),
-    )
+    y, others, r = (part.copy() for part in np.split(values, [q, q + nn * q], axis=1))
+    return Calls(operation.astype(np.uint32), received, y, others.reshape(S, nn, q), r)
 
 
 def _words(purpose: bytes, *shape: int) -> UInt[np.ndarray, "..."]:

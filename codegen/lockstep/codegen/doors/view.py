@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from lockstep.codegen.emit import plain
+from lockstep.codegen.emission.emit import plain
 from lockstep.codegen.manifest import AgentEntry, Manifest
 
 

@@ -12,7 +12,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.files import read_inside
 from lockstep.codegen.doors import doors_of, with_doors
 from lockstep.codegen.doors.fmu import archives_differ
-from lockstep.codegen.emit import emit
+from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.folder.contents import differs, not_proved, strangers
 from lockstep.codegen.from_design import has_one_controller, specification

@@ -16,8 +16,8 @@ from lockstep.check.files import as_text, named, read_inside
 from lockstep.check.wording import shorten
 from lockstep.codegen.doors import door_paths
 from lockstep.codegen.doors.fmu import archives
+from lockstep.codegen.emission.one_image import table_paths
 from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files, units
-from lockstep.codegen.one_image import table_paths
 
 DESIGN_NAME = "design.json"
 

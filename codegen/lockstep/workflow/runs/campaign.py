@@ -95,7 +95,7 @@ def replay(
         NotCertified, ProblemError: as `run_campaign`; or a run that is not finite from its first step on.
     """
     from lockstep.campaign import replay as again
-    from lockstep.model.simulation.table import to_csv
+    from lockstep.model.simulation.results.table import to_csv
 
     written = None if output is None else Path(output)
     check_writable(written, None if isinstance(design, Design) else Path(design))

@@ -17,8 +17,8 @@ from lockstep.model.simulation.from_problem import (
 from lockstep.swarm import NeighbourLists, SwarmLoop, SwarmRun, simulate_swarm, swarm_of_design
 from lockstep.swarm.fields import StreamedNoise
 from lockstep.swarm.neighbours import EdgeList
-from lockstep.verification.measured import Measured, network_of_design, promise, storage_of
-from lockstep.verification.toolchain import host_compilers
+from lockstep.verification.closed_loop.measured import Measured, network_of_design, promise, storage_of
+from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.workflow.design import Design
 from lockstep.workflow.runs.simulate import Simulation
 from lockstep.workflow.waiting.progress import Progress

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from lockstep.campaign.compiled.engine import Engine
     from lockstep.lmi.document import Stored
     from lockstep.model.network import Network
-    from lockstep.model.simulation.trajectory import Trajectory
+    from lockstep.model.simulation.results.trajectory import Trajectory
 
 
 def compiled_run(
@@ -33,7 +33,7 @@ def compiled_run(
         ProblemError: shapes that do not fit, no compiler, or a run that does not stay finite.
     """
     from lockstep.campaign.compiled.engine import Batch
-    from lockstep.model.simulation.trajectory import Trajectory
+    from lockstep.model.simulation.results.trajectory import Trajectory
 
     agent, N = network.agent, network.N
     horizon, step = (_floats(x, what, ()).item() for x, what in ((horizon, "horizon"), (step, "step")))

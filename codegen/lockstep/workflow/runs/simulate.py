@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from lockstep.model.simulation.from_problem import Changes
     from lockstep.model.simulation.send_on_change import SendOnChange
     from lockstep.swarm.neighbours import EdgeList, NeighbourLists
-    from lockstep.verification.measured import Kind, Measured
+    from lockstep.verification.closed_loop.measured import Kind, Measured
 
 KINDS = ("continuous", "sampled", "compiled")
 
@@ -125,13 +125,13 @@ class Simulation:
 
     def to_control(self) -> Any:
         """Return the run as `control.TimeResponseData`, with the names of `Design.to_control`."""
-        from lockstep.model.simulation.exchange import to_time_response
+        from lockstep.model.simulation.results.exchange import to_time_response
 
         return to_time_response(self.trajectory)
 
     def to_pandas(self) -> Any:
         """Return the run as a `pandas.DataFrame` by t, a column for each signal (extra `notebook`)."""
-        from lockstep.model.simulation.exchange import to_pandas
+        from lockstep.model.simulation.results.exchange import to_pandas
 
         return to_pandas(self.trajectory)
 
@@ -206,7 +206,7 @@ def simulate(
     """
     from lockstep.model.simulation import simulate as run
     from lockstep.model.simulation.send_on_change import SendOnChange
-    from lockstep.verification.measured import measured, network_of_design, promise
+    from lockstep.verification.closed_loop.measured import measured, network_of_design, promise
     from lockstep.workflow.runs.large import is_large, simulate_large
 
     kind, changes = _checked(
@@ -253,7 +253,7 @@ def _kept(made: Simulation, drawn: Path | None, written: Path | None) -> Simulat
     if drawn is not None:
         write_files(drawn, pictures)
     if written is not None:
-        from lockstep.model.simulation.table import to_csv
+        from lockstep.model.simulation.results.table import to_csv
 
         write_text(written, to_csv(made.trajectory))
     return made
@@ -309,7 +309,7 @@ def _scenario(stored: "Stored", network: "Network", kind: "Kind", changes: "Chan
 def _worst(stored: "Stored", network: "Network", quiet: "Scenario", changes: "Changes") -> "Scenario":
     from lockstep.model.simulation.agreement import weakest_agreement
     from lockstep.model.simulation.worst import worst_disturbance
-    from lockstep.verification.measured import weights_of_design
+    from lockstep.verification.closed_loop.measured import weights_of_design
 
     seed = stored.problem.simulation.seed if changes.seed is None else changes.seed
     weights = weights_of_design(stored, network)
@@ -334,7 +334,7 @@ def _worst(stored: "Stored", network: "Network", quiet: "Scenario", changes: "Ch
 def _controllers(path: Path | None, stored: "Stored", kind: "Kind") -> "Iterator[Gains | SampledControllers]":
     from lockstep.codegen.folder.as_generated import problem_fits
     from lockstep.codegen.manifest import load_manifest
-    from lockstep.verification.in_the_loop import design_controllers, reference_controllers
+    from lockstep.verification.closed_loop.in_the_loop import design_controllers, reference_controllers
 
     if kind == "continuous":
         yield stored.gains
@@ -365,7 +365,7 @@ def _controllers(path: Path | None, stored: "Stored", kind: "Kind") -> "Iterator
     if kind == "sampled":
         yield reference_controllers(manifest, delay=delay)
         return
-    from lockstep.verification.compiled_loop import compiled_controllers
+    from lockstep.verification.closed_loop.compiled_loop import compiled_controllers
 
     with compiled_controllers(path, delay=delay) as controllers:
         yield controllers

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 
 
 def connectivity(graph: Graph) -> float:

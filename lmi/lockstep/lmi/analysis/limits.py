@@ -33,8 +33,8 @@ SETTLED = 1e-2
 def static_gains_cannot_stabilise(network: Network) -> bool:
     """Tell, exactly, whether the trace of A_cl is (N - 1) tr A >= 0 whatever the static gains are.
 
-    >>> from lockstep.model.agent import Agent
-    >>> from lockstep.model.graph import Graph
+    >>> from lockstep.model.agents.agent import Agent
+    >>> from lockstep.model.graphs.graph import Graph
     >>> cart = Agent.from_expressions("cart", states=["p", "v"], inputs=["f"], outputs={"y": "p"},
     ...                               dynamics={"p": "v", "v": "f"})
     >>> static_gains_cannot_stabilise(Network(cart, Graph.topology("path", 3)))

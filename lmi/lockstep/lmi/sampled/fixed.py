@@ -15,14 +15,12 @@ from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.certify import decide_sampled
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.fixed import FixedController, proves_range, ranges_of
-from lockstep.check.sampled.inequality import Witness, metric
-from lockstep.check.sampled.lifting import Lifted
+from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.check.sampled.performance import SampledRho, proves_rho
 from lockstep.lmi.sampled.candidates import ROUNDINGS, candidates, priced_anew
 from lockstep.lmi.sampled.certify import first_guess, in_doubles, period_in_doubles
-from lockstep.lmi.sampled.convex import step_program
-from lockstep.lmi.sampled.limits import RATES
+from lockstep.lmi.sampled.limits import RATES, least_level
 from lockstep.lmi.sampled.performance import period_of
 from lockstep.lmi.sampled.search import best_multiplier, spectral_radius
 
@@ -135,24 +133,8 @@ def _levels(
         return
     spread = 1 - spectral_radius(loop, one) ** 2
     for rate in RATES if spread > 0 else ():
-        found = _least(loop, one, rows, 1 - rate * spread, mu)
+        noise = SHARE * rate * spread / (mu * mu) if mu else math.inf
+        found = least_level(loop, one, rows, 1 - rate * spread, noise)
         if found is not None:
             for candidate in priced_anew(loop, one, found[1], CLAIMED):
                 yield found[0], _read(candidate)
-
-
-def _least(
-    loop: SampledLoop, one: Lifted, rows: Float[np.ndarray, "k n_xi"], decay: float, mu: float
-) -> tuple[float, Witness] | None:
-    import cvxpy as cp
-
-    n_d = loop.n_d
-    program = step_program(loop, one, decay, rows.T @ rows, noise=True)
-    if program is None:
-        return None
-    gamma, inverse = cp.Variable(), np.linalg.inv(program.basis)
-    conditions = [gamma * np.asarray(metric(loop)) - program.P[:n_d, :n_d] >> 0]
-    conditions += [program.V - np.outer(inner, inner) >> 0 for inner in rows @ inverse.T if inner.any()]
-    if mu:
-        conditions.append(program.kappa <= SHARE * (1 - decay) / (program.unit * mu * mu))
-    return program.least(gamma, conditions)

@@ -59,7 +59,8 @@ def largest_radius(
     if one is None or not np.isfinite(limits).any():
         return None
     spread = 1 - spectral_radius(loop, one) ** 2
-    found = [_least(loop, one, limits, 1 - rate * spread) for rate in RATES] if spread > 0 else []
+    rows = np.array([row / limits[k % len(limits)] for k, row in enumerate(loop.computed[:, : loop.n_xi])])
+    found = [least_level(loop, one, rows, 1 - rate * spread) for rate in RATES] if spread > 0 else []
     for gamma, witness in sorted((each for each in found if each is not None), key=lambda each: each[0]):
         for candidate in priced_anew(loop, one, witness, CLAIMED, exact_messages=True):
             for part in KEPT:
@@ -69,20 +70,29 @@ def largest_radius(
     return None
 
 
-def _least(
-    loop: SampledLoop, one: Lifted, limits: Float[np.ndarray, " m"], decay: float
+def least_level(
+    loop: SampledLoop,
+    one: Lifted,
+    rows: Float[np.ndarray, "k n_xi"],
+    decay: float,
+    noise: float | None = None,
 ) -> tuple[float, Witness] | None:
-    """Return gamma and its witness without prices of the errors, or None."""
+    """Return the least gamma with |k_l xi| <= 1 wherever V <= 1 and gamma (T T')^-1 (x) I >= P_dd, and its witness, or None.
+
+    noise: the most that the messages' errors may cost, as kappa; where they count for nothing, None, and the witness is
+    without prices of errors.
+    """
     import cvxpy as cp
 
     n_d = loop.n_d
-    rows = np.array([row / limits[k % len(limits)] for k, row in enumerate(loop.computed[:, : loop.n_xi])])
-    program = step_program(loop, one, decay, rows.T @ rows)
+    program = step_program(loop, one, decay, rows.T @ rows, noise=noise is not None)
     if program is None:
         return None
     gamma, inverse = cp.Variable(), np.linalg.inv(program.basis)
     conditions = [gamma * np.asarray(metric(loop)) - program.P[:n_d, :n_d] >> 0]
     conditions += [program.V - np.outer(inner, inner) >> 0 for inner in rows @ inverse.T if inner.any()]
+    if noise is not None and math.isfinite(noise):
+        conditions.append(program.kappa <= noise / program.unit)
     return program.least(gamma, conditions)
 
 

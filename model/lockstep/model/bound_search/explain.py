@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from lockstep.check.bound.charts import Chart
 from lockstep.check.bound.program import Boxes, Program
 from lockstep.check.bound.rounding import Interval
+from lockstep.check.bound.unbounded.charts import Chart
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.node import Node
 

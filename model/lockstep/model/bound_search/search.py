@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.bound import rounding
-from lockstep.check.bound.charts import Enclosure, to_v
 from lockstep.check.bound.cover import Cover, Part, Pool
 from lockstep.check.bound.decide import BATCH
 from lockstep.check.bound.rounding import INF
-from lockstep.check.bound.tails import Pattern
+from lockstep.check.bound.unbounded.charts import Enclosure, to_v
+from lockstep.check.bound.unbounded.tails import Pattern
 from lockstep.model.bound_search.explain import explain
 from lockstep.model.bound_search.point_slopes import PointSlopes
 from lockstep.model.bound_search.reach import Reach

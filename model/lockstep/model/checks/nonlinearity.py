@@ -5,11 +5,11 @@ import numpy as np
 
 from lockstep.check.bound.decide import decide_bound
 from lockstep.check.system.domain import claimed_box
-from lockstep.model.agent import Agent
-from lockstep.model.arguments import arguments_text
+from lockstep.model.agents.agent import Agent
+from lockstep.model.agents.arguments import arguments_text
 from lockstep.model.bound_search import BOXES, Bound, read
 from lockstep.model.checks.report import CheckRow
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 
 TIMES = np.concatenate([[0.0], np.linspace(-50.0, 50.0, 1001), np.geomspace(1e-3, 1e6, 200)])
 """Where an offset that depends on t is looked at."""

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.agent import Agent
+from lockstep.model.agents.agent import Agent
 from lockstep.model.checks.report import CheckRow
 from lockstep.model.problem import Problem
 
@@ -111,7 +111,7 @@ def initial(problem: Problem) -> Iterator[CheckRow]:
 def angles(agent: Agent) -> set[int]:
     """Return the states of which sin, cos or tan is taken as they are, or of their sums and differences, counted from 0.
 
-    >>> from lockstep.model.agent import Agent
+    >>> from lockstep.model.agents.agent import Agent
     >>> x, u = ca.SX.sym("x", 3), ca.SX.sym("u")
     >>> sorted(angles(Agent(name="a", x=x, u=u, rhs=ca.vertcat(ca.sin(x[1] - 0.1), ca.cos(3 * x[0]), u), y=x[0])))
     [1]

@@ -6,11 +6,11 @@ from fractions import Fraction
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.agent import Agent
+from lockstep.model.agents.agent import Agent
 from lockstep.model.checks.report import CheckRow, Outcome
 from lockstep.model.control.pbh import Controllability, Observability, controllability
 from lockstep.model.control.zeros import Zeros, zeros_of
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 
 Matrices = Sequence[Float[np.ndarray, "n m"]]
 

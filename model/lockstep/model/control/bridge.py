@@ -20,7 +20,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.disagreement import orthonormal_factor
 from lockstep.check.system.loop import Gains
-from lockstep.model.agent import Agent
+from lockstep.model.agents.agent import Agent
 
 if TYPE_CHECKING:
     from lockstep.model.network import Network

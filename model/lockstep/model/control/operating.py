@@ -19,9 +19,9 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.system.loop import Gains
 
 if TYPE_CHECKING:
-    from lockstep.model.agent import Agent
+    from lockstep.model.agents.agent import Agent
     from lockstep.model.network import Network
-    from lockstep.model.simulation.trajectory import Trajectory
+    from lockstep.model.simulation.results.trajectory import Trajectory
 
 AT_REST = 1e-9
 """Largest |f| that counts as an equilibrium, relative to the size of its terms' slopes."""

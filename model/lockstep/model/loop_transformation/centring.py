@@ -18,9 +18,9 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float
 
+from lockstep.model.agents.lure import Lure
 from lockstep.model.bound_search import Box
 from lockstep.model.loop_transformation.shift import fitting, shifted
-from lockstep.model.lure import Lure
 
 LEAST_GAIN = 0.02
 """A bound that shrinks by less than 2 % is not worth another A than the one written down."""
@@ -68,7 +68,7 @@ def centred(lure: Lure, box: Box) -> tuple[Lure, Centring]:
         lure: the agent.
         box: the domain of v = H x.
 
-    >>> from lockstep.model.agent import Agent
+    >>> from lockstep.model.agents.agent import Agent
     >>> cart = Agent.from_expressions("cart", states=["p", "v"], inputs=["f"], outputs={"y1": "p"},
     ...                               dynamics={"p": "v", "v": "f - tanh(v)"})
     >>> moved, what = centred(cart.lure, Box.everywhere(1))

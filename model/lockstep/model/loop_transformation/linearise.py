@@ -16,8 +16,8 @@ from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.agent import Move
+from lockstep.model.agents.lure import Lure
 from lockstep.model.loop_transformation.shift import fitting, shifted, without
-from lockstep.model.lure import Lure
 
 STEP, JUMP = 1e-9, 1e-6
 """A kink shows as a slope that jumps by this part within this distance of the origin."""
@@ -34,7 +34,7 @@ def linearised(lure: Lure) -> tuple[Lure, tuple[Move, ...]]:
     Raises:
         ProblemError: no slope at the origin, or one that depends on t.
 
-    >>> from lockstep.model.agent import Agent
+    >>> from lockstep.model.agents.agent import Agent
     >>> cart = Agent.from_expressions("cart", states=["v"], inputs=["f"], outputs={"y": "v"}, split="jacobian",
     ...                               dynamics={"v": "f - 0.1*v - tanh(v)"})
     >>> cart.lure.A, cart.lure.rounded

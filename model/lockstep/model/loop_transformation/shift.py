@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.numbers import is_double
-from lockstep.model.lure import Lure
+from lockstep.model.agents.lure import Lure
 
 
 def shifted(lure: Lure, k: int, j: int, amount: Fraction) -> Lure | None:

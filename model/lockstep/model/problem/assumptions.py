@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.agent import Agent
+from lockstep.model.agents.agent import Agent
 from lockstep.model.control.pbh import controllability
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 
 
 def check_assumptions(graph: Graph, agent: Agent, agents_B: Sequence[Float[np.ndarray, "n m"]]) -> None:

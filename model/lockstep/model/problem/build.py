@@ -7,10 +7,10 @@ import numpy as np
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.many_graphs import SpectrumRange
 from lockstep.check.wording import nearest, shorten
-from lockstep.model.agent import Agent
-from lockstep.model.graph import Graph
-from lockstep.model.problem.schema import AgentTable, NetworkTable, ProblemFile
-from lockstep.model.variants import check_same_but_B
+from lockstep.model.agents.agent import Agent
+from lockstep.model.agents.variants import check_same_but_B
+from lockstep.model.graphs.graph import Graph
+from lockstep.model.problem.tables.schema import AgentTable, NetworkTable, ProblemFile
 
 
 def build_agent(table: AgentTable, parameters: Mapping[str, float] | None = None) -> Agent:

@@ -6,7 +6,7 @@ from jaxtyping import Float
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.agent import ExactAgent
 from lockstep.check.system.formation import WHERE, check_formation
-from lockstep.model.problem.schema import ProblemFile
+from lockstep.model.problem.tables.schema import ProblemFile
 
 
 def formation_of(file: ProblemFile, agent: ExactAgent, N: int) -> Float[np.ndarray, "N n"] | None:
@@ -23,7 +23,8 @@ def formation_of(file: ProblemFile, agent: ExactAgent, N: int) -> Float[np.ndarr
             "offsets are given", where=WHERE, expected="none with `spectrum`, which names no agents"
         )
     if len(given) != N or any(len(row) != len(states) for row in given):
-        found = f"{len(given)} rows of {', '.join(sorted({str(len(row)) for row in given}))} numbers"
+        lengths = ", ".join(sorted({str(len(row)) for row in given}))
+        found = f"{len(given)} rows of {lengths} numbers" if given else "no rows"
         raise ProblemError(
             found, where=WHERE, expected=f"{N} rows, one per agent, of {len(states)}, one per state"
         )

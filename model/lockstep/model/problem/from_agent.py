@@ -11,9 +11,9 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.expression.node import ZERO, variable
 from lockstep.check.expression.text import RESERVED
 from lockstep.check.expression.traversal import substitute
-from lockstep.model.agent import Agent
-from lockstep.model.expression_text import expression_text
-from lockstep.model.graph import Graph
+from lockstep.model.agents.agent import Agent
+from lockstep.model.formulas.expression_text import expression_text
+from lockstep.model.graphs.graph import Graph
 
 Entries = Mapping[tuple[int, int], str]
 """The entries (row, column) of B that are not the same for all agents, and the parameter that stands for each."""

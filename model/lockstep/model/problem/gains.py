@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.problem.schema import GainsTable, Matrix
+from lockstep.model.problem.tables.schema import GainsTable, Matrix
 
 
 @dataclass(frozen=True, eq=False)

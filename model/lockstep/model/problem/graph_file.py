@@ -5,9 +5,9 @@ from typing import Any
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.many_graphs import SpectrumRange
-from lockstep.model.membership import Membership, membership, within
-from lockstep.model.problem.schema import NetworkTable, ProblemFile
-from lockstep.model.sparse_graph import SparseGraph, read_graph
+from lockstep.model.graphs.membership import Membership, membership, within
+from lockstep.model.graphs.sparse_graph import SparseGraph, read_graph
+from lockstep.model.problem.tables.schema import NetworkTable, ProblemFile
 
 MOST_WRITTEN = 200
 """Agents of a graph that is written into design files edge by edge, and decided exactly; larger ones go by their spectrum."""

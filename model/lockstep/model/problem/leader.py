@@ -5,8 +5,8 @@ from math import inf
 from lockstep.check.bound.box import Box
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.domain import argument_box
-from lockstep.model.agent import Agent
-from lockstep.model.problem.schema import ProblemFile
+from lockstep.model.agents.agent import Agent
+from lockstep.model.problem.tables.schema import ProblemFile
 
 
 def leader_box(file: ProblemFile, agent: Agent) -> Box | None:

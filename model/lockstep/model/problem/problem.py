@@ -18,19 +18,21 @@ from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled.messages import Messages
 from lockstep.check.system.many_graphs import SpectrumRange
 from lockstep.check.system.problem import default_order
-from lockstep.model.agent import Agent
-from lockstep.model.graph import Graph
-from lockstep.model.membership import Membership
+from lockstep.model.agents.agent import Agent
+from lockstep.model.graphs.graph import Graph
+from lockstep.model.graphs.membership import Membership
+from lockstep.model.graphs.sparse_graph import SparseGraph
 from lockstep.model.problem.assumptions import check_assumptions
 from lockstep.model.problem.build import build_agent, build_graph, build_variants
+from lockstep.model.problem.consistency import check_tables, input_sides, output_ranges
 from lockstep.model.problem.formation import formation_of
 from lockstep.model.problem.from_agent import plain, tables_of
 from lockstep.model.problem.gains import GivenGains, given_gains
 from lockstep.model.problem.graph_file import network_of_graph, with_graph
 from lockstep.model.problem.leader import leader_box
-from lockstep.model.problem.load import parse_tables, parse_toml, read_problem
 from lockstep.model.problem.reference import LeaderReference, reference_of
-from lockstep.model.problem.schema import (
+from lockstep.model.problem.tables.load import parse_tables, parse_toml, read_problem
+from lockstep.model.problem.tables.schema import (
     ControllerTable,
     DesignTable,
     DisturbancesTable,
@@ -38,9 +40,8 @@ from lockstep.model.problem.schema import (
     ProblemFile,
     SimulationTable,
 )
-from lockstep.model.problem.toml_text import ASKED_FOR, toml_text
+from lockstep.model.problem.tables.toml_text import ASKED_FOR, toml_text
 from lockstep.model.problem.weights import input_weight, scale_of_each, weight_matrix
-from lockstep.model.sparse_graph import SparseGraph
 
 if TYPE_CHECKING:
     from lockstep.model.checks import CheckReport
@@ -68,10 +69,7 @@ class Problem:
     membership: Membership | None = None
 
     def __post_init__(self) -> None:
-        self._check_objective()
-        self._check_method()
-        self._check_spectrum()
-        self._check_disturbance()
+        check_tables(self.file)
         _ = self._agent, self._graph, self._variants, self.gains
         _ = self.performance, self.sides, self.messages, self.output_range
         _ = self.offsets, self.reference, self.leader
@@ -302,17 +300,7 @@ class Problem:
     @cached_property
     def sides(self) -> Float[np.ndarray, "m 2"]:
         """The lowest and the highest value of each input, infinite where there is none."""
-        known, where = self.file.agent.limits or {}, "[agent.limits]"
-        for name, (low, high) in known.items():
-            if name not in self.file.agent.inputs:
-                names = ", ".join(f"`{one}`" for one in self.file.agent.inputs)
-                raise ProblemError(f"`{name}` is no input", where=where, expected=f"one of {names}")
-            if not (low is None or low < 0) or not (high is None or high > 0):
-                raise ProblemError(f"[{low}, {high}]", where=f"{where} {name}", expected="a range around 0")
-        sides = [known.get(name, (None, None)) for name in self.file.agent.inputs]
-        return np.array(
-            [(-np.inf if low is None else low, np.inf if high is None else high) for low, high in sides]
-        )
+        return input_sides(self.file.agent)
 
     @property
     def has_limits(self) -> bool:
@@ -353,17 +341,7 @@ class Problem:
     @cached_property
     def output_range(self) -> dict[str, tuple[float | None, float | None]]:
         """Lowest and highest plausible value by output, where one is given: messages beyond are refused."""
-        given, where = self.file.agent.output_range or {}, "[agent.output_range]"
-        outputs = [name for name, _ in self.file.agent.outputs]
-        for name, (low, high) in given.items():
-            if name not in outputs:
-                names = ", ".join(f"`{one}`" for one in outputs)
-                raise ProblemError(f"`{name}` is no output", where=where, expected=f"one of {names}")
-            if low is not None and high is not None and not low < high:
-                raise ProblemError(
-                    f"[{low}, {high}]", where=f"{where} {name}", expected="a lower below an upper end"
-                )
-        return dict(given)
+        return output_ranges(self.file.agent)
 
     def initial_states(self) -> Float[np.ndarray, "N n"]:
         """Return the states the simulation starts from, one row per agent."""
@@ -412,78 +390,6 @@ class Problem:
     @cached_property
     def _variants(self) -> tuple[Agent, ...]:
         return build_variants(self._agent, self.file, self._graph.agents)
-
-    def _check_objective(self) -> None:
-        design = self.design
-        if design.objective == "alpha" and design.rho is None:
-            raise ProblemError(
-                "the key `rho` is missing",
-                where="[design]",
-                expected='the rho to keep while alpha grows, for objective = "alpha"',
-            )
-        if design.objective == "rho" and design.rho is not None:
-            raise ProblemError(
-                f"`rho` is {design.rho}, but rho is what is minimised",
-                where="[design] rho",
-                expected='no `rho`, or objective = "alpha", "decay" or "initial_set"',
-            )
-        if design.objective in ("decay", "initial_set") and design.method != "certified":
-            raise ProblemError(
-                f'`method` is "{design.method}"',
-                where="[design] objective",
-                expected='method = "certified", the one that looks for more than rho',
-            )
-        if design.objective == "initial_set" and not (self.file.agent.domain and len(self._graph.roots) == 1):
-            raise ProblemError(
-                "no agent leads alone" if self.file.agent.domain else "there is no [agent.domain] to stay in",
-                where="[design] objective",
-                expected="initial states from which all stay in [agent.domain], behind a single leader",
-                remedy='topology = "leader_path" has one; without a domain every certificate is global',
-            )
-
-    def _check_spectrum(self) -> None:
-        network, where = self.file.network, "[network] spectrum"
-        if network.spectrum is None:
-            if network.max_degree is not None:
-                raise ProblemError(
-                    "`max_degree` is given", where="[network]", expected="it with `spectrum` only"
-                )
-            return
-        if self.design.method != "modal":
-            raise ProblemError(
-                f'`method` is "{self.design.method}"',
-                where=where,
-                expected='[design] method = "modal": the same gains for all agents of every graph',
-            )
-        if network.parameters is not None:
-            raise ProblemError("`parameters` are given", where=where, expected="agents that are all alike")
-        if network.messages is not None:
-            said = "one graph, such as `edges`: what is proved of messages that are lost or late is of one"
-            raise ProblemError("`messages` is given", where=where, expected=said)
-
-    def _check_method(self) -> None:
-        given = self.design.method == "given"
-        if given and self.design.gains is None:
-            raise ProblemError(
-                'there are no gains, but `method` is "given"',
-                where="[design]",
-                expected="one [[design.gains]] table per agent, with A, B, C, D",
-            )
-        if not given and self.design.gains is not None:
-            raise ProblemError(
-                f'there are gains, but `method` is "{self.design.method}"',
-                where="[[design.gains]]",
-                expected='method = "given", or no gains',
-            )
-
-    def _check_disturbance(self) -> None:
-        table = self.simulation.disturbance
-        if table.intensity is not None and table.kind != "noise":
-            raise ProblemError(
-                f'`intensity` is given, but `kind` is "{table.kind}"',
-                where="[simulation.disturbance]",
-                expected='kind = "noise"',
-            )
 
 
 load_problem = Problem.load

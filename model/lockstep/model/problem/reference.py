@@ -8,9 +8,9 @@ from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.wording import nearest, shorten
-from lockstep.model.expression import parse_expression
-from lockstep.model.graph import Graph
-from lockstep.model.problem.schema import ProblemFile
+from lockstep.model.formulas.expression import parse_expression
+from lockstep.model.graphs.graph import Graph
+from lockstep.model.problem.tables.schema import ProblemFile
 
 WHERE = "[simulation.reference]"
 

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from lockstep.check.system.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.simulation.equations import closed_loop
-from lockstep.model.simulation.trajectory import RhoWeights
+from lockstep.model.simulation.results.trajectory import RhoWeights
 
 DRAWS, FREQUENCIES, REFINEMENTS = 48, 160, 40
 

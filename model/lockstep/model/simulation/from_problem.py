@@ -7,7 +7,12 @@ import numpy as np
 
 from lockstep.check.errors import ProblemError
 from lockstep.model.problem import Problem
-from lockstep.model.problem.schema import ChannelTable, DisturbanceTable, PerturbationTable, SimulationTable
+from lockstep.model.problem.tables.schema import (
+    ChannelTable,
+    DisturbanceTable,
+    PerturbationTable,
+    SimulationTable,
+)
 from lockstep.model.simulation.channel import MessageChannel
 from lockstep.model.simulation.disturbance import Disturbance, Driven, Sines, Steps, Sum, noise
 from lockstep.model.simulation.integrate import Method

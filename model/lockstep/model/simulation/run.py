@@ -20,10 +20,10 @@ from lockstep.model.simulation.equations import agents_alone, closed_loop, input
 from lockstep.model.simulation.integrate import integrator
 from lockstep.model.simulation.perturbation import check_sizes
 from lockstep.model.simulation.quadrature import Hold
+from lockstep.model.simulation.results.trajectory import Trajectory
 from lockstep.model.simulation.sampled import CLIPPED, OK, SampledControllers
 from lockstep.model.simulation.scenario import Scenario, whole_number
 from lockstep.model.simulation.send_on_change import Senders
-from lockstep.model.simulation.trajectory import Trajectory
 
 
 def simulate(network: Network, controllers: Gains | SampledControllers, scenario: Scenario) -> Trajectory:

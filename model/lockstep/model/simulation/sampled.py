@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.loop import Gains
-from lockstep.model.graph import Graph
+from lockstep.model.graphs.graph import Graph
 
 OK, CLIPPED = 0, 8
 """What a good step says: all of u is applied, or an entry met its limit, which is."""

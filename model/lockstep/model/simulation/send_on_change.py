@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lockstep.model.simulation.trajectory import Trajectory
+from lockstep.model.simulation.results.trajectory import Trajectory
 
 
 class Senders:

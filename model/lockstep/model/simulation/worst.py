@@ -26,8 +26,8 @@ from lockstep.model.network import Network
 from lockstep.model.simulation.disturbance import Samples
 from lockstep.model.simulation.equations import closed_loop
 from lockstep.model.simulation.integrate import runge_kutta_step
+from lockstep.model.simulation.results.trajectory import RhoWeights
 from lockstep.model.simulation.scenario import Scenario
-from lockstep.model.simulation.trajectory import RhoWeights
 
 LINEAR = 1e-3
 """Energy |xi_d| at which the search starts: small enough for the loop to be linear, and far above rounding."""

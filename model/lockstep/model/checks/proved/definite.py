@@ -14,9 +14,9 @@ import numpy as np
 
 from lockstep.check.bound import rounding
 from lockstep.check.bound.conditions import Conditions
-from lockstep.check.bound.period import reduce_to_period
 from lockstep.check.bound.program import Boxes, Program
 from lockstep.check.bound.rounding import Interval
+from lockstep.check.bound.unbounded.period import reduce_to_period
 from lockstep.check.expression.node import Node
 from lockstep.check.verdict import Verdict
 from lockstep.model.checks.proved.field import Ends, Matrix, at_points, jacobian

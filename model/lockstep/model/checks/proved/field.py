@@ -24,8 +24,8 @@ from lockstep.check.expression.derivative import derivative
 from lockstep.check.expression.node import ZERO, Node, Undefined, constant, linear, number, subtract, variable
 from lockstep.check.expression.traversal import order, substitute
 from lockstep.check.system.agent import ExactAgent
-from lockstep.model.agent import Agent
-from lockstep.model.variants import nonlinearity
+from lockstep.model.agents.agent import Agent
+from lockstep.model.agents.variants import nonlinearity
 
 Nodes = tuple[Node, ...]
 Matrix = tuple[Nodes, ...]

@@ -20,8 +20,8 @@ from lockstep.check.bound.rounding import Interval
 from lockstep.check.expression.derivative import derivative
 from lockstep.check.expression.node import ZERO, Node, Undefined, divide, linear, linear_terms, variable
 from lockstep.check.expression.traversal import expand, substitute
-from lockstep.model.agent import Agent
-from lockstep.model.arguments import arguments_text
+from lockstep.model.agents.agent import Agent
+from lockstep.model.agents.arguments import arguments_text
 from lockstep.model.checks.proved.definite import BOXES, TOLERANCES, Question, highest, least_level
 from lockstep.model.checks.proved.field import FAR, Ends, as_written
 from lockstep.model.checks.proved.finding import CheckFinding

@@ -18,7 +18,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.expression.node import Undefined
 from lockstep.check.expression.text import parse
 from lockstep.model.checks.proved.finding import CheckFinding
-from lockstep.model.problem.schema import AgentTable
+from lockstep.model.problem.tables.schema import AgentTable
 
 Powers = Mapping[str, float]
 """Exponents of the base dimensions, none of them 0."""

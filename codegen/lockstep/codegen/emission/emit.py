@@ -1,0 +1,313 @@
+"""A specification as the text of a folder: headers, sources, CMakeLists.txt, README.md, manifest.json.
+
+Pure and deterministic to the byte: no dates, no paths, no versions of tools. Gains are correctly rounded (see
+`lockstep.check.sampled.discretise`), so the same specification gives the same text on every machine.
+"""
+
+import unicodedata
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lockstep.check.c_source.kernel import Shape
+from lockstep.check.c_source.reader import ANSWERS
+from lockstep.check.sampled.discretise import SampledGains, clipped_at, discretise
+from lockstep.codegen.arithmetic import RealType
+from lockstep.codegen.budget import flash_budgets, stack_budgets, state_bytes
+from lockstep.codegen.cores import CORES
+from lockstep.codegen.emission.agent_view import agent_view
+from lockstep.codegen.emission.kernel import Kernel, straight_line
+from lockstep.codegen.emission.known_answers import SCALE, known_answers
+from lockstep.codegen.emission.one_image import OneImage, node_bytes, node_view, table_files
+from lockstep.codegen.emission.rendering import render
+from lockstep.codegen.identity import Identity
+from lockstep.codegen.manifest import (
+    FILE_NAME,
+    FORMAT,
+    AgentEntry,
+    Arithmetic,
+    Coefficients,
+    FixedEntry,
+    GainsEntry,
+    Identification,
+    ImageEntry,
+    Manifest,
+    MessagesEntry,
+    Named,
+    NeighbourEntry,
+    PlantEntry,
+    sha256,
+)
+from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant
+
+_RULES = {
+    "tustin": "Tustin's rule (trapezoidal)",
+    "zoh": "exact response to a held input (zero-order hold)",
+    "euler": "forward Euler",
+}
+EVA_LIMIT = 1e6
+"""Magnitude of inputs and state for which the Frama-C harness asks for a proof that nothing overflows."""
+ORDER_OF_SUMS = (
+    "rows of [A B; C D] times (x, r) from left to right, from +0 where zero terms are kept; "
+    "r = 0 + a_1 (y - y_1) + a_2 (y - y_2) + ..."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """One controller ready for printing: its table [A B; C D], weights, limits (m x 2, or none), offsets, in its type."""
+
+    controller: Controller
+    table: np.ndarray
+    weights: np.ndarray
+    kernel: Kernel
+    limits: np.ndarray
+    offsets: np.ndarray | None
+
+    @property
+    def shape(self) -> Shape:
+        """nc, q, m, nn."""
+        inputs, outputs = self.controller.D.shape
+        return Shape(self.controller.order, outputs, inputs, len(self.controller.neighbours))
+
+
+def emit(spec: CodegenSpec) -> dict[str, str]:
+    """Return relative path -> text of every file of the folder, `manifest.json` last.
+
+    Raises `ProblemError` if a gain cannot be sampled or is not representable in the target type.
+    """
+    real = RealType(spec.real)
+    agents = [_sample(agent, spec, real) for agent in spec.agents]
+    context = _folder_context(spec, real)
+    views = [_agent_context(agent, real, spec.optimize) for agent in agents]
+    files: dict[str, str] = {}
+    for view in views:
+        files[f"include/{view['name']}.h"] = render("header.h.j2", **context, a=view)
+        files[f"src/{view['name']}.c"] = render("source.c.j2", **context, a=view)
+        files[f"proof/{view['name']}_eva.c"] = render(
+            "eva.c.j2", **context, a=view, limit=real.literal(EVA_LIMIT)
+        )
+    if spec.image is not None:
+        names, limits = [view["name"] for view in views], bool(len(agents[0].limits))
+        node = node_view(spec.image, agents[0].shape, names, real, limits=limits)
+        for path, template in (("include/{}.h", "node.h"), ("src/{}.c", "node.c")):
+            files[path.format(spec.image.name)] = render(f"{template}.j2", **context, k=node)
+        files |= table_files(spec.image, real, lambda name, view: render(name, **context, k=view))
+    whole = {
+        f"include/{spec.name}.h": "umbrella.h",
+        f"src/{spec.name}.c": "umbrella.c",
+        f"cmake/{spec.name}-config.cmake": "config.cmake",
+    }
+    whole |= {"CMakeLists.txt": "CMakeLists.txt", "README.md": "README.md"}
+    for path, template in whole.items():
+        files[path] = render(f"{template}.j2", **context, agents=views)
+    files[FILE_NAME] = _manifest(spec, agents, real, files).sealed().text()
+    return files
+
+
+def _sample(agent: Controller, spec: CodegenSpec, real: RealType) -> Sampled:
+    """Discretise in float64, then round once to the target type."""
+    where = f"controller `{agent.name}`"
+    gains: SampledGains = discretise(agent.A, agent.B, agent.C, agent.D, spec.period, spec.discretization)
+    table = real.round(gains.stacked(), where)
+    weights = real.round(
+        np.array([n.weight for n in agent.neighbours], dtype=np.float64), f"{where}, weights"
+    )
+    limits = clipped_at(spec.real, agent.limits)
+    offsets = None if agent.offsets is None else real.round(agent.offsets, f"{where}, offsets")
+    return Sampled(agent, table, weights, straight_line(table, agent.order, real), limits, offsets)
+
+
+def plain(text: str) -> str:
+    """One line that is safe inside a C comment, a CMake comment and Markdown.
+
+    >>> plain("evil */ int x; /* \\n rad/s")
+    'evil * / int x; / * rad/s'
+    """
+    visible = "".join(c if unicodedata.category(c)[0] != "C" else " " for c in text)
+    safe = visible.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("??", "? ?")
+    return " ".join(safe.split())
+
+
+def claims(certificate: Mapping[str, str | float | bool | None]) -> list[str]:
+    """The datasheet's lines on what is proved; anything but `certified: True` is said to be no certificate.
+
+    >>> claims({"certified": False, "rho": 6.5})
+    ['NOT CERTIFIED: no proof covers these gains', 'rho = 6.5 (not certified)']
+    """
+    certified = certificate.get("certified") is True
+    proof = certificate.get("proof")
+    head = "NOT CERTIFIED: no proof covers these gains"
+    if certified:
+        head = "certified" + (f" (proof: {plain(str(proof))})" if proof else " (kind of proof not given)")
+    rest = [
+        f"{plain(key)} = {plain(_figure(value))}" + ("" if certified else " (not certified)")
+        for key, value in certificate.items()
+        if key not in ("certified", "proof") and value is not None
+    ]
+    return [head, *rest]
+
+
+def _figure(value: str | float | bool | None) -> str:
+    return repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
+    identity = Identity.of(spec)
+    return {
+        "format": FORMAT,
+        "name": spec.name,
+        "NAME": spec.name.upper(),
+        "title": plain(spec.title),
+        "design_hash": plain(spec.design_hash),
+        "discretization": spec.discretization,
+        "rule": _RULES[spec.discretization],
+        "period": repr(float(spec.period)),
+        "delay": spec.delay,
+        "period_literal": real.literal(spec.period),
+        "real_name": real.name,
+        "c_real": real.c_name,
+        "zero": real.literal(0.0),
+        "one": real.literal(1.0),
+        "scale": real.literal(SCALE),
+        "digits": "FLT_MANT_DIG != 24" if real.c_name == "float" else "DBL_MANT_DIG != 53",
+        "identity": identity.design,
+        "identity_word": identity.word,
+        "claims_id": identity.claims,
+        "optimize": spec.optimize,
+        "claims": claims(spec.certificate),
+        "image": None if spec.image is None else spec.image.name,
+        "table": spec.image is not None and spec.image.table == "c",
+    }
+
+
+def _agent_context(agent: Sampled, real: RealType, optimize: str) -> dict[str, Any]:
+    """What the templates need: the C's own view, and what its comments say."""
+    controller, M, shape = agent.controller, agent.table, agent.shape
+    view = agent_view(
+        controller.name,
+        shape,
+        M,
+        agent.weights,
+        statements=agent.kernel.statements,
+        table=[[real.literal(v) for v in row] for row in M],
+        weight_literals=[real.literal(w) for w in agent.weights],
+        limit_literals=[[real.literal(side) for side in row] for row in agent.limits],
+        offset_literals=[]
+        if agent.offsets is None
+        else [[real.literal(c) for c in row] for row in agent.offsets],
+    )
+    known = known_answers(shape, M, agent.weights, optimize == "speed", controller.name, agent.limits)
+    view |= {"given": [real.literal(v) for v in known.given.ravel()]}
+    view |= {"known": [real.literal(v) for v in known.answers.ravel()]}
+    return view | {
+        "answers": ANSWERS,
+        "outputs": [{"name": plain(s.name), "unit": plain(s.unit)} for s in controller.outputs],
+        "inputs": [{"name": plain(s.name), "unit": plain(s.unit)} for s in controller.inputs],
+        "neighbours": [
+            {"source": plain(s.source), "weight": real.decimal(w)}
+            for s, w in zip(controller.neighbours, agent.weights, strict=True)
+        ],
+        "multiplications": agent.kernel.multiplications if optimize == "speed" else M.size,
+        "additions": agent.kernel.additions if optimize == "speed" else M.size,
+        "state_bytes": state_bytes(shape, real),
+        "stack": _by_core(_stack(agent, real)),
+        "flash": _by_core(_flash(agent, real)),
+    }
+
+
+def _stack(agent: Sampled, real: RealType) -> dict[str, int]:
+    return stack_budgets(agent.shape, real, shifted=agent.offsets is not None)
+
+
+def _flash(agent: Sampled, real: RealType) -> dict[str, int]:
+    limited, shifted = bool(len(agent.limits)), agent.offsets is not None
+    return flash_budgets(agent.shape, real, limited=limited, shifted=shifted)
+
+
+def _by_core(budgets: Mapping[str, int]) -> list[dict[str, Any]]:
+    """Cores with the same bound together: one line each in the header."""
+    titles: dict[int, list[str]] = {}
+    for group, size in budgets.items():
+        titles.setdefault(size, []).append(CORES[group].title)
+    return [{"bytes": size, "cores": ", ".join(names)} for size, names in sorted(titles.items())]
+
+
+def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: Mapping[str, str]) -> Manifest:
+    identity = Identity.of(spec)
+    plants: list[LinearPlant | None] = list(spec.plants) or [None] * len(agents)
+    return Manifest(
+        format="lockstep-controllers/2",
+        name=spec.name,
+        title=spec.title,
+        design_hash=spec.design_hash,
+        period=float(spec.period),
+        discretization=spec.discretization,
+        real=spec.real,
+        optimize=spec.optimize,
+        arithmetic=Arithmetic(
+            order=ORDER_OF_SUMS,
+            zero_terms="skipped" if spec.optimize == "speed" else "kept",
+            contraction="off",
+        ),
+        certificate=dict(spec.certificate),
+        identity=Identification(design=identity.design, claims=identity.claims),
+        prefix=spec.prefix,
+        messages=_messages(spec),
+        fixed=None if spec.fixed is None else FixedEntry(**vars(spec.fixed)),
+        agents=tuple(_agent_record(a, real, p) for a, p in zip(agents, plants, strict=True)),
+        files={path: sha256(text) for path, text in files.items()},
+        image=None if spec.image is None else _image_record(spec.image, agents, real),
+    )
+
+
+def _image_record(image: OneImage, agents: list[Sampled], real: RealType) -> ImageEntry:
+    size = node_bytes(image, agents[0].shape, len(agents), real)
+    return ImageEntry(
+        name=image.name,
+        agents=image.agents,
+        largest_in_degree=image.degree,
+        max_neighbours=image.most,
+        table=image.table,
+        state_bytes=size,
+    )
+
+
+def _messages(spec: CodegenSpec) -> MessagesEntry | None:
+    given = spec.messages
+    if given is None:
+        return None
+    return MessagesEntry(kept=given.kept, limit=given.limit, ranges=dict(given.ranges))
+
+
+def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None) -> AgentEntry:
+    c, n, M, shape = agent.controller, agent.controller.order, agent.table, agent.shape
+    blocks = {"A": M[:n, :n], "B": M[:n, n:], "C": M[n:, :n], "D": M[n:, n:]}
+    return AgentEntry(
+        name=c.name,
+        order=n,
+        outputs=tuple(Named(name=s.name, unit=s.unit) for s in c.outputs),
+        inputs=tuple(Named(name=s.name, unit=s.unit) for s in c.inputs),
+        neighbours=tuple(
+            NeighbourEntry(source=s.source, weight=float(real.decimal(w)))
+            for s, w in zip(c.neighbours, agent.weights, strict=True)
+        ),
+        continuous={"A": _rows(c.A), "B": _rows(c.B), "C": _rows(c.C), "D": _rows(c.D)},
+        sampled=GainsEntry(**{letter: Coefficients.of(block, real) for letter, block in blocks.items()}),
+        state_bytes=state_bytes(shape, real),
+        stack_budget_bytes=_stack(agent, real),
+        flash_budget_bytes=_flash(agent, real),
+        limits=_rows(agent.limits) if len(agent.limits) else None,
+        offsets=None if agent.offsets is None else _rows(agent.offsets),
+        plant=None
+        if plant is None
+        else PlantEntry(
+            A=_rows(plant.A), B=_rows(plant.B), C=_rows(plant.C), x0=tuple(float(v) for v in plant.x0)
+        ),
+    )
+
+
+def _rows(M: np.ndarray) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(float(v) for v in row) for row in M)

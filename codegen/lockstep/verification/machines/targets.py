@@ -1,0 +1,187 @@
+"""Where the C is run: this machine with each compiler, with sanitizers, and emulated microcontrollers."""
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from lockstep.check.errors import ClaimError, ProblemError
+from lockstep.codegen.cores import CORES, Core
+from lockstep.codegen.emission.calls import Calls
+from lockstep.codegen.manifest import AgentEntry, Manifest
+from lockstep.verification.harness import Run, run_on_host
+from lockstep.verification.machines.emulator import missing_packages, run_on_core
+from lockstep.verification.machines.qemu import M7, missing, run_on_qemu
+from lockstep.verification.machines.toolchain import TO_INSTALL, Compiler, arm_gcc, host_compilers, run, zig
+from lockstep.verification.messages.events import Events
+from lockstep.verification.messages.run import Traces, run_nodes_on_core, run_nodes_on_host
+from lockstep.verification.nodes import without_nodes
+
+Runner = Callable[[Manifest, Path, Mapping[str, Calls], Path], Iterator[tuple[AgentEntry, Run]]]
+
+NodeRunner = Callable[[Manifest, Path, Mapping[str, Events], Path], Traces]
+
+GROUPS = ("host", "sanitizers", *CORES, M7.group)
+"""host: each compiler at -O0, -O2, -O3. sanitizers: address, undefined behaviour. The rest is emulated, the last by QEMU."""
+
+LEVELS = ("-O0", "-O2", "-O3")
+CORE_LEVELS = ("-O2", "-Os")
+
+_SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+
+
+@dataclass(frozen=True)
+class Target:
+    """One way to compile and run the C; `skipped` says why it cannot be done here; `core` names an emulated one.
+
+    `nodes` runs the agents with their messages, where this is possible; `built` is how other code is built for it: by which
+    compiler, with which flags, for which emulated core.
+    """
+
+    name: str
+    run: Runner
+    skipped: str = ""
+    core: str = ""
+    nodes: NodeRunner | None = None
+    built: tuple[Compiler, tuple[str, ...], Core | None] | None = None
+
+
+def targets_of(groups: Sequence[str], manifest: Manifest) -> list[Target]:
+    """The targets of the groups named, those that cannot run here marked as skipped."""
+    if isinstance(groups, str):
+        groups = [groups]
+    if unknown := [group for group in groups if group not in GROUPS]:
+        raise ProblemError(f"`{unknown[0]}`", where="targets", expected=" or ".join(GROUPS))
+    makers = {"host": _host, "sanitizers": _sanitizers, M7.group: _on_qemu}
+    makers |= {group: partial(_on_core, core) for group, core in CORES.items()}
+    return [target for group in dict.fromkeys(groups) for target in makers[group](manifest)]
+
+
+def _host(_: Manifest) -> Iterator[Target]:
+    compilers = host_compilers()
+    for compiler in compilers:
+        for level in LEVELS:
+            yield Target(
+                f"host {compiler.name} {level}",
+                _on_host(compiler, (level,)),
+                nodes=_nodes(compiler, (level,)),
+                built=(compiler, (level,), None),
+            )
+    if not compilers:
+        yield _skipped("host", f"no C compiler: {TO_INSTALL}")
+
+
+def _sanitizers(_: Manifest) -> Iterator[Target]:
+    for compiler in host_compilers():
+        name = f"host {compiler.name} address and undefined-behaviour sanitizers"
+        if reason := _no_sanitizers(compiler):
+            yield _skipped(name, reason)
+        else:
+            yield Target(
+                name,
+                _on_host(compiler, _SANITIZERS),
+                nodes=_nodes(compiler, _SANITIZERS),
+                built=(compiler, _SANITIZERS, None),
+            )
+
+
+def _no_sanitizers(compiler: Compiler) -> str:
+    """Why the sanitizers do not work with this compiler, found out by a program that does nothing."""
+    if compiler.is_zig:
+        return "zig ships no address sanitizer"
+    with tempfile.TemporaryDirectory(prefix="lockstep-") as temporary:
+        directory = Path(temporary)
+        (directory / "nothing.c").write_text("int main(void) { return 0; }\n", encoding="utf-8")
+        try:
+            run([*compiler.command, *_SANITIZERS, "nothing.c", "-o", "nothing"], directory, "linking", 60)
+            run([str(directory / "nothing")], directory, "starting", 60)
+        except ClaimError as error:
+            return f"they do not work with this compiler ({str(error)[:200]})"
+    return ""
+
+
+def _on_core(core: Core, _: Manifest) -> Iterator[Target]:
+    """zig always; arm-none-eabi-gcc too where it is found."""
+    compiler, gcc = zig(), arm_gcc() if core.gcc else None
+    missing = missing_packages() + ([] if compiler or gcc else ["ziglang"])
+    if missing:
+        yield _skipped(f"{core.title}, emulated", f"not installed: {', '.join(missing)} (extra `toolchain`)")
+        return
+    for found in filter(None, (compiler, gcc)):
+        for level in CORE_LEVELS:
+            name = f"{core.title} {found.name} {level}, emulated"
+            yield Target(
+                name,
+                partial(_emulated, core, found, level),
+                core=core.group,
+                nodes=partial(_emulated_nodes, core, found, level),
+                built=(found, (level,), core),
+            )
+
+
+def _on_qemu(_: Manifest) -> Iterator[Target]:
+    compilers = [found for found in (zig(), arm_gcc()) if found]
+    absent = missing() + ([] if compilers else ["ziglang or arm-none-eabi-gcc"])
+    if absent:
+        yield _skipped(f"{M7.title}, QEMU", f"not installed: {', '.join(absent)}")
+        return
+    for found in compilers:
+        for level in CORE_LEVELS:
+            yield Target(f"{M7.title} {found.name} {level}, QEMU", _emulated_by_qemu(found, level))
+
+
+def _emulated_by_qemu(compiler: Compiler, level: str) -> Runner:
+    def start(
+        manifest: Manifest, folder: Path, calls: Mapping[str, Calls], directory: Path
+    ) -> Iterator[tuple[AgentEntry, Run]]:
+        return run_on_qemu(without_nodes(manifest), folder, calls, compiler, level, directory)
+
+    return start
+
+
+def _emulated(
+    core: Core,
+    compiler: Compiler,
+    level: str,
+    manifest: Manifest,
+    folder: Path,
+    calls: Mapping[str, Calls],
+    directory: Path,
+) -> Iterator[tuple[AgentEntry, Run]]:
+    return run_on_core(manifest, folder, calls, core, compiler, level, directory)
+
+
+def _emulated_nodes(
+    core: Core,
+    compiler: Compiler,
+    level: str,
+    manifest: Manifest,
+    folder: Path,
+    events: Mapping[str, Events],
+    directory: Path,
+) -> Traces:
+    return run_nodes_on_core(manifest, folder, events, core, compiler, level, directory)
+
+
+def _nodes(compiler: Compiler, flags: Sequence[str]) -> NodeRunner:
+    def start(manifest: Manifest, folder: Path, events: Mapping[str, Events], directory: Path) -> Traces:
+        return run_nodes_on_host(manifest, folder, events, compiler, flags, directory)
+
+    return start
+
+
+def _on_host(compiler: Compiler, flags: Sequence[str]) -> Runner:
+    def start(
+        manifest: Manifest, folder: Path, calls: Mapping[str, Calls], directory: Path
+    ) -> Iterator[tuple[AgentEntry, Run]]:
+        return run_on_host(manifest, folder, calls, compiler, flags, directory)
+
+    return start
+
+
+def _skipped(name: str, reason: str) -> Target:
+    def never(*_: object) -> Iterator[tuple[AgentEntry, Run]]:
+        raise ClaimError(f"{name} is skipped: {reason}")
+
+    return Target(name, never, reason)

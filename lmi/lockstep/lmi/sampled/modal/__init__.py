@@ -1,0 +1,1 @@
+"""Witnesses for the sampled, rounded loop of identical controllers, mode by mode."""

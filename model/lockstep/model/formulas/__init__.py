@@ -1,0 +1,1 @@
+"""Formulas as people write them: read into CasADi, written back, their names and usual mistakes in words."""

@@ -1,0 +1,126 @@
+"""What the tables of a problem file demand of one another, beyond what each says alone."""
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.check.errors import ProblemError
+from lockstep.model.problem.build import build_graph
+from lockstep.model.problem.tables.schema import AgentTable, ProblemFile
+
+
+def check_tables(file: ProblemFile) -> None:
+    """Refuse keys that contradict one another.
+
+    Raises:
+        ProblemError: the first such, with what would go together.
+    """
+    _check_objective(file)
+    _check_method(file)
+    _check_spectrum(file)
+    _check_disturbance(file)
+
+
+def input_sides(agent: AgentTable) -> Float[np.ndarray, "m 2"]:
+    """Return the lowest and the highest value of each input, infinite where there is none."""
+    known, where = agent.limits or {}, "[agent.limits]"
+    for name, (low, high) in known.items():
+        if name not in agent.inputs:
+            names = ", ".join(f"`{one}`" for one in agent.inputs)
+            raise ProblemError(f"`{name}` is no input", where=where, expected=f"one of {names}")
+        if not (low is None or low < 0) or not (high is None or high > 0):
+            raise ProblemError(f"[{low}, {high}]", where=f"{where} {name}", expected="a range around 0")
+    sides = [known.get(name, (None, None)) for name in agent.inputs]
+    return np.array(
+        [(-np.inf if low is None else low, np.inf if high is None else high) for low, high in sides]
+    )
+
+
+def output_ranges(agent: AgentTable) -> dict[str, tuple[float | None, float | None]]:
+    """Return lowest and highest plausible value by output, where one is given."""
+    given, where = agent.output_range or {}, "[agent.output_range]"
+    outputs = [name for name, _ in agent.outputs]
+    for name, (low, high) in given.items():
+        if name not in outputs:
+            names = ", ".join(f"`{one}`" for one in outputs)
+            raise ProblemError(f"`{name}` is no output", where=where, expected=f"one of {names}")
+        if low is not None and high is not None and not low < high:
+            raise ProblemError(
+                f"[{low}, {high}]", where=f"{where} {name}", expected="a lower below an upper end"
+            )
+    return dict(given)
+
+
+def _check_objective(file: ProblemFile) -> None:
+    design = file.design
+    if design.objective == "alpha" and design.rho is None:
+        raise ProblemError(
+            "the key `rho` is missing",
+            where="[design]",
+            expected='the rho to keep while alpha grows, for objective = "alpha"',
+        )
+    if design.objective == "rho" and design.rho is not None:
+        raise ProblemError(
+            f"`rho` is {design.rho}, but rho is what is minimised",
+            where="[design] rho",
+            expected='no `rho`, or objective = "alpha", "decay" or "initial_set"',
+        )
+    if design.objective in ("decay", "initial_set") and design.method != "certified":
+        raise ProblemError(
+            f'`method` is "{design.method}"',
+            where="[design] objective",
+            expected='method = "certified", the one that looks for more than rho',
+        )
+    if design.objective == "initial_set" and not (
+        file.agent.domain and len(build_graph(file.network).roots) == 1
+    ):
+        raise ProblemError(
+            "no agent leads alone" if file.agent.domain else "there is no [agent.domain] to stay in",
+            where="[design] objective",
+            expected="initial states from which all stay in [agent.domain], behind a single leader",
+            remedy='topology = "leader_path" has one; without a domain every certificate is global',
+        )
+
+
+def _check_spectrum(file: ProblemFile) -> None:
+    network, where = file.network, "[network] spectrum"
+    if network.spectrum is None:
+        if network.max_degree is not None:
+            raise ProblemError("`max_degree` is given", where="[network]", expected="it with `spectrum` only")
+        return
+    if file.design.method != "modal":
+        raise ProblemError(
+            f'`method` is "{file.design.method}"',
+            where=where,
+            expected='[design] method = "modal": the same gains for all agents of every graph',
+        )
+    if network.parameters is not None:
+        raise ProblemError("`parameters` are given", where=where, expected="agents that are all alike")
+    if network.messages is not None:
+        said = "one graph, such as `edges`: what is proved of messages that are lost or late is of one"
+        raise ProblemError("`messages` is given", where=where, expected=said)
+
+
+def _check_method(file: ProblemFile) -> None:
+    given = file.design.method == "given"
+    if given and file.design.gains is None:
+        raise ProblemError(
+            'there are no gains, but `method` is "given"',
+            where="[design]",
+            expected="one [[design.gains]] table per agent, with A, B, C, D",
+        )
+    if not given and file.design.gains is not None:
+        raise ProblemError(
+            f'there are gains, but `method` is "{file.design.method}"',
+            where="[[design.gains]]",
+            expected='method = "given", or no gains',
+        )
+
+
+def _check_disturbance(file: ProblemFile) -> None:
+    table = file.simulation.disturbance
+    if table.intensity is not None and table.kind != "noise":
+        raise ProblemError(
+            f'`intensity` is given, but `kind` is "{table.kind}"',
+            where="[simulation.disturbance]",
+            expected='kind = "noise"',
+        )

@@ -1,0 +1,102 @@
+"""From a file or its text to a checked table: reading, TOML, and the schema."""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from lockstep.check.errors import ProblemError
+from lockstep.check.files import read_text
+from lockstep.check.limits import DEEPEST_KEY, MOST_KEYS, check_document
+from lockstep.check.wording import shorten
+from lockstep.model.formulas.look_alikes import advice
+from lockstep.model.problem.tables.messages import problem_error
+from lockstep.model.problem.tables.schema import ProblemFile
+
+# Nothing is tried twice: a key part begins where none goes on, and gives nothing back.
+_LONG_KEY = re.compile(
+    rf"""(?<![A-Za-z0-9_-])(?:(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST_KEY}}}"""
+)
+_QUOTED = re.compile(r"""\"[^"\n]*+\"|'[^'\n]*+'""")
+_TABLE = re.compile(r"^[ \t]*\[", re.MULTILINE)
+
+
+def read_problem(path: Path) -> str:
+    """Return the text of a problem file, without a byte order mark.
+
+    Raises:
+        ProblemError: missing, no regular file, too large, not readable, or not UTF-8.
+    """
+    return read_text(path, expected="a problem file in TOML").removeprefix("\ufeff")
+
+
+def check_toml(text: str) -> None:
+    """Refuse a text in TOML whose tables would fill the memory while it is parsed.
+
+    Raises:
+        ProblemError: a key of more than `DEEPEST_KEY` parts, or more than `MOST_KEYS` keys and tables.
+    """
+    count = text.count("=") + sum(1 for _ in _TABLE.finditer(text))
+    if count > MOST_KEYS:
+        raise ProblemError(f"some {count} keys and tables", expected=f"at most {MOST_KEYS}")
+    if found := _LONG_KEY.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        raise ProblemError(
+            f"the key `{shorten(found[0], 40)}` has too many parts",
+            where=f"line {line}",
+            expected=f"at most {DEEPEST_KEY}",
+        )
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Parse TOML.
+
+    Raises:
+        ProblemError: not TOML, with the line and column, or more keys than a problem has.
+    """
+    check_toml(text)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        message = str(error)
+        place = re.search(r"\(at (line \d+, column \d+|end of document)\)", message)
+        what = re.sub(r"\('.*?\)", _table_name, message[: place.start()].strip() if place else message)
+        raise ProblemError(
+            f"this is not TOML: {what[:1].lower()}{what[1:]}",
+            where=place.group(1) if place else "",
+            remedy=_retyped(text, place) or "texts need quotes, lists [ ], and each key is given once",
+        ) from None
+    except (RecursionError, ValueError) as error:
+        what = (
+            "it is nested too deeply" if isinstance(error, RecursionError) else "a number has too many digits"
+        )
+        raise ProblemError(f"this is not TOML that can be read: {what}") from None
+
+
+def _retyped(text: str, place: re.Match[str] | None) -> str:
+    """Say what to type in the line that TOML stopped in, where characters outside of its texts only look like others."""
+    found = re.search(r"line ([0-9]+)", place.group(1)) if place else None
+    line = text.splitlines()[int(found[1]) - 1 : int(found[1])] if found else []
+    return advice(_QUOTED.sub("", line[0]).partition("#")[0]) if line else ""
+
+
+def _table_name(found: re.Match[str]) -> str:
+    """Write the keys of a table, a tuple in Python's messages, as the file does: [agent.units]."""
+    keys = re.findall(r"'([^']*)'", found.group())
+    return f"[{'.'.join(keys)}]"
+
+
+def parse_tables(document: Any) -> ProblemFile:
+    """Check a document against the schema.
+
+    Raises:
+        ProblemError: too deep, too many keys, a text that hides others; an unknown or missing key, a wrong type, or
+            a value out of range, with its place in the file.
+    """
+    check_document(document)
+    try:
+        return ProblemFile.model_validate(document)
+    except ValidationError as error:
+        raise problem_error(error) from None
