@@ -4,6 +4,7 @@ Property tests draw the same examples on every machine and in every run. `--hypo
 then prints how to repeat it (`@reproduce_failure`), as does `--hypothesis-seed`.
 """
 
+import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,6 +31,16 @@ def own_cache_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
     """Keep designs that the command makes in a folder of these tests, not in the user's."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_signs_of_life() -> Iterator[None]:
+    """Leave out the lines that a command writes after some seconds: what it says is not to depend on a clock."""
+    from lockstep.workflow.waiting.progress_lines import ProgressLines
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(ProgressLines.__init__.__kwdefaults__, "patience", math.inf)
         yield
 
 

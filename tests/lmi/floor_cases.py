@@ -55,7 +55,7 @@ def random_problem(rng: np.random.Generator) -> tuple[Network, Claim, int]:
 
 def floor(posed: Network, alpha: float, R: np.ndarray) -> float:
     """Return the floor, decided apart from the search for it; 0 where there is none."""
-    witness = largest_floor(posed, alpha, R)
+    witness = largest_floor(posed.matrices, alpha, R)
     if witness is None:
         return 0.0
     assert proves_floor(posed.matrices, alpha, R, witness)

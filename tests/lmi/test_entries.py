@@ -263,7 +263,9 @@ def test_the_floor_beside_entries_is_that_of_alpha_0() -> None:
     assert stored.proofs.certificate is not None
     assert len(stored.claims.entries) == 2
     rho = stored.proofs.certificate.rho
-    low, high = (largest_floor(network, alpha, claim.R, certified=rho) for alpha in (0.0, claim.alpha))
+    low, high = (
+        largest_floor(network.matrices, alpha, claim.R, certified=rho) for alpha in (0.0, claim.alpha)
+    )
     assert low is not None
     assert high is not None
     assert low.rho < 0.9 * high.rho

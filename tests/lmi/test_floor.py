@@ -84,7 +84,7 @@ def test_the_floor_of_the_arms() -> None:
 def test_the_rows_of_the_laplacian_have_the_same_floor() -> None:
     """The statement is about one agent: no coordinates enter it."""
     rows = arms(coordinates="laplacian_rows")
-    witness = largest_floor(arms(), ALPHA, np.eye(4))
+    witness = largest_floor(arms().matrices, ALPHA, np.eye(4))
     assert witness is not None
     assert proves_floor(rows.matrices, ALPHA, np.eye(4), witness)
 
@@ -96,8 +96,8 @@ def test_where_gains_reach_everything_there_is_no_floor() -> None:
     certain = Claim(0.0, np.eye(1), np.zeros((0, 0)), np.zeros((3, 4)))
     proved = prove(scalar, Gains.from_blocks(gains, 0), certain)
     assert proved.rho < 0.01429
-    assert largest_floor(scalar, 0.0, np.eye(1)) is None
-    assert largest_floor(scalar, 0.0, np.eye(1), certified=proved.rho) is None
+    assert largest_floor(scalar.matrices, 0.0, np.eye(1)) is None
+    assert largest_floor(scalar.matrices, 0.0, np.eye(1), certified=proved.rho) is None
 
 
 def test_more_alpha_and_more_weight_raise_the_floor() -> None:
@@ -118,15 +118,15 @@ def test_different_inputs_are_pooled() -> None:
 
 def test_an_alpha_that_none_carries_and_one_that_some_do() -> None:
     """z' = -z + phi, out of reach: |phi| <= alpha |z| allows phi = alpha z, which is stable for alpha < 1 only."""
-    assert proves_that_none_carries(UNACTUATED, 1.01)
-    assert not proves_that_none_carries(UNACTUATED, 0.99)
-    assert proves_that_none_carries(UNMEASURED, 1.01)
-    assert not proves_that_none_carries(UNMEASURED, 0.99)
+    assert proves_that_none_carries(UNACTUATED.matrices, 1.01)
+    assert not proves_that_none_carries(UNACTUATED.matrices, 0.99)
+    assert proves_that_none_carries(UNMEASURED.matrices, 1.01)
+    assert not proves_that_none_carries(UNMEASURED.matrices, 0.99)
 
 
 @pytest.fixture(scope="module")
 def proved() -> FloorWitness:
-    witness = largest_floor(arms(), ALPHA, np.eye(4))
+    witness = largest_floor(arms().matrices, ALPHA, np.eye(4))
     assert witness is not None
     return witness
 

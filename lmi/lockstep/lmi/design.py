@@ -253,7 +253,9 @@ def _searched(
     score = SampledScore.of(problem, network, claim)
     found = searched(problem, network, claim, jobs, tell, time_limit, score, stop, explain=explain)
     figures = found.figures | _figures(network, found.gains)
-    floor = stop.optional(lambda: _floor(network, found.claim, found.certificate.rho, tell), otherwise=None)
+    floor = stop.optional(
+        lambda: _floor(problem, network, found.claim, found.certificate.rho, tell), otherwise=None
+    )
     return Proposal(
         problem, network, bound, found.claim, found.gains, found.certificate, figures, floor, found.others
     )
@@ -317,7 +319,7 @@ def _protocol(problem: Problem, network: Network, bound: Bound, claim: Claim, te
             "decay": protocol.decay,
         },
     }
-    floor = _floor(network, claim, certificate.rho, tell)
+    floor = _floor(problem, network, claim, certificate.rho, tell)
     return Proposal(problem, network, bound, claim, gains, certificate, figures, floor)
 
 
@@ -350,7 +352,7 @@ def _modal(problem: Problem, network: Network, bound: Bound, claim: Claim, tell:
         },
     }
     # A floor is one of a network with so many agents: of many graphs there is none.
-    floor = None if network.spectrum is not None else _floor(network, claim, certificate.rho, tell)
+    floor = None if network.spectrum is not None else _floor(problem, network, claim, certificate.rho, tell)
     return Proposal(problem, network, bound, claim, gains, certificate, figures, floor)
 
 
@@ -359,11 +361,14 @@ def _figures(network: Network, gains: Gains) -> dict[str, Any]:
     return {"abscissa": float(poles.real.max()), "gain_norms": gains.norms}
 
 
-def _floor(network: Network, claim: Claim, rho: float, tell: Progress) -> FloorWitness | None:
+def _floor(
+    problem: Problem, network: Network, claim: Claim, rho: float, tell: Progress
+) -> FloorWitness | None:
     """Return the largest floor that is proved, in any coordinates and for any method; None where none is."""
     from lockstep.lmi.floor.bisection import largest_floor
+    from lockstep.model.assembly import exact_network
 
     if not claim.performance.covers_xi:
         return None
     tell("proving a floor of rho", 0.0)
-    return largest_floor(network, claim.alpha_of_floor, claim.R, certified=rho)
+    return largest_floor(exact_network(problem, network), claim.alpha_of_floor, claim.R, certified=rho)

@@ -18,6 +18,8 @@ from lockstep.check.bound.decide import MOST_BOXES, Budget, decide_entries
 from lockstep.check.bound.slopes import SlopeProblem
 from lockstep.check.errors import BoundNotProved
 from lockstep.check.numbers import is_double
+from lockstep.check.system.network import ExactNetwork
+from lockstep.check.system.problem import ProblemTables
 from lockstep.model.agents.agent import Agent
 from lockstep.model.agents.lure import Lure
 from lockstep.model.agents.unbounded import no_bound
@@ -154,6 +156,12 @@ def network_of(problem: Problem, bound: Bound) -> Network:
         (bound.output_scale, bound.input_scale),
         spectrum=None if spectrum is None else (spectrum.lower, spectrum.upper),
     )
+
+
+def exact_network(problem: Problem, network: Network) -> ExactNetwork:
+    """Return the network of a problem in rationals, as the checker reads it from the problem's text."""
+    read = ProblemTables.from_document(problem.document())
+    return read.network(network.agent.moves, network.scales)[0]
 
 
 def _with_exact_scales(bound: Bound, lure: Lure) -> Bound:

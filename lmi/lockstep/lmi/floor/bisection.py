@@ -15,10 +15,10 @@ from jaxtyping import Float
 
 from lockstep.check.floor.projected import Projected, side
 from lockstep.check.floor.witness import FloorWitness, Piece, exact_agent, excludes, of_piece
-from lockstep.check.numbers import zeros
+from lockstep.check.numbers import as_floats, zeros
 from lockstep.check.system.loop import Plant
+from lockstep.check.system.network import ExactNetwork
 from lockstep.lmi.floor.program import FloorProgram, FloorSolution, Scales, largest_margin
-from lockstep.model.network import Network
 
 STEP = 4.0
 """By how much rho is lowered or raised until it is between one that is proved and one that is not."""
@@ -52,12 +52,13 @@ FIRST_CUT = 10.0
 
 
 def largest_floor(
-    network: Network, alpha: float, R: Float[np.ndarray, "n n"], *, certified: float | None = None
+    network: ExactNetwork, alpha: float, R: Float[np.ndarray, "n n"], *, certified: float | None = None
 ) -> FloorWitness | None:
     """Return the largest rho for which it is proved that no controllers certify less; None where no proof is found.
 
     Args:
-        network: the agents; of the graph only that it has a spanning tree is used.
+        network: the agents as the checker reads them (`exact_network`): near the least rho the nearest doubles of A are
+            agents of another one. Of the graph only that it has a spanning tree is used.
         alpha: the incremental bound of phi.
         R: (n, n) weight of the disagreement.
         certified: a rho that is certified, above which there is nothing to look for.
@@ -81,12 +82,12 @@ def largest_floor(
     return _shortened(network, alpha, R, FloorWitness(rho, proved[rho]))
 
 
-def proves_that_none_carries(network: Network, alpha: float) -> bool:
+def proves_that_none_carries(network: ExactNetwork, alpha: float) -> bool:
     """Tell whether a proof is found that no controllers certify alpha, with whatever rho and R.
 
     Such a proof needs phi to reach, and to be reached from, all that the controllers cannot move: else none is found here.
     """
-    plant, slope = exact_agent(network.matrices, alpha)
+    plant, slope = exact_agent(network, alpha)
     if not plant.G.shape[1]:
         return False
     stated = without_rho(plant, slope)
@@ -106,9 +107,9 @@ def without_rho(plant: Plant, alpha: fmpq) -> Projected:
     return Projected(primal, dual)
 
 
-def _guess(network: Network, R: Float[np.ndarray, "n n"]) -> float:
+def _guess(network: ExactNetwork, R: Float[np.ndarray, "n n"]) -> float:
     """Return what rho is of the size of: that of x' = -|A| x + xi."""
-    fastest = float(np.abs(np.linalg.eigvals(network.plant.A)).max())
+    fastest = float(np.abs(np.linalg.eigvals(as_floats(network.plant.A))).max())
     return math.sqrt(float(np.linalg.norm(R, 2))) / (fastest or 1.0)
 
 
@@ -144,7 +145,7 @@ def rounded_down(rho: float) -> float:
 class _Cover:
     """The pieces for one rho, and the programs they come from."""
 
-    network: Network
+    network: ExactNetwork
     alpha: float
     R: Float[np.ndarray, "n n"]
     rho: float
@@ -172,7 +173,7 @@ class _Cover:
     def _point(self, lower: float, upper: float) -> tuple[FloorSolution | None, bool]:
         key = lower == 0, math.isinf(upper)
         if key not in self.programs:
-            stated = of_piece(self.network.matrices, self.alpha, self.R, self.rho, lower, upper)
+            stated = of_piece(self.network, self.alpha, self.R, self.rho, lower, upper)
             self.programs[key] = stated, FloorProgram(stated)
         stated, program = self.programs[key]
         return _point(program, stated, lower, upper)
@@ -211,13 +212,13 @@ def cut(lower: float, upper: float, mu: float) -> float:
 
 
 def _shortened(
-    network: Network, alpha: float, R: Float[np.ndarray, "n n"], witness: FloorWitness
+    network: ExactNetwork, alpha: float, R: Float[np.ndarray, "n n"], witness: FloorWitness
 ) -> FloorWitness:
     """Return the witness in the fewest of `DIGITS`, piece by piece."""
     ends = [0.0, *(piece.upper for piece in witness.pieces)]
     pieces = []
     for lower, piece in zip(ends, witness.pieces, strict=False):
-        stated = of_piece(network.matrices, alpha, R, witness.rho, lower, piece.upper)
+        stated = of_piece(network, alpha, R, witness.rho, lower, piece.upper)
         shorter = (in_digits(piece, digits) for digits in DIGITS)
         pieces.append(next((one for one in shorter if excludes(stated, one, lower)), piece))
     return replace(witness, pieces=tuple(pieces))

@@ -25,6 +25,7 @@ from lockstep.lmi.search.likely import likely
 from lockstep.lmi.search.start import Climbed
 from lockstep.lmi.search.stopping import Deadline, NothingYet, Stop
 from lockstep.lmi.threads import one_thread
+from lockstep.model.assembly import exact_network
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 
@@ -261,7 +262,7 @@ def refuse_the_impossible(problem: Problem, network: Network, claim: Claim) -> N
             f" {bound:.3g}; raise [design] order to 1 or more, or measure more",
             abscissa=bound,
         )
-    if not claim.entries and proves_that_none_carries(network, claim.alpha):
+    if not claim.entries and proves_that_none_carries(exact_network(problem, network), claim.alpha):
         most = largest_alpha_of_any_controller(network)
         near = f" and {most:.6g} is about the most that any can (computed)" if np.isfinite(most) else ""
         raise Infeasible(
