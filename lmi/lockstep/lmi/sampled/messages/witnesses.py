@@ -17,9 +17,9 @@ from lockstep.check.sampled.lifting import Lifted, copies, lift
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.check.sampled.messages import (
     W_1,
-    W_2,
     Messages,
     MessageWitness,
+    every_W_2,
     message_step,
     period_parts,
     proves_messages,
@@ -203,6 +203,6 @@ def _priced(
             found, Gamma=Gamma, X=X, t=t, decay=decay, kappa=kappa, kappa_mu=MU * weighed(loop.underflows)
         )
         W = W_1(loop, lifted, messages, witness, running)
-        if holds_in_doubles(W_2(loop, messages, witness, running)) and holds_in_doubles(W):
+        if holds_in_doubles(W) and all(map(holds_in_doubles, every_W_2(loop, messages, witness, running))):
             yield witness
             return
