@@ -11,7 +11,7 @@ from test_messages import SLOPES, drawn, pendulums, strong
 
 from lockstep.check.sampled import messages as checker
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.messages import Messages, MessageWitness, W_2, every_W_2, proves_messages
+from lockstep.check.sampled.messages import W_2, Messages, MessageWitness, every_W_2, proves_messages
 from lockstep.lmi.sampled.certify import in_doubles
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
 
@@ -131,7 +131,7 @@ def test_a_witness_of_one_very_probability_proves_no_smaller_ones(monkeypatch):
     net, ones = pendulums()
     loop = sampled_loop(net, ones)
     with monkeypatch.context() as patched:
-        patched.setattr(Messages, "losses", lambda self, links: np.ones((1, links)))
+        patched.setattr(Messages, "losses", lambda _, links: np.ones((1, links)))
         found = certify_messages(net, ones, Messages(0.8)).witness
         assert proves_messages(loop, Messages(0.8), found)
     assert not proves_messages(loop, Messages(0.8), found)

@@ -3,7 +3,7 @@
 Listener i holds of source j the difference of stamped outputs, d_e = a_ij (y_i - y_j) of one instant for each link e. What
 is assumed of each link, `loss` p0, `burst` b, `delay` up to l periods, `jitter` J:
 
-    h_e(k) = d_e(k) + eta_e(k)  with probability 1 - p_e(k), else h_e(k - 1): chance loses a message, or the newest arrives;
+    h_e(k) = d_e(k) + eta_e(k)  with probability 1 - p_e(k), else h_e(k - 1): chance loses a message, or the newest comes;
              0 <= p_e(k) <= p0 depends on what happened before in any way, and given that the links are independent;
     held   = h_e(k - tau_e(k)),  0 <= tau_e(k) <= D = b + l in any pattern: b lost in a row, and then up to l periods late;
     eta_e  = the change of d_e over at most the last J T before the instant at which it was to be read.
@@ -52,21 +52,21 @@ delta, before it is averaged. Second, the mean over delta,
     E ((xi, nu1)'Gamma (xi, nu1) + (D + 1) decay^(-D) nu1'Xa nu1 + D^2 decay^(1 - D) g'X g)
         < decay (V(xi, eps) + eta'Xj eta):                                                         W_2 > 0,
 
-given what happened before, E of a square being that of the mean and p_e (1 - p_e) (eps_e - eta_e)'Gamma_ee (eps_e - eta_e) for
-each link. As delta_e^2 = delta_e, what is averaged is affine in each delta_e, so that W_2 is affine in each p_e: between its
-values at p_e = 0 and p_e = p0, the other probabilities being what they are. Nothing else depends on p, V and S included, so
+given what happened before, E of a square being that of the mean and p_e (1 - p_e) (eps_e - eta_e)'Gamma_ee (eps_e - eta_e)
+for each link. As delta_e^2 = delta_e, what is averaged is affine in each delta_e, so that W_2 is affine in each p_e: between
+its values at p_e = 0 and p_e = p0, the other probabilities being what they are. Nothing else depends on p, not V, not S, so
 
     W_2 > 0 at the 2^links corners p_e in {0, p0}
 
-proves it at every instant, whatever the p_e(k) up to p0 are. With more than `MOST_LINKS` links it is proved of links that lose
-alike, p_e(k) = p(k): W_2 is of degree 2 in p then, so it is positive on [0, p0] where its coefficients of Bernstein are,
+proves it at every instant, whatever the p_e(k) up to p0 are. With more than `MOST_LINKS` links it is proved of links that
+lose alike, p_e(k) = p(k): W_2 is of degree 2 in p then, and positive on [0, p0] where its coefficients of Bernstein are,
 
     W_2(0),   2 W_2(p0 / 2) - (W_2(0) + W_2(p0)) / 2,   W_2(p0).
 
 With p0 = 0 nothing is random, and the decay is that of each run; with p0 > 0 it is that of the mean square, and with
-probability 1 there is agreement as well. With rho, both halves hold with decay 1 and the cost of `performance`. The outputs' own noise n is then in
-what is read, eta_e + Y_n n in the place of eta_e with Y_n its columns of `differences`, and nowhere else: W_1 has no column
-of it (nu holds what was read), and rho^2 T n'(S (x) I) n stands on the right of the second half.
+probability 1 there is agreement as well. With rho, both halves hold with decay 1 and the cost of `performance`. The outputs'
+own noise n is then in what is read, eta_e + Y_n n in the place of eta_e with Y_n its columns of `differences`, and nowhere
+else: W_1 has no column of it (nu holds what was read), and rho^2 T n'(S (x) I) n stands on the right of the second half.
 """
 
 import itertools
@@ -87,7 +87,7 @@ from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.sampled.performance import running_cost
 
 MOST_LINKS = 8
-"""Up to so many links lose messages each with a probability of its own: 2^links matrices. More lose with the same, which may change."""
+"""Up to so many links lose messages each with a probability of its own, which takes 2^links matrices; more lose alike."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class Messages:
         return self.loss > 0 and links > MOST_LINKS
 
     def losses(self, links: int) -> np.ndarray:
-        """Return p of each link, of so many, row by row: the corners, or 0, p0 / 2 and p0 of all alike; as parts of p0."""
+        """Return p of so many links as parts of p0, row by row: the corners, or 0, 1/2 and 1 where they lose alike."""
         if not self.loss:
             return np.zeros((1, links))
         if self.alike(links):
@@ -384,10 +384,11 @@ def every_W_2(
     """Yield what is to be positive: W_2 at the corners, or the coefficients where the links lose alike."""
     links = len(witness.X) // witness.X.shape[1]
     found = (W_2(loop, messages, witness, parts, running) for parts in messages.losses(links))
-    if messages.alike(links):
-        first, middle, last = found
-        found = iter((first, 2 * middle - (first + last) / 2, last))
-    yield from found
+    if not messages.alike(links):
+        yield from found
+        return
+    first, middle, last = found
+    yield from (first, 2 * middle - (first + last) / 2, last)
 
 
 def W_2(
@@ -397,7 +398,7 @@ def W_2(
     parts: Annotated[np.ndarray, " links"],
     running: Matrix | None = None,
 ) -> Matrix:
-    """Assemble W_2 with p_e = parts_e p0, in the numbers of the loop, on (xi, eps, eta, n); running: as in `W_1`, n with it."""
+    """Assemble W_2 with p_e = parts_e p0, in the numbers of the loop, on (xi, eps, eta, n); running: as in `W_1`."""
     number = converter(is_exact(loop.held))
     P, Gamma, X = (number(one) for one in (witness.P, witness.Gamma.copy(), witness.X))
     decay, loss = number(np.array([witness.decay, messages.loss]))

@@ -2,8 +2,8 @@
 
 Every other run starts in agreement and is disturbed: by a sine where the linearised loop amplifies most, every eighth by
 noise on every state. The others start anywhere and are not disturbed. What is claimed: with ages bounded (no independent
-loss) int |z|^2 <= rho^2 int |xi_d|^2 of every run from agreement; with independent losses, of as large a chance or less, of its
-mean, whatever xi is.
+loss) int |z|^2 <= rho^2 int |xi_d|^2 of every run from agreement; with independent losses, as likely or less, of its mean,
+whatever xi is.
 """
 
 import json

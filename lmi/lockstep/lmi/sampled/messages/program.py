@@ -172,7 +172,7 @@ def solved(
         K = K + of_nu.T @ Xs @ of_nu
         inner = Gamma + (D + 1) * decay**-D * padded_nu1.T @ Xa @ padded_nu1
     own = np.kron(np.eye(links // q), np.ones((q, q)))
-    X_jitter = None
+    X_jitter: Any = None
     if J:
         ones = [cp.Variable((q, q), symmetric=True) for _ in range(links // q)]
         if fixed is not None and fixed.X_jitter.size:

@@ -49,7 +49,7 @@ FACTORS = (
     *((1.02, 1.0), (1.1, 1.0), (1.1, 1.2), (1.3, 1.0), (1.3, 1.7), (2.0, 1.0), (2.0, 4.0)),
     *((4.0, 4.0), (4.0, 16.0), (10.0, 10.0), (10.0, 100.0), (100.0, 100.0), (100.0, 1e4)),
 )
-"""Multiples of rho of the loop whose messages all arrive, and of its pair weights, that are tried."""
+"""Multiples of rho of the loop whose messages all arrive, and of its pair weights: the first that does, by bisection."""
 
 
 @dataclass(frozen=True)
@@ -143,12 +143,19 @@ def message_rho(
     """
     loop = in_doubles(network, controllers, weights.outputs)
     exact_loop = sampled_loop(network, controllers, weights.outputs)
-    for factor, scale in FACTORS:
+    found, low, high = None, 0, len(FACTORS)
+    while low < high:
+        middle = (low + high) // 2
+        factor, scale = FACTORS[middle]
         rho = float(f"{factor * known.rho:.4g}")
-        for witness in _with_rho(loop, messages, weights, rho, scale, known.witness):
-            if proves_messages(exact_loop, messages, witness, weights, rho):
-                return rho, witness
-    return None
+        held = [
+            witness
+            for witness in _with_rho(loop, messages, weights, rho, scale, known.witness)
+            if proves_messages(exact_loop, messages, witness, weights, rho)
+        ]
+        found = (rho, held[0]) if held else found
+        low, high = (low, middle) if held else (middle + 1, high)
+    return found
 
 
 def _with_rho(
