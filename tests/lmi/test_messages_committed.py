@@ -12,7 +12,7 @@ from lockstep.check.sampled.messages import Messages
 from lockstep.check.system.problem import ProblemTables
 from lockstep.codegen.sampled_design import prove_agreement
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
-from lockstep.workflow.design import Design
+from lockstep.workflow.design import load
 
 ROOT = Path(__file__).parents[2]
 LOSSY = ROOT / "examples" / "lossy_arms" / "design.json"
@@ -22,7 +22,6 @@ def verdict(content):
     return certified(parse(content, "the design", ProblemTables.from_document)).verdicts["messages"].proved
 
 
-@pytest.mark.slow
 def test_the_arms_carry_losses_bursts_delays_and_jitter_together():
     """Each link loses up to half of its messages, and no more: the checker reads the file, nothing is searched."""
     content = json.loads(LOSSY.read_text(encoding="utf-8"))
@@ -40,7 +39,7 @@ def test_the_arms_carry_losses_bursts_delays_and_jitter_together():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["carts", "chua", "neurons", "quadrotors"])
 def test_gains_made_for_messages_that_arrive_carry_some_that_do_not(name):
-    found = Design.load(ROOT / "docs" / "gallery" / "designs" / f"{name}.json").stored
+    found = load(ROOT / "docs" / "gallery" / "designs" / f"{name}.json").stored
     network, controllers, sampled = prove_agreement(found)
     assert certify_messages(network, controllers, Messages(0.1, 1, jitter=0.1), sampled.witness.P)
     assert not certify_messages(network, controllers, Messages(0.1, 900), sampled.witness.P)
