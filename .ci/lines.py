@@ -71,7 +71,7 @@ LATER = {
             ),
         ],
         # 640 before the bound of what chance held back and the outputs' noise, 680 before a loss of at most p.
-        695,
+        700,
     ),
     "messages: gains that carry them": (
         [
