@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LOSSY = ROOT / "examples" / "lossy_arms" / "design.json"
 
 
-def verdict(content):
-    return certified(parse(content, "the design", ProblemTables.from_document)).verdicts["messages"].proved
+def verdict(content, name="messages"):
+    return certified(parse(content, "the design", ProblemTables.from_document)).verdicts[name].proved
 
 
 def test_the_arms_carry_losses_bursts_delays_and_jitter_together():
@@ -30,10 +30,14 @@ def test_the_arms_carry_losses_bursts_delays_and_jitter_together():
     assert content["problem"]["controller"]["period"] == 0.005
     assert content["claims"]["messages"].items() >= asked.items()
     assert verdict(content)
+    assert verdict(content, "messages_rho")
     for key, value in {"loss": 0.9, "burst": 12, "jitter": 0.9}.items():
         more = deepcopy(content)
         more["claims"]["messages"][key] = value
         assert not verdict(more), key
+    better = deepcopy(content)
+    better["claims"]["messages"]["rho"] = content["claims"]["sampled"]["rho"]
+    assert not verdict(better, "messages_rho"), "no witness of a gain proves a tenth of it"
 
 
 @pytest.mark.slow

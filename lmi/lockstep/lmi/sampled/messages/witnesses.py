@@ -45,11 +45,11 @@ ERROR = 1e8
 MU = 1e6
 """The price of underflow, relative to what it weighs in P."""
 
-FACTORS = (
-    *((1.02, 1.0), (1.1, 1.0), (1.1, 1.2), (1.3, 1.0), (1.3, 1.7), (2.0, 1.0), (2.0, 4.0)),
-    *((4.0, 4.0), (4.0, 16.0), (10.0, 10.0), (10.0, 100.0), (100.0, 100.0), (100.0, 1e4)),
-)
-"""Multiples of rho of the loop whose messages all arrive, and of its pair weights: the first that does, by bisection."""
+FACTORS = {
+    **{1.02: (1.0,), 1.1: (1.0, 1.2), 1.3: (1.0, 1.7), 2.0: (1.0, 4.0)},
+    **{4.0: (4.0, 16.0), 10.0: (10.0, 100.0), 100.0: (100.0, 1e4)},
+}
+"""Multiples of rho of the loop whose messages all arrive, bisected, and with each the multiples of its pair weights."""
 
 
 @dataclass(frozen=True)
@@ -143,17 +143,17 @@ def message_rho(
     """
     loop = in_doubles(network, controllers, weights.outputs)
     exact_loop = sampled_loop(network, controllers, weights.outputs)
-    found, low, high = None, 0, len(FACTORS)
+    found, factors, low, high = None, list(FACTORS), 0, len(FACTORS)
     while low < high:
         middle = (low + high) // 2
-        factor, scale = FACTORS[middle]
-        rho = float(f"{factor * known.rho:.4g}")
-        held = [
+        rho = float(f"{factors[middle] * known.rho:.4g}")
+        tried = (
             witness
+            for scale in FACTORS[factors[middle]]
             for witness in _with_rho(loop, messages, weights, rho, scale, known.witness)
-            if proves_messages(exact_loop, messages, witness, weights, rho)
-        ]
-        found = (rho, held[0]) if held else found
+        )
+        held = next((one for one in tried if proves_messages(exact_loop, messages, one, weights, rho)), None)
+        found = found if held is None else (rho, held)
         low, high = (low, middle) if held else (middle + 1, high)
     return found
 
