@@ -59,8 +59,8 @@ LATER = {
             f"check/lockstep/check/{name}.py"
             for name in ("messages", "design_file/messages", "sampled/messages")
         ],
-        # 300 before the bound of what chance held back and the outputs' noise.
-        330,
+        # 300 before the bound of what chance held back and the outputs' noise, 330 before a loss of at most p.
+        360,
     ),
     "messages: what proposes and says": (
         [
@@ -70,8 +70,8 @@ LATER = {
                 for name in ("codegen/message_claims", "workflow/messages", "cli/messages")
             ),
         ],
-        # 640 before the bound of what chance held back and the outputs' noise.
-        680,
+        # 640 before the bound of what chance held back and the outputs' noise, 680 before a loss of at most p.
+        700,
     ),
     "messages: gains that carry them": (
         [

@@ -79,15 +79,25 @@ class HeldLoop:
 def mean_square_radius(net, ones, loss, slope, age=0):
     """The growth of the mean square per period: the spectral radius of E F (x) F, outcome by outcome.
 
-    age: of what chance spares, on all links for ever.
+    loss: of all links, or one for each;  age: of what chance spares, on all links for ever.
     """
+    links = sum(len(one.sources) for one in ones)
+    return growth_in_turn(net, ones, [np.broadcast_to(loss, links)], slope, age)
+
+
+def growth_in_turn(net, ones, losses, slope, age=0):
+    """The growth of the mean square per period where one vector of the links' probabilities follows another."""
     loop = HeldLoop(net, ones, slope, memory=max(age, 1))
-    ages, total = (age,) * len(loop.links), 0
+    ages, totals = (age,) * len(loop.links), [0] * len(losses)
     for lost in itertools.product((False, True), repeat=len(loop.links)):
-        part = loss ** sum(lost) * (1 - loss) ** (len(lost) - sum(lost))
         F = loop.across(loop.step(lost, ages))
-        total = total + part * np.kron(F, F)
-    return float(np.abs(np.linalg.eigvals(total)).max())
+        square = np.kron(F, F)
+        for k, p in enumerate(losses):
+            totals[k] = totals[k] + np.where(lost, p, 1 - np.asarray(p)).prod() * square
+    product = totals[0]
+    for total in totals[1:]:
+        product = total @ product
+    return float(np.abs(np.linalg.eigvals(product)).max()) ** (1 / len(losses))
 
 
 def worst_pattern(net, ones, age, slope, longest=6, rng=None, random=0):

@@ -27,7 +27,8 @@ def decide_messages(
     if asked is not None and not (claimed and asked.within(claimed.messages)):
         yield "messages", Verdict("undecided", "[network.messages] asks for more than is claimed, or other")
     elif claimed is not None:
-        text = f"with {claimed.messages.text}"
+        alike = claimed.messages.alike(len(loop.differences) // len(loop.network.plant.C))
+        text = f"with {claimed.messages.text}{', all links losing alike' if alike else ''}"
         yield "messages", _said(loop, claimed, proofs.messages, text)
         if claimed.rho is not None:
             said = f"rho {claimed.rho:g} from the states' disturbances {text}"

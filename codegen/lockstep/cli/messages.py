@@ -32,5 +32,6 @@ def messages_row(content: Mapping[str, Any]) -> dict[str, str]:
     if not found["certified"]:
         return {"messages": f"NO: {found['reason']}"}
     gain = f", rho {found['rho']:.6g}" if found.get("rho") else ""
-    faults = f"a loss of {found['loss']:g}, {found['burst']} lost in a row, {found['delay'][1]} periods late"
+    alike = ", all links alike" if found.get("alike") else ""
+    faults = f"a loss of at most {found['loss']:g}{alike}, {found['burst']} lost in a row, {found['delay'][1]} periods late"
     return {"messages": f"yes, with {faults}, jitter {found['jitter']:g}{gain}, proof: {found['proof']}"}

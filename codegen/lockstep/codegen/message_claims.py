@@ -105,9 +105,10 @@ def said_of_messages(stored: Stored) -> dict[str, str]:
     claimed = stored.claims.messages
     if claimed is None:
         return {}
-    one = claimed.messages
+    one, links = claimed.messages, len(stored.problem.graph().edges)
+    whose = "all links the same" if one.alike(links) else "each link its own, which may change"
     parts = [
-        f"a link loses a message with a probability of {one.loss:g}" if one.loss else "",
+        f"a link loses a message with a probability of at most {one.loss:g}, {whose}" if one.loss else "",
         f"at most {one.burst} are lost in a row" if one.burst else "",
         f"they are at most {one.delay[1]} periods late" if one.delay[1] else "",
         f"a reading is taken at most {one.jitter:g} of a period early" if one.jitter else "",

@@ -152,7 +152,8 @@ def messages_answer(stored: Stored, *, certified: bool) -> dict[str, Any]:
     """Return the key `messages` where the problem asks or the design claims: what is claimed, or why nothing is."""
     claims, asked = stored.claims.messages, stored.problem.messages
     if claims is not None and certified:
-        return {"messages": {"certified": True, "proof": "ball", **claims.document()}}
+        alike = claims.messages.alike(len(stored.problem.graph().edges))
+        return {"messages": {"certified": True, "proof": "ball", **claims.document(), "alike": alike}}
     if asked is None:
         return {}
     said = {"reason": "nothing is proved of it", **_table(stored.info, "messages")}

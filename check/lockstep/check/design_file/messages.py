@@ -25,9 +25,9 @@ ASKED = "[network.messages]"
 class MessageClaims:
     """What is claimed of the sampled loop whose messages are lost, late or jittered.
 
-    messages: what may happen to them (more is better);  decay: V shrinks by it from sample to sample, in the mean square
-    where chance loses messages (smaller is better);  rho: the gain from the states' disturbances then, the outputs' noise
-    left out (smaller is better), or None.
+    messages: what may happen to them at most (more is better);  decay: V shrinks by it from sample to sample, in the mean
+    square where chance loses messages (smaller is better);  rho: the gain from the disturbances then, the outputs' noise
+    included (smaller is better), or None.
     """
 
     messages: Messages

@@ -1,10 +1,10 @@
 """Messages that are lost by chance, lost in bursts, late, or of jittered instants: the sampled loop with what listeners hold.
 
 Listener i holds of source j the difference of stamped outputs, d_e = a_ij (y_i - y_j) of one instant for each link e. What
-is assumed of each link, `loss` p, `burst` b, `delay` up to l periods, `jitter` J:
+is assumed of each link, `loss` p0, `burst` b, `delay` up to l periods, `jitter` J:
 
-    h_e(k) = d_e(k) + eta_e(k)  with probability 1 - p, else h_e(k - 1): chance loses a message, or the newest arrives;
-             independent over the instants and the links, and of all that happened before;
+    h_e(k) = d_e(k) + eta_e(k)  with probability 1 - p_e(k), else h_e(k - 1): chance loses a message, or the newest comes;
+             0 <= p_e(k) <= p0 depends on what happened before in any way, and given that the links are independent;
     held   = h_e(k - tau_e(k)),  0 <= tau_e(k) <= D = b + l in any pattern: b lost in a row, and then up to l periods late;
     eta_e  = the change of d_e over at most the last J T before the instant at which it was to be read.
 
@@ -14,7 +14,7 @@ the start h(-1) is any vector that was held for ever: V counts it, and 0 stands 
 With eps(k) = h(k - 1) - d(k) beside xi, nu1(k) = h(k) - d(k) and nu(k) = held - d(k), which is in the place of the
 messages' errors of `loop`,
 
-    eps+ = nu1 - Y (xi+ - xi),       nu1_e = delta_e eps_e + (1 - delta_e) eta_e,   delta_e = 1 with probability p,
+    eps+ = nu1 - Y (xi+ - xi),       nu1_e = delta_e eps_e + (1 - delta_e) eta_e,   delta_e = 1 with probability p_e,
     nu   = nu1 + w,   w(k) = h(k - tau) - h(k) = -sum_{s < tau} g(k - s),
     g_e  = h_e(k) - h_e(k - 1) = (1 - delta_e) (eta_e - eps_e).
 
@@ -52,13 +52,25 @@ delta, before it is averaged. Second, the mean over delta,
     E ((xi, nu1)'Gamma (xi, nu1) + (D + 1) decay^(-D) nu1'Xa nu1 + D^2 decay^(1 - D) g'X g)
         < decay (V(xi, eps) + eta'Xj eta):                                                         W_2 > 0,
 
-E of a square being that of the mean and p (1 - p) (eps_e - eta_e)'Gamma_ee (eps_e - eta_e) for each link. With p = 0 nothing
-is random, and the decay is that of each run; with p > 0 it is that of the mean square, and with probability 1 there is
-agreement as well. With rho, both halves hold with decay 1 and the cost of `performance`. The outputs' own noise n is then in
-what is read, eta_e + Y_n n in the place of eta_e with Y_n its columns of `differences`, and nowhere else: W_1 has no column
-of it (nu holds what was read), and rho^2 T n'(S (x) I) n stands on the right of the second half.
+given what happened before, E of a square being that of the mean and p_e (1 - p_e) (eps_e - eta_e)'Gamma_ee (eps_e - eta_e)
+for each link. As delta_e^2 = delta_e, what is averaged is affine in each delta_e, so that W_2 is affine in each p_e: between
+its values at p_e = 0 and p_e = p0, the other probabilities being what they are. Nothing else depends on p, not V, not S, so
+
+    W_2 > 0 at the 2^links corners p_e in {0, p0}
+
+proves it at every instant, whatever the p_e(k) up to p0 are. With more than `MOST_LINKS` links it is proved of links that
+lose alike, p_e(k) = p(k): W_2 is of degree 2 in p then, and positive on [0, p0] where its coefficients of Bernstein are,
+
+    W_2(0),   2 W_2(p0 / 2) - (W_2(0) + W_2(p0)) / 2,   W_2(p0).
+
+With p0 = 0 nothing is random, and the decay is that of each run; with p0 > 0 it is that of the mean square, and with
+probability 1 there is agreement as well. With rho, both halves hold with decay 1 and the cost of `performance`. The outputs'
+own noise n is then in what is read, eta_e + Y_n n in the place of eta_e with Y_n its columns of `differences`, and nowhere
+else: W_1 has no column of it (nu holds what was read), and rho^2 T n'(S (x) I) n stands on the right of the second half.
 """
 
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -74,12 +86,15 @@ from lockstep.check.sampled.lifting import Lifted, lift
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.sampled.performance import running_cost
 
+MOST_LINKS = 8
+"""Up to so many links lose messages each with a probability of its own, which takes 2^links matrices; more lose alike."""
+
 
 @dataclass(frozen=True)
 class Messages:
     """What a network does to messages.
 
-    loss: p;  burst: b;  delay: the least and the most periods;  jitter: J.
+    loss: p0;  burst: b;  delay: the least and the most periods;  jitter: J.
     """
 
     loss: float = 0.0
@@ -96,14 +111,28 @@ class Messages:
     def text(self) -> str:
         """What happens, for people."""
         return (
-            f"a loss of {self.loss:g}, {self.burst} lost in a row, {self.delay[1]} periods late,"
+            f"a loss of at most {self.loss:g}, {self.burst} lost in a row, {self.delay[1]} periods late,"
             f" a jitter of {self.jitter:g}"
         )
 
     def within(self, proved: "Messages") -> bool:
-        """Tell whether no more happens than was proved for, and no message is earlier: the mean over delta is of p itself."""
-        mine, theirs = ((one.burst, -one.delay[0], one.delay[1], one.jitter) for one in (self, proved))
-        return self.loss == proved.loss and all(a <= b for a, b in zip(mine, theirs, strict=True))
+        """Tell whether no more happens than was proved for, and no message is earlier."""
+        mine, theirs = (
+            (one.loss, one.burst, -one.delay[0], one.delay[1], one.jitter) for one in (self, proved)
+        )
+        return all(a <= b for a, b in zip(mine, theirs, strict=True))
+
+    def alike(self, links: int) -> bool:
+        """Tell whether so many links are taken to lose alike."""
+        return self.loss > 0 and links > MOST_LINKS
+
+    def losses(self, links: int) -> np.ndarray:
+        """Return p of so many links as parts of p0, row by row: the corners, or 0, 1/2 and 1 where they lose alike."""
+        if not self.loss:
+            return np.zeros((1, links))
+        if self.alike(links):
+            return np.outer([0.0, 0.5, 1.0], np.ones(links))
+        return np.array(list(itertools.product((0.0, 1.0), repeat=links)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +236,9 @@ def proves_messages(
             return False
         parts = period_parts(exact_loop, messages, witness, M, weights, rho)
         running = None if weights is None or rho is None else running_cost(exact_loop, weights, rho)
-        if parts is None or not balls.is_positive_definite(W_2(exact_loop, messages, witness, running)):
+        if parts is None or not all(
+            balls.is_positive_definite(one) for one in every_W_2(exact_loop, messages, witness, running)
+        ):
             return False
         A, B, EE, FF = parts
         if not no_conjugate_point(A, EE, FF[: len(A), : len(A)], exact_loop.network.period):
@@ -347,14 +378,32 @@ def _apart(first: Matrix, second: Matrix) -> Matrix:
     return form
 
 
-def W_2(
+def every_W_2(
     loop: SampledLoop, messages: Messages, witness: MessageWitness, running: Matrix | None = None
+) -> Iterator[Matrix]:
+    """Yield what is to be positive: W_2 at the corners, or the coefficients where the links lose alike."""
+    links = len(witness.X) // witness.X.shape[1]
+    found = (W_2(loop, messages, witness, parts, running) for parts in messages.losses(links))
+    if not messages.alike(links):
+        yield from found
+        return
+    first, middle, last = found
+    yield from (first, 2 * middle - (first + last) / 2, last)
+
+
+def W_2(
+    loop: SampledLoop,
+    messages: Messages,
+    witness: MessageWitness,
+    parts: Annotated[np.ndarray, " links"],
+    running: Matrix | None = None,
 ) -> Matrix:
-    """Assemble W_2, in the numbers of the loop, on (xi, eps, eta, n); running: as in `W_1`, n being there only with it."""
+    """Assemble W_2 with p_e = parts_e p0, in the numbers of the loop, on (xi, eps, eta, n); running: as in `W_1`."""
     number = converter(is_exact(loop.held))
     P, Gamma, X = (number(one) for one in (witness.P, witness.Gamma.copy(), witness.X))
-    decay, p = number(np.array([witness.decay, messages.loss]))
-    n, links, D = loop.n_xi, len(X), messages.age
+    decay, loss = number(np.array([witness.decay, messages.loss]))
+    n, links, q, D = loop.n_xi, len(X), X.shape[1], messages.age
+    p = (loss * number(np.repeat(parts, q)))[:, None]
     unit, none = eye(links, P), zeros(links, n, P)
     Y_n = loop.differences[:, loop.outputs] if running is not None else unit[:, :0]
     read, late, noise = np.hstack([unit, Y_n]), slice(n + links, n + 2 * links), n + 2 * links
@@ -363,10 +412,11 @@ def W_2(
         Gamma[n:, n:] = Gamma[n:, n:] + (D + 1) * decay**-D * links_apart(number(witness.seconds[0]))
     mean = np.vstack([eye(size, P)[:n], np.hstack([none, p * unit, (1 - p) * read])])
     apart = np.hstack([none, unit, -read])
-    spread = p * (1 - p) * links_apart(np.vstack(_blocks(Gamma[n:, n:], X.shape[1])))
+    spread = p * (1 - p) * links_apart(np.vstack(_blocks(Gamma[n:, n:], q)))
     if D:
         spread = spread + (1 - p) * D * D * decay ** (1 - D) * links_apart(X)
-    W: Matrix = _padded(decay * P, size) - mean.T @ Gamma @ mean - apart.T @ spread @ apart
+    W: Matrix = _padded(decay * P, size) - balls.product(mean.T, Gamma, mean)
+    W = W - balls.product(apart.T, spread, apart)
     W[late, late] = W[late, late] + decay * links_apart(number(witness.X_jitter))
     if running is not None:
         W[noise:, noise:] = W[noise:, noise:] - running[loop.outputs, loop.outputs]

@@ -7,6 +7,7 @@ conditions, which is what is made large.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -19,6 +20,9 @@ from lockstep.lmi.analysis.solve import run
 from lockstep.lmi.sampled.convex import FLATTEST, NOTHING
 
 Form = Float[np.ndarray, "k k"]
+
+ALL_AT_ONCE = 8
+"""Corners of the losses that are put to the solver at once; of more, those come in that are violated most."""
 
 MORE = 1.1
 """What jitter counts in the first program, which lifts it without the nonlinearity."""
@@ -168,27 +172,35 @@ def solved(
         K = K + of_nu.T @ Xs @ of_nu
         inner = Gamma + (D + 1) * decay**-D * padded_nu1.T @ Xa @ padded_nu1
     own = np.kron(np.eye(links // q), np.ones((q, q)))
-    spread = p * (1 - p) * cp.multiply(inner[n:, n:], own) + (1 - p) * D * D * decay ** (1 - D) * X
-    early, noisy = links if J else 0, program.noise.shape[1]
-    read = np.hstack([np.eye(links, early), program.noise])
-    size = n + links + early + noisy
-    mean = np.vstack([np.eye(n, size), np.hstack([np.zeros((links, n)), p * np.eye(links), (1 - p) * read])])
-    apart = np.hstack([np.zeros((links, n)), np.eye(links), -read])
-    stored, priced = np.eye(n + links, size), np.eye(size)[size - noisy :]
-    second = decay * stored.T @ V @ stored - mean.T @ inner @ mean - apart.T @ spread @ apart
-    second = second + priced.T @ priced
-    X_jitter = None
+    X_jitter: Any = None
     if J:
         ones = [cp.Variable((q, q), symmetric=True) for _ in range(links // q)]
         if fixed is not None and fixed.X_jitter.size:
             ones = list(np.split(fixed.X_jitter * program.basis[-1, -1] ** 2, links // q))
         X_jitter = sum(place.T @ block @ place for place, block in zip(places, ones, strict=True))
-        tail = np.eye(size)[n + links : n + 2 * links]
-        second = second + decay * tail.T @ X_jitter @ tail
         if fixed is None or not fixed.X_jitter.size:
             K = K - MORE * J * sum(
                 rate.T @ X_jitter @ rate for rate in (each @ keep for each in program.rates)
             )
+    early, noisy = links if J else 0, program.noise.shape[1]
+    read = np.hstack([np.eye(links, early), program.noise])
+    size = n + links + early + noisy
+    apart = np.hstack([np.zeros((links, n)), np.eye(links), -read])
+    stored, tail, priced = np.split(np.eye(size), [n + links, n + links + early])
+    rest = decay * stored.T @ V @ stored + priced.T @ priced
+    rest = rest + decay * tail.T @ X_jitter @ tail if J else rest
+
+    def second(parts: Float[np.ndarray, " links"]) -> Any:
+        lost = p * np.repeat(parts, q)
+        mean = np.vstack(
+            [np.eye(n, size), np.hstack([np.zeros((links, n)), np.diag(lost), (1 - lost)[:, None] * read])]
+        )
+        spread = cp.multiply(inner[n:, n:], own * (lost * (1 - lost))[:, None])
+        if D:
+            spread = spread + cp.multiply(D * D * decay ** (1 - D) * X, own * (1 - lost)[:, None])
+        found = rest - mean.T @ inner @ mean - apart.T @ spread @ apart
+        return (found + found.T) / 2
+
     moved = V @ (program.N @ keep)
     rows = [[K, moved.T], [moved, V]]
     if seconds:
@@ -199,7 +211,6 @@ def solved(
     room = np.diag(np.r_[np.ones(keep.shape[1]), np.zeros(first.shape[0] - keep.shape[1])])
     conditions = [
         (first + first.T) / 2 >> slack * room,
-        (second + second.T) / 2 >> slack * np.eye(size),
         V >> FLATTEST * np.eye(n + links),
         slack <= 1,
         cp.trace(V[:n, :n]) == n if fixed is None else m == 1,
@@ -210,9 +221,21 @@ def solved(
         ],
         *[s >> slack * np.eye(q) for ones in seconds[2:] for s in ones],
     ]
-    problem = cp.Problem(cp.Maximize(slack), conditions)
-    if not run(problem, decompose=False, equilibrate=False) or V.value is None or not slack.value > 0:
-        return None
+    losses = messages.losses(links // q)
+    found, unit = [second(parts) for parts in losses], np.eye(size)
+    if messages.alike(links // q):
+        found = [found[0], 2 * found[1] - (found[0] + found[2]) / 2, found[2]]
+    asked = list(range(len(found))) if len(found) <= ALL_AT_ONCE else [0, len(found) - 1]
+    while True:
+        every = [*conditions, *(found[k] >> slack * unit for k in asked)]
+        problem = cp.Problem(cp.Maximize(slack), every)
+        if not run(problem, decompose=False, equilibrate=False) or V.value is None or not slack.value > 0:
+            return None
+        least = np.array([np.linalg.eigvalsh(one.value)[0] for one in found])
+        more = [k for k in np.argsort(least)[:ALL_AT_ONCE] if k not in asked and least[k] < slack.value / 2]
+        if not more:
+            break
+        asked += more
     back = np.linalg.inv(program.basis)
     free = np.maximum(m.value, 1e-9 * max(float(m.value.max(initial=0.0)), 1e-300)) / program.size
     scale = program.basis[-1, -1] ** 2

@@ -17,9 +17,9 @@ from lockstep.check.sampled.lifting import Lifted, copies, lift
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.check.sampled.messages import (
     W_1,
-    W_2,
     Messages,
     MessageWitness,
+    every_W_2,
     message_step,
     period_parts,
     proves_messages,
@@ -45,11 +45,11 @@ ERROR = 1e8
 MU = 1e6
 """The price of underflow, relative to what it weighs in P."""
 
-FACTORS = (
-    *((1.02, 1.0), (1.1, 1.0), (1.1, 1.2), (1.3, 1.0), (1.3, 1.7), (2.0, 1.0), (2.0, 4.0)),
-    *((4.0, 4.0), (4.0, 16.0), (10.0, 10.0), (10.0, 100.0), (100.0, 100.0), (100.0, 1e4)),
-)
-"""Multiples of rho of the loop whose messages all arrive, and of its pair weights, that are tried."""
+FACTORS = {
+    **{1.02: (1.0,), 1.1: (1.0, 1.2), 1.3: (1.0, 1.7), 2.0: (1.0, 4.0)},
+    **{4.0: (4.0, 16.0), 10.0: (10.0, 100.0), 100.0: (100.0, 1e4)},
+}
+"""Multiples of rho of the loop whose messages all arrive, bisected, and with each the multiples of its pair weights."""
 
 
 @dataclass(frozen=True)
@@ -143,12 +143,19 @@ def message_rho(
     """
     loop = in_doubles(network, controllers, weights.outputs)
     exact_loop = sampled_loop(network, controllers, weights.outputs)
-    for factor, scale in FACTORS:
-        rho = float(f"{factor * known.rho:.4g}")
-        for witness in _with_rho(loop, messages, weights, rho, scale, known.witness):
-            if proves_messages(exact_loop, messages, witness, weights, rho):
-                return rho, witness
-    return None
+    found, factors, low, high = None, list(FACTORS), 0, len(FACTORS)
+    while low < high:
+        middle = (low + high) // 2
+        rho = float(f"{factors[middle] * known.rho:.4g}")
+        tried = (
+            witness
+            for scale in FACTORS[factors[middle]]
+            for witness in _with_rho(loop, messages, weights, rho, scale, known.witness)
+        )
+        held = next((one for one in tried if proves_messages(exact_loop, messages, one, weights, rho)), None)
+        found = found if held is None else (rho, held)
+        low, high = (low, middle) if held else (middle + 1, high)
+    return found
 
 
 def _with_rho(
@@ -203,6 +210,6 @@ def _priced(
             found, Gamma=Gamma, X=X, t=t, decay=decay, kappa=kappa, kappa_mu=MU * weighed(loop.underflows)
         )
         W = W_1(loop, lifted, messages, witness, running)
-        if holds_in_doubles(W_2(loop, messages, witness, running)) and holds_in_doubles(W):
+        if holds_in_doubles(W) and all(map(holds_in_doubles, every_W_2(loop, messages, witness, running))):
             yield witness
             return

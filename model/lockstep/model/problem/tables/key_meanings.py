@@ -87,7 +87,7 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
         "messages": ("What the network may do to messages; part of what is proved", ""),
     },
     "MessagesTable": {
-        "loss": ("Probability that a message is lost, for each link and period, independent", ""),
+        "loss": ("The largest probability that a message is lost, for each link and period, independent", ""),
         "burst": ("The most messages of a link lost in a row, in any pattern", "periods"),
         "delay": ("The least and the most that a message is late, varying within it", "periods"),
         "jitter": ("The part of the period by which a reading may be early", "periods"),

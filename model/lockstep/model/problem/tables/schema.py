@@ -134,7 +134,7 @@ class MessagesTable(ProblemTable):
         default=None,
         ge=0,
         lt=1,
-        description="a probability from 0 up, below 1, by which a link loses the message of a period",
+        description="a probability from 0 up, below 1, by which a link at most loses the message of a period",
     )
     burst: int | None = Field(
         default=None,
