@@ -174,11 +174,6 @@ class Controller:
         """The number nc of controller states."""
         return int(self.A.shape[0])
 
-    @property
-    def in_degree(self) -> float:
-        """The diagonal entry of the Laplacian row, sum_j a_ij."""
-        return math.fsum(neighbour.weight for neighbour in self.neighbours)
-
 
 @dataclass(frozen=True, eq=False)
 class LinearPlant:

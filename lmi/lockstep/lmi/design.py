@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -138,7 +138,7 @@ def _designed(
         if deadline is not None and wish is not tried[0]:
             left = max(deadline - time.monotonic(), 1e-3)
         try:
-            found = _proposed(wish.problem, bound, jobs, tell, left, stop, explain=last)
+            found = _proposed(wish.problem, bound, _Effort(jobs, tell, left, stop, last))
         except (Infeasible, NotCertified, OutOfTime, NothingYet):
             out_of_time = deadline is not None and time.monotonic() >= deadline
             if best is None and (last or out_of_time or stop.asked):
@@ -166,32 +166,31 @@ def _with_remark(found: Proposal, wish: Wishes) -> Proposal:
     return replace(found, figures=found.figures | {"defaults": {**named(wish.problem), **given_up}})
 
 
-def _proposed(
-    problem: Problem,
-    bound: Bound,
-    jobs: int | None,
-    tell: Progress,
-    time_limit: float | None,
-    stop: Stop,
-    *,
-    explain: bool,
-) -> Proposal:
+class _Effort(NamedTuple):
+    """What `design` is given beside the problem, and whether to look for what is in the way where no gains are found."""
+
+    jobs: int | None
+    tell: Progress
+    time_limit: float | None
+    stop: Stop
+    explain: bool
+
+
+def _proposed(problem: Problem, bound: Bound, effort: _Effort) -> Proposal:
     """Design what a problem asks for, and prove it.
 
     Args:
         problem: that names all it asks for.
         bound: of its nonlinearity.
-        jobs, tell, time_limit, stop: of `design`.
-        explain: whether to look for what is in the way where no gains are found.
+        effort: how.
 
     Raises:
         Infeasible, NotCertified, OutOfTime: see `design`.
     """
-    network = network_of(problem, bound)
-    claim = claim_of(problem, bound)
+    network, claim, tell = network_of(problem, bound), claim_of(problem, bound), effort.tell
     match problem.design.method:
         case "certified":
-            found = _searched(problem, network, bound, claim, jobs, tell, time_limit, stop, explain=explain)
+            found = _searched(problem, network, bound, claim, effort)
         case "given":
             found = _given(problem, network, bound, claim, tell)
         case "theorem1" | "corollary1":
@@ -235,22 +234,11 @@ def given_gains(problem: Problem) -> Gains:
     )
 
 
-def _searched(
-    problem: Problem,
-    network: Network,
-    bound: Bound,
-    claim: Claim,
-    jobs: int | None,
-    tell: Progress,
-    time_limit: float | None,
-    stop: Stop,
-    *,
-    explain: bool,
-) -> Proposal:
+def _searched(problem: Problem, network: Network, bound: Bound, claim: Claim, effort: _Effort) -> Proposal:
     from lockstep.lmi.methods.certified import searched
     from lockstep.lmi.sampled.descending.score import SampledScore
 
-    score = SampledScore.of(problem, network, claim)
+    score, (jobs, tell, time_limit, stop, explain) = SampledScore.of(problem, network, claim), effort
     found = searched(problem, network, claim, jobs, tell, time_limit, score, stop, explain=explain)
     figures = found.figures | _figures(network, found.gains)
     floor = stop.optional(

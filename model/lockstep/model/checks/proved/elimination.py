@@ -42,11 +42,6 @@ class Reduced:
     hidden: tuple[int, ...]
     branches: tuple[tuple[Node, ...], ...]
 
-    @property
-    def contradictory(self) -> bool:
-        """Whether there are no equilibria, whatever the domain."""
-        return not self.branches
-
 
 def reduced(field: Field) -> Reduced:
     """Solve the linear part of f(x) = 0."""
