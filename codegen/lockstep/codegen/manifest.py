@@ -126,6 +126,7 @@ class AgentEntry(_Record):
     state_bytes: int
     stack_budget_bytes: dict[str, int]
     flash_budget_bytes: dict[str, int]
+    instruction_budget: dict[str, int] = {}
     plant: PlantEntry | None = None
     limits: Rows | None = None
     offsets: Rows | None = None
