@@ -1,63 +1,92 @@
-"""What the header bounds on each core: stack and flash (`budget`), and the instructions of a step."""
+"""What the header bounds on each core: stack and flash (`budget`), and the instructions of a step.
+
+A step is at most so many instructions of its own, and as many operations of soft arithmetic as its C has, each at its
+worst operands:
+
+    instructions <= own + sum over kinds (operations of the kind) * (most instructions of one)
+
+The first term: no loop runs longer than its constant bound, so the longest path through a step depends on which messages
+arrived or were heard before, on limits and on faults; measurements walk these paths (`benchmarks/bounds.py`), and the
+coefficients are 1.3 times what bounds them. With the arithmetic in hardware that is all. The second term: operations are
+counted from the C, as on the longest path, and the routines of compiler-rt (zig) and libgcc were searched for the operands
+that take the most: subnormal ones above all, sums that cancel, NaN. It is 1.1 times what was found, and it is for any
+data, so that ordinary data takes a half of it or less; a library of another vendor may take more.
+"""
+
+from collections.abc import Mapping
+from typing import Any
 
 from lockstep.check.c_source.kernel import Shape
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.budget import flash_budgets, stack_budgets
+from lockstep.codegen.budget import Extent, Part, flash_budgets, linear, stack_budgets
+from lockstep.codegen.coefficients import INTEGERS, OWN, ROUTINES
 from lockstep.codegen.cores import CORES
 from lockstep.codegen.spec import Optimize
 
-# Tenths of instructions: at all, for each term, row, message entry, neighbour, output, limit, offset, and neighbour of a
-# mask of 64 bits. 1.3 times what bounds measurements at -O2 and -Os, zig's clang and GCC: dense gains, orders 0 to 8, 1 to 3
-# outputs, 0 to 3 neighbours and 33 to 64, 1 to 4 inputs, fed subnormals, huge and non-finite values; subnormal gains too.
-_INSTRUCTIONS: dict[tuple[str, str, Optimize], tuple[int, ...]] = {
-    ("cortex-m0", "float32", "speed"): (0, 4268, 0, 7330, 428, 0, 911, 0, 1575),
-    ("cortex-m0", "float32", "size"): (222, 4279, 2352, 9556, 247, 0, 0, 0, 0),
-    ("cortex-m4f", "float32", "speed"): (19, 36, 135, 394, 269, 101, 219, 121, 408),
-    ("cortex-m4f", "float32", "size"): (0, 115, 394, 343, 225, 114, 133, 119, 403),
-    ("rv32imac", "float32", "speed"): (0, 3465, 0, 5518, 333, 683, 0, 0, 0),
-    ("rv32imac", "float32", "size"): (0, 3273, 2100, 8194, 1167, 283, 1079, 0, 0),
-    ("rv32imafc", "float32", "speed"): (127, 95, 91, 375, 194, 0, 115, 117, 404),
-    ("rv32imafc", "float32", "size"): (0, 78, 640, 444, 26, 17, 0, 140, 316),
-    ("cortex-m0", "float64", "speed"): (0, 10751, 0, 14099, 0, 0, 0, 0, 795),
-    ("cortex-m0", "float64", "size"): (0, 10795, 0, 18263, 7005, 0, 581, 0, 0),
-    ("cortex-m4f", "float64", "speed"): (0, 4049, 0, 9953, 0, 697, 0, 0, 0),
-    ("cortex-m4f", "float64", "size"): (0, 4059, 1820, 10909, 0, 310, 1222, 0, 0),
-    ("rv32imac", "float64", "speed"): (0, 5617, 0, 8378, 367, 316, 0, 0, 0),
-    ("rv32imac", "float64", "size"): (0, 5378, 2033, 11559, 2677, 0, 1508, 0, 0),
-    ("rv32imafc", "float64", "speed"): (0, 5617, 0, 8378, 367, 316, 0, 0, 0),
-    ("rv32imafc", "float64", "size"): (0, 5378, 2033, 11559, 2677, 0, 1508, 0, 0),
-}
-_ALIKE = {"cortex-m7": "cortex-m4f"}
+OWN_PARTS: tuple[Part, ...] = (
+    lambda f: 1,
+    lambda f: f.shape.terms,
+    lambda f: f.rows,
+    lambda f: f.entries,
+    lambda f: f.shape.neighbours,
+    lambda f: f.shape.outputs,
+    lambda f: f.shape.inputs * f.limited,
+    lambda f: f.offsets,
+    lambda f: f.shape.neighbours * (f.shape.neighbours > 32),
+)
+INTEGER_PARTS: tuple[Part, ...] = (*OWN_PARTS[:6], OWN_PARTS[8])
 
 
-def instruction_budgets(
-    shape: Shape, real: RealType, *, optimize: Optimize, limited: bool = False, shifted: bool = False
-) -> dict[str, int]:
-    """An upper bound for the instructions of a step on each core, faults and soft arithmetic included.
+def operations(extent: Extent) -> tuple[int, int, int, int, int]:
+    """Floating-point operations of the longest path, by what their operands may be.
 
-    Without a library the code's form bounds them; soft arithmetic takes more or fewer with its operands.
+    Sums and differences of any numbers; v - v of what is checked to be finite; sums of zeros and NaN; products;
+    comparisons. A check of n values is n differences v - v, and as many sums.
 
-    >>> from lockstep.codegen.arithmetic import RealType
-    >>> instruction_budgets(Shape(2, 2, 1, 1), RealType("float32"), optimize="speed")["cortex-m4f"]
-    212
+    >>> operations(Extent(Shape(2, 2, 1, 1)))  # the kernel: 12 products; the relative outputs: 2 products, 4 sums
+    (16, 7, 10, 14, 2)
     """
-    nn, q = shape.neighbours, shape.outputs
-    each = [1, shape.terms, shape.order + shape.inputs, nn * q, nn, q]
-    each += [limited * shape.inputs, (shifted and nn > 0) * (1 + nn) * q, (nn > 32) * nn]
-    found = {group: _INSTRUCTIONS[_ALIKE.get(group, group), real.name, optimize] for group in CORES}
+    shape, checked = extent.shape, extent.rows + extent.shape.outputs + extent.entries
+    sums = shape.terms + 2 * extent.entries + extent.offsets
+    # the kernel's check, that of own outputs, and one sum for each neighbour's check
+    return (
+        sums,
+        checked,
+        checked + 2 + shape.neighbours,
+        shape.terms + extent.entries,
+        2 + 2 * shape.inputs * extent.limited,
+    )
+
+
+def instruction_budgets(extent: Extent, real: RealType, optimize: Optimize) -> dict[str, int]:
+    """Instructions of a step at the most on each core, faults and soft arithmetic included."""
+    own = linear(OWN, OWN_PARTS, extent, real, optimize)
+    soft = {group: ROUTINES[group, real.name] for group in CORES if real.name not in CORES[group].hardware}
+    for group, most in soft.items():
+        own[group] += -(-11 * sum(a * b for a, b in zip(most, operations(extent), strict=True)) // 10)
+    return own
+
+
+def integer_budgets(shape: Shape) -> dict[str, int]:
+    """Instructions of a step in integers (`fixed/`) at the most on each core: its data changes nothing but what saturates."""
+    numbers = [part(Extent(shape)) for part in INTEGER_PARTS]
     return {
-        group: -(-sum(a * b for a, b in zip(tenths, each, strict=True)) // 10)
-        for group, tenths in found.items()
+        group: -(-sum(a * b for a, b in zip(INTEGERS[group], numbers, strict=True)) // 10) for group in CORES
     }
 
 
-def bounds(
-    shape: Shape, real: RealType, *, optimize: Optimize, limited: bool, shifted: bool
-) -> dict[str, dict[str, int]]:
-    """Upper bounds of `stack` and `flash` in bytes and of the `instructions` of a step, per core.
+def bounds(extent: Extent, real: RealType, optimize: Optimize) -> dict[str, dict[str, int]]:
+    """Bounds of `stack` and `flash` in bytes and of the `instructions` of a step, per core."""
+    return {
+        "stack": stack_budgets(extent, real, optimize),
+        "flash": flash_budgets(extent, real, optimize),
+        "instructions": instruction_budgets(extent, real, optimize),
+    }
 
-    limited: whether u is clipped;  shifted: whether there are offsets.
-    """
-    most = instruction_budgets(shape, real, optimize=optimize, limited=limited, shifted=shifted)
-    flash = flash_budgets(shape, real, limited=limited, shifted=shifted)
-    return {"stack": stack_budgets(shape, real, shifted=shifted), "flash": flash, "instructions": most}
+
+def by_core(budgets: Mapping[str, int]) -> list[dict[str, Any]]:
+    """Cores with the same bound together: one line each in the header."""
+    titles: dict[int, list[str]] = {}
+    for group, most in budgets.items():
+        titles.setdefault(most, []).append(CORES[group].title)
+    return [{"most": most, "cores": ", ".join(names)} for most, names in sorted(titles.items())]

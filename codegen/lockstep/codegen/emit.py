@@ -16,9 +16,8 @@ from lockstep.check.c_source.reader import ANSWERS
 from lockstep.check.sampled.discretise import SampledGains, clipped_at, discretise
 from lockstep.codegen.agent_view import agent_view
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.bounds import bounds
-from lockstep.codegen.budget import state_bytes
-from lockstep.codegen.cores import CORES
+from lockstep.codegen.bounds import bounds, by_core, integer_budgets
+from lockstep.codegen.budget import Extent, state_bytes
 from lockstep.codegen.identity import Identity
 from lockstep.codegen.kernel import Kernel, straight_line
 from lockstep.codegen.known_answers import SCALE, known_answers
@@ -69,8 +68,7 @@ class Sampled:
 
     def bounds(self, real: RealType, optimize: Optimize) -> dict[str, dict[str, int]]:
         """What the header bounds, per core."""
-        limited, shifted = bool(len(self.limits)), self.offsets is not None
-        return bounds(self.shape, real, optimize=optimize, limited=limited, shifted=shifted)
+        return bounds(Extent(self.shape, bool(len(self.limits)), self.offsets is not None), real, optimize)
 
     @property
     def shape(self) -> Shape:
@@ -219,16 +217,8 @@ def _agent_context(agent: Sampled, real: RealType, optimize: Optimize) -> dict[s
         "multiplications": agent.kernel.multiplications if optimize == "speed" else M.size,
         "additions": agent.kernel.additions if optimize == "speed" else M.size,
         "state_bytes": state_bytes(shape, real),
-        **{what: _by_core(each) for what, each in agent.bounds(real, optimize).items()},
+        **{what: by_core(each) for what, each in agent.bounds(real, optimize).items()},
     }
-
-
-def _by_core(budgets: Mapping[str, int]) -> list[dict[str, Any]]:
-    """Cores with the same bound together: one line each in the header."""
-    titles: dict[int, list[str]] = {}
-    for group, size in budgets.items():
-        titles.setdefault(size, []).append(CORES[group].title)
-    return [{"most": size, "cores": ", ".join(names)} for size, names in sorted(titles.items())]
 
 
 def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: Mapping[str, str]) -> Manifest:
@@ -297,6 +287,7 @@ def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None, spe
         stack_budget_bytes=most["stack"],
         flash_budget_bytes=most["flash"],
         instruction_budget=most["instructions"],
+        integer_instruction_budget=None if spec.fixed is None else integer_budgets(shape),
         limits=_rows(agent.limits) if len(agent.limits) else None,
         offsets=None if agent.offsets is None else _rows(agent.offsets),
         plant=None

@@ -336,6 +336,10 @@ def _problems(results: Sequence[TargetResult], changed: Sequence[str], manifest:
             if not one.bitwise:
                 calls = f"in integers differs in {one.differing_calls} calls"
                 yield f"{result.name}: {one.agent} {calls}; {one.first_difference}"
+            most = (stated[one.agent].integer_instruction_budget or {}).get(result.core)
+            if most is not None and (one.instructions_per_step or 0) > most:
+                excess = f"takes {one.instructions_per_step} instructions in a step, its header says at most {most}"
+                yield f"{result.name}: {one.agent} in integers {excess}"
         for found in result.agents:
             if not found.bitwise:
                 calls = f"differs in {found.differing_calls} calls"
