@@ -28,7 +28,7 @@ from lockstep.codegen.budget import (
     fixed_stack,
 )
 
-ROOM = {"stack": (1.05, 16), "flash": (1.05, 16), "own": (1.3, 0)}
+ROOM = {"stack": (1.1, 16), "flash": (1.1, 16), "own": (1.3, 0)}
 PARTS = {"stack": STACK_PARTS, "flash": FLASH_PARTS, "own": OWN_PARTS}
 
 
@@ -72,7 +72,8 @@ def fit(rows):
         print(f"{what.upper()}: Table = {{")
         by = defaultdict(list)
         for row in floats:
-            by[key_of(row)].append(row)
+            if what in row:  # instructions are not counted in every run
+                by[key_of(row)].append(row)
         for key, some in sorted(by.items()):
             most = np.array([part * row[what] + more for row in some])
             print(
@@ -100,6 +101,8 @@ def hold(rows):
         real, most = RealType(row["real"]), bounds(extent, RealType(row["real"]), row["optimize"])
         for what in ("stack", "flash"):
             found[row["core"], real.name, what].append(row[what] / most[what][row["core"]])
+        if "total" not in row:
+            continue
         found[row["core"], real.name, "instructions"].append(row["total"] / most["instructions"][row["core"]])
         sums, itself, nothing, products, compared = operations(extent)
         calls = defaultdict(int, row["calls"])
@@ -108,9 +111,8 @@ def hold(rows):
             fine, _ = False, print("more operations than counted:", row)
     for (core, real, what), ratios in sorted(found.items()):
         fine &= max(ratios) <= 1
-        print(
-            f"{core:12} {real:9} {what:13} {len(ratios):5} compiles: measured / bound at most {max(ratios):.3f}, mean {np.mean(ratios):.3f}"
-        )
+        ends = f"measured / bound at most {max(ratios):.3f}, mean {np.mean(ratios):.3f}"
+        print(f"{core:12} {real:9} {what:13} {len(ratios):5} compiles: {ends}")
     return fine
 
 

@@ -1,6 +1,6 @@
 """The most instructions of each routine of soft arithmetic, in compiler-rt (zig) and libgcc, by search over operands.
 
-    python benchmarks/soft_arithmetic.py [--count N] [--seed S]    N random operands of each kind, and some hundred chosen ones
+    python benchmarks/soft_arithmetic.py [--count N] [--seed S]    N random operands, and many chosen ones
 
 A row says the most of any operands and of which, of v - v (`itself`), and of sums of zeros and NaN (`nothing`).
 """
@@ -40,7 +40,7 @@ def operands(random, real, count):
     some += [(largest << p) + 1, 3 << (width - 4), (largest >> 1) << p]
     some += [v | sign for v in some]
     yield from ((a, b) for a in some for b in some)
-    yield from ((1 << i, 1 << j) for i in range(0, p + 1, 3) for j in range(0, p + 1, 3))
+    yield from ((1 << i, 1 << j | side) for i in range(p + 1) for j in range(p + 1) for side in (0, sign))
 
     def digits():
         bit = 1 << int(random.integers(0, p))

@@ -24,7 +24,7 @@ from lockstep.codegen.cores import CORES
 from lockstep.codegen.spec import Optimize
 
 OWN_PARTS: tuple[Part, ...] = (
-    lambda f: 1,
+    lambda _: 1,
     lambda f: f.shape.terms,
     lambda f: f.rows,
     lambda f: f.entries,

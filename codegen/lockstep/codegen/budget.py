@@ -53,7 +53,7 @@ Part = Callable[[Extent], int]
 """Of what there are so many in the C."""
 
 STACK_PARTS: tuple[Part, ...] = (
-    lambda f: 1,
+    lambda _: 1,
     lambda f: f.rows,
     lambda f: f.shape.outputs,
     lambda f: f.shape.terms,
@@ -107,7 +107,7 @@ def fixed_stack(extent: Extent, real: RealType) -> int:
 
 
 def fixed_flash(extent: Extent, real: RealType, optimize: Optimize) -> int:
-    """Bytes of constants that the C declares: known answers, weights, limits, offsets, and the gains where they are a table."""
+    """Bytes of constants that the C declares: known answers, weights, limits, offsets, and gains where they are a table."""
     shape = extent.shape
     known = (ANSWERS + shape.neighbours) * shape.outputs + ANSWERS * extent.rows
     tables = shape.neighbours + 2 * shape.inputs * extent.limited + extent.offsets
