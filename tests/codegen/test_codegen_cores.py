@@ -64,7 +64,9 @@ def test_an_arm_is_equal_to_the_bit_on_every_core(tmp_path, group, optimize):
     assert 0 < target.stack_bytes <= agent.stack_budget_bytes[group]
     assert 300 < target.text_bytes <= agent.flash_budget_bytes[group]
     most = target.most_instructions
-    assert target.instructions_per_step <= most <= agent.instruction_budget[group] < 3 * most
+    # soft arithmetic is bounded at its worst operands, which no run meets in each operation
+    loose = 3 if "float32" in CORES[group].hardware else 4
+    assert target.instructions_per_step <= most <= agent.instruction_budget[group] < loose * most
 
 
 @needs_emulator
