@@ -28,7 +28,7 @@ from lockstep.codegen.budget import (
     fixed_stack,
 )
 
-ROOM = {"stack": (1.1, 16), "flash": (1.1, 16), "own": (1.3, 0)}
+ROOM = {"stack": (1.15, 16), "flash": (1.3, 64), "own": (1.3, 0)}
 PARTS = {"stack": STACK_PARTS, "flash": FLASH_PARTS, "own": OWN_PARTS}
 
 

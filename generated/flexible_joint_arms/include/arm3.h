@@ -40,14 +40,14 @@
  *   RAM              36 bytes per instance (sizeof(arm3_state_t), natural alignment)
  *   at -O2 and -Os, by zig's clang and GCC: bounds above measurements of many shapes, with head room; `lockstep verify`
  *   holds what it measures of this code on its emulated cores to them:
- *   stack            at most 200 bytes on RV32IMAFC; interrupt frame not counted
- *   stack            at most 216 bytes on Cortex-M4F, Cortex-M7; interrupt frame not counted
- *   stack            at most 256 bytes on RV32IMAC; interrupt frame not counted
- *   stack            at most 376 bytes on Cortex-M0; interrupt frame not counted
- *   flash            at most 1916 bytes on Cortex-M4F, Cortex-M7
- *   flash            at most 2652 bytes on Cortex-M0
- *   flash            at most 2692 bytes on RV32IMAFC
- *   flash            at most 3224 bytes on RV32IMAC
+ *   stack            at most 208 bytes on RV32IMAFC; interrupt frame not counted
+ *   stack            at most 240 bytes on Cortex-M4F, Cortex-M7; interrupt frame not counted
+ *   stack            at most 272 bytes on RV32IMAC; interrupt frame not counted
+ *   stack            at most 392 bytes on Cortex-M0; interrupt frame not counted
+ *   flash            at most 2260 bytes on Cortex-M4F, Cortex-M7
+ *   flash            at most 2784 bytes on Cortex-M0
+ *   flash            at most 3300 bytes on RV32IMAFC
+ *   flash            at most 3892 bytes on RV32IMAC
  *   instructions     at most 211 a step on Cortex-M4F, Cortex-M7
  *   instructions     at most 253 a step on RV32IMAFC
  *   instructions     at most 7270 a step on RV32IMAC
