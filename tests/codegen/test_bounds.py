@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 from codegen_cases import random_controller
+from door_cases import folder_of
+from test_fixed import one_agent
 
 from lockstep.check.c_source.kernel import Shape
 from lockstep.codegen.arithmetic import RealType
@@ -102,3 +104,23 @@ def test_random_shapes_keep_to_the_bounds(tmp_path, group, real, optimize):
     shapes = [tuple(int(random.integers(*ends)) for ends in sizes) for _ in range(6)]
     folder = write_folder(emit(spec_of(shapes, real, optimize)), tmp_path / "shapes")
     assert verify_folder(folder, targets=[group], steps=20, adversarial_steps=60).problems == ()
+
+
+@needs_emulator
+@pytest.mark.slow
+@pytest.mark.parametrize("group", CORES)
+def test_integers_keep_to_the_bound_of_their_instructions(tmp_path, monkeypatch, group):
+    """With many neighbours, and none; code that wastes some is a broken promise."""
+    monkeypatch.setattr(targets, "CORE_LEVELS", ("-O2",))
+    for shape in [(0, 1, 1, 0), (3, 2, 2, 9), (1, 1, 1, 40)]:
+        folder = folder_of(tmp_path / f"n{shape[-1]}", one_agent(*shape), "fixed")
+        assert verify_folder(folder, targets=[group], steps=20, adversarial_steps=60).problems == ()
+    path = folder / "fixed" / "c1_fixed.c"
+    waste = "    volatile uint32_t waste;\n\n    for (waste = 0u; waste < 10000u; waste++) {\n    }\n"
+    start = "    if (state->ready == C1_FIXED_DESIGN_WORD) {\n        int32_t sum"
+    text = path.read_text()
+    assert start in text
+    text = text.replace("    uint32_t k;\n\n" + start, "    uint32_t k;\n" + waste + start)
+    path.write_text(text)
+    report = verify_folder(folder, targets=[group], steps=3, adversarial_steps=0, run_changed=True)
+    assert any("c1 in integers takes" in problem for problem in report.problems)
