@@ -29,6 +29,7 @@ from lockstep.codegen.budget import (
 )
 
 ROOM = {"stack": (1.15, 16), "flash": (1.3, 64), "own": (1.3, 0)}
+INTEGER_ROOM = 1.5
 PARTS = {"stack": STACK_PARTS, "flash": FLASH_PARTS, "own": OWN_PARTS}
 
 
@@ -81,9 +82,9 @@ def fit(rows):
             )
         print("}")
     print("INTEGERS: dict[str, tuple[int, ...]] = {")
-    for core in sorted({row["core"] for row in integers}):
-        some = [row for row in integers if row["core"] == core]
-        most = np.array([ROOM["own"][0] * row["own"] for row in some])
+    for core in sorted({row["core"] for row in integers} - set(SOFT_ALIKE)):
+        some = [row for row in integers if SOFT_ALIKE.get(row["core"], row["core"]) == core]
+        most = np.array([INTEGER_ROOM * row["own"] for row in some])
         print(f'    "{core}": {smallest(INTEGER_PARTS, some, most, np.zeros(len(some)))},')
     print("}")
 

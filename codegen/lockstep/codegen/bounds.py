@@ -18,7 +18,7 @@ from typing import Any
 
 from lockstep.check.c_source.kernel import Shape
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.budget import Extent, Part, flash_budgets, linear, stack_budgets
+from lockstep.codegen.budget import SOFT_ALIKE, Extent, Part, flash_budgets, linear, stack_budgets
 from lockstep.codegen.coefficients import INTEGERS, OWN, ROUTINES
 from lockstep.codegen.cores import CORES
 from lockstep.codegen.spec import Optimize
@@ -34,7 +34,16 @@ OWN_PARTS: tuple[Part, ...] = (
     lambda f: f.offsets,
     lambda f: f.shape.neighbours * (f.shape.neighbours > 32),
 )
-INTEGER_PARTS: tuple[Part, ...] = (*OWN_PARTS[:6], OWN_PARTS[8])
+INTEGER_PARTS: tuple[Part, ...] = (
+    lambda _: 1,
+    lambda f: f.rows * (2 * f.shape.order + f.shape.outputs),  # each state is two halves
+    lambda f: f.rows,
+    lambda f: f.entries,
+    lambda f: f.shape.neighbours,
+    lambda f: f.shape.outputs,
+    lambda f: f.shape.order,
+    lambda f: f.shape.neighbours * (f.shape.neighbours > 32),
+)
 
 
 def operations(extent: Extent) -> tuple[int, int, int, int, int]:
@@ -68,10 +77,13 @@ def instruction_budgets(extent: Extent, real: RealType, optimize: Optimize) -> d
 
 
 def integer_budgets(shape: Shape) -> dict[str, int]:
-    """Instructions of a step in integers (`fixed/`) at the most on each core: its data changes nothing but what saturates."""
+    """Instructions of a step in integers (`fixed/`) at the most on each core: data changes only what saturates."""
     numbers = [part(Extent(shape)) for part in INTEGER_PARTS]
     return {
-        group: -(-sum(a * b for a, b in zip(INTEGERS[group], numbers, strict=True)) // 10) for group in CORES
+        group: -(
+            -sum(a * b for a, b in zip(INTEGERS[SOFT_ALIKE.get(group, group)], numbers, strict=True)) // 10
+        )
+        for group in CORES
     }
 
 
