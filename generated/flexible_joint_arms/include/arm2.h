@@ -43,13 +43,13 @@
  *   stack            at most 208 bytes on RV32IMAFC; interrupt frame not counted
  *   stack            at most 240 bytes on Cortex-M4F, Cortex-M7; interrupt frame not counted
  *   stack            at most 272 bytes on RV32IMAC; interrupt frame not counted
- *   stack            at most 392 bytes on Cortex-M0; interrupt frame not counted
- *   flash            at most 2260 bytes on Cortex-M4F, Cortex-M7
- *   flash            at most 2784 bytes on Cortex-M0
- *   flash            at most 3300 bytes on RV32IMAFC
- *   flash            at most 3892 bytes on RV32IMAC
+ *   stack            at most 384 bytes on Cortex-M0; interrupt frame not counted
+ *   flash            at most 2416 bytes on Cortex-M4F, Cortex-M7
+ *   flash            at most 2756 bytes on Cortex-M0
+ *   flash            at most 3356 bytes on RV32IMAFC
+ *   flash            at most 3868 bytes on RV32IMAC
  *   instructions     at most 211 a step on Cortex-M4F, Cortex-M7
- *   instructions     at most 253 a step on RV32IMAFC
+ *   instructions     at most 252 a step on RV32IMAFC
  *   instructions     at most 7270 a step on RV32IMAC
  *   instructions     at most 8009 a step on Cortex-M0
  *   arithmetic       12 multiplications and 9 additions in the controller itself
