@@ -83,7 +83,7 @@ class Machine:
             name = self.names[bisect.bisect_right(self.starts, address) - 1]
             self.blocks[address, size] = count, kind_of(name)
         count, kind = self.blocks[address, size]
-        if kind == "own":
+        if kind == "own" or (kind == "shift" and self.inside is None):
             self.own, self.inside = self.own + count, None
             return
         if self.inside is None:
@@ -119,11 +119,11 @@ class Machine:
 
 
 def kind_of(name):
-    """What a function is: our own (copies and wide shifts too), or a routine of soft arithmetic by its operation."""
-    if name.startswith("zz") or any(
-        part in name for part in ("mem", "shl", "shr", "llsl", "llsr", "shift", "thumb1")
-    ):
+    """What a function is: our own, a copy, a wide shift (of whoever calls it), or soft arithmetic by its operation."""
+    if name.startswith("zz") or "mem" in name or "thumb1" in name:
         return "own"
+    if any(part in name for part in ("shl", "shr", "llsl", "llsr", "shift")):
+        return "shift"
     return next((kind for kind in ("mul", "sub", "add") if kind in name), "compare")
 
 
