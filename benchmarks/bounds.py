@@ -120,7 +120,7 @@ class Machine:
 
 def kind_of(name):
     """What a function is: our own, a copy, a wide shift (of whoever calls it), or soft arithmetic by its operation."""
-    if name.startswith("zz") or "mem" in name or "thumb1" in name:
+    if name.startswith("zz") or "mem" in name or "gnu_thumb1" in name:
         return "own"
     if any(part in name for part in ("shl", "shr", "llsl", "llsr", "shift")):
         return "shift"
