@@ -63,6 +63,10 @@ def test_an_arm_is_equal_to_the_bit_on_every_core(tmp_path, group, optimize):
     agent = load_manifest(folder).agents[0]
     assert 0 < target.stack_bytes <= agent.stack_budget_bytes[group]
     assert 300 < target.text_bytes <= agent.flash_budget_bytes[group]
+    most = target.most_instructions
+    # soft arithmetic is bounded at its worst operands, which no run meets in each operation
+    loose = 3 if "float32" in CORES[group].hardware else 4
+    assert target.instructions_per_step <= most <= agent.instruction_budget[group] < loose * most
 
 
 @needs_emulator
@@ -108,6 +112,31 @@ def test_many_inputs_and_limits_keep_to_the_stated_stack_and_flash(tmp_path, gro
 
 @needs_emulator
 @pytest.mark.slow
+@pytest.mark.parametrize("real", ["float32", "float64"])
+@pytest.mark.parametrize("group", CORES)
+@pytest.mark.usefixtures("all_levels")
+def test_shapes_that_no_bound_was_fitted_to_keep_to_the_stated_instructions(tmp_path, group, real):
+    """Dense gains beyond and between the fitted shapes, with limits and offsets; the bound is no empty one either."""
+    random = np.random.default_rng(17)
+    for optimize in ("speed", "size"):
+        agents = []
+        for k, (n, q, m, nn) in enumerate(
+            [(10, 4, 1, 4), (5, 2, 5, 5), (3, 4, 3, 2), (1, 3, 2, 8), (4, 4, 1, 0)]
+        ):
+            free = random_controller(f"c{k}", n, q, m, neighbours=nn, seed=99, zeros=0.0)
+            limits, offsets = np.tile([-0.7, 1.3], (m, 1)), random.normal(size=(nn + 1, q)) if nn else None
+            agents.append(free if k % 2 else dataclasses.replace(free, limits=limits, offsets=offsets))
+        spec = CodegenSpec(tuple(agents), period=0.01, name="shapes", real=real, optimize=optimize)
+        folder = write_folder(emit(spec), tmp_path / optimize)
+        report = verify_folder(folder, targets=[group], steps=50, adversarial_steps=400)
+        assert report.problems == ()
+        for k, agent in enumerate(load_manifest(folder).agents):
+            most = max(target.agents[k].most_instructions for target in report.targets)
+            assert agent.instruction_budget[group] < 4 * most or not agent.neighbours  # r = 0 folds away
+
+
+@needs_emulator
+@pytest.mark.slow
 @pytest.mark.parametrize("group", CORES)
 def test_many_neighbours_take_a_wide_mask(tmp_path, group):
     agents = tuple(random_controller(f"n{nn}", 1, 1, 1, neighbours=nn) for nn in (32, 33, 64))
@@ -136,7 +165,7 @@ def test_a_changed_gain_is_seen_on_the_target(tmp_path):
 
 
 @needs_emulator
-def test_more_stack_or_flash_than_stated_is_a_broken_promise(tmp_path):
+def test_more_stack_flash_or_instructions_than_stated_are_a_broken_promise(tmp_path):
     folder = write_folder(emit(one_arm()), tmp_path / "arm")
     wasteful = (
         "    volatile float waste[64];\n    uint32_t z;\n\n    for (z = 0u; z < 64u; z++) {\n"
@@ -147,6 +176,7 @@ def test_more_stack_or_flash_than_stated_is_a_broken_promise(tmp_path):
     assert report.targets[0].bitwise
     assert any("bytes of stack, its header says at most" in problem for problem in report.problems)
     assert any("bytes of flash, its header says at most" in problem for problem in report.problems)
+    assert any("instructions in a step, its header says at most" in problem for problem in report.problems)
 
 
 @needs_emulator

@@ -1,81 +1,89 @@
-"""What the header promises of RAM, stack and flash, by formula; `verify` measures all three against it."""
+"""What the header bounds of RAM, stack and flash, by formula; `verify` measures all three against it.
 
-from dataclasses import dataclass
+What the C declares is counted exactly (`state_bytes`, `fixed_stack`, `fixed_flash`). What a compiler adds, frames and
+spilled values, code and literals, is bounded by a linear form in the dimensions with coefficients >= 0
+(`coefficients`), fitted above measurements of many shapes by `benchmarks/bounds_fit.py`:
+
+- each row of [A B; C D] is a sum that lives until all are known to be finite; where the rows are unrolled, their literals
+  and the entries of x and r that they share are kept too (terms);
+- clang unrolls loops over the neighbours, in whole or in parts of up to eight, so that code grows with them up to a
+  number, and addresses and bits of those unrolled are spilled; beyond it the loops are loops;
+- a mask of 64 bits takes more registers than a core with 32 bits has.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 from lockstep.check.c_source.kernel import Shape
 from lockstep.check.c_source.reader import ANSWERS
 from lockstep.codegen.arithmetic import RealType
+from lockstep.codegen.coefficients import FLASH, STACK, Table
 from lockstep.codegen.cores import CORES
+from lockstep.codegen.spec import Optimize
 
-_WIDE_MASK = 128
-_ALONE = 200
-"""Bytes of flash: without messages clang unrolls the loop of the self-check that it leaves alone elsewhere."""
-_CLIP = {"float32": (180, 215), "float64": (120, 350)}
-"""Bytes of flash that clip u and take an applied one, at all and for each input: clang unrolls up to eight of them."""
-_FURTHER = {"float32": 30, "float64": 60}
-"""Bytes of flash for each input but the first: copies and the self-check of u, unrolled."""
-_SHIFT = 400
-"""Bytes of code that take offsets from outputs, with soft arithmetic."""
-_FRAME = 64
-"""Bytes of stack of the function that does, beside what it keeps."""
+ALIKE = {"cortex-m7": "cortex-m4f"}
+SOFT_ALIKE = {**ALIKE, "rv32imafc": "rv32imac"}
+"""In float64 the unit for single precision is not used."""
 
 
-@dataclass(frozen=True)
-class _Stack:
-    base: int
-    per_row: int
-    per_output: int
-    per_term: int = 0
+class Extent(NamedTuple):
+    """What the C of an agent is, beside its gains: its dimensions, whether u is clipped, whether there are offsets."""
 
-    def bytes(self, shape: Shape, state: int) -> int:
-        rows = shape.order + shape.inputs
-        used = self.per_row * rows + self.per_output * shape.outputs + self.per_term * shape.terms
-        # The self-check steps a state of its own; a mask of 64 bits takes more registers than there are.
-        used += state + _WIDE_MASK * (shape.neighbours > 32)
-        return 8 * -(-(self.base + used) // 8)
+    shape: Shape
+    limited: bool = False
+    shifted: bool = False
 
+    @property
+    def rows(self) -> int:
+        """Of [A B; C D]."""
+        return self.shape.order + self.shape.inputs
 
-@dataclass(frozen=True)
-class _Flash:
-    base: int
-    network: int
-    per_term: int
-    per_message: int
+    @property
+    def entries(self) -> int:
+        """Of all messages."""
+        return self.shape.neighbours * self.shape.outputs
 
-    def bytes(self, shape: Shape, real: int) -> int:
-        known = (ANSWERS + shape.neighbours) * shape.outputs + ANSWERS * (shape.order + shape.inputs)
-        messages = self.per_message * shape.neighbours * shape.outputs
-        network = self.network * (shape.neighbours > 0) * (1 + (shape.neighbours > 32))
-        network += _ALONE * (shape.neighbours == 0)
-        return self.base + network + self.per_term * shape.terms + messages + real * known
+    @property
+    def offsets(self) -> int:
+        """That are taken from own and others' outputs."""
+        return (1 + self.shape.neighbours) * self.shape.outputs * (self.shifted and self.shape.neighbours > 0)
 
 
-# Upper bounds fitted to measurements at -O2 and -Os, zig's clang and GCC, both variants: orders 0 to 12, 1 to 4
-# outputs, 0 to 3 neighbours, 1 to 12 inputs. On RV32IMAFC clang keeps the literals of a long row on the stack.
-_STACKS = {
-    ("cortex-m0", "float32"): _Stack(224, 8, 24),
-    ("cortex-m4f", "float32"): _Stack(152, 8, 4),
-    ("cortex-m7", "float32"): _Stack(152, 8, 4),
-    ("rv32imac", "float32"): _Stack(192, 8, 24),
-    ("rv32imafc", "float32"): _Stack(120, 0, 0, 4),
-    ("cortex-m0", "float64"): _Stack(312, 16, 48),
-    ("cortex-m4f", "float64"): _Stack(344, 16, 64),
-    ("cortex-m7", "float64"): _Stack(344, 16, 64),
-    ("rv32imac", "float64"): _Stack(232, 16, 40),
-    ("rv32imafc", "float64"): _Stack(232, 16, 40),
-}
-_FLASHES = {
-    ("cortex-m0", "float32"): _Flash(544, 264, 30, 96),
-    ("cortex-m4f", "float32"): _Flash(560, 408, 25, 84),
-    ("cortex-m7", "float32"): _Flash(560, 408, 25, 84),
-    ("rv32imac", "float32"): _Flash(872, 320, 43, 132),
-    ("rv32imafc", "float32"): _Flash(688, 296, 36, 84),
-    ("cortex-m0", "float64"): _Flash(600, 424, 48, 132),
-    ("cortex-m4f", "float64"): _Flash(776, 480, 54, 132),
-    ("cortex-m7", "float64"): _Flash(776, 480, 54, 132),
-    ("rv32imac", "float64"): _Flash(944, 544, 70, 180),
-    ("rv32imafc", "float64"): _Flash(872, 544, 70, 180),
-}
+Part = Callable[[Extent], int]
+"""Of what there are so many in the C."""
+
+STACK_PARTS: tuple[Part, ...] = (
+    lambda _: 1,
+    lambda f: f.rows,
+    lambda f: f.shape.outputs,
+    lambda f: f.shape.terms,
+    lambda f: f.shape.neighbours > 0,
+    lambda f: f.shape.outputs * min(f.shape.neighbours, 8),
+    lambda f: min(f.shape.neighbours, 16),
+    lambda f: f.shape.neighbours > 32,
+    lambda f: f.offsets > 0,
+)
+FLASH_PARTS: tuple[Part, ...] = (
+    *STACK_PARTS,
+    lambda f: f.shape.neighbours == 0,
+    lambda f: f.shape.outputs * min(f.shape.neighbours, 16),
+    lambda f: f.limited,
+    lambda f: f.limited * f.shape.inputs,
+    lambda f: (f.offsets > 0) * f.shape.outputs * min(f.shape.neighbours, 16),
+)
+
+
+def linear(
+    table: Table, parts: Sequence[Part], extent: Extent, real: RealType, optimize: Optimize
+) -> dict[str, int]:
+    """Sum of coefficient times number, on each core, rounded up; the table's coefficients are tenths."""
+    alike = ALIKE if real.name == "float32" else SOFT_ALIKE
+    numbers = [part(extent) for part in parts]
+    found = {group: table[alike.get(group, group), real.name, optimize] for group in CORES}
+    return {
+        group: -(-sum(a * b for a, b in zip(tenths, numbers, strict=True)) // 10)
+        for group, tenths in found.items()
+    }
 
 
 def state_bytes(shape: Shape, real: RealType) -> int:
@@ -93,30 +101,34 @@ def state_bytes(shape: Shape, real: RealType) -> int:
     return -(-(start + mask + 8 * neighbours + 4) // alignment) * alignment
 
 
-def stack_budgets(shape: Shape, real: RealType, *, shifted: bool = False) -> dict[str, int]:
-    """An upper bound for the stack of `init` and `step` on each core, in bytes: soft arithmetic included, interrupts not.
+def fixed_stack(extent: Extent, real: RealType) -> int:
+    """Bytes that the C declares: the state that the self-check steps, and outputs less their offsets."""
+    return state_bytes(extent.shape, real) + real.bytes * extent.offsets
+
+
+def fixed_flash(extent: Extent, real: RealType, optimize: Optimize) -> int:
+    """Bytes of constants that the C declares: known answers, weights, limits, offsets, and gains where they are a table."""
+    shape = extent.shape
+    known = (ANSWERS + shape.neighbours) * shape.outputs + ANSWERS * extent.rows
+    tables = shape.neighbours + 2 * shape.inputs * extent.limited + extent.offsets
+    return real.bytes * (known + tables + shape.terms * (optimize == "size"))
+
+
+def stack_budgets(extent: Extent, real: RealType, optimize: Optimize) -> dict[str, int]:
+    """Bytes of stack of `init` and `step` at the most on each core: soft arithmetic included, interrupts not.
 
     >>> from lockstep.codegen.arithmetic import RealType
-    >>> stack_budgets(Shape(2, 2, 1, 1), RealType("float32"))["cortex-m4f"]
-    224
+    >>> found = stack_budgets(Extent(Shape(2, 2, 1, 1)), RealType("float32"), "speed")["cortex-m4f"]
+    >>> 152 < found < 304  # what one arm takes, and twice that
+    True
     """
-    kept = real.bytes * (1 + shape.neighbours) * shape.outputs
-    shift = 8 * -(-(_FRAME + kept) // 8) * (shifted and shape.neighbours > 0)
-    return {
-        group: _STACKS[group, real.name].bytes(shape, state_bytes(shape, real)) + shift for group in CORES
-    }
+    declared = fixed_stack(extent, real)
+    added = linear(STACK, STACK_PARTS, extent, real, optimize)
+    return {group: 8 * -(-(declared + one) // 8) for group, one in added.items()}
 
 
-def flash_budgets(
-    shape: Shape, real: RealType, *, limited: bool = False, shifted: bool = False
-) -> dict[str, int]:
-    """An upper bound for code and constants on each core, in bytes; a soft-arithmetic library is not in it.
-
-    limited: whether u is clipped;  shifted: whether there are offsets.
-    """
-    base, each = _CLIP[real.name]
-    more = (base + each * shape.inputs) * limited + _FURTHER[real.name] * (shape.inputs - 1)
-    more += (_SHIFT + real.bytes * (1 + shape.neighbours) * shape.outputs) * (
-        shifted and shape.neighbours > 0
-    )
-    return {group: _FLASHES[group, real.name].bytes(shape, real.bytes) + more for group in CORES}
+def flash_budgets(extent: Extent, real: RealType, optimize: Optimize) -> dict[str, int]:
+    """Bytes of code and constants at the most on each core; a soft-arithmetic library is not in it."""
+    declared = fixed_flash(extent, real, optimize)
+    added = linear(FLASH, FLASH_PARTS, extent, real, optimize)
+    return {group: 4 * -(-(declared + one) // 4) for group, one in added.items()}

@@ -126,15 +126,17 @@ class AgentEntry(_Record):
     state_bytes: int
     stack_budget_bytes: dict[str, int]
     flash_budget_bytes: dict[str, int]
+    instruction_budget: dict[str, int] = {}
+    integer_instruction_budget: dict[str, int] | None = None
     plant: PlantEntry | None = None
     limits: Rows | None = None
     offsets: Rows | None = None
 
     @model_serializer(mode="wrap")
     def _without_limits(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave `limits` out where u is not clipped, and `offsets` where there are none."""
+        """Leave `limits` out where u is not clipped, `offsets` where there are none, and integers where there are none."""
         plain: dict[str, Any] = serialize(self)
-        left_out = ("limits", "offsets")
+        left_out = ("limits", "offsets", "integer_instruction_budget")
         return {key: value for key, value in plain.items() if key not in left_out or value is not None}
 
     def shifts(self, real: RealType) -> Float[np.ndarray, "nn+1 q"] | None:

@@ -152,11 +152,12 @@ def _cores(facts: Facts) -> list[dict[str, Any]]:
                 "title": core.title,
                 "stack": max(agent.stack_budget_bytes[group] for agent in facts.manifest.agents),
                 "flash": max(agent.flash_budget_bytes[group] for agent in facts.manifest.agents),
+                "instructions": max(agent.instruction_budget[group] for agent in facts.manifest.agents),
                 "measured": {
                     key: max(
                         (value for t in measured if (value := getattr(t, key)) is not None), default=None
                     )
-                    for key in ("stack_bytes", "text_bytes", "instructions_per_step")
+                    for key in ("stack_bytes", "text_bytes", "most_instructions")
                 },
             }
         )

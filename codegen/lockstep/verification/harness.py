@@ -28,6 +28,7 @@ class Run:
     text_bytes: int | None = None
     instructions: int | None = None
     stack_bytes: int | None = None
+    most_instructions: int | None = None
 
 
 def layout(agent: AgentEntry, manifest: Manifest) -> dict[str, Any]:

@@ -53,6 +53,7 @@ def with_nodes(manifest: Manifest) -> Manifest:
                 "state_bytes": image.state_bytes,
                 "stack_budget_bytes": {},
                 "flash_budget_bytes": {},
+                "instruction_budget": {},
                 "plant": None,
             },
             unit=image.name,

@@ -58,6 +58,7 @@ class AgentResult:
     text_bytes: int | None
     ram_bytes: int
     stack_bytes: int | None
+    most_instructions: int | None
 
 
 @dataclass(frozen=True)
@@ -67,12 +68,13 @@ class TargetResult:
     bitwise            equal to the last bit; None if the target was skipped
     steps              closed-loop steps, and as many adversarial calls as `adversarial_steps` says
     fault_steps        calls with each fault once: always fed, whatever the other two are
-    instructions_per_step  most instructions (never cycles) of one `<agent>_step`
+    instructions_per_step  most instructions (never cycles) of one `<agent>_step`, of the closed loop
+    most_instructions      the same over all observed calls, with faults and adversarial ones: the header bounds it
     skipped            why the target did not run; empty if it ran
     error              the compiler's or program's message if it failed
     fixed               each agent in integers (`fixed/`), if the folder has them and the target runs them
     nodes              each agent with its messages (`messages/`), if the folder has them and the target runs them
-    core               group of the emulated core, whose stack and flash the header bounds; empty on the host
+    core               group of the emulated core, whose stack, flash and instructions the header bounds; empty on the host
     """
 
     name: str
@@ -85,6 +87,7 @@ class TargetResult:
     text_bytes: int | None = None
     ram_bytes: int | None = None
     stack_bytes: int | None = None
+    most_instructions: int | None = None
     skipped: str = ""
     error: str = ""
     core: str = ""
@@ -289,6 +292,7 @@ def _target_result(
         text_bytes=_most([r.text_bytes for r in results]),
         ram_bytes=_most([r.ram_bytes for r in results]),
         stack_bytes=_most([r.stack_bytes for r in results]),
+        most_instructions=_most([r.most_instructions for r in results]),
         core=core,
         agents=tuple(results),
     )
@@ -305,6 +309,7 @@ def _agent_result(agent: AgentEntry, run: Run, difference: Difference) -> AgentR
         run.text_bytes,
         run.state_bytes,
         run.stack_bytes,
+        run.most_instructions,
     )
 
 
@@ -331,6 +336,10 @@ def _problems(results: Sequence[TargetResult], changed: Sequence[str], manifest:
             if not one.bitwise:
                 calls = f"in integers differs in {one.differing_calls} calls"
                 yield f"{result.name}: {one.agent} {calls}; {one.first_difference}"
+            most = (stated[one.agent].integer_instruction_budget or {}).get(result.core)
+            if most is not None and (one.instructions_per_step or 0) > most:
+                excess = f"takes {one.instructions_per_step} instructions in a step, its header says at most {most}"
+                yield f"{result.name}: {one.agent} in integers {excess}"
         for found in result.agents:
             if not found.bitwise:
                 calls = f"differs in {found.differing_calls} calls"
@@ -339,16 +348,17 @@ def _problems(results: Sequence[TargetResult], changed: Sequence[str], manifest:
 
 
 def _broken_promises(target: TargetResult, found: AgentResult, stated: AgentEntry) -> Iterator[str]:
-    """The header bounds RAM, stack and flash; what is measured must keep to that."""
+    """The header bounds RAM, stack, flash and instructions; what is measured must keep to that."""
     if found.ram_bytes != stated.state_bytes:
         ram = f"takes {found.ram_bytes} bytes of RAM, not {stated.state_bytes} as stated"
         yield f"{target.name}: {found.agent} {ram}"
     budgets = {
-        "stack": (found.stack_bytes, stated.stack_budget_bytes),
-        "flash": (found.text_bytes if target.core else None, stated.flash_budget_bytes),
+        "bytes of stack": (found.stack_bytes, stated.stack_budget_bytes),
+        "bytes of flash": (found.text_bytes if target.core else None, stated.flash_budget_bytes),
+        "instructions in a step": (found.most_instructions, stated.instruction_budget),
     }
     for what, (measured, bounds) in budgets.items():
         bound = bounds.get(target.core)
         if measured is not None and bound is not None and measured > bound:
-            excess = f"takes {measured} bytes of {what}, its header says at most {bound}"
+            excess = f"takes {measured} {what}, its header says at most {bound}"
             yield f"{target.name}: {found.agent} {excess}"

@@ -11,6 +11,7 @@ import numpy as np
 from lockstep.check.c_source.fixed import row_of
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.fixed import FixedController, integers_of
+from lockstep.codegen.bounds import by_core
 from lockstep.codegen.emission.emit import plain
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import FORMAT, AgentEntry, Manifest
@@ -72,6 +73,7 @@ def _view(agent: AgentEntry, one: FixedController, manifest: Manifest) -> dict[s
         "u": one.u,
         "rows": [row_of(agent.name, *row) for row in zip(one.a, one.h, one.d, one.g, strict=True)],
         "sides": one.sides,
+        "instructions": by_core(agent.integer_instruction_budget or {}),
         "neighbours": [plain(each.source) for each in agent.neighbours],
         "formats": [
             {

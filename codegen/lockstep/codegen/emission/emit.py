@@ -15,8 +15,8 @@ from lockstep.check.c_source.kernel import Shape
 from lockstep.check.c_source.reader import ANSWERS
 from lockstep.check.sampled.discretise import SampledGains, clipped_at, discretise
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.budget import flash_budgets, stack_budgets, state_bytes
-from lockstep.codegen.cores import CORES
+from lockstep.codegen.bounds import bounds, by_core, integer_budgets
+from lockstep.codegen.budget import Extent, state_bytes
 from lockstep.codegen.emission.agent_view import agent_view
 from lockstep.codegen.emission.kernel import Kernel, straight_line
 from lockstep.codegen.emission.known_answers import SCALE, known_answers
@@ -40,7 +40,7 @@ from lockstep.codegen.manifest import (
     PlantEntry,
     sha256,
 )
-from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant
+from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Optimize
 
 _RULES = {
     "tustin": "Tustin's rule (trapezoidal)",
@@ -65,6 +65,10 @@ class Sampled:
     kernel: Kernel
     limits: np.ndarray
     offsets: np.ndarray | None
+
+    def bounds(self, real: RealType, optimize: Optimize) -> dict[str, dict[str, int]]:
+        """What the header bounds, per core."""
+        return bounds(Extent(self.shape, bool(len(self.limits)), self.offsets is not None), real, optimize)
 
     @property
     def shape(self) -> Shape:
@@ -183,7 +187,7 @@ def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
     }
 
 
-def _agent_context(agent: Sampled, real: RealType, optimize: str) -> dict[str, Any]:
+def _agent_context(agent: Sampled, real: RealType, optimize: Optimize) -> dict[str, Any]:
     """What the templates need: the C's own view, and what its comments say."""
     controller, M, shape = agent.controller, agent.table, agent.shape
     view = agent_view(
@@ -213,26 +217,8 @@ def _agent_context(agent: Sampled, real: RealType, optimize: str) -> dict[str, A
         "multiplications": agent.kernel.multiplications if optimize == "speed" else M.size,
         "additions": agent.kernel.additions if optimize == "speed" else M.size,
         "state_bytes": state_bytes(shape, real),
-        "stack": _by_core(_stack(agent, real)),
-        "flash": _by_core(_flash(agent, real)),
+        **{what: by_core(each) for what, each in agent.bounds(real, optimize).items()},
     }
-
-
-def _stack(agent: Sampled, real: RealType) -> dict[str, int]:
-    return stack_budgets(agent.shape, real, shifted=agent.offsets is not None)
-
-
-def _flash(agent: Sampled, real: RealType) -> dict[str, int]:
-    limited, shifted = bool(len(agent.limits)), agent.offsets is not None
-    return flash_budgets(agent.shape, real, limited=limited, shifted=shifted)
-
-
-def _by_core(budgets: Mapping[str, int]) -> list[dict[str, Any]]:
-    """Cores with the same bound together: one line each in the header."""
-    titles: dict[int, list[str]] = {}
-    for group, size in budgets.items():
-        titles.setdefault(size, []).append(CORES[group].title)
-    return [{"bytes": size, "cores": ", ".join(names)} for size, names in sorted(titles.items())]
 
 
 def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: Mapping[str, str]) -> Manifest:
@@ -257,7 +243,7 @@ def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: M
         prefix=spec.prefix,
         messages=_messages(spec),
         fixed=None if spec.fixed is None else FixedEntry(**vars(spec.fixed)),
-        agents=tuple(_agent_record(a, real, p) for a, p in zip(agents, plants, strict=True)),
+        agents=tuple(_agent_record(a, real, p, spec) for a, p in zip(agents, plants, strict=True)),
         files={path: sha256(text) for path, text in files.items()},
         image=None if spec.image is None else _image_record(spec.image, agents, real),
     )
@@ -282,8 +268,9 @@ def _messages(spec: CodegenSpec) -> MessagesEntry | None:
     return MessagesEntry(kept=given.kept, limit=given.limit, ranges=dict(given.ranges))
 
 
-def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None) -> AgentEntry:
+def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None, spec: CodegenSpec) -> AgentEntry:
     c, n, M, shape = agent.controller, agent.controller.order, agent.table, agent.shape
+    most = agent.bounds(real, spec.optimize)
     blocks = {"A": M[:n, :n], "B": M[:n, n:], "C": M[n:, :n], "D": M[n:, n:]}
     return AgentEntry(
         name=c.name,
@@ -297,8 +284,10 @@ def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None) -> 
         continuous={"A": _rows(c.A), "B": _rows(c.B), "C": _rows(c.C), "D": _rows(c.D)},
         sampled=GainsEntry(**{letter: Coefficients.of(block, real) for letter, block in blocks.items()}),
         state_bytes=state_bytes(shape, real),
-        stack_budget_bytes=_stack(agent, real),
-        flash_budget_bytes=_flash(agent, real),
+        stack_budget_bytes=most["stack"],
+        flash_budget_bytes=most["flash"],
+        instruction_budget=most["instructions"],
+        integer_instruction_budget=None if spec.fixed is None else integer_budgets(shape),
         limits=_rows(agent.limits) if len(agent.limits) else None,
         offsets=None if agent.offsets is None else _rows(agent.offsets),
         plant=None

@@ -26,7 +26,7 @@ from lockstep.verification.nodes import unit_of
 _RETURN, _ARRAYS, _STACK = 0x0000_1000, 0x2100_0000, 0x3000_0000
 _STACK_BYTES = 0x1_0000
 _MEASURED = 20
-"""Calls of each kind (closed loop, adversarial) that run with every instruction observed."""
+"""Calls of each kind (closed loop, own outputs not finite, adversarial) that run with every instruction observed."""
 _PAINT = 0xA5
 """The stack is filled with this byte: what no longer holds it after a run was used."""
 
@@ -61,15 +61,15 @@ def run_on_core(
         trace, state_bytes = machine.run(manifest, agent, recorded)
         stack = max(watch.stack, watch.top - machine.deepest()) if watch.counts else None
         instructions = max(watch.counts[:_MEASURED], default=None)
-        yield (
-            agent,
-            Run(trace, state_bytes, text_bytes(directory / f"{unit_of(agent)}.o"), instructions, stack),
-        )
+        most = max(watch.counts, default=None)
+        size = text_bytes(directory / f"{unit_of(agent)}.o")
+        yield agent, Run(trace, state_bytes, size, instructions, stack, most)
 
 
 def _sample(calls: Calls) -> Calls:
-    """The first calls (closed loop) and the last ones (adversarial, if there are any)."""
-    rows = np.r_[: min(_MEASURED, len(calls)), max(len(calls) - _MEASURED, 0) : len(calls)]
+    """The first calls (closed loop), the first with a fault of y, and the last ones (adversarial, if there are any)."""
+    faults = np.flatnonzero(~np.isfinite(calls.y).all(axis=1))[:_MEASURED]
+    rows = np.r_[: min(_MEASURED, len(calls)), faults, max(len(calls) - _MEASURED, 0) : len(calls)]
     parts = (calls.operation, calls.received, calls.y, calls.neighbour_y, calls.r)
     return Calls(*(part[rows] for part in parts))
 
