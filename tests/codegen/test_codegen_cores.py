@@ -169,7 +169,7 @@ def test_more_stack_flash_or_instructions_than_stated_are_a_broken_promise(tmp_p
     folder = write_folder(emit(one_arm()), tmp_path / "arm")
     wasteful = (
         "    volatile float waste[64];\n    uint32_t z;\n\n    for (z = 0u; z < 64u; z++) {\n"
-        + "".join(f"        waste[z] = (float)(z + {k}u);\n" for k in range(40))
+        + "".join(f"        waste[z] = (float)(z + {k}u);\n" for k in range(240))
     )
     change(folder, "    float check;\n\n", f"    float check;\n{wasteful}    }}\n\n")
     report = verify_folder(folder, targets=["cortex-m4f"], run_changed=True, steps=20, adversarial_steps=0)

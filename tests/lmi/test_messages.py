@@ -7,33 +7,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from messages_cases import growth_of, mean_square_radius, patterns, worst_jitter, worst_pattern
-from sampled_cases import controllers, network, random_problem
+from messages_cases import (
+    SLOPES,
+    drawn,
+    growth_of,
+    mean_square_radius,
+    patterns,
+    pendulums,
+    strong,
+    worst_jitter,
+    worst_pattern,
+)  # fmt: skip
 
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.messages import Messages, proves_messages
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
 
-EDGES = [(1, 2, 1.0), (2, 3, 1.0), (3, 1, 1.0)]
-SLOPES = (-1.0, 0.0, 1.0)
 FEW, MANY = range(4), range(4, 100)
-
-
-def pendulums(delay=0):
-    """Three pendulums that damp their relative velocity, stepped every 50 ms."""
-    A, B, H = [[0.0, 1.0], [-2.0, -0.5]], [[0.0], [1.0]], [[1.0, 0.0]]
-    net = network(A, B, np.eye(2), B, H, EDGES, alpha=1.0, period=0.05, delay=delay)
-    return net, controllers([[[0.9, 0.01, 0.02], [0.1, -1.0, -2.0]]] * 3, 1, EDGES)
-
-
-def drawn(seed):
-    """A random loop that steps often enough to have a chance, and faults of its messages."""
-    rng = np.random.default_rng(1000 + seed)
-    net, ones = random_problem(seed)
-    loss = float(rng.choice([0.1, 0.4, 0.7, 0.9])) if seed % 3 != 1 else 0.0
-    age = int(rng.integers(1, 4)) if seed % 3 != 0 else 0
-    burst = int(rng.integers(0, age + 1))
-    return net.at(min(net.period, 0.2)), ones, Messages(loss, burst, (0, age - burst)), rng
 
 
 def contradicted(seed):
@@ -125,12 +115,6 @@ def test_the_largest_loss_is_below_the_one_that_breaks_the_mean_square():
         p for p in np.arange(0.05, 1.0, 0.05) if certify_messages(net, ones, Messages(float(p))) is not None
     ]
     assert 0.05 <= max(carried, default=0.0) < breaks
-
-
-def strong():
-    """Pendulums with so much gain that lost messages matter."""
-    net, _ = pendulums()
-    return net, controllers([[[0.9, 0.01, 0.02], [0.1, -10.0, -14.0]]] * 3, 1, EDGES)
 
 
 def max_growth(net, ones, loss):

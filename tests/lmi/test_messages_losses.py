@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from messages_cases import growth_in_turn
+from messages_cases import SLOPES, drawn, growth_in_turn, pendulums, strong
 from sampled_cases import controllers, network
-from test_messages import SLOPES, drawn, pendulums, strong
 
 from lockstep.check.sampled import messages as checker
 from lockstep.check.sampled.loop import sampled_loop

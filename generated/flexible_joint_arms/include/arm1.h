@@ -56,7 +56,7 @@
  *   no heap, no recursion, no loop without a constant bound, and the source calls no library function.
  *   The compiler may still call memcpy or memset for a copy, and on a core without single-precision hardware its
  *   own float arithmetic, never double; neither is counted under flash.
- *   Both are in the instructions, which are for any data: messages that arrive or not, limits, faults, and arithmetic in
+ *   Both are in the instructions, which are for any data: messages that arrive or not, faults, and arithmetic in
  *   software at the worst operands that were found (subnormal ones: ordinary data takes less, another library may take more).
  *
  * WHAT THE CALLER DOES
