@@ -170,7 +170,7 @@ def test_jitter_is_not_certified_where_it_breaks_the_loop():
 DECIDED = """
 import json, sys
 import numpy as np
-from test_messages import pendulums
+from messages_cases import pendulums
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.messages import Messages, MessageWitness, proves_messages
 net, ones = pendulums()
