@@ -15,8 +15,8 @@ EXAMPLES = ("carts", "flexible_joint_arms", "fragile_arms", "slow_arms")
 """Problems of examples/ that are measured too; they are robotics, and feasible."""
 
 HEAD = (
-    "problem", "field", "agents", "order", "certified", "sampled", "rho: best", "median", "worst", "floor",
-    "median / floor", "sampled rho: best", "worst", "processor, s",
+    "problem", "certified", "sampled", "rho: best", "median", "worst", "floor", "median / floor",
+    "sampled rho: best", "worst", "processor, s", "field", "agents", "order",
 )  # fmt: skip
 
 MOST_SPREAD, MOST_OVER_FLOOR, SHARE = 1.05, 1.5, 0.9
@@ -129,11 +129,7 @@ def case_of(file: Path) -> Case:
 def cells(row: Row) -> Iterator[str]:
     """Yield a row of the table; rho of the certified runs only."""
     problem, runs = row.case.problem, len(row.runs)
-    folder = row.case.file.parent.relative_to(ROOT).as_posix()
-    yield f"[{row.case.name}](../{folder}/{row.case.file.name})"
-    yield row.case.field
-    yield str(problem.graph().agents)
-    yield str(problem.order)
+    yield row.case.name
     yield "none exist" if row.case.infeasible and not row.certified else f"{row.certified} of {runs}"
     yield f"{row.sampled} of {runs}"
     rhos, sampled = ([x for x in values if math.isfinite(x)] for values in (row.rhos, row.sampled_rhos))
@@ -141,6 +137,7 @@ def cells(row: Row) -> Iterator[str]:
     yield from (f"{x:.3g}" if math.isfinite(x) else "-" for x in (row.floor, row.over_floor))
     yield from (f"{x:.4g}" for x in (sampled[0], sampled[-1])) if sampled else "--"
     yield f"{statistics.median(run.seconds for run in row.runs):.0f}"
+    yield from (row.case.field, str(problem.graph().agents), str(problem.order))
 
 
 def table_of(rows: Sequence[Row]) -> str:
