@@ -22,13 +22,15 @@ from lockstep.check.system.loop import Gains, Plant
 from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.certify import certify
-from lockstep.lmi.design import design
+from lockstep.lmi.design import claim_of, design, proved_bound
 from lockstep.lmi.document import file_of, parse
 from lockstep.lmi.floor.bisection import largest_floor, proves_that_none_carries, rounded_down
 from lockstep.lmi.written import pieces_document
 from lockstep.model.agents.agent import Agent
+from lockstep.model.assembly import exact_network, network_of
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
+from lockstep.model.problem import Problem
 
 BELOW = 5e-3
 """How far below a closed form a floor may stay: bisection and four digits leave 0.3 %."""
@@ -87,6 +89,23 @@ def test_the_rows_of_the_laplacian_have_the_same_floor() -> None:
     witness = largest_floor(arms().matrices, ALPHA, np.eye(4))
     assert witness is not None
     assert proves_floor(rows.matrices, ALPHA, np.eye(4), witness)
+
+
+def test_the_floor_is_of_the_rationals_of_the_file() -> None:
+    """Thirds and sevenths are no doubles: a witness for the nearest of them need not be one for the agents of the file."""
+    problem = Problem.parse(
+        '[agent]\nstates = ["x", "v"]\ninputs = ["u"]\noutputs = { y = "x" }\n'
+        'dynamics = { x = "v", v = "-x/3 - v/7 + u/7 + sin(x)/11" }\n'
+        '[network]\nagents = 3\ntopology = "cycle"\n[design]\norder = 1'
+    )
+    posed = network_of(problem, proved_bound(problem))
+    exact = exact_network(problem, posed)
+    assert exact.plant.A.tolist() == [[0, 1], [fmpq(-1, 3), fmpq(-1, 7)]]
+    assert (exactly(posed.plant.A) != exact.plant.A).any()
+    alpha = claim_of(problem, proved_bound(problem)).alpha_of_floor
+    witness = largest_floor(exact, alpha, np.eye(2))
+    assert witness is not None
+    assert proves_floor(exact, alpha, np.eye(2), witness)
 
 
 def test_where_gains_reach_everything_there_is_no_floor() -> None:

@@ -160,8 +160,7 @@ def network_of(problem: Problem, bound: Bound) -> Network:
 
 def exact_network(problem: Problem, network: Network) -> ExactNetwork:
     """Return the network of a problem in rationals, as the checker reads it from the problem's text."""
-    read = ProblemTables.from_document(problem.document())
-    return read.network(network.agent.moves, network.scales)[0]
+    return ProblemTables(problem.document()).network(network.agent.moves, network.scales)[0]
 
 
 def _with_exact_scales(bound: Bound, lure: Lure) -> Bound:
