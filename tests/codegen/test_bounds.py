@@ -94,6 +94,7 @@ def test_a_leader_and_many_neighbours_keep_to_the_bounds(tmp_path, monkeypatch, 
 
 
 @needs_emulator
+@pytest.mark.by_hand
 @pytest.mark.slow
 @pytest.mark.parametrize("optimize", ["speed", "size"])
 @pytest.mark.parametrize("real", ["float32", "float64"])
@@ -108,7 +109,10 @@ def test_random_shapes_keep_to_the_bounds(tmp_path, group, real, optimize):
 
 @needs_emulator
 @pytest.mark.slow
-@pytest.mark.parametrize("group", CORES)
+@pytest.mark.parametrize(
+    "group",
+    [name if name == "cortex-m0" else pytest.param(name, marks=pytest.mark.by_hand) for name in CORES],
+)
 def test_integers_keep_to_the_bound_of_their_instructions(tmp_path, monkeypatch, group):
     """With many neighbours, and none; code that wastes some is a broken promise."""
     monkeypatch.setattr(targets, "CORE_LEVELS", ("-O2",))
