@@ -1,6 +1,7 @@
 """The code of each emulated microcontroller; skipped, and said so, where the packages are missing."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -112,8 +113,13 @@ def test_many_inputs_and_limits_keep_to_the_stated_stack_and_flash(tmp_path, gro
 
 @needs_emulator
 @pytest.mark.slow
-@pytest.mark.parametrize("real", ["float32", "float64"])
-@pytest.mark.parametrize("group", CORES)
+@pytest.mark.parametrize(
+    ("group", "real"),
+    [
+        one if one == ("cortex-m4f", "float32") else pytest.param(*one, marks=pytest.mark.by_hand)
+        for one in itertools.product(CORES, ("float32", "float64"))
+    ],
+)
 @pytest.mark.usefixtures("all_levels")
 def test_shapes_that_no_bound_was_fitted_to_keep_to_the_stated_instructions(tmp_path, group, real):
     """Dense gains beyond and between the fitted shapes, with limits and offsets; the bound is no empty one either."""
