@@ -138,7 +138,8 @@ def test_shapes_that_no_bound_was_fitted_to_keep_to_the_stated_instructions(tmp_
         assert report.problems == ()
         for k, agent in enumerate(load_manifest(folder).agents):
             most = max(target.agents[k].most_instructions for target in report.targets)
-            assert agent.instruction_budget[group] < 4 * most or not agent.neighbours  # r = 0 folds away
+            # Soft arithmetic is bounded at subnormal operands, fourteen times an ordinary one; r = 0 folds away.
+            assert agent.instruction_budget[group] < 6 * most or not agent.neighbours
 
 
 @needs_emulator
