@@ -67,8 +67,14 @@ def operations(extent: Extent) -> tuple[int, int, int, int, int]:
     )
 
 
+def listening(shape: Shape) -> Shape:
+    """Return the shape, one that hears nobody with a neighbour: it does less than with one, and few of them were measured."""
+    return shape._replace(neighbours=max(1, shape.neighbours))
+
+
 def instruction_budgets(extent: Extent, real: RealType, optimize: Optimize) -> dict[str, int]:
     """Instructions of a step at the most on each core, faults and soft arithmetic included."""
+    extent = extent._replace(shape=listening(extent.shape))
     own = linear(OWN, OWN_PARTS, extent, real, optimize)
     soft = {group: ROUTINES[group, real.name] for group in CORES if real.name not in CORES[group].hardware}
     for group, most in soft.items():
@@ -78,7 +84,7 @@ def instruction_budgets(extent: Extent, real: RealType, optimize: Optimize) -> d
 
 def integer_budgets(shape: Shape) -> dict[str, int]:
     """Instructions of a step in integers (`fixed/`) at the most on each core: data changes only what saturates."""
-    numbers = [part(Extent(shape)) for part in INTEGER_PARTS]
+    numbers = [part(Extent(listening(shape))) for part in INTEGER_PARTS]
     return {
         group: -(
             -sum(a * b for a, b in zip(INTEGERS[SOFT_ALIKE.get(group, group)], numbers, strict=True)) // 10
