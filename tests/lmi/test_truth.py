@@ -121,7 +121,9 @@ def largest_noise_gain(one: Drawn) -> float:
     """Return the largest gain from nu to all states of a loop with a constant slope."""
     # Solved, not diagonalised: controllers that share a mode have eigenvectors that are as good as parallel.
     resolvents = [1j * FREQUENCIES[:, None, None] * np.eye(len(one.A)) - one.loop(s) for s in SLOPES]
-    return float(max(np.linalg.norm(np.linalg.solve(M, one.B_nu), 2, axis=(1, 2)).max() for M in resolvents))
+    return float(
+        max(np.linalg.norm(np.linalg.solve(M, one.B_nu[None]), 2, axis=(1, 2)).max() for M in resolvents)
+    )
 
 
 def ratios(seed: int) -> tuple[float, float] | None:
