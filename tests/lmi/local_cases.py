@@ -1,12 +1,15 @@
 """Networks with a local certificate behind a leader, and runs that start in a set of initial disagreements."""
 
 import numpy as np
+import pytest
 
 from lockstep.check.continuous.inequality import Certificate, Claim
+from lockstep.check.continuous.local import InitialSet
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.disagreement import disagreement
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.rounding import prove
+from lockstep.lmi.scope import initial_states
 from lockstep.model.agents.agent import Agent
 from lockstep.model.assembly import bound_of
 from lockstep.model.graphs.graph import Graph
@@ -96,3 +99,20 @@ def run(net, x, x_C, *, horizon, step=0.01, xi=lambda _: np.zeros((6, 1))):
 def disagreement_of(x):
     agents = x.reshape(N, 2, -1)
     return np.sqrt(((agents - agents.mean(axis=0)) ** 2).sum(axis=(0, 1)))
+
+
+@pytest.fixture(scope="module")
+def net():
+    return network()
+
+
+@pytest.fixture(scope="module")
+def certificate(net):
+    return certified(net)
+
+
+@pytest.fixture(scope="module")
+def found(net, certificate):
+    answer = initial_states(net, certificate)
+    assert isinstance(answer, InitialSet)
+    return answer

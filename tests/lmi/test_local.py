@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import casadi as ca
+import local_cases
 import numpy as np
 import pytest
 from local_cases import (
@@ -19,7 +20,6 @@ from local_cases import (
 
 from lockstep.check.continuous.certificate import decide_initial_set
 from lockstep.check.continuous.inequality import Certificate
-from lockstep.check.continuous.local import InitialSet
 from lockstep.check.continuous.modes import ModalCertificate, Segment
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats, exactly
@@ -29,22 +29,8 @@ from lockstep.lmi.scope import domain_of, initial_states, inner_box
 from lockstep.model.assembly import bound_of
 from lockstep.model.bound_search import Box
 
-
-@pytest.fixture(scope="module")
-def net():
-    return network()
-
-
-@pytest.fixture(scope="module")
-def certificate(net):
-    return certified(net)
-
-
-@pytest.fixture(scope="module")
-def found(net, certificate):
-    answer = initial_states(net, certificate)
-    assert isinstance(answer, InitialSet)
-    return answer
+net, certificate, found = local_cases.net, local_cases.certificate, local_cases.found
+"""Fixtures."""
 
 
 def test_from_the_boundary_of_the_set_all_stay_and_agree(net, certificate, found):

@@ -4,13 +4,13 @@ import math
 import tomllib
 from dataclasses import replace
 
+import local_cases
 import numpy as np
 import pytest
 from local_cases import (
     GAINS,
     ORDER,
     SIDE,
-    certified,
     claim_of,
     disagreement_of,
     network,
@@ -20,31 +20,16 @@ from local_cases import (
 
 from lockstep.check.continuous.certificate import decide_certificate, decide_initial_set
 from lockstep.check.continuous.inequality import Certificate
-from lockstep.check.continuous.local import InitialSet
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.local_sets import largest_initial_states, with_larger_set
-from lockstep.lmi.scope import domain_of, initial_states
+from lockstep.lmi.scope import domain_of
 from lockstep.model.bound_search import Box
 from lockstep.model.problem import Problem, parse_problem
 
-
-@pytest.fixture(scope="module")
-def net():
-    return network()
-
-
-@pytest.fixture(scope="module")
-def certificate(net):
-    return certified(net)
-
-
-@pytest.fixture(scope="module")
-def found(net, certificate):
-    answer = initial_states(net, certificate)
-    assert isinstance(answer, InitialSet)
-    return answer
+net, certificate, found = local_cases.net, local_cases.certificate, local_cases.found
+"""Fixtures."""
 
 
 @pytest.fixture(scope="module")

@@ -252,8 +252,8 @@ def test_a_spectrum_asks_for_a_reduced_observer_and_the_checker_reads_the_same_o
     text = PENDULUMS.format(network="spectrum = [1.0, 4.0]", order=0, design="").replace("order = 0\n", "")
     assert Problem.parse(text).order == 2
     for states, order in ((1, 2), (3, 2), (4, 3), (5, 4), (12, 4)):
-        assert default_order(states, for_all=True) == order
-        assert default_order(states, for_all=False) == 2
+        assert default_order(states, many_graphs=True) == order
+        assert default_order(states, many_graphs=False) == 2
 
 
 def test_too_wide_a_spectrum_names_the_ratio_that_has_one_p():

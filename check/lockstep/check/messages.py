@@ -31,7 +31,7 @@ def decide_messages(
         text = f"with {claimed.messages.text}{', all links losing alike' if alike else ''}"
         yield "messages", _said(loop, claimed, proofs.messages, text)
         if claimed.rho is not None:
-            said = f"rho {claimed.rho:g} from the states' disturbances {text}"
+            said = f"rho {claimed.rho:g} from the disturbances {text}"
             yield "messages_rho", _said(loop, claimed, proofs.messages_rho, said, weights, claimed.rho)
 
 

@@ -182,7 +182,7 @@ def _proposed(problem: Problem, bound: Bound, effort: _Effort) -> Proposal:
     Args:
         problem: that names all it asks for.
         bound: of its nonlinearity.
-        effort: how.
+        effort: processes, progress, time and what ends the search.
 
     Raises:
         Infeasible, NotCertified, OutOfTime: see `design`.
@@ -238,7 +238,8 @@ def _searched(problem: Problem, network: Network, bound: Bound, claim: Claim, ef
     from lockstep.lmi.methods.certified import searched
     from lockstep.lmi.sampled.descending.score import SampledScore
 
-    score, (jobs, tell, time_limit, stop, explain) = SampledScore.of(problem, network, claim), effort
+    jobs, tell, time_limit, stop, explain = effort
+    score = SampledScore.of(problem, network, claim)
     found = searched(problem, network, claim, jobs, tell, time_limit, score, stop, explain=explain)
     figures = found.figures | _figures(network, found.gains)
     floor = stop.optional(

@@ -29,11 +29,10 @@ class SpectrumRange:
     def __post_init__(self) -> None:
         found, where = f"[{self.lower}, {self.upper}]", "[network] spectrum"
         demand(0 < self.lower <= self.upper < math.inf, found, where, "[a, b] with 0 < a <= b")
-        within, expected = (
-            1 <= self.neighbours <= MOST_NEIGHBOURS,
-            f"a whole number from 1 to {MOST_NEIGHBOURS}",
+        expected = f"a whole number from 1 to {MOST_NEIGHBOURS}"
+        demand(
+            1 <= self.neighbours <= MOST_NEIGHBOURS, f"{self.neighbours}", "[network] max_degree", expected
         )
-        demand(within, f"{self.neighbours}", "[network] max_degree", expected)
 
     @classmethod
     def of(cls, table: Mapping[str, Any]) -> Self:

@@ -40,13 +40,13 @@ from lockstep.check.system.many_graphs import SpectrumRange
 from lockstep.check.system.network import ExactNetwork
 from lockstep.check.wording import shorten
 
-DEFAULT_ORDER, DEFAULT_ORDER_FOR_ALL, MOST_ORDER = 2, 4, 64
-"""n_C where a problem states none; of a spectrum at the most; and the largest of all."""
+DEFAULT_ORDER, MOST_DEFAULT_ORDER, MOST_ORDER = 2, 4, 64
+"""n_C where a problem states none, the least and the most; and the largest that one may state."""
 
 
-def default_order(states: int, *, for_all: bool) -> int:
-    """Return n_C where a problem states none; for a spectrum, whose one P asks for more, that of a reduced observer."""
-    return max(DEFAULT_ORDER, min(states - 1, DEFAULT_ORDER_FOR_ALL)) if for_all else DEFAULT_ORDER
+def default_order(states: int, *, many_graphs: bool) -> int:
+    """Return n_C where a problem states none; where one P is for every graph of a spectrum, that of a reduced observer."""
+    return max(DEFAULT_ORDER, min(states - 1, MOST_DEFAULT_ORDER)) if many_graphs else DEFAULT_ORDER
 
 
 CONTROLLER = {"discretization": ("tustin", "zoh", "euler"), "real": ("float32", "float64")}
@@ -210,7 +210,7 @@ class ProblemTables:
         if given:
             first = given[0] if isinstance(given, list) and isinstance(given[0], dict) else {}
             return len(part(first, "A", list))
-        default = default_order(len(self.agent.states), for_all=self.spectrum is not None)
+        default = default_order(len(self.agent.states), many_graphs=self.spectrum is not None)
         order = self.design.get("order", default)
         whole = isinstance(order, int) and not isinstance(order, bool) and 0 <= order <= MOST_ORDER
         demand(whole, shorten(repr(order)), "[design] order", f"a whole number from 0 to {MOST_ORDER}")

@@ -262,7 +262,7 @@ class Problem:
             return int(self.gains[0].A.shape[0])
         if self.design.order is not None:
             return self.design.order
-        return default_order(len(self.file.agent.states), for_all=self.file.network.spectrum is not None)
+        return default_order(len(self.file.agent.states), many_graphs=self.file.network.spectrum is not None)
 
     @property
     def fragility(self) -> dict[str, float]:
