@@ -23,6 +23,7 @@ from lockstep.check.errors import Infeasible, NotCertified, OutOfTime, ProblemEr
 from lockstep.check.floor.witness import FloorWitness
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.rounding import prove, short_gains
+from lockstep.lmi.analysis.solve import eliminates_P
 from lockstep.lmi.defaults import MUCH, Wishes, is_far, named, wishes
 from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.initial import InitialStates, Unavailable
@@ -150,8 +151,9 @@ def _designed(
             best = found if wish.problem is problem else _with_remark(found, wish)
         elif best is not None:
             break
-        if stop.asked or not is_far(_rho(best), None if best.floor is None else best.floor.rho):
-            break
+        far = is_far(_rho(best), None if best.floor is None else best.floor.rho)
+        if stop.asked or not far or eliminates_P(best.network.loop(problem.order)):
+            break  # of many agents with gains of their own, another search takes many minutes
     assert best is not None
     return best
 

@@ -34,16 +34,20 @@ def inside(
     constant: Float[np.ndarray, "n_F n_F"],
     slopes: Float[np.ndarray, "w n_F n_F"],
     w: Float[np.ndarray, " w"],
+    *,
+    rooms: tuple[float, ...] = ROOMS,
+    over: tuple[float, ...] = OVER,
 ) -> tuple[Float[np.ndarray, "n_x n_x"], Float[np.ndarray, " w"], Float[np.ndarray, "n_F n_F"]] | None:
     """Return P > 0 and multipliers with F < 0, and F, near multipliers that a loop has a rho with; None if none is found.
 
     Args:
         Z, constant, slopes: F = J P Z + (J P Z)' + constant + sum_k w_k slopes_k, J = [I; 0].
         w: the multipliers, rho^2 the last.
+        rooms, over: by how much the multipliers and rho are raised, tried in this order.
     """
     first = np.maximum(w, LEAST * w[:-1].max(initial=0.0))
-    for room, over in product(ROOMS, OVER):
-        raised = np.append((1 + room) * first[:-1], over**2 * first[-1])
+    for room, factor in product(rooms, over):
+        raised = np.append((1 + room) * first[:-1], factor**2 * first[-1])
         rest = np.tensordot(raised, slopes, 1)
         P = _storage(Z, (1 + SHARE * room) * constant + rest)
         if P is None:

@@ -16,7 +16,7 @@ from lockstep.check.continuous.decide import decide
 from lockstep.check.continuous.inequality import Certificate, Claim, F_matrix
 from lockstep.check.errors import NotCertified
 from lockstep.check.system.loop import Gains, Loop
-from lockstep.lmi.analysis.solve import least_rho, tight
+from lockstep.lmi.analysis.solve import eliminates_P, least_rho, tight
 from lockstep.lmi.search.units import Units, scaled
 from lockstep.model.network import Network
 
@@ -103,7 +103,7 @@ def prove(
     loop, exact_loop = network.loop(gains.order), network.loop(gains.order, exact_arithmetic=True)
     K = gains.blocks
     found = [
-        (one, c.rho * one.units.rho)
+        (one, c)
         for one in _in_all_units(loop, claim, near)
         if (c := least_rho(one.loop, K, one.claim, one.near)) is not None
     ]
@@ -114,18 +114,18 @@ def prove(
             abscissa=float(np.linalg.eigvals(loop.A_cl(K)).real.max()),
         )
     for slack, (one, least) in itertools.product(SLACKS if rho is None else (0.0,), found):
-        level = rho if rho is not None else round_up(least * (1 + slack))
-        candidate = tight(one.loop, K, one.claim, level / one.units.rho, one.near)
+        level = rho if rho is not None else round_up(least.rho * one.units.rho * (1 + slack))
+        candidate = tight(one.loop, K, one.claim, level / one.units.rho, least, one.near)
         if candidate is None:
             continue
         here = replace(one.units.certificate(candidate), rho=level)
         proved = shortest_that_proves(loop, exact_loop, K, claim, here)
         if proved is not None:
             return proved
-    least = min(rho for _, rho in found)
+    reached = min(least.rho * one.units.rho for one, least in found)
     raise NotCertified(
-        f"the solver's candidate at rho = {least:.6g} did not survive the exact check",
-        rho=least,
+        f"the solver's candidate at rho = {reached:.6g} did not survive the exact check",
+        rho=reached,
         alpha=claim.alpha,
     )
 
@@ -144,14 +144,16 @@ def _in_all_units(loop: Loop, claim: Claim, near: Certificate | None) -> list[_A
 
     The solver's accuracy decides which serves: the first for numbers that were near one already, the second for time
     constants of hours, the third for poles far apart. Powers of two bring its answer back exactly. In units that do not
-    serve, its rho may be far too small, so each is tried at its own.
+    serve, its rho may be far too small, so each is tried at its own. Where P is eliminated, the last suffices.
     """
     ones = np.ones((loop.U[0].shape[1], loop.Y[0].shape[0]))
     asked = [
         _Asked(loop, claim, Units(ones, np.ones(loop.n_x), 1.0, 1.0, 1.0, 1.0)),
         _Asked(*scaled(loop, claim)),
     ]
-    return asked if near is None else [*asked, asked[1]._replace(near=asked[1].units.scaled(near))]
+    if near is not None:
+        asked.append(asked[1]._replace(near=asked[1].units.scaled(near)))
+    return asked[-1:] if eliminates_P(loop) else asked
 
 
 def shortest_that_proves(

@@ -16,6 +16,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.channels import Inequality
 from lockstep.check.continuous.inequality import Certificate, Claim, inequality, split
 from lockstep.check.system.loop import Loop
+from lockstep.lmi.analysis.by_frequencies import MOST_ENTRIES, least_by_frequencies, storage_at
 from lockstep.lmi.analysis.inside import inside
 
 if TYPE_CHECKING:
@@ -81,11 +82,21 @@ class AffineF:
         """F_k for each of (m, m_entries, t, rho^2)."""
         return np.roll(self.stated.slopes(self.gains), -1, axis=0)
 
+    def multipliers(self, certificate: Certificate) -> Float[np.ndarray, " w"]:
+        """Return (m, m_entries, t, rho^2) of a certificate."""
+        # A linear loop has no pair weights to look for, whatever its certificates have in their place.
+        return np.array([*certificate.pair_weights[: self.pairs], *certificate.t, certificate.rho**2])
+
     def certificate(self, P: Float[np.ndarray, "n_x n_x"], w: Float[np.ndarray, " w"]) -> Certificate:
         """Return the unknowns as a certificate."""
         m, m_entries = split(self.loop, self.claim, np.maximum(w[: self.pairs], 0.0))
         t = np.maximum(w[self.pairs : self.pairs + self.ways], 0.0)
         return Certificate(float(np.sqrt(max(w[-1], 0.0))), (P + P.T) / 2, m, t, m_entries)
+
+
+def eliminates_P(loop: Loop) -> bool:
+    """Tell whether P has too many entries to be an unknown of a program: see `by_frequencies`."""
+    return loop.n_x * (loop.n_x + 1) // 2 > MOST_ENTRIES
 
 
 def least_rho(
@@ -97,6 +108,10 @@ def least_rho(
     from a point inside.
     """
     form = AffineF(loop, gains, claim)
+    if eliminates_P(loop):
+        known = None if near is None else form.multipliers(near)
+        at = least_by_frequencies(form.Z, form.constant, form.slopes, known)
+        return None if at is None else form.certificate(*at)
     balanced = balance(form)
     if balanced is None:
         return None
@@ -113,16 +128,27 @@ def least_rho(
 
 
 def tight(
-    loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim, rho: float, near: Certificate | None = None
+    loop: Loop,
+    gains: Float[np.ndarray, "N k l"],
+    claim: Claim,
+    rho: float,
+    least: Certificate,
+    near: Certificate | None = None,
 ) -> Certificate | None:
     """For a given rho, return the smallest V that proves it with a little room for rounding; None if none is found.
 
     First s is maximised with F + s I <= 0, P >= s I; then the trace of P is minimised with a small part of that s kept.
     The smallest V fits these gains and hardly any others, so a file whose gains were changed does not pass by chance.
 
-    near: as for `least_rho`; None for the units of a Lyapunov equation.
+    Args:
+        loop, gains, claim, rho: what is to be proved.
+        least: the certificate of the least rho known; where P is eliminated, its multipliers stay.
+        near: as for `least_rho`; None for the units of a Lyapunov equation.
     """
     form = AffineF(loop, gains, claim)
+    if eliminates_P(loop):
+        at = storage_at(form.Z, form.constant, form.slopes, form.multipliers(replace(least, rho=rho)))
+        return None if at is None else replace(form.certificate(*at), rho=rho)
     balanced = balance(form) if near is None else balance_inside(form, near)
     return None if balanced is None else _smallest(balanced, rho)
 
@@ -197,9 +223,7 @@ def balance(form: AffineF) -> Balanced | None:
 def balance_inside(form: AffineF, near: Certificate) -> Balanced | None:
     """Return the inequality in the units of a point inside it: P^ = I, w^ = 1 and -1 on the diagonal of F^; None where
     multipliers near those given have none."""
-    # A linear loop has no pair weights to look for, whatever its certificates have in their place.
-    w = np.array([*near.pair_weights[: form.pairs], *near.t, near.rho**2])
-    found = inside(form.Z, form.constant, form.slopes, w)
+    found = inside(form.Z, form.constant, form.slopes, form.multipliers(near))
     if found is None:
         return None
     P, w, F = found

@@ -51,8 +51,9 @@ reaches, as in a mode that no input moves, has an X of zero and a P without end;
 FREE_RATES, FREE_RMS, FREE_CLAIMED = (0.1, 0.15, 0.2, 0.225), (0.9, 0.75, 0.6), 0.97
 """As `RATES`, `RMS` and `CLAIMED`, where the pair weights are free: half of what the noise can reach, or less, comes out."""
 
-MOST_STATES = 30
-"""Of a loop whose weights are freed: a program takes a second with 14 and a minute with 40."""
+MOST_STATES, MOST_PAIRS = 30, 15
+"""Of a loop whose weights are freed: a program takes a second with 14 states and a minute with 40, and 20 s with 18 and the
+45 pairs of ten agents."""
 
 HALVINGS = 9
 """Of 24 decades: the least price to a tenth of a decade."""
@@ -92,7 +93,8 @@ def _promised(witness: Witness) -> float:
 def _with_free_weights(loop: SampledLoop, one: Lifted, radius: float) -> Iterator[Witness]:
     """Yield witnesses of the convex program: the least price of the noise with V >= |x_d|^2, and so with a weight of it."""
     distance, spread = metric_of(loop), 1 - radius**2
-    for rate in FREE_RATES if loop.n_xi <= MOST_STATES else ():
+    small = loop.n_xi <= MOST_STATES and len(loop.network.d.pairs()) <= MOST_PAIRS
+    for rate in FREE_RATES if small else ():
         least = None
         for part in (None, *FREE_RMS):
             weight = 0.0 if part is None or least is None else rate * spread / (part**2 * least)

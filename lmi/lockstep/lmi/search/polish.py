@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.lmi.analysis.reach import largest_alpha
-from lockstep.lmi.analysis.solve import least_rho
+from lockstep.lmi.analysis.solve import eliminates_P, least_rho
 from lockstep.lmi.search.interior import BarrierPoint, NewtonLimits
 from lockstep.lmi.search.start import GainSearch, Score
 from lockstep.lmi.search.stopping import NEVER, Deadline
@@ -82,6 +82,8 @@ def polished(
         worthwhile: the part of rho that a stride has to gain.
         deadline: when to end.
     """
+    if eliminates_P(search.loop):
+        return start  # a step of the nonlinear program, which holds P, takes seconds there: see `smoothed`
     point, best, idle = BarrierPoint(start.K, start.certificate), start, 0
     length = SHORT
     for _ in range(STRIDES):

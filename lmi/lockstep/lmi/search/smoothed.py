@@ -30,7 +30,8 @@ from jaxtyping import Complex, Float, Shaped
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Loop
-from lockstep.lmi.analysis.solve import AffineF
+from lockstep.lmi.analysis.by_frequencies import least_counted, thinned
+from lockstep.lmi.analysis.solve import AffineF, eliminates_P
 from lockstep.lmi.sampled.descending.response import Poles
 from lockstep.lmi.search.stabilise import descend
 
@@ -141,6 +142,7 @@ class SmoothedNorm:
         self.weight, self.W = form.constant[:n, :n], form.slopes[:-1, :n, :n]
         self.D = -form.slopes[:-1, inner:, inner:]
         self.agents, self.pairs = (self.shape[0], len(loop.d.pairs())) if shared else (1, 1)
+        self.thins = eliminates_P(loop)
 
     def pack(self, K: Float[np.ndarray, "N k l"], w: Float[np.ndarray, " w"]) -> Vector:
         """Return x of gains and multipliers."""
@@ -161,8 +163,8 @@ class SmoothedNorm:
         swinging = poles[poles.imag > 0]
         near = swinging.imag[:, None] + np.outer(swinging.real, AROUND)
         grid = np.geomspace(1e-2 * slowest, 10 * fastest, GRID)
-        found = np.concatenate([[0.0], grid, sizes, swinging.imag, near[near > 0]])
-        return np.unique(found)
+        found = np.unique(np.concatenate([[0.0], grid, sizes, swinging.imag, near[near > 0]]))
+        return thinned(found) if self.thins else found
 
     def value(
         self, x: Vector, rho_0: float | None, p: int, frequencies: Float[np.ndarray, " f"]
@@ -199,8 +201,14 @@ class SmoothedNorm:
 
     def level(self, x: Vector, rho_0: float | None, frequencies: Float[np.ndarray, " f"]) -> float:
         """Return the largest eigenvalue itself at the frequencies: rho^2, or the square of the gain at rho_0."""
+        return float(self.levels(x, rho_0, frequencies).max())
+
+    def levels(
+        self, x: Vector, rho_0: float | None, frequencies: Float[np.ndarray, " f"]
+    ) -> Float[np.ndarray, " f"]:
+        """Return the largest eigenvalue at each frequency; infinite where there is none."""
         here = self._response(*self.unpack(x), rho_0, frequencies)
-        return np.inf if here is None else float(here.values.max())
+        return np.full(len(frequencies), np.inf) if here is None else here.values.max(axis=1)
 
     def _response(
         self,
@@ -345,14 +353,17 @@ def _through(
 def _stage(norm: SmoothedNorm, x: Vector, rho_0: float | None, p: int, steps: int) -> tuple[Vector, float]:
     """Lower the p-norm; where the new x peaks between the frequencies, start again with those of the new x too."""
     frequencies = norm.frequencies(x)
-    before = norm.level(x, rho_0, frequencies)
+    levels = norm.levels(x, rho_0, frequencies)
+    before = float(levels.max())
     for _ in range(RETRIES):
-        trial = descend(lambda at: norm.value(at, rho_0, p, frequencies), x, steps, SETTLED)  # noqa: B023
+        used = frequencies[levels >= least_counted(p) * levels.max()] if norm.thins else frequencies
+        trial = descend(lambda at: norm.value(at, rho_0, p, used), x, steps, SETTLED)  # noqa: B023
         seen = np.union1d(frequencies, norm.frequencies(trial))
-        level = norm.level(trial, rho_0, seen)
+        there = norm.levels(trial, rho_0, seen)
+        level = float(there.max())
         if level <= before:
             return trial, level
-        frequencies = seen
+        frequencies, levels = seen, np.maximum(norm.levels(x, rho_0, seen), there)
     return x, before
 
 

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.system.loop import Loop
-from lockstep.lmi.analysis.solve import AffineF, least_rho
+from lockstep.lmi.analysis.solve import AffineF, eliminates_P, least_rho
 from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLimits, within
 from lockstep.lmi.search.smoothed import Descended, SmoothedNorm, descended, refined
 from lockstep.lmi.search.stabilise import abscissa as abscissa_of
@@ -90,7 +90,16 @@ class GainSearch:
     @cached_property
     def norm(self) -> SmoothedNorm:
         """The smoothed norm of the loop."""
-        return SmoothedNorm(self.loop, self.claim, self.gain_limit, self.units.gains, rate=self.rate)
+        return self._norm(shared=False)
+
+    @cached_property
+    def shared_norm(self) -> SmoothedNorm:
+        """The same of gains that are equal for all agents: a tenth of the unknowns for ten agents."""
+        return self._norm(shared=True)
+
+    def _norm(self, *, shared: bool) -> SmoothedNorm:
+        limit, units = self.gain_limit, self.units.gains
+        return SmoothedNorm(self.loop, self.claim, limit, units, shared=shared, rate=self.rate)
 
 
 Score = Callable[[Float[np.ndarray, "N k l"], Float[np.ndarray, " weights"]], float]
@@ -136,7 +145,10 @@ def begin(
     K, abscissa = stable_gains(search, seed, index)
     if abscissa >= 0:
         return StartResult(index, abscissa, Descended(K, np.ones(len(search.norm.W)), np.inf, np.inf))
-    return scored(search, score, StartResult(index, abscissa, descended(search.norm, K)))
+    at = descended(search.shared_norm, K) if index % 2 and eliminates_P(search.loop) else None
+    if at is None or not np.isfinite(at.rho):
+        at = descended(search.norm, K)
+    return scored(search, score, StartResult(index, abscissa, at))
 
 
 def go_on(
@@ -217,6 +229,9 @@ def climb(search: GainSearch, at: Descended, deadline: Deadline = NEVER) -> Clim
     point, program = first_point(search, K), search.program
     if point is None:
         return None
+    if eliminates_P(search.loop):
+        part = point.alpha_fraction**0.5
+        return Climbed(point, part, part)
     certified, rho_most = point.alpha_fraction**0.5, 10.0 * point.certificate.rho
     for _ in range(CLIMBS):
         if deadline.over:
