@@ -46,6 +46,10 @@ LATER = {
         ],
         1180,
     ),
+    "gains of their own of many agents: multipliers by frequencies": (
+        ["lmi/lockstep/lmi/analysis/by_frequencies.py"],
+        190,
+    ),
     "gains and one P together": (
         ["lmi/lockstep/lmi/search/bilinear.py", "lmi/lockstep/lmi/methods/modal_together.py"],
         260,

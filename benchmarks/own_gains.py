@@ -61,9 +61,9 @@ import cvxpy as cp, numpy as np
 loop, alpha, (N, n) = network.loop(0), claim.alpha, (network.N, network.agent.n)
 A, E, d = loop.A_cl(gains.blocks), loop.E, loop.d
 G = np.kron(np.eye(N - 1), loop.plant.G)
-differences = [d.right[i] - d.right[j] for i, j in d.pairs()]
+differences = np.array([d.right[i] - d.right[j] for i, j in d.pairs()])
 P, m, square = cp.Variable((len(A), len(A)), symmetric=True), cp.Variable(len(differences)), cp.Variable()
-M = sum(m[k] * np.outer(row, row) for k, row in enumerate(differences))
+M = differences.T @ cp.diag(m) @ differences
 HH, S = loop.plant.H.T @ loop.plant.H, d.S
 F = cp.bmat([
     [A.T @ P + P @ A + np.kron(S, claim.R) + alpha**2 * cp.kron(M, HH), P @ E, P @ G],
@@ -92,12 +92,22 @@ def measured(code: str, N: int, limit: float, *, given: bool) -> str:
     with tempfile.TemporaryDirectory() as place:
         file = Path(place) / "pendulums.toml"
         file.write_text(problem(N, given=given), encoding="utf-8")
-        command = [sys.executable, "-c", START + code, str(file), str(Path(place) / "design.json")]
+        command = [
+            sys.executable,
+            "-W",
+            "ignore",
+            "-c",
+            START + code,
+            str(file),
+            str(Path(place) / "design.json"),
+        ]
         began = time.monotonic()
         try:
             run = subprocess.run(command, check=False, capture_output=True, text=True, timeout=limit)
         except subprocess.TimeoutExpired:
             return f"  stopped after {limit:g} s"
+    if run.returncode < 0:
+        return f"  killed by signal {-run.returncode} after {time.monotonic() - began:.0f} s"
     if run.returncode:
         return f"  failed after {time.monotonic() - began:.0f} s: {run.stderr.strip().splitlines()[-1][:100]}"
     m = json.loads(run.stdout.splitlines()[-1])

@@ -224,9 +224,9 @@ class Response:
     def between(self, logs: Float[np.ndarray, " w"]) -> Float[np.ndarray, " f"]:
         """Return the frequencies with more between those near the largest eigenvalue and their neighbours."""
         levels, f = self.levels(self.rho, logs), self.frequencies
-        near = np.flatnonzero(levels >= least_counted(STAGES[-1][0]) * levels.max())
-        ends = {(max(k, 0), min(k + 1, len(f) - 1)) for i in near for k in (i - 1, i)}
-        return np.unique(np.concatenate([f, *(np.linspace(f[a], f[b], BETWEEN) for a, b in ends)]))
+        near = levels >= least_counted(STAGES[-1][0]) * levels.max()
+        ends = np.flatnonzero(near[:-1] | near[1:])
+        return np.unique(np.concatenate([f, np.linspace(f[ends], f[ends + 1], BETWEEN).ravel()]))
 
     def scaled(self, logs: Float[np.ndarray, " w"]) -> Float[np.ndarray, " w"]:
         """Return the multipliers in the best scale."""

@@ -122,8 +122,8 @@ def least_rho(
             break
     if near is None or (found is not None and found.rho <= NO_WORSE * near.rho):
         return found
-    known = balance_inside(form, near)
-    again = None if known is None else _least(known, 1.0)[0]
+    inner = balance_inside(form, near)
+    again = None if inner is None else _least(inner, 1.0)[0]
     return min((one for one in (found, again) if one is not None), key=lambda one: one.rho, default=None)
 
 

@@ -11,11 +11,18 @@ from collections.abc import Callable
 
 import numpy as np
 
+from lockstep.lmi.analysis.solve import eliminates_P
 from lockstep.lmi.search.start import GainSearch
 
 FEWEST, MOST = 4e4, 2e5
 """Times an eigenvalue problem of the loop and a Newton step for each start that is pursued: from 4.8e4 to 1.8e5 were
 measured, in seconds of processor with two starts, on eleven problems of 4 to 14 states in the loop."""
+
+FEWEST_RESPONSES, MOST_RESPONSES = 600, 6000
+"""Times a response of a large loop at `RESPONSES` frequencies for each start that is pursued: from 900 to 4 000 were measured
+on three problems of 10 and 20 agents."""
+
+RESPONSES = 60
 
 TRIAL = 0.02
 """Seconds for which each operation is timed."""
@@ -36,11 +43,19 @@ def likely(search: GainSearch, starts: int, jobs: int | None = None) -> str:
 def seconds(search: GainSearch, starts: int, jobs: int | None = None) -> tuple[float, float]:
     """Return the range in seconds."""
     n = search.loop.n_x
+    rounds = -(-starts // (jobs or len(os.sched_getaffinity(0))))
+    if eliminates_P(search.loop):
+        K, w, frequencies = (
+            np.zeros(search.norm.shape),
+            np.ones(len(search.norm.W)),
+            np.geomspace(0.1, 10, RESPONSES),
+        )
+        unit = timed(lambda: search.norm.worst(K, w, frequencies))
+        return FEWEST_RESPONSES * unit * rounds, MOST_RESPONSES * unit * rounds
     unknowns = n * (n + 1) // 2 + int(np.prod(search.norm.shape))
     rng = np.random.default_rng(0)
     A, S = rng.standard_normal((n, n)), np.eye(unknowns) + 0.01
     unit = timed(lambda: np.linalg.eigvals(A)) + timed(lambda: np.linalg.solve(S, S[0]))
-    rounds = -(-starts // (jobs or len(os.sched_getaffinity(0))))
     return FEWEST * unit * rounds, MOST * unit * rounds
 
 
