@@ -43,8 +43,8 @@ beside it. Parameters are those of the source that the file names, or of its ord
 |---|---|---|---|---|---|---|---|
 {rows}
 
-Each page shows a committed design, the run of its C's arithmetic, and what is proved of it. CI proves every one of them
-again, compiles its C, compares it with the reference, and runs it. [Notebooks](../notebooks/index.md) walk through five.
+Each page with a rho shows a committed design, the run of its C's arithmetic, and what is proved of it. CI proves every one of
+them again, compiles its C, compares it with the reference, and runs it. [Notebooks](../notebooks/index.md) walk through five.
 
 ```{{toctree}}
 :hidden:

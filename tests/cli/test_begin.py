@@ -38,6 +38,10 @@ def test_a_begun_file_is_written_with_its_schema_and_obeys_it(field, run, tmp_pa
     lockstep.Problem.load("mine.toml").validate()
 
 
+def test_the_file_to_fill_in_leaves_the_gains_to_the_defaults():
+    assert lockstep.Problem.parse(lockstep.workflow.init.init().text).has_defaults
+
+
 def test_what_is_printed_is_the_file_however_narrow_the_terminal_is(run):
     result = run("init", "microgrid")
     assert max(map(len, result.stdout.splitlines())) > 100, "no line is broken"
@@ -94,6 +98,14 @@ def test_what_is_proved_of_the_arms_is_told_with_its_figures(arms):
     assert "controllers by themselves" in names(found.proved)
     assert names(found.proved).isdisjoint(names(found.open))
     assert names(found.assumed) >= {"model", "clock", "messages"}
+
+
+def test_a_floor_is_told_as_a_factor_and_a_radius_is_not_rounded_up(root):
+    led = lockstep.load(root / "docs" / "gallery" / "designs" / "carts.json")
+    found, claims = explain(led), led.stored.claims
+    assert f"{claims.rho / claims.floor:.3g} times" in told(found.proved, "floor of rho")
+    shown = float(re.match(r"\|x_d\(0\)\| <= ([0-9.e+-]+)\.", told(found.proved, "initial states"))[1])
+    assert 0.999 * claims.initial_set.radius < shown <= claims.initial_set.radius
 
 
 def test_controllers_that_are_not_proved_stable_are_told_as_open(root):

@@ -98,3 +98,21 @@ def test_a_lost_mode_that_does_not_decay_is_refused(name, command, run, tmp_path
     assert says in answer["error"]["found"]
     assert f"the eigenvalue {mode} of A, which does not decay by itself" in answer["error"]["found"]
     assert not (tmp_path / "design.json").exists()
+
+
+TANKS = ({"h": "(u - sqrt(h))/2", "k": "(sqrt(h) - sqrt(k))/2"}, ("k",), 1)
+
+
+def test_where_the_slopes_that_a_mode_needs_have_no_range_a_domain_is_asked_for(run):
+    """Two tanks, one after the other: A = 0 as written, and -0.5/sqrt(h) has no middle up to h = 0."""
+    status, answer = run("check", "problem.toml", problem=text(*TANKS))
+    assert status == 2
+    assert (
+        "or give [agent.domain], a box where the nonlinearity has finite slopes" in answer["error"]["remedy"]
+    )
+    status, answer = run(
+        "check", "problem.toml", problem=text(*TANKS) + "\n[agent.domain]\nh = [0.1, 0.6]\nk = [0.1, 0.6]\n"
+    )
+    assert status == 0
+    status, answer = run("check", "problem.toml", problem=text(PENDULUM, ("b",), 1))
+    assert "[agent.domain]" not in answer["error"]["remedy"]

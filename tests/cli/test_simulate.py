@@ -306,3 +306,14 @@ def test_figures_need_a_place(folder, run, tmp_path):
     assert result.exit_code == 2
     assert "a folder" in result.stderr
     assert (tmp_path / "drawn").read_text() == "in the way"
+
+
+def test_a_start_beyond_the_set_of_initial_states_is_said(root, run, tmp_path):
+    """Two carts, one leading: they start 0.4 apart, and are proved to stay in their domain from 0.06."""
+    design = root / "docs" / "gallery" / "designs" / "carts.json"
+    assert "initial states" in run(design, "--horizon", 0.1).stdout
+    content = json.loads(design.read_text())
+    content["problem"]["simulation"]["initial"] = [[0.0] * 4, [0.01] * 4]
+    near = tmp_path / "near.json"
+    near.write_text(json.dumps(content))
+    assert "initial states" not in run(near, "--horizon", 0.1).stdout

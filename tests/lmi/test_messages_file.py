@@ -165,6 +165,10 @@ def test_header_and_manifest_assume_the_bounds_on_the_network(made, tmp_path):
     assert certify(folder).ok
 
 
+def test_losses_by_chance_are_told_apart_from_those_in_a_row():
+    assert Messages(0.2).text.startswith("a chance of loss of at most 0.2, besides it 0 lost in a row")
+
+
 def test_limits_stand_on_both_sides():
     found = message_limits(design(problem("", gain=4.0))).limits
     for one in found.values():

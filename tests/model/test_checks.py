@@ -232,7 +232,7 @@ def test_the_distance_to_losing_control_is_that_of_the_pair() -> None:
     )
     check = structure.controllable(agent, [agent.lure.B])[0]
     assert check.verdict == "ok"
-    margin = float(check.figure.split()[0])
+    margin = float(check.figure.removeprefix("a change of norm ").split()[0])
     assert 0 < margin <= 0.001
     assert "s = 2" in check.figure
 

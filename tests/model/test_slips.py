@@ -74,6 +74,13 @@ def test_degrees_are_noted_with_what_they_would_be_in_radians():
     assert list(slips.initial(Problem.parse(in_degrees))) == []
 
 
+def test_a_state_in_radians_by_its_unit_is_an_angle_too():
+    in_rad = PENDULUM.replace("sin(theta)", "tanh(theta)").replace("[0.5, 0.0]", "[30.0, 0.0]")
+    assert list(slips.initial(Problem.parse(in_rad))) == []
+    (row,) = slips.initial(Problem.parse(in_rad + '[agent.units]\ntheta = "rad"\nomega = "rad/s"\n'))
+    assert "theta of agent 1 is 30, and [agent.units] has theta in rad" in row.figure
+
+
 def test_random_states_far_beyond_a_turn_are_noted_too():
     given = "initial = [[0.5, 0.0], [0.0, 0.0], [0.0, 0.0]]"
     (row,) = slips.initial(with_change(given, "spread = 30.0"))
@@ -121,6 +128,25 @@ def test_letters_of_other_alphabets_that_look_like_nothing_here_are_not():
     with pytest.raises(ProblemError) as refused:
         with_change("w2*sin", "\u00e9*sin")
     assert "write" not in refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [("0.1*omega", "0,1*omega"), ("0.1*omega", "(0,05 + 0.05)*omega"), ("= 0.05", "= 0,05")]
+)
+def test_a_decimal_comma_is_told_to_be_a_point(old, new):
+    with pytest.raises(ProblemError) as refused:
+        with_change(old, new)
+    assert refused.value.remedy == "decimal numbers have a point: 0.5, not 0,5"
+
+
+def test_a_function_may_have_commas():
+    with_change("0.1*omega", "0.1*max(omega,2*omega)").agent()
+
+
+def test_limits_from_zero_are_told_to_be_counted_from_the_value_at_rest():
+    with pytest.raises(ProblemError) as refused:
+        Problem.parse(PENDULUM + "[agent.limits]\nu = [0.0, 5.0]\n")
+    assert "`u_0 + u` in [agent.dynamics]" in refused.value.remedy
 
 
 def test_a_prime_is_told_that_no_quotes_belong_there():

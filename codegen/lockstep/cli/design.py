@@ -114,7 +114,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             "rho": f"{content['rho']:.6g}",
             "alpha": f"{content['alpha']:.9g}",
             **proved_besides(content),
-            "gains may be off by": fragility or "nothing: certain controllers",
+            "gain uncertainty": fragility or "none is asked for",
             **_where(content),
             "gain norms": ", ".join(f"{norm:.4g}" for norm in figures["gain_norms"]),
             "sampled": sampled_text(content["sampled"]),

@@ -33,5 +33,6 @@ def messages_row(content: Mapping[str, Any]) -> dict[str, str]:
         return {"messages": f"NO: {found['reason']}"}
     gain = f", rho {found['rho']:.6g}" if found.get("rho") else ""
     alike = ", all links alike" if found.get("alike") else ""
-    faults = f"a loss of at most {found['loss']:g}{alike}, {found['burst']} lost in a row, {found['delay'][1]} periods late"
-    return {"messages": f"yes, with {faults}, jitter {found['jitter']:g}{gain}, proof: {found['proof']}"}
+    late = f"{found['burst']} lost in a row, {found['delay'][1]} periods late, jitter {found['jitter']:g}"
+    said = f"yes, with a chance of loss of at most {found['loss']:g}{alike}, besides it {late}"
+    return {"messages": f"{said}{gain}, proof: {found['proof']}"}

@@ -6,7 +6,13 @@ from collections.abc import Mapping
 from lockstep.codegen.emission.emit import claims
 
 LINES = {"proved": "Proved", "covers": "Covered", "assumes": "Assumed", "remains": "What remains"}
-LINES |= {"messages": "Messages", "formation": "Formation", "leader": "Leader"}
+LINES |= {"messages": "Messages", "formation": "Formation", "leader": "Leader", "decay": "Decay"}
+LINES |= {
+    "controllers": "Controllers",
+    "limits": "Limits",
+    "limits_gain": "Limits, disturbed",
+    "clipped": "Clipped inputs",
+}
 """Keys of the manifest's certificate, which `lockstep.codegen.from_design` fills."""
 
 
@@ -15,6 +21,8 @@ def lines_of(certificate: Mapping[str, str | float | bool | None]) -> list[tuple
 
     >>> lines_of({"certified": True, "proof": "ball", "proved": "they agree", "rho": 3.0})
     [('Proved', 'they agree')]
+    >>> lines_of({"certified": True, "limits": "|u| < 1", "decay": "2 1/s"})
+    [('Decay', '2 1/s'), ('Limits', '|u| < 1')]
     >>> lines_of({"certified": False, "proved": "they agree"})
     [('NOT CERTIFIED', 'no proof covers these gains')]
     """

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from lockstep.lmi.initial import below
 from lockstep.workflow.certify import DesignVerdict, certify
 from lockstep.workflow.design import Design
 
@@ -124,7 +125,7 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
         " no larger slopes is covered too.",
     )
     if claims.floor is not None and found.verdict.proves("floor"):
-        more = "" if rho is None else f": this design is {100 * (rho / claims.floor - 1):.3g} % above"
+        more = "" if rho is None else f": this design has {rho / claims.floor:.3g} times as much"
         yield Statement(
             "floor of rho",
             f"{claims.floor:.6g}",
@@ -152,7 +153,7 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
     if claims.initial_set is not None and found.verdict.proves("initial_set"):
         yield Statement(
             "initial states",
-            f"{claims.initial_set.radius:.4g}",
+            f"|x_d(0)| <= {below(claims.initial_set.radius)}",
             f"{found.answer['initial_set']['text']}.",
         )
 
@@ -271,7 +272,7 @@ def _assumed(found: DesignVerdict) -> Iterator[Statement]:
         yield Statement(
             "messages",
             "all of them",
-            "Every message of a neighbour arrives, unless a statement above says what may be lost.",
+            "Every message of a neighbour arrives, but where a statement above names what is lost or late.",
         )
         clipped = (
             ", but where a statement above is of clipped inputs" if found.verdict.proves("clipped") else ""

@@ -61,8 +61,8 @@ class InitialStates(InitialSet):
         """Return what this says to people."""
         return (
             f"agent {self.leader} leads. While it stays in {box_text(self.inner)} ({self.arguments}), every agent stays "
-            f"in its domain, and all agree, from |x_d(0)| <= {_below(self.radius)} with all controllers at rest "
-            f"(|x_d|^2 = sum |x_i - mean|^2), or from V(0) <= {_below(self.level)} with the leader's at rest"
+            f"in its domain, and all agree, from |x_d(0)| <= {below(self.radius)} with all controllers at rest "
+            f"(|x_d|^2 = sum |x_i - mean|^2), or from V(0) <= {below(self.level)} with the leader's at rest"
         )
 
     def document(self) -> dict[str, Any]:
@@ -139,6 +139,6 @@ def _root_below(square: Fraction) -> float:
     return r
 
 
-def _below(value: float) -> str:
+def below(value: float) -> str:
     """Return a number to four digits, not above itself."""
     return f"{float(Context(prec=4, rounding=ROUND_FLOOR).create_decimal_from_float(value)):.4g}"

@@ -111,7 +111,7 @@ class Messages:
     def text(self) -> str:
         """What happens, for people."""
         return (
-            f"a loss of at most {self.loss:g}, {self.burst} lost in a row, {self.delay[1]} periods late,"
+            f"a chance of loss of at most {self.loss:g}, besides it {self.burst} lost in a row, {self.delay[1]} periods late,"
             f" a jitter of {self.jitter:g}"
         )
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from lockstep.check.errors import ProblemError
+from lockstep.lmi.initial import below
 from lockstep.model.html_table import html_table
 from lockstep.workflow.design import Design, as_design
 from lockstep.workflow.files import check_writable, of_file, write_text
@@ -114,14 +115,19 @@ class Simulation:
 
     def remarks(self) -> dict[str, str]:
         """Return what is to be told of the run besides, by a word for it."""
-        problem = self.design.stored.problem
+        problem, claimed = self.design.stored.problem, self.design.stored.claims.initial_set
+        said, d = dict[str, str](), float(self.trajectory.disagreement()[0])
+        if claimed is not None and d > claimed.radius:
+            said["initial states"] = (
+                f"{d:.4g} from agreement; that all agents stay in their domain is proved from {below(claimed.radius)}"
+            )
         if problem.reference is None:
-            return {}
+            return said
         formulas = ", ".join(
             f"{name} = {text}" for name, text in (problem.simulation.reference or {}).items()
         )
         leader = f"{problem.agent().name}{problem.reference.leader + 1}"
-        return {"reference": f"of {leader}: {formulas}, counted as its disturbance"}
+        return said | {"reference": f"of {leader}: {formulas}, counted as its disturbance"}
 
     def to_control(self) -> Any:
         """Return the run as `control.TimeResponseData`, with the names of `Design.to_control`."""

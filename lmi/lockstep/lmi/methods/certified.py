@@ -90,7 +90,7 @@ def searched(
     rate, refused = rate_of_controllers(problem), NotCertified("no gains were found")
     for held in decays_held(problem):
         search = GainSearch.of(network.decaying(held).loop(problem.order), claim, table.gain_limit, lag, rate)
-        doing = f"searching for gains, likely {likely(search, table.starts, jobs)}"
+        doing = f"searching for gains up to {table.gain_limit:g}, likely {likely(search, table.starts, jobs)}"
         with stop.searching():
             found = search_gains(
                 search,

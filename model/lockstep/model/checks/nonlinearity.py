@@ -17,9 +17,7 @@ TIMES = np.concatenate([[0.0], np.linspace(-50.0, 50.0, 1001), np.geomspace(1e-3
 
 def bound(agent: Agent, proved: Bound) -> CheckRow:
     """|phi(a, t) - phi(b, t)| <= alpha |a - b|, proved; the sharpest alpha lies between the two figures."""
-    reason = (
-        "the certificate is as true as this bound, an incremental one: (30) needs that, (3) does not give it"
-    )
+    reason = "|phi(a, t) - phi(b, t)| <= alpha |a - b| for any two agents: the certificate is as true as this"
     name = "bound of the nonlinearity"
     if agent.lure.is_linear:
         return CheckRow(name, "ok", "alpha = 0: the agent is linear", reason)
@@ -143,15 +141,15 @@ def centring(agent: Agent) -> CheckRow:
 
 
 def origin(agent: Agent) -> CheckRow:
-    """h(t, 0) = 0, which (3) contains and consensus does not need."""
-    reason = "(3) needs h(t, 0) = 0; consensus does not: what all agents share cancels in the disagreement"
+    """h(t, 0) = 0, which (3) of the paper contains and consensus does not need."""
+    reason = "agreement does not need it: what all agents share cancels in the disagreement"
     size, exact = _offset(agent)
     if size == 0.0:
         figure = "0" if exact else "0 at every t looked at"
         return CheckRow("h(t, 0) = 0", "ok", figure, reason)
     figure = (
-        f"|h(t, 0)| {'=' if exact else 'reaches'} {size:.4g}: (3) fails at the origin; "
-        "the offset cancels and the incremental bound carries the proof"
+        f"|h(t, 0)| {'=' if exact else 'reaches'} {size:.4g}: the origin is no equilibrium; "
+        "the offset cancels, and the incremental bound carries the proof"
     )
     return CheckRow("h(t, 0) = 0", "note", figure, reason)
 

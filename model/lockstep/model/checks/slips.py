@@ -22,6 +22,8 @@ LONG = 0.6
 
 TURN = 2 * math.pi
 
+RADIANS = ("rad", "radian", "radians")
+
 _ANGLES = (ca.OP_SIN, ca.OP_COS, ca.OP_TAN)
 
 
@@ -77,7 +79,8 @@ def initial(problem: Problem) -> Iterator[CheckRow]:
     agent, starts = problem.agent(), problem.initial_states()
     name, reason = "initial states", "a run from states that were not meant shows nothing of the design"
     drawn = problem.simulation.initial == "random"
-    for j in sorted(angles(agent)):
+    in_radians = {j for j, state in enumerate(agent.states) if agent.units.get(state) in RADIANS}
+    for j in sorted(angles(agent) | in_radians):
         i, state = int(np.abs(starts[:, j]).argmax()), agent.states[j]
         value = float(starts[i, j])
         if abs(value) > TURN:
@@ -87,11 +90,13 @@ def initial(problem: Problem) -> Iterator[CheckRow]:
                 else f"{state} of agent {i + 1} is {value:g}"
             )
             meant = problem.simulation.spread if drawn else value
+            why = (
+                f"[agent.units] has {state} in rad"
+                if j in in_radians
+                else f"sin, cos and tan of {state} take radians"
+            )
             yield CheckRow(
-                name,
-                "note",
-                f"{found}, and sin, cos and tan of {state} take radians: {meant:g} degrees are {math.radians(meant):.4g}",
-                reason,
+                name, "note", f"{found}, and {why}: {meant:g} degrees are {math.radians(meant):.4g}", reason
             )
     where = np.argwhere((starts < agent.box[:, 0]) | (starts > agent.box[:, 1]))
     if len(where):

@@ -78,9 +78,9 @@ def _no_right(zeros: Zeros) -> str:
 def _pair(
     name: str, check: Controllability | Observability, holds: bool, enough: bool, weaker: str, what: str
 ) -> CheckRow:
-    reason = "the paper assumes it under (2); a mode that is lost cannot be brought to agreement, and agrees if it decays"
+    reason = "a mode that is lost cannot be brought to agreement: it agrees only if it decays by itself"
     if holds:
-        near = f"{check.margin:.3g} from losing it at most, at s = {_number(check.eigenvalue)}"
+        near = f"a change of norm {check.margin:.3g} would lose it, at s = {_number(check.eigenvalue)}"
         # Below this the figures of a design would be made of rounding.
         verdict: Outcome = "ok" if check.relative_margin > 1e-8 else "note"
         return CheckRow(name, verdict, near, reason)

@@ -20,6 +20,7 @@ _TOKEN = re.compile(
     r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)|(?P<name>[A-Za-z_][A-Za-z_0-9]*)"
     r"|(?P<operator>\*\*|<=|>=|[-+*/()<>,])|(?P<space>[ \t]+)"
 )
+DECIMAL_POINT = "decimal numbers have a point: 0.5, not 0,5"
 _REMEDIES: Mapping[str, str] = {
     "^": "use ** for a power",
     "=": "conditions are written with <, <=, > or >=; a right-hand side has no `=`",
@@ -122,7 +123,7 @@ def _remedy(character: str, text: str) -> str:
 
 def check_neighbours(source: Source, line: list[Token]) -> None:
     """Refuse what Python would read in its own way: 007, 2x, 1_000; and unbalanced parentheses."""
-    depth = 0
+    calls = list[bool]()  # of each `(` that is open: whether it is a function's
     for before, token in zip([None, *line], line, strict=False):
         if token.kind == "number":
             _check_number(source, token)
@@ -139,16 +140,21 @@ def check_neighbours(source: Source, line: list[Token]) -> None:
                 token.column,
                 remedy="write * to multiply",
             )
-        depth += {"(": 1, ")": -1}.get(token.text, 0)
-        if depth < 0:
+        if token.text == "," and not (calls and calls[-1]):
+            raise source.error("a comma outside of a function", token.column, remedy=DECIMAL_POINT)
+        if token.text == "(":
+            calls.append(before is not None and before.kind == "name")
+        if token.text == ")" and not calls:
             raise source.error("a `)` that closes nothing", token.column)
-        if depth > DEEPEST:
+        if token.text == ")":
+            calls.pop()
+        if len(calls) > DEEPEST:
             raise source.error(
                 "the expression is nested too deeply", token.column, expected=f"at most {DEEPEST} levels"
             )
-    if depth > 0:
+    if calls:
         raise source.whole(
-            f"{depth} `(` not closed in `{shorten(source.text)}`", expected="a `)` for each `(`"
+            f"{len(calls)} `(` not closed in `{shorten(source.text)}`", expected="a `)` for each `(`"
         )
 
 

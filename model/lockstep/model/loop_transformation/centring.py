@@ -28,6 +28,8 @@ LEAST_GAIN = 0.02
 CLOSE = 1e-3
 """S may miss the middle by this part of half the range: it costs as much of the bound, and S stays short."""
 
+NO_SLOPES = "no finite range of slopes was seen"
+
 MOST_SAMPLES = 4000
 FAR, FARTHEST = 1e6, 1e12
 """Slopes that still change between these distances have no range that samples can show."""
@@ -79,7 +81,7 @@ def centred(lure: Lure, box: Box) -> tuple[Lure, Centring]:
         return lure, Centring(reason="there is no nonlinearity")
     slopes, far = _slopes(lure, box)
     if not len(slopes) or not np.isfinite(slopes).all():
-        return lure, Centring(reason="no finite range of slopes was seen")
+        return lure, Centring(reason=NO_SLOPES)
     lowest, highest = slopes.min(axis=0), slopes.max(axis=0)
     if not far.all() and not _settled(slopes[~far], lowest, highest):
         return lure, Centring(reason="the slopes keep growing with the distance from the origin")

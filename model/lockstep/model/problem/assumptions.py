@@ -15,6 +15,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.model.agents.agent import Agent
 from lockstep.model.control.pbh import controllability
 from lockstep.model.graphs.graph import Graph
+from lockstep.model.loop_transformation.centring import NO_SLOPES
 
 
 def check_assumptions(graph: Graph, agent: Agent, agents_B: Sequence[Float[np.ndarray, "n m"]]) -> None:
@@ -31,7 +32,7 @@ def check_assumptions(graph: Graph, agent: Agent, agents_B: Sequence[Float[np.nd
             f"(A, C) is not detectable: no output shows the mode at {_mode(unstable)}",
             where="[agent.outputs]",
             expected="outputs that show every mode that does not decay by itself",
-            remedy="measure one more state",
+            remedy=f"measure one more state{_unseen_slopes(agent)}",
         )
     tested: list[np.ndarray] = []
     for k, B in enumerate(agents_B, start=1):
@@ -48,8 +49,15 @@ def _check_stabilisable(agent: Agent, k: int, B: Float[np.ndarray, "n m"]) -> No
             f"{pair} is not stabilisable: no input moves the mode at {_mode(unstable)}",
             where="[agent.dynamics]",
             expected="inputs that move every mode that does not decay by itself",
-            remedy="add an input, or leave the state out",
+            remedy=f"add an input, or leave the state out{_unseen_slopes(agent)}",
         )
+
+
+def _unseen_slopes(agent: Agent) -> str:
+    """Say where A may lack what phi does, as sqrt(x) without a domain, whose slope has no middle to move into A."""
+    if agent.centring.reason != NO_SLOPES:
+        return ""
+    return "; or give [agent.domain], a box where the nonlinearity has finite slopes: their middle then counts in A"
 
 
 def _mode(s: complex) -> str:

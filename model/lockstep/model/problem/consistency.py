@@ -28,7 +28,12 @@ def input_sides(agent: AgentTable) -> Float[np.ndarray, "m 2"]:
             names = ", ".join(f"`{one}`" for one in agent.inputs)
             raise ProblemError(f"`{name}` is no input", where=where, expected=f"one of {names}")
         if not (low is None or low < 0) or not (high is None or high > 0):
-            raise ProblemError(f"[{low}, {high}]", where=f"{where} {name}", expected="a range around 0")
+            raise ProblemError(
+                f"[{low}, {high}]",
+                where=f"{where} {name}",
+                expected="a range around 0",
+                remedy=f"count {name} from its value at rest: `{name}_0 + {name}` in [agent.dynamics], limits less {name}_0",
+            )
     sides = [known.get(name, (None, None)) for name in agent.inputs]
     return np.array(
         [(-np.inf if low is None else low, np.inf if high is None else high) for low, high in sides]

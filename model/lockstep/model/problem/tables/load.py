@@ -12,6 +12,7 @@ from lockstep.check.files import read_text
 from lockstep.check.limits import DEEPEST_KEY, MOST_KEYS, check_document
 from lockstep.check.wording import shorten
 from lockstep.model.formulas.look_alikes import advice
+from lockstep.model.formulas.mistakes import DECIMAL_POINT
 from lockstep.model.problem.tables.messages import problem_error
 from lockstep.model.problem.tables.schema import ProblemFile
 
@@ -20,6 +21,7 @@ _LONG_KEY = re.compile(
     rf"""(?<![A-Za-z0-9_-])(?:(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST_KEY}}}"""
 )
 _QUOTED = re.compile(r"""\"[^"\n]*+\"|'[^'\n]*+'""")
+_DECIMAL_COMMA = re.compile(r"=[ \t]*+[-+]?[0-9]++,[0-9]")
 _TABLE = re.compile(r"^[ \t]*\[", re.MULTILINE)
 
 
@@ -79,7 +81,8 @@ def _retyped(text: str, place: re.Match[str] | None) -> str:
     """Say what to type in the line that TOML stopped in, where characters outside of its texts only look like others."""
     found = re.search(r"line ([0-9]+)", place.group(1)) if place else None
     line = text.splitlines()[int(found[1]) - 1 : int(found[1])] if found else []
-    return advice(_QUOTED.sub("", line[0]).partition("#")[0]) if line else ""
+    bare = _QUOTED.sub("", line[0]).partition("#")[0] if line else ""
+    return advice(bare) or (DECIMAL_POINT if _DECIMAL_COMMA.search(bare) else "")
 
 
 def _table_name(found: re.Match[str]) -> str:
