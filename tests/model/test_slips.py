@@ -139,6 +139,12 @@ def test_a_decimal_comma_is_told_to_be_a_point(old, new):
     assert refused.value.remedy == "decimal numbers have a point: 0.5, not 0,5"
 
 
+def test_a_design_in_place_of_a_problem_is_told_what_takes_it():
+    with pytest.raises(ProblemError, match="this is not TOML") as refused:
+        Problem.parse('{\n "format": "lockstep-design 1"\n}')
+    assert "`lockstep explain`" in refused.value.remedy
+
+
 def test_a_function_may_have_commas():
     with_change("0.1*omega", "0.1*max(omega,2*omega)").agent()
 

@@ -21,6 +21,8 @@ _LONG_KEY = re.compile(
     rf"""(?<![A-Za-z0-9_-])(?:(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST_KEY}}}"""
 )
 _QUOTED = re.compile(r"""\"[^"\n]*+\"|'[^'\n]*+'""")
+PLAIN = "texts need quotes, lists [ ], and each key is given once"
+DESIGN_FILE = "it looks like a design: `lockstep explain`, `certify`, `generate` and `simulate` take those"
 _DECIMAL_COMMA = re.compile(r"=[ \t]*+[-+]?[0-9]++,[0-9]")
 _TABLE = re.compile(r"^[ \t]*\[", re.MULTILINE)
 
@@ -68,7 +70,7 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise ProblemError(
             f"this is not TOML: {what[:1].lower()}{what[1:]}",
             where=place.group(1) if place else "",
-            remedy=_retyped(text, place) or "texts need quotes, lists [ ], and each key is given once",
+            remedy=_retyped(text, place) or (DESIGN_FILE if text.lstrip().startswith("{") else PLAIN),
         ) from None
     except (RecursionError, ValueError) as error:
         what = (
