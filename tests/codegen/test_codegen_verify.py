@@ -283,3 +283,12 @@ def test_all_shapes_10_000_steps_on_all_host_targets(tmp_path, real, optimize):
 def test_a_manifest_reads_back_to_the_same_text():
     files = emit(arms())
     assert Manifest.model_validate_json(files["manifest.json"]).text() == files["manifest.json"]
+
+
+def test_sanitizers_that_do_not_link_are_told_by_the_first_line(tmp_path):
+    """A linker names every library that it lacks: the first line says enough, and is not cut within a path."""
+    compiler = tmp_path / "cc"
+    compiler.write_text(f"#!/bin/sh\necho 'no {'long/' * 60}libasan.a' >&2\necho more >&2\nexit 1\n")
+    compiler.chmod(0o755)
+    said = targets._no_sanitizers(Compiler("cc", (str(compiler),)))
+    assert said.endswith("libasan.a)")
