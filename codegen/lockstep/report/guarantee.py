@@ -7,12 +7,8 @@ from lockstep.codegen.emission.emit import claims
 
 LINES = {"proved": "Proved", "covers": "Covered", "assumes": "Assumed", "remains": "What remains"}
 LINES |= {"messages": "Messages", "formation": "Formation", "leader": "Leader", "decay": "Decay"}
-LINES |= {
-    "controllers": "Controllers",
-    "limits": "Limits",
-    "limits_gain": "Limits, disturbed",
-    "clipped": "Clipped inputs",
-}
+LINES |= {"controllers": "Controllers", "limits": "Limits"}
+LINES |= {"limits_gain": "Limits, disturbed", "clipped": "Clipped inputs"}
 """Keys of the manifest's certificate, which `lockstep.codegen.from_design` fills."""
 
 

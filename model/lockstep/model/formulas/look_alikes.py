@@ -4,6 +4,7 @@ They come with text that is copied from a page or a word processor: a typographi
 superscripts, curved quotes, full-width forms, spaces that do not break, Greek letters.
 """
 
+import re
 import unicodedata
 
 from lockstep.check.wording import shorten
@@ -19,6 +20,11 @@ _SAME = {
 }
 LOOK_ALIKES = {character: plain for plain, characters in _SAME.items() for character in characters}
 """What is on the keyboard for each of them."""
+
+DECIMAL_POINT = "decimal numbers have a point: 0.5, not 0,5"
+_DECIMAL_COMMA = re.compile(r"=[ \t]*+[-+]?[0-9]++,[0-9]")
+_DESIGN = "it looks like a design: `lockstep explain`, `certify`, `generate` and `simulate` take those"
+_PLAIN = "texts need quotes, lists [ ], and each key is given once"
 
 _SUPERSCRIPTS = "\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079"
 
@@ -53,6 +59,23 @@ def advice(text: str) -> str:
     found = {character: typed for character in text if (typed := keyboard_for(character))}
     shown = [f"{_typed(typed)} for {shorten(one)} ({_name(one)})" for one, typed in list(found.items())[:3]]
     return f"write {' and '.join(shown)}" if shown else ""
+
+
+def instead_of(text: str, bare: str) -> str:
+    r"""Return what to write where TOML stops.
+
+    Args:
+        text: the file.
+        bare: the line that TOML stopped in, without its texts and its comment.
+
+    >>> instead_of("period = 0,1", "period = 0,1")
+    'decimal numbers have a point: 0.5, not 0,5'
+    """
+    if typed := advice(bare):
+        return typed
+    if _DECIMAL_COMMA.search(bare):
+        return DECIMAL_POINT
+    return _DESIGN if text.lstrip().startswith("{") else _PLAIN
 
 
 def _typed(typed: str) -> str:

@@ -14,13 +14,12 @@ from typing import NamedTuple
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.text import DEEPEST, LONGEST, MOST_TOKENS
 from lockstep.check.wording import shorten
-from lockstep.model.formulas.look_alikes import advice, keyboard_for
+from lockstep.model.formulas.look_alikes import DECIMAL_POINT, advice, keyboard_for
 
 _TOKEN = re.compile(
     r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)|(?P<name>[A-Za-z_][A-Za-z_0-9]*)"
     r"|(?P<operator>\*\*|<=|>=|[-+*/()<>,])|(?P<space>[ \t]+)"
 )
-DECIMAL_POINT = "decimal numbers have a point: 0.5, not 0,5"
 _REMEDIES: Mapping[str, str] = {
     "^": "use ** for a power",
     "=": "conditions are written with <, <=, > or >=; a right-hand side has no `=`",

@@ -11,8 +11,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.files import read_text
 from lockstep.check.limits import DEEPEST_KEY, MOST_KEYS, check_document
 from lockstep.check.wording import shorten
-from lockstep.model.formulas.look_alikes import advice
-from lockstep.model.formulas.mistakes import DECIMAL_POINT
+from lockstep.model.formulas.look_alikes import instead_of
 from lockstep.model.problem.tables.messages import problem_error
 from lockstep.model.problem.tables.schema import ProblemFile
 
@@ -21,9 +20,6 @@ _LONG_KEY = re.compile(
     rf"""(?<![A-Za-z0-9_-])(?:(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST_KEY}}}"""
 )
 _QUOTED = re.compile(r"""\"[^"\n]*+\"|'[^'\n]*+'""")
-PLAIN = "texts need quotes, lists [ ], and each key is given once"
-DESIGN_FILE = "it looks like a design: `lockstep explain`, `certify`, `generate` and `simulate` take those"
-_DECIMAL_COMMA = re.compile(r"=[ \t]*+[-+]?[0-9]++,[0-9]")
 _TABLE = re.compile(r"^[ \t]*\[", re.MULTILINE)
 
 
@@ -70,7 +66,7 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise ProblemError(
             f"this is not TOML: {what[:1].lower()}{what[1:]}",
             where=place.group(1) if place else "",
-            remedy=_retyped(text, place) or (DESIGN_FILE if text.lstrip().startswith("{") else PLAIN),
+            remedy=instead_of(text, _bare_line(text, place)),
         ) from None
     except (RecursionError, ValueError) as error:
         what = (
@@ -79,12 +75,11 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise ProblemError(f"this is not TOML that can be read: {what}") from None
 
 
-def _retyped(text: str, place: re.Match[str] | None) -> str:
-    """Say what to type in the line that TOML stopped in, where characters outside of its texts only look like others."""
+def _bare_line(text: str, place: re.Match[str] | None) -> str:
+    """Return the line that TOML stopped in, without its texts and its comment."""
     found = re.search(r"line ([0-9]+)", place.group(1)) if place else None
     line = text.splitlines()[int(found[1]) - 1 : int(found[1])] if found else []
-    bare = _QUOTED.sub("", line[0]).partition("#")[0] if line else ""
-    return advice(bare) or (DECIMAL_POINT if _DECIMAL_COMMA.search(bare) else "")
+    return _QUOTED.sub("", line[0]).partition("#")[0] if line else ""
 
 
 def _table_name(found: re.Match[str]) -> str:
