@@ -54,8 +54,8 @@ def _part_certified(kept: Stored, tell: Tell) -> Mapping[str, Any]:
     asked, witness = kept.problem.messages, agreed.witness
     if asked is None or witness is None:
         return {}
-    said = "looking for the part that is carried"
-    return part_certified(network, controllers, asked, witness.P, lambda part: tell(said, part))
+    tell("looking for the part that is carried", 0.0)
+    return part_certified(network, controllers, asked, witness.P)
 
 
 def designed_for_messages(stored: Stored, tell: Tell) -> Stored:

@@ -3,7 +3,7 @@
 `lockstep.lmi.sampled.messages.witnesses` proposes, `lockstep.check.sampled.messages` decides.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -89,16 +89,11 @@ def part_of(asked: Messages, part: float) -> Messages:
 
 
 def part_certified(
-    network: SampledNetwork,
-    controllers: tuple[HeldController, ...],
-    asked: Messages,
-    near: Matrix,
-    tell: Callable[[float], None],
+    network: SampledNetwork, controllers: tuple[HeldController, ...], asked: Messages, near: Matrix
 ) -> dict[str, Any]:
-    """Return the remark of what is not carried, and which part of it is; tell: called with the part that is done."""
+    """Return the remark of what is not carried, and which part of it is."""
     low, high = 0.0, 1.0
-    for k in range(HALVINGS):
-        tell(k / HALVINGS)
+    for _ in range(HALVINGS):
         middle = (low + high) / 2
         found = certify_messages(network, controllers, part_of(asked, middle), near)
         low, high = (middle, high) if found is not None else (low, middle)

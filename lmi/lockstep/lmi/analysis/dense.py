@@ -36,13 +36,16 @@ BACK = 0.95
 FEASIBLE, ACCURATE = 1e-6, 1e-8
 """Residuals of a solution relative to B and c, and the gap at which one is accurate whatever its value is."""
 
+LARGE = 1e6
+"""Where S.Z is so many times as large as at first, there is no solution."""
+
 SHIFTS = (0.0, 1e-15, 1e-13, 1e-11, 1e-9)
 """What is added to the unit diagonal of H, the first with which it is definite."""
 
 
 @dataclass(frozen=True, eq=False)
 class Cone:
-    """S = B - sum_k x_k A_k, of the unknowns k that occur; rows: their A_k, sparse, a column each;  stack: the same, dense."""
+    """S = B - sum_k x_k A_k of the unknowns k that occur;  rows: these, sparse, a column each;  stack: dense."""
 
     occurs: Int[np.ndarray, " k"]
     rows: Any
@@ -149,6 +152,7 @@ def minimised(
         [size * np.eye(len(one.B)) for one in cones],
         [max(1.0, float(np.abs(c).max())) * np.eye(len(one.B)) for one in cones],
     )
+    most = LARGE * at.mu
     for taken in range(ITERATIONS):
         r_p = [one.B - one.A(at.x) - S for one, S in zip(cones, at.S, strict=True)]
         r_d = -c - _adjoint(cones, at.Z, len(c))
@@ -157,6 +161,8 @@ def minimised(
         feasible = feasible and float(np.linalg.norm(r_d)) <= FEASIBLE * (1 + float(np.linalg.norm(c)))
         if feasible and abs(primal - dual) <= max(ACCURATE, near * min(abs(primal), abs(dual))):
             return at.x, taken
+        if not at.mu < most:
+            break
         try:
             at = _stepped(cones, at, r_p, r_d)
         except np.linalg.LinAlgError:
