@@ -39,6 +39,9 @@ FEASIBLE, ACCURATE = 1e-6, 1e-8
 LARGE = 1e6
 """Where S.Z is so many times as large as at first, there is no solution."""
 
+LEAST = 1e-40
+"""Of the diagonal of H, against its largest: an unknown that counts for less is left where it is."""
+
 SHIFTS = (0.0, 1e-15, 1e-13, 1e-11, 1e-9)
 """What is added to the unit diagonal of H, the first with which it is definite."""
 
@@ -164,7 +167,8 @@ def minimised(
         if not at.mu < most:
             break
         try:
-            at = _stepped(cones, at, r_p, r_d)
+            with np.errstate(all="ignore"):
+                at = _stepped(cones, at, r_p, r_d)
         except np.linalg.LinAlgError:
             break
     return None, taken
@@ -196,7 +200,7 @@ def _stepped(cones: list[Cone], at: _Point, r_p: Blocks, r_d: Float[np.ndarray, 
     for one, inverse, Z in zip(cones, inverses, at.Z, strict=True):
         H[np.ix_(one.occurs, one.occurs)] += one.curvature(inverse, Z)
     H = _symmetric(H)
-    d = 1 / np.sqrt(np.maximum(np.diag(H), 1e-300))
+    d = 1 / np.sqrt(np.maximum(np.diag(H), LEAST * np.diag(H).max()))
     H = H * np.outer(d, d)
     factor = _factor(H)
 

@@ -69,11 +69,9 @@ def gains_for_messages(
         tell: called with the part that is done.
     """
     tell(0.0)
-    witness = _of_less(at, messages, controllers)
-    if witness is None:
-        return
     known = usable(start.m, len(at.network.d.pairs()))
-    scale = known.mean() / max(float(witness.m.mean()), 1e-300)
+    witness = _of_less(at, messages, controllers)
+    X = _alike(at) if witness is None else known.mean() / max(float(witness.m.mean()), 1e-300) * witness.X
     point: DescentPoint | None = None
     stages: tuple[Stage, ...] = STAGES
     done = 0.5
@@ -81,7 +79,7 @@ def gains_for_messages(
         objective = _objective(at, part * steady_age(messages))
         descent = Descent(objective, at.gain_limit, rho_most or RHO_KEPT * start.rho)
         if point is None:
-            logs = _first(objective, descent.most, start.K, known, scale * witness.X)
+            logs = _first(objective, descent.most, start.K, known, X)
             point = DescentPoint(start.K, logs, np.log(known) if objective.has_phi else np.zeros(0))
         for stage in stages:
             tell(done / STEPS)
@@ -106,6 +104,11 @@ def _of_less(
             return found.witness
         age //= 2
     return None
+
+
+def _alike(at: AtPeriod) -> Float[np.ndarray, "links q"]:
+    """Return an X to start from where gains carry no age at all: every output of every link counts alike."""
+    return np.tile(np.eye(len(at.network.plant.C)), (len(at.edges), 1))
 
 
 def _objective(at: AtPeriod, age: float) -> AgedObjective:
