@@ -26,6 +26,8 @@ from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.descending.improve import StartingGains
 from lockstep.lmi.search.stopping import Stop
 
+PROVING = "proving the gains for the messages"
+
 Tell = Callable[[str, float], None]
 
 
@@ -86,7 +88,7 @@ def designed_for_messages(stored: Stored, tell: Tell) -> Stored:
         tell("designing for the messages", part)
 
     for found in gains_for_messages(at, start, asked, held, problem.design.rho, further):
-        tell("proving the gains for the messages", 0.0)
+        tell(PROVING, 0.0)
         gains = Gains.from_blocks(short_gains(found.K, limit), order)
         reason = "gains were found for it, but not proved"
         if (
@@ -94,11 +96,13 @@ def designed_for_messages(stored: Stored, tell: Tell) -> Stored:
             is None
         ):
             continue
+        tell(PROVING, 0.1)
         try:
             made = with_gains(stored, gains)
         except Infeasible as error:
             reason = str(error)
             continue
+        tell(PROVING, 0.25)
         sampled = prove_design(made, found.m)
         if sampled.verdict.certified and sampled.messages.claims is not None:
             return with_sampled(with_figures(made, stored), sampled, **{FOR_MESSAGES: True})
