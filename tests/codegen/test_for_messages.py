@@ -2,6 +2,7 @@
 
 import json
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,12 +43,13 @@ def searched():
     """The gains for messages that arrive, asked to carry others: what is asked enters the proofs alone."""
     stored = {}
 
-    def made(messages):
+    def made(messages, **design_keys):
         if not stored:
             problem = Problem.parse(CARTS.replace("messages = { MESSAGES }", ""))
             stored["file"] = json.loads(Design(file_of(design(problem, jobs=1))).text())
         content = deepcopy(stored["file"])
         content["problem"]["network"]["messages"] = messages
+        content["problem"]["design"].update(design_keys)
         return stored_of(content, "the design")
 
     return made
@@ -92,3 +94,16 @@ def test_what_no_gains_were_found_for_says_what_is_carried(searched):
     )
     assert said["not_designed_for_messages"]
     assert 0 <= said["certified_up_to"]["burst"] < 300
+
+
+def test_gains_for_the_period_do_not_take_the_place_of_such_as_carry_the_messages(searched, monkeypatch):
+    from lockstep.codegen import for_the_period
+
+    monkeypatch.setattr(for_the_period, "designed_for_period", lambda kept, _tell, _others: without(kept))
+    made = as_shipped(searched({"loss": 0.1}, for_period=True))
+    assert made.claims.messages is not None
+    assert made.info["sampled"]["not_designed_for_period"] == "the gains found do not carry the messages"
+
+
+def without(stored):
+    return replace(stored, claims=replace(stored.claims, messages=None))
