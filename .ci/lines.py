@@ -84,6 +84,7 @@ LATER = {
         ],
         270,
     ),
+    "lmi: an interior-point method for large cones": (["lmi/lockstep/lmi/analysis/dense.py"], 180),
     "check: controllers in integers": (
         [f"check/lockstep/check/{name}fixed.py" for name in ("", "c_source/", "design_file/", "sampled/")],
         440,

@@ -1,11 +1,12 @@
 """100 000 runs of the arms' nodes on bad networks, each network with what is proved of it: none above that.
 
-Run by hand:  python benchmarks/faults.py [--runs 100000] [--networks loss burst delay jitter mixed] [--seed 1] [--jobs 2]
+Run by hand:  python benchmarks/faults.py [--runs 100000] [--networks loss burst delay jitter mixed together] [--jobs 2]
 
 For each network the committed arms are asked to carry it ([network.messages]), which is proved anew and decided by the
-checker; then the compiled nodes run on it, 10 s each. Every other run starts in agreement and is disturbed: it is held
-against rho, in the mean square where messages are lost by chance. The others start anywhere: they may not diverge, and
-how much of their disagreement is left is shown. Exit status 1 if a run diverged or rho is exceeded.
+checker; "together" is that of examples/lossy_arms, with its gains. Then the compiled nodes run on it, 10 s each. Every other
+run starts in agreement and is disturbed: it is held against rho, in the mean square where messages are lost by chance. The
+others start anywhere: they may not diverge, and how much of their disagreement is left is shown. Exit status 1 if a run
+diverged or rho is exceeded.
 """
 
 import argparse
@@ -21,7 +22,9 @@ from lockstep.lmi.document import parse
 from lockstep.workflow.design import Design
 from lockstep.workflow.runs.network import network_campaign
 
-ARMS = Path(__file__).parents[1] / "generated" / "flexible_joint_arms" / "design.json"
+ROOT = Path(__file__).parents[1]
+ARMS = ROOT / "generated" / "flexible_joint_arms" / "design.json"
+LOSSY_ARMS = ROOT / "examples" / "lossy_arms" / "design.json"
 NETWORKS: dict[str, tuple[dict[str, Any], str]] = {
     "loss": ({"loss": 0.5}, "loss=0.5"),
     "burst": ({"burst": 5}, "loss=0.9,burst=5"),
@@ -31,21 +34,25 @@ NETWORKS: dict[str, tuple[dict[str, Any], str]] = {
         {"loss": 0.2, "burst": 2, "delay": [0, 2], "jitter": 0.05},
         "loss=0.2,delay=0:2,jitter=0.05,twice=0.1",
     ),
+    "together": (
+        {"loss": 0.5, "burst": 5, "delay": [0, 5], "jitter": 0.1},
+        "loss=0.5,delay=0:5,jitter=0.1,twice=0.1",
+    ),
 }
 """What a problem asks for, and the faults of the runs."""
 
 
-def asked(messages: dict[str, Any]) -> Design:
-    """The committed arms with what is proved of them on such a network."""
-    content = json.loads(ARMS.read_text())
-    content["problem"]["network"]["messages"] = messages
-    stored = parse(content, str(ARMS))
-    return Design.of(with_sampled(stored, prove_design(stored)).document(), str(ARMS))
+def asked(name: str) -> Design:
+    """The committed arms with what is proved of them on a network."""
+    path = LOSSY_ARMS if name == "together" else ARMS
+    content = json.loads(path.read_text())
+    content["problem"]["network"]["messages"] = NETWORKS[name][0]
+    stored = parse(content, str(path))
+    return Design.of(with_sampled(stored, prove_design(stored)).document(), str(path))
 
 
 def measured(name: str, runs: int, seed: int, jobs: int | None) -> dict[str, Any]:
-    messages, faults = NETWORKS[name]
-    design = asked(messages)
+    faults, design = NETWORKS[name][1], asked(name)
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         document = network_campaign(design, faults, runs, folder, seed=seed, jobs=jobs).document()

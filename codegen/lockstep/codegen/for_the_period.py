@@ -64,34 +64,36 @@ def as_shipped(
     Raises:
         NotCertified: the file says that the design is certified, and the checker refuses it.
     """
-    from lockstep.codegen.for_messages import for_messages
+    from lockstep.codegen.for_messages import for_messages, lacks_messages
 
+    stop = stop or Stop()
     with one_thread():
         verdict = certify(stored)
         if stored.claims.certified and not verdict.certified:
             raise NotCertified(f"the checker refuses the design: {verdict.reason}", **verdict.figures)
-        tell("proving the sampled controllers", 0.95)
+        tell("proving the sampled controllers", 0.0)
         held = prove_design(stored)
         kept = with_sampled(stored, held)
-        sampled = kept.claims.sampled
-        if sampled.certified and stored.problem.messages is not None and kept.claims.messages is None:
-            return for_messages(kept, tell, stop or Stop())
-        asked = is_asked(stored.problem) or not sampled.certified
+        if kept.claims.sampled.certified and lacks_messages(kept):
+            return for_messages(kept, tell, stop)
+        asked = is_asked(stored.problem) or not kept.claims.sampled.certified
         enough = NEAR * min([stored.claims.rho or np.inf, *(one.rho for one in others)])
-        if not asked and (sampled.rho or np.inf) <= enough:
+        if not asked and (kept.claims.sampled.rho or np.inf) <= enough:
             return kept
         found = obstacle(stored)
         if found is None:
             try:
-                made = (stop or Stop()).optional(
+                made = stop.optional(
                     lambda: designed_for_period(
                         kept, lambda part: tell("designing for the period", part), others
                     ),
                     otherwise=None,
                 )
-                if made is not None:
+                if made is not None and not lacks_messages(made):
                     return made
-                found = "interrupted"
+                if made is not None and not kept.claims.sampled.certified:
+                    return for_messages(made, tell, stop)
+                found = "interrupted" if made is None else "the gains found do not carry the messages"
             except Infeasible as error:
                 found = str(error)
         return with_sampled(stored, held, **{NOT_FOR_PERIOD: found}) if asked else kept

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from lockstep.check.design_file.messages import MessageClaims, messages_document
+from lockstep.check.numbers import Matrix
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import sampled_loop
@@ -37,7 +38,7 @@ def prove_messages(
     witness: Witness,
     rho: SampledRho | None,
 ) -> MessageProof:
-    """Prove what the problem asks for, or say which part of it is proved.
+    """Prove what the problem asks for, or say that it is not proved.
 
     Args:
         stored: the design; its witnesses are tried first.
@@ -52,7 +53,7 @@ def prove_messages(
         return known
     found = certify_messages(network, controllers, asked, witness.P)
     if found is None:
-        return MessageProof(remark=_shortfall(network, controllers, asked, witness))
+        return MessageProof(remark={"reason": f"{asked.text}: no certificate was found"})
     gain = None
     if rho is not None:
         gain = message_rho(network, controllers, asked, stored.problem.performance, rho)
@@ -87,13 +88,14 @@ def part_of(asked: Messages, part: float) -> Messages:
     return Messages(part * asked.loss, int(part * asked.burst), (min(low, late), late), part * asked.jitter)
 
 
-def _shortfall(
-    network: SampledNetwork, controllers: tuple[HeldController, ...], asked: Messages, witness: Witness
+def part_certified(
+    network: SampledNetwork, controllers: tuple[HeldController, ...], asked: Messages, near: Matrix
 ) -> dict[str, Any]:
+    """Return the remark of what is not carried, and which part of it is."""
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        found = certify_messages(network, controllers, part_of(asked, middle), witness.P)
+        found = certify_messages(network, controllers, part_of(asked, middle), near)
         low, high = (middle, high) if found is not None else (low, middle)
     carried = messages_document(part_of(asked, low))
     said = f"{asked.text}: no certificate was found; with {part_of(asked, low).text} there is one"

@@ -10,7 +10,7 @@ the square of a jump is (1 + p) / (1 - p) on average, so
 That is reached in steps, each of which starts from the gains of the one before.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from jaxtyping import Float
@@ -28,6 +28,9 @@ PARTS = (0.8, 1.0, 1.1)
 
 STAGES, ITERATIONS = (Stage(4, 1e-2), Stage(12, 1e-3), Stage(48, 3e-5)), 60
 """Of the first part; the others leave the first stage out."""
+
+STEPS = len(PARTS) * (len(STAGES) - 1) + 1.5
+"""Descents of all parts, and what is done before the first of them, which takes half as long."""
 
 RHO_KEPT = 10.0
 """The continuous rho may grow by about so much: what ships is the loop with its messages."""
@@ -53,6 +56,7 @@ def gains_for_messages(
     messages: Messages,
     controllers: tuple[HeldController, ...],
     rho_most: float | None = None,
+    tell: Callable[[float], None] = lambda _part: None,
 ) -> Iterator[StartingGains]:
     """Yield gains that may carry what is asked of the messages, and their pair weights.
 
@@ -62,24 +66,27 @@ def gains_for_messages(
         messages: what is asked.
         controllers: what these gains are sampled to.
         rho_most: the largest rho of the continuous loop; by default a multiple of the start's.
+        tell: called with the part that is done.
     """
-    witness = _of_less(at, messages, controllers)
-    if witness is None:
-        return
+    tell(0.0)
     known = usable(start.m, len(at.network.d.pairs()))
-    scale = known.mean() / max(float(witness.m.mean()), 1e-300)
+    witness = _of_less(at, messages, controllers)
+    X = _alike(at) if witness is None else known.mean() / max(float(witness.m.mean()), 1e-300) * witness.X
     point: DescentPoint | None = None
     stages: tuple[Stage, ...] = STAGES
+    done = 0.5
     for part in PARTS:
         objective = _objective(at, part * steady_age(messages))
         descent = Descent(objective, at.gain_limit, rho_most or RHO_KEPT * start.rho)
         if point is None:
-            logs = _first(objective, descent.most, start.K, known, scale * witness.X)
+            logs = _first(objective, descent.most, start.K, known, X)
             point = DescentPoint(start.K, logs, np.log(known) if objective.has_phi else np.zeros(0))
         for stage in stages:
+            tell(done / STEPS)
             point = descent.lowered(point, stage, ITERATIONS)
             if point is None:
                 return
+            done += 1
         stages = STAGES[1:]
         if part >= 1:
             m = np.exp(point.logs[: len(objective.pairs)]) if objective.has_phi else known
@@ -97,6 +104,11 @@ def _of_less(
             return found.witness
         age //= 2
     return None
+
+
+def _alike(at: AtPeriod) -> Float[np.ndarray, "links q"]:
+    """Return an X to start from where gains carry no age at all: every output of every link counts alike."""
+    return np.tile(np.eye(len(at.network.plant.C)), (len(at.edges), 1))
 
 
 def _objective(at: AtPeriod, age: float) -> AgedObjective:

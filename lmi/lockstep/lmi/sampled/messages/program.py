@@ -16,13 +16,16 @@ from scipy.linalg import expm
 from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.sampled.messages import Messages, MessageWitness, message_step
-from lockstep.lmi.analysis.solve import run
+from lockstep.lmi.analysis.dense import run_dense
 from lockstep.lmi.sampled.convex import FLATTEST, NOTHING
 
 Form = Float[np.ndarray, "k k"]
 
 ALL_AT_ONCE = 8
 """Corners of the losses that are put to the solver at once; of more, those come in that are violated most."""
+
+NEAR = 0.05
+"""The part of the room that the solver may leave: any room will do."""
 
 MORE = 1.1
 """What jitter counts in the first program, which lifts it without the nonlinearity."""
@@ -229,7 +232,7 @@ def solved(
     while True:
         every = [*conditions, *(found[k] >> slack * unit for k in asked)]
         problem = cp.Problem(cp.Maximize(slack), every)
-        if not run(problem, decompose=False, equilibrate=False) or V.value is None or not slack.value > 0:
+        if not run_dense(problem, NEAR) or V.value is None or not slack.value > 0:
             return None
         least = np.array([np.linalg.eigvalsh(one.value)[0] for one in found])
         more = [k for k in np.argsort(least)[:ALL_AT_ONCE] if k not in asked and least[k] < slack.value / 2]

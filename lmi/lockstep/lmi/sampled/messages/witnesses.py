@@ -45,11 +45,8 @@ ERROR = 1e8
 MU = 1e6
 """The price of underflow, relative to what it weighs in P."""
 
-FACTORS = {
-    **{1.02: (1.0,), 1.1: (1.0, 1.2), 1.3: (1.0, 1.7), 2.0: (1.0, 4.0)},
-    **{4.0: (4.0, 16.0), 10.0: (10.0, 100.0), 100.0: (100.0, 1e4)},
-}
-"""Multiples of rho of the loop whose messages all arrive, bisected, and with each the multiples of its pair weights."""
+FACTORS = (1.02, 1.1, 1.3, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.3, 8.0, 10.0, 16.0, 30.0, 100.0)
+"""Multiples of rho of the loop whose messages all arrive, bisected; pair weights are tried times it and times its square."""
 
 
 @dataclass(frozen=True)
@@ -143,13 +140,14 @@ def message_rho(
     """
     loop = in_doubles(network, controllers, weights.outputs)
     exact_loop = sampled_loop(network, controllers, weights.outputs)
-    found, factors, low, high = None, list(FACTORS), 0, len(FACTORS)
+    found, low, high = None, 0, len(FACTORS)
     while low < high:
         middle = (low + high) // 2
-        rho = float(f"{factors[middle] * known.rho:.4g}")
+        factor = FACTORS[middle]
+        rho = float(f"{factor * known.rho:.4g}")
         tried = (
             witness
-            for scale in FACTORS[factors[middle]]
+            for scale in (factor, factor**2)
             for witness in _with_rho(loop, messages, weights, rho, scale, known.witness)
         )
         held = next((one for one in tried if proves_messages(exact_loop, messages, one, weights, rho)), None)
