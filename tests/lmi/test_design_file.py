@@ -29,7 +29,7 @@ from lockstep.lmi.initial import InitialStates
 from lockstep.lmi.scope import domain_of, initial_states
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
-from lockstep.lmi.written import proofs_document
+from lockstep.lmi.written import initial_set_document, proofs_document
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, parse_problem
 from lockstep.model.problem.tables.schema import ProblemFile
@@ -252,7 +252,7 @@ def without_own_set() -> dict[str, Any]:
     found = initial_states(network, c)
     assert isinstance(found, InitialStates)
     del file["proofs"]["initial_set"]
-    file["claims"]["initial_set"], file["info"]["initial_set"] = found.claim(), found.remarks()
+    file["claims"]["initial_set"], file["info"]["initial_set"] = initial_set_document(found), found.remarks()
     return dict(file)
 
 

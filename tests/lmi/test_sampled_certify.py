@@ -26,6 +26,7 @@ from lockstep.check.system.disagreement import disagreement
 from lockstep.lmi.sampled import SampledVerdict, certify_sampled, max_period, sampled_rho, storage
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.search import spectral_radius
+from lockstep.lmi.written import witness_document
 from lockstep.model.graphs.graph import Graph
 
 EDGES = [(1, 2, 1.0), (2, 3, 1.0), (3, 1, 1.0)]
@@ -52,7 +53,6 @@ def test_pendulums_agree_and_the_proof_is_in_balls(delay):
     net, ones = oscillators(delay=delay)
     verdict = certify_sampled(net, ones, thorough=False)
     assert verdict.certified
-    assert verdict.proof == "ball"
     assert brute_force_radius(net, ones) < verdict.decay**0.5, (
         "V decays by `decay`, so the state by its root at least"
     )
@@ -64,7 +64,6 @@ def test_a_sign_flipped_is_refused():
     table[1, 2] *= -3
     verdict = certify_sampled(net, (ones[0], replace(ones[1], table=table), ones[2]))
     assert not verdict.certified
-    assert verdict.proof == "none"
     assert brute_force_radius(net, (ones[0], replace(ones[1], table=table), ones[2])) > 1
 
 
@@ -84,7 +83,7 @@ def test_a_steeper_nonlinearity_is_refused_where_brute_force_breaks():
 def test_a_witness_is_proved_again_and_a_spoiled_one_is_not():
     net, ones = oscillators()
     first = certify_sampled(net, ones, thorough=False)
-    witness = sampled_witness_of(first.witness.document(), "memory")
+    witness = sampled_witness_of(witness_document(first.witness), "memory")
     again = certify_sampled(net, ones, witness=witness)
     assert again.certified
     assert "spectral_radius" not in again.figures, "nothing was searched for"
@@ -267,7 +266,9 @@ def test_rho_is_above_the_gain_of_the_frequency_response_and_near_it():
     # xi held over each period, at the slope that is worst of those tried: a gain that exists, so no rho lies below it.
     below = max(_held_gain(net, ones, slope * net.alpha) for slope in (-1.0, 0.0, 1.0))
     assert below <= found.rho <= 1.5 * below
-    written = sampled_witness_of(json.loads(json.dumps(found.witness.document(), allow_nan=False)), "memory")
+    written = sampled_witness_of(
+        json.loads(json.dumps(witness_document(found.witness), allow_nan=False)), "memory"
+    )
     assert proves_rho(
         sampled_loop(net, ones), Performance(np.eye(2), np.zeros((1, 1))), SampledRho(found.rho, written)
     )

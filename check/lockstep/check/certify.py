@@ -211,11 +211,7 @@ def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:
     """Hold what is claimed of the loop against what is proved of it; rho and the longest period are decided apart."""
     if not found.certified:
         return Verdict("undecided", found.reason)
-    proved = SampledClaims(
-        True, found.period, found.delay, found.decay, claims.rho, found.residual, found.residual_rms,
-        found.underflow, found.deltas, claims.max_period, claims.radius, claims.limits_gain, claims.clipped_radius,
-    )  # fmt: skip
-    broken = next(claims.better_than(proved), None)
+    broken = next(claims.better_than(found), None)
     return Verdict("undecided", broken) if broken else Verdict("proved", found.reason)
 
 

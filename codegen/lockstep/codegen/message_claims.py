@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from lockstep.check.design_file.messages import MessageClaims, messages_document
+from lockstep.check.design_file.messages import MessageClaims
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import sampled_loop
@@ -15,6 +15,7 @@ from lockstep.check.sampled.messages import Messages, MessageWitness, proves_mes
 from lockstep.check.sampled.performance import SampledRho
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.messages.witnesses import certify_messages, message_rho
+from lockstep.model.plain_json import plain
 
 HALVINGS = 4
 """Of the part of what is asked for that is certified, where all of it is not."""
@@ -95,7 +96,7 @@ def _shortfall(
         middle = (low + high) / 2
         found = certify_messages(network, controllers, part_of(asked, middle), witness.P)
         low, high = (middle, high) if found is not None else (low, middle)
-    carried = messages_document(part_of(asked, low))
+    carried = plain(part_of(asked, low))
     said = f"{asked.text}: no certificate was found; with {part_of(asked, low).text} there is one"
     return {"reason": said, "certified_up_to": carried}
 

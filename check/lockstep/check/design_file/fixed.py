@@ -10,7 +10,6 @@ from lockstep.check.sampled.inequality import Witness
 
 NUMBERS = ("decay", "residual_per_message_error", "residual_from_rounding")
 LATER = ("rho", "rho_rounding", "radius")
-FORMATS = ("outputs", "inputs", "states")
 
 
 @dataclass(frozen=True)
@@ -34,11 +33,6 @@ class FixedClaims:
     inputs: tuple[int, ...]
     states: tuple[tuple[int, ...], ...]
 
-    def document(self) -> dict[str, Any]:
-        """Return the claims as plain JSON types."""
-        listed = {"outputs": list(self.outputs), "inputs": list(self.inputs)}
-        return {**vars(self), **listed, "states": [list(one) for one in self.states]}
-
 
 @dataclass(frozen=True, eq=False)
 class FixedWitness:
@@ -47,10 +41,6 @@ class FixedWitness:
     agreement: Witness
     rho: Witness | None
     radius: Witness | None
-
-    def document(self) -> dict[str, Any]:
-        """Return the witnesses as plain JSON types."""
-        return {key: None if one is None else one.document() for key, one in vars(self).items()}
 
 
 def fixed_claims_of(value: Any, where: str) -> FixedClaims:

@@ -5,7 +5,6 @@ from typing import Any
 
 from lockstep.check.design_file.json_text import (
     above_zero,
-    item,
     matrix,
     not_negative,
     number,
@@ -34,15 +33,6 @@ class MessageClaims:
     decay: float
     rho: float | None = None
 
-    def document(self) -> dict[str, Any]:
-        """Return the claims as plain JSON types."""
-        return {**messages_document(self.messages), "decay": self.decay, "rho": self.rho}
-
-
-def messages_document(messages: Messages) -> dict[str, Any]:
-    """Return them as the table of a problem file, defaults filled in."""
-    return {**vars(messages), "delay": list(messages.delay)}
-
 
 def messages_of(table: Any, where: str = ASKED) -> Messages:
     """Read the table; a key that is absent says that nothing of the kind happens."""
@@ -68,7 +58,7 @@ def _count(value: Any, where: str) -> int:
 def message_claims_of(value: Any, where: str) -> MessageClaims:
     """Read `claims.messages`."""
     only(value, (*KEYS, "decay", "rho"), where)
-    rho = or_none(above_zero)(item(value, "rho", where), f"{where}, `rho`")
+    rho = or_none(above_zero)(value.get("rho"), f"{where}, `rho`")
     decay = above_zero(value.get("decay"), f"{where}, `decay`")
     return MessageClaims(messages_of({key: value.get(key) for key in KEYS}, where), decay, rho)
 

@@ -72,7 +72,7 @@ else: W_1 has no column of it (nu holds what was read), and rho^2 T n'(S (x) I) 
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
@@ -159,13 +159,6 @@ class MessageWitness:
     def seconds(self) -> tuple[Matrix, ...]:
         """Xa, Xb and Xs, those that there are."""
         return tuple(one for one in (self.X_chance, self.X_change, self.X_sum) if one is not None)
-
-    def document(self) -> dict[str, Any]:
-        """Return the witness as plain JSON types."""
-        return {
-            key: value.tolist() if isinstance(value, np.ndarray) else value
-            for key, value in vars(self).items()
-        }
 
     def fits(self, loop: SampledLoop) -> bool:
         """Tell whether the sizes are those of a loop, forms symmetric, prices and numbers in their ranges."""

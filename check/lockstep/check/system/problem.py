@@ -16,7 +16,6 @@ from lockstep.check.bound.box import Box
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.design_file.json_text import (
     above_zero,
-    item,
     matrix,
     not_negative,
     number,
@@ -158,14 +157,13 @@ class ProblemTables:
         demand(len(given) == 1, f"{len(given)} of them", "[network]", expected)
         if given == ["laplacian"]:
             return Digraph.from_laplacian(matrix()(table["laplacian"], "[network] laplacian"))
-        agents = item(table, "agents", "[network]")
         if given == ["topology"]:
-            return Digraph.topology(table["topology"], agents)
+            return Digraph.topology(table["topology"], table.get("agents"))
         edges = part(table, "edges", list)
         for k, edge in enumerate(edges, start=1):
             for end in edge if isinstance(edge, list) else [None]:
                 number(end, f"[network] edges, edge {k}")
-        return Digraph.from_edges(agents, edges)
+        return Digraph.from_edges(table.get("agents"), edges)
 
     @cached_property
     def inputs(self) -> tuple[Annotated[np.ndarray, "n m"], ...]:
