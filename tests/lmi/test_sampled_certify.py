@@ -21,7 +21,7 @@ from lockstep.check.design_file.proofs import sampled_witness_of
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.inequality import metric
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.performance import SampledRho, proves_rho
+from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.system.disagreement import disagreement
 from lockstep.lmi.sampled import SampledVerdict, certify_sampled, max_period, sampled_rho, storage
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
@@ -269,13 +269,10 @@ def test_rho_is_above_the_gain_of_the_frequency_response_and_near_it():
     written = sampled_witness_of(
         json.loads(json.dumps(witness_document(found.witness), allow_nan=False)), "memory"
     )
-    assert proves_rho(
-        sampled_loop(net, ones), Performance(np.eye(2), np.zeros((1, 1))), SampledRho(found.rho, written)
-    )
-    better = SampledRho(0.9 * below, found.witness)
+    assert proves_rho(sampled_loop(net, ones), Performance(np.eye(2), np.zeros((1, 1))), found.rho, written)
     loop = sampled_loop(net, ones)
-    assert proves_rho(loop, Performance(np.eye(2), np.zeros((1, 1))), found)
-    assert not proves_rho(loop, Performance(np.eye(2), np.zeros((1, 1))), better)
+    assert proves_rho(loop, Performance(np.eye(2), np.zeros((1, 1))), *found)
+    assert not proves_rho(loop, Performance(np.eye(2), np.zeros((1, 1))), 0.9 * below, found.witness)
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])

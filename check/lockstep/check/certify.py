@@ -48,11 +48,8 @@ from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled.limits import proves_gain, proves_radius
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.modes import (
-    SampledModalWitness,
-    proves_modal_rho,
-)
-from lockstep.check.sampled.performance import SampledRho, proves_rho
+from lockstep.check.sampled.modes import SampledModalWitness, proves_modal_rho
+from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.system.agent import ExactAgent
 from lockstep.check.system.domain import claimed_box
 from lockstep.check.system.network import ExactNetwork
@@ -116,21 +113,16 @@ def decide(stored: CheckedFile, folder: Path | None = None) -> Iterator[tuple[st
         return
     network, agent = problem.network(proofs.bound.moves, claims.scales)
     if problem.offsets is not None:
-        yield (
-            "formation",
-            Verdict("proved", "no agent's equation sees the offsets: what is proved of x is of x less them"),
-        )
+        said = "no agent's equation sees the offsets: what is proved of x is of x less them"
+        yield "formation", Verdict("proved", said)
     yield "bound", _bound(stored, agent)
     delta = np.tile([claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
     claim = Claim.of(claims.alpha, problem.performance, delta, claims.entries)
     yield "certificate", decide_certificate(network, stored.gains, claim, proofs.certificate)
     short = "; ".join(shortfalls(problem.design, claims, stored.gains))
-    yield (
-        "asked",
-        Verdict("refuted", f"less is claimed than is asked for: {short}")
-        if short
-        else Verdict("proved", "no less is claimed than the problem asks for"),
-    )
+    said = f"less is claimed than is asked for: {short}"
+    enough = Verdict("proved", "no less is claimed than the problem asks for")
+    yield "asked", Verdict("refuted", said) if short else enough
     if claims.decay is not None:
         yield "decay", _decay(stored, network, claim)
     if claims.controllers_stable:
@@ -146,7 +138,7 @@ def _decay(stored: CheckedFile, network: ExactNetwork, claim: Claim) -> Verdict:
     decay, certificate = stored.claims.decay, stored.proofs.decay
     said = f"every disagreement decays at {decay:g} 1/s"
     if certificate is None or decay is None:
-        return Verdict("undecided", f"it is claimed that {said}, without a witness")
+        return Verdict.of(said, None)
     found = decide_certificate(network.decaying(decay), stored.gains, claim, certificate)
     return Verdict("proved", said, found.figures) if found.proved else found
 
@@ -197,10 +189,8 @@ def _sampled(
         yield from decide_fixed(stored, network, held, folder)
     asked, claimed = problem.messages, stored.claims.messages
     if claimed and problem.spectrum is not None:
-        yield (
-            "messages",
-            Verdict("undecided", "messages are lost or late in one graph, and `spectrum` names many"),
-        )
+        said = "messages are lost or late in one graph, and `spectrum` names many"
+        yield "messages", Verdict("undecided", said)
     elif claimed or (claims.certified and asked):
         weights = problem.performance
         loop = sampled_loop(sampled_network(stored, network, problem.period), held, weights.outputs)
@@ -219,16 +209,14 @@ def _rho(stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController,
     rho, witness = stored.claims.sampled.rho, stored.proofs.sampled_rho
     said = f"the sampled loop has the gain {rho:g}"
     if witness is None or rho is None:
-        return Verdict("undecided", f"it is claimed that {said}, without a witness")
+        return Verdict.of(said, None)
     weights, period = stored.problem.performance, stored.problem.period
     if isinstance(witness, SampledModalWitness):
         holds = proves_modal_rho(modal_loop_of(stored, network, held, period), weights, rho, witness)
     else:
         at = sampled_network(stored, network, period)
-        holds = proves_rho(sampled_loop(at, held, weights.outputs), weights, SampledRho(rho, witness))
-    if not holds:
-        return Verdict("undecided", f"it is claimed that {said}, but its witness does not prove it")
-    return Verdict("proved", said)
+        holds = proves_rho(sampled_loop(at, held, weights.outputs), weights, rho, witness)
+    return Verdict.of(said, holds)
 
 
 def _limits(
@@ -245,23 +233,21 @@ def _limits(
     plain, noisy = sampled_loop(at, held), sampled_loop(at, held, weights.outputs)
     start = "from |x_d(0)| <= {:g}, controllers at rest, every message in time, "
     if (radius := claims.radius) is not None:
-        holds = proofs.radius is not None and proves_radius(plain, held, proofs.radius, limits, radius)
-        yield "limits", _said(f"{start}no input meets its limit".format(radius), holds)
+        w = proofs.radius
+        holds = None if w is None else proves_radius(plain, held, w, limits, radius)
+        yield "limits", Verdict.of(f"{start}no input meets its limit".format(radius), holds)
     if (gain := claims.limits_gain) is not None:
         w = proofs.limits_gain
-        holds = w is not None and proves_gain(noisy, held, w, limits, weights, gain)
+        holds = None if w is None else proves_gain(noisy, held, w, limits, weights, gain)
         said = f"under a disturbance of energy {gain:g}^2, from agreement, every message in time, no input meets its limit"
-        yield "limits_gain", _said(said, holds)
+        yield "limits_gain", Verdict.of(said, holds)
     if (radius := claims.clipped_radius) is not None:
         c = proofs.clipped
-        holds = c is not None and proves_clipped_radius(plain, held, c, limits, radius)
-        yield "clipped", _said(f"{start}the loop converges with its inputs clipped".format(radius), holds)
-
-
-def _said(said: str, holds: bool) -> Verdict:
-    if not holds:
-        return Verdict("undecided", f"it is claimed that {said}, but no witness proves it")
-    return Verdict("proved", said)
+        holds = None if c is None else proves_clipped_radius(plain, held, c, limits, radius)
+        yield (
+            "clipped",
+            Verdict.of(f"{start}the loop converges with its inputs clipped".format(radius), holds),
+        )
 
 
 def _longest(stored: CheckedFile, network: ExactNetwork, period: float) -> Verdict:

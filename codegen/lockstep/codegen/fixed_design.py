@@ -12,10 +12,10 @@ from lockstep.check.sampled.certify import decide_sampled
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled.fixed import LARGEST_R, LARGEST_X, integers_of
 from lockstep.check.sampled.inequality import Witness
-from lockstep.check.sampled.performance import SampledRho
 from lockstep.codegen.sampled_design import sampled_controllers, sampled_network
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import fixed
+from lockstep.lmi.sampled.performance import SampledRho
 
 MARGIN = 2.0
 """Room in the states' formats above what is computed for them."""

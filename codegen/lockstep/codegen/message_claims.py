@@ -12,9 +12,9 @@ from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.messages import Messages, MessageWitness, proves_messages
-from lockstep.check.sampled.performance import SampledRho
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.messages.witnesses import certify_messages, message_rho
+from lockstep.lmi.sampled.performance import SampledRho
 from lockstep.model.plain_json import plain
 
 HALVINGS = 4

@@ -316,7 +316,7 @@ def _stated_rho(
 ) -> SampledRho | None:
     known = _known_rho(stored)
     weights = stored.problem.performance
-    holds = known and proves_rho(sampled_loop(network, controllers, weights.outputs), weights, known)
+    holds = known and proves_rho(sampled_loop(network, controllers, weights.outputs), weights, *known)
     return known if holds else None
 
 

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 
 from lockstep.check.c_source.reader import MAX_NEIGHBOURS
 from lockstep.check.errors import ProblemError
-from lockstep.check.sampled.discretise import Discretization, Real, check_period
+from lockstep.check.sampled.controller import check_period
+from lockstep.check.sampled.discretise import Discretization, Real
 
 if TYPE_CHECKING:
     from lockstep.codegen.emission.one_image import OneImage

@@ -44,7 +44,7 @@ from lockstep.check.sampled.conjugate import no_conjugate_point
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork, spectral_bound
 from lockstep.check.sampled.inequality import Witness, root
 from lockstep.check.sampled.loop import NO_NOISE, SampledLoop, Way
-from lockstep.check.sampled.performance import SampledRho, proves_rho
+from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.graph import Digraph
 from lockstep.check.system.loop import Plant
@@ -212,7 +212,7 @@ def proves_modal_rho(loop: ModalLoop, weights: Performance, rho: float, witness:
     for P, mode in _modes(loop, witness, weights.outputs):
         # The mean of the controllers weighs what it is and what it applies: no x is part of it.
         own = weights if mode.n_d else weights._replace(R=none, states=np.zeros(0))
-        if not proves_rho(mode, own, SampledRho(rho, witness.of(P, mode))):
+        if not proves_rho(mode, own, rho, witness.of(P, mode)):
             return False
     return True
 

@@ -14,7 +14,7 @@ from typing import Annotated
 
 import numpy as np
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.numbers import Matrix, Stack, converter, is_exact, product, zeros
 from lockstep.check.system.disagreement import Disagreement
 
@@ -33,33 +33,19 @@ class Gains:
 
     def __post_init__(self) -> None:
         """Check that the blocks of every agent fit together."""
-        if not len(self.A) == len(self.B) == len(self.C) == len(self.D) > 0:
-            raise ProblemError(
-                f"gains for {len(self.A)}, {len(self.B)}, {len(self.C)}, {len(self.D)} agents (A, B, C, D)",
-                where="gains",
-                expected="one A, B, C and D per agent",
-            )
+        counts = [len(self.A), len(self.B), len(self.C), len(self.D)]
+        found = f"gains for {', '.join(map(str, counts))} agents (A, B, C, D)"
+        demand(counts[0] > 0 and len({*counts}) == 1, found, "gains", "one A, B, C and D per agent")
         n_C, (m, q) = self.A[0].shape[0], self.D[0].shape
+        shapes = {"A": (n_C, n_C), "B": (n_C, q), "C": (m, n_C), "D": (m, q)}
+        remedy = "every agent has the same order, inputs and outputs"
         for i in range(len(self.A)):
-            for letter, block, shape in (
-                ("A", self.A[i], (n_C, n_C)),
-                ("B", self.B[i], (n_C, q)),
-                ("C", self.C[i], (m, n_C)),
-                ("D", self.D[i], (m, q)),
-            ):
-                if block.shape != shape:
-                    raise ProblemError(
-                        f"`{letter}` is {block.shape[0]} x {block.shape[1]}",
-                        where=f"gains of agent {i + 1}",
-                        expected=f"{shape[0]} x {shape[1]}",
-                        remedy="every agent has the same order, inputs and outputs",
-                    )
-                if not np.all(np.isfinite(block)):
-                    raise ProblemError(
-                        f"`{letter}` holds a number that is not finite",
-                        where=f"gains of agent {i + 1}",
-                        expected="finite numbers",
-                    )
+            for letter, (rows, columns) in shapes.items():
+                block, where = getattr(self, letter)[i], f"gains of agent {i + 1}"
+                found = f"`{letter}` is {block.shape[0]} x {block.shape[1]}"
+                demand(block.shape == (rows, columns), found, where, f"{rows} x {columns}", remedy)
+                found = f"`{letter}` holds a number that is not finite"
+                demand(np.isfinite(block).all(), found, where, "finite numbers")
 
     @classmethod
     def from_blocks(cls, K: Annotated[np.ndarray, "N k l"], n_C: int) -> "Gains":

@@ -24,9 +24,10 @@ from lockstep.check.sampled.messages import (
     period_parts,
     proves_messages,
 )
-from lockstep.check.sampled.performance import SampledRho, running_cost
+from lockstep.check.sampled.performance import running_cost
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.messages.program import Form, solved, with_fixed_weights, with_free_weights
+from lockstep.lmi.sampled.performance import SampledRho
 from lockstep.lmi.sampled.search import spectral_radius
 from lockstep.lmi.sampled.storage import holds_in_doubles
 
