@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from lockstep.check.c_source.fixed import read_fixed
+from lockstep.check.c_source.folder import manifest_in
 from lockstep.check.design_file.claims import SURE
-from lockstep.check.design_file.json_text import parse_json
 from lockstep.check.errors import NotCertified, demand
-from lockstep.check.files import as_text, read_inside
+from lockstep.check.files import text_inside
 from lockstep.check.held import CheckedFile, sampled_network
 from lockstep.check.sampled.certify import ROUNDED_UP, decide_sampled
 from lockstep.check.sampled.controller import HeldController
@@ -90,15 +90,12 @@ def _differs(
     held: tuple[HeldController, ...],
 ) -> str:
     """Return in what the C of a folder is not these controllers, or nothing."""
-    listed = parse_json(as_text(read_inside(folder, "manifest.json"), "manifest.json"), "manifest.json")
-    base = f"{listed.get('prefix', '')}{stored.problem.agent.name}"
+    base = f"{manifest_in(folder).get('prefix', '')}{stored.problem.agent.name}"
     names = [f"{base}{i}" for i in range(1, len(held) + 1)]
     for name, one, own in zip(names, integers, held, strict=True):
-        texts = [
-            as_text(read_inside(folder, path), path) for path in (f"fixed/{name}_fixed.{e}" for e in "hc")
-        ]
+        header, source = (text_inside(folder, f"fixed/{name}_fixed.{end}") for end in "hc")
         try:
-            read = read_fixed(name, texts[0], texts[1], names)
+            read = read_fixed(name, header, source, names)
         except NotCertified as error:
             return str(error)
         if read != (one, own.sources, stored.problem.period):
