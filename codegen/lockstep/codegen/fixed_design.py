@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from lockstep.check.design_file.fixed import FixedClaims, FixedWitness
-from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.check.errors import NotCertified, ProblemError, demand
 from lockstep.check.fixed import rho_rounding
 from lockstep.check.sampled.certify import decide_sampled
 from lockstep.check.sampled.discretise import clipped_at
@@ -110,10 +110,6 @@ def _ranges(stored: Stored) -> np.ndarray:
             )
         found.append(max(abs(end) for end in ends if end is not None))
     sizes = np.abs(problem.sides).max(axis=1)
-    if not np.isfinite(sizes).all():
-        raise ProblemError(
-            "an input without limits",
-            where="--fixed, [agent.limits]",
-            expected="its lowest and its highest value: counts of 16 bits are chosen from them",
-        )
+    expected = "its lowest and its highest value: counts of 16 bits are chosen from them"
+    demand(np.isfinite(sizes).all(), "an input without limits", "--fixed, [agent.limits]", expected)
     return np.array([*found, *sizes])

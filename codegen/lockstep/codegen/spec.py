@@ -14,7 +14,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from lockstep.check.c_source.reader import MAX_NEIGHBOURS
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.sampled.controller import check_period
 from lockstep.check.sampled.discretise import Discretization, Real
 
@@ -45,13 +45,10 @@ def check_identifier(name: str, where: str) -> None:
     Traceback (most recent call last):
     lockstep.check.errors.ProblemError: agent: `arm 1` is no C identifier; expected a letter, then ...
     """
-    if not _IDENTIFIER.fullmatch(name) or name in _KEYWORDS:
-        raise ProblemError(
-            f"`{name}` is no C identifier",
-            where=where,
-            expected="a letter, then at most 39 letters, digits or underscores, and no keyword",
-            remedy="rename it: the name prefixes the generated functions",
-        )
+    found = f"`{name}` is no C identifier"
+    expected = "a letter, then at most 39 letters, digits or underscores, and no keyword"
+    remedy = "rename it: the name prefixes the generated functions"
+    demand(_IDENTIFIER.fullmatch(name) and name not in _KEYWORDS, found, where, expected, remedy)
 
 
 def matrix(value: ArrayLike, shape: tuple[int, int], where: str) -> Float[np.ndarray, "rows cols"]:
@@ -159,12 +156,8 @@ class Controller:
     def _check_neighbours(self, where: str) -> None:
         object.__setattr__(self, "neighbours", tuple(self.neighbours))
         sources = [neighbour.source for neighbour in self.neighbours]
-        if len(sources) > MAX_NEIGHBOURS:
-            raise ProblemError(
-                f"{len(sources)} neighbours",
-                where=where,
-                expected=f"at most {MAX_NEIGHBOURS}: one mask bit each",
-            )
+        found = f"{len(sources)} neighbours"
+        demand(len(sources) <= MAX_NEIGHBOURS, found, where, f"at most {MAX_NEIGHBOURS}: one mask bit each")
         if len(set(sources)) < len(sources):
             raise ProblemError(
                 "a neighbour appears twice", where=where, remedy="add the weights into one edge"
@@ -297,12 +290,8 @@ class CodegenSpec:
         names = [agent.name.lower() for agent in self.agents]
         if not names:
             raise ProblemError("no agent", where="agents", expected="one or more controllers")
-        if len(set(names)) < len(names):
-            raise ProblemError(
-                "two agents have one name (letter case aside)",
-                where="agents",
-                remedy="give each its own prefix",
-            )
+        found = "two agents have one name (letter case aside)"
+        demand(len(set(names)) == len(names), found, "agents", remedy="give each its own prefix")
         if self.name.lower() in names:
             raise ProblemError(
                 f"`{self.name}` names an agent too", where="name", remedy="give the folder another name"

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Complex
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.lmi.robustness.peak import peak
 
 
@@ -107,12 +107,8 @@ def both_sides(P: Any, K: Any) -> Any:
     import control
 
     P, K = control.ss(P), control.ss(K)
-    if (P.noutputs, P.ninputs) != (K.ninputs, K.noutputs):
-        raise ProblemError(
-            f"P is {P.noutputs} x {P.ninputs}, K {K.noutputs} x {K.ninputs}",
-            where="both sides",
-            expected="K as P transposed",
-        )
+    found = f"P is {P.noutputs} x {P.ninputs}, K {K.noutputs} x {K.ninputs}"
+    demand((P.noutputs, P.ninputs) == (K.ninputs, K.noutputs), found, "both sides", "K as P transposed")
     both = control.append(K, P)
     m, p = P.ninputs, P.noutputs
     # append has the inputs (y, u) and the outputs (u, y): swap the inputs, and y = P u enters with the other sign.

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +40,10 @@ def joined(parts: Sequence[Any]) -> Joined:
     from scipy.linalg import block_diag
 
     for part in parts:
-        if not isinstance(part, control.StateSpace):
-            raise ProblemError(
-                f"a {type(part).__name__}",
-                where="linear loop",
-                expected="control.StateSpace systems",
-                remedy="control.ss makes one; a nonlinear one is linearised with control.linearize",
-            )
+        found = f"a {type(part).__name__}"
+        expected = "control.StateSpace systems"
+        remedy = "control.ss makes one; a nonlinear one is linearised with control.linearize"
+        demand(isinstance(part, control.StateSpace), found, "linear loop", expected, remedy)
     A, B, C, D = (_diagonal(block_diag, parts, letter) for letter in "ABCD")
     into = [name for part in parts for name in part.input_labels]
     out = [name for part in parts for name in part.output_labels]

@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.expression.node import ZERO, variable
 from lockstep.check.expression.text import RESERVED
 from lockstep.check.expression.traversal import substitute
@@ -85,12 +85,8 @@ def _matrices(
             f"{len(matrices)} input matrices for {graph.N} agents", where="B", expected="one B per agent"
         )
     for k, b in enumerate(matrices, start=1):
-        if b.shape != agent.lure.B.shape:
-            raise ProblemError(
-                f"`B` is {' x '.join(map(str, b.shape))}",
-                where=f"agent {k}",
-                expected=" x ".join(map(str, agent.lure.B.shape)),
-            )
+        found = f"`B` is {' x '.join(map(str, b.shape))}"
+        demand(b.shape == agent.lure.B.shape, found, f"agent {k}", " x ".join(map(str, agent.lure.B.shape)))
         if not np.isfinite(b).all():
             raise ProblemError(
                 "an entry of `B` is not a finite number", where=f"agent {k}", expected="finite numbers"
@@ -148,10 +144,7 @@ def _without_inputs(agent: Agent, i: int) -> ca.SX:
     where = f"[agent.dynamics] {agent.states[i]}"
     inputs = {variable(agent.n + j): ZERO for j in range(agent.m)}
     exactly = substitute([agent.value(agent.rhs[i], where=where).node], inputs)
-    if substitute([agent.value(rest, where=where).node], inputs) != exactly:
-        raise ProblemError(
-            "the inputs are among constants that would be rounded without them",
-            where=where,
-            expected="for agents with a B of their own, an equation f(x, t) + b*u",
-        )
+    found = "the inputs are among constants that would be rounded without them"
+    expected = "for agents with a B of their own, an equation f(x, t) + b*u"
+    demand(substitute([agent.value(rest, where=where).node], inputs) == exactly, found, where, expected)
     return rest
