@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from lockstep.check.continuous.modes import ModalCertificate
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.sampled.certify import SampledVerdict
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers, sampled_table
@@ -99,10 +99,8 @@ def _loops(stored: Stored, c: ModalCertificate, sector: Sector | None) -> Callab
         held = held_controllers(stored, period)
         if spectrum is not None:
             return ModalLoop(at, held, spectrum.lower, spectrum.upper)
-        if not are_rounded(held, edges):
-            raise ProblemError(
-                "weights are lost by rounding", where="[network]", expected="ones in the target type"
-            )
+        found = "weights are lost by rounding"
+        demand(are_rounded(held, edges), found, "[network]", "ones in the target type")
         return ModalLoop(at, held, *widened(c.lower, c.ends[-1]))
 
     return loop_at

@@ -132,10 +132,8 @@ class Controller:
         where = f"controller `{self.name}`"
         check_identifier(self.name, where)
         D = np.array(self.D, dtype=np.float64)
-        if D.ndim != 2 or 0 in D.shape:
-            raise ProblemError(
-                f"D has the shape {D.shape}", where=where, expected="inputs x outputs, one or more each"
-            )
+        found = f"D has the shape {D.shape}"
+        demand(D.ndim == 2 and 0 not in D.shape, found, where, "inputs x outputs, one or more each")
         m, q = D.shape
         nc = len(self.A)
         for letter, shape in {"A": (nc, nc), "B": (nc, q), "C": (m, nc), "D": (m, q)}.items():
@@ -158,10 +156,8 @@ class Controller:
         sources = [neighbour.source for neighbour in self.neighbours]
         found = f"{len(sources)} neighbours"
         demand(len(sources) <= MAX_NEIGHBOURS, found, where, f"at most {MAX_NEIGHBOURS}: one mask bit each")
-        if len(set(sources)) < len(sources):
-            raise ProblemError(
-                "a neighbour appears twice", where=where, remedy="add the weights into one edge"
-            )
+        remedy = "add the weights into one edge"
+        demand(len(set(sources)) == len(sources), "a neighbour appears twice", where, remedy=remedy)
 
     @property
     def order(self) -> int:
@@ -279,10 +275,8 @@ class CodegenSpec:
             return
         check_identifier(self.image.name, "one image")
         shapes = {(agent.order, *agent.D.shape, len(agent.limits)) for agent in self.agents}
-        if len(shapes) > 1 or any(agent.neighbours for agent in self.agents):
-            raise ProblemError(
-                "controllers of several sizes, or with neighbours of their own", where="one image"
-            )
+        found = "controllers of several sizes, or with neighbours of their own"
+        demand(len(shapes) <= 1 and not any(agent.neighbours for agent in self.agents), found, "one image")
         if self.image.name.lower() in {self.name.lower(), *(agent.name.lower() for agent in self.agents)}:
             raise ProblemError(f"`{self.image.name}` is a controller's name too", where="one image")
 
@@ -292,10 +286,8 @@ class CodegenSpec:
             raise ProblemError("no agent", where="agents", expected="one or more controllers")
         found = "two agents have one name (letter case aside)"
         demand(len(set(names)) == len(names), found, "agents", remedy="give each its own prefix")
-        if self.name.lower() in names:
-            raise ProblemError(
-                f"`{self.name}` names an agent too", where="name", remedy="give the folder another name"
-            )
+        remedy = "give the folder another name"
+        demand(self.name.lower() not in names, f"`{self.name}` names an agent too", "name", remedy=remedy)
 
         by_name = {agent.name: agent for agent in self.agents}
         for agent in self.agents:
@@ -311,10 +303,8 @@ class CodegenSpec:
     def _check_plants(self) -> None:
         if not self.plants:
             return
-        if len(self.plants) != len(self.agents):
-            raise ProblemError(
-                f"{len(self.plants)} plants", where="plants", expected=f"{len(self.agents)}, or none"
-            )
+        found = f"{len(self.plants)} plants"
+        demand(len(self.plants) == len(self.agents), found, "plants", f"{len(self.agents)}, or none")
         names = {agent.name for agent in self.agents}
         for agent, plant in zip(self.agents, self.plants, strict=True):
             if (plant.B.shape[1], plant.C.shape[0]) != agent.D.shape:

@@ -113,10 +113,8 @@ class NeighbourLists:
     def from_scipy(cls, adjacency: Any) -> "NeighbourLists":
         """Return the lists of a sparse adjacency matrix (N, N) of SciPy: a_ij > 0 where agent i hears agent j."""
         matrix = adjacency.tocoo()
-        if matrix.shape[0] != matrix.shape[1]:
-            raise ProblemError(
-                f"a matrix of {matrix.shape[0]} x {matrix.shape[1]}", where=_WHERE, expected="a square one"
-            )
+        found = f"a matrix of {matrix.shape[0]} x {matrix.shape[1]}"
+        demand(matrix.shape[0] == matrix.shape[1], found, _WHERE, "a square one")
         return cls._sorted(matrix.shape[0], matrix.row, matrix.col, matrix.data)
 
     @classmethod

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lockstep.check.continuous.inequality import Claim
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.lmi.analysis.reach import largest_alpha, trade_off
 from lockstep.lmi.document import Stored
 from lockstep.lmi.stored_bound import bound_again
@@ -47,10 +47,7 @@ def curve(stored: Stored, points: int = 12) -> tuple[TradeOffPoint, ...]:
         raise ProblemError(f"`points` is {points}", where="the trade-off", expected="2 or more")
     problem = stored.problem
     agent = problem.agent()
-    if agent.lure.is_linear:
-        raise ProblemError(
-            "the agent is linear", where="the trade-off", expected="an agent with a nonlinearity"
-        )
+    demand(not agent.lure.is_linear, "the agent is linear", "the trade-off", "an agent with a nonlinearity")
     with one_thread():
         network = network_of(problem, bound_again(stored))
         delta = np.tile([stored.claims.fragility[letter] for letter in "ABCD"], (network.N, 1))

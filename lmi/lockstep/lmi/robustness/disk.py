@@ -144,10 +144,7 @@ def _sensitivity(L: Any) -> Any:
     import control
 
     L = control.ss(L)
-    if L.ninputs != L.noutputs:
-        raise ProblemError(
-            f"a loop of {L.noutputs} x {L.ninputs}", where="disk margin", expected="a square one"
-        )
+    demand(L.ninputs == L.noutputs, f"a loop of {L.noutputs} x {L.ninputs}", "disk margin", "a square one")
     through = np.eye(L.ninputs) + L.D
     if np.linalg.cond(through) > 1e12:
         raise ProblemError("I + D of the loop is singular", where="disk margin", expected="a well-posed loop")

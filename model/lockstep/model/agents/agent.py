@@ -95,10 +95,8 @@ class Agent:
     """The agent over the rationals before any slope is moved: read from the texts, else from `rhs` and `y`."""
 
     def __post_init__(self) -> None:
-        if self.split not in get_args(Split):
-            raise ProblemError(
-                f"`split` is {self.split!r}", where="[agent] split", expected='"terms" or "jacobian"'
-            )
+        expected = '"terms" or "jacobian"'
+        demand(self.split in get_args(Split), f"`split` is {self.split!r}", "[agent] split", expected)
         for letter, what in (("x", "state"), ("u", "input"), ("rhs", "right-hand side"), ("y", "output")):
             object.__setattr__(self, letter, column_of(getattr(self, letter), what))
         for letter in ("x", "u", "t"):

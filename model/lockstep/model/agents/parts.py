@@ -31,10 +31,8 @@ def column_of(value: ca.SX, what: str) -> ca.SX:
 def check_symbols(letter: str, column: ca.SX) -> None:
     """Refuse a column that holds anything but symbols."""
     for symbol in ca.vertsplit(column):
-        if not symbol.is_symbolic():
-            raise ProblemError(
-                f"`{letter}` contains `{shorten(str(symbol))}`", expected="symbols only (casadi.SX.sym)"
-            )
+        found = f"`{letter}` contains `{shorten(str(symbol))}`"
+        demand(symbol.is_symbolic(), found, "", expected="symbols only (casadi.SX.sym)")
 
 
 def check_bounds(state: str, bounds: tuple[float, float]) -> None:

@@ -19,7 +19,7 @@ from lockstep.check.bound.cover import breakpoints
 from lockstep.check.bound.decide import MOST_BOXES, Budget, check_level, decide_norm
 from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.bound.slopes import Block, SlopeProblem
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.verdict import Verdict
 from lockstep.model.bound_search.graph import read
 from lockstep.model.bound_search.point_slopes import PointSlopes
@@ -250,10 +250,7 @@ def _tolerance(tolerance: float | None, problem: SlopeProblem) -> float:
         used = frozenset[int]().union(*(x.variables for row in problem.jacobian for x in row))
         angles = max((min(len(r), len(c)) - 1 for r, c in problem.blocks), default=0)
         return TOLERANCES.get(len(used) + angles, LOOSEST)
-    if not 0 < tolerance < 1:
-        raise ProblemError(
-            f"the tolerance is {tolerance}", where="the bound", expected="a number between 0 and 1"
-        )
+    demand(0 < tolerance < 1, f"the tolerance is {tolerance}", "the bound", "a number between 0 and 1")
     return float(tolerance)
 
 

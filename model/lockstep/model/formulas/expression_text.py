@@ -67,10 +67,7 @@ def expression_text(value: ca.SX, symbols: Mapping[str, ca.SX], *, where: str = 
 
 def _checked(value: ca.SX, symbols: Mapping[str, ca.SX], where: str) -> ca.SX:
     value = ca.densify(ca.SX(value))
-    if value.shape != (1, 1):
-        raise ProblemError(
-            f"an expression of {value.shape[0]} x {value.shape[1]}", where=where, expected="a scalar"
-        )
+    demand(value.shape == (1, 1), f"an expression of {value.shape[0]} x {value.shape[1]}", where, "a scalar")
     named = {symbol.element_hash() for symbol in symbols.values()}
     for symbol in ca.symvar(value):
         found = f"the symbol `{shorten(str(symbol))}` has no name here"

@@ -36,10 +36,8 @@ def check_agent_name(name: str) -> None:
     where = "[agent] name"
     why = "C compilers may tell names apart by their first 31 characters only"
     _check_identifier(name, where, "a C identifier", LONGEST_AGENT_NAME, why)
-    if name in _C_WORDS.split():
-        raise ProblemError(
-            f"`{name}` is a word of C", where=where, expected="a name of your own, such as `arm`"
-        )
+    found = f"`{name}` is a word of C"
+    demand(name not in _C_WORDS.split(), found, where, "a name of your own, such as `arm`")
 
 
 def check_names(

@@ -43,10 +43,8 @@ def output_ranges(agent: AgentTable) -> dict[str, tuple[float | None, float | No
         if name not in outputs:
             names = ", ".join(f"`{one}`" for one in outputs)
             raise ProblemError(f"`{name}` is no output", where=where, expected=f"one of {names}")
-        if low is not None and high is not None and not low < high:
-            raise ProblemError(
-                f"[{low}, {high}]", where=f"{where} {name}", expected="a lower below an upper end"
-            )
+        expected = "a lower below an upper end"
+        demand(low is None or high is None or low < high, f"[{low}, {high}]", f"{where} {name}", expected)
     return dict(given)
 
 

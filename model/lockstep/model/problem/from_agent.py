@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError, demand
+from lockstep.check.errors import demand
 from lockstep.check.expression.node import ZERO, variable
 from lockstep.check.expression.text import RESERVED
 from lockstep.check.expression.traversal import substitute
@@ -80,17 +80,12 @@ def _matrices(
     agent: Agent, graph: Graph, B: Sequence[Float[np.ndarray, "n m"]]
 ) -> list[Float[np.ndarray, "n m"]]:
     matrices = [np.asarray(b, dtype=float) for b in B] or [agent.lure.B] * graph.N
-    if len(matrices) != graph.N:
-        raise ProblemError(
-            f"{len(matrices)} input matrices for {graph.N} agents", where="B", expected="one B per agent"
-        )
+    expected = "one B per agent"
+    demand(len(matrices) == graph.N, f"{len(matrices)} input matrices for {graph.N} agents", "B", expected)
     for k, b in enumerate(matrices, start=1):
         found = f"`B` is {' x '.join(map(str, b.shape))}"
         demand(b.shape == agent.lure.B.shape, found, f"agent {k}", " x ".join(map(str, agent.lure.B.shape)))
-        if not np.isfinite(b).all():
-            raise ProblemError(
-                "an entry of `B` is not a finite number", where=f"agent {k}", expected="finite numbers"
-            )
+        demand(np.isfinite(b).all(), "an entry of `B` is not a finite number", f"agent {k}", "finite numbers")
     return matrices
 
 

@@ -345,10 +345,7 @@ class Problem:
             return self.simulation.spread * generator.uniform(-1.0, 1.0, size=(N, n))
         where = "[simulation] initial"
         for k, row in enumerate(given, start=1):
-            if len(row) != n:
-                raise ProblemError(
-                    f"row {k} has {len(row)} numbers", where=where, expected=f"{n}, one per state"
-                )
+            demand(len(row) == n, f"row {k} has {len(row)} numbers", where, f"{n}, one per state")
         if len(given) != N:
             raise ProblemError(f"{len(given)} rows for {N} agents", where=where, expected="one row per agent")
         return np.array(given, dtype=float)
