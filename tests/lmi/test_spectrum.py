@@ -15,7 +15,8 @@ from lockstep.check.sampled.controller import SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers
 from lockstep.check.sampled.inequality import W_matrix, Witness, multiplier
 from lockstep.check.sampled.lifting import copies
-from lockstep.check.sampled.modes import ModalLoop, common_controller, single_difference, widened
+from lockstep.check.sampled.modes import ModalLoop, common_controller, widened
+from lockstep.check.system.disagreement import single_difference
 from lockstep.check.system.graph import Digraph
 from lockstep.check.system.loop import Plant
 from lockstep.check.system.many_graphs import SpectrumRange

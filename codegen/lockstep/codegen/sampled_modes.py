@@ -14,10 +14,10 @@ from lockstep.check.sampled.modes import (
     are_rounded,
     common_controller,
     proves_modal_rho,
-    single_difference,
     widened,
 )
 from lockstep.check.sampled.sector import Sector
+from lockstep.check.system.disagreement import single_difference
 from lockstep.check.system.spectrum import metric
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.modal.search import certify_modal, longest_modal, modal_rho

@@ -17,7 +17,7 @@ The numbers of a file are doubles, which satisfy rows S Z e = 0 only nearly: the
 exactly is taken, in rationals. Nothing rests on how the numbers were found.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -71,7 +71,7 @@ def exact_agent(network: ExactNetwork, alpha: float) -> tuple[Plant, fmpq]:
     """Return the plant in rationals and alpha; without phi where it has no rows or alpha is 0."""
     plant = network.plant.in_numbers(True)
     if alpha == 0 or not plant.G.shape[1]:
-        plant = Plant(plant.A, plant.B, plant.C, plant.G[:, :0], plant.H[:0])
+        plant = replace(plant, G=plant.G[:, :0], H=plant.H[:0])
     return plant, exact(alpha)
 
 

@@ -45,7 +45,7 @@ from lockstep.check.sampled.controller import PRECISIONS, HeldController, Sample
 from lockstep.check.sampled.inequality import Witness, root
 from lockstep.check.sampled.loop import NO_NOISE, SampledLoop, Way
 from lockstep.check.sampled.performance import proves_rho
-from lockstep.check.system.disagreement import Disagreement
+from lockstep.check.system.disagreement import single_difference
 from lockstep.check.system.graph import Digraph
 from lockstep.check.system.loop import Plant
 from lockstep.check.system.many_graphs import SpectrumRange
@@ -170,13 +170,6 @@ class ModalLoop:
             network, n, n_xi, plant.B[0], applied, advanced, ways, (received,), places["nu"], places["mu"],
             places["n"], applied, u, number(np.array([value]))[0] * seen,
         )  # fmt: skip
-
-
-def single_difference(like: Matrix) -> Disagreement:
-    """Return the coordinates of one mode: x_d is one difference, its metric is 1 and its multiplier one number mu."""
-    one = eye(1, like)
-    nothing = zeros(2, 2, one)
-    return Disagreement(np.hstack([one, 0 * one]), np.vstack([one, 0 * one]), one, nothing, nothing[:, :1])
 
 
 def _selected(places: dict[str, slice], width: int, like: Matrix, name: str) -> Matrix:

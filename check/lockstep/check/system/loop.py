@@ -15,7 +15,7 @@ from typing import Annotated
 import numpy as np
 
 from lockstep.check.errors import demand
-from lockstep.check.numbers import Matrix, Stack, converter, is_exact, product, zeros
+from lockstep.check.numbers import Matrix, Stack, converter, eye, is_exact, product, zeros
 from lockstep.check.system.disagreement import Disagreement
 
 
@@ -147,11 +147,14 @@ class Loop:
         return padded
 
 
-def build_loop(plant: Plant, d: Disagreement, order: int) -> Loop:
-    """Assemble the loop matrices from a plant and coordinates in the same kind of number."""
+def build_loop(plant: Plant, d: Disagreement, order: int, decay: float = 0.0) -> Loop:
+    """Assemble the loop matrices from a plant and coordinates in the same kind of number; with a decay, A_0 + decay I.
+
+    There is a controller for each B_i: one for each agent, or a single one in the coordinates of a mode.
+    """
     n, m, q, r, _ = plant.sizes
     N, like = d.N, plant.A
-    n_d, n_x = n * (N - 1), n * (N - 1) + order * N
+    n_d, n_x = n * (N - 1), n * (N - 1) + order * len(plant.B)
     one = np.eye(1) if not is_exact(like) else np.array([[like[0, 0] * 0 + 1]], dtype=object)
     A_0, E, E_G = zeros(n_x, n_x, like), zeros(n_x, n_d, like), zeros(n_x, r * (N - 1), like)
     for k in range(N - 1):
@@ -159,8 +162,10 @@ def build_loop(plant: Plant, d: Disagreement, order: int) -> Loop:
         E_G[k * n : (k + 1) * n, k * r : (k + 1) * r] = plant.G
     for k in range(n_d):
         E[k, k] = one[0, 0]
+    if decay:
+        A_0 = A_0 + converter(is_exact(like))(np.array([decay]))[0] * eye(n_x, like)
     U, Y = [], []
-    for i in range(N):
+    for i in range(len(plant.B)):
         Ui, Yi = zeros(n_x, order + m, like), zeros(order + q, n_x, like)
         for k in range(order):
             Ui[n_d + i * order + k, k] = Yi[k, n_d + i * order + k] = one[0, 0]
