@@ -8,10 +8,11 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 from lockstep.check.bound.box import Box
 from lockstep.check.bound.result import Entry
+from lockstep.check.continuous.inequality import LETTERS
 from lockstep.check.continuous.local import InitialSet
 from lockstep.check.design_file.fixed import FixedClaims, fixed_claims_of
 from lockstep.check.design_file.json_text import (
@@ -20,6 +21,7 @@ from lockstep.check.design_file.json_text import (
     among,
     each,
     flag,
+    made,
     not_negative,
     number,
     one_of,
@@ -30,8 +32,7 @@ from lockstep.check.design_file.json_text import (
 from lockstep.check.design_file.messages import MessageClaims, message_claims_of
 from lockstep.check.errors import demand
 from lockstep.check.sampled.certify import SampledVerdict
-
-LETTERS = ("A", "B", "C", "D")
+from lockstep.check.system.domain import Scope
 
 SURE = 1 - 5e-10
 """What is proved of residuals is rounded up by 1e-9 of itself, of which its few operations need 1e-14: a file from another
@@ -44,7 +45,6 @@ RESIDUALS = {
 }
 """The keys of a file that have longer names than the fields of `SampledClaims`."""
 
-Scope = Literal["global", "local"]
 Scales = tuple[tuple[float, ...], tuple[float, ...]]
 
 
@@ -148,6 +148,7 @@ def claims_of(content: Any) -> Claims:
     Raises:
         ProblemError: a key missing or unknown, or a value that cannot be one of its kind.
     """
+    entry = made(Entry, {"component": position, "argument": position, "bound": not_negative})
     readers: dict[str, Reader] = {
         "certified": flag,
         "rho": or_none(above_zero),
@@ -155,7 +156,7 @@ def claims_of(content: Any) -> Claims:
         "fragility": _by_letter,
         "scope": or_none(among("global", "local")),
         "scales": or_none(_scales),
-        "entries": or_none(partial(each, read=_entry), ()),
+        "entries": or_none(partial(each, read=entry), ()),
         "initial_set": or_none(_initial_set),
         "floor": or_none(above_zero),
         "decay": or_none(above_zero),
@@ -175,11 +176,6 @@ def _scales(value: Any, where: str) -> Scales:
     return G, H
 
 
-def _entry(value: Any, where: str) -> Entry:
-    readers = {"component": position, "argument": position, "bound": not_negative}
-    return Entry(*record(value, where, readers))
-
-
 def _initial_set(value: Any, where: str) -> InitialSet:
     figures = dict.fromkeys(("level", "radius", "energy"), above_zero)
     readers = {"leader": position, "box": _box, "inner": _box, **figures}
@@ -190,9 +186,8 @@ def _initial_set(value: Any, where: str) -> InitialSet:
 def _box(value: Any, where: str) -> Box:
     shaped = isinstance(value, list) and all(isinstance(side, list) and len(side) == 2 for side in value)
     demand(shaped, "it is missing or has another shape", where, "rows of two numbers")
-    lower = tuple(-math.inf if low is None else number(low, where) for low, _ in value)
-    upper = tuple(math.inf if high is None else number(high, where) for _, high in value)
-    return Box(lower, upper)
+    low, high = or_none(number, -math.inf), or_none(number, math.inf)
+    return Box(tuple(low(one, where) for one, _ in value), tuple(high(one, where) for _, one in value))
 
 
 def _sampled(value: Any, where: str) -> SampledClaims:

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from lockstep.check.design_file.json_text import above_zero, each, or_none, record
-from lockstep.check.errors import demand
+from lockstep.check.design_file.json_text import above_zero, each, or_none, record, whole
 from lockstep.check.sampled.inequality import Witness
 
 NUMBERS = ("decay", "residual_per_message_error", "residual_from_rounding")
@@ -45,13 +44,7 @@ class FixedWitness:
 
 def fixed_claims_of(value: Any, where: str) -> FixedClaims:
     """Read `claims.fixed`."""
-    row = partial(each, read=_exponent)
+    row = partial(each, read=whole(-60, 60))
     formats = {"outputs": row, "inputs": row, "states": partial(each, read=row, name="agent")}
     numbers = dict.fromkeys(NUMBERS, above_zero) | dict.fromkeys(LATER, or_none(above_zero))
     return FixedClaims(*record(value, where, {**numbers, **formats}))
-
-
-def _exponent(value: Any, where: str) -> int:
-    whole = isinstance(value, int) and not isinstance(value, bool) and abs(value) <= 60
-    demand(whole, f"{value!r}", where, "a whole number from -60 to 60")
-    return int(value)

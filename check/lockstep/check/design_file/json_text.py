@@ -85,11 +85,22 @@ def number(value: Any, where: str) -> float:
     return float(found)
 
 
+def whole(low: int, high: int | None = None, of: str = "") -> Callable[[Any, str], int]:
+    """Return the reader of a whole number in a range."""
+    expected = f"a whole number{of} from {low} {'up' if high is None else f'to {high}'}"
+
+    def read(value: Any, where: str) -> int:
+        plain = isinstance(value, int) and not isinstance(value, bool)
+        holds = plain and low <= value and (high is None or value <= high)
+        demand(holds, shorten(repr(value)), where, expected)
+        return int(value)
+
+    return read
+
+
 def position(value: Any, where: str) -> int:
     """Return a position that is counted from 1, counted from 0."""
-    whole = isinstance(value, int) and not isinstance(value, bool) and value >= 1
-    demand(whole, f"{value!r}", where, "a whole number from 1")
-    return int(value) - 1
+    return whole(1)(value, where) - 1
 
 
 def not_negative(value: Any, where: str) -> float:
@@ -138,6 +149,11 @@ def record(value: Any, where: str, readers: Mapping[str, Reader]) -> list[Any]:
     """Return what an object holds under each key, by the reader of the key; it may hold no others."""
     only(value, readers, where)
     return [read(value.get(key), f"{where}, `{key}`") for key, read in readers.items()]
+
+
+def made(kind: Callable[..., T], readers: Mapping[str, Reader]) -> Callable[[Any, str], T]:
+    """Return the reader of an object of JSON that says what `kind` is made of, in its order."""
+    return lambda value, where: kind(*record(value, where, readers))
 
 
 def each(value: Any, where: str, read: Reader, name: str = "entry") -> tuple[Any, ...]:

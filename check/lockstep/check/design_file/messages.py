@@ -12,6 +12,7 @@ from lockstep.check.design_file.json_text import (
     or_none,
     record,
     vector,
+    whole,
 )
 from lockstep.check.errors import demand
 from lockstep.check.sampled.messages import Messages, MessageWitness
@@ -44,15 +45,11 @@ def messages_of(table: Any, where: str = ASKED) -> Messages:
     delay = table.get("delay", [0, 0])
     pair = isinstance(delay, list | tuple) and len(delay) == 2
     demand(pair, f"{delay!r}", f"{where} delay", "the least and the most periods, such as [0, 2]")
-    burst, low, high = (_count(one, where) for one in (table.get("burst", 0), *delay))
+    burst, low, high = (
+        whole(0, 1000, of=" of periods")(one, where) for one in (table.get("burst", 0), *delay)
+    )
     demand(low <= high, f"{delay!r}", f"{where} delay", "the least first")
     return Messages(loss, burst, (low, high), jitter)
-
-
-def _count(value: Any, where: str) -> int:
-    whole = isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= 1000
-    demand(whole, f"{value!r}", where, "a whole number of periods from 0 to 1000")
-    return int(value)
 
 
 def message_claims_of(value: Any, where: str) -> MessageClaims:
