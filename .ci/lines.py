@@ -57,7 +57,7 @@ LATER = {
     "check: messages that are lost or late": (
         [
             f"check/lockstep/check/{name}.py"
-            for name in ("messages", "design_file/messages", "sampled/messages")
+            for name in ("messages", "design_file/messages", "sampled/links", "sampled/messages")
         ],
         # 300 before the bound of what chance held back and the outputs' noise, 330 before a loss of at most p.
         360,

@@ -19,8 +19,9 @@ from messages_cases import (
     worst_pattern,
 )  # fmt: skip
 
+from lockstep.check.sampled.links import Messages
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.messages import Messages, proves_messages
+from lockstep.check.sampled.messages import proves_messages
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
 from lockstep.lmi.written import witness_document
 
@@ -173,7 +174,8 @@ import json, sys
 import numpy as np
 from messages_cases import pendulums
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.messages import Messages, MessageWitness, proves_messages
+from lockstep.check.sampled.links import Messages, MessageWitness
+from lockstep.check.sampled.messages import proves_messages
 net, ones = pendulums()
 stored = json.load(open(sys.argv[1]))
 witness = MessageWitness(**{k: np.array(v) if isinstance(v, list) else v for k, v in stored.items()})

@@ -8,7 +8,7 @@ import pytest
 
 from lockstep.check.certify import certified
 from lockstep.check.design_file.content import parse
-from lockstep.check.sampled.messages import Messages
+from lockstep.check.sampled.links import Messages
 from lockstep.check.system.problem import ProblemTables
 from lockstep.codegen.sampled_design import prove_agreement
 from lockstep.lmi.sampled.messages.witnesses import certify_messages

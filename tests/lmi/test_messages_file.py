@@ -9,7 +9,7 @@ from lockstep.check.certify import certified
 from lockstep.check.design_file.content import parse
 from lockstep.check.design_file.messages import messages_of
 from lockstep.check.errors import ProblemError
-from lockstep.check.sampled.messages import Messages
+from lockstep.check.sampled.links import Messages
 from lockstep.check.system.problem import ProblemTables
 from lockstep.lmi.sampled.messages.limits import ConstantSlope, _breaking_age, bursts, delays, slopes
 from lockstep.model.problem import Problem

@@ -9,8 +9,9 @@ from messages_cases import SLOPES, drawn, growth_in_turn, pendulums, strong
 from sampled_cases import controllers, network
 
 from lockstep.check.sampled import messages as checker
+from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.messages import W_2, Messages, MessageWitness, every_W_2, proves_messages
+from lockstep.check.sampled.messages import W_2, every_W_2, proves_messages
 from lockstep.lmi.sampled.certify import in_doubles
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
 

@@ -10,8 +10,9 @@ from typing import Any
 from lockstep.check.design_file.messages import MessageClaims
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness
+from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.messages import Messages, MessageWitness, proves_messages
+from lockstep.check.sampled.messages import proves_messages
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.messages.witnesses import certify_messages, message_rho
 from lockstep.lmi.sampled.performance import SampledRho

@@ -15,7 +15,7 @@ from lockstep.check.design_file.json_text import (
     whole,
 )
 from lockstep.check.errors import demand
-from lockstep.check.sampled.messages import Messages, MessageWitness
+from lockstep.check.sampled.links import Messages, MessageWitness
 
 KEYS = ("loss", "burst", "delay", "jitter")
 ASKED = "[network.messages]"

@@ -34,7 +34,7 @@ from lockstep.check.errors import demand
 from lockstep.check.floor.witness import FloorWitness, Piece
 from lockstep.check.sampled.clipping import ClippedWitness
 from lockstep.check.sampled.inequality import NUMBERS, Witness
-from lockstep.check.sampled.messages import MessageWitness
+from lockstep.check.sampled.links import MessageWitness
 from lockstep.check.sampled.modes import SampledModalWitness
 from lockstep.check.system.agent import Move
 

@@ -30,7 +30,7 @@ from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import demand
 from lockstep.check.numbers import exactly
 from lockstep.check.sampled.discretise import clipped_at
-from lockstep.check.sampled.messages import Messages
+from lockstep.check.sampled.links import Messages
 from lockstep.check.system.agent import ExactAgent, Move
 from lockstep.check.system.disagreement import Coordinates
 from lockstep.check.system.domain import argument_box

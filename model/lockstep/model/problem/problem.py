@@ -15,7 +15,7 @@ from lockstep.check.design_file.messages import messages_of
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.sampled.discretise import clipped_at
-from lockstep.check.sampled.messages import Messages
+from lockstep.check.sampled.links import Messages
 from lockstep.check.system.many_graphs import SpectrumRange
 from lockstep.check.system.problem import default_order
 from lockstep.model.agents.agent import Agent
