@@ -8,6 +8,7 @@ import pytest
 from messages_cases import SLOPES, drawn, growth_in_turn, pendulums, strong
 from sampled_cases import controllers, network
 
+from lockstep.check.sampled import links
 from lockstep.check.sampled import messages as checker
 from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import sampled_loop
@@ -66,7 +67,7 @@ def test_the_mean_is_that_of_all_outcomes_and_affine_in_each_probability(seed):
 
 
 def test_links_that_lose_alike_have_the_coefficients_of_bernstein(monkeypatch):
-    monkeypatch.setattr(checker, "MOST_LINKS", 2)
+    monkeypatch.setattr(links, "MOST_LINKS", 2)
     loop = in_doubles(*pendulums())
     messages, witness = Messages(0.6, 1, jitter=0.2), any_witness(np.random.default_rng(5), loop)
     first, middle, last = every_W_2(loop, messages, witness)

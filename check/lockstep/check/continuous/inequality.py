@@ -40,7 +40,7 @@ import numpy as np
 
 from lockstep.check.bound.result import Entry
 from lockstep.check.continuous.channels import Channel, Inequality, Term
-from lockstep.check.numbers import Matrix, Vector, converter, eye, is_exact, zeros
+from lockstep.check.numbers import Matrix, Vector, block_diagonal, converter, eye, is_exact, zeros
 from lockstep.check.system.loop import Loop, Plant
 
 LETTERS = ("A", "B", "C", "D")
@@ -174,7 +174,7 @@ def disturbance(loop: Loop, claim: Claim) -> Channel:
             rows = zeros(loop.order + q, E.shape[1], loop.A_0)
             rows[loop.order :, len(columns) :] = np.kron(d.L_r[i : i + 1], seen)
             Y.append(rows)
-    metric = _blocks(*(np.kron(d.S, eye(len(part), loop.A_0)) for part in (driven, noisy)))
+    metric = block_diagonal(*(np.kron(d.S, eye(len(part), loop.A_0)) for part in (driven, noisy)))
     one, none = eye(loop.n_x, loop.A_0), loop.A_0[:0, :0]
     nothing = zeros(0, len(metric), loop.A_0)
     gain = Term(one[:0], none, eye(len(metric), loop.A_0), metric)
@@ -263,12 +263,7 @@ def split(
 def performance_weight(loop: Loop, claim: Claim) -> Matrix:
     """Return diag(S (x) R, I (x) Q)."""
     number = converter(loop.exact)
-    weight = loop.on_disagreement(np.kron(loop.d.S, number(claim.R)))
-    Q = number(claim.Q)
-    for i in range(len(loop.U)):
-        place = slice(loop.n_d + i * loop.order, loop.n_d + (i + 1) * loop.order)
-        weight[place, place] = Q
-    return weight
+    return block_diagonal(np.kron(loop.d.S, number(claim.R)), *[number(claim.Q)] * len(loop.U))
 
 
 def inequality(loop: Loop, claim: Claim) -> Inequality:
@@ -303,13 +298,6 @@ def F_matrix(
     """Assemble F, in doubles or in the rationals the doubles are, as the loop is."""
     number, stated = converter(loop.exact), inequality(loop, claim)
     return stated.F(number(certificate.P), number(gains), multipliers(stated, certificate))
-
-
-def _blocks(first: Matrix, second: Matrix) -> Matrix:
-    """Return diag(first, second)."""
-    whole, at = zeros(len(first) + len(second), len(first) + len(second), first), len(first)
-    whole[:at, :at], whole[at:, at:] = first, second
-    return whole
 
 
 def _padded(block: Matrix, at: int, width: int) -> Matrix:

@@ -75,7 +75,7 @@ from typing import Annotated
 import numpy as np
 
 from lockstep.check.continuous.inequality import Performance
-from lockstep.check.numbers import Matrix, converter, exactly, eye, is_exact, zeros
+from lockstep.check.numbers import Matrix, block_diagonal, converter, exactly, eye, is_exact, zeros
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.conjugate import no_conjugate_point
 from lockstep.check.sampled.controller import SampledNetwork
@@ -157,8 +157,7 @@ def period_parts(
         scales = weights.states if len(weights.states) else np.ones(len(GG))
         E = np.hstack([E, np.kron(unit, number(np.diag(scales)))])
         square = number(np.array([rho]))[0] ** 2 * np.kron(network.d.S, eye(len(GG), M))
-        size, price = len(price), _padded(price, len(price) + len(square))
-        price[size:, size:] = square
+        price = block_diagonal(price, square)
         FF = FF + np.kron(network.d.S, number(weights.R))
     FF = _padded(FF, flow.shape[1])
     if messages.jitter:
@@ -194,11 +193,7 @@ def links_apart(X: Matrix) -> Matrix:
     >>> links_apart(np.array([[1.0], [2.0]])).tolist()
     [[1.0, 0.0], [0.0, 2.0]]
     """
-    size, q = X.shape
-    form = zeros(size, size, X)
-    for k in range(0, size, q):
-        form[k : k + q, k : k + q] = X[k : k + q]
-    return form
+    return block_diagonal(*np.split(X, len(X) // X.shape[1]))
 
 
 def message_step(loop: SampledLoop, lifted: Lifted) -> tuple[Matrix, Matrix]:
@@ -238,8 +233,8 @@ def W_1(
     apart[:, n_z:] = -unit
     if D and witness.seconds:
         _, change, late = (links_apart(number(one)) for one in witness.seconds)
-        R, apart, both = _apart(R, late), np.vstack([apart, own]), np.vstack([unit, unit])
-        P = _apart(P, D * D * decay[0] ** -D * change)
+        R, apart, both = block_diagonal(R, late), np.vstack([apart, own]), np.vstack([unit, unit])
+        P = block_diagonal(P, D * D * decay[0] ** -D * change)
         moved = -step[n:]
         moved[:, n_z:] = moved[:, n_z:] + unit
         step, enters = np.vstack([step, moved]), np.vstack([enters, -enters[n:]])
@@ -252,13 +247,6 @@ def W_1(
     into = balls.product(P, enters)
     corner = P - balls.product(into, lifted.S, into.T)
     return np.block([[Z[np.ix_(kept, kept)], side.T], [side, corner]])
-
-
-def _apart(first: Matrix, second: Matrix) -> Matrix:
-    """Return diag(first, second)."""
-    form: Matrix = _padded(first, len(first) + len(second))
-    form[len(first) :, len(first) :] = second
-    return form
 
 
 def every_W_2(
