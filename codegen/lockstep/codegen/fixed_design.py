@@ -102,12 +102,8 @@ def _ranges(stored: Stored) -> np.ndarray:
     problem, found = stored.problem, []
     for name in problem.agent().outputs:
         ends = problem.output_range.get(name, (None, None))
-        if None in ends:
-            raise ProblemError(
-                f"no range of `{name}`",
-                where="--fixed, [agent.output_range]",
-                expected="its lowest and its highest value: counts of 16 bits are chosen from them",
-            )
+        expected = "its lowest and its highest value: counts of 16 bits are chosen from them"
+        demand(None not in ends, f"no range of `{name}`", "--fixed, [agent.output_range]", expected)
         found.append(max(abs(end) for end in ends if end is not None))
     sizes = np.abs(problem.sides).max(axis=1)
     expected = "its lowest and its highest value: counts of 16 bits are chosen from them"

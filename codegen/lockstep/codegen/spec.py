@@ -307,10 +307,8 @@ class CodegenSpec:
         demand(len(self.plants) == len(self.agents), found, "plants", f"{len(self.agents)}, or none")
         names = {agent.name for agent in self.agents}
         for agent, plant in zip(self.agents, self.plants, strict=True):
-            if (plant.B.shape[1], plant.C.shape[0]) != agent.D.shape:
-                raise ProblemError(
-                    "inputs or outputs differ from the controller's", where=f"plant of `{agent.name}`"
-                )
+            found = "inputs or outputs differ from the controller's"
+            demand((plant.B.shape[1], plant.C.shape[0]) == agent.D.shape, found, f"plant of `{agent.name}`")
             if missing := [n.source for n in agent.neighbours if n.source not in names]:
                 raise ProblemError(
                     f"the source `{missing[0]}` is no agent", where=f"controller `{agent.name}`"

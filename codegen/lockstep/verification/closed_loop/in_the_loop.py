@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError, demand
+from lockstep.check.errors import demand
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.system.formation import measured_offsets
 from lockstep.codegen.manifest import FILE_NAME, Manifest
@@ -85,10 +85,7 @@ def sources_in(manifest: Manifest) -> tuple[tuple[int, ...], ...]:
     rows = {agent.name: k for k, agent in enumerate(manifest.agents)}
     for agent in manifest.agents:
         for source in agent.neighbours:
-            if source.source not in rows:
-                raise ProblemError(
-                    f"`{agent.name}` hears `{source.source}`, which is no agent of this folder",
-                    where=FILE_NAME,
-                    remedy="generate all agents of the network into one folder",
-                )
+            found = f"`{agent.name}` hears `{source.source}`, which is no agent of this folder"
+            remedy = "generate all agents of the network into one folder"
+            demand(source.source in rows, found, FILE_NAME, remedy=remedy)
     return tuple(tuple(rows[source.source] for source in agent.neighbours) for agent in manifest.agents)

@@ -72,12 +72,8 @@ def agent_from_control(system: System, *, name: str = "") -> Agent:
     expected = "a control.StateSpace"
     remedy = "control.ss makes one; a nonlinear agent is built from its equations, with Agent"
     demand(isinstance(system, control.StateSpace), found, "agent_from_control", expected, remedy)
-    if not system.isctime():
-        raise ProblemError(
-            f"a discrete system with dt = {system.dt}",
-            where="agent_from_control",
-            expected="a continuous one, as in (2)",
-        )
+    found = f"a discrete system with dt = {system.dt}"
+    demand(system.isctime(), found, "agent_from_control", "a continuous one, as in (2)")
     if np.any(system.D):
         raise ProblemError("D is not zero", where="agent_from_control", expected="y = C x, as in (2)")
     x, u = ca.SX.sym("x", system.nstates), ca.SX.sym("u", system.ninputs)

@@ -53,12 +53,9 @@ def _check_objective(file: ProblemFile) -> None:
     found = "the key `rho` is missing"
     expected = 'the rho to keep while alpha grows, for objective = "alpha"'
     demand(design.objective != "alpha" or design.rho is not None, found, "[design]", expected)
-    if design.objective == "rho" and design.rho is not None:
-        raise ProblemError(
-            f"`rho` is {design.rho}, but rho is what is minimised",
-            where="[design] rho",
-            expected='no `rho`, or objective = "alpha", "decay" or "initial_set"',
-        )
+    found = f"`rho` is {design.rho}, but rho is what is minimised"
+    expected = 'no `rho`, or objective = "alpha", "decay" or "initial_set"'
+    demand(design.objective != "rho" or design.rho is None, found, "[design] rho", expected)
     if design.objective in ("decay", "initial_set") and design.method != "certified":
         raise ProblemError(
             f'`method` is "{design.method}"',
@@ -96,12 +93,8 @@ def _check_method(file: ProblemFile) -> None:
     found = 'there are no gains, but `method` is "given"'
     expected = "one [[design.gains]] table per agent, with A, B, C, D"
     demand(not given or file.design.gains is not None, found, "[design]", expected)
-    if not given and file.design.gains is not None:
-        raise ProblemError(
-            f'there are gains, but `method` is "{file.design.method}"',
-            where="[[design.gains]]",
-            expected='method = "given", or no gains',
-        )
+    found = f'there are gains, but `method` is "{file.design.method}"'
+    demand(given or file.design.gains is None, found, "[[design.gains]]", 'method = "given", or no gains')
 
 
 def _check_disturbance(file: ProblemFile) -> None:

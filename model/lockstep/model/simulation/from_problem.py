@@ -71,13 +71,9 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
     expected = "continuous controllers: (11) is about their gains"
     remedy = "use --controllers continuous"
     demand(not sampled or perturbation is None, found, "[simulation.perturbation]", expected, remedy)
-    if not sampled and not channel.is_ideal:
-        raise ProblemError(
-            "a channel, but the controllers are continuous",
-            where="[simulation.channel]",
-            expected="sampled controllers: they exchange messages",
-            remedy="use --controllers sampled",
-        )
+    found = "a channel, but the controllers are continuous"
+    expected = "sampled controllers: they exchange messages"
+    demand(sampled or channel.is_ideal, found, "[simulation.channel]", expected, "use --controllers sampled")
     disturbance = disturbance_of(given, N, n, period=period, horizon=horizon, seed=seed)
     if (v := problem.reference) is not None:
         driven = Driven(v.leader, N, problem.agents_B()[v.leader], v.at)
@@ -173,12 +169,8 @@ def _perturbation(
         return None
     agent, N, where = problem.agent(), problem.graph().N, "[simulation.perturbation]"
     if table.kind == "random":
-        if not any(problem.fragility.values()):
-            raise ProblemError(
-                'kind = "random" without bounds',
-                where=where,
-                expected="[design.fragility] with bounds of (11)",
-            )
+        found = 'kind = "random" without bounds'
+        demand(any(problem.fragility.values()), found, where, "[design.fragility] with bounds of (11)")
         interval = np.inf if table.interval is None else table.interval
         sizes = (problem.order, agent.m, agent.q)
         return random_perturbation(N, sizes, problem.fragility, seed, interval=interval, horizon=horizon)
