@@ -11,7 +11,7 @@ import pytest
 from lockstep.lmi.design import design
 from lockstep.model.problem import load_problem
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")

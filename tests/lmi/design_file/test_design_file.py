@@ -34,7 +34,7 @@ from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, parse_problem
 from lockstep.model.problem.tables.schema import ProblemFile
 
-ARMS = Path(__file__).parents[2] / "generated" / "flexible_joint_arms" / "design.json"
+ARMS = Path(__file__).parents[3] / "generated" / "flexible_joint_arms" / "design.json"
 
 MODAL = carts(dynamics='{ p = "v", v = "f - 0.5*sin(v)" }', gain_limit="8.0")
 

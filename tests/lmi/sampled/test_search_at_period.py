@@ -6,7 +6,7 @@ import pytest
 
 import lockstep
 
-PROBLEMS = Path(__file__).parents[2] / "benchmarks" / "designs"
+PROBLEMS = Path(__file__).parents[3] / "benchmarks" / "designs"
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from lockstep.model import Agent, ProblemError, load_problem, parse_problem
 from lockstep.model.assembly import bound_of
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
 def cart(force: str, *, centre: bool = True, **changes: object) -> Agent:

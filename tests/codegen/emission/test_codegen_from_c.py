@@ -68,7 +68,7 @@ def test_whatever_is_printed_is_read_back(name, optimize, real):
         assert optimize == "speed" or (found.roundings == full.roundings).all()
 
 
-GENERATED = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
+GENERATED = Path(__file__).parents[3] / "generated" / "flexible_joint_arms"
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from lockstep.lmi.document import parse
 from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.verification.verify import verify_folder
 
-GENERATED = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
+GENERATED = Path(__file__).parents[3] / "generated" / "flexible_joint_arms"
 FIGURES = {"report.html": "<p>rho</p>", "report.md": "# rho", "figures/singular-values.png": b"\x89PNG"}
 
 

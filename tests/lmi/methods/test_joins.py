@@ -10,7 +10,7 @@ from lockstep.lmi.design import design
 from lockstep.lmi.document import file_of
 from lockstep.model.problem import Problem
 
-PATH = Path(__file__).parents[2] / "benchmarks" / "joins.py"
+PATH = Path(__file__).parents[3] / "benchmarks" / "joins.py"
 
 PROBLEM = """
 [agent]

@@ -14,7 +14,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.cli.main import app
 from lockstep.verification.machines.toolchain import host_compilers
 
-GENERATED = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
+GENERATED = Path(__file__).parents[3] / "generated" / "flexible_joint_arms"
 needs_cmake = pytest.mark.skipif(
     not (shutil.which("cmake") and shutil.which("make") and host_compilers()),
     reason="no cmake, make or compiler here",

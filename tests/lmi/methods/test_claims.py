@@ -15,7 +15,7 @@ from amini.claims.markdown import to_markdown
 from lockstep.check.errors import ProblemError
 from lockstep.cli.main import app
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def test_names_are_unique_and_every_section_is_there():

@@ -12,7 +12,7 @@ from lockstep.model.assembly import bound_of, bound_with_scales
 from lockstep.model.bound_search import Bound
 from lockstep.model.problem import load_problem
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 NAMES = [
     "examples/flexible_joint_arms",
     "examples/quadrotors",

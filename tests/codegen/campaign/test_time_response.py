@@ -11,7 +11,7 @@ import lockstep
 from lockstep.check.errors import ProblemError
 from lockstep.model.simulation.results.exchange import to_pandas, to_time_response
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from lockstep.codegen.sampled_design import prove_agreement
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
 from lockstep.workflow.design import load
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 LOSSY = ROOT / "examples" / "lossy_arms" / "design.json"
 
 

@@ -273,7 +273,7 @@ def test_the_checker_imports_no_solver() -> None:
 
 
 def _environment() -> dict[str, str]:
-    roots = [str(Path(__file__).parents[2] / root) for root in ("check", "model", "lmi", "codegen")]
+    roots = [str(Path(__file__).parents[3] / root) for root in ("check", "model", "lmi", "codegen")]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(roots)}
 
 

@@ -21,7 +21,7 @@ from lockstep.lmi.methods.lipschitz import FirstStep, Protocol, design_protocol,
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.problem import Problem, parse_problem
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples"
 
 # Their example: flexible-joint arms in their units (row 3 has 10, row 4 has 1.95), D = I, gamma = 0.333.
 A = np.array([[0, 1, 0, 0], [-48.6, -1.26, 48.6, 0], [0, 0, 0, 10], [1.95, 0, -1.95, 0]])

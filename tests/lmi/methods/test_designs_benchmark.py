@@ -13,7 +13,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.model.checks import check_problem
 from lockstep.model.problem import load_problem
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 FILES = sorted((ROOT / "benchmarks" / "designs").glob("*.toml"))
 
 

@@ -14,7 +14,7 @@ from lockstep.model.checks.proved.everything import prove
 from lockstep.model.checks.proved.field import as_written
 from lockstep.model.problem import load_problem
 
-MODELS = Path(__file__).parents[1] / "models"
+MODELS = Path(__file__).parents[2] / "models"
 
 COUNTS = {  # equilibria on the domain, each by hand
     "chua": 3,  # y = 0, z = -x; 0.59 x = 0.32 x near 0, and x = +-0.59/0.32 outside

@@ -14,7 +14,7 @@ from lockstep.check.sampled.discretise import sampled_controllers as held_contro
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.model.control.hybrid import Hybrid
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from lockstep.model import Agent, BoundNotProved, Graph, Problem, ProblemError, 
 from lockstep.model.checks import CheckReport, CheckRow, check_problem, nonlinearity, structure
 from lockstep.model.checks.nonlinearity import holds_everywhere
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples"
 ARMS = (EXAMPLES / "flexible_joint_arms.toml").read_text(encoding="utf-8")
 
 
