@@ -92,9 +92,9 @@ def run_on_host(
     manifest: Manifest,
     folder: Path,
     calls: Mapping[str, Calls],
+    directory: Path,
     compiler: Compiler,
     flags: Sequence[str],
-    directory: Path,
 ) -> Iterator[tuple[AgentEntry, Run]]:
     """Build once, then run each agent's calls; `directory` is a temporary one."""
     product = compile_objects(

@@ -53,9 +53,9 @@ def traces(files: dict[str, str], calls):
                 manifest,
                 folder,
                 {a.name: calls(manifest, a) for a in manifest.agents},
+                build,
                 compiler,
                 flags,
-                build,
             )
         }
 

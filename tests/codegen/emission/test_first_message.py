@@ -31,7 +31,7 @@ def trace_of(folder, calls):
     work = folder.parent / f"work{len(list(folder.parent.iterdir()))}"
     work.mkdir()
     flags = ("-O1", "-std=c99", "-ffp-contract=off")
-    ((_, run),) = run_on_host(load_manifest(folder), folder, {"c": calls}, host_compilers()[0], flags, work)
+    ((_, run),) = run_on_host(load_manifest(folder), folder, {"c": calls}, work, host_compilers()[0], flags)
     return run.trace
 
 

@@ -316,7 +316,7 @@ def test_a_node_that_computes_otherwise_is_found(tmp_path, old, new):
     events = {agent.name: faulty_events(manifest, agent, 2000) for agent in manifest.agents}
     place = tmp_path / "place"
     place.mkdir()
-    runs = run_nodes_on_host(manifest, folder, events, host_compilers()[0], ("-O1",), place)
+    runs = run_nodes_on_host(manifest, folder, events, place, host_compilers()[0], ("-O1",))
     differing = [
         agent.name
         for agent, trace, _ in runs

@@ -138,7 +138,7 @@ class Bench:
                 patch.setattr("lockstep.verification.harness.WARNINGS", ("-w", *flags))
                 compiler = Compiler("gcc", (shutil.which("arm-none-eabi-gcc"),))
                 runs = run_on_core(
-                    self.manifest, self.folder, self.calls, core, compiler, level, self.place, strict=False
+                    self.manifest, self.folder, self.calls, self.place, core, compiler, level, strict=False
                 )
                 return self.judge({agent.name: run.trace for agent, run in runs})
         except ClaimError as error:
