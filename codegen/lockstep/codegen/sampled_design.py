@@ -207,11 +207,8 @@ def _clipped(
     radius: tuple[float, Witness] | None,
 ) -> tuple[float, ClippedWitness] | None:
     """Return the radius of the clipped loop that a file states if its witness proves it, or a large one found and proved."""
-    limits, stated, witness = (
-        stored.problem.limits,
-        stored.claims.sampled.clipped_radius,
-        stored.proofs.clipped,
-    )
+    limits, stated = stored.problem.limits, stored.claims.sampled.clipped_radius
+    witness = stored.proofs.clipped
     loop = sampled_loop(network, controllers)
     if stated and witness and proves_clipped_radius(loop, controllers, witness, limits, stated):
         return stated, witness

@@ -160,13 +160,9 @@ def output_arrays(
     agent: AgentEntry, manifest: Manifest, count: int
 ) -> list[tuple[str, np.dtype[Any], tuple[int, ...]]]:
     """Name, type and shape of the arrays that the harness writes, in its order."""
-    real, n, q, m, nn = (
-        manifest.real_type.dtype,
-        agent.order,
-        len(agent.outputs),
-        len(agent.inputs),
-        len(agent.neighbours),
-    )
+    real, n = manifest.real_type.dtype, agent.order
+    q, m = len(agent.outputs), len(agent.inputs)
+    nn = len(agent.neighbours)
     return [
         ("status", np.dtype(np.int32), (count,)),
         ("u", real, (count, m)),

@@ -222,10 +222,8 @@ def nonlinearity(plant: Plant, claim: Claim, differences: list[Vector], n_x: int
     if not r:
         return Channel("nonlinearity", E, ())
     phi = [_padded(np.kron(row[None, :], eye(r, A)), 0, width) for row in differences]
-    found, left = (
-        _sector(claim.alpha, plant.H, differences, phi, n_x),
-        [[W[k : k + 1] for W in phi] for k in range(r)],
-    )
+    found = _sector(claim.alpha, plant.H, differences, phi, n_x)
+    left = [[W[k : k + 1] for W in phi] for k in range(r)]
     for c, entry in enumerate(claim.entries):
         k, W = entry.component, left[entry.component]
         if any(later.component == k for later in claim.entries[c + 1 :]):

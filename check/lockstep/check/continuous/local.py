@@ -172,10 +172,8 @@ def _margins(box: Box, inner: Box) -> list[Fraction | None]:
     found: list[Fraction | None] = []
     for j, (low, high, a, b) in enumerate(zip(box.lower, box.upper, inner.lower, inner.upper, strict=True)):
         inside = (a > low or not math.isfinite(low)) and (b < high or not math.isfinite(high))
-        where, wanted = (
-            f"the inner box, component {j + 1}",
-            f"an interval inside [{low:g}, {high:g}], away from its ends",
-        )
+        where = f"the inner box, component {j + 1}"
+        wanted = f"an interval inside [{low:g}, {high:g}], away from its ends"
         demand(inside, f"[{a:g}, {b:g}]", where, wanted)
         sides = [Fraction(a) - Fraction(low)] if math.isfinite(low) else []
         sides += [Fraction(high) - Fraction(b)] if math.isfinite(high) else []

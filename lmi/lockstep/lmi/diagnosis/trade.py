@@ -51,11 +51,8 @@ def curve(stored: Stored, points: int = 12) -> tuple[TradeOffPoint, ...]:
     with one_thread():
         network = network_of(problem, bound_again(stored))
         delta = np.tile([stored.claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
-        claim, loop, K = (
-            Claim.of(stored.claims.alpha, problem.performance, delta, stored.claims.entries),
-            network.loop(problem.order),
-            stored.gains.blocks,
-        )
+        claim = Claim.of(stored.claims.alpha, problem.performance, delta, stored.claims.entries)
+        loop, K = network.loop(problem.order), stored.gains.blocks
         most = largest_alpha(loop, K, claim) * (1 - MARGIN)
         found = trade_off(loop, K, claim, [float(f"{alpha:.6g}") for alpha in np.linspace(0.0, most, points)])
     return tuple(TradeOffPoint(alpha, float(rho)) for alpha, rho in found)
