@@ -174,8 +174,8 @@ _LATER = [one for places, _ in LATER.values() for one in places]
 LIMITS = {
     # 4000 is the aim. 6300 held the whole language of expressions, unbounded domains and the readers; u in what rho weighs,
     # noise, decay, stable controllers and limits added 310, what ties the rows above to the file and the C (claims of limits,
-    # one image, a spectrum, messages) another 100; offsets, integers, sets 80. What writes files went to lmi/written, and copies
-    # went: 280 less. Only down from here.
+    # one image, a spectrum, messages) another 100; offsets, integers, sets 80. What writes files went to lmi/written,
+    # and copies went: 280 less. Only down from here.
     "check": (["check"], _LATER, 6530),
     # 1000 before `check --messages`, the campaign's faults, integers, send on change.
     "cli": (["codegen/lockstep/cli"], _LATER, 1080),
