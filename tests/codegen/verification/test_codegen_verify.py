@@ -239,7 +239,7 @@ def test_gcc_in_its_gnu_mode_is_told_by_the_source_not_to_contract(tmp_path):
             "-std=gnu99",
             "-O2",
             "-mfma",
-            f"-I{source.parents[2] / 'include'}",
+            f"-I{source.parents[1] / 'include'}",
             "-S",
             "-o",
             "-",
