@@ -178,7 +178,7 @@ def measure(
                     work.mkdir()
                     strict = variant in ("speed", "size", *BY_HAND)
                     used = compiled_with(compiler, variant)
-                    runs = run_on_core(manifest, folder, calls, core, used, level, work, strict=strict)
+                    runs = run_on_core(manifest, folder, calls, work, core, used, level, strict=strict)
                     for agent, run in runs:
                         expected = run_reference(Reference.of(agent, manifest), calls[agent.name])
                         yield Measured(

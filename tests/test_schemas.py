@@ -12,12 +12,12 @@ from typing import Any
 import jsonschema
 import pytest
 
-from lockstep.check.design_file.claims import LATER, claims_of
+from lockstep.check.design_file.claims import claims_of
 from lockstep.check.design_file.proofs import Proofs
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.lmi.document import parse
-from lockstep.lmi.written import proofs_document
+from lockstep.lmi.written import LATER, claims_document, proofs_document, sampled_document
 from lockstep.model.problem.tables.json_schema import DIALECT, draft_07, problem_schema
 from lockstep.model.problem.tables.key_meanings import MEANINGS
 from lockstep.model.problem.tables.load import parse_tables
@@ -187,8 +187,8 @@ def test_the_schema_of_designs_and_the_reader_have_the_same_keys():
     """Of each table of claims; so a claim that is added to one alone is seen."""
     tables = json.loads(SCHEMAS["design"].read_text())["$defs"]
     claims = claims_of(json.loads((ARMS / "design.json").read_text())["claims"])
-    assert set(tables["claims"]["properties"]) == {*claims.document(), "messages", "fixed"}
-    assert set(tables["sampled"]["properties"]) == {*claims.sampled.document(), *LATER}
+    assert set(tables["claims"]["properties"]) == {*claims_document(claims), "messages", "fixed"}
+    assert set(tables["sampled"]["properties"]) == {*sampled_document(claims.sampled), *LATER}
     seldom = {
         "limits_gain",
         "clipped",

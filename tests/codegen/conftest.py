@@ -1,4 +1,5 @@
-"""Makes the cases beside it importable, these tests being no package, and keeps the loops that several files run."""
+"""Makes the cases here and what tests share between rooms importable, these tests being no package, and keeps the loops that
+several files run."""
 
 import json
 import sys
@@ -6,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE), *(str(one) for one in sorted(HERE.iterdir()) if one.is_dir())]
 
 
 @pytest.fixture(scope="session")

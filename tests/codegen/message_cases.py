@@ -47,7 +47,7 @@ class Script:
         events = {first.name: self.events()} | {one.name: self.events() for one in others}
         place = tmp_path / "script"
         place.mkdir()
-        runs = run_nodes_on_host(self.manifest, self.folder, events, host_compilers()[0], ("-O1",), place)
+        runs = run_nodes_on_host(self.manifest, self.folder, events, place, host_compilers()[0], ("-O1",))
         agent, trace, _ = next(iter(runs))
         assert compare(trace, run_node(agent, self.manifest, events[agent.name])).first == ""
         return trace

@@ -7,7 +7,7 @@ from sampled_cases import controllers, network, random_problem
 from scipy.linalg import expm
 
 from lockstep.check.numbers import as_floats
-from lockstep.check.sampled.messages import Messages
+from lockstep.check.sampled.links import Messages
 
 EDGES = [(1, 2, 1.0), (2, 3, 1.0), (3, 1, 1.0)]
 SLOPES = (-1.0, 0.0, 1.0)

@@ -11,8 +11,9 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from lockstep.check.design_file.claims import LETTERS, Claims
-from lockstep.check.design_file.json_text import above_zero, matrix, number, one_of, only, optional
+from lockstep.check.continuous.inequality import LETTERS
+from lockstep.check.design_file.claims import Claims
+from lockstep.check.design_file.json_text import above_zero, flag, matrix, number, only, optional
 from lockstep.check.numbers import exactly, eye
 from lockstep.check.psd import decide_positive_definite
 from lockstep.check.system.loop import Gains
@@ -33,9 +34,7 @@ def shortfalls(asked: Mapping[str, Any], claims: Claims, gains: Gains) -> Iterat
         ProblemError: a value of the table that cannot be one of its kind.
     """
     alpha, rho, decay = (optional(asked, key, number, DESIGN) for key in ("alpha", "rho", "decay"))
-    stable = optional(
-        asked, "stable_controllers", lambda value, where: one_of(value, (True, False), where), DESIGN
-    )
+    stable = optional(asked, "stable_controllers", flag, DESIGN)
     fragility = asked.get("fragility") or {}
     only(fragility, LETTERS, "[design.fragility]")
     if alpha is not None and claims.alpha < alpha:

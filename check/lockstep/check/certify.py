@@ -14,7 +14,7 @@ The first claim that fails ends the list: what follows rests on it.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +22,7 @@ import numpy as np
 
 from lockstep.check.asked import shortfalls
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
-from lockstep.check.c_source.node import read_node
-from lockstep.check.c_source.reader import ReadController, read_controller
-from lockstep.check.c_source.text import nearest
+from lockstep.check.c_source.folder import controllers_in
 from lockstep.check.continuous.certificate import (
     decide_certificate,
     decide_floor,
@@ -36,8 +34,7 @@ from lockstep.check.continuous.local import Domain
 from lockstep.check.design_file import content
 from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.design_file.json_text import A_DESIGN, load_json, parse_json
-from lockstep.check.errors import NotCertified, demand
-from lockstep.check.files import as_text, read_inside
+from lockstep.check.files import text_inside
 from lockstep.check.fixed import decide_fixed
 from lockstep.check.held import CheckedFile, decide_held, held_controllers, modal_loop_of, sampled_network
 from lockstep.check.messages import decide_messages
@@ -45,20 +42,15 @@ from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.certify import SampledVerdict
 from lockstep.check.sampled.clipping import proves_clipped_radius
 from lockstep.check.sampled.controller import HeldController
-from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled.limits import proves_gain, proves_radius
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.modes import (
-    SampledModalWitness,
-    proves_modal_rho,
-)
-from lockstep.check.sampled.performance import SampledRho, proves_rho
+from lockstep.check.sampled.modes import SampledModalWitness, proves_modal_rho
+from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.system.agent import ExactAgent
 from lockstep.check.system.domain import claimed_box
 from lockstep.check.system.network import ExactNetwork
 from lockstep.check.system.problem import ProblemTables
 from lockstep.check.verdict import Verdict
-from lockstep.check.wording import shorten
 
 DESIGN_NAME = "design.json"
 
@@ -88,14 +80,11 @@ def certify(path: Path) -> Certified:
         ProblemError: a file that is none of ours, or that says what cannot be.
     """
     folder = path if path.is_dir() else None
-    if folder is None:
-        stored = content.parse(load_json(path), str(path), ProblemTables.from_document)
-    else:
-        text = as_text(read_inside(folder, DESIGN_NAME, expected=A_DESIGN), DESIGN_NAME, A_DESIGN)
-        stored = content.parse(
-            parse_json(text, DESIGN_NAME), str(folder / DESIGN_NAME), ProblemTables.from_document
-        )
-    return certified(stored, folder)
+    where, found = str(path), None if folder else load_json(path)
+    if folder is not None:
+        text = text_inside(folder, DESIGN_NAME, expected=A_DESIGN)
+        where, found = str(folder / DESIGN_NAME), parse_json(text, DESIGN_NAME)
+    return certified(content.parse(found, where, ProblemTables.from_document), folder)
 
 
 def certified(stored: CheckedFile, folder: Path | None = None) -> Certified:
@@ -116,21 +105,16 @@ def decide(stored: CheckedFile, folder: Path | None = None) -> Iterator[tuple[st
         return
     network, agent = problem.network(proofs.bound.moves, claims.scales)
     if problem.offsets is not None:
-        yield (
-            "formation",
-            Verdict("proved", "no agent's equation sees the offsets: what is proved of x is of x less them"),
-        )
+        said = "no agent's equation sees the offsets: what is proved of x is of x less them"
+        yield "formation", Verdict("proved", said)
     yield "bound", _bound(stored, agent)
     delta = np.tile([claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
     claim = Claim.of(claims.alpha, problem.performance, delta, claims.entries)
     yield "certificate", decide_certificate(network, stored.gains, claim, proofs.certificate)
     short = "; ".join(shortfalls(problem.design, claims, stored.gains))
-    yield (
-        "asked",
-        Verdict("refuted", f"less is claimed than is asked for: {short}")
-        if short
-        else Verdict("proved", "no less is claimed than the problem asks for"),
-    )
+    said = f"less is claimed than is asked for: {short}"
+    enough = Verdict("proved", "no less is claimed than the problem asks for")
+    yield "asked", Verdict("refuted", said) if short else enough
     if claims.decay is not None:
         yield "decay", _decay(stored, network, claim)
     if claims.controllers_stable:
@@ -146,7 +130,7 @@ def _decay(stored: CheckedFile, network: ExactNetwork, claim: Claim) -> Verdict:
     decay, certificate = stored.claims.decay, stored.proofs.decay
     said = f"every disagreement decays at {decay:g} 1/s"
     if certificate is None or decay is None:
-        return Verdict("undecided", f"it is claimed that {said}, without a witness")
+        return Verdict.of(said, None)
     found = decide_certificate(network.decaying(decay), stored.gains, claim, certificate)
     return Verdict("proved", said, found.figures) if found.proved else found
 
@@ -178,7 +162,7 @@ def _sampled(
     claims, proofs, problem = stored.claims.sampled, stored.proofs, stored.problem
     held = held_controllers(stored, problem.period)
     if folder is not None:
-        read, refused = _read(stored, folder, held)
+        read, refused = controllers_in(folder, stored, held)
         yield "code", refused
         held = read
     if stored.claims.controllers_stable:
@@ -197,10 +181,8 @@ def _sampled(
         yield from decide_fixed(stored, network, held, folder)
     asked, claimed = problem.messages, stored.claims.messages
     if claimed and problem.spectrum is not None:
-        yield (
-            "messages",
-            Verdict("undecided", "messages are lost or late in one graph, and `spectrum` names many"),
-        )
+        said = "messages are lost or late in one graph, and `spectrum` names many"
+        yield "messages", Verdict("undecided", said)
     elif claimed or (claims.certified and asked):
         weights = problem.performance
         loop = sampled_loop(sampled_network(stored, network, problem.period), held, weights.outputs)
@@ -211,11 +193,7 @@ def _as_claimed(claims: SampledClaims, found: SampledVerdict) -> Verdict:
     """Hold what is claimed of the loop against what is proved of it; rho and the longest period are decided apart."""
     if not found.certified:
         return Verdict("undecided", found.reason)
-    proved = SampledClaims(
-        True, found.period, found.delay, found.decay, claims.rho, found.residual, found.residual_rms,
-        found.underflow, found.deltas, claims.max_period, claims.radius, claims.limits_gain, claims.clipped_radius,
-    )  # fmt: skip
-    broken = next(claims.better_than(proved), None)
+    broken = next(claims.better_than(found), None)
     return Verdict("undecided", broken) if broken else Verdict("proved", found.reason)
 
 
@@ -223,16 +201,14 @@ def _rho(stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController,
     rho, witness = stored.claims.sampled.rho, stored.proofs.sampled_rho
     said = f"the sampled loop has the gain {rho:g}"
     if witness is None or rho is None:
-        return Verdict("undecided", f"it is claimed that {said}, without a witness")
+        return Verdict.of(said, None)
     weights, period = stored.problem.performance, stored.problem.period
     if isinstance(witness, SampledModalWitness):
         holds = proves_modal_rho(modal_loop_of(stored, network, held, period), weights, rho, witness)
     else:
         at = sampled_network(stored, network, period)
-        holds = proves_rho(sampled_loop(at, held, weights.outputs), weights, SampledRho(rho, witness))
-    if not holds:
-        return Verdict("undecided", f"it is claimed that {said}, but its witness does not prove it")
-    return Verdict("proved", said)
+        holds = proves_rho(sampled_loop(at, held, weights.outputs), weights, rho, witness)
+    return Verdict.of(said, holds)
 
 
 def _limits(
@@ -249,23 +225,21 @@ def _limits(
     plain, noisy = sampled_loop(at, held), sampled_loop(at, held, weights.outputs)
     start = "from |x_d(0)| <= {:g}, controllers at rest, every message in time, "
     if (radius := claims.radius) is not None:
-        holds = proofs.radius is not None and proves_radius(plain, held, proofs.radius, limits, radius)
-        yield "limits", _said(f"{start}no input meets its limit".format(radius), holds)
+        w = proofs.radius
+        holds = None if w is None else proves_radius(plain, held, w, limits, radius)
+        yield "limits", Verdict.of(f"{start}no input meets its limit".format(radius), holds)
     if (gain := claims.limits_gain) is not None:
         w = proofs.limits_gain
-        holds = w is not None and proves_gain(noisy, held, w, limits, weights, gain)
+        holds = None if w is None else proves_gain(noisy, held, w, limits, weights, gain)
         said = f"under a disturbance of energy {gain:g}^2, from agreement, every message in time, no input meets its limit"
-        yield "limits_gain", _said(said, holds)
+        yield "limits_gain", Verdict.of(said, holds)
     if (radius := claims.clipped_radius) is not None:
         c = proofs.clipped
-        holds = c is not None and proves_clipped_radius(plain, held, c, limits, radius)
-        yield "clipped", _said(f"{start}the loop converges with its inputs clipped".format(radius), holds)
-
-
-def _said(said: str, holds: bool) -> Verdict:
-    if not holds:
-        return Verdict("undecided", f"it is claimed that {said}, but no witness proves it")
-    return Verdict("proved", said)
+        holds = None if c is None else proves_clipped_radius(plain, held, c, limits, radius)
+        yield (
+            "clipped",
+            Verdict.of(f"{start}the loop converges with its inputs clipped".format(radius), holds),
+        )
 
 
 def _longest(stored: CheckedFile, network: ExactNetwork, period: float) -> Verdict:
@@ -274,88 +248,3 @@ def _longest(stored: CheckedFile, network: ExactNetwork, period: float) -> Verdi
         return Verdict("undecided", f"a largest period of {period:g} s is claimed without a witness")
     found = decide_held(stored, network, held_controllers(stored, period), witness, period)
     return Verdict("proved" if found.certified else "undecided", found.reason)
-
-
-def _same_limits(problem: ProblemTables, read: Any) -> bool:
-    sides = problem.sides
-    if np.isinf(sides).all() or read is None:
-        return bool(np.isinf(sides).all()) and read is None
-    return bool(np.array_equal(read, clipped_at(problem.controller["real"], sides)))
-
-
-def _same_offsets(problem: ProblemTables, i: int, sources: tuple[int, ...], read: Any) -> bool:
-    """Tell whether the C takes C o from its own output and from those that it hears; one that hears nobody takes none."""
-    seen = problem.measured_offsets
-    if seen is None or not sources:
-        return read is None
-    return read is not None and np.array_equal(read, seen[[i, *sources]])
-
-
-def _read(
-    stored: CheckedFile, folder: Path, held: tuple[HeldController, ...]
-) -> tuple[tuple[HeldController, ...], Verdict]:
-    """Read the controllers out of the C, and hold them against the design's.
-
-    In one image for all nodes each controller is read as often as it serves: the weights and sources of a node are its row of
-    the design's graph, which it is given at run time. With `spectrum` it is a row of any graph that this names, and one
-    controller with the most neighbours stands for all: then a list may hold no more than these.
-    """
-    listed = parse_json(as_text(read_inside(folder, "manifest.json"), "manifest.json"), "manifest.json")
-    listed = listed if isinstance(listed, dict) else {}
-    prefix, image = listed.get("prefix", ""), listed.get("image") is not None
-    base, N = f"{prefix}{stored.problem.agent.name}", len(held)
-    # One image holds one controller where all gains are the same, and else each agent's.
-    alike = image and bool((stored.gains.blocks == stored.gains.blocks[0]).all())
-    cores = [base] if alike else [f"{base}{i}" for i in range(1, N + 1)]
-    many = stored.problem.spectrum is not None
-    if many and not image:
-        return held, Verdict("undecided", "`spectrum` names many graphs, and this C the neighbours of one")
-    read: dict[str, ReadController] = {}
-    try:
-        for name in cores:
-            read[name] = read_controller(name, *_pair(folder, name), [] if image else cores)
-        if image:
-            most = read_node(f"{base}_node", cores, read[cores[-1]], *_pair(folder, f"{base}_node"))
-    except NotCertified as error:
-        return held, Verdict("undecided", str(error))
-    found = []
-    for i, mine in enumerate(held):
-        name = cores[0] if alike else cores[i]
-        one = read[name]
-        theirs = one.controller
-        if image:
-            fits = most == len(mine.sources) if many else len(mine.sources) <= most
-            rows = theirs.sources == () and fits
-            theirs = replace(theirs, sources=mine.sources, weights=mine.weights, before=mine.before)
-        period = stored.problem.period
-        rounded = float(np.float32(period) if one.real == "float32" else period)
-        same = {
-            "period": nearest(one.period_literal, one.real) == rounded,
-            "arithmetic": one.real == stored.problem.controller["real"],
-            "gains": np.array_equal(theirs.table, mine.table),
-            "neighbours": theirs.sources == mine.sources and (not image or rows),
-            "weights": np.array_equal(theirs.weights, mine.weights),
-            "offsets": _same_offsets(stored.problem, i, mine.sources, one.offsets),
-            "limits": _same_limits(stored.problem, one.limits),
-        }
-        if differs := ", ".join(word for word, holds in same.items() if not holds):
-            return held, Verdict("refuted", f"{name}: not the design's {differs}")
-        found.append(theirs)
-    said = "the C holds the design's controllers, and no other code"
-    if image:
-        degree = max(len(one.sources) for one in held)
-        given = "rows" if alike else "numbers and rows"
-        of = "a graph with its spectrum" if many else "its graph"
-        said += (
-            f"; nodes are given their {given} of {of}, of in-degree {degree} at most, a list holding {most}"
-        )
-    return tuple(found), Verdict("proved", said)
-
-
-def _pair(folder: Path, name: str) -> tuple[str, str]:
-    paths = [f"include/{name}.h", f"src/{name}.c"]
-    for path in paths:
-        there, where = (folder / path).is_file(), "manifest.json, `prefix`"
-        demand(there, f"there is no {shorten(path)}", where, "what names of files begin with")
-    header, source = (as_text(read_inside(folder, path), path) for path in paths)
-    return header, source

@@ -73,6 +73,11 @@ def read_inside(folder: Path, relative: str, *, expected: str = "a file", at_mos
     return _read(place / parts[-1], expected, at_most, follow=False)
 
 
+def text_inside(folder: Path, relative: str, *, expected: str = "a file") -> str:
+    """Return the text of a file in a folder, as `read_inside` its bytes."""
+    return as_text(read_inside(folder, relative, expected=expected), relative, expected)
+
+
 def inside(relative: str, where: str) -> tuple[str, ...]:
     """Return the parts of a path in a folder; raises `ProblemError` for one that may leave it.
 

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from lockstep.check.c_source.fixed import read_fixed
+from lockstep.check.c_source.folder import manifest_in
 from lockstep.check.design_file.claims import SURE
-from lockstep.check.design_file.json_text import parse_json
 from lockstep.check.errors import NotCertified, demand
-from lockstep.check.files import as_text, read_inside
+from lockstep.check.files import text_inside
 from lockstep.check.held import CheckedFile, sampled_network
 from lockstep.check.sampled.certify import ROUNDED_UP, decide_sampled
 from lockstep.check.sampled.controller import HeldController
@@ -16,7 +16,7 @@ from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled.fixed import FixedController, integers_of, proves_range
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.performance import SampledRho, proves_rho
+from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.system.network import ExactNetwork
 from lockstep.check.verdict import Verdict
 
@@ -63,20 +63,18 @@ def decide_fixed(
     yield "fixed", Verdict("proved", f"the controllers in integers: {found.reason}")
     if claims.rho is not None:
         w, rounding = proofs.rho, claims.rho_rounding or 0.0
-        holds = w is not None and rounding >= SURE * rho_rounding(w, mine, problem.period)
-        holds = holds and proves_rho(
-            sampled_loop(at, mine, weights.outputs),
-            weights,
-            SampledRho(claims.rho, w),  # type: ignore[arg-type]
-        )
-        yield (
-            "fixed_rho",
-            _said(f"in integers the loop has the gain {claims.rho:g}, up to {rounding:g}", holds),
-        )
+        said = f"in integers the loop has the gain {claims.rho:g}, up to {rounding:g}"
+        loop = sampled_loop(at, mine, weights.outputs)
+        covers = w is not None and rounding >= SURE * rho_rounding(w, mine, problem.period)
+        holds = None if w is None else covers and proves_rho(loop, weights, claims.rho, w)
+        yield "fixed_rho", Verdict.of(said, holds)
     if claims.radius is not None:
         w = proofs.radius
-        holds = w is not None and proves_range(sampled_loop(at, mine), mine, integers, w, claims.radius)
-        yield "fixed_radius", _said(f"from |x_d(0)| <= {claims.radius:g} no integer meets its limit", holds)
+        holds = None if w is None else proves_range(sampled_loop(at, mine), mine, integers, w, claims.radius)
+        yield (
+            "fixed_radius",
+            Verdict.of(f"from |x_d(0)| <= {claims.radius:g} no integer meets its limit", holds),
+        )
 
 
 def rho_rounding(witness: Witness, held: tuple[HeldController, ...], period: float) -> float:
@@ -92,21 +90,14 @@ def _differs(
     held: tuple[HeldController, ...],
 ) -> str:
     """Return in what the C of a folder is not these controllers, or nothing."""
-    listed = parse_json(as_text(read_inside(folder, "manifest.json"), "manifest.json"), "manifest.json")
-    base = f"{listed.get('prefix', '')}{stored.problem.agent.name}"
+    base = f"{manifest_in(folder).get('prefix', '')}{stored.problem.agent.name}"
     names = [f"{base}{i}" for i in range(1, len(held) + 1)]
     for name, one, own in zip(names, integers, held, strict=True):
-        texts = [
-            as_text(read_inside(folder, path), path) for path in (f"fixed/{name}_fixed.{e}" for e in "hc")
-        ]
+        header, source = (text_inside(folder, f"fixed/{name}_fixed.{end}") for end in "hc")
         try:
-            read = read_fixed(name, texts[0], texts[1], names)
+            read = read_fixed(name, header, source, names)
         except NotCertified as error:
             return str(error)
         if read != (one, own.sources, stored.problem.period):
             return f"fixed/{name}_fixed: not the design's integers, neighbours or period"
     return ""
-
-
-def _said(said: str, holds: bool) -> Verdict:
-    return Verdict("proved", said) if holds else Verdict("undecided", f"{said}: claimed, and not proved")

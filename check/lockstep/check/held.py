@@ -16,9 +16,9 @@ from lockstep.check.sampled.modes import (
     common_controller,
     decide_modal_sampled,
     modal_loop,
-    single_difference,
 )
 from lockstep.check.sampled.sector import Sector, common_sector
+from lockstep.check.system.disagreement import single_difference
 from lockstep.check.system.network import ExactNetwork
 from lockstep.check.system.problem import ProblemTables
 

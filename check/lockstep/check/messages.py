@@ -5,8 +5,9 @@ from collections.abc import Iterator
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.design_file.messages import MessageClaims
 from lockstep.check.design_file.proofs import Proofs
+from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import SampledLoop
-from lockstep.check.sampled.messages import Messages, MessageWitness, proves_messages
+from lockstep.check.sampled.messages import proves_messages
 from lockstep.check.verdict import Verdict
 
 

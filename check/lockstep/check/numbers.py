@@ -125,3 +125,17 @@ def product(first: Matrix, second: Matrix) -> Matrix:
 def zeros(rows: int, columns: int, like: Matrix) -> Matrix:
     """Return zeros in the kind of number of `like`."""
     return np.full((rows, columns), fmpq(0), dtype=object) if is_exact(like) else np.zeros((rows, columns))
+
+
+def block_diagonal(*blocks: Matrix) -> Matrix:
+    """Return diag(M_1, M_2, ...) in the kind of number of the first.
+
+    >>> block_diagonal(np.eye(1), np.full((1, 2), 3.0)).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 3.0, 3.0]]
+    """
+    whole = zeros(sum(map(len, blocks)), sum(block.shape[1] for block in blocks), blocks[0])
+    row = column = 0
+    for block in blocks:
+        whole[row : row + len(block), column : column + block.shape[1]] = block
+        row, column = row + len(block), column + block.shape[1]
+    return whole

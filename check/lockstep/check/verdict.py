@@ -19,6 +19,12 @@ class Verdict:
     reason: str
     figures: Mapping[str, Any] = field(default_factory=dict)
 
+    @classmethod
+    def of(cls, said: str, holds: bool | None) -> "Verdict":
+        """Return that a claim is proved, or that its witness does not prove it; None where it has no witness."""
+        why = "without a witness" if holds is None else "but its witness does not prove it"
+        return cls("proved", said) if holds else cls("undecided", f"it is claimed that {said}, {why}")
+
     @property
     def proved(self) -> bool:
         """Whether it holds."""

@@ -11,7 +11,7 @@ from lockstep.campaign.compute import columns_of, compute, excused
 from lockstep.campaign.disturbance import disturbance
 from lockstep.campaign.draw import FAMILIES, draw
 from lockstep.campaign.plan import Plan
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.model.agents.agent import Agent
 from lockstep.model.simulation.results.trajectory import Trajectory
 
@@ -61,10 +61,7 @@ def replay(plan: Plan, agent: Agent, run: int) -> Replay:
     Raises:
         ProblemError: an index below 0, or a run that is not finite from its first step on.
     """
-    if run < 0:
-        raise ProblemError(
-            f"run {run}", where="replay", expected="an index of the campaign's table, 0 or more"
-        )
+    demand(run >= 0, f"run {run}", "replay", "an index of the campaign's table, 0 or more")
     layout = plan.source.layout
     batch = draw(plan, run, run + 1).batch
     signals = dict(Engine(plan.source).trace(batch, plan.horizon))

@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 
 from lockstep.check.design_file.fixed import FixedClaims, FixedWitness
-from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.check.errors import NotCertified, ProblemError, demand
 from lockstep.check.fixed import rho_rounding
 from lockstep.check.sampled.certify import decide_sampled
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled.fixed import LARGEST_R, LARGEST_X, integers_of
 from lockstep.check.sampled.inequality import Witness
-from lockstep.check.sampled.performance import SampledRho
 from lockstep.codegen.sampled_design import sampled_controllers, sampled_network
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import fixed
+from lockstep.lmi.sampled.performance import SampledRho
 
 MARGIN = 2.0
 """Room in the states' formats above what is computed for them."""
@@ -102,18 +102,10 @@ def _ranges(stored: Stored) -> np.ndarray:
     problem, found = stored.problem, []
     for name in problem.agent().outputs:
         ends = problem.output_range.get(name, (None, None))
-        if None in ends:
-            raise ProblemError(
-                f"no range of `{name}`",
-                where="--fixed, [agent.output_range]",
-                expected="its lowest and its highest value: counts of 16 bits are chosen from them",
-            )
+        expected = "its lowest and its highest value: counts of 16 bits are chosen from them"
+        demand(None not in ends, f"no range of `{name}`", "--fixed, [agent.output_range]", expected)
         found.append(max(abs(end) for end in ends if end is not None))
     sizes = np.abs(problem.sides).max(axis=1)
-    if not np.isfinite(sizes).all():
-        raise ProblemError(
-            "an input without limits",
-            where="--fixed, [agent.limits]",
-            expected="its lowest and its highest value: counts of 16 bits are chosen from them",
-        )
+    expected = "its lowest and its highest value: counts of 16 bits are chosen from them"
+    demand(np.isfinite(sizes).all(), "an input without limits", "--fixed, [agent.limits]", expected)
     return np.array([*found, *sizes])

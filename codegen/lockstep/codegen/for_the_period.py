@@ -230,10 +230,8 @@ def _placed(made: Stored) -> Stored:
     claim = replace(claim_of(made.problem, bound), alpha=made.claims.alpha)
     given = network_of(made.problem, bound), made.gains, claim, certificate
     initial, own = largest_initial_states(*given, made.problem.leader)
-    proved, proofs = (
-        initial if isinstance(initial, InitialSet) else None,
-        replace(made.proofs, initial_set=own),
-    )
+    proved = initial if isinstance(initial, InitialSet) else None
+    proofs = replace(made.proofs, initial_set=own)
     remarks = {**made.info, "initial_set": initial.remarks()}
     return replace(made, claims=replace(made.claims, initial_set=proved), proofs=proofs, info=remarks)
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from lockstep.check.design_file.fixed import FixedClaims
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.sampled.controller import PRECISIONS
 from lockstep.check.system.formation import measured_offsets
 from lockstep.codegen.emission.one_image import OneImage, Table
@@ -58,12 +58,9 @@ def specification(
     problem, agent = stored.problem, stored.problem.agent()
     if not one_image:
         problem.demand_one_graph("for C that names the neighbours of each agent")
-    if one_image and problem.offsets is not None:
-        raise ProblemError(
-            "offsets in one image for all nodes",
-            where="[network] offsets, --one-image",
-            expected="the C of each agent, which holds its own and its neighbours': --per-agent",
-        )
+    found = "offsets in one image for all nodes"
+    expected = "the C of each agent, which holds its own and its neighbours': --per-agent"
+    demand(not one_image or problem.offsets is None, found, "[network] offsets, --one-image", expected)
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
     base, units, gains = f"{prefix}{agent.name}", agent.units, stored.gains
     names = [f"{base}{i}" for i in range(1, graph.N + 1)]
@@ -145,13 +142,10 @@ def _image(
         return OneImage(name, len(sources), degree, degree if most is None else most, table, lists)
     if table != "none":
         stored.problem.demand_one_graph("whose lists `--table` writes")
-    if most not in (None, spectrum.neighbours):
-        raise ProblemError(
-            f"a list of {most}",
-            where="--max-neighbours",
-            expected=f"{spectrum.neighbours}, for so many the design is proved",
-            remedy="name `max_degree` in [network] and design again",
-        )
+    found = f"a list of {most}"
+    expected = f"{spectrum.neighbours}, for so many the design is proved"
+    remedy = "name `max_degree` in [network] and design again"
+    demand(most in (None, spectrum.neighbours), found, "--max-neighbours", expected, remedy)
     return OneImage(name, 1, spectrum.neighbours, spectrum.neighbours)
 
 

@@ -7,15 +7,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from lockstep.check.design_file.messages import MessageClaims, messages_document
+from lockstep.check.design_file.messages import MessageClaims
 from lockstep.check.numbers import Matrix
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness
+from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.messages import Messages, MessageWitness, proves_messages
-from lockstep.check.sampled.performance import SampledRho
+from lockstep.check.sampled.messages import proves_messages
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.messages.witnesses import certify_messages, message_rho
+from lockstep.lmi.sampled.performance import SampledRho
+from lockstep.model.plain_json import plain
 
 HALVINGS = 4
 """Of the part of what is asked for that is certified, where all of it is not."""
@@ -97,7 +99,7 @@ def part_certified(
         middle = (low + high) / 2
         found = certify_messages(network, controllers, part_of(asked, middle), near)
         low, high = (middle, high) if found is not None else (low, middle)
-    carried = messages_document(part_of(asked, low))
+    carried = plain(part_of(asked, low))
     said = f"{asked.text}: no certificate was found; with {part_of(asked, low).text} there is one"
     return {"reason": said, "certified_up_to": carried}
 

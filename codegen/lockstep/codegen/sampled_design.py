@@ -171,10 +171,8 @@ def prove_agreement(
         BoundNotProved: alpha does not bound the nonlinearity, or an entry does not bound its slope.
         ProblemError: a gain has no value in the target type.
     """
-    network, controllers = (
-        sampled_network(stored),
-        sampled_controllers(stored, stored.problem.controller.period),
-    )
+    network = sampled_network(stored)
+    controllers = sampled_controllers(stored, stored.problem.controller.period)
     known = stored.proofs.sampled if isinstance(stored.proofs.sampled, Witness) else None
     return network, controllers, certify_sampled(network, controllers, _guess(stored), witness=known)
 
@@ -184,10 +182,9 @@ def _radius(
 ) -> tuple[float, Witness] | None:
     """Return the radius that a design file states if its witness proves it, or a large one that is found and proved."""
     limits, stated, witness = stored.problem.limits, stored.claims.sampled.radius, stored.proofs.radius
-    if stated is not None and witness is not None:
-        loop = sampled_loop(network, controllers)
-        if proves_radius(loop, controllers, witness, limits, stated):
-            return stated, witness
+    loop = sampled_loop(network, controllers)
+    if stated and witness and proves_radius(loop, controllers, witness, limits, stated):
+        return stated, witness
     return largest_radius(network, controllers, limits)
 
 
@@ -195,16 +192,11 @@ def _gain(
     stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...], rho: SampledRho
 ) -> tuple[float, Witness] | None:
     """Return the root of the energy that a design file states if its witness proves it, or a large one found and proved."""
-    limits, stated, witness = (
-        stored.problem.limits,
-        stored.claims.sampled.limits_gain,
-        stored.proofs.limits_gain,
-    )
-    weights = stored.problem.performance
-    if stated is not None and witness is not None:
-        loop = sampled_loop(network, controllers, weights.outputs)
-        if proves_gain(loop, controllers, witness, limits, weights, stated):
-            return stated, witness
+    limits, weights = stored.problem.limits, stored.problem.performance
+    stated, witness = stored.claims.sampled.limits_gain, stored.proofs.limits_gain
+    loop = sampled_loop(network, controllers, weights.outputs)
+    if stated and witness and proves_gain(loop, controllers, witness, limits, weights, stated):
+        return stated, witness
     return largest_gain(network, controllers, limits, weights, rho.witness.m / rho.rho**2)
 
 
@@ -215,26 +207,19 @@ def _clipped(
     radius: tuple[float, Witness] | None,
 ) -> tuple[float, ClippedWitness] | None:
     """Return the radius of the clipped loop that a file states if its witness proves it, or a large one found and proved."""
-    limits, stated, witness = (
-        stored.problem.limits,
-        stored.claims.sampled.clipped_radius,
-        stored.proofs.clipped,
-    )
-    if stated is not None and witness is not None:
-        loop = sampled_loop(network, controllers)
-        if proves_clipped_radius(loop, controllers, witness, limits, stated):
-            return stated, witness
+    limits, stated = stored.problem.limits, stored.claims.sampled.clipped_radius
+    witness = stored.proofs.clipped
+    loop = sampled_loop(network, controllers)
+    if stated and witness and proves_clipped_radius(loop, controllers, witness, limits, stated):
+        return stated, witness
     return largest_clipped_radius(network, controllers, limits, radius)
 
 
 def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
     """Return a design file with what is proved of its sampled controllers, and its witnesses."""
     said = stored.info.get("sampled")
-    kept = (
-        {key: said[key] for key in (FOR_PERIOD, NOT_FOR_PERIOD, FOR_MESSAGES) if key in said}
-        if isinstance(said, dict)
-        else {}
-    )
+    said = said if isinstance(said, dict) else {}
+    kept = {key: said[key] for key in (FOR_PERIOD, NOT_FOR_PERIOD, FOR_MESSAGES) if key in said}
     proofs = replace(
         stored.proofs,
         sampled=held.verdict.witness,
@@ -316,7 +301,7 @@ def _stated_rho(
 ) -> SampledRho | None:
     known = _known_rho(stored)
     weights = stored.problem.performance
-    holds = known and proves_rho(sampled_loop(network, controllers, weights.outputs), weights, known)
+    holds = known and proves_rho(sampled_loop(network, controllers, weights.outputs), weights, *known)
     return known if holds else None
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from lockstep.check.continuous.modes import ModalCertificate
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.sampled.certify import SampledVerdict
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers, sampled_table
@@ -14,10 +14,10 @@ from lockstep.check.sampled.modes import (
     are_rounded,
     common_controller,
     proves_modal_rho,
-    single_difference,
     widened,
 )
 from lockstep.check.sampled.sector import Sector
+from lockstep.check.system.disagreement import single_difference
 from lockstep.check.system.spectrum import metric
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.modal.search import certify_modal, longest_modal, modal_rho
@@ -99,10 +99,8 @@ def _loops(stored: Stored, c: ModalCertificate, sector: Sector | None) -> Callab
         held = held_controllers(stored, period)
         if spectrum is not None:
             return ModalLoop(at, held, spectrum.lower, spectrum.upper)
-        if not are_rounded(held, edges):
-            raise ProblemError(
-                "weights are lost by rounding", where="[network]", expected="ones in the target type"
-            )
+        found = "weights are lost by rounding"
+        demand(are_rounded(held, edges), found, "[network]", "ones in the target type")
         return ModalLoop(at, held, *widened(c.lower, c.ends[-1]))
 
     return loop_at

@@ -14,8 +14,9 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from lockstep.check.c_source.reader import MAX_NEIGHBOURS
-from lockstep.check.errors import ProblemError
-from lockstep.check.sampled.discretise import Discretization, Real, check_period
+from lockstep.check.errors import ProblemError, demand
+from lockstep.check.sampled.controller import check_period
+from lockstep.check.sampled.discretise import Discretization, Real
 
 if TYPE_CHECKING:
     from lockstep.codegen.emission.one_image import OneImage
@@ -44,13 +45,10 @@ def check_identifier(name: str, where: str) -> None:
     Traceback (most recent call last):
     lockstep.check.errors.ProblemError: agent: `arm 1` is no C identifier; expected a letter, then ...
     """
-    if not _IDENTIFIER.fullmatch(name) or name in _KEYWORDS:
-        raise ProblemError(
-            f"`{name}` is no C identifier",
-            where=where,
-            expected="a letter, then at most 39 letters, digits or underscores, and no keyword",
-            remedy="rename it: the name prefixes the generated functions",
-        )
+    found = f"`{name}` is no C identifier"
+    expected = "a letter, then at most 39 letters, digits or underscores, and no keyword"
+    remedy = "rename it: the name prefixes the generated functions"
+    demand(_IDENTIFIER.fullmatch(name) and name not in _KEYWORDS, found, where, expected, remedy)
 
 
 def matrix(value: ArrayLike, shape: tuple[int, int], where: str) -> Float[np.ndarray, "rows cols"]:
@@ -134,10 +132,8 @@ class Controller:
         where = f"controller `{self.name}`"
         check_identifier(self.name, where)
         D = np.array(self.D, dtype=np.float64)
-        if D.ndim != 2 or 0 in D.shape:
-            raise ProblemError(
-                f"D has the shape {D.shape}", where=where, expected="inputs x outputs, one or more each"
-            )
+        found = f"D has the shape {D.shape}"
+        demand(D.ndim == 2 and 0 not in D.shape, found, where, "inputs x outputs, one or more each")
         m, q = D.shape
         nc = len(self.A)
         for letter, shape in {"A": (nc, nc), "B": (nc, q), "C": (m, nc), "D": (m, q)}.items():
@@ -158,16 +154,10 @@ class Controller:
     def _check_neighbours(self, where: str) -> None:
         object.__setattr__(self, "neighbours", tuple(self.neighbours))
         sources = [neighbour.source for neighbour in self.neighbours]
-        if len(sources) > MAX_NEIGHBOURS:
-            raise ProblemError(
-                f"{len(sources)} neighbours",
-                where=where,
-                expected=f"at most {MAX_NEIGHBOURS}: one mask bit each",
-            )
-        if len(set(sources)) < len(sources):
-            raise ProblemError(
-                "a neighbour appears twice", where=where, remedy="add the weights into one edge"
-            )
+        found = f"{len(sources)} neighbours"
+        demand(len(sources) <= MAX_NEIGHBOURS, found, where, f"at most {MAX_NEIGHBOURS}: one mask bit each")
+        remedy = "add the weights into one edge"
+        demand(len(set(sources)) == len(sources), "a neighbour appears twice", where, remedy=remedy)
 
     @property
     def order(self) -> int:
@@ -285,10 +275,8 @@ class CodegenSpec:
             return
         check_identifier(self.image.name, "one image")
         shapes = {(agent.order, *agent.D.shape, len(agent.limits)) for agent in self.agents}
-        if len(shapes) > 1 or any(agent.neighbours for agent in self.agents):
-            raise ProblemError(
-                "controllers of several sizes, or with neighbours of their own", where="one image"
-            )
+        found = "controllers of several sizes, or with neighbours of their own"
+        demand(len(shapes) <= 1 and not any(agent.neighbours for agent in self.agents), found, "one image")
         if self.image.name.lower() in {self.name.lower(), *(agent.name.lower() for agent in self.agents)}:
             raise ProblemError(f"`{self.image.name}` is a controller's name too", where="one image")
 
@@ -296,16 +284,10 @@ class CodegenSpec:
         names = [agent.name.lower() for agent in self.agents]
         if not names:
             raise ProblemError("no agent", where="agents", expected="one or more controllers")
-        if len(set(names)) < len(names):
-            raise ProblemError(
-                "two agents have one name (letter case aside)",
-                where="agents",
-                remedy="give each its own prefix",
-            )
-        if self.name.lower() in names:
-            raise ProblemError(
-                f"`{self.name}` names an agent too", where="name", remedy="give the folder another name"
-            )
+        found = "two agents have one name (letter case aside)"
+        demand(len(set(names)) == len(names), found, "agents", remedy="give each its own prefix")
+        remedy = "give the folder another name"
+        demand(self.name.lower() not in names, f"`{self.name}` names an agent too", "name", remedy=remedy)
 
         by_name = {agent.name: agent for agent in self.agents}
         for agent in self.agents:
@@ -321,16 +303,12 @@ class CodegenSpec:
     def _check_plants(self) -> None:
         if not self.plants:
             return
-        if len(self.plants) != len(self.agents):
-            raise ProblemError(
-                f"{len(self.plants)} plants", where="plants", expected=f"{len(self.agents)}, or none"
-            )
+        found = f"{len(self.plants)} plants"
+        demand(len(self.plants) == len(self.agents), found, "plants", f"{len(self.agents)}, or none")
         names = {agent.name for agent in self.agents}
         for agent, plant in zip(self.agents, self.plants, strict=True):
-            if (plant.B.shape[1], plant.C.shape[0]) != agent.D.shape:
-                raise ProblemError(
-                    "inputs or outputs differ from the controller's", where=f"plant of `{agent.name}`"
-                )
+            found = "inputs or outputs differ from the controller's"
+            demand((plant.B.shape[1], plant.C.shape[0]) == agent.D.shape, found, f"plant of `{agent.name}`")
             if missing := [n.source for n in agent.neighbours if n.source not in names]:
                 raise ProblemError(
                     f"the source `{missing[0]}` is no agent", where=f"controller `{agent.name}`"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.model.graphs.graph import Graph
 from lockstep.report.canvas import legend, logarithmic, panels, rows_of
 from lockstep.report.style import LIGHT, WIDTH, line, styled
@@ -149,10 +149,7 @@ def run_figure(
         return disagreement_figure({title: trajectory})
     if what == "effort":
         return effort_figure(trajectory, units=units)
-    if what != "states":
-        raise ProblemError(
-            f"`{what}`", where="plot", expected='"states", "disagreement", "effort" or "phase"'
-        )
+    demand(what == "states", f"`{what}`", "plot", '"states", "disagreement", "effort" or "phase"')
     return states_figure(trajectory, units=units)
 
 

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import Float, Int
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 
 MOST = 2**31 - 1
 """Agents are counted in 32 bits."""
@@ -113,10 +113,8 @@ class NeighbourLists:
     def from_scipy(cls, adjacency: Any) -> "NeighbourLists":
         """Return the lists of a sparse adjacency matrix (N, N) of SciPy: a_ij > 0 where agent i hears agent j."""
         matrix = adjacency.tocoo()
-        if matrix.shape[0] != matrix.shape[1]:
-            raise ProblemError(
-                f"a matrix of {matrix.shape[0]} x {matrix.shape[1]}", where=_WHERE, expected="a square one"
-            )
+        found = f"a matrix of {matrix.shape[0]} x {matrix.shape[1]}"
+        demand(matrix.shape[0] == matrix.shape[1], found, _WHERE, "a square one")
         return cls._sorted(matrix.shape[0], matrix.row, matrix.col, matrix.data)
 
     @classmethod
@@ -192,12 +190,9 @@ def _rows(edges: Any) -> Float[np.ndarray, "E k"]:
     if isinstance(edges, Iterable) and not isinstance(edges, np.ndarray):
         edges = [tuple(edge) if len(edge) == 3 else (*edge, 1.0) for edge in edges]
     rows = np.asarray(edges, dtype=float)
-    if rows.ndim != 2 or rows.shape[1] not in (2, 3):
-        raise ProblemError(
-            "the edges are no list of pairs or triples",
-            where=_WHERE,
-            expected="[listener, source] or [listener, source, weight]",
-        )
+    found = "the edges are no list of pairs or triples"
+    expected = "[listener, source] or [listener, source, weight]"
+    demand(rows.ndim == 2 and rows.shape[1] in (2, 3), found, _WHERE, expected)
     return rows
 
 

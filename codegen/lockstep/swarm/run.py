@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.model.simulation.disturbance import Disturbance
 from lockstep.model.simulation.divergence import check_bounded
 from lockstep.model.simulation.quadrature import Hold, running_integral
@@ -102,12 +102,9 @@ def simulate_swarm(
         Diverged: a state left all bounds; with time, agent and state.
     """
     start = np.array(start, dtype=float)
-    if start.shape != (loop.N, loop.agent.n) or not np.isfinite(start).all():
-        raise ProblemError(
-            f"`start` of {' x '.join(map(str, start.shape))}",
-            where="swarm",
-            expected=f"{loop.N} x {loop.agent.n} finite numbers",
-        )
+    found = f"`start` of {' x '.join(map(str, start.shape))}"
+    expected = f"{loop.N} x {loop.agent.n} finite numbers"
+    demand(start.shape == (loop.N, loop.agent.n) and np.isfinite(start).all(), found, "swarm", expected)
     per = whole_number(loop.period / (step or loop.period), "the period over `step`")
     instant = loop.period / per
     if not (horizon > 0 and np.isfinite(horizon)) or substeps < 1:

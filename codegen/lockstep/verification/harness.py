@@ -92,9 +92,9 @@ def run_on_host(
     manifest: Manifest,
     folder: Path,
     calls: Mapping[str, Calls],
+    directory: Path,
     compiler: Compiler,
     flags: Sequence[str],
-    directory: Path,
 ) -> Iterator[tuple[AgentEntry, Run]]:
     """Build once, then run each agent's calls; `directory` is a temporary one."""
     product = compile_objects(
@@ -160,13 +160,9 @@ def output_arrays(
     agent: AgentEntry, manifest: Manifest, count: int
 ) -> list[tuple[str, np.dtype[Any], tuple[int, ...]]]:
     """Name, type and shape of the arrays that the harness writes, in its order."""
-    real, n, q, m, nn = (
-        manifest.real_type.dtype,
-        agent.order,
-        len(agent.outputs),
-        len(agent.inputs),
-        len(agent.neighbours),
-    )
+    real, n = manifest.real_type.dtype, agent.order
+    q, m = len(agent.outputs), len(agent.inputs)
+    nn = len(agent.neighbours)
     return [
         ("status", np.dtype(np.int32), (count,)),
         ("u", real, (count, m)),

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.wording import shorten
 from lockstep.codegen.doors.pil import LOG_FORMAT, identity
 from lockstep.codegen.manifest import AgentEntry, Manifest
@@ -79,10 +79,7 @@ def _row(
     lines: Sequence[str], at: int, call: int, agent: AgentEntry, manifest: Manifest, where: str
 ) -> list[int]:
     """Return the numbers of one call: status, u, x, held, heard, then age and misses of each neighbour."""
-    if at >= len(lines):
-        raise ProblemError(
-            f"the log ends in {agent.name}, before call {call}", where=where, expected="all of it"
-        )
+    demand(at < len(lines), f"the log ends in {agent.name}, before call {call}", where, "all of it")
     words = lines[at].split()
     digits = _digits(agent, manifest)
     good = len(words) == 1 + len(digits) and words[0] == str(call)

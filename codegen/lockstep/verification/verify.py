@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.check.errors import ClaimError, Mismatch, ProblemError
+from lockstep.check.errors import ClaimError, Mismatch, ProblemError, demand
 from lockstep.check.files import read_bytes
 from lockstep.codegen.doors import doors_of
 from lockstep.codegen.doors.vectors import ADVERSARIAL, ORDINARY, vectors
@@ -156,10 +156,8 @@ def verify_folder(
     see `require`.
     """
     folder = Path(directory).absolute()
-    if steps < 1 or adversarial_steps < 0:
-        raise ProblemError(
-            f"steps is {steps}, adversarial_steps {adversarial_steps}", where="verify", expected="above 0"
-        )
+    found = f"steps is {steps}, adversarial_steps {adversarial_steps}"
+    demand(steps >= 1 and adversarial_steps >= 0, found, "verify", "above 0")
     manifest = load_manifest(folder)
     changed = changed_files(folder, manifest)
     if not run_changed and (refused := refusals(folder, manifest)):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.model.plain_json import plain
 from lockstep.model.problem import Problem
 from lockstep.model.problem.tables.load import read_problem
@@ -108,10 +108,7 @@ def build(
 
     folder = Path(folder)
     check_generated(folder)
-    if against and not trade_off:
-        raise ProblemError(
-            "gains to compare with are named", where="--against", expected="--trade-off with it"
-        )
+    demand(not against or trade_off, "gains to compare with are named", "--against", "--trade-off with it")
     others = gains_by_name(against)
     source = "" if isinstance(problem, Problem) else read_problem(Path(problem))
     posed, checks = check(problem, every=True, progress=progress)

@@ -162,6 +162,7 @@ def _initial_set(design: Design) -> dict[str, Any]:
 def _sampled(design: Design, verdict: "Decided") -> dict[str, Any]:
     """Return what is proved of the controllers as they ship; what is not, or is not claimed, is None."""
     from lockstep.check.design_file.claims import SampledClaims
+    from lockstep.lmi.written import sampled_document
 
     claims, table = design.stored.claims.sampled, design.problem.controller
     certified = verdict.proves("sampled")
@@ -172,4 +173,4 @@ def _sampled(design: Design, verdict: "Decided") -> dict[str, Any]:
         shown = replace(claims, certified=True, rho=rho, max_period=longest or table.period)
     made = verdict.verdicts.get("sampled") or verdict.verdicts.get("code")
     reason = made.reason if made else UNDECIDED if claims.certified else UNCLAIMED
-    return {"reason": reason, **shown.document(), "period": table.period, "delay": table.delay}
+    return {"reason": reason, **sampled_document(shown), "period": table.period, "delay": table.delay}

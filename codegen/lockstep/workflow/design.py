@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lockstep.check.design_file.json_text import A_DESIGN, parse_json
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.files import as_text, read_inside
 from lockstep.lmi.document import Stored, answer, file_of, parse, read, sampled_answer
 from lockstep.model.html_table import html_table
@@ -272,10 +272,8 @@ def design(
         check_folder(folder, source, written)
     else:
         check_writable(curve, source, written)
-    if against and folder is None:
-        raise ProblemError(
-            "gains to compare with are named", where="--against", expected="--trade-off DIR with it"
-        )
+    expected = "--trade-off DIR with it"
+    demand(not against or folder is not None, "gains to compare with are named", "--against", expected)
     others = gains_by_name(against)
     posed, place = problem_of(problem)
     with of_file(place):

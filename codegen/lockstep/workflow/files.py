@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.model.whole_file import write_whole
 
 
@@ -21,10 +21,7 @@ def check_writable(output: Path | None, *others: Path | None) -> None:
     with seen(output):
         twice = any(other is not None and other.resolve() == output.resolve() for other in others)
         there, plain, above = output.exists(), output.is_file(), output.parent.is_dir()
-    if twice:
-        raise ProblemError(
-            "it is named twice, and one would overwrite the other", where=str(output), expected="another file"
-        )
+    demand(not twice, "it is named twice, and one would overwrite the other", str(output), "another file")
     if there and not plain:
         found = "it is a folder" if output.is_dir() else "it is no plain file"
         raise ProblemError(found, where=str(output), expected="a file to write")

@@ -6,7 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.wording import nearest, shorten
 from lockstep.workflow.files import check_writable, write_text
 
@@ -83,10 +83,7 @@ def _written(path: Path, text: str) -> tuple[Path, ...]:
     if path.exists():
         raise ProblemError("it is there already", where=str(path), expected="the name of a new file")
     schema = path.with_name(SCHEMA_NAME)
-    if schema == path:
-        raise ProblemError(
-            "that is the schema's name", where=str(path), expected="another one, such as problem.toml"
-        )
+    demand(schema != path, "that is the schema's name", str(path), "another one, such as problem.toml")
     known = files("lockstep.model.problem") / "schemas" / "problem.draft-07.json"
     write_text(schema, known.read_text(encoding="utf-8"))
     write_text(path, text)

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.lmi.document import Stored, read
 from lockstep.model.problem import load_problem
 from lockstep.workflow.files import check_takes_files, of_file, seen
@@ -58,10 +58,8 @@ def gains_by_name(paths: Sequence[Path | str]) -> dict[str, "Gains"]:
                 found[stored.problem.title] = stored.gains
                 continue
             problem = load_problem(path)
-            if problem.gains is None:
-                raise ProblemError(
-                    "there are no gains", where="[design]", expected='method = "given", with [[design.gains]]'
-                )
+            expected = 'method = "given", with [[design.gains]]'
+            demand(problem.gains is not None, "there are no gains", "[design]", expected)
             found[problem.title] = given_gains(problem)
     return found
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.workflow.design import DESIGN_NAME, Design, load
 from lockstep.workflow.files import seen
 from lockstep.workflow.waiting.progress import Progress, silent
@@ -45,10 +45,8 @@ def verify(
 
     folder = Path(folder)
     with seen(folder):
-        if folder.exists() and not folder.is_dir():
-            raise ProblemError(
-                "it is no folder", where=str(folder), expected="a folder that `lockstep generate` wrote"
-            )
+        expected = "a folder that `lockstep generate` wrote"
+        demand(not folder.exists() or folder.is_dir(), "it is no folder", str(folder), expected)
     if log is not None:
         return verify_log(folder, log)
     progress("closing the loop around the reference", 0.0)

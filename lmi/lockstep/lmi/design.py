@@ -19,7 +19,7 @@ import numpy as np
 
 from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.continuous.modes import ModalCertificate
-from lockstep.check.errors import Infeasible, NotCertified, OutOfTime, ProblemError
+from lockstep.check.errors import Infeasible, NotCertified, OutOfTime, ProblemError, demand
 from lockstep.check.floor.witness import FloorWitness
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.rounding import prove, short_gains
@@ -290,12 +290,8 @@ def _as_printed(problem: Problem, network: Network, bound: Bound, claim: Claim, 
 def _protocol(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Proposal:
     from lockstep.lmi.methods.lipschitz import design_protocol, protocol_gains
 
-    if problem.order:
-        raise ProblemError(
-            f"`order` is {problem.order}",
-            where="[design]",
-            expected='order = 0: the protocol of method "lipschitz" is static',
-        )
+    found = f"`order` is {problem.order}"
+    demand(not problem.order, found, "[design]", 'order = 0: the protocol of method "lipschitz" is static')
     tell("solving step 1 of the protocol", 0.0)
     protocol = design_protocol(network, claim, problem.design.gain_limit)
     gains = protocol_gains(network, protocol)

@@ -12,15 +12,21 @@ from lockstep.check.design_file import content as design_file
 from lockstep.check.design_file.claims import Claims, SampledClaims, Scales
 from lockstep.check.design_file.content import DesignFile
 from lockstep.check.design_file.json_text import load_json
-from lockstep.check.design_file.messages import messages_document
 from lockstep.check.design_file.proofs import BoundProof, Proofs
 from lockstep.check.system.domain import claimed_box
 from lockstep.lmi.design import Proposal
 from lockstep.lmi.initial import InitialStates
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
-from lockstep.lmi.written import file_document, gains_document
+from lockstep.lmi.written import (
+    claims_document,
+    file_document,
+    gains_document,
+    message_claims_document,
+    sampled_document,
+)
 from lockstep.model.agents.arguments import arguments_text
 from lockstep.model.bound_search import Bound
+from lockstep.model.plain_json import plain
 from lockstep.model.problem import Problem
 
 ALWAYS = ("rho", "floor")
@@ -115,7 +121,9 @@ def answer(stored: Stored) -> dict[str, Any]:
         "title": stored.problem.title,
         "method": design.method,
         "coordinates": design.coordinates,
-        **{key: value for key, value in claims.document().items() if value is not None or key in ALWAYS},
+        **{
+            key: value for key, value in claims_document(claims).items() if value is not None or key in ALWAYS
+        },
         "floor_proof": "none" if claims.floor is None else "exact",
         **({"initial_set": initial} if claims.scope == "local" else {}),
         **({"limits": limits} if (limits := _limits(claims.sampled)) else {}),
@@ -143,7 +151,7 @@ def _limits(claims: SampledClaims) -> dict[str, float]:
 
 def sampled_answer(stored: Stored) -> dict[str, Any]:
     """Return what is claimed of the sampled controllers, and remarks of them."""
-    claims = stored.claims.sampled.document()
+    claims = sampled_document(stored.claims.sampled)
     period, delay = stored.problem.controller.period, stored.problem.controller.delay
     return {**_table(stored.info, "sampled"), **claims, "period": period, "delay": delay}
 
@@ -153,11 +161,18 @@ def messages_answer(stored: Stored, *, certified: bool) -> dict[str, Any]:
     claims, asked = stored.claims.messages, stored.problem.messages
     if claims is not None and certified:
         alike = claims.messages.alike(len(stored.problem.graph().edges))
-        return {"messages": {"certified": True, "proof": "ball", **claims.document(), "alike": alike}}
+        return {
+            "messages": {
+                "certified": True,
+                "proof": "ball",
+                **message_claims_document(claims),
+                "alike": alike,
+            }
+        }
     if asked is None:
         return {}
     said = {"reason": "nothing is proved of it", **_table(stored.info, "messages")}
-    return {"messages": {"certified": False, "proof": "none", **messages_document(asked), **said}}
+    return {"messages": {"certified": False, "proof": "none", **plain(asked), **said}}
 
 
 def _table(info: Mapping[str, Any], key: str) -> Mapping[str, Any]:

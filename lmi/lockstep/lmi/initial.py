@@ -24,6 +24,7 @@ from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.numbers import Matrix, as_floats, as_fraction, exact, rounded_down
 from lockstep.check.psd import decide_positive_definite
 from lockstep.check.system.network import ExactNetwork
+from lockstep.lmi.written import initial_set_document
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ class InitialStates(InitialSet):
 
     def document(self) -> dict[str, Any]:
         """Return it with what people are told of it."""
-        return {"available": True, **self.remarks(), **self.claim()}
+        return {"available": True, **self.remarks(), **initial_set_document(self)}
 
     def remarks(self) -> dict[str, Any]:
         """Return what people are told of it, beyond the claim."""

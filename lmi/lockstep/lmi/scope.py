@@ -6,7 +6,7 @@ from lockstep.check.bound.box import Box
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.continuous.local import Domain
 from lockstep.check.continuous.modes import ModalCertificate
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.system.domain import Scope
 from lockstep.lmi.initial import InitialStates, Unavailable, initial_set
 from lockstep.model.agents.agent import Agent
@@ -44,12 +44,8 @@ def inner_box(box: Box, fraction: float) -> Box:
     >>> inner_box(Box((-4.0, -2.0), (8.0, float("inf"))), 0.5)
     Box(lower=(-1.0, -1.0), upper=(5.0, inf))
     """
-    if not 0 <= fraction < 1:
-        raise ProblemError(
-            f"{fraction}",
-            where="the part of the domain left to the leader",
-            expected="from 0 up to, but not, 1",
-        )
+    found = f"{fraction}"
+    demand(0 <= fraction < 1, found, "the part of the domain left to the leader", "from 0 up to, but not, 1")
     sides = [_inner_side(low, high, fraction) for low, high in zip(box.lower, box.upper, strict=True)]
     return Box(tuple(low for low, _ in sides), tuple(high for _, high in sides))
 

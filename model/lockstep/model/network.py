@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.numbers import exactly
 from lockstep.check.system.disagreement import Coordinates
 from lockstep.check.system.loop import Gains, Loop, Plant
@@ -133,12 +133,9 @@ class Network:
     def _check_scales(self, D_w: Sequence[float], D_v: Sequence[float]) -> None:
         """A certificate for rounded G D_w and D_v^-1 H would be one for another agent."""
         G, H = self.agent.lure.G, self.agent.lure.H
-        if (len(D_w), len(D_v)) != (G.shape[1], H.shape[0]):
-            raise ProblemError(
-                f"{len(D_w)} and {len(D_v)} scales",
-                where="network scales",
-                expected=f"{G.shape[1]} for phi and {H.shape[0]} for its arguments",
-            )
+        found = f"{len(D_w)} and {len(D_v)} scales"
+        expected = f"{G.shape[1]} for phi and {H.shape[0]} for its arguments"
+        demand((len(D_w), len(D_v)) == (G.shape[1], H.shape[0]), found, "network scales", expected)
         w, v = exactly(np.array(D_w, dtype=float)), exactly(np.array(D_v, dtype=float))
         plant = self.plant
         if (exactly(plant.G) != exactly(G) * w).any() or (exactly(plant.H) * v[:, None] != exactly(H)).any():

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import is_dataclass
 from typing import Any
 
 
@@ -12,7 +13,9 @@ def to_json(document: Any) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Return a value made of JSON types only."""
+    """Return a value made of JSON types only; an object of data is a mapping of its fields."""
+    if is_dataclass(value):
+        return plain(vars(value))
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

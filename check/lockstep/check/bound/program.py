@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
+from functools import reduce
 from typing import Annotated, Any
 
 import numpy as np
@@ -66,11 +67,8 @@ class Program:
 
     def _linear(self, node: Node, args: list[Interval]) -> Interval:
         coefficients, offset = self._coefficients[node]
-        total: Interval | None = None
-        for (low, high), x in zip(coefficients, args, strict=True):
-            term = rounding.scale(low, high, x)
-            total = term if total is None else rounding.add(total, term)
-        assert total is not None
+        terms = (rounding.scale(*c, x) for c, x in zip(coefficients, args, strict=True))
+        total = reduce(rounding.add, terms)
         if offset == (0.0, 0.0):
             return total
         return rounding.add(total, (np.full_like(total[0], offset[0]), np.full_like(total[0], offset[1])))
@@ -82,13 +80,8 @@ def _enclose(value: Any) -> tuple[float, float]:
 
 
 def _monomial(node: Node, args: list[Interval]) -> Interval:
-    exponents: Any = node.data
-    total: Interval | None = None
-    for x, exponent in zip(args, exponents, strict=True):
-        term = rounding.power(x, exponent)
-        total = term if total is None else rounding.multiply(total, term)
-    assert total is not None
-    return total
+    powers = (rounding.power(x, exponent) for x, exponent in zip(args, node.data, strict=True))
+    return reduce(rounding.multiply, powers)
 
 
 def _decreasing(term: Interval, slope: Interval, end: Interval) -> Interval:

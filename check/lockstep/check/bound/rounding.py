@@ -161,22 +161,16 @@ def power(x: Interval, exponent: int) -> Interval:
         low = np.where(exact_low, low, np.maximum(np.minimum(down(low), LARGEST), 0.0))
         return low, np.where(exact_high, high, up(high))
     if exponent % 2 == 0:
-        return sound(
-            _rounded_power(mignitude(x), exponent, upward=False),
-            _rounded_power(magnitude(x), exponent, upward=True),
-        )
-    outer, inner = (np.abs(end) for end in x)
-    low = np.where(
-        x[0] >= 0,
-        _rounded_power(outer, exponent, upward=False),
-        -_rounded_power(outer, exponent, upward=True),
-    )
-    high = np.where(
-        x[1] >= 0,
-        _rounded_power(inner, exponent, upward=True),
-        -_rounded_power(inner, exponent, upward=False),
-    )
-    return sound(low, high)
+        near, far = mignitude(x), magnitude(x)
+        low, high = _rounded_power(near, exponent, upward=False), _rounded_power(far, exponent, upward=True)
+        return sound(low, high)
+    return sound(_odd_power(x[0], exponent, upward=False), _odd_power(x[1], exponent, upward=True))
+
+
+def _odd_power(x: Endpoints, exponent: int, *, upward: bool) -> Endpoints:
+    size = np.abs(x)
+    below = -_rounded_power(size, exponent, upward=not upward)
+    return np.where(x >= 0, _rounded_power(size, exponent, upward=upward), below)
 
 
 def root(x: Interval) -> Interval:

@@ -141,13 +141,12 @@ class _Agent:
             table, roundings = self.unrolled()
         file.expect(self.expected(c.SOURCE))
         if "limited" in self.kinds:
-            self.limits = np.array([self.side(name) for name in ("lower", "upper")]).T
+            sides = [self.array(c.SIDE.format(name), self.shape.inputs) for name in ("lower", "upper")]
+            self.limits = np.array(sides).T
         file.expect(self.expected(c.SOURCE_MIDDLE))
         weights = np.ones(self.shape.neighbours)
         if self.shape.neighbours and file.sees(self.expected(c.WEIGHTS)):
-            file.expect(self.expected(c.WEIGHTS))
-            weights = np.array(file.row(len(weights), self.real))
-            file.expect(";")
+            weights = np.array(self.array(c.WEIGHTS, len(weights)))
             self.kinds.add("weighted")
             if (weights == 1).all():
                 raise file.refusal("weights that are all 1 are not generated")
@@ -157,21 +156,18 @@ class _Agent:
         file.expect(self.expected(c.SOURCE_STEP))
         if "shifted" in self.kinds:
             count = (1 + nn) * q
-            file.expect(self.expected(c.OFFSETS.format(count)))
-            self.offsets = np.array(file.row(count, self.real)).reshape(1 + nn, q)
-            file.expect(";")
+            self.offsets = np.array(self.array(c.OFFSETS.format(count), count)).reshape(1 + nn, q)
         file.expect(self.expected(c.SOURCE_END))
         for name, count in (("given", (ANSWERS + nn) * q), ("answer", ANSWERS * (n + m))):
-            file.expect(self.expected(c.KNOWN.format(name, count)))
-            file.row(count, self.real)
-            file.expect(";")
+            self.array(c.KNOWN.format(name, count), count)
         file.expect(self.expected(c.SELF_CHECK_END))
         file.end()
         return table, roundings, weights
 
-    def side(self, name: str) -> list[float]:
-        self.file.expect(self.expected(c.SIDE.format(name)))
-        values = self.file.row(self.shape.inputs, self.real)
+    def array(self, code: str, count: int) -> list[float]:
+        """Take the definition of an array, and return its numbers."""
+        self.file.expect(self.expected(code))
+        values = self.file.row(count, self.real)
         self.file.expect(";")
         return values
 

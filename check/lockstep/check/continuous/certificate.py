@@ -64,9 +64,8 @@ def decide_floor(network: ExactNetwork, claim: Claim, witness: FloorWitness) -> 
     said = f"no controllers certify a rho below {witness.rho:.10g}"
     if network.spectrum is not None:
         return Verdict("undecided", f"it is claimed that {said}, of graphs that are not named")
-    if claim.performance.covers_xi and proves_floor(network, claim.alpha_of_floor, claim.R, witness):
-        return Verdict("proved", said, {"rho": witness.rho})
-    return Verdict("undecided", f"it is claimed that {said}, but its witness does not prove it")
+    covers = claim.performance.covers_xi
+    return Verdict.of(said, covers and proves_floor(network, claim.alpha_of_floor, claim.R, witness))
 
 
 def decide_initial_set(

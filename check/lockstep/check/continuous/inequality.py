@@ -40,7 +40,7 @@ import numpy as np
 
 from lockstep.check.bound.result import Entry
 from lockstep.check.continuous.channels import Channel, Inequality, Term
-from lockstep.check.numbers import Matrix, Vector, converter, eye, is_exact, zeros
+from lockstep.check.numbers import Matrix, Vector, block_diagonal, converter, eye, is_exact, zeros
 from lockstep.check.system.loop import Loop, Plant
 
 LETTERS = ("A", "B", "C", "D")
@@ -156,40 +156,11 @@ def gain_errors(loop: Loop, delta: Annotated[np.ndarray, "N 4"]) -> list[GainErr
     return found
 
 
-class Inputs(NamedTuple):
-    """How u is weighed: S_i (N m, n_C + m) takes it out of each agent's outputs, W (N m, N m) weighs it.
-
-    errors: (N m, ...), what gain errors add to u, by the columns of F; none where gains are certain.
-    """
-
-    S: tuple[Matrix, ...]
-    W: Matrix
-    errors: Matrix
-
-
-def disturbance(
-    E: Matrix, Y: tuple[Matrix, ...], metric: Matrix, weight: Matrix, inputs: Inputs | None
-) -> Channel:
+def disturbance(loop: Loop, claim: Claim) -> Channel:
     """Return w = (xi_d, nu_d), its multiplier rho^2, and what rho is a gain to: x_cl'diag(S (x) R, I (x) Q) x_cl + u'W u.
 
-    Args:
-        E: (n_x, w), how w enters the states.
-        Y: (n_C + q, w) for each agent, how it enters what the controllers see; none where nothing is noisy.
-        metric: (w, w) of w.
-        weight: (n_x, n_x) of x_cl.
-        inputs: how u is weighed; None where it weighs nothing.
+    xi_d = (T (x) I) xi is scaled by state, nu_d = (T (x) I) nu by output; states and outputs with the scale 0 have none.
     """
-    one, none = eye(len(weight), weight), weight[:0, :0]
-    nothing = zeros(0, len(metric), weight)
-    gain = Term(one[:0], none, eye(len(metric), weight), metric)
-    fixed = [Term(one, weight, nothing, none)]
-    if inputs is not None:
-        fixed.append(Term(inputs.errors, inputs.W, nothing, none, inputs.S))
-    return Channel("disturbance", E, (gain,), tuple(fixed), Y)
-
-
-def disturbance_of(loop: Loop, claim: Claim) -> Channel:
-    """Return the disturbance of a loop: xi_d = (T (x) I) xi scaled by state, nu_d = (T (x) I) nu scaled by output."""
     number, d, (n, _, q, _, _) = converter(loop.exact), loop.d, loop.plant.sizes
     driven = np.flatnonzero(claim.states) if len(claim.states) else np.arange(n)
     noisy = np.flatnonzero(claim.outputs)
@@ -199,29 +170,37 @@ def disturbance_of(loop: Loop, claim: Claim) -> Channel:
     if len(noisy):
         seen = number(np.diag(claim.outputs)[:, noisy])
         E = _padded(E, 0, E.shape[1] + (d.N - 1) * len(noisy))
-        for i in range(d.N):
+        for i in range(len(loop.Y)):
             rows = zeros(loop.order + q, E.shape[1], loop.A_0)
             rows[loop.order :, len(columns) :] = np.kron(d.L_r[i : i + 1], seen)
             Y.append(rows)
-    metric = _blocks(*(np.kron(d.S, eye(len(part), loop.A_0)) for part in (driven, noisy)))
-    return disturbance(E, tuple(Y), metric, performance_weight(loop, claim), _inputs(loop, claim, E.shape[1]))
+    metric = block_diagonal(*(np.kron(d.S, eye(len(part), loop.A_0)) for part in (driven, noisy)))
+    one, none = eye(loop.n_x, loop.A_0), loop.A_0[:0, :0]
+    nothing = zeros(0, len(metric), loop.A_0)
+    gain = Term(one[:0], none, eye(len(metric), loop.A_0), metric)
+    fixed = [Term(one, performance_weight(loop, claim), nothing, none)]
+    if len(claim.W):
+        errors, W, S = _inputs(loop, claim, E.shape[1])
+        fixed.append(Term(errors, W, nothing, none, S))
+    return Channel("disturbance", E, (gain,), tuple(fixed), tuple(Y))
 
 
-def _inputs(loop: Loop, claim: Claim, width: int) -> Inputs | None:
-    """Return how all u are weighed; the errors of C and D are added to u, behind the disturbance and the nonlinearity."""
-    if not len(claim.W):
-        return None
-    d, m, like = loop.d, len(claim.W), loop.A_0
+def _inputs(loop: Loop, claim: Claim, width: int) -> tuple[Matrix, Matrix, tuple[Matrix, ...]]:
+    """Return how all u are weighed: what gain errors add to u, W (N m, N m), and S_i that take u out of agents' outputs.
+
+    The errors of C and D are added to u; their columns stand behind the disturbance and the nonlinearity.
+    """
+    d, m, like, N = loop.d, len(claim.W), loop.A_0, len(loop.U)
     errors = gain_errors(loop, claim.delta)
     place = loop.n_x + width + nonlinear_signals(loop.plant, claim, len(d.pairs()), d.N - 1)
-    total = zeros(d.N * m, place + sum(error.X.shape[1] for error in errors), like)
+    total = zeros(N * m, place + sum(error.X.shape[1] for error in errors), like)
     for error in errors:
         if LETTERS[error.letter] in "CD":
             total[error.agent * m : (error.agent + 1) * m, place : place + m] = eye(m, like)
         place += error.X.shape[1]
-    unit, rows = eye(d.N, like), np.hstack([zeros(m, loop.order, like), eye(m, like)])
-    S = tuple(np.kron(unit[:, i : i + 1], rows) for i in range(d.N))
-    return Inputs(S, np.kron(unit, converter(loop.exact)(claim.W)), total if errors else total[:, : loop.n_x])
+    unit, rows = eye(N, like), np.hstack([zeros(m, loop.order, like), eye(m, like)])
+    S = tuple(np.kron(unit[:, i : i + 1], rows) for i in range(N))
+    return total if errors else total[:, : loop.n_x], np.kron(unit, converter(loop.exact)(claim.W)), S
 
 
 def nonlinearity(plant: Plant, claim: Claim, differences: list[Vector], n_x: int) -> Channel:
@@ -243,10 +222,8 @@ def nonlinearity(plant: Plant, claim: Claim, differences: list[Vector], n_x: int
     if not r:
         return Channel("nonlinearity", E, ())
     phi = [_padded(np.kron(row[None, :], eye(r, A)), 0, width) for row in differences]
-    found, left = (
-        _sector(claim.alpha, plant.H, differences, phi, n_x),
-        [[W[k : k + 1] for W in phi] for k in range(r)],
-    )
+    found = _sector(claim.alpha, plant.H, differences, phi, n_x)
+    left = [[W[k : k + 1] for W in phi] for k in range(r)]
     for c, entry in enumerate(claim.entries):
         k, W = entry.component, left[entry.component]
         if any(later.component == k for later in claim.entries[c + 1 :]):
@@ -265,28 +242,11 @@ def _sector(bound: float, H: Matrix, differences: list[Vector], W: list[Matrix],
     return [Term(C, Q, W_ij, M) for C, W_ij in zip(rows, W, strict=True)]
 
 
-def gain_error(error: GainError, noise: Matrix) -> Channel:
-    """Return e = Delta (Y x_cl + Y_w w) with delta^2 |Y x_cl + Y_w w|^2 - |e|^2 and the multiplier t.
-
-    Args:
-        error: where it enters and how large it is.
-        noise: Y_w, what the disturbance adds to what it acts on: no columns where that is nothing.
-    """
-    delta = converter(is_exact(error.X))(np.array([error.delta]))[0]
-    one, seen = eye(error.X.shape[1], error.X), np.hstack([error.Y, noise])
-    term = Term(seen, delta * delta * eye(len(seen), error.X), one, one)
-    return Channel(f"error of {LETTERS[error.letter]}, agent {error.agent + 1}", error.X, (term,))
-
-
 def nonlinear_signals(plant: Plant, claim: Claim, pairs: int, copies: int) -> int:
-    """Return how many signals the nonlinearity has: phi_d, and those of the entries."""
+    """Return how many signals the nonlinearity has: phi_d, and for each pair one less than a component has entries."""
     r = int(plant.G.shape[1])
-    return r * copies + (entry_signals(claim, pairs) if r else 0)
-
-
-def entry_signals(claim: Claim, pairs: int) -> int:
-    """Return how many signals the entries add to phi_d: for each pair, one less than a component has entries."""
-    return pairs * (len(claim.entries) - len({one.component for one in claim.entries}))
+    own = len(claim.entries) - len({one.component for one in claim.entries})
+    return r * copies + (pairs * own if r else 0)
 
 
 def split(
@@ -301,23 +261,23 @@ def split(
 def performance_weight(loop: Loop, claim: Claim) -> Matrix:
     """Return diag(S (x) R, I (x) Q)."""
     number = converter(loop.exact)
-    weight = loop.on_disagreement(np.kron(loop.d.S, number(claim.R)))
-    Q = number(claim.Q)
-    for i in range(loop.d.N):
-        place = slice(loop.n_d + i * loop.order, loop.n_d + (i + 1) * loop.order)
-        weight[place, place] = Q
-    return weight
+    return block_diagonal(np.kron(loop.d.S, number(claim.R)), *[number(claim.Q)] * len(loop.U))
 
 
 def inequality(loop: Loop, claim: Claim) -> Inequality:
     """Return the inequality of a claim: the disturbance (rho^2), the nonlinearity (m, m_entries), the gain errors (t)."""
     d = loop.d
     differences = [d.right[i] - d.right[j] for i, j in d.pairs()]
-    first, errors = disturbance_of(loop, claim), []
+    first, errors = disturbance(loop, claim), []
     for error in gain_errors(loop, claim.delta):
+        # e = Delta (Y x_cl + Y_w w) with delta^2 |Y x_cl + Y_w w|^2 - |e|^2; Y_w is what the noise adds to r.
         sees_noise = first.Y and LETTERS[error.letter] in "BD"
         noise = first.Y[error.agent][loop.order :] if sees_noise else error.Y[:, :0]
-        errors.append(gain_error(error, noise))
+        delta = converter(loop.exact)(np.array([error.delta]))[0]
+        one, seen = eye(error.X.shape[1], error.X), np.hstack([error.Y, noise])
+        term = Term(seen, delta * delta * eye(len(seen), error.X), one, one)
+        name = f"error of {LETTERS[error.letter]}, agent {error.agent + 1}"
+        errors.append(Channel(name, error.X, (term,)))
     found = (first, nonlinearity(loop.plant, claim, differences, loop.n_x), *errors)
     return Inequality(loop.A_0, loop.U, loop.Y, found)
 
@@ -336,13 +296,6 @@ def F_matrix(
     """Assemble F, in doubles or in the rationals the doubles are, as the loop is."""
     number, stated = converter(loop.exact), inequality(loop, claim)
     return stated.F(number(certificate.P), number(gains), multipliers(stated, certificate))
-
-
-def _blocks(first: Matrix, second: Matrix) -> Matrix:
-    """Return diag(first, second)."""
-    whole, at = zeros(len(first) + len(second), len(first) + len(second), first), len(first)
-    whole[:at, :at], whole[at:, at:] = first, second
-    return whole
 
 
 def _padded(block: Matrix, at: int, width: int) -> Matrix:

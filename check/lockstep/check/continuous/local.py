@@ -37,7 +37,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from flint import fmpq, fmpq_mat
@@ -79,11 +79,6 @@ class InitialSet:
     def __post_init__(self) -> None:
         if not (0 < self.level < math.inf and 0 < self.radius < math.inf and 0 < self.energy < math.inf):
             raise ValueError(f"a set of level {self.level}, radius {self.radius}, energy {self.energy}")
-
-    def claim(self) -> dict[str, Any]:
-        """Return what is claimed, as plain JSON types; a side without a limit is None."""
-        figures = {"level": self.level, "radius": self.radius, "energy": self.energy}
-        return {"leader": self.leader, "inner": _sides(self.inner), "box": _sides(self.box), **figures}
 
 
 def better_than_proved(
@@ -177,10 +172,8 @@ def _margins(box: Box, inner: Box) -> list[Fraction | None]:
     found: list[Fraction | None] = []
     for j, (low, high, a, b) in enumerate(zip(box.lower, box.upper, inner.lower, inner.upper, strict=True)):
         inside = (a > low or not math.isfinite(low)) and (b < high or not math.isfinite(high))
-        where, wanted = (
-            f"the inner box, component {j + 1}",
-            f"an interval inside [{low:g}, {high:g}], away from its ends",
-        )
+        where = f"the inner box, component {j + 1}"
+        wanted = f"an interval inside [{low:g}, {high:g}], away from its ends"
         demand(inside, f"[{a:g}, {b:g}]", where, wanted)
         sides = [Fraction(a) - Fraction(low)] if math.isfinite(low) else []
         sides += [Fraction(high) - Fraction(b)] if math.isfinite(high) else []
@@ -236,9 +229,3 @@ def box_text(box: Box) -> str:
         f"{low:.4g} <= v{k} <= {high:.4g}"
         for k, (low, high) in enumerate(zip(box.lower, box.upper, strict=True), start=1)
     )
-
-
-def _sides(box: Box) -> list[list[float | None]]:
-    return [
-        [x if math.isfinite(x) else None for x in side] for side in zip(box.lower, box.upper, strict=True)
-    ]

@@ -33,19 +33,20 @@ x_Cd being the controllers' states less their mean, which moves by itself betwee
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
 
-from lockstep.check.continuous.channels import Channel, Inequality
+from lockstep.check.continuous.channels import Inequality
 from lockstep.check.continuous.decide import decide_weights
-from lockstep.check.continuous.inequality import Claim, Inputs, disturbance, nonlinearity
+from lockstep.check.continuous.inequality import Claim, inequality
 from lockstep.check.errors import demand
-from lockstep.check.numbers import Matrix, converter, exactly, eye, is_exact, zeros
+from lockstep.check.numbers import Matrix, converter, exactly, is_exact
 from lockstep.check.psd import Definiteness, decide_positive_definite
-from lockstep.check.system.loop import Gains, Plant
+from lockstep.check.system.disagreement import single_difference
+from lockstep.check.system.loop import Gains, Loop, Plant, build_loop
 from lockstep.check.system.network import ExactNetwork
 from lockstep.check.system.spectrum import REMEDY, Metric, decide_spectrum, metric
 
@@ -93,65 +94,16 @@ class Modes:
     @property
     def size(self) -> int:
         """n + n_C."""
-        return int(self.plant.A.shape[0]) + self.order
+        return len(self.plant.A) + self.order
 
-    @property
-    def A_0(self) -> Matrix:
-        """diag(A, 0) + sigma I."""
-        n = self.plant.A.shape[0]
-        A_0 = zeros(self.size, self.size, self.plant.A)
-        A_0[:n, :n] = self.plant.A
-        sigma = converter(is_exact(A_0))(np.array([self.decay]))[0]
-        return A_0 + sigma * eye(self.size, A_0) if self.decay else A_0
-
-    @property
-    def U(self) -> Matrix:
-        """[0 B; I 0]."""
-        n, m = self.plant.B[0].shape
-        U = zeros(self.size, self.order + m, self.plant.A)
-        U[:n, self.order :], U[n:, : self.order] = self.plant.B[0], eye(self.order, self.plant.A)
-        return U
-
-    def Y(self, value: float) -> Matrix:
-        """[0 I; lambda C 0]; lambda is the double it is."""
-        q, n = self.plant.C.shape
-        Y = zeros(self.order + q, self.size, self.plant.A)
-        scale = converter(is_exact(self.plant.A))(np.array([value]))[0]
-        Y[: self.order, n:], Y[self.order :, :n] = eye(self.order, self.plant.A), scale * self.plant.C
-        return Y
-
-    def weight(self, claim: Claim) -> Matrix:
-        """diag(R, Q)."""
-        number, n = converter(is_exact(self.plant.A)), self.plant.A.shape[0]
-        weight = zeros(self.size, self.size, self.plant.A)
-        weight[:n, :n], weight[n:, n:] = number(claim.R), number(claim.Q)
-        return weight
+    def at(self, value: float) -> Loop:
+        """Return the mode of lambda, which is the double it is, as a loop of one difference and one controller."""
+        one = replace(self.plant, B=self.plant.B[:1])
+        return build_loop(one, single_difference(one.A, value), self.order, self.decay)
 
     def inequality(self, claim: Claim, value: float) -> Inequality:
         """Return the inequality of one mode: the disturbance (sigma), and the nonlinearity (mu) as of a single difference."""
-        unit = eye(1, self.plant.A)[0]
-        found = (
-            self._disturbance(claim, value),
-            nonlinearity(self.plant, claim, [unit], self.size),
-        )
-        return Inequality(self.A_0, (self.U,), (self.Y(value),), found)
-
-    def _disturbance(self, claim: Claim, value: float) -> Channel:
-        n, m, q, _, _ = self.plant.sizes
-        number, A = converter(is_exact(self.plant.A)), self.plant.A
-        scale = number(np.diag(claim.states if len(claim.states) else np.ones(n)))
-        seen = number(np.array([value]))[0] * number(np.diag(claim.outputs))
-        E, Y = zeros(self.size, n + len(seen), A), list[Matrix]()
-        E[:n, :n] = scale
-        if len(seen):
-            rows = zeros(self.order + q, n + q, A)
-            rows[self.order :, n:] = seen
-            Y.append(rows)
-        inputs = None
-        if len(claim.W):
-            rows = np.hstack([zeros(m, self.order, A), eye(m, A)])
-            inputs = Inputs((rows,), number(claim.W), zeros(m, self.size, A))
-        return disturbance(E, tuple(Y), eye(n + len(seen), A), self.weight(claim), inputs)
+        return inequality(self.at(value), claim)
 
 
 def mode_matrix(

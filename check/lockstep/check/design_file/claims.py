@@ -8,38 +8,43 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 from lockstep.check.bound.box import Box
 from lockstep.check.bound.result import Entry
+from lockstep.check.continuous.inequality import LETTERS
 from lockstep.check.continuous.local import InitialSet
 from lockstep.check.design_file.fixed import FixedClaims, fixed_claims_of
 from lockstep.check.design_file.json_text import (
+    Reader,
     above_zero,
+    among,
     each,
-    item,
+    flag,
+    made,
     not_negative,
     number,
     one_of,
-    only,
-    optional,
-    part,
+    or_none,
     position,
     record,
 )
 from lockstep.check.design_file.messages import MessageClaims, message_claims_of
-from lockstep.check.errors import ProblemError
-
-LETTERS = ("A", "B", "C", "D")
+from lockstep.check.errors import demand
+from lockstep.check.sampled.certify import SampledVerdict
+from lockstep.check.system.domain import Scope
 
 SURE = 1 - 5e-10
 """What is proved of residuals is rounded up by 1e-9 of itself, of which its few operations need 1e-14: a file from another
 machine may be below it by half of that."""
 
-LATER = ("limits_gain", "clipped_radius")
-"""Claims of the sampled controllers that files from before do not have."""
+RESIDUALS = {
+    "residual": "residual_per_message_error",
+    "residual_rms": "residual_rms_per_message_error",
+    "underflow": "residual_from_underflow",
+}
+"""The keys of a file that have longer names than the fields of `SampledClaims`."""
 
-Scope = Literal["global", "local"]
 Scales = tuple[tuple[float, ...], tuple[float, ...]]
 
 
@@ -71,78 +76,34 @@ class SampledClaims:
     clipped_radius: float | None = None
 
     def __post_init__(self) -> None:
-        numbers = [
-            self.period,
-            self.delay,
-            self.decay,
-            self.rho,
-            self.radius,
-            self.limits_gain,
-            self.clipped_radius,
-        ]
-        numbers += self._residuals().values()
-        if not self.certified and (self.rounding or any(one is not None for one in numbers)):
-            raise ProblemError(
-                "numbers are claimed of controllers that are not claimed to be certified",
-                where="claims, sampled",
-                expected="`max_period` alone beside `certified` = false",
-            )
+        claimed = [one for key, one in vars(self).items() if key not in ("certified", "max_period")]
+        demand(
+            self.certified or all(one in (None, ()) for one in claimed),
+            "numbers are claimed of controllers that are not claimed to be certified",
+            "claims, sampled",
+            "`max_period` alone beside `certified` = false",
+        )
 
-    @property
-    def proof(self) -> Literal["ball", "none"]:
-        """How it is proved."""
-        return "ball" if self.certified else "none"
-
-    def _residuals(self) -> dict[str, float | None]:
-        return {
-            "residual_per_message_error": self.residual,
-            "residual_rms_per_message_error": self.residual_rms,
-            "residual_from_underflow": self.underflow,
-        }
-
-    def document(self) -> dict[str, Any]:
-        """Return the claims as plain JSON types; those that came later only where they are made."""
-        later = {key: getattr(self, key) for key in LATER if getattr(self, key) is not None}
-        return {
-            "certified": self.certified,
-            "proof": self.proof,
-            "period": self.period,
-            "delay": self.delay,
-            "decay": self.decay,
-            "rho": self.rho,
-            "max_period": self.max_period,
-            "radius": self.radius,
-            **self._residuals(),
-            "rounding": [dict(one) for one in self.rounding],
-            **later,
-        }
-
-    def better_than(self, proved: "SampledClaims") -> Iterator[str]:
-        """Yield in words each claim that is better than what is proved; nothing where all of them are proved."""
-        if self.certified and not proved.certified:
-            yield "the file claims the sampled controllers certified, but they are not"
-            return
-        mine, theirs = self.document(), proved.document()
+    def better_than(self, proved: SampledVerdict) -> Iterator[str]:
+        """Yield in words each claim that is better than what is proved of one period; all other claims are decided apart."""
         for key in ("period", "delay"):
-            if mine[key] is not None and mine[key] != theirs[key]:
-                yield _unproved(key, mine[key], theirs[key])
-        for key, room in (("decay", 1.0), ("rho", 1.0), *((key, SURE) for key in self._residuals())):
-            if mine[key] is not None and (theirs[key] is None or not mine[key] >= room * theirs[key]):
-                yield _unproved(key, mine[key], theirs[key])
-        if self.max_period is not None and self.max_period > (proved.max_period or 0.0):
-            yield _unproved("max_period", self.max_period, proved.max_period)
-        if self.rounding and len(self.rounding) != len(proved.rounding):
-            yield f"the file claims `rounding` of {len(self.rounding)} agents, not of {len(proved.rounding)}"
+            if (claimed := getattr(self, key)) not in (None, getattr(proved, key)):
+                yield _unproved(key, claimed, getattr(proved, key))
+        for key in ("decay", *RESIDUALS):
+            claimed, least = getattr(self, key), getattr(proved, key)
+            if claimed is not None and not claimed >= (SURE if key in RESIDUALS else 1.0) * least:
+                yield _unproved(RESIDUALS.get(key, key), claimed, least)
+        if self.rounding and len(self.rounding) != len(proved.deltas):
+            yield f"the file claims `rounding` of {len(self.rounding)} agents, not of {len(proved.deltas)}"
             return
-        for i, (one, own) in enumerate(zip(self.rounding, proved.rounding, strict=False), start=1):
+        for i, (one, own) in enumerate(zip(self.rounding, proved.deltas, strict=False), start=1):
             for letter in LETTERS:
                 if not one[letter] >= own[letter]:
                     yield _unproved(f"rounding of {letter} of agent {i}", one[letter], own[letter])
 
 
-def _unproved(name: str, claimed: float, proved: float | None) -> str:
-    found = "none" if proved is None else f"{proved:.10g}"
-    return f"the file claims {name} = {claimed:.10g} of the sampled loop, but {found} is proved"
+def _unproved(name: str, claimed: float, proved: float) -> str:
+    return f"the file claims {name} = {claimed:.10g} of the sampled loop, but {proved:.10g} is proved"
 
 
 @dataclass(frozen=True)
@@ -175,44 +136,10 @@ class Claims:
     fixed: FixedClaims | None = None
 
     def __post_init__(self) -> None:
-        if not self.certified and any((self.rho, self.scope, self.initial_set, self.decay)):
-            raise ProblemError(
-                "`rho`, `scope`, `initial_set` or `decay` is claimed without a certificate",
-                where="claims",
-                expected="null beside `certified` = false",
-            )
-        if self.certified and self.rho is None:
-            raise ProblemError("None", where="claims, `rho`", expected="a finite number")
-
-    @property
-    def proof(self) -> Literal["exact", "none"]:
-        """How it is proved."""
-        return "exact" if self.certified else "none"
-
-    def document(self) -> dict[str, Any]:
-        """Return the claims as plain JSON types; components, arguments and agents are counted from 1."""
-        return {
-            "certified": self.certified,
-            "proof": self.proof,
-            "rho": self.rho,
-            "alpha": self.alpha,
-            "fragility": dict(self.fragility),
-            "scope": self.scope,
-            "scales": None
-            if self.scales is None
-            else {key: list(d) for key, d in zip("GH", self.scales, strict=True)},
-            "entries": [
-                {"component": one.component + 1, "argument": one.argument + 1, "bound": one.bound}
-                for one in self.entries
-            ],
-            "initial_set": None if self.initial_set is None else self.initial_set.claim(),
-            "floor": self.floor,
-            "decay": self.decay,
-            "controllers_stable": self.controllers_stable,
-            "sampled": self.sampled.document(),
-            **({} if self.messages is None else {"messages": self.messages.document()}),
-            **({} if self.fixed is None else {"fixed": self.fixed.document()}),
-        }
+        bare = not any((self.rho, self.scope, self.initial_set, self.decay))
+        found = "`rho`, `scope`, `initial_set` or `decay` is claimed without a certificate"
+        demand(self.certified or bare, found, "claims", "null beside `certified` = false")
+        demand(not self.certified or self.rho is not None, "None", "claims, `rho`", "a finite number")
 
 
 def claims_of(content: Any) -> Claims:
@@ -221,37 +148,32 @@ def claims_of(content: Any) -> Claims:
     Raises:
         ProblemError: a key missing or unknown, or a value that cannot be one of its kind.
     """
-    only(content, (*Claims(False, None, 0.0, {}).document(), "messages", "fixed"), "claims")
-    certified = part(content, "certified", bool)
-    one_of(item(content, "proof", "claims"), ("exact" if certified else "none",), "claims, `proof`")
-    fragility = part(content, "fragility", dict)
-    only(fragility, LETTERS, "claims, fragility")
-    return Claims(
-        certified,
-        optional(content, "rho", above_zero),
-        not_negative(content.get("alpha"), "claims, `alpha`"),
-        {letter: not_negative(fragility.get(letter), f"claims, fragility `{letter}`") for letter in LETTERS},
-        optional(content, "scope", lambda value, where: one_of(value, ("global", "local"), where)),
-        optional(content, "scales", _scales),
-        optional(content, "entries", partial(each, read=_entry)) or (),
-        optional(content, "initial_set", _initial_set),
-        optional(content, "floor", above_zero),
-        optional(content, "decay", above_zero),
-        part({"controllers_stable": False, **content}, "controllers_stable", bool),
-        optional(content, "sampled", _sampled) or SampledClaims(),
-        optional(content, "messages", message_claims_of),
-        optional(content, "fixed", fixed_claims_of),
-    )
+    entry = made(Entry, {"component": position, "argument": position, "bound": not_negative})
+    readers: dict[str, Reader] = {
+        "certified": flag,
+        "rho": or_none(above_zero),
+        "alpha": not_negative,
+        "fragility": _by_letter,
+        "scope": or_none(among("global", "local")),
+        "scales": or_none(_scales),
+        "entries": or_none(partial(each, read=entry), ()),
+        "initial_set": or_none(_initial_set),
+        "floor": or_none(above_zero),
+        "decay": or_none(above_zero),
+        "controllers_stable": or_none(flag, otherwise=False),
+        "sampled": or_none(_sampled, SampledClaims()),
+        "messages": or_none(message_claims_of),
+        "fixed": or_none(fixed_claims_of),
+        "proof": among("exact", "none"),
+    }
+    *found, proof = record(content, "claims", readers)
+    one_of(proof, ("exact" if found[0] else "none",), "claims, `proof`")
+    return Claims(*found)
 
 
 def _scales(value: Any, where: str) -> Scales:
     G, H = record(value, where, dict.fromkeys("GH", partial(each, read=above_zero)))
     return G, H
-
-
-def _entry(value: Any, where: str) -> Entry:
-    readers = {"component": position, "argument": position, "bound": not_negative}
-    return Entry(*record(value, where, readers))
 
 
 def _initial_set(value: Any, where: str) -> InitialSet:
@@ -262,38 +184,29 @@ def _initial_set(value: Any, where: str) -> InitialSet:
 
 
 def _box(value: Any, where: str) -> Box:
-    if not isinstance(value, list) or any(not isinstance(side, list) or len(side) != 2 for side in value):
-        raise ProblemError("it is missing or has another shape", where=where, expected="rows of two numbers")
-    lower = tuple(-math.inf if low is None else number(low, where) for low, _ in value)
-    upper = tuple(math.inf if high is None else number(high, where) for _, high in value)
-    return Box(lower, upper)
+    shaped = isinstance(value, list) and all(isinstance(side, list) and len(side) == 2 for side in value)
+    demand(shaped, "it is missing or has another shape", where, "rows of two numbers")
+    low, high = or_none(number, -math.inf), or_none(number, math.inf)
+    return Box(tuple(low(one, where) for one, _ in value), tuple(high(one, where) for _, one in value))
 
 
 def _sampled(value: Any, where: str) -> SampledClaims:
-    certified = item(value, "certified", where)
-    only(value, (*SampledClaims().document(), *LATER), where)
-    if not isinstance(certified, bool):
-        raise ProblemError(
-            f"`certified` is a {type(certified).__name__}", where=where, expected="true or false"
-        )
-    one_of(value.get("proof"), ("ball" if certified else "none",), f"{where}, `proof`")
-    delay = optional(value, "delay", lambda given, place: one_of(given, (0, 1), place), where)
-    rounding = optional(value, "rounding", partial(each, read=_deltas, name="agent"), where) or ()
-    numbers = {
-        key: optional(value, name, not_negative, where)
-        for key, name in (
-            ("decay", "decay"),
-            ("residual", "residual_per_message_error"),
-            ("residual_rms", "residual_rms_per_message_error"),
-            ("underflow", "residual_from_underflow"),
-        )
+    length, size = or_none(above_zero), or_none(not_negative)
+    readers: dict[str, Reader] = {
+        "certified": flag,
+        "period": length,
+        "delay": or_none(among(0, 1)),
+        "decay": size,
+        "rho": length,
+        **dict.fromkeys(RESIDUALS.values(), size),
+        "rounding": or_none(partial(each, read=_by_letter, name="agent"), ()),
+        **dict.fromkeys(("max_period", "radius", "limits_gain", "clipped_radius"), length),
+        "proof": among("ball", "none"),
     }
-    lengths = {
-        key: optional(value, key, above_zero, where)
-        for key in ("period", "rho", "max_period", "radius", *LATER)
-    }
-    return SampledClaims(certified, delay=delay, rounding=rounding, **numbers, **lengths)
+    *found, proof = record(value, where, readers)
+    one_of(proof, ("ball" if found[0] else "none",), f"{where}, `proof`")
+    return SampledClaims(*found)
 
 
-def _deltas(value: Any, where: str) -> dict[str, float]:
+def _by_letter(value: Any, where: str) -> dict[str, float]:
     return dict(zip(LETTERS, record(value, where, dict.fromkeys(LETTERS, not_negative)), strict=True))

@@ -4,13 +4,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from lockstep.check.design_file.json_text import above_zero, each, or_none, record
-from lockstep.check.errors import demand
+from lockstep.check.design_file.json_text import above_zero, each, or_none, record, whole
 from lockstep.check.sampled.inequality import Witness
 
 NUMBERS = ("decay", "residual_per_message_error", "residual_from_rounding")
 LATER = ("rho", "rho_rounding", "radius")
-FORMATS = ("outputs", "inputs", "states")
 
 
 @dataclass(frozen=True)
@@ -34,11 +32,6 @@ class FixedClaims:
     inputs: tuple[int, ...]
     states: tuple[tuple[int, ...], ...]
 
-    def document(self) -> dict[str, Any]:
-        """Return the claims as plain JSON types."""
-        listed = {"outputs": list(self.outputs), "inputs": list(self.inputs)}
-        return {**vars(self), **listed, "states": [list(one) for one in self.states]}
-
 
 @dataclass(frozen=True, eq=False)
 class FixedWitness:
@@ -48,20 +41,10 @@ class FixedWitness:
     rho: Witness | None
     radius: Witness | None
 
-    def document(self) -> dict[str, Any]:
-        """Return the witnesses as plain JSON types."""
-        return {key: None if one is None else one.document() for key, one in vars(self).items()}
-
 
 def fixed_claims_of(value: Any, where: str) -> FixedClaims:
     """Read `claims.fixed`."""
-    row = partial(each, read=_exponent)
+    row = partial(each, read=whole(-60, 60))
     formats = {"outputs": row, "inputs": row, "states": partial(each, read=row, name="agent")}
     numbers = dict.fromkeys(NUMBERS, above_zero) | dict.fromkeys(LATER, or_none(above_zero))
     return FixedClaims(*record(value, where, {**numbers, **formats}))
-
-
-def _exponent(value: Any, where: str) -> int:
-    whole = isinstance(value, int) and not isinstance(value, bool) and abs(value) <= 60
-    demand(whole, f"{value!r}", where, "a whole number from -60 to 60")
-    return int(value)

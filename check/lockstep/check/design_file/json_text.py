@@ -85,11 +85,22 @@ def number(value: Any, where: str) -> float:
     return float(found)
 
 
+def whole(low: int, high: int | None = None, of: str = "") -> Callable[[Any, str], int]:
+    """Return the reader of a whole number in a range."""
+    expected = f"a whole number{of} from {low} {'up' if high is None else f'to {high}'}"
+
+    def read(value: Any, where: str) -> int:
+        plain = isinstance(value, int) and not isinstance(value, bool)
+        holds = plain and low <= value and (high is None or value <= high)
+        demand(holds, shorten(repr(value)), where, expected)
+        return int(value)
+
+    return read
+
+
 def position(value: Any, where: str) -> int:
     """Return a position that is counted from 1, counted from 0."""
-    whole = isinstance(value, int) and not isinstance(value, bool) and value >= 1
-    demand(whole, f"{value!r}", where, "a whole number from 1")
-    return int(value) - 1
+    return whole(1)(value, where) - 1
 
 
 def not_negative(value: Any, where: str) -> float:
@@ -123,10 +134,15 @@ def one_of(value: Any, known: tuple[T, ...], where: str) -> T:
     raise ProblemError(said, where=where, expected=" or ".join(json.dumps(one) for one in known))
 
 
-def item(one: Any, key: str, where: str) -> Any:
-    """Return what a nested object holds under a key, or None."""
-    demand(isinstance(one, dict), f"a {type(one).__name__}", where, "an object")
-    return one.get(key)
+def among(*known: Any) -> Reader:
+    """Return the reader of a value that is one of those known."""
+    return lambda value, where: one_of(value, known, where)
+
+
+def flag(value: Any, where: str) -> bool:
+    """Return true or false."""
+    demand(isinstance(value, bool), _kind(value), where, "true or false")
+    return bool(value)
 
 
 def record(value: Any, where: str, readers: Mapping[str, Reader]) -> list[Any]:
@@ -135,16 +151,24 @@ def record(value: Any, where: str, readers: Mapping[str, Reader]) -> list[Any]:
     return [read(value.get(key), f"{where}, `{key}`") for key, read in readers.items()]
 
 
+def made(kind: Callable[..., T], readers: Mapping[str, Reader]) -> Callable[[Any, str], T]:
+    """Return the reader of an object of JSON that says what `kind` is made of, in its order."""
+    return lambda value, where: kind(*record(value, where, readers))
+
+
 def each(value: Any, where: str, read: Reader, name: str = "entry") -> tuple[Any, ...]:
     """Return the entries of a list, each by the reader and named by its place."""
-    found = "it is missing" if value is None else f"a {type(value).__name__}"
-    demand(isinstance(value, list), found, where, "a list")
+    demand(isinstance(value, list), _kind(value), where, "a list")
     return tuple(read(one, f"{where}, {name} {i}") for i, one in enumerate(value, start=1))
 
 
-def or_none(read: Reader) -> Reader:
+def or_none(read: Reader, otherwise: Any = None) -> Reader:
     """Return the reader of what need not be there."""
-    return lambda value, where: None if value is None else read(value, where)
+    return lambda value, where: otherwise if value is None else read(value, where)
+
+
+def _kind(value: Any) -> str:
+    return "it is missing" if value is None else f"a {type(value).__name__}"
 
 
 def matrix(rows: int | None = None, columns: int | None = None, *, symmetric: bool = False) -> Reader:

@@ -5,7 +5,6 @@ from typing import Any
 
 from lockstep.check.design_file.json_text import (
     above_zero,
-    item,
     matrix,
     not_negative,
     number,
@@ -13,9 +12,10 @@ from lockstep.check.design_file.json_text import (
     or_none,
     record,
     vector,
+    whole,
 )
 from lockstep.check.errors import demand
-from lockstep.check.sampled.messages import Messages, MessageWitness
+from lockstep.check.sampled.links import Messages, MessageWitness
 
 KEYS = ("loss", "burst", "delay", "jitter")
 ASKED = "[network.messages]"
@@ -34,15 +34,6 @@ class MessageClaims:
     decay: float
     rho: float | None = None
 
-    def document(self) -> dict[str, Any]:
-        """Return the claims as plain JSON types."""
-        return {**messages_document(self.messages), "decay": self.decay, "rho": self.rho}
-
-
-def messages_document(messages: Messages) -> dict[str, Any]:
-    """Return them as the table of a problem file, defaults filled in."""
-    return {**vars(messages), "delay": list(messages.delay)}
-
 
 def messages_of(table: Any, where: str = ASKED) -> Messages:
     """Read the table; a key that is absent says that nothing of the kind happens."""
@@ -54,21 +45,17 @@ def messages_of(table: Any, where: str = ASKED) -> Messages:
     delay = table.get("delay", [0, 0])
     pair = isinstance(delay, list | tuple) and len(delay) == 2
     demand(pair, f"{delay!r}", f"{where} delay", "the least and the most periods, such as [0, 2]")
-    burst, low, high = (_count(one, where) for one in (table.get("burst", 0), *delay))
+    burst, low, high = (
+        whole(0, 1000, of=" of periods")(one, where) for one in (table.get("burst", 0), *delay)
+    )
     demand(low <= high, f"{delay!r}", f"{where} delay", "the least first")
     return Messages(loss, burst, (low, high), jitter)
-
-
-def _count(value: Any, where: str) -> int:
-    whole = isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= 1000
-    demand(whole, f"{value!r}", where, "a whole number of periods from 0 to 1000")
-    return int(value)
 
 
 def message_claims_of(value: Any, where: str) -> MessageClaims:
     """Read `claims.messages`."""
     only(value, (*KEYS, "decay", "rho"), where)
-    rho = or_none(above_zero)(item(value, "rho", where), f"{where}, `rho`")
+    rho = or_none(above_zero)(value.get("rho"), f"{where}, `rho`")
     decay = above_zero(value.get("decay"), f"{where}, `decay`")
     return MessageClaims(messages_of({key: value.get(key) for key in KEYS}, where), decay, rho)
 

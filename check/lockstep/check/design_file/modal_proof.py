@@ -4,18 +4,21 @@ from functools import partial
 from typing import Any
 
 from lockstep.check.continuous.modes import Segment
-from lockstep.check.design_file.json_text import Reader, each, matrix, number, one_of, record, vector
+from lockstep.check.design_file.json_text import Reader, among, each, made, matrix, number, record, vector
 from lockstep.check.sampled.modes import NUMBERS, SampledModalWitness
+
+
+def segments(size: int | None = None) -> Reader:
+    """Return the reader of segments with a symmetric P each, of a size or of any."""
+    one = made(Segment, {"upper": number, "P": matrix(size, size, symmetric=True)})
+    return partial(each, read=one, name="segment")
 
 
 def modal_witness_of(value: Any, where: str) -> SampledModalWitness:
     """Read a witness of the sampled loop mode by mode."""
-    of_one = {"upper": number, "P": matrix(symmetric=True)}
     readers: dict[str, Reader] = {
-        "kind": lambda one, place: one_of(one, ("modal",), place),
-        "segments": partial(
-            each, read=lambda one, place: Segment(*record(one, place, of_one)), name="segment"
-        ),
+        "kind": among("modal"),
+        "segments": segments(),
         "P_mean": matrix(symmetric=True),
         "t": vector(4),
         **dict.fromkeys(NUMBERS, number),

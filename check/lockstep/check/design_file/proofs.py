@@ -10,29 +10,31 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.continuous.inequality import Certificate
-from lockstep.check.continuous.modes import ModalCertificate, Segment
+from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.design_file.claims import Claims
 from lockstep.check.design_file.fixed import FixedWitness
 from lockstep.check.design_file.json_text import (
     Reader,
     above_zero,
+    among,
     each,
+    made,
     matrix,
     number,
-    one_of,
     or_none,
     position,
     record,
     vector,
+    whole,
 )
 from lockstep.check.design_file.messages import message_witness_of
-from lockstep.check.design_file.modal_proof import modal_witness_of
+from lockstep.check.design_file.modal_proof import modal_witness_of, segments
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import demand
 from lockstep.check.floor.witness import FloorWitness, Piece
 from lockstep.check.sampled.clipping import ClippedWitness
 from lockstep.check.sampled.inequality import NUMBERS, Witness
-from lockstep.check.sampled.messages import MessageWitness
+from lockstep.check.sampled.links import MessageWitness
 from lockstep.check.sampled.modes import SampledModalWitness
 from lockstep.check.system.agent import Move
 
@@ -81,37 +83,26 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
     Raises:
         ProblemError: a key missing or unknown, a witness of another shape, or a floor that is claimed without one.
     """
-    rho = claims.floor
+    rho, maybe = claims.floor, or_none(sampled_witness_of)
+    move = made(Move, {"component": position, "argument": position, "amount": _rational})
     readers: dict[str, Reader] = {
         "certificate": or_none(partial(_certificate, claims, sizes, claims.rho)),
         "decay": or_none(partial(_with_rho, claims, sizes)),
         "floor": lambda value, where: None if rho is None else witness_of(rho, value, where),
         **dict.fromkeys(("sampled", "sampled_rho", "max_period"), or_none(_sampled_witness)),
-        "radius": or_none(sampled_witness_of),
-        "bound": or_none(_bound),
+        "radius": maybe,
+        "bound": or_none(
+            made(BoundProof, {"boxes": whole(0), "moves": partial(each, read=move, name="move")})
+        ),
         **dict.fromkeys(("messages", "messages_rho"), or_none(message_witness_of)),
-        "limits_gain": or_none(sampled_witness_of),
+        "limits_gain": maybe,
         "clipped": or_none(_clipped),
-        "fixed": or_none(_fixed),
+        "fixed": or_none(
+            made(FixedWitness, {"agreement": sampled_witness_of, "rho": maybe, "radius": maybe})
+        ),
         "initial_set": or_none(partial(_with_rho, claims, sizes)),
     }
     return Proofs(*record(content, "proofs", readers))
-
-
-def _bound(value: Any, where: str) -> BoundProof:
-    return BoundProof(
-        *record(value, where, {"boxes": _boxes, "moves": partial(each, read=_move, name="move")})
-    )
-
-
-def _boxes(value: Any, where: str) -> int:
-    whole = isinstance(value, int) and not isinstance(value, bool) and value >= 0
-    demand(whole, f"{value!r}", where, "a whole number from 0 up")
-    return int(value)
-
-
-def _move(value: Any, where: str) -> Move:
-    return Move(*record(value, where, {"component": position, "argument": position, "amount": _rational}))
 
 
 def _rational(value: Any, where: str) -> Fraction:
@@ -121,11 +112,8 @@ def _rational(value: Any, where: str) -> Fraction:
 
 
 def _sampled_witness(value: Any, where: str) -> Witness | SampledModalWitness:
-    return (
-        modal_witness_of(value, where)
-        if isinstance(value, dict) and "kind" in value
-        else sampled_witness_of(value, where)
-    )
+    modal = isinstance(value, dict) and "kind" in value
+    return modal_witness_of(value, where) if modal else sampled_witness_of(value, where)
 
 
 def sampled_witness_of(value: Any, where: str) -> Witness:
@@ -134,13 +122,6 @@ def sampled_witness_of(value: Any, where: str) -> Witness:
         value = {"kappa_mu": value.get("kappa"), **value}
     readers = {"P": matrix(), "m": vector(), "t": vector(), **dict.fromkeys(NUMBERS, number)}
     return Witness(*record(value, where, readers))
-
-
-def _fixed(value: Any, where: str) -> FixedWitness:
-    maybe = or_none(sampled_witness_of)
-    return FixedWitness(
-        *record(value, where, {"agreement": sampled_witness_of, "rho": maybe, "radius": maybe})
-    )
 
 
 def _clipped(value: Any, where: str) -> ClippedWitness:
@@ -157,10 +138,8 @@ def witness_of(rho: float, pieces: Any, where: str) -> FloorWitness:
         ProblemError: it is not one by its form.
     """
     end = lambda value, where: math.inf if value is None else number(value, where)  # noqa: E731
-    readers = {"upper": end, "Z": _triangle, "Z_dual": _triangle, "k": matrix()}
-    return FloorWitness(
-        rho, each(pieces, where, lambda one, place: Piece(*record(one, place, readers)), "piece")
-    )
+    piece = made(Piece, {"upper": end, "Z": _triangle, "Z_dual": _triangle, "k": matrix()})
+    return FloorWitness(rho, each(pieces, where, piece, "piece"))
 
 
 def _triangle(value: Any, where: str) -> Any:
@@ -197,13 +176,10 @@ def _certificate(
 
 def _modal_certificate(rho: float, sizes: Sizes, entries: int, stored: Any, where: str) -> ModalCertificate:
     size, n_C = sizes.n + sizes.n_C, sizes.n_C
-    of_one = {"upper": number, "P": matrix(size, size, symmetric=True)}
     readers: dict[str, Reader] = {
-        "kind": lambda value, place: one_of(value, ("modal",), place),
+        "kind": among("modal"),
         "lower": number,
-        "segments": partial(
-            each, read=lambda one, place: Segment(*record(one, place, of_one)), name="segment"
-        ),
+        "segments": segments(size),
         "mu": number,
         "P_mean": matrix(n_C, n_C, symmetric=True),
         "mu_entries": lambda value, place: tuple(vector(entries)(value, place).tolist()),

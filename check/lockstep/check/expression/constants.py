@@ -6,7 +6,7 @@ both of its neighbours to all of the ball.
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from math import inf, isinf, nextafter
+from math import inf, isinf, nextafter, prod
 
 from flint import arb, ctx, fmpq
 
@@ -66,10 +66,7 @@ def _linear(node: Node, args: Sequence[arb]) -> arb:
 
 
 def _monomial(node: Node, args: Sequence[arb]) -> arb:
-    total = arb(1)
-    for x, p in zip(args, node.data, strict=True):
-        total *= x**p
-    return total
+    return prod((x**p for x, p in zip(args, node.data, strict=True)), start=arb(1))
 
 
 def _real_power(node: Node, args: Sequence[arb]) -> arb:

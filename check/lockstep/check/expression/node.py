@@ -241,11 +241,6 @@ def _fold(op: str, value: Fraction) -> Node | None:
     if op == "log" and value == 1:
         return ZERO
     if op == "sqrt" and value > 0 and value.denominator < 1 << 200:
-        root = Fraction(_integer_root(value.numerator) or 0, _integer_root(value.denominator) or 1)
+        root = Fraction(math.isqrt(value.numerator), math.isqrt(value.denominator))
         return constant(root) if root * root == value else None
     return None
-
-
-def _integer_root(value: int) -> int | None:
-    root = math.isqrt(value)
-    return root if root * root == value else None

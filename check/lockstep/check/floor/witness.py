@@ -17,8 +17,7 @@ The numbers of a file are doubles, which satisfy rows S Z e = 0 only nearly: the
 exactly is taken, in rationals. Nothing rests on how the numbers were found.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -72,7 +71,7 @@ def exact_agent(network: ExactNetwork, alpha: float) -> tuple[Plant, fmpq]:
     """Return the plant in rationals and alpha; without phi where it has no rows or alpha is 0."""
     plant = network.plant.in_numbers(True)
     if alpha == 0 or not plant.G.shape[1]:
-        plant = Plant(plant.A, plant.B, plant.C, plant.G[:, :0], plant.H[:0])
+        plant = replace(plant, G=plant.G[:, :0], H=plant.H[:0])
     return plant, exact(alpha)
 
 
@@ -133,18 +132,13 @@ def coupled(sides: tuple[Side, Side], points: list[Matrix], k: Matrix) -> Matrix
 def bound(stated: Projected, Z: Matrix, Z_dual: Matrix, k: Matrix) -> tuple[Any, Any, Any]:
     """Return (c_0, c_1, c_2) of g."""
     primal, dual = stated.primal, stated.dual
-    zero = fmpq(0)
-    c_0 = _inner(Z, primal.constant, zero) + _inner(Z_dual, dual.constant, zero)
-    return (
-        c_0 - 2 * _inner(k, stated.coupling, zero),
-        _inner(Z, primal.slope, zero),
-        _inner(Z_dual, dual.slope, zero),
-    )
+    c_0 = _inner(Z, primal.constant) + _inner(Z_dual, dual.constant) - 2 * _inner(k, stated.coupling)
+    return c_0, _inner(Z, primal.slope), _inner(Z_dual, dual.slope)
 
 
-def _inner(a: Matrix, b: Matrix, zero: Any) -> Any:
+def _inner(a: Matrix, b: Matrix) -> Any:
     """Return <a, b>; 0 where the side says nothing, so that a is empty."""
-    return sum((a * b).ravel(), start=zero) if a.size else zero
+    return sum((a * b).ravel(), start=fmpq(0)) if a.size else fmpq(0)
 
 
 def not_negative(coefficients: tuple[Any, Any, Any], lower: Any, upper: Any | None) -> bool:
@@ -172,9 +166,10 @@ def restored(side: Side, Z: Matrix) -> Matrix:
         return Z
     where = [(i, j) for i in range(size) for j in range(i + 1)]
     equations = [_equation(L, a, b, where) for a in range(len(L)) for b in range(k)]
-    E = fmpq_mat(list(_independent(equations)))
-    if not E.nrows():
+    reduced, rank = fmpq_mat(equations).rref()
+    if not rank:
         return Z
+    E = fmpq_mat(reduced.tolist()[:rank])
     z = fmpq_mat([[Z[place]] for place in where])
     z -= E.transpose() * (E * E.transpose()).solve(E * z)
     found = zeros(size, size, Z)
@@ -187,9 +182,3 @@ def _equation(L: Matrix, a: int, b: int, where: list[tuple[int, int]]) -> list[A
     """Return the coefficients of (L Z)_ab in the entries of the lower triangle of Z."""
     zero = fmpq(0)
     return [L[a, i] if j == b else L[a, j] if i == b else zero for i, j in where]
-
-
-def _independent(equations: list[list[Any]]) -> Iterator[list[Any]]:
-    """Yield a basis of the rows."""
-    reduced, rank = fmpq_mat(equations).rref()
-    yield from reduced.tolist()[:rank]

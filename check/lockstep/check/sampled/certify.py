@@ -10,9 +10,8 @@ Nothing is searched for here: without a witness that holds, nothing is proved.
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from types import MappingProxyType
-from typing import Any, Literal
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -27,8 +26,6 @@ from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 ROUNDED_UP = 1 + 1e-9
 """Some ten operations in doubles lose less than 1e-14."""
 
-NOTHING: Mapping[str, Any] = MappingProxyType({})
-
 
 @dataclass(frozen=True)
 class SampledVerdict:
@@ -37,15 +34,14 @@ class SampledVerdict:
     decay: V shrinks by it from one sampling instant to the next, up to the noise;  residual: the ultimate distance from
     consensus at the sampling instants, |(T'(T T')^-1 T (x) I) x|, per unit of error of every message entry;
     residual_rms: the same as a root mean square over time;  underflow: the ultimate distance from underflow alone,
-    absolute;  deltas: per agent, the bounds on the coefficient errors that stand for the rounding;  gain: from w
-    to z, in doubles, for information;  witness: what proves it, a `Witness` or one of `modes`.
+    absolute;  deltas: per agent, the bounds on the coefficient errors that stand for the rounding;  witness: what proves it,
+    a `Witness` or one of `modes`;  figures: what a search knows besides, for people.
     """
 
     certified: bool
     reason: str
     period: float
     delay: int
-    proof: Literal["ball", "none"] = "none"
     decay: float = float("nan")
     residual: float = float("nan")
     residual_rms: float = float("nan")
@@ -54,28 +50,9 @@ class SampledVerdict:
     witness: Any = None
     figures: Mapping[str, Any] = field(default_factory=dict)
 
-    def document(self) -> dict[str, Any]:
-        """Return the verdict as plain JSON types."""
-        return {
-            "certified": self.certified,
-            "proof": self.proof,
-            "reason": self.reason,
-            "period": self.period,
-            "delay": self.delay,
-            "decay": self.decay,
-            "residual_per_message_error": self.residual,
-            "residual_rms_per_message_error": self.residual_rms,
-            "residual_from_underflow": self.underflow,
-            "rounding": [dict(one) for one in self.deltas],
-            **dict(self.figures),
-        }
-
 
 def decide_sampled(
-    network: SampledNetwork,
-    controllers: tuple[HeldController, ...],
-    witnesses: Iterable[Witness],
-    figures: Mapping[str, Any] = NOTHING,
+    network: SampledNetwork, controllers: tuple[HeldController, ...], witnesses: Iterable[Witness]
 ) -> SampledVerdict:
     """Decide the sampled nonlinear loop, every rounding of its arithmetic included, by the first witness that proves it.
 
@@ -83,7 +60,6 @@ def decide_sampled(
         network: agents, coordinates, alpha, period, delay, the matrices exact.
         controllers: one per agent, with the coefficients of the code.
         witnesses: stored ones, or those of a search; those after the first that holds are not even looked for.
-        figures: what is known besides, for people.
 
     Raises:
         ProblemError: controllers that do not fit the agents.
@@ -91,15 +67,15 @@ def decide_sampled(
     loop, at = sampled_loop(network, controllers), f"at {network.period:g} s"
     with balls.working_precision():
         if not no_conjugate_point(network.plant.A, *network.squares, network.period):
-            said = f"{at} the period was not shown to hold no conjugate point"
-            return refused(network, controllers, said, figures)
+            return refused(network, controllers, f"{at} the period was not shown to hold no conjugate point")
         one, tried = lifted_agent(loop), 0
         for witness in witnesses:
             tried += 1
             if proves(loop, one, witness):
-                return _accepted(network, controllers, witness, figures)
+                said = "no conjugate point in the period, P > 0 and W > 0, decided in ball arithmetic"
+                return accepted(network, controllers, witness, said, witness)
     said = "no candidate survived the proof" if tried else "there is no witness"
-    return refused(network, controllers, f"{at} {said}", figures)
+    return refused(network, controllers, f"{at} {said}")
 
 
 def lifted_agent(loop: SampledLoop) -> Lifted:
@@ -142,35 +118,30 @@ def _bounds_the_distance(exact_loop: SampledLoop, witness: Witness) -> bool:
     return balls.is_positive_definite(form)
 
 
-def refused(
-    network: SampledNetwork, controllers: tuple[HeldController, ...], reason: str, figures: Mapping[str, Any]
-) -> SampledVerdict:
+def refused(network: SampledNetwork, controllers: tuple[HeldController, ...], reason: str) -> SampledVerdict:
     """Return the verdict that nothing is proved, and why."""
     deltas = tuple(dict(one.deltas) for one in controllers)
-    return SampledVerdict(False, reason, network.period, network.delay, deltas=deltas, figures=figures)
+    return SampledVerdict(False, reason, network.period, network.delay, deltas=deltas)
 
 
-def _accepted(
+def accepted(
     network: SampledNetwork,
     controllers: tuple[HeldController, ...],
-    witness: Witness,
-    figures: Mapping[str, Any],
+    bounds: Witness,
+    reason: str,
+    witness: Any,
 ) -> SampledVerdict:
-    """State what follows, rounded up by far more than these few operations lose."""
+    """State what follows from the numbers of `bounds`, rounded up by far more than these few operations lose."""
     messages = ROUNDED_UP * math.hypot(*(one.message_noise(1.0) for one in controllers))
-    lost = witness.ultimate * math.hypot(*(one.message_noise(0.0) for one in controllers))
-    lost += witness.ultimate_mu * math.hypot(*(one.underflow for one in controllers))
-    return SampledVerdict(
-        True,
-        "no conjugate point in the period, P > 0 and W > 0, decided in ball arithmetic",
-        network.period,
-        network.delay,
-        "ball",
-        witness.decay,
-        witness.ultimate * messages,
-        min(witness.rms, witness.ultimate) * messages,  # what is never exceeded is no less in the mean square
-        ROUNDED_UP * lost,
-        tuple(dict(one.deltas) for one in controllers),
-        witness,
-        figures,
+    lost = bounds.ultimate * math.hypot(*(one.message_noise(0.0) for one in controllers))
+    lost += bounds.ultimate_mu * math.hypot(*(one.underflow for one in controllers))
+    return replace(
+        refused(network, controllers, reason),
+        certified=True,
+        decay=bounds.decay,
+        residual=bounds.ultimate * messages,
+        # What is never exceeded is no less in the mean square.
+        residual_rms=min(bounds.rms, bounds.ultimate) * messages,
+        underflow=ROUNDED_UP * lost,
+        witness=witness,
     )

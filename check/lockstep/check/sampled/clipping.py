@@ -19,7 +19,7 @@ ever, by induction from sample to sample, and V decays to what underflow adds. W
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
@@ -41,10 +41,6 @@ class ClippedWitness:
     storage: Witness
     tau: Annotated[np.ndarray, " l"]
     H: Annotated[np.ndarray, "l n_xi"]
-
-    def document(self) -> dict[str, Any]:
-        """Return the witness as plain JSON types."""
-        return {**self.storage.document(), "tau": self.tau.tolist(), "H": self.H.tolist()}
 
 
 def clipped(loop: SampledLoop) -> SampledLoop:

@@ -20,7 +20,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from flint import fmpq
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.numbers import Matrix, as_floats, converter, exactly, is_exact, zeros
 from lockstep.check.sampled.sector import Sector
 from lockstep.check.system.disagreement import Disagreement
@@ -67,17 +67,13 @@ class HeldController:
 
     def __post_init__(self) -> None:
         """Check that the parts fit together."""
-        if self.roundings.shape != self.table.shape or not np.isfinite(self.table).all():
-            raise ProblemError("its table holds no finite numbers, or another shape", where="controller")
-        if not len(self.sources) == len(self.weights) == len(self.before):
-            raise ProblemError(
-                f"{len(self.sources)} sources, {len(self.weights)} weights",
-                where="controller",
-                expected="as many",
-            )
+        fits = self.roundings.shape == self.table.shape and np.isfinite(self.table).all()
+        demand(fits, "its table holds no finite numbers, or another shape", "controller")
+        found = f"{len(self.sources)} sources, {len(self.weights)} weights"
+        demand(len(self.sources) == len(self.weights) == len(self.before), found, "controller", "as many")
         deepest = int(self.roundings.max(initial=0)) + int(self.before.max(initial=0))
-        if deepest * self.precision.u >= 0.5:
-            raise ProblemError(f"{deepest} roundings on one path", where="controller", expected="fewer")
+        few = deepest * self.precision.u < 0.5
+        demand(few, f"{deepest} roundings on one path", "controller", "fewer")
 
     @classmethod
     def row_by_row(
@@ -173,10 +169,8 @@ class SampledNetwork:
 
     def __post_init__(self) -> None:
         """Refuse a period or a delay that means nothing."""
-        if not (math.isfinite(self.period) and self.period > 0):
-            raise ProblemError(f"the period is {self.period!r}", where="period", expected="seconds above 0")
-        if self.delay not in (0, 1):
-            raise ProblemError(f"the delay is {self.delay!r}", where="delay", expected="0 or 1 periods")
+        check_period(self.period)
+        demand(self.delay in (0, 1), f"the delay is {self.delay!r}", "delay", "0 or 1 periods")
 
     def at(self, period: float) -> "SampledNetwork":
         """Return the same with another period."""
@@ -196,6 +190,12 @@ class SampledNetwork:
             return zeros(len(A), len(A), A), zeros(len(A), len(A), A)
         alpha = number(np.array([self.alpha]))[0]
         return G @ G.T, alpha * alpha * (H.T @ H)
+
+
+def check_period(period: float) -> None:
+    """Refuse a period that is not a positive finite number of seconds."""
+    holds = not isinstance(period, bool) and math.isfinite(period) and period > 0
+    demand(holds, f"the period is {period!r}", "period", "a finite number of seconds above 0")
 
 
 def gamma(k: int, u: float) -> fmpq:

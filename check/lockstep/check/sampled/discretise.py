@@ -23,10 +23,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from flint import fmpq
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.numbers import Matrix, as_floats, exact, exactly, eye, inverse
 from lockstep.check.sampled.balls import exponential, working_precision
-from lockstep.check.sampled.controller import PRECISIONS, HeldController
+from lockstep.check.sampled.controller import PRECISIONS, HeldController, check_period
 from lockstep.check.system.loop import Gains
 
 Discretization = Literal["tustin", "zoh", "euler"]
@@ -53,14 +53,6 @@ class SampledGains:
         return np.block([[self.A, self.B], [self.C, self.D]])
 
 
-def check_period(period: float) -> None:
-    """Refuse a period that is not a positive finite number of seconds."""
-    if isinstance(period, bool) or not (math.isfinite(period) and period > 0):
-        raise ProblemError(
-            f"the period is {period!r}", where="period", expected="a finite number of seconds above 0"
-        )
-
-
 def discretise(
     A: Annotated[np.ndarray, "nc nc"],
     B: Annotated[np.ndarray, "nc q"],
@@ -80,8 +72,8 @@ def discretise(
     [0.6, 0.4, 0.8, 0.2]
     """
     check_period(period)
-    if method not in ("tustin", "zoh", "euler"):
-        raise ProblemError(f"`{method}`", where="discretization", expected="tustin, zoh or euler")
+    known = method in ("tustin", "zoh", "euler")
+    demand(known, f"`{method}`", "discretization", "tustin, zoh or euler")
     if len(A) == 0:
         return SampledGains(np.zeros_like(A), np.zeros_like(B), C.copy(), D.copy())
     if method == "zoh":
@@ -102,10 +94,8 @@ def rounded_to(real: Real, M: Annotated[np.ndarray, "..."], where: str) -> Annot
     target = np.dtype(real)
     with np.errstate(over="ignore", under="ignore"):
         rounded: np.ndarray = np.asarray(M, dtype=np.float64).astype(target) + target.type(0)
-    if not np.isfinite(rounded).all():
-        raise ProblemError(
-            f"{np.abs(M).max():.6g} is not representable in {real}", where=where, remedy="use smaller gains"
-        )
+    found = f"{np.abs(M).max(initial=0.0):.6g} is not representable in {real}"
+    demand(np.isfinite(rounded).all(), found, where, remedy="use smaller gains")
     return rounded
 
 
@@ -195,12 +185,8 @@ def _zoh(A: Matrix, B: Matrix, T: float) -> tuple[Matrix, Matrix]:
             result = np.array([_nearest(ball) for ball in upper.ravel()]).reshape(upper.shape)
         if not np.isnan(result).any():
             break
-    if not np.isfinite(result).all():
-        raise ProblemError(
-            "e^(A T) is not representable in float64",
-            where=f"discretization with the period {T!r} s",
-            remedy="use a shorter period or smaller gains",
-        )
+    where, remedy = f"discretization with the period {T!r} s", "use a shorter period or smaller gains"
+    demand(np.isfinite(result).all(), "e^(A T) is not representable in float64", where, remedy=remedy)
     return result[:, :n].copy(), result[:, n:].copy()
 
 
@@ -220,10 +206,6 @@ def _nearest(ball: Any) -> float:
 
 def _rounded(M: Matrix) -> Annotated[np.ndarray, "k l"]:
     result = as_floats(M) + 0.0
-    if not np.isfinite(result).all():
-        raise ProblemError(
-            "a sampled gain is not representable in float64",
-            where="discretization",
-            remedy="use smaller gains",
-        )
+    said, remedy = "a sampled gain is not representable in float64", "use smaller gains"
+    demand(np.isfinite(result).all(), said, "discretization", remedy=remedy)
     return result

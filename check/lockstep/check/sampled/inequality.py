@@ -24,7 +24,7 @@ With performance, the lifted period also counts int x_d' (S (x) R) x_d, and a di
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
@@ -68,11 +68,6 @@ class Witness:
     def ultimate_mu(self) -> float:
         """The same per length of mu."""
         return root(self.ratio * self.kappa_mu / (1 - self.decay)) if self.decay < 1 else math.inf
-
-    def document(self) -> dict[str, Any]:
-        """Return the witness as plain JSON types."""
-        arrays = {"P": self.P.tolist(), "m": self.m.tolist(), "t": self.t.tolist()}
-        return {**arrays, **{name: getattr(self, name) for name in NUMBERS}}
 
     def fits(self, loop: SampledLoop) -> bool:
         """Tell whether the sizes are those of a loop."""

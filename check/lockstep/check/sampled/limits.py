@@ -34,7 +34,7 @@ import numpy as np
 from flint import arb
 
 from lockstep.check.continuous.inequality import Performance
-from lockstep.check.numbers import Matrix, exactly, eye, zeros
+from lockstep.check.numbers import Matrix, block_diagonal, exactly, eye
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.certify import ROUNDED_UP, lifted_agent, proves
 from lockstep.check.sampled.conjugate import no_conjugate_point
@@ -122,10 +122,9 @@ def level(
     Where the loop has noise n_d, k_l acts on it too, and V counts T n_d' (S (x) I) n_d besides.
     """
     columns, m = _seen(loop), len(limits)
-    form = zeros(len(columns), len(columns), loop.held)
-    form[: loop.n_xi, : loop.n_xi] = exactly(witness.P)
     unit, d = eye((len(columns) - loop.n_xi) // (loop.network.d.N - 1), loop.held), loop.network.d
-    form[loop.n_xi :, loop.n_xi :] = exactly(np.array([loop.network.period]))[0] * np.kron(d.S, unit)
+    T = exactly(np.array([loop.network.period]))[0]
+    form = block_diagonal(exactly(witness.P), T * np.kron(d.S, unit))
     inverse = balls.inverse(form)
     lost = [(arb(ROUNDED_UP * one.message_noise(0.0)), arb(one.underflow)) for one in controllers]
     added = sum((arb(witness.kappa) * nu * nu + arb(witness.kappa_mu) * mu * mu for nu, mu in lost), arb(0))

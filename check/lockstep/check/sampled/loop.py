@@ -18,7 +18,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from lockstep.check.continuous.inequality import LETTERS
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.numbers import Matrix, converter, is_exact, zeros
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 
@@ -238,14 +238,11 @@ def _inputs(network: SampledNetwork) -> tuple[Matrix, Matrix]:
 def _check(network: SampledNetwork, controllers: tuple[HeldController, ...]) -> None:
     _, m, q, _, _ = network.plant.sizes
     N = network.d.N
-    if len(controllers) != N:
-        raise ProblemError(f"{len(controllers)} controllers", where="sampled loop", expected=f"{N}")
+    demand(len(controllers) == N, f"{len(controllers)} controllers", "sampled loop", f"{N}")
     for i, one in enumerate(controllers, start=1):
-        where = f"controller {i}"
-        if (one.order, one.inputs, one.outputs) != (controllers[0].order, m, q):
-            found = f"order {one.order}, {one.inputs} inputs, {one.outputs} outputs"
-            raise ProblemError(found, where=where, expected=f"order {controllers[0].order}, {m}, {q}")
-        if any(not 0 <= j < N or j == i - 1 for j in one.sources):
-            raise ProblemError(
-                f"it listens to {[j + 1 for j in one.sources]}", where=where, expected="other agents"
-            )
+        where, order = f"controller {i}", controllers[0].order
+        found = f"order {one.order}, {one.inputs} inputs, {one.outputs} outputs"
+        fits = (one.order, one.inputs, one.outputs) == (order, m, q)
+        demand(fits, found, where, f"order {order}, {m}, {q}")
+        found, others = f"it listens to {[j + 1 for j in one.sources]}", {*range(N)} - {i - 1}
+        demand(others.issuperset(one.sources), found, where, "other agents")

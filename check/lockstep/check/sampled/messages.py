@@ -69,138 +69,21 @@ own noise n is then in what is read, eta_e + Y_n n in the place of eta_e with Y_
 else: W_1 has no column of it (nu holds what was read), and rho^2 T n'(S (x) I) n stands on the right of the second half.
 """
 
-import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
 from lockstep.check.continuous.inequality import Performance
-from lockstep.check.numbers import Matrix, converter, exactly, eye, is_exact, zeros
+from lockstep.check.numbers import Matrix, block_diagonal, converter, exactly, eye, is_exact, zeros
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.conjugate import no_conjugate_point
 from lockstep.check.sampled.controller import SampledNetwork
-from lockstep.check.sampled.inequality import Witness, multiplier, step_matrix, stored_matrix
+from lockstep.check.sampled.inequality import multiplier, step_matrix, stored_matrix
 from lockstep.check.sampled.lifting import Lifted, lift
+from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.sampled.performance import running_cost
-
-MOST_LINKS = 8
-"""Up to so many links lose messages each with a probability of its own, which takes 2^links matrices; more lose alike."""
-
-
-@dataclass(frozen=True)
-class Messages:
-    """What a network does to messages.
-
-    loss: p0;  burst: b;  delay: the least and the most periods;  jitter: J.
-    """
-
-    loss: float = 0.0
-    burst: int = 0
-    delay: tuple[int, int] = (0, 0)
-    jitter: float = 0.0
-
-    @property
-    def age(self) -> int:
-        """D, in periods."""
-        return self.burst + self.delay[1]
-
-    @property
-    def text(self) -> str:
-        """What happens, for people."""
-        return (
-            f"a chance of loss of at most {self.loss:g}, besides it {self.burst} lost in a row, {self.delay[1]} periods late,"
-            f" a jitter of {self.jitter:g}"
-        )
-
-    def within(self, proved: "Messages") -> bool:
-        """Tell whether no more happens than was proved for, and no message is earlier."""
-        mine, theirs = (
-            (one.loss, one.burst, -one.delay[0], one.delay[1], one.jitter) for one in (self, proved)
-        )
-        return all(a <= b for a, b in zip(mine, theirs, strict=True))
-
-    def alike(self, links: int) -> bool:
-        """Tell whether so many links are taken to lose alike."""
-        return self.loss > 0 and links > MOST_LINKS
-
-    def losses(self, links: int) -> np.ndarray:
-        """Return p of so many links as parts of p0, row by row: the corners, or 0, 1/2 and 1 where they lose alike."""
-        if not self.loss:
-            return np.zeros((1, links))
-        if self.alike(links):
-            return np.outer([0.0, 0.5, 1.0], np.ones(links))
-        return np.array(list(itertools.product((0.0, 1.0), repeat=links)))
-
-
-@dataclass(frozen=True, eq=False)
-class MessageWitness:
-    """P, Gamma (n_xi + links, n_xi + links), X, Xj (links, q) block below block, m, t and numbers as of `inequality`.
-
-    X_chance, X_change, X_sum: Xa, Xb and Xs like X, or all None.
-    """
-
-    P: Annotated[np.ndarray, "n n"]
-    Gamma: Annotated[np.ndarray, "n n"]
-    X: Annotated[np.ndarray, "links q"]
-    X_jitter: Annotated[np.ndarray, "links q"]
-    m: Annotated[np.ndarray, " pairs"]
-    t: Annotated[np.ndarray, " ways"]
-    decay: float
-    kappa: float
-    kappa_mu: float
-    X_chance: Annotated[np.ndarray, "links q"] | None = None
-    X_change: Annotated[np.ndarray, "links q"] | None = None
-    X_sum: Annotated[np.ndarray, "links q"] | None = None
-
-    @property
-    def seconds(self) -> tuple[Matrix, ...]:
-        """Xa, Xb and Xs, those that there are."""
-        return tuple(one for one in (self.X_chance, self.X_change, self.X_sum) if one is not None)
-
-    def document(self) -> dict[str, Any]:
-        """Return the witness as plain JSON types."""
-        return {
-            key: value.tolist() if isinstance(value, np.ndarray) else value
-            for key, value in vars(self).items()
-        }
-
-    def fits(self, loop: SampledLoop) -> bool:
-        """Tell whether the sizes are those of a loop, forms symmetric, prices and numbers in their ranges."""
-        n, links, q = loop.n_xi + len(loop.differences), len(loop.differences), len(loop.network.plant.C)
-        shapes = (
-            *(one.shape for one in (self.P, self.Gamma, self.X, self.X_jitter, *self.seconds)),
-            self.m.shape,
-            self.t.shape,
-        )
-        if shapes != (
-            (n, n),
-            (n, n),
-            *[(links, q)] * (2 + len(self.seconds)),
-            (len(loop.network.d.pairs()),),
-            (len(loop.ways),),
-        ):
-            return False
-        forms = (
-            self.P,
-            self.Gamma,
-            *(one for X in (self.X, self.X_jitter, *self.seconds) for one in np.split(X, links // q)),
-        )
-        return (
-            len(self.seconds) in (0, 3)
-            and all(np.array_equal(one, one.T) for one in forms)
-            and bool(np.all(self.m >= 0) and np.all(self.t >= 0))
-            and 0 < self.decay <= 1
-            and self.kappa > 0
-            and self.kappa_mu > 0
-        )
-
-    def prices(self, loop: SampledLoop) -> Witness:
-        """Return what `stored_matrix` needs of it: no storage, and nothing for the messages' errors."""
-        none = np.zeros((loop.n_xi, loop.n_xi))
-        return Witness(none, self.m, self.t, 0.0, 0.0, kappa_mu=self.kappa_mu)
 
 
 def proves_messages(
@@ -274,8 +157,7 @@ def period_parts(
         scales = weights.states if len(weights.states) else np.ones(len(GG))
         E = np.hstack([E, np.kron(unit, number(np.diag(scales)))])
         square = number(np.array([rho]))[0] ** 2 * np.kron(network.d.S, eye(len(GG), M))
-        size, price = len(price), _padded(price, len(price) + len(square))
-        price[size:, size:] = square
+        price = block_diagonal(price, square)
         FF = FF + np.kron(network.d.S, number(weights.R))
     FF = _padded(FF, flow.shape[1])
     if messages.jitter:
@@ -311,11 +193,7 @@ def links_apart(X: Matrix) -> Matrix:
     >>> links_apart(np.array([[1.0], [2.0]])).tolist()
     [[1.0, 0.0], [0.0, 2.0]]
     """
-    size, q = X.shape
-    form = zeros(size, size, X)
-    for k in range(0, size, q):
-        form[k : k + q, k : k + q] = X[k : k + q]
-    return form
+    return block_diagonal(*np.split(X, len(X) // X.shape[1]))
 
 
 def message_step(loop: SampledLoop, lifted: Lifted) -> tuple[Matrix, Matrix]:
@@ -355,8 +233,8 @@ def W_1(
     apart[:, n_z:] = -unit
     if D and witness.seconds:
         _, change, late = (links_apart(number(one)) for one in witness.seconds)
-        R, apart, both = _apart(R, late), np.vstack([apart, own]), np.vstack([unit, unit])
-        P = _apart(P, D * D * decay[0] ** -D * change)
+        R, apart, both = block_diagonal(R, late), np.vstack([apart, own]), np.vstack([unit, unit])
+        P = block_diagonal(P, D * D * decay[0] ** -D * change)
         moved = -step[n:]
         moved[:, n_z:] = moved[:, n_z:] + unit
         step, enters = np.vstack([step, moved]), np.vstack([enters, -enters[n:]])
@@ -369,13 +247,6 @@ def W_1(
     into = balls.product(P, enters)
     corner = P - balls.product(into, lifted.S, into.T)
     return np.block([[Z[np.ix_(kept, kept)], side.T], [side, corner]])
-
-
-def _apart(first: Matrix, second: Matrix) -> Matrix:
-    """Return diag(first, second)."""
-    form: Matrix = _padded(first, len(first) + len(second))
-    form[len(first) :, len(first) :] = second
-    return form
 
 
 def every_W_2(

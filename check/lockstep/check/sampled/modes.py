@@ -30,7 +30,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
@@ -39,13 +39,13 @@ from lockstep.check.continuous.modes import Segment
 from lockstep.check.errors import demand
 from lockstep.check.numbers import Matrix, converter, exactly, eye, zeros
 from lockstep.check.sampled import balls
-from lockstep.check.sampled.certify import ROUNDED_UP, SampledVerdict, lifted_agent, proves, refused
+from lockstep.check.sampled.certify import ROUNDED_UP, SampledVerdict, accepted, lifted_agent, proves, refused
 from lockstep.check.sampled.conjugate import no_conjugate_point
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork, spectral_bound
 from lockstep.check.sampled.inequality import Witness, root
 from lockstep.check.sampled.loop import NO_NOISE, SampledLoop, Way
-from lockstep.check.sampled.performance import SampledRho, proves_rho
-from lockstep.check.system.disagreement import Disagreement
+from lockstep.check.sampled.performance import proves_rho
+from lockstep.check.system.disagreement import single_difference
 from lockstep.check.system.graph import Digraph
 from lockstep.check.system.loop import Plant
 from lockstep.check.system.many_graphs import SpectrumRange
@@ -93,12 +93,6 @@ class SampledModalWitness:
         t = np.array([self.t[LETTERS.index(way.letter)] for way in loop.ways])
         numbers = (self.decay, self.kappa, self.weight, self.ratio, self.kappa_mu)
         return Witness(P, np.array([self.mu]), t, *numbers)
-
-    def document(self) -> dict[str, Any]:
-        """Return the witness as plain JSON types."""
-        segments = [{"upper": one.upper, "P": one.P.tolist()} for one in self.segments]
-        arrays = {"segments": segments, "P_mean": self.P_mean.tolist(), "t": self.t.tolist()}
-        return {"kind": "modal", **arrays, **{name: getattr(self, name) for name in NUMBERS}}
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,13 +172,6 @@ class ModalLoop:
         )  # fmt: skip
 
 
-def single_difference(like: Matrix) -> Disagreement:
-    """Return the coordinates of one mode: x_d is one difference, its metric is 1 and its multiplier one number mu."""
-    one = eye(1, like)
-    nothing = zeros(2, 2, one)
-    return Disagreement(np.hstack([one, 0 * one]), np.vstack([one, 0 * one]), one, nothing, nothing[:, :1])
-
-
 def _selected(places: dict[str, slice], width: int, like: Matrix, name: str) -> Matrix:
     place = places[name]
     rows = zeros(place.stop - place.start, width, like)
@@ -196,17 +183,17 @@ def decide_modal_sampled(loop: ModalLoop, witness: SampledModalWitness | None) -
     """Decide the sampled nonlinear loop, every rounding included, for every lambda in [lower, upper], by a stored witness."""
     network, at = loop.network, f"at {loop.network.period:g} s"
     if witness is None:
-        return refused(network, loop.controllers, f"{at} there is no witness", {})
+        return refused(network, loop.controllers, f"{at} there is no witness")
     if not witness.covers(loop.lower, loop.upper):
         said = f"the witness is for eigenvalues from {witness.lower:g} to {witness.ends[-1]:g}"
-        return refused(network, loop.controllers, f"{said}, not from {loop.lower:g} to {loop.upper:g}", {})
+        return refused(network, loop.controllers, f"{said}, not from {loop.lower:g} to {loop.upper:g}")
     with balls.working_precision():
         if not no_conjugate_point(network.plant.A, *network.squares, network.period):
             said = f"{at} the period was not shown to hold no conjugate point"
-            return refused(network, loop.controllers, said, {})
+            return refused(network, loop.controllers, said)
         for P, mode in _modes(loop, witness):
             if not proves(mode, lifted_agent(mode), witness.of(P, mode)):
-                return refused(network, loop.controllers, f"{at} no candidate survived the proof", {})
+                return refused(network, loop.controllers, f"{at} no candidate survived the proof")
     return _accepted(loop, witness)
 
 
@@ -218,7 +205,7 @@ def proves_modal_rho(loop: ModalLoop, weights: Performance, rho: float, witness:
     for P, mode in _modes(loop, witness, weights.outputs):
         # The mean of the controllers weighs what it is and what it applies: no x is part of it.
         own = weights if mode.n_d else weights._replace(R=none, states=np.zeros(0))
-        if not proves_rho(mode, own, SampledRho(rho, witness.of(P, mode))):
+        if not proves_rho(mode, own, rho, witness.of(P, mode)):
             return False
     return True
 
@@ -240,16 +227,9 @@ def _accepted(loop: ModalLoop, witness: SampledModalWitness) -> SampledVerdict:
         delta = max(one.deltas[letter] for one in loop.controllers)
         kappa += 2 * Fraction(float(witness.t[LETTERS.index(letter)])) * Fraction(delta) ** 2
     full = replace(witness, kappa=ROUNDED_UP * float(kappa))
-    one = full.of(np.zeros((0, 0)), loop.at(0.0))
-    messages = ROUNDED_UP * math.hypot(*(c.message_noise(1.0) for c in loop.controllers))
-    lost = one.ultimate * math.hypot(*(c.message_noise(0.0) for c in loop.controllers))
-    lost += one.ultimate_mu * math.hypot(*(c.underflow for c in loop.controllers))
-    deltas = tuple(dict(c.deltas) for c in loop.controllers)
     said = "no conjugate point in the period, P > 0 and W > 0 at the ends of every segment, decided in ball arithmetic"
-    return SampledVerdict(
-        True, said, loop.network.period, loop.network.delay, "ball", witness.decay,
-        one.ultimate * messages, one.rms * messages, ROUNDED_UP * lost, deltas, witness,
-    )  # fmt: skip
+    bounds = full.of(np.zeros((0, 0)), loop.at(0.0))
+    return accepted(loop.network, loop.controllers, bounds, said, witness)
 
 
 def common_controller(

@@ -15,7 +15,6 @@ here; looking for small ones is not done here.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,21 +28,15 @@ from lockstep.check.sampled.lifting import Lifted, lift
 from lockstep.check.sampled.loop import SampledLoop
 
 
-@dataclass(frozen=True, eq=False)
-class SampledRho:
-    """A rho of the sampled loop that was proved in ball arithmetic, and its witness (decay 1, no weight)."""
+def proves_rho(exact_loop: SampledLoop, weights: Performance, rho: float, witness: Witness) -> bool:
+    """Decide in balls whether a witness (decay 1, no weight) proves a rho.
 
-    rho: float
-    witness: Witness
-
-
-def proves_rho(exact_loop: SampledLoop, weights: Performance, found: SampledRho) -> bool:
-    """Decide in balls whether P > 0, m >= 0, t >= 0, M > 0 and W > 0, and that the period holds no conjugate point."""
-    witness = found.witness
-    if not (witness.decay == 1 and witness.weight == 0 and found.rho > 0):
+    P > 0, m >= 0, t >= 0, M > 0 and W > 0, and the period holds no conjugate point.
+    """
+    if not (witness.decay == 1 and witness.weight == 0 and rho > 0):
         return False
     with balls.working_precision():
-        return dissipates(exact_loop, weights, witness, found.rho)
+        return dissipates(exact_loop, weights, witness, rho)
 
 
 def dissipates(exact_loop: SampledLoop, weights: Performance, witness: Witness, rho: float) -> bool:

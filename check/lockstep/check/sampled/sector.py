@@ -13,7 +13,6 @@ so that G Q^-1/2 and W^1/2 H take the places of G and alpha H in the lifted loop
 It holds for any weights: nothing about it has to be decided. Q is rounded down and W up.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -22,6 +21,7 @@ from typing import Annotated
 import numpy as np
 
 from lockstep.check.bound.result import Entry
+from lockstep.check.numbers import as_fraction, rounded_down
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,32 +48,20 @@ def common_sector(
         m, m_entries: weights 0 or above, of alpha and of each entry; they need not prove anything.
         r, v: the numbers of components and arguments of phi.
     """
-    weights = [sum(map(_exact, row), Fraction(0)) for row in m_entries]
-    whole = sum(map(_exact, m), Fraction(0))
-    Q, W = [whole] * r, [whole * _exact(alpha) ** 2] * v
+    weights = [sum(map(as_fraction, row), Fraction(0)) for row in m_entries]
+    whole = sum(map(as_fraction, m), Fraction(0))
+    Q, W = [whole] * r, [whole * as_fraction(alpha) ** 2] * v
     for k in {one.component for one in entries}:
         own = [(one, mu) for one, mu in zip(entries, weights, strict=True) if one.component == k]
         if all(mu > 0 for _, mu in own):
             Q[k] += 1 / sum((1 / mu for _, mu in own), Fraction(0))
             for one, mu in own:
-                W[one.argument] += mu * _exact(one.bound) ** 2
+                W[one.argument] += mu * as_fraction(one.bound) ** 2
     if not all(value > 0 for value in Q):
         return None
     unit = Fraction(float(max(Q)))
+    # Rounded down and up.
     return Sector(
-        np.array([_below(value / unit) for value in Q]), np.array([_above(value / unit) for value in W])
+        np.array([rounded_down(value / unit) for value in Q]),
+        np.array([-rounded_down(-value / unit) for value in W]),
     )
-
-
-def _exact(value: float) -> Fraction:
-    return Fraction(float(value))
-
-
-def _below(value: Fraction) -> float:
-    nearest = float(value)
-    return nearest if Fraction(nearest) <= value else math.nextafter(nearest, 0.0)
-
-
-def _above(value: Fraction) -> float:
-    nearest = float(value)
-    return nearest if Fraction(nearest) >= value else math.nextafter(nearest, math.inf)

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from lockstep.check.numbers import Matrix, as_floats, converter, eye, inverse
+from lockstep.check.numbers import Matrix, as_floats, converter, eye, inverse, is_exact
 from lockstep.check.system.graph import Digraph
 
 Coordinates = Literal["orthonormal", "laplacian_rows"]
@@ -67,6 +67,14 @@ def disagreement(
     right = np.vstack([inverse(T[:, : N - 1]), zero_row])
     S = eye(N - 1, T) if coordinates == "laplacian_rows" else inverse(T @ T.T)
     return Disagreement(T=T, right=right, S=S, L=L, L_r=L @ right)
+
+
+def single_difference(like: Matrix, value: float = 0.0) -> Disagreement:
+    """Return the coordinates of one mode, x_d being one difference with metric 1, in which the loop sees value times it."""
+    one = eye(1, like)
+    across, zero = np.vstack([one, 0 * one]), np.zeros((2, 2))
+    scale = converter(is_exact(one))(np.array([value]))[0]
+    return Disagreement(across.T, across, one, converter(is_exact(one))(zero), scale * across)
 
 
 def _dependent_row(graph: Digraph) -> int:

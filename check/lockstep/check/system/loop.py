@@ -14,8 +14,8 @@ from typing import Annotated
 
 import numpy as np
 
-from lockstep.check.errors import ProblemError
-from lockstep.check.numbers import Matrix, Stack, converter, is_exact, product, zeros
+from lockstep.check.errors import demand
+from lockstep.check.numbers import Matrix, Stack, block_diagonal, converter, eye, is_exact, product, zeros
 from lockstep.check.system.disagreement import Disagreement
 
 
@@ -33,33 +33,19 @@ class Gains:
 
     def __post_init__(self) -> None:
         """Check that the blocks of every agent fit together."""
-        if not len(self.A) == len(self.B) == len(self.C) == len(self.D) > 0:
-            raise ProblemError(
-                f"gains for {len(self.A)}, {len(self.B)}, {len(self.C)}, {len(self.D)} agents (A, B, C, D)",
-                where="gains",
-                expected="one A, B, C and D per agent",
-            )
+        counts = [len(self.A), len(self.B), len(self.C), len(self.D)]
+        found = f"gains for {', '.join(map(str, counts))} agents (A, B, C, D)"
+        demand(counts[0] > 0 and len({*counts}) == 1, found, "gains", "one A, B, C and D per agent")
         n_C, (m, q) = self.A[0].shape[0], self.D[0].shape
+        shapes = {"A": (n_C, n_C), "B": (n_C, q), "C": (m, n_C), "D": (m, q)}
+        remedy = "every agent has the same order, inputs and outputs"
         for i in range(len(self.A)):
-            for letter, block, shape in (
-                ("A", self.A[i], (n_C, n_C)),
-                ("B", self.B[i], (n_C, q)),
-                ("C", self.C[i], (m, n_C)),
-                ("D", self.D[i], (m, q)),
-            ):
-                if block.shape != shape:
-                    raise ProblemError(
-                        f"`{letter}` is {block.shape[0]} x {block.shape[1]}",
-                        where=f"gains of agent {i + 1}",
-                        expected=f"{shape[0]} x {shape[1]}",
-                        remedy="every agent has the same order, inputs and outputs",
-                    )
-                if not np.all(np.isfinite(block)):
-                    raise ProblemError(
-                        f"`{letter}` holds a number that is not finite",
-                        where=f"gains of agent {i + 1}",
-                        expected="finite numbers",
-                    )
+            for letter, (rows, columns) in shapes.items():
+                block, where = getattr(self, letter)[i], f"gains of agent {i + 1}"
+                found = f"`{letter}` is {block.shape[0]} x {block.shape[1]}"
+                demand(block.shape == (rows, columns), found, where, f"{rows} x {columns}", remedy)
+                found = f"`{letter}` holds a number that is not finite"
+                demand(np.isfinite(block).all(), found, where, "finite numbers")
 
     @classmethod
     def from_blocks(cls, K: Annotated[np.ndarray, "N k l"], n_C: int) -> "Gains":
@@ -154,31 +140,26 @@ class Loop:
             total = total + product(product(U, block), Y)
         return total
 
-    def on_disagreement(self, weight: Matrix) -> Matrix:
-        """Return a weight of x_d padded with zeros to one of x_cl."""
-        padded = zeros(self.n_x, self.n_x, self.A_0)
-        padded[: self.n_d, : self.n_d] = weight
-        return padded
 
+def build_loop(plant: Plant, d: Disagreement, order: int, decay: float = 0.0) -> Loop:
+    """Assemble the loop matrices from a plant and coordinates in the same kind of number; with a decay, A_0 + decay I.
 
-def build_loop(plant: Plant, d: Disagreement, order: int) -> Loop:
-    """Assemble the loop matrices from a plant and coordinates in the same kind of number."""
-    n, m, q, r, _ = plant.sizes
-    N, like = d.N, plant.A
-    n_d, n_x = n * (N - 1), n * (N - 1) + order * N
-    one = np.eye(1) if not is_exact(like) else np.array([[like[0, 0] * 0 + 1]], dtype=object)
-    A_0, E, E_G = zeros(n_x, n_x, like), zeros(n_x, n_d, like), zeros(n_x, r * (N - 1), like)
-    for k in range(N - 1):
-        A_0[k * n : (k + 1) * n, k * n : (k + 1) * n] = plant.A
-        E_G[k * n : (k + 1) * n, k * r : (k + 1) * r] = plant.G
-    for k in range(n_d):
-        E[k, k] = one[0, 0]
+    There is a controller for each B_i: one for each agent, or a single one in the coordinates of a mode.
+    """
+    n, m, q, _, _ = plant.sizes
+    like, n_d, rest = plant.A, n * (d.N - 1), order * len(plant.B)
+    unit, nothing = eye(d.N - 1, like), zeros(rest, 0, like)
+    A_0 = block_diagonal(np.kron(unit, like), zeros(rest, rest, like))
+    E = block_diagonal(eye(n_d, like), nothing)
+    E_G = block_diagonal(np.kron(unit, plant.G), nothing)
+    if decay:
+        A_0 = A_0 + converter(is_exact(like))(np.array([decay]))[0] * eye(len(A_0), like)
     U, Y = [], []
-    for i in range(N):
-        Ui, Yi = zeros(n_x, order + m, like), zeros(order + q, n_x, like)
-        for k in range(order):
-            Ui[n_d + i * order + k, k] = Yi[k, n_d + i * order + k] = one[0, 0]
-        Ui[:n_d, order:] = np.kron(d.T[:, i : i + 1], plant.B[i])
+    for i, B in enumerate(plant.B):
+        Ui, Yi = zeros(len(A_0), order + m, like), zeros(order + q, len(A_0), like)
+        own = slice(n_d + i * order, n_d + (i + 1) * order)
+        Ui[own, :order] = Yi[:order, own] = eye(order, like)
+        Ui[:n_d, order:] = np.kron(d.T[:, i : i + 1], B)
         Yi[order:, :n_d] = np.kron(d.L_r[i : i + 1, :], plant.C)
         U.append(Ui)
         Y.append(Yi)

@@ -1,11 +1,8 @@
 """A network as the checker knows it: the matrices of the agents, who listens to whom, and the coordinates of the claim."""
 
-from dataclasses import dataclass, field, replace
-
-import numpy as np
+from dataclasses import dataclass, field
 
 from lockstep.check.errors import demand
-from lockstep.check.numbers import converter, eye
 from lockstep.check.system.disagreement import Coordinates, disagreement
 from lockstep.check.system.graph import Digraph
 from lockstep.check.system.loop import Loop, Plant, build_loop
@@ -70,9 +67,5 @@ class ExactNetwork:
         key = (order, exact_arithmetic)
         if key not in self._loops:
             d = disagreement(self.graph, self.coordinates, exact_arithmetic=exact_arithmetic)
-            loop = build_loop(self.plant.in_numbers(exact_arithmetic), d, order)
-            if self.decay:
-                sigma = converter(exact_arithmetic)(np.array([self.decay]))[0]
-                loop = replace(loop, A_0=loop.A_0 + sigma * eye(loop.n_x, loop.A_0))
-            self._loops[key] = loop
+            self._loops[key] = build_loop(self.plant.in_numbers(exact_arithmetic), d, order, self.decay)
         return self._loops[key]

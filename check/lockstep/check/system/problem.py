@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import numpy as np
 
@@ -16,20 +16,21 @@ from lockstep.check.bound.box import Box
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.design_file.json_text import (
     above_zero,
-    item,
     matrix,
     not_negative,
     number,
     one_of,
     only,
+    or_none,
     part,
+    whole,
 )
 from lockstep.check.design_file.messages import messages_of
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import demand
 from lockstep.check.numbers import exactly
 from lockstep.check.sampled.discretise import clipped_at
-from lockstep.check.sampled.messages import Messages
+from lockstep.check.sampled.links import Messages
 from lockstep.check.system.agent import ExactAgent, Move
 from lockstep.check.system.disagreement import Coordinates
 from lockstep.check.system.domain import argument_box
@@ -38,7 +39,6 @@ from lockstep.check.system.graph import Digraph
 from lockstep.check.system.loop import Plant
 from lockstep.check.system.many_graphs import SpectrumRange
 from lockstep.check.system.network import ExactNetwork
-from lockstep.check.wording import shorten
 
 DEFAULT_ORDER, MOST_DEFAULT_ORDER, MOST_ORDER = 2, 4, 64
 """n_C where a problem states none, the least and the most; and the largest that one may state."""
@@ -65,7 +65,7 @@ KEYS = {
 _COMMON = ("A", "C", "G", "H", "phi", "offset")
 """What agents that differ in B only have in common."""
 
-COORDINATES = ("orthonormal", "laplacian_rows")
+COORDINATES: tuple[Coordinates, ...] = get_args(Coordinates)
 
 Scales = tuple[Sequence[float], Sequence[float]] | None
 
@@ -102,17 +102,19 @@ class ProblemTables:
         """The title, for people."""
         return str(self.tables.get("title") or self.agent.name)
 
+    def _table(self, name: str) -> Mapping[str, Any]:
+        table: Mapping[str, Any] = part(self.tables, name, dict)
+        return table
+
     @property
     def design(self) -> Mapping[str, Any]:
         """The table [design]."""
-        table: Mapping[str, Any] = part(self.tables, "design", dict)
-        return table
+        return self._table("design")
 
     @property
     def controller(self) -> Mapping[str, Any]:
         """The table [controller]."""
-        table: Mapping[str, Any] = part(self.tables, "controller", dict)
-        return table
+        return self._table("controller")
 
     @cached_property
     def agent(self) -> ExactAgent:
@@ -120,7 +122,7 @@ class ProblemTables:
         return self._agent({})
 
     def _agent(self, changed: Mapping[str, Any]) -> ExactAgent:
-        table = part(self.tables, "agent", dict)
+        table = self._table("agent")
         parameters = part(table, "parameters", dict)
         outputs: dict[str, str] = {}
         where = "[agent.outputs]"
@@ -144,13 +146,13 @@ class ProblemTables:
     @cached_property
     def spectrum(self) -> SpectrumRange | None:
         """[network] spectrum: every undirected graph, of any size, with its nonzero eigenvalues there; None for one graph."""
-        table = part(self.tables, "network", dict)
+        table = self._table("network")
         return None if table.get("spectrum") is None else SpectrumRange.of(table)
 
     @cached_property
     def graph(self) -> Digraph:
         """Who listens to whom; with a spectrum, two agents that are one of its graphs."""
-        table = part(self.tables, "network", dict)
+        table = self._table("network")
         if self.spectrum is not None:
             return self.spectrum.pair
         given = [key for key in ("edges", "laplacian", "topology") if table.get(key) is not None]
@@ -158,7 +160,7 @@ class ProblemTables:
         demand(len(given) == 1, f"{len(given)} of them", "[network]", expected)
         if given == ["laplacian"]:
             return Digraph.from_laplacian(matrix()(table["laplacian"], "[network] laplacian"))
-        agents = item(table, "agents", "[network]")
+        agents: Any = table.get("agents")
         if given == ["topology"]:
             return Digraph.topology(table["topology"], agents)
         edges = part(table, "edges", list)
@@ -170,7 +172,7 @@ class ProblemTables:
     @cached_property
     def inputs(self) -> tuple[Annotated[np.ndarray, "n m"], ...]:
         """B_i of each agent; they differ by `[network] parameters` only, and nothing else may."""
-        given, where = part(self.tables, "network", dict).get("parameters"), "[network] parameters"
+        given, where = self._table("network").get("parameters"), "[network] parameters"
         demand(given is None or not self.spectrum, "they are given", where, "none with `spectrum`")
         if given is None:
             return (self.agent.B,) * self.graph.N
@@ -179,18 +181,17 @@ class ProblemTables:
         found = []
         for k, changed in enumerate(given, start=1):
             variant = self._agent(changed) if changed else self.agent
-            odd = next(
-                (one for one in _COMMON if not _equal(getattr(self.agent, one), getattr(variant, one))), ""
-            )
             same_but_B = "agents that differ in B only: (2) has one A, one C and one h for all"
-            demand(not odd, f"{odd} differs", f"{where}, entry {k}", same_but_B)
+            for one in _COMMON:
+                same = _equal(getattr(self.agent, one), getattr(variant, one))
+                demand(same, f"{one} differs", f"{where}, entry {k}", same_but_B)
             found.append(variant.B)
         return tuple(found)
 
     @cached_property
     def offsets(self) -> Annotated[np.ndarray, "N n"] | None:
         """o_i of each agent, whose x_i - o_i are to agree and obey the equations of x_i; None where the x_i are to agree."""
-        given = part(self.tables, "network", dict).get("offsets")
+        given = self._table("network").get("offsets")
         if given is None:
             return None
         demand(not self.spectrum, "they are given", WHERE, "none with `spectrum`")
@@ -211,10 +212,7 @@ class ProblemTables:
             first = given[0] if isinstance(given, list) and isinstance(given[0], dict) else {}
             return len(part(first, "A", list))
         default = default_order(len(self.agent.states), many_graphs=self.spectrum is not None)
-        order = self.design.get("order", default)
-        whole = isinstance(order, int) and not isinstance(order, bool) and 0 <= order <= MOST_ORDER
-        demand(whole, shorten(repr(order)), "[design] order", f"a whole number from 0 to {MOST_ORDER}")
-        return int(order)
+        return whole(0, MOST_ORDER)(self.design.get("order", default), "[design] order")
 
     @property
     def sizes(self) -> Sizes:
@@ -236,13 +234,13 @@ class ProblemTables:
     @property
     def messages(self) -> Messages | None:
         """What the network may do to messages, if the problem says so."""
-        table = part(self.tables, "network", dict).get("messages")
+        table = self._table("network").get("messages")
         return None if table is None else messages_of(table)
 
     @property
     def box(self) -> Box:
         """The box of v = H x over the domain of the states."""
-        domain = part({"domain": {}, **part(self.tables, "agent", dict)}, "domain", dict)
+        domain = part({"domain": {}, **self._table("agent")}, "domain", dict)
         only(domain, self.agent.states, "[agent.domain]")
         sides = {state: _range(domain[state], f"[agent.domain] {state}") for state in domain}
         states = [sides.get(state, (-math.inf, math.inf)) for state in self.agent.states]
@@ -267,7 +265,7 @@ class ProblemTables:
     @property
     def sides(self) -> Annotated[np.ndarray, "m 2"]:
         """The lowest and the highest value of each input, infinite where there is none."""
-        table = _table(part(self.tables, "agent", dict), "limits", self.agent.inputs, "[agent.limits]")
+        table = _table(self._table("agent"), "limits", self.agent.inputs, "[agent.limits]")
         sides = [
             _range(table.get(name, [None, None]), f"[agent.limits] {name}") for name in self.agent.inputs
         ]
@@ -291,8 +289,7 @@ class ProblemTables:
         G = agent.G * exactly(np.array(D_w)).reshape(1, -1)
         H = agent.H / exactly(np.array(D_v)).reshape(-1, 1)
         plant = Plant(agent.A, self.inputs, agent.C, G, H)
-        chosen = one_of(self.design.get("coordinates"), COORDINATES, "[design] coordinates")
-        coordinates: Coordinates = "orthonormal" if chosen == "orthonormal" else "laplacian_rows"
+        coordinates: Coordinates = one_of(self.design.get("coordinates"), COORDINATES, "[design] coordinates")
         ends = None if self.spectrum is None else (self.spectrum.lower, self.spectrum.upper)
         return ExactNetwork(plant, self.graph, coordinates, spectrum=ends), agent
 
@@ -317,10 +314,7 @@ def _table(tables: Mapping[str, Any], key: str, known: Sequence[str], where: str
 def _range(value: Any, where: str) -> tuple[float, float]:
     demand(isinstance(value, list) and len(value) == 2, f"{value!r}", where, "a lower and an upper bound")
     low, high = value
-    return (
-        -math.inf if low is None else number(low, where),
-        math.inf if high is None else number(high, where),
-    )
+    return or_none(number, -math.inf)(low, where), or_none(number, math.inf)(high, where)
 
 
 def _scales(value: Any, names: Sequence[str], where: str) -> Annotated[np.ndarray, " k"]:

@@ -49,26 +49,21 @@ def metric(graph: Digraph) -> Metric:
     if len(one_way):
         i, j = one_way[0]
         raise _refused(graph, f"agent {i + 1} listens to agent {j + 1}, which does not listen to it")
-    w: list[Fraction | None] = [None] * graph.N
-    w[0] = Fraction(1)
-    pending = [0]
+    w, pending = {0: Fraction(1)}, [0]
     while pending:
         i = pending.pop()
         for j in (int(k) for k in np.flatnonzero(a[i])):
             # w_i a_ij = w_j a_ji fixes w_j; a second path to j must agree.
-            value = (w[i] or Fraction(0)) * Fraction(float(a[i, j])) / Fraction(float(a[j, i]))
-            if w[j] is None:
+            value = w[i] * Fraction(float(a[i, j])) / Fraction(float(a[j, i]))
+            if j not in w:
                 w[j] = value
                 pending.append(j)
             elif w[j] != value:
-                raise _refused(
-                    graph, f"the weights around a circle through agents {i + 1} and {j + 1} do not balance"
-                )
-    known = [value for value in w if value is not None]
-    least = min(known)
-    return Metric(
-        np.array([fmpq((v / least).numerator, (v / least).denominator) for v in known], dtype=object)
-    )
+                found = f"the weights around a circle through agents {i + 1} and {j + 1} do not balance"
+                raise _refused(graph, found)
+    least = min(w.values())
+    known = [w[i] / least for i in sorted(w)]
+    return Metric(np.array([fmpq(v.numerator, v.denominator) for v in known], dtype=object))
 
 
 def decide_spectrum(graph: Digraph, known: Metric, lower: float, upper: float) -> Definiteness:

@@ -11,7 +11,7 @@ from lockstep.campaign.compiled.lanes import LANES
 from lockstep.campaign.compiled.layout import INDICES, Layout
 from lockstep.campaign.compiled.library import load
 from lockstep.campaign.compiled.source import CampaignSource
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +68,8 @@ class Batch:
         if sequences is not None and "scale" not in values:
             values = {**values, "scale": 1.0}
         for name, value in values.items():
-            if name not in layout.places:
-                raise ProblemError(
-                    f"`{name}` is no parameter",
-                    where="campaign batch",
-                    expected=", ".join(layout.places),
-                )
+            found = f"`{name}` is no parameter"
+            demand(name in layout.places, found, "campaign batch", ", ".join(layout.places))
             place = layout.places[name]
             numbers = np.asarray(value, dtype=float)
             width = place.stop - place.start

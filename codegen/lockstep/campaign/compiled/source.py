@@ -26,7 +26,7 @@ from lockstep.campaign.compiled.lanes import lanes_header
 from lockstep.campaign.compiled.layout import Features, Layout
 from lockstep.campaign.compiled.statements import LaneFunction
 from lockstep.check.continuous.inequality import LETTERS, Performance
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.system.loop import Gains
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import FILE_NAME, Manifest
@@ -103,12 +103,8 @@ def sampled_source(
             f"{len(names)} controllers", where="campaign", expected=f"those of the {network.N} agents"
         )
     features = features or Features(True, True, True, True, False)
-    if features.uncertain:
-        raise ProblemError(
-            "a Delta of (11) for the C that ships",
-            where="campaign",
-            expected="the continuous controllers: the coefficients in the C are what they are",
-        )
+    expected = "the continuous controllers: the coefficients in the C are what they are"
+    demand(not features.uncertain, "a Delta of (11) for the C that ships", "campaign", expected)
     layout = _layout(network, manifest.agents[0].order, 0, manifest.period, step, True, features)
     return _source(network, weights, layout, sampled_functions(network, weights), folder, manifest, delay)
 

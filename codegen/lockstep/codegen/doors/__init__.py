@@ -7,7 +7,7 @@ doors a folder has is read off the paths that its manifest lists.
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.codegen.doors import arduino, dbc, fixed, fmu, messages, pil, rust
 from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.manifest import FILE_NAME, Manifest
@@ -38,10 +38,8 @@ def with_doors(files: Mapping[str, str], doors: Collection[str]) -> Texts:
     """
     if unknown := sorted(set(doors) - set(DOORS)):
         raise ProblemError(f"`{unknown[0]}`", where="doors", expected=" or ".join(DOORS))
-    if "dbc" in doors and "messages" not in doors:
-        raise ProblemError(
-            "no `--messages`", where="--dbc", expected="both: it describes the bytes of its messages"
-        )
+    expected = "both: it describes the bytes of its messages"
+    demand("dbc" not in doors or "messages" in doors, "no `--messages`", "--dbc", expected)
     if not doors:
         return dict(files)
     return bundle(files, _rendered(Manifest.model_validate_json(files[FILE_NAME]), doors, files))

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.codegen.doors.view import folder_view
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import Manifest
@@ -14,12 +14,8 @@ def files(manifest: Manifest, product: Mapping[str, str]) -> dict[str, str]:
     Raises:
         ProblemError: float64, which a `double` of 32 bits, AVR's, cannot hold.
     """
-    if manifest.real != "float32":
-        raise ProblemError(
-            f"the arithmetic is {manifest.real}",
-            where="--arduino",
-            expected='`real = "float32"` in [controller]: a `double` has 32 bits on AVR',
-        )
+    expected = '`real = "float32"` in [controller]: a `double` has 32 bits on AVR'
+    demand(manifest.real == "float32", f"the arithmetic is {manifest.real}", "--arduino", expected)
     view = folder_view(manifest)
     library = {
         "arduino/library.properties": render("doors/library.properties.j2", **view),

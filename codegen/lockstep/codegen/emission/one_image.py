@@ -12,7 +12,7 @@ import numpy as np
 
 from lockstep.check.c_source.kernel import Shape
 from lockstep.check.c_source.reader import MAX_NEIGHBOURS
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.budget import state_bytes
 from lockstep.codegen.emission.known_answers import KnownAnswers, known_answers
@@ -47,12 +47,8 @@ class OneImage:
     def __post_init__(self) -> None:
         if self.table not in TABLES:
             raise ProblemError(f"`{self.table}`", where="--table", expected=" or ".join(TABLES))
-        if not 1 <= self.most <= MAX_NEIGHBOURS:
-            raise ProblemError(
-                f"{self.most} neighbours at most",
-                where="one image",
-                expected=f"1 to {MAX_NEIGHBOURS}: one mask bit each",
-            )
+        expected = f"1 to {MAX_NEIGHBOURS}: one mask bit each"
+        demand(1 <= self.most <= MAX_NEIGHBOURS, f"{self.most} neighbours at most", "one image", expected)
         if self.degree > self.most:
             raise ProblemError(
                 f"an agent hears {self.degree} others, and a list holds {self.most}",

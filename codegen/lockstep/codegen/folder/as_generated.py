@@ -8,7 +8,7 @@ shows measurements of the machine it was built on, and is named as not proved, a
 from dataclasses import dataclass
 from pathlib import Path
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.files import read_inside
 from lockstep.codegen.doors import doors_of, with_doors
 from lockstep.codegen.doors.fmu import archives_differ
@@ -98,9 +98,5 @@ def problem_fits(stored: Stored, manifest: Manifest) -> None:
         ProblemError: another number of agents.
     """
     count = len(manifest.agents) if manifest.image is None else manifest.image.agents
-    if count != stored.gains.N:
-        raise ProblemError(
-            f"{count} controllers",
-            where="manifest.json",
-            expected=f"{stored.gains.N}, as in the design",
-        )
+    found = f"{count} controllers"
+    demand(count == stored.gains.N, found, "manifest.json", f"{stored.gains.N}, as in the design")

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 
 from lockstep.check.c_source.node import read_node
 from lockstep.check.c_source.reader import read_controller
-from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.check.errors import NotCertified, ProblemError, demand
 from lockstep.check.files import as_text, named, read_inside
 from lockstep.check.wording import shorten
 from lockstep.codegen.doors import door_paths
@@ -90,10 +90,8 @@ def entries_of(folder: Path) -> dict[str, os.DirEntry[str]]:
             with os.scandir(place) as listed:
                 for entry in listed:
                     found[prefix + entry.name] = entry
-                    if len(found) > MOST_ENTRIES:
-                        raise ProblemError(
-                            "it holds too much", where=str(folder), expected=f"at most {MOST_ENTRIES} files"
-                        )
+                    expected = f"at most {MOST_ENTRIES} files"
+                    demand(len(found) <= MOST_ENTRIES, "it holds too much", str(folder), expected)
                     if entry.is_dir(follow_symlinks=False):
                         waiting.append((f"{prefix}{entry.name}/", entry.path))
     return dict(sorted(found.items()))

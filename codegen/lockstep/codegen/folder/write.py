@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.files import read_inside
 from lockstep.codegen.manifest import FILE_NAME, load_manifest
 
@@ -61,12 +61,8 @@ def check_replaceable(target: Path) -> None:
     present = {path.relative_to(target).as_posix() for path in target.rglob("*") if not path.is_dir()}
     if not present:
         return
-    if FILE_NAME not in present:
-        raise ProblemError(
-            f"the folder is not empty and has no {FILE_NAME} of ours",
-            where=str(target),
-            remedy="name an empty or a new folder",
-        )
+    found = f"the folder is not empty and has no {FILE_NAME} of ours"
+    demand(FILE_NAME in present, found, str(target), remedy="name an empty or a new folder")
     foreign = sorted(present - _written(target) - {FILE_NAME})
     if foreign:
         raise ProblemError(

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.system.formation import measured_offsets
 from lockstep.codegen.manifest import FILE_NAME, Manifest
@@ -79,20 +79,13 @@ def sources_in(manifest: Manifest) -> tuple[tuple[int, ...], ...]:
     Raises:
         ProblemError: a neighbour that is no agent of the folder, or one image, whose nodes are given theirs at run time.
     """
-    if manifest.image is not None:
-        raise ProblemError(
-            "one image, whose nodes are given their neighbours at run time",
-            where=FILE_NAME,
-            expected="agents with neighbours of their own",
-            remedy="simulate the design, or generate with --per-agent",
-        )
+    found = "one image, whose nodes are given their neighbours at run time"
+    remedy = "simulate the design, or generate with --per-agent"
+    demand(manifest.image is None, found, FILE_NAME, "agents with neighbours of their own", remedy)
     rows = {agent.name: k for k, agent in enumerate(manifest.agents)}
     for agent in manifest.agents:
         for source in agent.neighbours:
-            if source.source not in rows:
-                raise ProblemError(
-                    f"`{agent.name}` hears `{source.source}`, which is no agent of this folder",
-                    where=FILE_NAME,
-                    remedy="generate all agents of the network into one folder",
-                )
+            found = f"`{agent.name}` hears `{source.source}`, which is no agent of this folder"
+            remedy = "generate all agents of the network into one folder"
+            demand(source.source in rows, found, FILE_NAME, remedy=remedy)
     return tuple(tuple(rows[source.source] for source in agent.neighbours) for agent in manifest.agents)

@@ -41,10 +41,10 @@ def run_on_core(
     manifest: Manifest,
     folder: Path,
     calls: Mapping[str, Calls],
+    directory: Path,
     core: Core,
     compiler: Compiler,
     level: str,
-    directory: Path,
     *,
     strict: bool = True,
 ) -> Iterator[tuple[AgentEntry, Run]]:

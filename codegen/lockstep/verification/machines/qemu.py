@@ -16,6 +16,7 @@ from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.harness import Run, compile_objects, text_bytes
 from lockstep.verification.machines.image import check_calls, machine_flags
 from lockstep.verification.machines.toolchain import COMPILE_SECONDS, RUN_SECONDS, Compiler, run
+from lockstep.verification.nodes import without_nodes
 from lockstep.verification.pil_log import runs
 
 QEMU = "qemu-system-arm"
@@ -40,15 +41,16 @@ def run_on_qemu(
     manifest: Manifest,
     folder: Path,
     calls: Mapping[str, Calls],
+    directory: Path,
     compiler: Compiler,
     level: str,
-    directory: Path,
 ) -> Iterator[tuple[AgentEntry, Run]]:
     """Build and run an image per agent: its C, the runner with its calls, and the way from reset to main.
 
     Raises:
         ClaimError: it cannot be built, calls a library, hangs, or prints no whole log.
     """
+    manifest = without_nodes(manifest)
     for agent in manifest.agents:
         made = _image(agent, manifest, folder, calls[agent.name], compiler, level, directory)
         log = directory / "log.txt"

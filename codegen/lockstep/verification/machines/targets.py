@@ -16,7 +16,6 @@ from lockstep.verification.machines.qemu import M7, missing, run_on_qemu
 from lockstep.verification.machines.toolchain import TO_INSTALL, Compiler, arm_gcc, host_compilers, run, zig
 from lockstep.verification.messages.events import Events
 from lockstep.verification.messages.run import Traces, run_nodes_on_core, run_nodes_on_host
-from lockstep.verification.nodes import without_nodes
 
 Runner = Callable[[Manifest, Path, Mapping[str, Calls], Path], Iterator[tuple[AgentEntry, Run]]]
 
@@ -62,12 +61,7 @@ def _host(_: Manifest) -> Iterator[Target]:
     compilers = host_compilers()
     for compiler in compilers:
         for level in LEVELS:
-            yield Target(
-                f"host {compiler.name} {level}",
-                _on_host(compiler, (level,)),
-                nodes=_nodes(compiler, (level,)),
-                built=(compiler, (level,), None),
-            )
+            yield _on_host(f"host {compiler.name} {level}", compiler, (level,))
     if not compilers:
         yield _skipped("host", f"no C compiler: {TO_INSTALL}")
 
@@ -78,12 +72,7 @@ def _sanitizers(_: Manifest) -> Iterator[Target]:
         if reason := _no_sanitizers(compiler):
             yield _skipped(name, reason)
         else:
-            yield Target(
-                name,
-                _on_host(compiler, _SANITIZERS),
-                nodes=_nodes(compiler, _SANITIZERS),
-                built=(compiler, _SANITIZERS, None),
-            )
+            yield _on_host(name, compiler, _SANITIZERS)
 
 
 def _no_sanitizers(compiler: Compiler) -> str:
@@ -113,9 +102,9 @@ def _on_core(core: Core, _: Manifest) -> Iterator[Target]:
             name = f"{core.title} {found.name} {level}, emulated"
             yield Target(
                 name,
-                partial(_emulated, core, found, level),
+                partial(run_on_core, core=core, compiler=found, level=level),
                 core=core.group,
-                nodes=partial(_emulated_nodes, core, found, level),
+                nodes=partial(run_nodes_on_core, core=core, compiler=found, level=level),
                 built=(found, (level,), core),
             )
 
@@ -128,56 +117,14 @@ def _on_qemu(_: Manifest) -> Iterator[Target]:
         return
     for found in compilers:
         for level in CORE_LEVELS:
-            yield Target(f"{M7.title} {found.name} {level}, QEMU", _emulated_by_qemu(found, level))
+            start = partial(run_on_qemu, compiler=found, level=level)
+            yield Target(f"{M7.title} {found.name} {level}, QEMU", start)
 
 
-def _emulated_by_qemu(compiler: Compiler, level: str) -> Runner:
-    def start(
-        manifest: Manifest, folder: Path, calls: Mapping[str, Calls], directory: Path
-    ) -> Iterator[tuple[AgentEntry, Run]]:
-        return run_on_qemu(without_nodes(manifest), folder, calls, compiler, level, directory)
-
-    return start
-
-
-def _emulated(
-    core: Core,
-    compiler: Compiler,
-    level: str,
-    manifest: Manifest,
-    folder: Path,
-    calls: Mapping[str, Calls],
-    directory: Path,
-) -> Iterator[tuple[AgentEntry, Run]]:
-    return run_on_core(manifest, folder, calls, core, compiler, level, directory)
-
-
-def _emulated_nodes(
-    core: Core,
-    compiler: Compiler,
-    level: str,
-    manifest: Manifest,
-    folder: Path,
-    events: Mapping[str, Events],
-    directory: Path,
-) -> Traces:
-    return run_nodes_on_core(manifest, folder, events, core, compiler, level, directory)
-
-
-def _nodes(compiler: Compiler, flags: Sequence[str]) -> NodeRunner:
-    def start(manifest: Manifest, folder: Path, events: Mapping[str, Events], directory: Path) -> Traces:
-        return run_nodes_on_host(manifest, folder, events, compiler, flags, directory)
-
-    return start
-
-
-def _on_host(compiler: Compiler, flags: Sequence[str]) -> Runner:
-    def start(
-        manifest: Manifest, folder: Path, calls: Mapping[str, Calls], directory: Path
-    ) -> Iterator[tuple[AgentEntry, Run]]:
-        return run_on_host(manifest, folder, calls, compiler, flags, directory)
-
-    return start
+def _on_host(name: str, compiler: Compiler, flags: tuple[str, ...]) -> Target:
+    start = partial(run_on_host, compiler=compiler, flags=flags)
+    nodes = partial(run_nodes_on_host, compiler=compiler, flags=flags)
+    return Target(name, start, nodes=nodes, built=(compiler, flags, None))
 
 
 def _skipped(name: str, reason: str) -> Target:

@@ -24,9 +24,9 @@ def run_nodes_on_host(
     manifest: Manifest,
     folder: Path,
     events: Mapping[str, Events],
+    directory: Path,
     compiler: Compiler,
     flags: Sequence[str],
-    directory: Path,
 ) -> Traces:
     """Build once, then feed each agent's node its events; `directory` is a temporary one."""
     objects = _objects(manifest, folder, compiler, flags, directory)
@@ -43,10 +43,10 @@ def run_nodes_on_core(
     manifest: Manifest,
     folder: Path,
     events: Mapping[str, Events],
+    directory: Path,
     core: Core,
     compiler: Compiler,
     level: str,
-    directory: Path,
 ) -> Traces:
     """Build an image with all nodes, then feed each its events."""
     flags = (*machine_flags(core, compiler), level)

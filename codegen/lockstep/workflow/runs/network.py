@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.workflow.design import DESIGN_NAME, Design, as_design
 from lockstep.workflow.files import of_file
 from lockstep.workflow.folders import check_folder, write_files
@@ -76,10 +76,7 @@ def network_campaign(
     from lockstep.model.network import Network
 
     network_faults, folder = NetworkFaults.parse(faults), Path(output)
-    if runs < 2:
-        raise ProblemError(
-            f"{runs} run", where="campaign", expected="2 or more: every other one is disturbed"
-        )
+    demand(runs >= 2, f"{runs} run", "campaign", "2 or more: every other one is disturbed")
     check_folder(folder)
     progress("proving the design", 0.0)
     found, path = as_design(design)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.lmi.initial import below
 from lockstep.model.html_table import html_table
 from lockstep.workflow.design import Design, as_design
@@ -359,13 +359,10 @@ def _controllers(path: Path | None, stored: "Stored", kind: "Kind") -> "Iterator
     manifest = load_manifest(path)
     problem_fits(stored, manifest)
     if manifest.image is not None:
-        if kind == "compiled":
-            raise ProblemError(
-                "one image, whose nodes are given their neighbours at run time",
-                where=str(path),
-                expected="C with neighbours of its own for --controllers compiled",
-                remedy="use --controllers sampled, which steps the same arithmetic, or generate with --per-agent",
-            )
+        found = "one image, whose nodes are given their neighbours at run time"
+        expected = "C with neighbours of its own for --controllers compiled"
+        remedy = "use --controllers sampled, which steps the same arithmetic, or generate with --per-agent"
+        demand(kind != "compiled", found, str(path), expected, remedy)
         yield design_controllers(stored)
         return
     if kind == "sampled":

@@ -52,7 +52,7 @@ def abscissa(network: Network, gains: Gains, *, modal: bool) -> float:
     from lockstep.lmi.methods.modal import eigenvalues_of
 
     modes, K = Modes(network.plant, gains.order, network.decay), gains.blocks[0]
-    found = [np.linalg.eigvals(modes.A_0 + modes.U @ K @ modes.Y(value)) for value in eigenvalues_of(network)]
+    found = [np.linalg.eigvals(modes.at(value).A_cl(K[None])) for value in eigenvalues_of(network)]
     n_C = gains.order
     found.append(np.linalg.eigvals(K[:n_C, :n_C]) + network.decay)
     return float(np.concatenate(found).real.max())

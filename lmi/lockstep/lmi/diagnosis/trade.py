@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lockstep.check.continuous.inequality import Claim
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.lmi.analysis.reach import largest_alpha, trade_off
 from lockstep.lmi.document import Stored
 from lockstep.lmi.stored_bound import bound_again
@@ -47,18 +47,12 @@ def curve(stored: Stored, points: int = 12) -> tuple[TradeOffPoint, ...]:
         raise ProblemError(f"`points` is {points}", where="the trade-off", expected="2 or more")
     problem = stored.problem
     agent = problem.agent()
-    if agent.lure.is_linear:
-        raise ProblemError(
-            "the agent is linear", where="the trade-off", expected="an agent with a nonlinearity"
-        )
+    demand(not agent.lure.is_linear, "the agent is linear", "the trade-off", "an agent with a nonlinearity")
     with one_thread():
         network = network_of(problem, bound_again(stored))
         delta = np.tile([stored.claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
-        claim, loop, K = (
-            Claim.of(stored.claims.alpha, problem.performance, delta, stored.claims.entries),
-            network.loop(problem.order),
-            stored.gains.blocks,
-        )
+        claim = Claim.of(stored.claims.alpha, problem.performance, delta, stored.claims.entries)
+        loop, K = network.loop(problem.order), stored.gains.blocks
         most = largest_alpha(loop, K, claim) * (1 - MARGIN)
         found = trade_off(loop, K, claim, [float(f"{alpha:.6g}") for alpha in np.linspace(0.0, most, points)])
     return tuple(TradeOffPoint(alpha, float(rho)) for alpha, rho in found)

@@ -120,10 +120,8 @@ def _decided(one: Constraint, F: np.ndarray) -> ConstraintVerdict:
         return _zero(one, F)
     for i, j in zip(*np.triu_indices(len(F), 1), strict=True):
         if F[i, j] != F[j, i]:
-            above, below = (
-                f"({i + 1}, {j + 1}) is {_short(F[i, j])}",
-                f"({j + 1}, {i + 1}) is {_short(F[j, i])}",
-            )
+            above = f"({i + 1}, {j + 1}) is {_short(F[i, j])}"
+            below = f"({j + 1}, {i + 1}) is {_short(F[j, i])}"
             said = f"not symmetric: entry {above}, entry {below}"
             return ConstraintVerdict(one, "refuted", said)
     first = decide_positive_definite(F)

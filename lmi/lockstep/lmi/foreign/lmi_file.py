@@ -28,7 +28,7 @@ import numpy as np
 from flint import fmpq
 
 from lockstep.check.design_file.json_text import only
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.files import read_text
 from lockstep.check.wording import shorten
 
@@ -138,10 +138,7 @@ def number(value: Any, where: str) -> fmpq:
     """
     if isinstance(value, int | float) and not isinstance(value, bool):
         value = repr(value)
-    if not isinstance(value, str):
-        raise ProblemError(
-            shorten(repr(value)), where=where, expected='a number, or text like "0.1" or "-3/4"'
-        )
+    demand(isinstance(value, str), shorten(repr(value)), where, 'a number, or text like "0.1" or "-3/4"')
     text = value.strip()
     if len(text) > LONGEST:
         raise ProblemError(f"a number of {len(text)} characters", where=where, expected=f"at most {LONGEST}")

@@ -15,7 +15,6 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import Modes
 from lockstep.check.system.graph import Digraph
-from lockstep.check.system.loop import Plant
 from lockstep.check.system.network import ExactNetwork
 from lockstep.lmi.methods.modal_witness import ModalWitness, witness
 from lockstep.lmi.search.smoothed import SmoothedNorm, descended, refined
@@ -71,7 +70,7 @@ class ModalSearch:
     ) -> "ModalSearch":
         """Return the search over the modes of a plant at the ends of segments; A_C is to have a rate of its own if given."""
         graph, plant = graph_of(ends), modes.plant
-        plant = Plant(plant.A, (plant.B[0],) * graph.N, plant.C, plant.G, plant.H)
+        plant = replace(plant, B=(plant.B[0],) * graph.N)
         loop = ExactNetwork(plant, graph, decay=modes.decay).loop(modes.order, exact_arithmetic=False)
         few = replace(claim, delta=np.zeros((graph.N, 4)))
         loop, few, units = scaled(loop, few)
@@ -133,8 +132,8 @@ def _lowered(
 def _ways(search: ModalSearch) -> list[tuple[Any, Any, Any]]:
     """Return (A_0, U, Y) of the loop at each lambda, and of A_C + rate I."""
     modes = search.modes
-    ways = [(modes.A_0, modes.U, modes.Y(value)) for value in search.ends]
-    n_C, (rows, columns) = modes.order, (modes.U.shape[1], modes.Y(1.0).shape[0])
+    ways = [(loop.A_0, loop.U[0], loop.Y[0]) for loop in map(modes.at, search.ends)]
+    n_C, rows, columns = modes.order, ways[0][1].shape[1], len(ways[0][2])
     return (
         [*ways, (max(modes.decay, search.norm.rate) * np.eye(n_C), np.eye(n_C, rows), np.eye(columns, n_C))]
         if n_C

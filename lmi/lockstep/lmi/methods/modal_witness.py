@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.continuous.inequality import Claim
+from lockstep.check.continuous.inequality import Claim, performance_weight
 from lockstep.check.continuous.modes import Modes
 from lockstep.lmi.analysis.solve import run
 
@@ -68,7 +68,8 @@ def basis(
     modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim, value: float
 ) -> Float[np.ndarray, "k k"] | None:
     """Return the Cholesky factor of P with He(P A(lambda)) = -diag(R, Q); None where A(lambda) is not stable."""
-    return _lyapunov_factor(modes.A_0 + modes.U @ K @ modes.Y(value), modes.weight(claim))
+    loop = modes.at(value)
+    return _lyapunov_factor(loop.A_cl(K[None]), performance_weight(loop, claim))
 
 
 def _lyapunov_factor(

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Complex
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.lmi.robustness.peak import peak
 
 
@@ -107,12 +107,8 @@ def both_sides(P: Any, K: Any) -> Any:
     import control
 
     P, K = control.ss(P), control.ss(K)
-    if (P.noutputs, P.ninputs) != (K.ninputs, K.noutputs):
-        raise ProblemError(
-            f"P is {P.noutputs} x {P.ninputs}, K {K.noutputs} x {K.ninputs}",
-            where="both sides",
-            expected="K as P transposed",
-        )
+    found = f"P is {P.noutputs} x {P.ninputs}, K {K.noutputs} x {K.ninputs}"
+    demand((P.noutputs, P.ninputs) == (K.ninputs, K.noutputs), found, "both sides", "K as P transposed")
     both = control.append(K, P)
     m, p = P.ninputs, P.noutputs
     # append has the inputs (y, u) and the outputs (u, y): swap the inputs, and y = P u enters with the other sign.
@@ -148,10 +144,7 @@ def _sensitivity(L: Any) -> Any:
     import control
 
     L = control.ss(L)
-    if L.ninputs != L.noutputs:
-        raise ProblemError(
-            f"a loop of {L.noutputs} x {L.ninputs}", where="disk margin", expected="a square one"
-        )
+    demand(L.ninputs == L.noutputs, f"a loop of {L.noutputs} x {L.ninputs}", "disk margin", "a square one")
     through = np.eye(L.ninputs) + L.D
     if np.linalg.cond(through) > 1e12:
         raise ProblemError("I + D of the loop is singular", where="disk margin", expected="a well-posed loop")

@@ -18,9 +18,8 @@ improve      design for the period: the best of what descents reach from several
 
 from lockstep.check.sampled.certify import SampledVerdict
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
-from lockstep.check.sampled.performance import SampledRho
 from lockstep.lmi.sampled.certify import certify_sampled
-from lockstep.lmi.sampled.performance import sampled_rho
+from lockstep.lmi.sampled.performance import SampledRho, sampled_rho
 from lockstep.lmi.sampled.period import max_period
 
 __all__ = [

@@ -53,16 +53,16 @@ def certify_sampled(
     one, at = period_in_doubles(loop), f"at {network.period:g} s"
     if one is None:
         said = f"{at} a period of the agents with slopes up to {network.alpha:g} overflows in doubles"
-        return refused(network, controllers, said, {})
+        return refused(network, controllers, said)
     figures: dict[str, Any] = {"spectral_radius": spectral_radius(loop, one)}
     if not figures["spectral_radius"] < 1:
         said = f"{at} the sampled linear loop has the spectral radius {figures['spectral_radius']:.6g}, not below 1"
-        return refused(network, controllers, said, figures)
+        return replace(refused(network, controllers, said), figures=figures)
     first = first_guess(network.d, guess)
     m, figures["gain"] = best_multiplier(loop, one, first)
     if figures["gain"] >= 1:
         said = f"{at} the gain around the nonlinearity is {figures['gain']:.6g}, not below 1"
-        return refused(network, controllers, said, figures)
+        return replace(refused(network, controllers, said), figures=figures)
     said = f"{at} no certificate was found"
     # The weights of the least gain may be so unequal that no doubles hold a witness: the guess is tried as well.
     for weights in (m, first) if gain(loop, one, first) < 1 else (m,):
@@ -70,11 +70,11 @@ def certify_sampled(
         best = next(trials, None)
         if best is None:
             continue
-        verdict = decide_sampled(network, controllers, chain([best], trials), figures)
+        verdict = decide_sampled(network, controllers, chain([best], trials))
         if verdict.certified:
-            return verdict
+            return replace(verdict, figures=figures)
         said = verdict.reason
-    return refused(network, controllers, said, figures)
+    return replace(refused(network, controllers, said), figures=figures)
 
 
 def first_guess(d: Disagreement, guess: Float[np.ndarray, " pairs"] | None) -> Float[np.ndarray, " pairs"]:

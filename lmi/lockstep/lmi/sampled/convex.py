@@ -122,11 +122,8 @@ def step_program(
     Q_of = [copies(one, whole + d.pair_multiplier(i, j)).Q - lifted.Q for i, j in pairs]
     costs = [into.T @ start.T @ each @ start @ into for each in Q_of]
     size = max(float(np.linalg.norm(cost, 2)) for cost in costs) or 1.0
-    V, m, kappa = (
-        cp.Variable((n, n), symmetric=True),
-        cp.Variable(len(pairs), nonneg=True),
-        cp.Variable(nonneg=True),
-    )
+    V, m = cp.Variable((n, n), symmetric=True), cp.Variable(len(pairs), nonneg=True)
+    kappa = cp.Variable(nonneg=True)
     M = sum(m[k] * np.kron(d.pair_multiplier(i, j), unit) for k, (i, j) in enumerate(pairs))
     Q = sum(m[k] * (cost + cost.T) / (2 * size) for k, cost in enumerate(costs))
     along, out = V @ D, V @ (F * np.sqrt(size))

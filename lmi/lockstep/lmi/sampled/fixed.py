@@ -17,11 +17,11 @@ from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.fixed import FixedController, proves_range, ranges_of
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
-from lockstep.check.sampled.performance import SampledRho, proves_rho
+from lockstep.check.sampled.performance import proves_rho
 from lockstep.lmi.sampled.candidates import ROUNDINGS, candidates, priced_anew
 from lockstep.lmi.sampled.certify import first_guess, in_doubles, period_in_doubles
 from lockstep.lmi.sampled.limits import RATES, least_level
-from lockstep.lmi.sampled.performance import period_of
+from lockstep.lmi.sampled.performance import SampledRho, period_of
 from lockstep.lmi.sampled.search import best_multiplier, spectral_radius
 
 SLACKS = (2e-4, 1e-3, 5e-3, 1e-2, 2e-2)
@@ -80,8 +80,8 @@ def rho(
             continue
         for price in PRICES:
             witness = replace(period, price=price).witness(ROUNDINGS[0])
-            if witness is not None and proves_rho(exact, weights, found := SampledRho(at, _read(witness))):
-                return found
+            if witness is not None and proves_rho(exact, weights, at, _read(witness)):
+                return SampledRho(at, _read(witness))
     return None
 
 

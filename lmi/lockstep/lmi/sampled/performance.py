@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -17,7 +18,7 @@ from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness, multiplier
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
-from lockstep.check.sampled.performance import SampledRho, lift_all, proves_rho, running_cost, ways
+from lockstep.check.sampled.performance import lift_all, proves_rho, running_cost, ways
 from lockstep.lmi.sampled.candidates import ROUNDINGS, confirmed, priced
 from lockstep.lmi.sampled.certify import first_guess, in_doubles, period_in_doubles
 from lockstep.lmi.sampled.search import best_multiplier
@@ -47,6 +48,13 @@ SQUARE = 1e-9
 
 PRICE = 1e8
 """What the messages' noise counts in the search, relative to the lifted cost: as good as nothing gets in."""
+
+
+class SampledRho(NamedTuple):
+    """A rho of the sampled loop that was proved in ball arithmetic, and its witness (decay 1, no weight)."""
+
+    rho: float
+    witness: Witness
 
 
 def sampled_rho(
@@ -83,7 +91,7 @@ def _proved_with(
         rho = float(f"{least * (1 + slack):.4g}")
         period = period_of(loop, weights, m, rho)
         witness = None if period is None else period.witness(dear)
-        if witness is not None and proves_rho(exact_loop, weights, SampledRho(rho, witness)):
+        if witness is not None and proves_rho(exact_loop, weights, rho, witness):
             return SampledRho(rho, witness)
     return None
 

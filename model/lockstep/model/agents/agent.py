@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.expression.exact import Exact, Value
 from lockstep.check.system.agent import ExactAgent, Move
 from lockstep.check.system.domain import argument_box
@@ -95,20 +95,15 @@ class Agent:
     """The agent over the rationals before any slope is moved: read from the texts, else from `rhs` and `y`."""
 
     def __post_init__(self) -> None:
-        if self.split not in get_args(Split):
-            raise ProblemError(
-                f"`split` is {self.split!r}", where="[agent] split", expected='"terms" or "jacobian"'
-            )
+        expected = '"terms" or "jacobian"'
+        demand(self.split in get_args(Split), f"`split` is {self.split!r}", "[agent] split", expected)
         for letter, what in (("x", "state"), ("u", "input"), ("rhs", "right-hand side"), ("y", "output")):
             object.__setattr__(self, letter, column_of(getattr(self, letter), what))
         for letter in ("x", "u", "t"):
             check_symbols(letter, ca.SX(getattr(self, letter)))
         self._take_names()
-        if self.rhs.shape[0] != self.n:
-            raise ProblemError(
-                f"`rhs` has {self.rhs.shape[0]} rows, but there are {self.n} states",
-                expected="one right-hand side per state",
-            )
+        found = f"`rhs` has {self.rhs.shape[0]} rows, but there are {self.n} states"
+        demand(self.rhs.shape[0] == self.n, found, "", expected="one right-hand side per state")
         for letter in ("domain", "units"):
             object.__setattr__(self, letter, MappingProxyType(dict(getattr(self, letter))))
         check_known("[agent.domain]", self.domain, self.states)
@@ -290,12 +285,9 @@ class Agent:
         own = [*ca.vertsplit(self.x), *ca.vertsplit(self.u)]
         known = {symbol.element_hash() for symbol in (*own, self.t)}
         for symbol in ca.symvar(expression):
-            if symbol.element_hash() not in known:
-                raise ProblemError(
-                    f"the symbol `{symbol}` is neither a state, nor an input, nor the time",
-                    where=where,
-                    remedy="substitute a number for it, or declare it",
-                )
+            found = f"the symbol `{symbol}` is neither a state, nor an input, nor the time"
+            remedy = "substitute a number for it, or declare it"
+            demand(symbol.element_hash() in known, found, where, remedy=remedy)
         try:
             return read_value(expression, ca.vertcat(*own), self.t, algebra or Exact(len(own), RULES))
         except ProblemError as error:

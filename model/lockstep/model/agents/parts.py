@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.wording import shorten
 
 
@@ -22,29 +22,22 @@ def column_of(value: ca.SX, what: str) -> ca.SX:
         raise ProblemError(
             f"the {what}s are a {type(value).__name__}", expected="a casadi.SX column"
         ) from None
-    if column.shape[1] != 1 or column.shape[0] == 0:
-        raise ProblemError(
-            f"the {what}s have shape {column.shape[0]} x {column.shape[1]}",
-            expected=f"a column with at least one {what}",
-        )
+    found = f"the {what}s have shape {column.shape[0]} x {column.shape[1]}"
+    expected = f"a column with at least one {what}"
+    demand(column.shape[1] == 1 and column.shape[0] != 0, found, "", expected=expected)
     return column
 
 
 def check_symbols(letter: str, column: ca.SX) -> None:
     """Refuse a column that holds anything but symbols."""
     for symbol in ca.vertsplit(column):
-        if not symbol.is_symbolic():
-            raise ProblemError(
-                f"`{letter}` contains `{shorten(str(symbol))}`", expected="symbols only (casadi.SX.sym)"
-            )
+        found = f"`{letter}` contains `{shorten(str(symbol))}`"
+        demand(symbol.is_symbolic(), found, "", expected="symbols only (casadi.SX.sym)")
 
 
 def check_bounds(state: str, bounds: tuple[float, float]) -> None:
     """Refuse a side of the domain without a lower bound below an upper one."""
     low, high = bounds if len(bounds) == 2 else (np.nan, np.nan)
-    if not low < high or low == np.inf or high == -np.inf:
-        raise ProblemError(
-            f"`{state}` is from {low} to {high}",
-            where=f"[agent.domain] {state}",
-            expected="a lower bound below the upper bound",
-        )
+    found = f"`{state}` is from {low} to {high}"
+    expected = "a lower bound below the upper bound"
+    demand(low < high and low != np.inf and high != -np.inf, found, f"[agent.domain] {state}", expected)

@@ -11,7 +11,7 @@ from math import isfinite
 import casadi as ca
 
 from lockstep.check.bound.graph import ExactPhi
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.exact import Exact, Value
 from lockstep.check.expression.node import ONE, ZERO, Node, Undefined, constant, function, variable
@@ -169,12 +169,8 @@ class _Reader:
         if step.op == ca.OP_INPUT:
             node = variable(int(step.value))
         elif step.op == ca.OP_CONST:
-            if not isfinite(step.value):
-                raise ProblemError(
-                    f"the constant {step.value} is not a number",
-                    where="the nonlinearity phi",
-                    expected="finite constants",
-                )
+            found = f"the constant {step.value} is not a number"
+            demand(isfinite(step.value), found, "the nonlinearity phi", "finite constants")
             node = constant(Fraction(step.value))
         else:
             args = [self.values[i] for i in step.reads]

@@ -19,7 +19,7 @@ from lockstep.check.bound.cover import breakpoints
 from lockstep.check.bound.decide import MOST_BOXES, Budget, check_level, decide_norm
 from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.bound.slopes import Block, SlopeProblem
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.verdict import Verdict
 from lockstep.model.bound_search.graph import read
 from lockstep.model.bound_search.point_slopes import PointSlopes
@@ -105,11 +105,8 @@ def search_bound(
         alpha=alpha,
         lower=top.lower,
         witness=_witness(top.point, top.lower),
-        proved=alpha < math.inf,
-        refuted=False,
         converged=converged,
         reason=_reason(outcomes, alpha, top.lower, converged),
-        asked=None,
         tolerance=limits.tolerance,
         boxes=sum(o.boxes for o in outcomes),
         input_scale=tuple(D_v.tolist()),
@@ -132,7 +129,7 @@ def confirmed(problem: SlopeProblem, bound: Bound) -> Bound:
         if decide_norm(scaled, alpha, budget).proved:
             return replace(bound, alpha=alpha, replay=budget.used)
     reason = "the checker does not come to an end with what was found"
-    return replace(bound, alpha=math.inf, proved=False, converged=False, reason=reason)
+    return replace(bound, alpha=math.inf, converged=False, reason=reason)
 
 
 def prove_bound(
@@ -174,12 +171,10 @@ def prove_bound(
         alpha=alpha if status == "proved" else math.inf,
         lower=lower,
         witness=_witness(point, lower),
-        proved=status == "proved",
         refuted=status == "refuted",
         converged=status != "undecided",
         reason="" if status == "proved" else reason,
         asked=alpha,
-        tolerance=0.0,
         boxes=budget.used,
         input_scale=_given(input_scale, problem.graph.inputs),
         output_scale=_given(output_scale, len(problem.jacobian)),
@@ -192,14 +187,8 @@ def nothing(problem: SlopeProblem, asked: float | None) -> Bound:
     return Bound(
         alpha=0.0,
         lower=0.0,
-        witness=None,
-        proved=True,
-        refuted=False,
-        converged=True,
         reason="phi depends on no state: there is nothing to bound",
         asked=asked,
-        tolerance=0.0,
-        boxes=0,
         input_scale=(1.0,) * problem.graph.inputs,
         output_scale=(1.0,) * len(problem.jacobian),
     )
@@ -250,10 +239,7 @@ def _tolerance(tolerance: float | None, problem: SlopeProblem) -> float:
         used = frozenset[int]().union(*(x.variables for row in problem.jacobian for x in row))
         angles = max((min(len(r), len(c)) - 1 for r, c in problem.blocks), default=0)
         return TOLERANCES.get(len(used) + angles, LOOSEST)
-    if not 0 < tolerance < 1:
-        raise ProblemError(
-            f"the tolerance is {tolerance}", where="the bound", expected="a number between 0 and 1"
-        )
+    demand(0 < tolerance < 1, f"the tolerance is {tolerance}", "the bound", "a number between 0 and 1")
     return float(tolerance)
 
 

@@ -26,7 +26,6 @@ class Bound:
         alpha: the smallest bound shown, a double rounded up; infinite where none is.
         lower: a slope that phi provably reaches (or the supremum passes), so the truth is in [lower, alpha].
         witness: where `lower` is reached, if a point reaches it.
-        proved: whether alpha (for `prove_bound`: the alpha asked for) is proved.
         refuted: whether the alpha asked for is false, with the witness to show it.
         converged: whether alpha - lower met the tolerance, or the question was decided.
         reason: why not, in plain words; empty where there is nothing to explain.
@@ -42,27 +41,28 @@ class Bound:
 
     alpha: float
     lower: float
-    witness: SlopeWitness | None
-    proved: bool
-    refuted: bool
-    converged: bool
-    reason: str
-    asked: float | None
-    tolerance: float
-    boxes: int
     input_scale: tuple[float, ...]
     output_scale: tuple[float, ...]
+    witness: SlopeWitness | None = None
+    refuted: bool = False
+    converged: bool = True
+    reason: str = ""
+    asked: float | None = None
+    tolerance: float = 0.0
+    boxes: int = 0
     entries: tuple[Entry, ...] = ()
     replay: int = 0
 
     def __post_init__(self) -> None:
-        enough = self.alpha < math.inf if self.asked is None else self.alpha <= self.asked
-        if math.isnan(self.alpha) or math.isnan(self.lower) or self.proved != enough:
-            raise ValueError(
-                f"an impossible bound: alpha {self.alpha}, lower {self.lower}, proved {self.proved}"
-            )
+        if math.isnan(self.alpha) or math.isnan(self.lower):
+            raise ValueError(f"an impossible bound: alpha {self.alpha}, lower {self.lower}")
         if self.lower > self.alpha:
             raise ValueError(f"a slope of {self.lower} was reached above the proved bound {self.alpha}")
+
+    @property
+    def proved(self) -> bool:
+        """Whether alpha (for `prove_bound`: the alpha asked for) is proved."""
+        return self.alpha < math.inf if self.asked is None else self.alpha <= self.asked
 
     @property
     def gap(self) -> float:

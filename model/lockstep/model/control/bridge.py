@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.disagreement import orthonormal_factor
 from lockstep.check.system.loop import Gains
@@ -68,19 +68,12 @@ def agent_from_control(system: System, *, name: str = "") -> Agent:
     """
     import control
 
-    if not isinstance(system, control.StateSpace):
-        raise ProblemError(
-            f"a {type(system).__name__}",
-            where="agent_from_control",
-            expected="a control.StateSpace",
-            remedy="control.ss makes one; a nonlinear agent is built from its equations, with Agent",
-        )
-    if not system.isctime():
-        raise ProblemError(
-            f"a discrete system with dt = {system.dt}",
-            where="agent_from_control",
-            expected="a continuous one, as in (2)",
-        )
+    found = f"a {type(system).__name__}"
+    expected = "a control.StateSpace"
+    remedy = "control.ss makes one; a nonlinear agent is built from its equations, with Agent"
+    demand(isinstance(system, control.StateSpace), found, "agent_from_control", expected, remedy)
+    found = f"a discrete system with dt = {system.dt}"
+    demand(system.isctime(), found, "agent_from_control", "a continuous one, as in (2)")
     if np.any(system.D):
         raise ProblemError("D is not zero", where="agent_from_control", expected="y = C x, as in (2)")
     x, u = ca.SX.sym("x", system.nstates), ca.SX.sym("u", system.ninputs)
@@ -115,13 +108,10 @@ def network_to_control(
         ProblemError: a period and gains: `lockstep.model.control.ports` has the sampled loop.
     """
     if period is not None:
-        if gains is not None:
-            raise ProblemError(
-                "a period and gains",
-                where="network_to_control",
-                expected="a period for the network without controllers",
-                remedy="PortedLoop(network, controllers, period) is the sampled loop",
-            )
+        found = "a period and gains"
+        expected = "a period for the network without controllers"
+        remedy = "PortedLoop(network, controllers, period) is the sampled loop"
+        demand(gains is None, found, "network_to_control", expected, remedy)
         return _held(_open_linear(network), period)
     if gains is None:
         return _open_linear(network) if linear else _open(network)

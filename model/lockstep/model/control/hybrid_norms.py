@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.sampled.lifting import lift
 
 if TYPE_CHECKING:
@@ -155,13 +155,10 @@ def _stable(loop: "Hybrid") -> tuple[Any, Any, Any]:
     F, G = loop.field()
     H, through = loop.rows(loop.outputs)
     sampled = any(loop.jump(fires)[1].any() for fires, _ in loop.intervals)
-    if through.any() or sampled:
-        raise ProblemError(
-            "an input that reaches an output, or a sampled part, without a state in between",
-            where="norm of a hybrid loop",
-            expected="inputs that act on continuous states",
-            remedy="name the inputs and outputs of the loop, or filter these",
-        )
+    found = "an input that reaches an output, or a sampled part, without a state in between"
+    expected = "inputs that act on continuous states"
+    remedy = "name the inputs and outputs of the loop, or filter these"
+    demand(not through.any() and not sampled, found, "norm of a hybrid loop", expected, remedy)
     if max(abs(loop.poles()), default=0.0) >= 1:
         raise ProblemError(
             "the loop is not stable", where="norm of a hybrid loop", expected="poles inside the unit circle"

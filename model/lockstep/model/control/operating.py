@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.system.loop import Gains
 
 if TYPE_CHECKING:
@@ -120,12 +120,9 @@ def linearised_agent(agent: "Agent", x: Sequence[float], u: Sequence[float], t: 
     import control
 
     at, given = np.asarray(x, dtype=float), np.asarray(u, dtype=float)
-    if at.shape != (agent.n,) or given.shape != (agent.m,):
-        raise ProblemError(
-            f"{at.size} states and {given.size} inputs",
-            where="linearisation",
-            expected=f"{agent.n} and {agent.m}",
-        )
+    found = f"{at.size} states and {given.size} inputs"
+    expected = f"{agent.n} and {agent.m}"
+    demand(at.shape == (agent.n,) and given.shape == (agent.m,), found, "linearisation", expected)
     A, B = (_dense(part) for part in _slopes(agent)[1](at, given, t))
     _finite(A, B)
     names = {"states": list(agent.states), "inputs": list(agent.inputs), "outputs": list(agent.outputs)}

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.controller import HeldController
 from lockstep.check.system.disagreement import orthonormal_factor
@@ -52,12 +52,9 @@ class PortedLoop:
     delay: int = 0
 
     def __post_init__(self) -> None:
-        if isinstance(self.controllers, Gains) != (self.period is None):
-            raise ProblemError(
-                "sampled controllers without a period, or gains with one",
-                where="loop",
-                expected="gains alone, or sampled controllers with their period in s",
-            )
+        found = "sampled controllers without a period, or gains with one"
+        expected = "gains alone, or sampled controllers with their period in s"
+        demand(isinstance(self.controllers, Gains) == (self.period is None), found, "loop", expected)
 
     @cached_property
     def parts(self) -> tuple[Any, ...]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +40,10 @@ def joined(parts: Sequence[Any]) -> Joined:
     from scipy.linalg import block_diag
 
     for part in parts:
-        if not isinstance(part, control.StateSpace):
-            raise ProblemError(
-                f"a {type(part).__name__}",
-                where="linear loop",
-                expected="control.StateSpace systems",
-                remedy="control.ss makes one; a nonlinear one is linearised with control.linearize",
-            )
+        found = f"a {type(part).__name__}"
+        expected = "control.StateSpace systems"
+        remedy = "control.ss makes one; a nonlinear one is linearised with control.linearize"
+        demand(isinstance(part, control.StateSpace), found, "linear loop", expected, remedy)
     A, B, C, D = (_diagonal(block_diag, parts, letter) for letter in "ABCD")
     into = [name for part in parts for name in part.input_labels]
     out = [name for part in parts for name in part.output_labels]
@@ -54,10 +51,8 @@ def joined(parts: Sequence[Any]) -> Joined:
     K = np.array([[float(name == source) for source in out] for name in into]).reshape(len(into), len(out))
     E = np.array([[float(name == source) for source in free] for name in into]).reshape(len(into), len(free))
     loop = np.eye(len(out)) - D @ K
-    if np.linalg.matrix_rank(loop) < len(out):
-        raise ProblemError(
-            "an algebraic loop without a solution", where="linear loop", expected="I - D K invertible"
-        )
+    found = "an algebraic loop without a solution"
+    demand(np.linalg.matrix_rank(loop) >= len(out), found, "linear loop", "I - D K invertible")
     R = np.linalg.inv(loop) if (D @ K).any() else loop
     states = [f"{name}" for part in parts for name in part.state_labels]
     return Joined(

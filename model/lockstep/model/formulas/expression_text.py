@@ -16,7 +16,7 @@ from math import isfinite
 
 import casadi as ca
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.wording import shorten
 from lockstep.model.bound_search.operations import INSTEAD
 from lockstep.model.formulas.expression import parse_expression
@@ -60,30 +60,19 @@ def expression_text(value: ca.SX, symbols: Mapping[str, ca.SX], *, where: str = 
             f"as text, {error.found}", where=where, expected=error.expected, remedy=REPEATED
         ) from None
     text_again = write(_steps(again, symbols, where), where=where)
-    if text_again != text:
-        raise ProblemError(
-            f"CasADi builds `{shorten(text)}` as `{shorten(text_again)}`",
-            where=where,
-            expected="an expression made with CasADi's simplifications on",
-        )
+    found = f"CasADi builds `{shorten(text)}` as `{shorten(text_again)}`"
+    demand(text_again == text, found, where, "an expression made with CasADi's simplifications on")
     return text
 
 
 def _checked(value: ca.SX, symbols: Mapping[str, ca.SX], where: str) -> ca.SX:
     value = ca.densify(ca.SX(value))
-    if value.shape != (1, 1):
-        raise ProblemError(
-            f"an expression of {value.shape[0]} x {value.shape[1]}", where=where, expected="a scalar"
-        )
+    demand(value.shape == (1, 1), f"an expression of {value.shape[0]} x {value.shape[1]}", where, "a scalar")
     named = {symbol.element_hash() for symbol in symbols.values()}
     for symbol in ca.symvar(value):
-        if symbol.element_hash() not in named:
-            raise ProblemError(
-                f"the symbol `{shorten(str(symbol))}` has no name here",
-                where=where,
-                expected=shorten(", ".join(symbols), 120),
-                remedy="substitute a number for it, or declare it",
-            )
+        found = f"the symbol `{shorten(str(symbol))}` has no name here"
+        remedy = "substitute a number for it, or declare it"
+        demand(symbol.element_hash() in named, found, where, shorten(", ".join(symbols), 120), remedy)
     return value
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.expression.text import LONGEST
 
 FUNCTIONS: Mapping[int, str] = {
@@ -95,13 +95,8 @@ class _Writer:
     def add(self, number: int) -> None:
         """Add the text of the next step; a part that is too long makes the whole too long."""
         written = self._written(number, self.steps[number])
-        if len(written.text) > LONGEST:
-            raise ProblemError(
-                f"as text, it has more than {LONGEST} characters",
-                where=self.where,
-                expected=f"a formula of at most {LONGEST}",
-                remedy=REPEATED,
-            )
+        found = f"as text, it has more than {LONGEST} characters"
+        demand(len(written.text) <= LONGEST, found, self.where, f"a formula of at most {LONGEST}", REPEATED)
         self.texts.append(written)
 
     def _written(self, number: int, step: Step) -> _Text:

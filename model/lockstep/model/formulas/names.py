@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from sys import float_info
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.expression.text import CONSTANTS, FUNCTIONS, RESERVED
 from lockstep.check.wording import nearest, shorten
 from lockstep.model.formulas.look_alikes import advice
@@ -36,10 +36,8 @@ def check_agent_name(name: str) -> None:
     where = "[agent] name"
     why = "C compilers may tell names apart by their first 31 characters only"
     _check_identifier(name, where, "a C identifier", LONGEST_AGENT_NAME, why)
-    if name in _C_WORDS.split():
-        raise ProblemError(
-            f"`{name}` is a word of C", where=where, expected="a name of your own, such as `arm`"
-        )
+    found = f"`{name}` is a word of C"
+    demand(name not in _C_WORDS.split(), found, where, "a name of your own, such as `arm`")
 
 
 def check_names(
@@ -76,13 +74,8 @@ def _check_name(name: str, where: str) -> None:
         raise ProblemError(
             f"`{name}` is already {meaning} in expressions", where=where, expected="another name"
         )
-    if keyword.iskeyword(name):
-        raise ProblemError(
-            f"`{name}` is a word of Python and cannot be a name in expressions",
-            where=where,
-            expected="another name",
-            remedy=f"for instance `{name}_`",
-        )
+    found = f"`{name}` is a word of Python and cannot be a name in expressions"
+    demand(not keyword.iskeyword(name), found, where, "another name", f"for instance `{name}_`")
 
 
 def _check_unique(names: Sequence[tuple[str, str]]) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.system.many_graphs import SpectrumRange
 from lockstep.check.wording import nearest, shorten
 from lockstep.model.agents.agent import Agent
@@ -42,12 +42,8 @@ def build_variants(common: Agent, file: ProblemFile, agents: int) -> tuple[Agent
     given = file.network.parameters
     if given is None:
         return (common,) * agents
-    if len(given) != agents:
-        raise ProblemError(
-            f"{len(given)} tables for {agents} agents",
-            where="[network] parameters",
-            expected="one table per agent, {} for one without changes",
-        )
+    expected = "one table per agent, {} for one without changes"
+    demand(len(given) == agents, f"{len(given)} tables for {agents} agents", "[network] parameters", expected)
     return tuple(_variant(common, file.agent, k, parameters) for k, parameters in enumerate(given, start=1))
 
 
@@ -119,12 +115,8 @@ def _from_laplacian(rows: tuple[tuple[float, ...], ...], agents: int | None) -> 
     if not rows or {len(row) for row in rows} != {len(rows)}:
         lengths = ", ".join(str(len(row)) for row in rows[:8]) or "no"
         raise ProblemError(f"{len(rows)} rows of {lengths} numbers", where=where, expected="a square matrix")
-    if agents not in (None, len(rows)):
-        raise ProblemError(
-            f"`agents` is {agents}, but the laplacian has {len(rows)} rows",
-            where="[network] agents",
-            expected=f"{len(rows)}, or no `agents`",
-        )
+    found = f"`agents` is {agents}, but the laplacian has {len(rows)} rows"
+    demand(agents in (None, len(rows)), found, "[network] agents", f"{len(rows)}, or no `agents`")
     return Graph.from_laplacian(np.array(rows, dtype=float))
 
 

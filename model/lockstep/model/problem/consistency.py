@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.model.problem.build import build_graph
 from lockstep.model.problem.tables.schema import AgentTable, ProblemFile
 
@@ -48,27 +48,19 @@ def output_ranges(agent: AgentTable) -> dict[str, tuple[float | None, float | No
         if name not in outputs:
             names = ", ".join(f"`{one}`" for one in outputs)
             raise ProblemError(f"`{name}` is no output", where=where, expected=f"one of {names}")
-        if low is not None and high is not None and not low < high:
-            raise ProblemError(
-                f"[{low}, {high}]", where=f"{where} {name}", expected="a lower below an upper end"
-            )
+        expected = "a lower below an upper end"
+        demand(low is None or high is None or low < high, f"[{low}, {high}]", f"{where} {name}", expected)
     return dict(given)
 
 
 def _check_objective(file: ProblemFile) -> None:
     design = file.design
-    if design.objective == "alpha" and design.rho is None:
-        raise ProblemError(
-            "the key `rho` is missing",
-            where="[design]",
-            expected='the rho to keep while alpha grows, for objective = "alpha"',
-        )
-    if design.objective == "rho" and design.rho is not None:
-        raise ProblemError(
-            f"`rho` is {design.rho}, but rho is what is minimised",
-            where="[design] rho",
-            expected='no `rho`, or objective = "alpha", "decay" or "initial_set"',
-        )
+    found = "the key `rho` is missing"
+    expected = 'the rho to keep while alpha grows, for objective = "alpha"'
+    demand(design.objective != "alpha" or design.rho is not None, found, "[design]", expected)
+    found = f"`rho` is {design.rho}, but rho is what is minimised"
+    expected = 'no `rho`, or objective = "alpha", "decay" or "initial_set"'
+    demand(design.objective != "rho" or design.rho is None, found, "[design] rho", expected)
     if design.objective in ("decay", "initial_set") and design.method != "certified":
         raise ProblemError(
             f'`method` is "{design.method}"',
@@ -92,12 +84,8 @@ def _check_spectrum(file: ProblemFile) -> None:
         if network.max_degree is not None:
             raise ProblemError("`max_degree` is given", where="[network]", expected="it with `spectrum` only")
         return
-    if file.design.method != "modal":
-        raise ProblemError(
-            f'`method` is "{file.design.method}"',
-            where=where,
-            expected='[design] method = "modal": the same gains for all agents of every graph',
-        )
+    expected = '[design] method = "modal": the same gains for all agents of every graph'
+    demand(file.design.method == "modal", f'`method` is "{file.design.method}"', where, expected)
     if network.parameters is not None:
         raise ProblemError("`parameters` are given", where=where, expected="agents that are all alike")
     if network.messages is not None:
@@ -107,25 +95,15 @@ def _check_spectrum(file: ProblemFile) -> None:
 
 def _check_method(file: ProblemFile) -> None:
     given = file.design.method == "given"
-    if given and file.design.gains is None:
-        raise ProblemError(
-            'there are no gains, but `method` is "given"',
-            where="[design]",
-            expected="one [[design.gains]] table per agent, with A, B, C, D",
-        )
-    if not given and file.design.gains is not None:
-        raise ProblemError(
-            f'there are gains, but `method` is "{file.design.method}"',
-            where="[[design.gains]]",
-            expected='method = "given", or no gains',
-        )
+    found = 'there are no gains, but `method` is "given"'
+    expected = "one [[design.gains]] table per agent, with A, B, C, D"
+    demand(not given or file.design.gains is not None, found, "[design]", expected)
+    found = f'there are gains, but `method` is "{file.design.method}"'
+    demand(given or file.design.gains is None, found, "[[design.gains]]", 'method = "given", or no gains')
 
 
 def _check_disturbance(file: ProblemFile) -> None:
     table = file.simulation.disturbance
-    if table.intensity is not None and table.kind != "noise":
-        raise ProblemError(
-            f'`intensity` is given, but `kind` is "{table.kind}"',
-            where="[simulation.disturbance]",
-            expected='kind = "noise"',
-        )
+    found = f'`intensity` is given, but `kind` is "{table.kind}"'
+    expected = 'kind = "noise"'
+    demand(table.intensity is None or table.kind == "noise", found, "[simulation.disturbance]", expected)

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.system.agent import ExactAgent
 from lockstep.check.system.formation import WHERE, check_formation
 from lockstep.model.problem.tables.schema import ProblemFile
@@ -18,10 +18,8 @@ def formation_of(file: ProblemFile, agent: ExactAgent, N: int) -> Float[np.ndarr
     given, states = file.network.offsets, file.agent.states
     if given is None:
         return None
-    if file.network.spectrum is not None:
-        raise ProblemError(
-            "offsets are given", where=WHERE, expected="none with `spectrum`, which names no agents"
-        )
+    expected = "none with `spectrum`, which names no agents"
+    demand(file.network.spectrum is None, "offsets are given", WHERE, expected)
     if len(given) != N or any(len(row) != len(states) for row in given):
         lengths = ", ".join(sorted({str(len(row)) for row in given}))
         found = f"{len(given)} rows of {lengths} numbers" if given else "no rows"

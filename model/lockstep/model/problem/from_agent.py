@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.expression.node import ZERO, variable
 from lockstep.check.expression.text import RESERVED
 from lockstep.check.expression.traversal import substitute
@@ -80,21 +80,12 @@ def _matrices(
     agent: Agent, graph: Graph, B: Sequence[Float[np.ndarray, "n m"]]
 ) -> list[Float[np.ndarray, "n m"]]:
     matrices = [np.asarray(b, dtype=float) for b in B] or [agent.lure.B] * graph.N
-    if len(matrices) != graph.N:
-        raise ProblemError(
-            f"{len(matrices)} input matrices for {graph.N} agents", where="B", expected="one B per agent"
-        )
+    expected = "one B per agent"
+    demand(len(matrices) == graph.N, f"{len(matrices)} input matrices for {graph.N} agents", "B", expected)
     for k, b in enumerate(matrices, start=1):
-        if b.shape != agent.lure.B.shape:
-            raise ProblemError(
-                f"`B` is {' x '.join(map(str, b.shape))}",
-                where=f"agent {k}",
-                expected=" x ".join(map(str, agent.lure.B.shape)),
-            )
-        if not np.isfinite(b).all():
-            raise ProblemError(
-                "an entry of `B` is not a finite number", where=f"agent {k}", expected="finite numbers"
-            )
+        found = f"`B` is {' x '.join(map(str, b.shape))}"
+        demand(b.shape == agent.lure.B.shape, found, f"agent {k}", " x ".join(map(str, agent.lure.B.shape)))
+        demand(np.isfinite(b).all(), "an entry of `B` is not a finite number", f"agent {k}", "finite numbers")
     return matrices
 
 
@@ -148,10 +139,7 @@ def _without_inputs(agent: Agent, i: int) -> ca.SX:
     where = f"[agent.dynamics] {agent.states[i]}"
     inputs = {variable(agent.n + j): ZERO for j in range(agent.m)}
     exactly = substitute([agent.value(agent.rhs[i], where=where).node], inputs)
-    if substitute([agent.value(rest, where=where).node], inputs) != exactly:
-        raise ProblemError(
-            "the inputs are among constants that would be rounded without them",
-            where=where,
-            expected="for agents with a B of their own, an equation f(x, t) + b*u",
-        )
+    found = "the inputs are among constants that would be rounded without them"
+    expected = "for agents with a B of their own, an equation f(x, t) + b*u"
+    demand(substitute([agent.value(rest, where=where).node], inputs) == exactly, found, where, expected)
     return rest

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.model.problem.tables.schema import GainsTable, Matrix
 
 
@@ -26,12 +26,8 @@ def given_gains(tables: Sequence[GainsTable], agents: int, m: int, q: int) -> tu
     Raises:
         ProblemError: not one table per agent, a shape that does not fit, or controllers of different orders.
     """
-    if len(tables) != agents:
-        raise ProblemError(
-            f"{len(tables)} tables of gains for {agents} agents",
-            where="[[design.gains]]",
-            expected="one per agent",
-        )
+    found = f"{len(tables)} tables of gains for {agents} agents"
+    demand(len(tables) == agents, found, "[[design.gains]]", "one per agent")
     gains = tuple(_gains(table, f"[[design.gains]] {k}", m, q) for k, table in enumerate(tables, start=1))
     orders = [g.A.shape[0] for g in gains]
     for k, order in enumerate(orders, start=1):

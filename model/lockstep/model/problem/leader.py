@@ -3,7 +3,7 @@
 from math import inf
 
 from lockstep.check.bound.box import Box
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.system.domain import argument_box
 from lockstep.model.agents.agent import Agent
 from lockstep.model.problem.tables.schema import ProblemFile
@@ -21,12 +21,8 @@ def leader_box(file: ProblemFile, agent: Agent) -> Box | None:
         return None
     states = dict.fromkeys(agent.states, (-inf, inf))
     for name in (*given, *domain):
-        if name not in domain:
-            raise ProblemError(
-                f"`{name}` has no domain",
-                where="[network] leader",
-                expected=f"an interval for each state of [agent.domain]: {', '.join(domain) or 'there is none'}",
-            )
+        expected = f"an interval for each state of [agent.domain]: {', '.join(domain) or 'there is none'}"
+        demand(name in domain, f"`{name}` has no domain", "[network] leader", expected)
         low, high = given.get(name, (None, None))
         lowest, highest = domain.get(name, (None, None))
         a, b = (-inf if low is None else low), (inf if high is None else high)

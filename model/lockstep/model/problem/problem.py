@@ -13,9 +13,9 @@ from lockstep.check.bound.box import Box
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.design_file.messages import messages_of
 from lockstep.check.design_file.problem_part import Sizes
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.sampled.discretise import clipped_at
-from lockstep.check.sampled.messages import Messages
+from lockstep.check.sampled.links import Messages
 from lockstep.check.system.many_graphs import SpectrumRange
 from lockstep.check.system.problem import default_order
 from lockstep.model.agents.agent import Agent
@@ -228,13 +228,9 @@ class Problem:
         Raises:
             ProblemError: there is no one graph.
         """
-        if self.spectrum is not None:
-            raise ProblemError(
-                "`spectrum` stands for many graphs",
-                where="[network]",
-                expected=f"one graph {what}",
-                remedy="name `edges`, a `topology`, or a `file` of up to 200 agents",
-            )
+        found = "`spectrum` stands for many graphs"
+        remedy = "name `edges`, a `topology`, or a `file` of up to 200 agents"
+        demand(self.spectrum is None, found, "[network]", f"one graph {what}", remedy)
 
     def agents_B(self) -> tuple[Float[np.ndarray, "n m"], ...]:
         """Return B_i for each agent; they differ only by `[network] parameters`."""
@@ -247,12 +243,9 @@ class Problem:
             return None
         gains = given_gains(self.design.gains, self._graph.agents, self._agent.m, self._agent.q)
         order = gains[0].A.shape[0]
-        if self.design.order not in (None, order):
-            raise ProblemError(
-                f"`order` is {self.design.order}, but the gains have `A` of {order} x {order}",
-                where="[design] order",
-                expected=f"{order}, or no `order` for given gains",
-            )
+        found = f"`order` is {self.design.order}, but the gains have `A` of {order} x {order}"
+        expected = f"{order}, or no `order` for given gains"
+        demand(self.design.order in (None, order), found, "[design] order", expected)
         return gains
 
     @property
@@ -352,10 +345,7 @@ class Problem:
             return self.simulation.spread * generator.uniform(-1.0, 1.0, size=(N, n))
         where = "[simulation] initial"
         for k, row in enumerate(given, start=1):
-            if len(row) != n:
-                raise ProblemError(
-                    f"row {k} has {len(row)} numbers", where=where, expected=f"{n}, one per state"
-                )
+            demand(len(row) == n, f"row {k} has {len(row)} numbers", where, f"{n}, one per state")
         if len(given) != N:
             raise ProblemError(f"{len(given)} rows for {N} agents", where=where, expected="one row per agent")
         return np.array(given, dtype=float)

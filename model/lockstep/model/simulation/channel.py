@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,7 @@ class MessageChannel:
 
     def __post_init__(self) -> None:
         where = "channel"
-        if self.delay < 0:
-            raise ProblemError(
-                f"a delay of {self.delay}", where=where, expected="a whole number of periods, 0 or more"
-            )
+        demand(self.delay >= 0, f"a delay of {self.delay}", where, "a whole number of periods, 0 or more")
         if not 0 <= self.drop <= 1:
             raise ProblemError(f"`drop` is {self.drop}", where=where, expected="a probability from 0 to 1")
         if self.bits is not None and not 2 <= self.bits <= 53:

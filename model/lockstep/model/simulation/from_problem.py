@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.model.problem import Problem
 from lockstep.model.problem.tables.schema import (
     ChannelTable,
@@ -67,20 +67,13 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
     )
     perturbation = _perturbation(errors, problem, seed, horizon)
     channel = replace(channel_of(table.channel, seed), change=changes.change)
-    if sampled and perturbation is not None:
-        raise ProblemError(
-            "gain errors, but the controllers are sampled",
-            where="[simulation.perturbation]",
-            expected="continuous controllers: (11) is about their gains",
-            remedy="use --controllers continuous",
-        )
-    if not sampled and not channel.is_ideal:
-        raise ProblemError(
-            "a channel, but the controllers are continuous",
-            where="[simulation.channel]",
-            expected="sampled controllers: they exchange messages",
-            remedy="use --controllers sampled",
-        )
+    found = "gain errors, but the controllers are sampled"
+    expected = "continuous controllers: (11) is about their gains"
+    remedy = "use --controllers continuous"
+    demand(not sampled or perturbation is None, found, "[simulation.perturbation]", expected, remedy)
+    found = "a channel, but the controllers are continuous"
+    expected = "sampled controllers: they exchange messages"
+    demand(sampled or channel.is_ideal, found, "[simulation.channel]", expected, "use --controllers sampled")
     disturbance = disturbance_of(given, N, n, period=period, horizon=horizon, seed=seed)
     if (v := problem.reference) is not None:
         driven = Driven(v.leader, N, problem.agents_B()[v.leader], v.at)
@@ -149,12 +142,9 @@ def disturbance_of(
     if table.kind == "step":
         signs = generator.choice([-1.0, 1.0], size=(N, n))
         return Steps(table.amplitude * signs, table.start, stop)
-    if table.kind == "worst":
-        raise ProblemError(
-            "the worst disturbance is the result of a search",
-            where="[simulation.disturbance]",
-            remedy="use `lockstep simulate --disturbance worst`, or worst_disturbance",
-        )
+    found = "the worst disturbance is the result of a search"
+    remedy = "use `lockstep simulate --disturbance worst`, or worst_disturbance"
+    demand(table.kind != "worst", found, "[simulation.disturbance]", remedy=remedy)
     return None
 
 
@@ -179,21 +169,14 @@ def _perturbation(
         return None
     agent, N, where = problem.agent(), problem.graph().N, "[simulation.perturbation]"
     if table.kind == "random":
-        if not any(problem.fragility.values()):
-            raise ProblemError(
-                'kind = "random" without bounds',
-                where=where,
-                expected="[design.fragility] with bounds of (11)",
-            )
+        found = 'kind = "random" without bounds'
+        demand(any(problem.fragility.values()), found, where, "[design.fragility] with bounds of (11)")
         interval = np.inf if table.interval is None else table.interval
         sizes = (problem.order, agent.m, agent.q)
         return random_perturbation(N, sizes, problem.fragility, seed, interval=interval, horizon=horizon)
-    if (problem.order, agent.m) != (2, 1):
-        raise ProblemError(
-            f"controllers of order {problem.order} with {agent.m} outputs",
-            where=where,
-            expected="order 2 and one input of the agent: the paper's Delta(t) is for those",
-        )
+    found = f"controllers of order {problem.order} with {agent.m} outputs"
+    expected = "order 2 and one input of the agent: the paper's Delta(t) is for those"
+    demand((problem.order, agent.m) == (2, 1), found, where, expected)
     return PaperPerturbation(N, agent.q, scaled=table.kind == "paper_scaled")
 
 

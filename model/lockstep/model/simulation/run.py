@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.system.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.simulation.disturbance import Disturbance
@@ -39,12 +39,9 @@ def simulate(network: Network, controllers: Gains | SampledControllers, scenario
             period that is no whole number of steps, ...
         Diverged: a state left all bounds; with time, agent and state.
     """
-    if scenario.start.shape != (network.N, network.agent.n):
-        raise ProblemError(
-            f"`start` is {scenario.start.shape[0]} x {scenario.start.shape[1]}",
-            where="scenario",
-            expected=f"{network.N} x {network.agent.n}, one row per agent",
-        )
+    found = f"`start` is {scenario.start.shape[0]} x {scenario.start.shape[1]}"
+    expected = f"{network.N} x {network.agent.n}, one row per agent"
+    demand(scenario.start.shape == (network.N, network.agent.n), found, "scenario", expected)
     if controllers.N != network.N:
         raise ProblemError(f"{controllers.N} controllers for {network.N} agents", where="simulate")
     if isinstance(controllers, Gains):

@@ -14,7 +14,7 @@ from typing import Literal, Protocol
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.system.loop import Gains
 from lockstep.model.graphs.graph import Graph
 
@@ -56,10 +56,8 @@ class SampledControllers:
 
     def __post_init__(self) -> None:
         where = "sampled controllers"
-        if len(self.steppers) != len(self.sources):
-            raise ProblemError(
-                f"{len(self.steppers)} steppers for {len(self.sources)} lists of sources", where=where
-            )
+        found = f"{len(self.steppers)} steppers for {len(self.sources)} lists of sources"
+        demand(len(self.steppers) == len(self.sources), found, where)
         if any(not 0 <= j < len(self.sources) for heard in self.sources for j in heard):
             raise ProblemError("a source is no agent", where=where, expected=f"0 to {len(self.sources) - 1}")
         if not (math.isfinite(self.period) and self.period > 0):

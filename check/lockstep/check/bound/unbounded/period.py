@@ -23,17 +23,12 @@ def period(outputs: Sequence[Node], index: int) -> float | None:
     rates = _rates(outputs, index)
     if not rates:
         return None
-    common = Fraction(
-        math.gcd(*(r.numerator * _denominator(rates) // r.denominator for r in rates)), _denominator(rates)
-    )
+    # The greatest common divisor of rationals in lowest terms.
+    common = Fraction(math.gcd(*(r.numerator for r in rates)), math.lcm(*(r.denominator for r in rates)))
     if max(rates) / common > MOST_WAVES:
         return None
     # 2 pi/g with relative error below 2^-51 from two roundings and the error of pi, widened by more.
     return 2.0 * math.pi / float(common) * (1.0 + 2.0**-48)
-
-
-def _denominator(rates: set[Fraction]) -> int:
-    return math.lcm(*(r.denominator for r in rates))
 
 
 def _rates(outputs: Sequence[Node], index: int) -> set[Fraction]:

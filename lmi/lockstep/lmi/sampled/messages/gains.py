@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.sampled.controller import HeldController
-from lockstep.check.sampled.messages import Messages, MessageWitness
+from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.lmi.sampled.certify import in_doubles
 from lockstep.lmi.sampled.descending.descent import Descent, DescentPoint, Stage, within
 from lockstep.lmi.sampled.descending.improve import ROOM, AtPeriod, StartingGains, usable

@@ -20,7 +20,8 @@ from scipy.sparse.linalg import LinearOperator, eigs
 from lockstep.check.bound.result import Entry
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.lifting import copies, lift
-from lockstep.check.sampled.messages import Messages, message_step
+from lockstep.check.sampled.links import Messages
+from lockstep.check.sampled.messages import message_step
 from lockstep.lmi.sampled.certify import in_doubles
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
 

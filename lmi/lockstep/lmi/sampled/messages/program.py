@@ -14,8 +14,9 @@ from jaxtyping import Float
 from scipy.linalg import expm
 
 from lockstep.check.sampled.lifting import Lifted, copies
+from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import SampledLoop
-from lockstep.check.sampled.messages import Messages, MessageWitness, message_step
+from lockstep.check.sampled.messages import message_step
 from lockstep.lmi.analysis.dense import run_dense
 from lockstep.lmi.sampled.convex import FLATTEST, NOTHING
 

@@ -14,19 +14,13 @@ from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness, multiplier, step_matrix
 from lockstep.check.sampled.lifting import Lifted, copies, lift
+from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
-from lockstep.check.sampled.messages import (
-    W_1,
-    Messages,
-    MessageWitness,
-    every_W_2,
-    message_step,
-    period_parts,
-    proves_messages,
-)
-from lockstep.check.sampled.performance import SampledRho, running_cost
+from lockstep.check.sampled.messages import W_1, every_W_2, message_step, period_parts, proves_messages
+from lockstep.check.sampled.performance import running_cost
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.messages.program import Form, solved, with_fixed_weights, with_free_weights
+from lockstep.lmi.sampled.performance import SampledRho
 from lockstep.lmi.sampled.search import spectral_radius
 from lockstep.lmi.sampled.storage import holds_in_doubles
 

@@ -83,10 +83,8 @@ class LiftedMode:
     def units(self, base: Storage, weighed: Storage) -> tuple[float, float]:
         """Return what mu and kappa are about, for P = base base' and a form that weighs the state."""
         step, n = step_matrix(self.loop, self.lifted), self.loop.n_xi
-        N, noise = (
-            base.T @ step[:, :n] @ np.linalg.inv(np.linalg.cholesky(weighed)).T,
-            base.T @ step[:, self.loop.messages],
-        )
+        N = base.T @ step[:, :n] @ np.linalg.inv(np.linalg.cholesky(weighed)).T
+        noise = base.T @ step[:, self.loop.messages]
         E = base.T[:, : self.loop.n_d] @ factor(self.lifted.S)
         sizes = [float(np.linalg.norm(N.T @ one, 2)) ** 2 if one.size else 0.0 for one in (E, noise)]
         return sizes[0] or 1.0, sizes[1] or 1.0

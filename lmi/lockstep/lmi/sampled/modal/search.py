@@ -77,7 +77,7 @@ def certify_modal(
         if verdict.certified:
             return verdict
         said = verdict.reason
-    return refused(loop.network, loop.controllers, f"{at} {said}", {})
+    return refused(loop.network, loop.controllers, f"{at} {said}")
 
 
 def _of_any_noise(setting: ModalSetting) -> Iterator[SampledModalWitness]:

@@ -51,10 +51,8 @@ def _least_noise(
     setting: ModalSetting, low: float, high: float, decay: float, mu: float | None
 ) -> tuple[Storage, float, float] | None:
     """Return P, mu and the least kappa of a segment, mu being free where none is given."""
-    modes, middle = (
-        [setting.mode(value) for value in sorted({low, high})],
-        setting.mode(math.sqrt(low * high)),
-    )
+    modes = [setting.mode(value) for value in sorted({low, high})]
+    middle = setting.mode(math.sqrt(low * high))
     base = None if middle is None else _base(middle, setting)
     if base is None or middle is None or None in modes:
         return None

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.disagreement import Coordinates, disagreement
 from lockstep.model.graphs.graph import Graph
@@ -78,12 +78,9 @@ class Trajectory:
         }
         for letter, width in widths.items():
             array = np.asarray(getattr(self, letter), dtype=float)
-            if array.shape != (len(t), N, width):
-                raise ProblemError(
-                    f"`{letter}` has the shape {' x '.join(map(str, array.shape))}",
-                    where="trajectory",
-                    expected=f"{len(t)} x {N} x {width}: instants, agents, signals",
-                )
+            found = f"`{letter}` has the shape {' x '.join(map(str, array.shape))}"
+            expected = f"{len(t)} x {N} x {width}: instants, agents, signals"
+            demand(array.shape == (len(t), N, width), found, "trajectory", expected)
             if not np.isfinite(array).all():
                 raise ProblemError(f"`{letter}` holds a number that is not finite", where="trajectory")
             object.__setattr__(self, letter, array)

@@ -1,0 +1,109 @@
+"""The controllers in the C of a folder, held against those of the design that lies beside it."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lockstep.check.c_source.node import read_node
+from lockstep.check.c_source.reader import ReadController, read_controller
+from lockstep.check.c_source.text import nearest
+from lockstep.check.design_file.json_text import parse_json
+from lockstep.check.errors import NotCertified, demand
+from lockstep.check.files import text_inside
+from lockstep.check.held import CheckedFile
+from lockstep.check.sampled.controller import HeldController
+from lockstep.check.sampled.discretise import clipped_at
+from lockstep.check.system.problem import ProblemTables
+from lockstep.check.verdict import Verdict
+from lockstep.check.wording import shorten
+
+
+def manifest_in(folder: Path) -> dict[str, Any]:
+    """Return what a folder's manifest says: how its files are named, of which nothing is believed."""
+    found = parse_json(text_inside(folder, "manifest.json"), "manifest.json")
+    return found if isinstance(found, dict) else {}
+
+
+def controllers_in(
+    folder: Path, stored: CheckedFile, held: tuple[HeldController, ...]
+) -> tuple[tuple[HeldController, ...], Verdict]:
+    """Read the controllers out of the C, and hold them against the design's.
+
+    In one image for all nodes each controller is read as often as it serves: the weights and sources of a node are its row of
+    the design's graph, which it is given at run time. With `spectrum` it is a row of any graph that this names, and one
+    controller with the most neighbours stands for all: then a list may hold no more than these.
+    """
+    listed, N = manifest_in(folder), len(held)
+    base, image = f"{listed.get('prefix', '')}{stored.problem.agent.name}", listed.get("image") is not None
+    # One image holds one controller where all gains are the same, and else each agent's.
+    alike = image and bool((stored.gains.blocks == stored.gains.blocks[0]).all())
+    cores = [base] if alike else [f"{base}{i}" for i in range(1, N + 1)]
+    many = stored.problem.spectrum is not None
+    if many and not image:
+        return held, Verdict("undecided", "`spectrum` names many graphs, and this C the neighbours of one")
+    read: dict[str, ReadController] = {}
+    try:
+        for name in cores:
+            read[name] = read_controller(name, *_pair(folder, name), [] if image else cores)
+        if image:
+            most = read_node(f"{base}_node", cores, read[cores[-1]], *_pair(folder, f"{base}_node"))
+    except NotCertified as error:
+        return held, Verdict("undecided", str(error))
+    found = []
+    for i, mine in enumerate(held):
+        name = cores[0] if alike else cores[i]
+        one = read[name]
+        theirs = one.controller
+        if image:
+            fits = most == len(mine.sources) if many else len(mine.sources) <= most
+            rows = theirs.sources == () and fits
+            theirs = replace(theirs, sources=mine.sources, weights=mine.weights, before=mine.before)
+        period = stored.problem.period
+        rounded = float(np.float32(period) if one.real == "float32" else period)
+        same = {
+            "period": nearest(one.period_literal, one.real) == rounded,
+            "arithmetic": one.real == stored.problem.controller["real"],
+            "gains": np.array_equal(theirs.table, mine.table),
+            "neighbours": theirs.sources == mine.sources and (not image or rows),
+            "weights": np.array_equal(theirs.weights, mine.weights),
+            "offsets": _same_offsets(stored.problem, i, mine.sources, one.offsets),
+            "limits": _same_limits(stored.problem, one.limits),
+        }
+        if differs := ", ".join(word for word, holds in same.items() if not holds):
+            return held, Verdict("refuted", f"{name}: not the design's {differs}")
+        found.append(theirs)
+    said = "the C holds the design's controllers, and no other code"
+    if image:
+        degree = max(len(one.sources) for one in held)
+        given = "rows" if alike else "numbers and rows"
+        of = "a graph with its spectrum" if many else "its graph"
+        said += (
+            f"; nodes are given their {given} of {of}, of in-degree {degree} at most, a list holding {most}"
+        )
+    return tuple(found), Verdict("proved", said)
+
+
+def _same_limits(problem: ProblemTables, read: Any) -> bool:
+    sides = problem.sides
+    if np.isinf(sides).all() or read is None:
+        return bool(np.isinf(sides).all()) and read is None
+    return bool(np.array_equal(read, clipped_at(problem.controller["real"], sides)))
+
+
+def _same_offsets(problem: ProblemTables, i: int, sources: tuple[int, ...], read: Any) -> bool:
+    """Tell whether the C takes C o from its own output and from those that it hears; one that hears nobody takes none."""
+    seen = problem.measured_offsets
+    if seen is None or not sources:
+        return read is None
+    return read is not None and np.array_equal(read, seen[[i, *sources]])
+
+
+def _pair(folder: Path, name: str) -> tuple[str, str]:
+    paths = [f"include/{name}.h", f"src/{name}.c"]
+    for path in paths:
+        there, where = (folder / path).is_file(), "manifest.json, `prefix`"
+        demand(there, f"there is no {shorten(path)}", where, "what names of files begin with")
+    header, source = (text_inside(folder, path) for path in paths)
+    return header, source
