@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from lockstep.lmi.analysis.solve import eliminates_P
 from lockstep.lmi.search.held import hold
 from lockstep.lmi.search.polish import Polished, polished, reached
 from lockstep.lmi.search.smoothed import Descended
@@ -17,7 +18,8 @@ from lockstep.lmi.workers import started_without_interrupts
 
 DRAWN, KEPT, DRAWN_OF_LARGE = 4, 2, 2
 """Starts drawn for each one that is polished, and how many of these are taken further: most of a search is spent on
-few of them (successive halving; Jamieson and Talwalkar 2016). Of large loops fewer are drawn: each takes a minute."""
+few of them (successive halving; Jamieson and Talwalkar 2016). Of large loops fewer are drawn: each takes a minute. Where P is
+eliminated each takes minutes: no more are drawn than are asked for, and half of them are taken further."""
 
 SETTLED = 0.002
 """The part of rho that a stride has to gain when the best outcome is polished to its end."""
@@ -71,12 +73,14 @@ def search_gains(
     if starts < 1:
         raise ValueError("a search needs at least one start")
     cores = _Cores(jobs or len(os.sched_getaffinity(0)), tell or (lambda _part: None))
-    count = (DRAWN_OF_LARGE if search.is_large else DRAWN) * starts
+    eliminates = eliminates_P(search.loop)
+    count = (1 if eliminates else DRAWN_OF_LARGE if search.is_large else DRAWN) * starts
+    kept = -(-starts // 2) if eliminates else KEPT * starts
     drawn = cores.run(
         (0.0, 0.4), begin, [(search, score, seed, index, deadline) for index in range(count)], deadline
     )
     drawn.sort(key=lambda one: one.rank)
-    promising = [one for one in drawn if np.isfinite(one.at.rho)][: KEPT * starts]
+    promising = [one for one in drawn if np.isfinite(one.at.rho)][:kept]
     further = cores.run((0.4, 0.6), go_on, [(search, score, one, deadline) for one in promising], deadline)
     further += promising[len(further) :]
     further.sort(key=lambda one: one.rank)
