@@ -50,6 +50,7 @@ LATER = {
         ["lmi/lockstep/lmi/analysis/by_frequencies.py"],
         190,
     ),
+    "a search on a cluster": (["lmi/lockstep/lmi/cluster.py"], 60),
     "gains and one P together": (
         ["lmi/lockstep/lmi/search/bilinear.py", "lmi/lockstep/lmi/methods/modal_together.py"],
         260,

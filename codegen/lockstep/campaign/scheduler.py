@@ -9,9 +9,9 @@ from typing import Any
 from lockstep.campaign.campaign import Keep
 from lockstep.campaign.compute import compute
 from lockstep.campaign.plan import Plan
-from lockstep.check.errors import ClaimError, LockstepError, ProblemError
+from lockstep.check.errors import ClaimError, LockstepError
+from lockstep.lmi.cluster import connected
 
-CONNECT_SECONDS = 10
 RETRIES = 5
 """How often a chunk that failed on a worker is tried again; the workers a chunk may be lost with are Dask's to count."""
 
@@ -29,15 +29,9 @@ def over_dask(plan: Plan, todo: list[tuple[int, int]], address: str, keep: Keep)
         ProblemError: dask.distributed is not installed, or nothing answers at the address.
         ClaimError: a chunk failed on the workers, with what they say.
     """
-    try:
+    with connected(address) as client:
         from dask.distributed import as_completed
-    except ImportError:
-        raise ProblemError(
-            "dask.distributed is not installed",
-            where="--scheduler",
-            remedy='install the extra `campaign`: pip install "lockstep-control[campaign]"',
-        ) from None
-    with _client(address) as client:
+
         name = plan.identity[:16]
         futures = {
             client.submit(
@@ -50,20 +44,6 @@ def over_dask(plan: Plan, todo: list[tuple[int, int]], address: str, keep: Keep)
                 keep(*futures[future], _result(future, futures[future]))
         finally:
             client.cancel(list(futures))
-
-
-def _client(address: str) -> Any:
-    from dask.distributed import Client
-
-    try:
-        return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise ProblemError(
-            f"no scheduler answers at `{address}` ({error})",
-            where="--scheduler",
-            expected="the address of a running one, such as tcp://127.0.0.1:8786",
-            remedy="start one with `dask scheduler`, and workers with `dask worker ADDRESS`",
-        ) from None
 
 
 def _result(future: Any, chunk: tuple[int, int]) -> Any:

@@ -158,6 +158,7 @@ def design(
     against: Against = None,
     time_limit: TimeLimit = None,
     jobs: Jobs = None,
+    scheduler: Annotated[str | None, _option(help="Address of a Dask scheduler for the search.")] = None,
     fresh: Fresh = False,
     json: Json = False,
 ) -> None:
@@ -165,7 +166,7 @@ def design(
     from lockstep.cli.design import run
 
     asked = {"trade_off": trade_off, "against": against or [], "time_limit": time_limit, "jobs": jobs}
-    run(problem, output, as_json=json, reuse=not fresh, **asked)
+    run(problem, output, as_json=json, reuse=not fresh, scheduler=scheduler, **asked)
 
 
 @app.command()

@@ -233,6 +233,7 @@ def design(
     trade_off: Path | str | None = None,
     against: Sequence[Path | str] = (),
     jobs: int | None = None,
+    scheduler: str | None = None,
     time_limit: float | None = None,
     progress: Progress = silent,
     reuse: bool = False,
@@ -250,6 +251,7 @@ def design(
             in .csv, a file for the gains' least rho for each alpha.
         against: problem files with gains, or design files, of the same agents: shown in the trade-off.
         jobs: processes to search with; by default one per core.
+        scheduler: the address of a Dask scheduler, whose workers search instead; the design is the same.
         time_limit: seconds to search for gains; then the best certified ones so far, which depend on the machine.
         progress: told what is being done and the part of it that is done.
         reuse: take the design that was made before of the same problem, proved again, if there is one in the user's cache
@@ -261,6 +263,7 @@ def design(
         ClaimError: no gains were found, or none that are certified; nothing is written.
     """
     from lockstep.codegen.for_the_period import as_shipped
+    from lockstep.lmi.cluster import searching_on
     from lockstep.lmi.design import design as designed
 
     source, written, curve = (
@@ -281,7 +284,8 @@ def design(
         if before is not None:
             found = before
         else:
-            made = designed(posed, jobs=jobs, progress=progress, time_limit=time_limit, stop=stop)
+            with searching_on(scheduler, time_limit):
+                made = designed(posed, jobs=jobs, progress=progress, time_limit=time_limit, stop=stop)
             found = Design(as_shipped(file_of(made), progress, made.others, stop))
         files = {} if folder is None else trade_off_files(found.stored, others, progress)
     if reuse and before is None:

@@ -12,6 +12,7 @@ from lockstep.campaign.compute import chunks
 from lockstep.campaign.plan import CHUNK
 from lockstep.campaign.store import Store
 from lockstep.check.errors import ClaimError, ProblemError
+from lockstep.lmi import cluster as cluster_of_dask
 from lockstep.workflow.runs.campaign import CampaignOptions, planned
 
 distributed = pytest.importorskip("dask.distributed", exc_type=ImportError)
@@ -77,7 +78,7 @@ def test_what_fails_on_the_cluster_is_told(plan, cluster, tmp_path, monkeypatch)
 
 
 def test_no_scheduler_at_the_address(plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(over, "CONNECT_SECONDS", 0.2)
+    monkeypatch.setattr(cluster_of_dask, "CONNECT_SECONDS", 0.2)
     with pytest.raises(ProblemError, match="no scheduler answers"):
         run_campaign(plan, 8, tmp_path, scheduler="tcp://127.0.0.1:9")
     with pytest.raises(ProblemError, match="no scheduler answers"):

@@ -1,13 +1,12 @@
 """Network tests: many random runs of a design against its certificate, here or on a cluster, and one of them again."""
 
 import json
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.wording import shorten
+from lockstep.lmi.cluster import check_address
 from lockstep.workflow.design import DESIGN_NAME, Design, as_design
 from lockstep.workflow.files import check_writable, of_file, write_text
 from lockstep.workflow.folders import check_folder
@@ -21,9 +20,6 @@ if TYPE_CHECKING:
 
 HORIZON = 10.0
 """Of each run, in s, unless another is asked for."""
-
-ADDRESS = r"inproc://.+|(\w+://)?[^/\s]+:\d+"
-"""Of a Dask scheduler: a host and a port, with or without a protocol."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +67,7 @@ def run_campaign(
 
     output = Path(output)
     check_folder(output)
-    _check_address(scheduler)
+    check_address(scheduler)
     progress("proving the design", 0.0)
     plan, _ = planned(design, options)
     try:
@@ -126,13 +122,6 @@ def planned(design: Design | Path | str, options: CampaignOptions) -> tuple["Pla
         horizon = HORIZON if options.horizon is None else options.horizon
         check_periods(horizon, stored.problem.controller.period)
         return plan_of(stored, files, controllers=kind, seed=seed, horizon=horizon), stored
-
-
-def _check_address(scheduler: str | None) -> None:
-    """Refuse what Dask would only refuse after the proof, with a traceback of its own."""
-    if scheduler is not None and not re.fullmatch(ADDRESS, scheduler):
-        expected = "the address of a running one, such as tcp://127.0.0.1:8786"
-        raise ProblemError(f"`{shorten(scheduler)}` is no address", where="--scheduler", expected=expected)
 
 
 def check_periods(horizon: float, period: float) -> None:
