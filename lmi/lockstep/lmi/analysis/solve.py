@@ -16,7 +16,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.channels import Inequality
 from lockstep.check.continuous.inequality import Certificate, Claim, inequality, split
 from lockstep.check.system.loop import Loop
-from lockstep.lmi.analysis.by_frequencies import MOST_ENTRIES, least_by_frequencies, storage_at
+from lockstep.lmi.analysis.by_frequencies import MOST_ENTRIES, PAIR, least_by_frequencies, storage_at
 from lockstep.lmi.analysis.inside import inside
 
 if TYPE_CHECKING:
@@ -95,8 +95,8 @@ class AffineF:
 
 
 def eliminates_P(loop: Loop) -> bool:
-    """Tell whether P has too many entries to be an unknown of a program: see `by_frequencies`."""
-    return loop.n_x * (loop.n_x + 1) // 2 > MOST_ENTRIES
+    """Tell whether P and the multipliers are too many to be unknowns of one program: see `by_frequencies`."""
+    return loop.n_x * (loop.n_x + 1) // 2 + PAIR * len(loop.d.pairs()) > MOST_ENTRIES
 
 
 def least_rho(
