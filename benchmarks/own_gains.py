@@ -37,7 +37,7 @@ def say(rho):
 
 DESIGN = """
 import lockstep
-found = lockstep.design(sys.argv[1], output=sys.argv[2], jobs=1)
+found = lockstep.design(sys.argv[1], output=sys.argv[2])
 assert found.certified and found.sampled["certified"]
 say(found.rho)
 """

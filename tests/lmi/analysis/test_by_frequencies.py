@@ -105,3 +105,25 @@ def test_gains_too_small_for_the_slope_are_refused() -> None:
     bound = proved_bound(problem)
     with pytest.raises(NotCertified):
         prove(network_of(problem, bound), given_gains(problem), claim_of(problem, bound))
+
+
+def test_a_long_chain_of_equal_agents_is_proved() -> None:
+    # Each agent hears the one before: poles 29 times at one place, whose eigenvectors doubles do not tell apart.
+    problem = parse_problem(
+        """
+        [agent]
+        name = "cart"
+        states = ["p", "v"]
+        inputs = ["f"]
+        dynamics = { p = "v", v = "f" }
+        outputs = { y1 = "p", y2 = "v" }
+        [network]
+        agents = 30
+        """
+        + f"edges = {[[i + 1, i] for i in range(1, 30)]}\n[design]\nmethod = 'given'\norder = 0\n"
+        + "[[design.gains]]\nD = [[-1.0, -2.0]]\n" * 30
+    )
+    bound = proved_bound(problem)
+    network, weights, gains = network_of(problem, bound), claim_of(problem, bound), given_gains(problem)
+    certificate = prove(network, gains, weights)
+    assert decide(network.loop(0, exact_arithmetic=True), gains.blocks, weights, certificate).positive

@@ -164,10 +164,9 @@ class Response:
         unit = np.eye(size - n)
         metric = -slopes[-1][n : n + n_xi, n : n + n_xi]
         unit[:n_xi, :n_xi] = np.linalg.inv(np.linalg.cholesky(metric)).T
-        poles, modes = np.linalg.eig(Z[:, :n])
-        frequencies = frequencies_of(poles) if frequencies is None else frequencies
-        into = np.linalg.solve(modes, Z[:, n:] @ unit)
-        X = modes @ (into / (1j * frequencies[:, None] - poles)[:, :, None])
+        frequencies = frequencies_of(np.linalg.eigvals(Z[:, :n])) if frequencies is None else frequencies
+        # Solved, not diagonalised: a chain of equal agents has eigenvectors next to each other.
+        X = np.linalg.solve(1j * frequencies[:, None, None] * np.eye(n) - Z[:, :n], Z[:, n:] @ unit)
         y = np.concatenate([X, np.broadcast_to(unit, (len(X), *unit.shape))], axis=1)
         return cls(constant, slopes, y, frequencies, n, n_xi)
 
