@@ -9,6 +9,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.graph import Digraph
 from lockstep.check.system.loop import Plant
+from lockstep.check.system.many_graphs import SpectrumRange
 from lockstep.check.system.network import ExactNetwork
 
 GRAPH = Digraph.from_edges(2, [[1, 2, 0.5], [2, 1]])
@@ -60,3 +61,9 @@ def test_matrices_that_do_not_fit_are_refused(wrong, says):
 def test_a_graph_without_a_spanning_tree_is_refused():
     with pytest.raises(ProblemError, match="no spanning tree"):
         ExactNetwork(replace(PLANT, B=PLANT.B * 2), Digraph.from_edges(4, [[1, 2], [2, 1], [3, 4], [4, 3]]))
+
+
+@pytest.mark.parametrize("value", [[1.0, 10**400], [1.0, float("nan")], [True, 4.0], ["1", 4.0]])
+def test_a_spectrum_of_no_two_doubles_is_refused(value):
+    with pytest.raises(ProblemError, match=r"\[network\] spectrum: .*expected a finite number"):
+        SpectrumRange.of({"spectrum": value})

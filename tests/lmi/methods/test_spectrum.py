@@ -92,6 +92,7 @@ def set_spectrum(document, lower, upper):
         (lambda d: d["proofs"]["sampled"].update(lower=1.01), "sampled"),
         (lambda d: d["proofs"]["sampled"]["segments"][0].update(upper=3.9), "sampled"),
         (lambda d: d["proofs"]["sampled"].update(kappa=0.5 * d["proofs"]["sampled"]["kappa"]), "sampled"),
+        (lambda d: d["proofs"]["sampled"].update(kappa=1.7e308), "sampled"),
         (lambda d: d["proofs"]["sampled"].update(t=[0.0] * 4), "sampled"),
         (lambda d: d["proofs"].update(sampled=None), "sampled"),
         (lambda d: d["problem"]["network"].update(max_degree=5), "sampled"),

@@ -24,6 +24,11 @@ from lockstep.model import ProblemError, load_problem, parse_problem
         ("[design]\n", "[design]\nweights = { stat = 1 }\n", ["[design.weights]", "did you mean `state`?"]),
         (
             "[design]\n",
+            "[design]\ndisturbances = { states = 0, outputs = { y1 = 0 } }\n",
+            ["[design.disturbances]", "every scale is 0", "rho is a gain from it"],
+        ),
+        (
+            "[design]\n",
             "[design]\nfragility = { E = 1 }\n",
             ["[design.fragility]", "unknown key `E`", "A, B, C, D"],
         ),

@@ -37,7 +37,7 @@ import numpy as np
 from lockstep.check.continuous.inequality import LETTERS, Performance
 from lockstep.check.continuous.modes import Segment
 from lockstep.check.errors import demand
-from lockstep.check.numbers import Matrix, converter, exactly, eye, zeros
+from lockstep.check.numbers import Matrix, converter, exactly, eye, rounded_down, zeros
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.certify import ROUNDED_UP, SampledVerdict, accepted, lifted_agent, proves, refused
 from lockstep.check.sampled.conjugate import no_conjugate_point
@@ -226,7 +226,7 @@ def _accepted(loop: ModalLoop, witness: SampledModalWitness) -> SampledVerdict:
     for letter in "BD":
         delta = max(one.deltas[letter] for one in loop.controllers)
         kappa += 2 * Fraction(float(witness.t[LETTERS.index(letter)])) * Fraction(delta) ** 2
-    full = replace(witness, kappa=ROUNDED_UP * float(kappa))
+    full = replace(witness, kappa=ROUNDED_UP * -rounded_down(-kappa))
     said = "no conjugate point in the period, P > 0 and W > 0 at the ends of every segment, decided in ball arithmetic"
     bounds = full.of(np.zeros((0, 0)), loop.at(0.0))
     return accepted(loop.network, loop.controllers, bounds, said, witness)

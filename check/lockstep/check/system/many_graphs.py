@@ -7,6 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from lockstep.check.design_file.json_text import number
 from lockstep.check.errors import demand
 from lockstep.check.system.graph import Digraph
 
@@ -42,15 +43,14 @@ class SpectrumRange:
         """
         value, where, expected = table["spectrum"], "[network] spectrum", "two numbers"
         demand(isinstance(value, list | tuple) and len(value) == 2, f"{value!r}", where, expected)
-        plain = all(isinstance(one, int | float) and not isinstance(one, bool) for one in value)
-        demand(plain and all(map(math.isfinite, value)), f"{value!r}", where, expected)
+        low, high = (number(one, where) for one in value)
         for key in ("edges", "laplacian", "topology"):
             demand(table.get(key) is None, f"`{key}` is given too", "[network]", "a graph or `spectrum`")
         most = table.get("max_degree")
-        most = max(1, min(math.floor(value[1]), MOST_NEIGHBOURS)) if most is None else most
+        most = max(1, min(math.floor(high), MOST_NEIGHBOURS)) if most is None else most
         whole = isinstance(most, int) and not isinstance(most, bool)
         demand(whole, f"{most!r}", "[network] max_degree", "a whole number")
-        return cls(float(value[0]), float(value[1]), most)
+        return cls(low, high, most)
 
     @property
     def pair(self) -> Digraph:

@@ -277,18 +277,13 @@ class Problem:
         """What rho is a gain to and from: R, Q, W, and the scales of the disturbances and the noise."""
         agent, n, m = self.file.agent, self._agent.n, self._agent.m
         scales, where = self.design.disturbances or DisturbancesTable(), "[design.disturbances]"
-        return Performance(
-            self.state_weight(n),
-            self.controller_weight(self.order),
-            input_weight(self.design.weights.input or 0.0, m),
-            scale_of_each(scales.states, agent.states, where=f"{where} states", per="state"),
-            scale_of_each(
-                scales.outputs,
-                [name for name, _ in agent.outputs],
-                where=f"{where} outputs",
-                per="output",
-            ),
-        )
+        states = scale_of_each(scales.states, agent.states, where=f"{where} states", per="state")
+        names = [name for name, _ in agent.outputs]
+        outputs = scale_of_each(scales.outputs, names, where=f"{where} outputs", per="output")
+        some = not len(states) or states.any() or outputs.any()
+        demand(some, "every scale is 0", where, "one above 0: rho is a gain from it")
+        W = input_weight(self.design.weights.input or 0.0, m)
+        return Performance(self.state_weight(n), self.controller_weight(self.order), W, states, outputs)
 
     @cached_property
     def sides(self) -> Float[np.ndarray, "m 2"]:
