@@ -14,6 +14,9 @@ from lockstep.check.continuous.inequality import Certificate, F_matrix
 from lockstep.check.errors import NotCertified
 from lockstep.lmi.analysis.rounding import SLACKS, prove, round_up, rounded
 from lockstep.lmi.analysis.solve import AffineF, least_rho
+from lockstep.lmi.design import claim_of, given_gains, proved_bound
+from lockstep.model.assembly import network_of
+from lockstep.model.problem import Problem, load_problem
 
 
 @pytest.mark.parametrize(
@@ -156,3 +159,24 @@ def test_rounded_keeps_symmetry_and_the_number_of_digits() -> None:
     np.testing.assert_allclose(short.P, P + P.T, atol=np.abs(P + P.T).max() * 1e-3)
     assert short.m.tolist() == [0.0, 1.235, 9.877e-07]
     assert short.t.tolist() == [123500.0]
+
+
+def test_units_in_which_the_solver_stops_early_do_not_decide_rho(root) -> None:
+    """Gains of benchmarks/designs/converters.toml: in SI units the solver stops at 0.00372, 3.7 times the least.
+
+    The sampled loop of these gains is proved with 0.001011, and no controllers have less than 0.000999.
+    """
+    content = load_problem(root / "benchmarks" / "designs" / "converters.toml").document()
+    tables = [
+        {"A": [[A]], "B": [[0.0, B]], "C": [[0.0]], "D": [D]}
+        for A, B, D in [
+            (-33.4716, 1e-4, [-4.0555, -46.194]),
+            (-33.4012, 0.0, [-4.0548, -46.1866]),
+            (-33.4009, 0.0, [-4.0548, -46.1865]),
+        ]
+    ]
+    content["design"] = {"method": "given", "order": 1, "gains": tables}
+    problem = Problem.from_document(content)
+    bound = proved_bound(problem)
+    certificate = prove(network_of(problem, bound), given_gains(problem), claim_of(problem, bound))
+    assert 0.000999 < certificate.rho < 1.02 * 0.001011

@@ -7,6 +7,7 @@ prove it are taken. They are doubles, and the proof is about those doubles.
 import itertools
 import math
 from dataclasses import replace
+from functools import cmp_to_key
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,9 @@ from lockstep.model.network import Network
 SLACKS = (5e-4, 2e-3, 1e-2, 5e-2)
 """How far above the least rho the certificate is taken, so that rounding fits: 0.05 % first, more only if
 need be."""
+
+FAR = 1.01
+"""A least rho that is above another by this factor is no least."""
 
 GAIN_DIGITS = 6
 """Significant decimals of designed gains: people read them, and a certificate is found for them as rounded."""
@@ -103,10 +107,12 @@ def prove(
     loop, exact_loop = network.loop(gains.order), network.loop(gains.order, exact_arithmetic=True)
     K = gains.blocks
     found = [
-        (one, c)
+        (one, replace(c, rho=c.rho * one.units.rho))
         for one in _in_all_units(loop, claim, near)
         if (c := least_rho(one.loop, K, one.claim, one.near)) is not None
     ]
+    # The solver may stop far above the least rho in some units: the others are tried first.
+    found.sort(key=cmp_to_key(lambda a, b: (a[1].rho > FAR * b[1].rho) - (b[1].rho > FAR * a[1].rho)))
     if not found:
         raise NotCertified(
             f"no certificate was found for these gains at alpha = {claim.alpha:.6g}",
@@ -114,7 +120,7 @@ def prove(
             abscissa=float(np.linalg.eigvals(loop.A_cl(K)).real.max()),
         )
     for slack, (one, least) in itertools.product(SLACKS if rho is None else (0.0,), found):
-        level = rho if rho is not None else round_up(least.rho * one.units.rho * (1 + slack))
+        level = rho if rho is not None else round_up(least.rho * (1 + slack))
         candidate = tight(one.loop, K, one.claim, level / one.units.rho, least, one.near)
         if candidate is None:
             continue
@@ -122,7 +128,7 @@ def prove(
         proved = shortest_that_proves(loop, exact_loop, K, claim, here)
         if proved is not None:
             return proved
-    reached = min(least.rho * one.units.rho for one, least in found)
+    reached = min(least.rho for _, least in found)
     raise NotCertified(
         f"the solver's candidate at rho = {reached:.6g} did not survive the exact check",
         rho=reached,
