@@ -6,6 +6,7 @@ import signal
 import pytest
 
 import lockstep
+from cart import cart
 from lockstep.check.errors import ProblemError
 from lockstep.model.problem import Problem, parse_problem
 
@@ -15,13 +16,8 @@ distributed = pytest.importorskip("dask.distributed", exc_type=ImportError)
 @pytest.fixture(scope="module")
 def carts() -> Problem:
     return parse_problem(
-        """
-        [agent]
-        name = "cart"
-        states = ["p", "v"]
-        inputs = ["f"]
-        dynamics = { p = "v", v = "f" }
-        outputs = { y1 = "p", y2 = "v" }
+        cart("f")
+        + """
         [network]
         agents = 2
         edges = [[1, 2], [2, 1]]

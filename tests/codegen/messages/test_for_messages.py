@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cart import cart
 from lockstep.check.certify import certified
 from lockstep.check.design_file.content import parse
 from lockstep.check.system.problem import ProblemTables
@@ -18,13 +19,9 @@ from lockstep.lmi.search.stopping import Stop
 from lockstep.model.problem import Problem
 from lockstep.workflow.design import Design
 
-CARTS = """
-[agent]
-name = "cart"
-states = ["p", "v"]
-inputs = ["f"]
-dynamics = { p = "v", v = "f" }
-outputs = { y1 = "p", y2 = "v" }
+CARTS = (
+    cart("f")
+    + """
 [network]
 agents = 2
 edges = [[1, 2], [2, 1]]
@@ -36,6 +33,7 @@ starts = 1
 [controller]
 period = 0.1
 """
+)
 
 
 @pytest.fixture(scope="module")

@@ -40,6 +40,9 @@ GRID = 60
 AROUND = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
 """Frequencies about each resonance, in half widths of it."""
 
+MARGIN = 1e-9
+"""The part of the largest pole that others count as at least: a pole at 0 has no frequency of its own."""
+
 NEGLIGIBLE = 4e-3
 """A frequency whose largest eigenvalue adds less than this part of the largest one to the p-norm is left out."""
 
@@ -108,15 +111,13 @@ def storage_at(
     return None if found is None else found[:2]
 
 
-def frequencies_of(
-    poles: Complex[np.ndarray, " n"], grid: int = GRID, margin: float = 1e-9
-) -> Float[np.ndarray, " f"]:
+def frequencies_of(poles: Complex[np.ndarray, " n"], grid: int = GRID) -> Float[np.ndarray, " f"]:
     """Return frequencies at which a response is looked at: over the range of its poles, and about each."""
-    sizes = np.maximum(np.abs(poles), margin * np.abs(poles).max())
+    sizes = np.maximum(np.abs(poles), MARGIN * np.abs(poles).max())
     swinging = poles[poles.imag > 0]
     near = swinging.imag[:, None] + np.outer(swinging.real, AROUND)
     between = np.geomspace(1e-2 * float(sizes.min()), 10 * float(sizes.max()), grid)
-    return thinned(np.unique(np.concatenate([[0.0], between, sizes, swinging.imag, near[near > 0]])))
+    return np.unique(np.concatenate([[0.0], between, sizes, swinging.imag, near[near > 0]]))
 
 
 def thinned(frequencies: Float[np.ndarray, " f"]) -> Float[np.ndarray, " f"]:
@@ -164,7 +165,8 @@ class Response:
         unit = np.eye(size - n)
         metric = -slopes[-1][n : n + n_xi, n : n + n_xi]
         unit[:n_xi, :n_xi] = np.linalg.inv(np.linalg.cholesky(metric)).T
-        frequencies = frequencies_of(np.linalg.eigvals(Z[:, :n])) if frequencies is None else frequencies
+        if frequencies is None:
+            frequencies = thinned(frequencies_of(np.linalg.eigvals(Z[:, :n])))
         # Solved, not diagonalised: a chain of equal agents has eigenvectors next to each other.
         X = np.linalg.solve(1j * frequencies[:, None, None] * np.eye(n) - Z[:, :n], Z[:, n:] @ unit)
         y = np.concatenate([X, np.broadcast_to(unit, (len(X), *unit.shape))], axis=1)
@@ -257,10 +259,10 @@ class Response:
         total = float(powers.sum())
         shares = np.sqrt(powers / np.maximum(values, 1e-300) / total)[:, None, :]
         signals = signals * shares
-        slope = np.tensordot(self.slopes[:-1], _gram(y @ signals), 2)
+        slope = np.tensordot(self.slopes[:-1], gram(y @ signals), 2)
         if kind == self.gain:
             weighed = signals * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-            slope += np.tensordot(self.of_v, _gram(weighed[:, self.v]) - _gram(signals[:, self.v]), 2)
+            slope += np.tensordot(self.of_v, gram(weighed[:, self.v]) - gram(signals[:, self.v]), 2)
         return np.log(top) + np.log(total) / p, w * slope
 
 
@@ -293,6 +295,6 @@ def _lowered(
     return logs, level
 
 
-def _gram(signals: Complex[np.ndarray, "f n s"]) -> Float[np.ndarray, "n n"]:
+def gram(signals: Complex[np.ndarray, "f n s"]) -> Float[np.ndarray, "n n"]:
     """Return the real part of sum s s^H."""
     return np.asarray(np.tensordot(signals, signals.conj(), ([0, 2], [0, 2])).real)

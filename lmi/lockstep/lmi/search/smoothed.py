@@ -30,7 +30,7 @@ from jaxtyping import Complex, Float, Shaped
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Loop
-from lockstep.lmi.analysis.by_frequencies import least_counted, thinned
+from lockstep.lmi.analysis.by_frequencies import frequencies_of, gram, least_counted, thinned
 from lockstep.lmi.analysis.solve import AffineF, eliminates_P
 from lockstep.lmi.sampled.descending.response import Poles
 from lockstep.lmi.search.stabilise import descend
@@ -61,9 +61,6 @@ SCALES = np.logspace(-6, 2, 17)
 
 GRID = 40
 """Frequencies over the range of the poles, besides those at the poles."""
-
-AROUND = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
-"""Frequencies about each resonance, in half widths of it."""
 
 RETRIES = 3
 """How often a stage is repeated with more frequencies where its gain turned out to lie between the chosen ones."""
@@ -158,12 +155,7 @@ class SmoothedNorm:
     def frequencies(self, x: Vector) -> Float[np.ndarray, " f"]:
         """Return frequencies at which the response of x is looked at: over the range of its poles, and about each."""
         poles = np.linalg.eigvals(self.loop.A_cl(self.unpack(x)[0]))
-        sizes = np.maximum(np.abs(poles), MARGIN * np.abs(poles).max())
-        slowest, fastest = float(sizes.min()), float(sizes.max())
-        swinging = poles[poles.imag > 0]
-        near = swinging.imag[:, None] + np.outer(swinging.real, AROUND)
-        grid = np.geomspace(1e-2 * slowest, 10 * fastest, GRID)
-        found = np.unique(np.concatenate([[0.0], grid, sizes, swinging.imag, near[near > 0]]))
+        found = frequencies_of(poles, GRID)
         return thinned(found) if self.thins else found
 
     def value(
@@ -194,7 +186,7 @@ class SmoothedNorm:
         v = signals[:, : self.n_v]
         if rho_0 is not None:
             v = v * np.sqrt(np.maximum(here.values, 0.0))[:, None, :]
-        of_w = np.tensordot(self.W, _gram(states), 2) - np.tensordot(self.D, _gram(v), 2)
+        of_w = np.tensordot(self.W, gram(states), 2) - np.tensordot(self.D, gram(v), 2)
         value = np.log(top) + np.log(total / len(frequencies)) / p + barrier[0]
         each = (of_K * self.units).reshape(self.agents, -1).sum(axis=0)
         return float(value), np.concatenate([each, (w * of_w).reshape(-1, self.pairs).sum(axis=1)])
@@ -380,8 +372,3 @@ def _with_multipliers_scaled(norm: SmoothedNorm, x: Vector) -> Vector:
     frequencies = norm.frequencies(x)
     trials = [norm.pack(K, scale * w) for scale in SCALES]
     return min(trials, key=lambda trial: norm.level(trial, None, frequencies))
-
-
-def _gram(signals: Complex[np.ndarray, "f n s"]) -> Float[np.ndarray, "n n"]:
-    """Return the real part of sum s s^H."""
-    return np.tensordot(signals, signals.conj(), ([0, 2], [0, 2])).real
