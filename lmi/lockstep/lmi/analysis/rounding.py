@@ -7,7 +7,6 @@ prove it are taken. They are doubles, and the proof is about those doubles.
 import itertools
 import math
 from dataclasses import replace
-from functools import cmp_to_key
 from typing import NamedTuple
 
 import numpy as np
@@ -111,14 +110,15 @@ def prove(
         for one in _in_all_units(loop, claim, near)
         if (c := least_rho(one.loop, K, one.claim, one.near)) is not None
     ]
-    # The solver may stop far above the least rho in some units: the others are tried first.
-    found.sort(key=cmp_to_key(lambda a, b: (a[1].rho > FAR * b[1].rho) - (b[1].rho > FAR * a[1].rho)))
     if not found:
         raise NotCertified(
             f"no certificate was found for these gains at alpha = {claim.alpha:.6g}",
             alpha=claim.alpha,
             abscissa=float(np.linalg.eigvals(loop.A_cl(K)).real.max()),
         )
+    # The solver may stop far above the least rho in some units: the others are tried first.
+    best = min(least.rho for _, least in found)
+    found.sort(key=lambda tried: tried[1].rho > FAR * best)
     for slack, (one, least) in itertools.product(SLACKS if rho is None else (0.0,), found):
         level = rho if rho is not None else round_up(least.rho * (1 + slack))
         candidate = tight(one.loop, K, one.claim, level / one.units.rho, least, one.near)
