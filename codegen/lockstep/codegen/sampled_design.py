@@ -144,7 +144,9 @@ def _with_limits(
     """Return what is proved with what is proved of the inputs' limits, where there are any."""
     if not found.verdict.certified or not np.isfinite(stored.problem.limits).any():
         return found
-    radius = _radius(stored, network, controllers)
+    witness = found.verdict.witness
+    weights = witness.m if isinstance(witness, Witness) else np.ones(len(network.d.pairs()))
+    radius = _radius(stored, network, controllers, weights)
     gain = None if rho is None else _gain(stored, network, controllers, rho)
     return replace(found, radius=radius, gain=gain, clipped=_clipped(stored, network, controllers, radius))
 
@@ -178,14 +180,14 @@ def prove_agreement(
 
 
 def _radius(
-    stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...]
+    stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...], guess: PairWeights
 ) -> tuple[float, Witness] | None:
     """Return the radius that a design file states if its witness proves it, or a large one that is found and proved."""
     limits, stated, witness = stored.problem.limits, stored.claims.sampled.radius, stored.proofs.radius
     loop = sampled_loop(network, controllers)
     if stated and witness and proves_radius(loop, controllers, witness, limits, stated):
         return stated, witness
-    return largest_radius(network, controllers, limits)
+    return largest_radius(network, controllers, limits, guess)
 
 
 def _gain(

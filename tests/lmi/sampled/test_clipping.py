@@ -14,12 +14,15 @@ from lockstep.check.sampled.inequality import metric, step_matrix
 from lockstep.check.sampled.lifting import copies
 from lockstep.check.sampled.limits import proves_gain, proves_radius
 from lockstep.check.sampled.loop import sampled_loop
+from lockstep.lmi.sampled import limits
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.clipped import largest_clipped_radius
 from lockstep.lmi.sampled.limits import largest_gain, largest_radius
 from lockstep.lmi.sampled.search import _step_of_state
 
 LIMITS = np.array([1.0])
+WEIGHTS = np.ones(1)
+"""Of one pair: what a large loop is proved with, a common factor being free."""
 BOTH = [(1, 2, 1.0), (2, 1, 1.0)]
 
 
@@ -81,7 +84,7 @@ def test_the_radius_of_an_unstable_difference(delay):
     net, ones = unstable_pair(a, k, delay=delay)
     truth = np.sqrt(2) / a
     radius, witness = largest_clipped_radius(net, ones, LIMITS)
-    unclipped, _ = largest_radius(net, ones, LIMITS)
+    unclipped, _ = largest_radius(net, ones, LIMITS, WEIGHTS)
     assert 0.84 * truth <= radius <= truth
     assert unclipped <= 1.001 / (np.sqrt(2) * k), "u = -k d, and |x_d| = |d| / sqrt(2)"
     exact = sampled_loop(net, ones)
@@ -89,6 +92,33 @@ def test_the_radius_of_an_unstable_difference(delay):
     assert not proves_clipped_radius(exact, ones, witness, LIMITS, 1.02 * radius)
     assert not proves_clipped_radius(exact, ones, witness, 0.98 * LIMITS, radius)
     assert not proves_radius(exact, ones, witness.storage, LIMITS, radius)
+
+
+@pytest.mark.parametrize("delay", [0, 1])
+def test_the_radius_of_a_large_loop(monkeypatch, delay):
+    """With P of one number nothing is lost by pair weights that are given: u = -k d meets its limit at |d| = 1 / k."""
+    monkeypatch.setattr(limits, "is_large", lambda _loop: True)
+    monkeypatch.setattr(limits, "step_program", None)
+    net, ones = unstable_pair(-0.1, 1.5, delay=delay)
+    radius, witness = largest_radius(net, ones, LIMITS, 7.0 * WEIGHTS)
+    truth = 1 / (np.sqrt(2) * 1.5)
+    assert 0.9 * truth <= radius <= truth
+    assert proves_radius(sampled_loop(net, ones), ones, witness, LIMITS, radius)
+    assert not proves_radius(sampled_loop(net, ones), ones, witness, LIMITS, 1.001 * truth)
+
+
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_given_pair_weights_reach_no_further_than_free_ones(monkeypatch, seed):
+    net, ones = random_problem(seed)
+    free = largest_radius(net, ones, LIMITS, WEIGHTS)
+    if free is None:
+        pytest.skip("no radius is found")
+    monkeypatch.setattr(limits, "is_large", lambda _loop: True)
+    found = largest_radius(net, ones, LIMITS, free[1].m)
+    assert found is not None
+    # `KEPT` leaves either of them within half a per cent of what it found.
+    assert 0.3 * free[0] <= found[0] <= 1.01 * free[0]
+    assert proves_radius(sampled_loop(net, ones), ones, found[1], LIMITS, found[0])
 
 
 def test_what_is_no_witness():
@@ -112,7 +142,7 @@ def test_what_is_no_witness():
 def test_with_no_sector_nothing_is_clipped():
     """h = 0 and a large tau: the radius of `limits.radius`, by its own witness."""
     net, ones = random_problem(1)
-    radius, storage = largest_radius(net, ones, LIMITS)
+    radius, storage = largest_radius(net, ones, LIMITS, WEIGHTS)
     count = len(ones)
     same = ClippedWitness(
         storage, np.full(count, 1e6 * np.linalg.norm(storage.P)), np.zeros((count, len(storage.P)))
@@ -151,7 +181,7 @@ def worst_end(net, ones, radius: float, rng, runs: int = 64, steps: int = 4000) 
 def check_random(seed: int) -> float | None:
     """Hold one random problem against simulation; return what clipping gains, None where no radius is found."""
     net, ones = random_problem(seed)
-    unclipped = largest_radius(net, ones, LIMITS)
+    unclipped = largest_radius(net, ones, LIMITS, WEIGHTS)
     found = largest_clipped_radius(net, ones, LIMITS, unclipped)
     if found is None or unclipped is None:
         return None

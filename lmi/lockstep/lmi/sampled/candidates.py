@@ -93,8 +93,7 @@ def _promised(witness: Witness) -> float:
 def _with_free_weights(loop: SampledLoop, one: Lifted, radius: float) -> Iterator[Witness]:
     """Yield witnesses of the convex program: the least price of the noise with V >= |x_d|^2, and so with a weight of it."""
     distance, spread = metric_of(loop), 1 - radius**2
-    small = loop.n_xi <= MOST_STATES and len(loop.network.d.pairs()) <= MOST_PAIRS
-    for rate in FREE_RATES if small else ():
+    for rate in () if is_large(loop) else FREE_RATES:
         least = None
         for part in (None, *FREE_RMS):
             weight = 0.0 if part is None or least is None else rate * spread / (part**2 * least)
@@ -104,6 +103,11 @@ def _with_free_weights(loop: SampledLoop, one: Lifted, radius: float) -> Iterato
                 break
             yield from islice(priced_anew(loop, one, found[1], FREE_CLAIMED), 1)
             least = found[1].kappa if least is None else least
+
+
+def is_large(loop: SampledLoop) -> bool:
+    """Tell whether a program with free pair weights takes too long."""
+    return loop.n_xi > MOST_STATES or len(loop.network.d.pairs()) > MOST_PAIRS
 
 
 def priced_anew(

@@ -6,7 +6,8 @@ Without rounding, and for given tau, it is the program of `convex` with a column
     [ k_l - h_l    u_max,l^2   ]  >= 0,          gamma (T T')^-1 (x) I >= P_dd,  gamma least:  radius = gamma^-1/2.
 
 One number tau for all inputs, each in units of its limit, is searched for: with it large nothing is clipped, and too small no
-P is left. In tau and H together it is not convex.
+P is left. In tau and H together it is not convex. Of a large loop nothing is searched for: the
+radius from which no input meets its limit is what comes out.
 """
 
 from collections.abc import Iterator
@@ -20,7 +21,7 @@ from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness, metric
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
-from lockstep.lmi.sampled.candidates import priced_anew
+from lockstep.lmi.sampled.candidates import is_large, priced_anew
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.convex import step_program
 from lockstep.lmi.sampled.limits import CLAIMED, KEPT
@@ -60,7 +61,7 @@ def largest_clipped_radius(
     if one is None or not np.isfinite(limits).any():
         return None
     spread, least = 1 - spectral_radius(loop, one) ** 2, 0.0 if unclipped is None else unclipped[0]
-    for rate in RATES if spread > 0 else ():
+    for rate in RATES if spread > 0 and not is_large(loop) else ():
         for gamma, start in _scanned(loop, one, limits, 1 - rate * spread):
             for candidate in _priced(loop, one, start):
                 for part in KEPT:

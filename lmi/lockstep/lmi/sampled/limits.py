@@ -1,8 +1,9 @@
 """The largest disagreement from which no input meets its limit is looked for here, in doubles, and put to the checker.
 
 Without rounding it is the program of `convex` with P >= k_l' k_l / u_max,l^2 for every input and gamma (T T')^-1 (x) I >=
-P_dd, gamma least: radius = gamma^-1/2. The largest energy of a disturbance is that of the largest P (`storage`), for
-which pair weights and a decay are searched.
+P_dd, gamma least: radius = gamma^-1/2. Of a large loop P and the pair weights are sums of the smallest
+P (`storage`) for some costs and multiples of the weights that are given. The largest energy of a disturbance is that of the
+largest P, for which a factor of the pair weights and a decay are searched.
 """
 
 import math
@@ -10,15 +11,17 @@ from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import block_diag
 
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness, metric, multiplier
-from lockstep.check.sampled.lifting import Lifted
+from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.limits import proves_gain, proves_radius
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.check.sampled.performance import running_cost
-from lockstep.lmi.sampled.candidates import REACHES, ROUNDINGS, confirmed, priced, priced_anew
+from lockstep.lmi.analysis.solve import run
+from lockstep.lmi.sampled.candidates import REACHES, ROUNDINGS, confirmed, is_large, priced, priced_anew
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.convex import step_program
 from lockstep.lmi.sampled.performance import PRICE, SQUARE, lifted_with_performance
@@ -27,6 +30,7 @@ from lockstep.lmi.sampled.storage import (
     StorageProblem,
     in_exact_arithmetic,
     no_prices,
+    padded,
     rounding_prices,
     storage_problem,
 )
@@ -40,12 +44,28 @@ KEPT = (0.995, 0.97, 0.9)
 SCALES = (-3.0, 3.0)
 """Powers of ten between which pair weights are scaled, from those given."""
 
+FACTORS = tuple(10.0 ** (exponent / 2) for exponent in range(-6, 7))
+"""By which given pair weights are multiplied, from where they cost what the inputs do."""
+
+DULL = 1e-6
+"""Of the largest cost, what a state costs that no input sees: V has to grow with every state."""
+
+DEAR = 1e30
+"""The price of messages that have no errors."""
+
 CLAIMED = 0.5
 """The part of the decay that is claimed: the rest is room for rounding."""
 
 
+_Stored = tuple[Float[np.ndarray, "n_xi n_xi"], Float[np.ndarray, " pairs"]]
+"""P and the pair weights that go with it."""
+
+
 def largest_radius(
-    network: SampledNetwork, controllers: tuple[HeldController, ...], limits: Float[np.ndarray, " m"]
+    network: SampledNetwork,
+    controllers: tuple[HeldController, ...],
+    limits: Float[np.ndarray, " m"],
+    guess: Float[np.ndarray, " pairs"],
 ) -> tuple[float, Witness] | None:
     """Find and prove a large radius, in short decimals; None if none is proved.
 
@@ -53,6 +73,7 @@ def largest_radius(
         network: agents, coordinates, alpha, period, delay, the matrices exact.
         controllers: one per agent, with the coefficients of the code.
         limits: (m,) of each agent's inputs.
+        guess: pair weights that prove the loop, up to a common factor: those of a large loop.
     """
     loop, exact_loop = in_doubles(network, controllers), sampled_loop(network, controllers)
     one = period_in_doubles(loop)
@@ -60,7 +81,13 @@ def largest_radius(
         return None
     spread = 1 - spectral_radius(loop, one) ** 2
     rows = np.array([row / limits[k % len(limits)] for k, row in enumerate(loop.computed[:, : loop.n_xi])])
-    found = [least_level(loop, one, rows, 1 - rate * spread) for rate in RATES] if spread > 0 else []
+
+    def least(decay: float) -> tuple[float, Witness] | None:
+        if is_large(loop):
+            return level_of_given_weights(loop, one, rows, decay, guess)
+        return least_level(loop, one, rows, decay)
+
+    found = [least(1 - rate * spread) for rate in RATES] if spread > 0 else []
     for gamma, witness in sorted((each for each in found if each is not None), key=lambda each: each[0]):
         for candidate in priced_anew(loop, one, witness, CLAIMED, exact_messages=True):
             for part in KEPT:
@@ -94,6 +121,66 @@ def least_level(
     if noise is not None and math.isfinite(noise):
         conditions.append(program.kappa <= noise / program.unit)
     return program.least(gamma, conditions)
+
+
+def level_of_given_weights(
+    loop: SampledLoop,
+    one: Lifted,
+    rows: Float[np.ndarray, "k n_xi"],
+    decay: float,
+    m: Float[np.ndarray, " pairs"],
+) -> tuple[float, Witness] | None:
+    """Return what `least_level` does, P and the weights being sums of some with theta >= 0; or None.
+
+    Each P is the smallest with m times a factor and a cost of each sample: of the inputs, of the disagreement, or of the
+    controllers and the inputs held. The inequality is convex in P and the weights together, so that sums satisfy it too.
+    """
+    import cvxpy as cp
+
+    n, n_d, form, smallest = loop.n_xi, loop.n_d, np.asarray(metric(loop)), []
+    size = float(np.linalg.norm(rows, 2)) ** 2
+    alike = size / (float(np.linalg.norm(copies(one, multiplier(loop.network.d, m)).Q, 2)) or 1.0)
+    others = np.diag(np.arange(n) >= n_d).astype(float)
+    for cost in (rows.T @ rows, padded(loop, size * form / np.linalg.norm(form, 2)), size * others):
+        costs = block_diag(cost + DULL * size * np.eye(n), np.zeros((loop.n_z - n,) * 2))
+        smallest += [_smallest(loop, one, alike * factor * m, decay, costs) for factor in FACTORS]
+    found = [each for each in smallest if each is not None]
+    if not found:
+        return None
+    L = np.linalg.cholesky(sum(P for P, _ in found))
+    seen, metric_root = np.linalg.solve(L, rows.T).T, np.linalg.inv(np.linalg.cholesky(form))
+    unit = float(np.linalg.norm(seen, axis=1).max())
+    theta, gamma = cp.Variable(len(found), nonneg=True), cp.Variable()
+    V = sum(theta[k] * _congruent(P, np.linalg.inv(L)) for k, (P, _) in enumerate(found))
+    apart = [_congruent(P[:n_d, :n_d], metric_root) for P, _ in found]
+    most = max(float(np.linalg.norm(each, 2)) for each in apart)
+    conditions = [V - np.outer(row, row) / unit**2 >> 0 for row in seen if row.any()]
+    conditions.append(gamma * np.eye(n_d) - sum(theta[k] * each / most for k, each in enumerate(apart)) >> 0)
+    if not run(cp.Problem(cp.Minimize(gamma), conditions)) or theta.value is None:
+        return None
+    P, weights = (sum(t * each[k] for t, each in zip(theta.value, found, strict=True)) for k in (0, 1))
+    scale = float((rows.T * np.linalg.solve(P, rows.T)).sum(axis=0).max())
+    least = scale * float(np.linalg.eigvalsh(_congruent(P[:n_d, :n_d], metric_root))[-1])
+    return least, priced(loop, scale * weights, np.zeros(len(loop.ways)), 0.0, decay=decay, P=scale * P)
+
+
+def _smallest(
+    loop: SampledLoop,
+    one: Lifted,
+    m: Float[np.ndarray, " pairs"],
+    decay: float,
+    cost: Float[np.ndarray, "n_z n_z"],
+) -> _Stored | None:
+    """Return the smallest P for pair weights and a cost of each sample, and these, both with |P| = 1; or None."""
+    exact, prices = in_exact_arithmetic(loop), priced(loop, m, no_prices(loop), DEAR, decay=decay)
+    with np.errstate(all="ignore"):
+        problem = storage_problem(exact, copies(one, multiplier(loop.network.d, m)), prices, cost)
+        P = None if problem is None else problem.smallest(decay)
+    return None if P is None else (P / np.linalg.norm(P, 2), m / np.linalg.norm(P, 2))
+
+
+def _congruent(P: Float[np.ndarray, "n n"], back: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    return np.asarray(back @ P @ back.T)
 
 
 def largest_gain(
