@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Shaped
 
 from lockstep.lmi.analysis.inside import inside
 
@@ -25,7 +25,7 @@ MOST_ENTRIES, PAIR = 300, 4
 seconds there, and their time grows with the third power. Ten pendulums took longer with 171 entries and 45 pairs than twenty
 did without P."""
 
-STAGES = ((8, 60), (40, 60), (200, 80))
+STAGES = ((9, 60), (41, 60), (201, 80))
 """p and the number of steps, one after the other: the frequencies are chosen anew before each."""
 
 ENOUGH = 0.9
@@ -61,8 +61,8 @@ REFINEMENTS, BETWEEN, SAME = 3, 7, 1.001
 OVERS = (1e-4, 1e-3, 5e-3, 2e-2, 0.1)
 """How far above the rho of the frequencies looked at a P is tried for, as a part of it."""
 
-Values = tuple[Float[np.ndarray, "f d"], Complex[np.ndarray, "f s d"]]
-"""The eigenvalues lambda at each frequency, and the signals s of each, of such a size that dlambda = y^H dF y."""
+Form = tuple[Complex[np.ndarray, "f d d"], Shaped[np.ndarray, "f s d"]]
+"""M at each frequency, whose eigenvalues count, and the signals s of unit vectors: dM = (y s)^H dF (y s)."""
 
 
 def least_by_frequencies(
@@ -190,8 +190,8 @@ class Response:
         F = constant * self.constant + np.tensordot(w, self.slopes[:-1], 1)
         return np.asarray(y.conj().swapaxes(1, 2) @ (F @ y))
 
-    def rho(self, y: Complex[np.ndarray, "f n_F s"], w: Float[np.ndarray, " w"]) -> Values:
-        """Return rho^2 at each frequency.
+    def rho(self, y: Complex[np.ndarray, "f n_F s"], w: Float[np.ndarray, " w"]) -> Form:
+        """Return that of rho^2.
 
         Raises:
             numpy.linalg.LinAlgError: there is none.
@@ -200,17 +200,16 @@ class Response:
         room = -Phi[:, v, v]
         np.linalg.cholesky(room)
         answer = np.linalg.solve(room, Phi[:, v, :n_xi])
-        values, xi = np.linalg.eigh(Phi[:, :n_xi, :n_xi] + Phi[:, :n_xi, v] @ answer)
-        return values, np.concatenate([xi, answer @ xi], axis=1)
+        unit = np.broadcast_to(np.eye(n_xi), (len(y), n_xi, n_xi))
+        return Phi[:, :n_xi, :n_xi] + Phi[:, :n_xi, v] @ answer, np.concatenate([unit, answer], axis=1)
 
-    def gain(self, y: Complex[np.ndarray, "f n_F s"], w: Float[np.ndarray, " w"]) -> Values:
-        """Return the square of the gain around v at each frequency, against what the multipliers grant v itself."""
+    def gain(self, y: Complex[np.ndarray, "f n_F s"], w: Float[np.ndarray, " w"]) -> Form:
+        """Return that of the square of the gain around v, against what the multipliers grant v itself."""
         granted = -np.tensordot(w, self.of_v, 1)
         root = np.linalg.inv(np.linalg.cholesky(granted)).T
         Psi = self.forms(y[:, :, self.v], w, 0.0) + granted
-        values, vectors = np.linalg.eigh(root.T @ Psi @ root)
-        signals = np.concatenate([np.zeros((len(y), self.n_xi, len(root))), root @ vectors], axis=1)
-        return values, signals
+        signals = np.concatenate([np.zeros((self.n_xi, len(root))), root])
+        return root.T @ Psi @ root, np.broadcast_to(signals, (len(y), *signals.shape))
 
     def level(self, kind: "Kind", logs: Float[np.ndarray, " w"]) -> float:
         """Return the largest eigenvalue over all frequencies; infinite where there is none."""
@@ -219,7 +218,7 @@ class Response:
     def levels(self, kind: "Kind", logs: Float[np.ndarray, " w"]) -> Float[np.ndarray, " f"]:
         """Return the largest eigenvalue at each frequency."""
         try:
-            return np.asarray(kind(self.y, np.exp(logs))[0][:, -1])
+            return np.asarray(np.linalg.eigvalsh(kind(self.y, np.exp(logs))[0])[:, -1])
         except np.linalg.LinAlgError:
             return np.full(len(self.y), np.inf)
 
@@ -249,24 +248,21 @@ class Response:
         """Return log of the p-norm of the eigenvalues and its slope in log w; infinite where there are none."""
         w = np.exp(logs)
         try:
-            values, signals = kind(y, w)
+            M, signals = kind(y, w)
         except np.linalg.LinAlgError:
             return np.inf, np.zeros_like(logs)
-        top = float(values.max())
-        if not 0 < top < np.inf:
+        norm, factor = p_norm(M, p)
+        if not np.isfinite(norm):
             return np.inf, np.zeros_like(logs)
-        powers = (np.maximum(values, 0.0) / top) ** p
-        total = float(powers.sum())
-        shares = np.sqrt(powers / np.maximum(values, 1e-300) / total)[:, None, :]
-        signals = signals * shares
+        signals = signals @ factor
         slope = np.tensordot(self.slopes[:-1], gram(y @ signals), 2)
-        if kind == self.gain:
-            weighed = signals * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-            slope += np.tensordot(self.of_v, gram(weighed[:, self.v]) - gram(signals[:, self.v]), 2)
-        return np.log(top) + np.log(total) / p, w * slope
+        if kind == self.gain:  # what is granted counts in M and is what M is measured in
+            v = signals[:, self.v]
+            slope += np.tensordot(self.of_v, gram(v @ M, v) - gram(v), 2)
+        return norm, w * slope
 
 
-Kind = Callable[[Complex[np.ndarray, "f n_F s"], Float[np.ndarray, " w"]], Values]
+Kind = Callable[[Complex[np.ndarray, "f n_F s"], Float[np.ndarray, " w"]], Form]
 
 
 def _lowered(
@@ -295,6 +291,30 @@ def _lowered(
     return logs, level
 
 
-def gram(signals: Complex[np.ndarray, "f n s"]) -> Float[np.ndarray, "n n"]:
-    """Return the real part of sum s s^H."""
-    return np.asarray(np.tensordot(signals, signals.conj(), ([0, 2], [0, 2])).real)
+def p_norm(M: Complex[np.ndarray, "f d d"], p: int) -> tuple[float, Complex[np.ndarray, "f d d"]]:
+    """Return log of (sum_f tr M_f^p)^(1/p) and factors S_f of its slope, <sum S_f S_f^H, dM_f>; infinite where there is none.
+
+    Args:
+        M: Hermitian, positive semidefinite but for rounding.
+        p: odd. M^((p - 1) / 2) is a few products, where the eigenvectors take ten times as long.
+    """
+    assert p % 2, "half of p - 1 is a power"
+    size = float(np.abs(M).max(initial=0.0))
+    if not 0 < size < np.inf:
+        return np.inf, M
+    # Within a factor d^(1/8) of the largest eigenvalue, so that no power of it is lost.
+    size *= float(np.linalg.norm(np.linalg.matrix_power(M / size, 4), axis=(1, 2)).max()) ** 0.25
+    unit = M / size
+    factor = np.linalg.matrix_power(unit, (p - 1) // 2)
+    total = float(np.vdot(factor, unit @ factor).real)
+    if not total > 0:
+        return np.inf, M
+    return np.log(size) + np.log(total) / p, factor / np.sqrt(total * size)
+
+
+def gram(
+    signals: Complex[np.ndarray, "f n s"], others: Complex[np.ndarray, "f n s"] | None = None
+) -> Float[np.ndarray, "n n"]:
+    """Return the real part of sum s t^H, by default of s s^H."""
+    others = signals if others is None else others
+    return np.asarray(np.tensordot(signals, others.conj(), ([0, 2], [0, 2])).real)

@@ -19,7 +19,8 @@ from lockstep.lmi.workers import started_without_interrupts
 DRAWN, KEPT, DRAWN_OF_LARGE = 4, 2, 2
 """Starts drawn for each one that is polished, and how many of these are taken further: most of a search is spent on
 few of them (successive halving; Jamieson and Talwalkar 2016). Of large loops fewer are drawn: each takes a minute. Where P is
-eliminated each takes minutes: no more are drawn than are asked for, and half of them are taken further."""
+eliminated each takes minutes: no more are drawn than are asked for, half of them are taken further, and these are pursued one
+after the other, until one has a certificate."""
 
 SETTLED = 0.002
 """The part of rho that a stride has to gain when the best outcome is polished to its end."""
@@ -92,10 +93,14 @@ def search_gains(
         held = cores.run((0.6, 0.6), hold, [(search, score, one, deadline) for one in further], deadline)
         further = held + further[len(held) :]
         further.sort(key=lambda one: one.rank)
-    pursued = (further or [one for one in drawn if one.abscissa < 0])[:starts]
-    ends = cores.run(
-        (0.6, 0.9), _pursue, [(search, score, one.index, one.at, rho, deadline) for one in pursued]
-    )
+    pursued = (further or [one for one in drawn if one.abscissa < 0][: 1 if eliminates else starts])[:starts]
+    ends: list[tuple[Climbed | None, Polished | None]] = []
+    for some in [[one] for one in pursued] if eliminates else [pursued]:
+        ends += cores.run(
+            (0.6, 0.9), _pursue, [(search, score, one.index, one.at, rho, deadline) for one in some]
+        )
+        if any(outcome is not None for _, outcome in ends):
+            break
     outcomes = sorted((outcome for _, outcome in ends if outcome is not None), key=lambda one: one.rank)
     least = min((one.rho for one in outcomes), default=np.inf)
     if rho is not None:

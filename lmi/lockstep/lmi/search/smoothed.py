@@ -30,7 +30,7 @@ from jaxtyping import Complex, Float, Shaped
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Loop
-from lockstep.lmi.analysis.by_frequencies import frequencies_of, gram, least_counted, thinned
+from lockstep.lmi.analysis.by_frequencies import Form, frequencies_of, gram, least_counted, p_norm, thinned
 from lockstep.lmi.analysis.solve import AffineF, eliminates_P
 from lockstep.lmi.sampled.descending.response import Poles
 from lockstep.lmi.search.stabilise import descend
@@ -38,9 +38,9 @@ from lockstep.lmi.search.stabilise import descend
 Stages = tuple[tuple[int, int], ...]
 """p and the number of steps of each stage; the frequencies are chosen anew before each."""
 
-TO_A_CERTIFICATE: Stages = ((4, 30), (4, 30), (8, 30), (12, 60), (24, 60), (60, 60))
-TO_SMALL_RHO: Stages = ((4, 60), (4, 60), (12, 60))
-ON_TO_THE_MAXIMUM: Stages = ((12, 100), (32, 100), (100, 100))
+TO_A_CERTIFICATE: Stages = ((5, 30), (5, 30), (9, 30), (13, 60), (25, 60), (61, 60))
+TO_SMALL_RHO: Stages = ((5, 60), (5, 60), (13, 60))
+ON_TO_THE_MAXIMUM: Stages = ((13, 100), (33, 100), (101, 100))
 """From stable gains to ones with some rho; from there to a small rho, which tells promising gains from others; and on
 from those."""
 
@@ -88,15 +88,16 @@ class Descended:
 
 
 class _Response(NamedTuple):
-    """The resolvent by the modes of A_cl, the states X it makes of the signals, and the eigenvalues with theirs."""
+    """The resolvent by the modes of A_cl, the states X it makes of the signals, M whose eigenvalues count, and the signals of
+    unit vectors, with which dM = (X s)^H dW (X s)."""
 
     modes: Complex[np.ndarray, "n n"]
     back: Complex[np.ndarray, "n n"]
     resolvent: Complex[np.ndarray, "f n"]
     X: Complex[np.ndarray, "f n s"]
     W: Float[np.ndarray, "n n"]
-    values: Float[np.ndarray, "f d"]
-    signals: Complex[np.ndarray, "f s d"]
+    M: Complex[np.ndarray, "f d d"]
+    signals: Shaped[np.ndarray, "f s d"]
 
 
 class SmoothedNorm:
@@ -169,11 +170,10 @@ class SmoothedNorm:
         barrier, here = self._barrier(K, BARRIER / p), self._response(K, w, rho_0, frequencies)
         if barrier is None or here is None:
             return np.inf, np.zeros_like(x)
-        top = float(here.values.max())
-        powers = (np.maximum(here.values, 0.0) / top) ** p
-        total = float(powers.sum())
-        shares = np.sqrt(powers / np.maximum(here.values, 1e-300) / total)[:, None, :]
-        signals = here.signals * shares
+        norm, factor = p_norm(here.M, p)
+        if not np.isfinite(norm):
+            return np.inf, np.zeros_like(x)
+        signals = here.signals @ factor
         states = here.X @ signals
         seen = self.seen @ states + self.noise @ signals
         pushed = self._each(self.effort @ K, seen)
@@ -184,10 +184,9 @@ class SmoothedNorm:
         for i, (out, into) in enumerate(zip(self._parts(pushed), self._parts(seen), strict=True)):
             of_K[i] += 2 * np.tensordot(out.conj(), into, ([0, 2], [0, 2])).real
         v = signals[:, : self.n_v]
-        if rho_0 is not None:
-            v = v * np.sqrt(np.maximum(here.values, 0.0))[:, None, :]
-        of_w = np.tensordot(self.W, gram(states), 2) - np.tensordot(self.D, gram(v), 2)
-        value = np.log(top) + np.log(total / len(frequencies)) / p + barrier[0]
+        granted = gram(v) if rho_0 is None else gram(v @ here.M, v)
+        of_w = np.tensordot(self.W, gram(states), 2) - np.tensordot(self.D, granted, 2)
+        value = norm - np.log(len(frequencies)) / p + barrier[0]
         each = (of_K * self.units).reshape(self.agents, -1).sum(axis=0)
         return float(value), np.concatenate([each, (w * of_w).reshape(-1, self.pairs).sum(axis=1)])
 
@@ -200,7 +199,7 @@ class SmoothedNorm:
     ) -> Float[np.ndarray, " f"]:
         """Return the largest eigenvalue at each frequency; infinite where there is none."""
         here = self._response(*self.unpack(x), rho_0, frequencies)
-        return np.full(len(frequencies), np.inf) if here is None else here.values.max(axis=1)
+        return np.full(len(frequencies), np.inf) if here is None else np.linalg.eigvalsh(here.M)[:, -1]
 
     def _response(
         self,
@@ -219,12 +218,12 @@ class SmoothedNorm:
             back = np.linalg.inv(modes)
             X = modes @ (resolvent[:, :, None] * (back @ self._into(K)))
             Psi = self._Psi(K, W, X)
-            values, signals = self._rho(Psi, D) if rho_0 is None else self._gain(Psi, D, rho_0)
+            M, signals = self._rho(Psi, D) if rho_0 is None else self._gain(Psi, D, rho_0)
         except np.linalg.LinAlgError:
             return None
-        if not 0 < values.max() < np.inf:
+        if not np.isfinite(M).all():
             return None
-        return _Response(modes, back, resolvent, X, W, values, signals)
+        return _Response(modes, back, resolvent, X, W, M, signals)
 
     def worst(
         self, K: Float[np.ndarray, "N k l"], w: Float[np.ndarray, " w"], frequencies: Float[np.ndarray, " f"]
@@ -263,27 +262,20 @@ class SmoothedNorm:
         parts = signals.reshape(len(signals), self.shape[0], -1, signals.shape[2])
         return np.moveaxis(parts, 1, 0)
 
-    def _rho(
-        self, Psi: Complex[np.ndarray, "f s s"], D: Float[np.ndarray, "v v"]
-    ) -> tuple[Float[np.ndarray, "f d"], Complex[np.ndarray, "f s d"]]:
-        """Return the eigenvalues of rho^2 at each frequency, and the signals (v, xi) of each."""
+    def _rho(self, Psi: Complex[np.ndarray, "f s s"], D: Float[np.ndarray, "v v"]) -> Form:
+        """Return that of rho^2 at each frequency, the signals being (v, xi)."""
         n_v = self.n_v
-        if not n_v:
-            return np.linalg.eigh(Psi)
         room = D - Psi[:, :n_v, :n_v]
         np.linalg.cholesky(room)
         answer = np.linalg.solve(room, Psi[:, :n_v, n_v:])
-        values, xi = np.linalg.eigh(Psi[:, n_v:, n_v:] + Psi[:, n_v:, :n_v] @ answer)
-        return values, np.concatenate([answer @ xi, xi], axis=1)
+        unit = np.broadcast_to(np.eye(answer.shape[2]), (len(Psi), *(answer.shape[2],) * 2))
+        return Psi[:, n_v:, n_v:] + Psi[:, n_v:, :n_v] @ answer, np.concatenate([answer, unit], axis=1)
 
-    def _gain(
-        self, Psi: Complex[np.ndarray, "f s s"], D: Float[np.ndarray, "v v"], rho_0: float
-    ) -> tuple[Float[np.ndarray, "f s"], Complex[np.ndarray, "f s s"]]:
-        """Return the eigenvalues of Psi against diag(D, rho_0^2 I) at each frequency, and the signals of each."""
+    def _gain(self, Psi: Complex[np.ndarray, "f s s"], D: Float[np.ndarray, "v v"], rho_0: float) -> Form:
+        """Return Psi against diag(D, rho_0^2 I) at each frequency."""
         root = np.eye(Psi.shape[1]) / rho_0
         root[: self.n_v, : self.n_v] = np.linalg.inv(np.linalg.cholesky(D)).T
-        values, vectors = np.linalg.eigh(root.T @ Psi @ root)
-        return values, root @ vectors
+        return root.T @ Psi @ root, np.broadcast_to(root, Psi.shape)
 
     def _barrier(
         self, K: Float[np.ndarray, "N k l"], weight: float
