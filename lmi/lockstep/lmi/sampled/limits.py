@@ -20,7 +20,6 @@ from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.limits import proves_gain, proves_radius
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.check.sampled.performance import running_cost
-from lockstep.lmi.analysis.solve import run
 from lockstep.lmi.sampled.candidates import REACHES, ROUNDINGS, confirmed, is_large, priced, priced_anew
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.convex import step_program
@@ -46,6 +45,9 @@ SCALES = (-3.0, 3.0)
 
 FACTORS = tuple(10.0 ** (exponent / 2) for exponent in range(-6, 7))
 """By which given pair weights are multiplied, from where they cost what the inputs do."""
+
+PARTS, MOST_ADDED, HELPS = tuple(10.0 ** (exponent / 2) for exponent in range(-8, 5)), 4, 0.98
+"""How much of another P, both of norm 1, is added to the best one; how many are; and what gamma has to fall to."""
 
 DULL = 1e-6
 """Of the largest cost, what a state costs that no input sees: V has to grow with every state."""
@@ -130,38 +132,37 @@ def level_of_given_weights(
     decay: float,
     m: Float[np.ndarray, " pairs"],
 ) -> tuple[float, Witness] | None:
-    """Return what `least_level` does, P and the weights being sums of some with theta >= 0; or None.
+    """Return what `least_level` does, P and the weights being sums of some; or None.
 
     Each P is the smallest with m times a factor and a cost of each sample: of the inputs, of the disagreement, or of the
-    controllers and the inputs held. The inequality is convex in P and the weights together, so that sums satisfy it too.
+    controllers and the inputs held. The inequality is convex in P and the weights together, so that sums satisfy it too: to
+    the best one another is added, the one that helps most, as long as it helps.
     """
-    import cvxpy as cp
-
-    n, n_d, form, smallest = loop.n_xi, loop.n_d, np.asarray(metric(loop)), []
+    n, n_d, form, found = loop.n_xi, loop.n_d, np.asarray(metric(loop)), list[_Stored | None]()
     size = float(np.linalg.norm(rows, 2)) ** 2
     alike = size / (float(np.linalg.norm(copies(one, multiplier(loop.network.d, m)).Q, 2)) or 1.0)
     others = np.diag(np.arange(n) >= n_d).astype(float)
     for cost in (rows.T @ rows, padded(loop, size * form / np.linalg.norm(form, 2)), size * others):
         costs = block_diag(cost + DULL * size * np.eye(n), np.zeros((loop.n_z - n,) * 2))
-        smallest += [_smallest(loop, one, alike * factor * m, decay, costs) for factor in FACTORS]
-    found = [each for each in smallest if each is not None]
-    if not found:
+        found += [_smallest(loop, one, alike * factor * m, decay, costs) for factor in FACTORS]
+    root = np.linalg.inv(np.linalg.cholesky(form))
+
+    def measured(P: Float[np.ndarray, "n n"]) -> tuple[float, float]:
+        reach = float((rows.T * np.linalg.solve(P, rows.T)).sum(axis=0).max())
+        return reach * float(np.linalg.eigvalsh(root @ P[:n_d, :n_d] @ root.T)[-1]), reach
+
+    some = [each for each in found if each is not None]
+    if not some:
         return None
-    L = np.linalg.cholesky(sum(P for P, _ in found))
-    seen, metric_root = np.linalg.solve(L, rows.T).T, np.linalg.inv(np.linalg.cholesky(form))
-    unit = float(np.linalg.norm(seen, axis=1).max())
-    theta, gamma = cp.Variable(len(found), nonneg=True), cp.Variable()
-    V = sum(theta[k] * _congruent(P, np.linalg.inv(L)) for k, (P, _) in enumerate(found))
-    apart = [_congruent(P[:n_d, :n_d], metric_root) for P, _ in found]
-    most = max(float(np.linalg.norm(each, 2)) for each in apart)
-    conditions = [V - np.outer(row, row) / unit**2 >> 0 for row in seen if row.any()]
-    conditions.append(gamma * np.eye(n_d) - sum(theta[k] * each / most for k, each in enumerate(apart)) >> 0)
-    if not run(cp.Problem(cp.Minimize(gamma), conditions)) or theta.value is None:
-        return None
-    P, weights = (sum(t * each[k] for t, each in zip(theta.value, found, strict=True)) for k in (0, 1))
-    scale = float((rows.T * np.linalg.solve(P, rows.T)).sum(axis=0).max())
-    least = scale * float(np.linalg.eigvalsh(_congruent(P[:n_d, :n_d], metric_root))[-1])
-    return least, priced(loop, scale * weights, np.zeros(len(loop.ways)), 0.0, decay=decay, P=scale * P)
+    least, (P, weights) = min(((measured(each[0])[0], each) for each in some), key=lambda tried: tried[0])
+    for _ in range(MOST_ADDED):
+        sums = ((P + part * Q, weights + part * w) for Q, w in some for part in PARTS)
+        less, better = min(((measured(each[0])[0], each) for each in sums), key=lambda tried: tried[0])
+        if less > HELPS * least:
+            break
+        least, (P, weights) = less, (each / np.linalg.norm(better[0], 2) for each in better)
+    gamma, reach = measured(P)
+    return gamma, priced(loop, reach * weights, np.zeros(len(loop.ways)), 0.0, decay=decay, P=reach * P)
 
 
 def _smallest(
@@ -177,10 +178,6 @@ def _smallest(
         problem = storage_problem(exact, copies(one, multiplier(loop.network.d, m)), prices, cost)
         P = None if problem is None else problem.smallest(decay)
     return None if P is None else (P / np.linalg.norm(P, 2), m / np.linalg.norm(P, 2))
-
-
-def _congruent(P: Float[np.ndarray, "n n"], back: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    return np.asarray(back @ P @ back.T)
 
 
 def largest_gain(

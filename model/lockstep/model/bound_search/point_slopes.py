@@ -51,11 +51,9 @@ class PointSlopes:
         entries = self._program.on_boxes(here, here)
         columns = len(self.objective.narrow[0])
         J = [entries[i : i + columns] for i in range(0, len(entries), columns)]
-        middle = np.array([[0.5 * low[0] + 0.5 * high[0] for low, high in row] for row in J])
-        if not np.isfinite(middle).all():
-            return -1.0
         with np.errstate(all="ignore"):
-            return _lower_norm(J, middle)
+            middle = np.array([[0.5 * low[0] + 0.5 * high[0] for low, high in row] for row in J])
+            return _lower_norm(J, middle) if np.isfinite(middle).all() else -1.0
 
 
 def _norms(J: Float[np.ndarray, "points rows columns"]) -> Float[np.ndarray, " points"]:
