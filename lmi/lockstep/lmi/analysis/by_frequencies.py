@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float, Shaped
+from jaxtyping import Bool, Complex, Float, Shaped
 
 from lockstep.lmi.analysis.inside import inside
 
@@ -49,7 +49,10 @@ NEGLIGIBLE = 4e-3
 APART = 1.03
 """Frequencies of a large loop are at least this factor apart: its poles are those of one agent many times, nearly."""
 
-SETTLED = 1e-7
+FEW_APART = 1.3
+"""The factor between the frequencies that count wherever the top is."""
+
+SETTLED = 1e-5
 """A descent ends where a step promises to lower log rho^2 by less."""
 
 ROOMS = (3e-3, 1e-3, 3e-4, 1e-4)
@@ -70,12 +73,15 @@ def least_by_frequencies(
     constant: Float[np.ndarray, "n_F n_F"],
     slopes: Float[np.ndarray, "w n_F n_F"],
     near: Float[np.ndarray, " w"] | None = None,
+    *,
+    any_rho: bool = False,
 ) -> tuple[Float[np.ndarray, "n_x n_x"], Float[np.ndarray, " w"]] | None:
     """Return P and multipliers, rho^2 the last and small, with F < 0; None where none were found.
 
     Args:
         Z, constant, slopes: F = J P Z + (J P Z)' + constant + sum_k w_k slopes_k, J = [I; 0].
         near: multipliers to start from.
+        any_rho: whether rho^2 may be as it comes.
     """
     if np.linalg.eigvals(Z[:, : len(Z)]).real.max() >= 0:
         return None
@@ -86,8 +92,8 @@ def least_by_frequencies(
         if gain >= 1:
             return None
         logs = response.scaled(logs)
-    logs, square = _lowered(response, response.rho, logs)
-    for _ in range(REFINEMENTS):
+    logs, square = _lowered(response, response.rho, logs, stages=() if any_rho else STAGES)
+    for _ in range(0 if any_rho else REFINEMENTS):
         response = Response.of(Z, constant, slopes, response.between(logs))
         if response.level(response.rho, logs) <= SAME * square:
             break
@@ -120,15 +126,15 @@ def frequencies_of(poles: Complex[np.ndarray, " n"], grid: int = GRID) -> Float[
     return np.unique(np.concatenate([[0.0], between, sizes, swinging.imag, near[near > 0]]))
 
 
-def thinned(frequencies: Float[np.ndarray, " f"]) -> Float[np.ndarray, " f"]:
-    """Return rising frequencies without those next to the one before.
+def thinned(frequencies: Float[np.ndarray, " f"], apart: float = APART) -> Float[np.ndarray, " f"]:
+    """Return rising frequencies without those less than a factor above the one before.
 
     >>> thinned(np.array([0.0, 1.0, 1.01, 1.02, 1.04, 2.0])).tolist()
     [0.0, 1.0, 1.04, 2.0]
     """
     kept = [float(frequencies[0])]
     for one in frequencies[1:]:
-        if one >= APART * kept[-1]:
+        if one >= apart * kept[-1]:
             kept.append(float(one))
     return np.array(kept)
 
@@ -136,6 +142,17 @@ def thinned(frequencies: Float[np.ndarray, " f"]) -> Float[np.ndarray, " f"]:
 def least_counted(p: int) -> float:
     """Return the part of the largest eigenvalue below which a frequency hardly counts in the p-norm."""
     return float(NEGLIGIBLE ** (1 / p))
+
+
+def counted(
+    frequencies: Float[np.ndarray, " f"], levels: Float[np.ndarray, " f"], p: int
+) -> Bool[np.ndarray, " f"]:
+    """Tell which frequencies count in the p-norm, by their largest eigenvalues: those near the top, and a few over the range.
+
+    Without the few a descent lowers the top and raises what it does not see.
+    """
+    few = np.isin(frequencies, thinned(frequencies, FEW_APART))
+    return np.asarray(few | (levels >= least_counted(p) * levels.max()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,7 +298,7 @@ def _lowered(
             break
         here = response.levels(kind, logs)
         for _ in range(len(STAGES)):
-            y = response.y[here >= least_counted(p) * level]
+            y = response.y[counted(response.frequencies, here, p)]
             trial = descend(lambda at: response.value(kind, at, p, y), logs, steps, SETTLED)  # noqa: B023
             there = response.levels(kind, trial)
             if there.max() <= level:

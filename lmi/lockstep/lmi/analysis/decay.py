@@ -78,4 +78,4 @@ def _holds(network: Network, gains: Gains, claim: Claim, modal: bool) -> bool:
 
     if modal:
         return least_sigma(network, gains, claim) is not None
-    return least_rho(network.loop(gains.order), gains.blocks, claim) is not None
+    return least_rho(network.loop(gains.order), gains.blocks, claim, any_rho=True) is not None

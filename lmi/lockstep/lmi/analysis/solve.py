@@ -100,17 +100,23 @@ def eliminates_P(loop: Loop) -> bool:
 
 
 def least_rho(
-    loop: Loop, gains: Float[np.ndarray, "N k l"], claim: Claim, near: Certificate | None = None
+    loop: Loop,
+    gains: Float[np.ndarray, "N k l"],
+    claim: Claim,
+    near: Certificate | None = None,
+    *,
+    any_rho: bool = False,
 ) -> Certificate | None:
     """Minimise rho^2 over P > 0, m >= 0, t >= 0 with F <= 0; None where the solver finds nothing.
 
     near: multipliers and a rho of these gains, or of gains next to them: where they are right, the solver takes its units
     from a point inside.
+    any_rho: whether it need not be the least, which takes a large loop most of its time.
     """
     form = AffineF(loop, gains, claim)
     if eliminates_P(loop):
         known = None if near is None else form.multipliers(near)
-        at = least_by_frequencies(form.Z, form.constant, form.slopes, known)
+        at = least_by_frequencies(form.Z, form.constant, form.slopes, known, any_rho=any_rho)
         return None if at is None else form.certificate(*at)
     balanced = balance(form)
     if balanced is None:

@@ -30,7 +30,7 @@ from jaxtyping import Complex, Float, Shaped
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Loop
-from lockstep.lmi.analysis.by_frequencies import Form, frequencies_of, gram, least_counted, p_norm, thinned
+from lockstep.lmi.analysis.by_frequencies import Form, counted, frequencies_of, gram, p_norm, thinned
 from lockstep.lmi.analysis.solve import AffineF, eliminates_P
 from lockstep.lmi.sampled.descending.response import Poles
 from lockstep.lmi.search.stabilise import descend
@@ -47,8 +47,8 @@ from those."""
 ENOUGH = 0.5
 """The square of the gain at rho_0 below which rho itself is lowered: less than one, with room."""
 
-SETTLED = 1e-6
-"""A descent ends where a step promises to lower the logarithm of rho^2 by less."""
+SETTLED, SETTLED_OF_LARGE = 1e-6, 1e-4
+"""A descent ends where a step promises to lower the logarithm of rho^2 by less; of a large loop a step takes seconds."""
 
 GENEROUS = 100.0
 """By how much W exceeds what R and Q need to begin with, and rho_0^2 what the disturbance needs."""
@@ -338,10 +338,10 @@ def _stage(norm: SmoothedNorm, x: Vector, rho_0: float | None, p: int, steps: in
     """Lower the p-norm; where the new x peaks between the frequencies, start again with those of the new x too."""
     frequencies = norm.frequencies(x)
     levels = norm.levels(x, rho_0, frequencies)
-    before = float(levels.max())
-    for _ in range(RETRIES):
-        used = frequencies[levels >= least_counted(p) * levels.max()] if norm.thins else frequencies
-        trial = descend(lambda at: norm.value(at, rho_0, p, used), x, steps, SETTLED)  # noqa: B023
+    before, settled = float(levels.max()), SETTLED_OF_LARGE if norm.thins else SETTLED
+    for turn in range(RETRIES):
+        used = frequencies[counted(frequencies, levels, p)] if norm.thins and not turn else frequencies
+        trial = descend(lambda at: norm.value(at, rho_0, p, used), x, steps, settled)  # noqa: B023
         seen = np.union1d(frequencies, norm.frequencies(trial))
         there = norm.levels(trial, rho_0, seen)
         level = float(there.max())
