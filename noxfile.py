@@ -64,3 +64,10 @@ def lowest(session: nox.Session) -> None:
         "auto",
         *DESIGNS,
     )
+
+
+@nox.session
+def benchmarks(session: nox.Session) -> None:
+    """Measure the ratios of the benchmarks, and say what moved by more than its noise: by hand, on an idle machine."""
+    session.install("-e", ".[dev]")
+    session.run("python", "benchmarks/moved.py", *session.posargs)

@@ -1,13 +1,13 @@
 """Modal designs of carts for 10, 1 000 and 100 000 agents: time and memory of design and certify, each in its own process.
 
-    python benchmarks/modal.py [N ...]
+    python benchmarks/modal.py [--json] [N ...]
 
 Ten are on a ring; a thousand and more on a random 8-regular graph in a Matrix Market file. Printed are seconds of
 processor, the largest resident memory, rho, rho of the sampled loop, and how the graph's spectrum is known.
 """
 
+import argparse
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -58,20 +58,31 @@ def network(folder, N):
     return 'file = "graph.mtx"'
 
 
+def measured(N):
+    """Return the figures of one design, in a process of its own."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        (folder / "carts.toml").write_text(PROBLEM.format(network=network(folder, N)))
+        command = [sys.executable, "-c", ONE, str(folder / "carts.toml"), str(folder / "carts.json")]
+        return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+
 def main():
-    print(f"{'N':>8}{'design s':>10}{'certify s':>11}{'MiB':>7}{'rho':>9}{'sampled':>9}  graph")
-    for N in map(int, sys.argv[1:] or ("10", "1000", "100000")):
-        with tempfile.TemporaryDirectory() as place:
-            folder = Path(place)
-            (folder / "carts.toml").write_text(PROBLEM.format(network=network(folder, N)))
-            command = [sys.executable, "-c", ONE, str(folder / "carts.toml"), str(folder / "carts.json")]
-            made = subprocess.run(command, capture_output=True, text=True, check=True)
-        m = json.loads(made.stdout)
-        numbers = (
-            f"{N:8}{m['design']:10.1f}{m['certify']:11.1f}{m['MiB']:7.0f}{m['rho']:9.4g}{m['sampled']:9.4g}"
-        )
-        print(f"{numbers}  {m['graph_proof']}{'' if m['ok'] else ', not certified'}", flush=True)
-    print(f"(children: {resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime:.0f} s of processor)")
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("sizes", nargs="*", type=int, default=[10, 1000, 100_000], metavar="N")
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    found = {}
+    if not asked.json:
+        print(f"{'N':>8}{'design s':>10}{'certify s':>11}{'MiB':>7}{'rho':>9}{'sampled':>9}  graph")
+    for N in asked.sizes:
+        m = found[N] = measured(N)
+        spent = f"{N:8}{m['design']:10.1f}{m['certify']:11.1f}{m['MiB']:7.0f}"
+        if not asked.json:
+            said = f"{m['graph_proof']}{'' if m['ok'] else ', not certified'}"
+            print(f"{spent}{m['rho']:9.4g}{m['sampled']:9.4g}  {said}", flush=True)
+    if asked.json:
+        print(json.dumps(found, indent=1))
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
-"""Gains of their own for 10, 20 and 50 agents: design, proof of given gains, and the inequality written plainly for a solver.
+"""Gains of their own for 3 to 50 agents: design, proof of given gains, and two inequalities written plainly for a solver.
 
-    python benchmarks/own_gains.py [--design N]... [--given N]... [--limit SECONDS]
+    python benchmarks/own_gains.py [--design N]... [--given N]... [--limit SECONDS] [--json]
 
-Pendulums on a random 4-regular graph. Each figure is of its own process, one core. The peer is (33) with a full
-P as a control engineer would type it into cvxpy for the same gains: least rho^2 over P and the pair weights, solved by
-Clarabel, nothing rounded and nothing proved. Printed are seconds on the clock, seconds of processor, the largest resident
-memory, and rho; a run that is over the limit is stopped and says so.
+Pendulums on a random 4-regular graph (fewer than five: each hears all). Each figure is of its own process, one core. Beside
+a design stands the paper's: its LMI (34) in cvxpy, solved by Clarabel, the gains recovered by (22), and what is true of the
+loop with them. Beside the proof of given gains stands (33) with a full P as a control engineer would type it into cvxpy:
+least rho^2 over P and the pair weights, nothing rounded and nothing proved. Printed are seconds on the clock, seconds of
+processor, the largest resident memory, and rho; a run that is over the limit is stopped and says so.
 """
 
 import argparse
@@ -30,8 +31,8 @@ outputs = { y1 = "angle", y2 = "rate" }
 START = """
 import json, resource, sys, time
 began, used = time.monotonic(), time.process_time()
-def say(rho):
-    print(json.dumps({"rho": rho, "s": time.monotonic() - began, "processor": time.process_time() - used,
+def say(rho, **more):
+    print(json.dumps({"rho": rho, **more, "s": time.monotonic() - began, "processor": time.process_time() - used,
                       "MiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
 """
 
@@ -56,6 +57,21 @@ from lockstep.lmi.analysis.rounding import prove
 say(prove(network, gains, claim).rho)
 """
 
+PAPER = """
+import numpy as np
+from lockstep.check.errors import NotCertified
+from lockstep.lmi.analysis.rounding import prove
+from lockstep.lmi.methods.paper import solve_as_printed
+audit = solve_as_printed(network, 0, claim.R, claim.Q, None)
+spent = time.monotonic() - began, time.process_time() - used
+try:
+    said = prove(network, audit.gains, claim).rho
+except NotCertified:
+    said = f"none: abscissa {audit.abscissa:.2g} with the gains recovered"
+began, used = time.monotonic() - spent[0], time.process_time() - spent[1]
+say(said)
+"""
+
 PEER = """
 import cvxpy as cp, numpy as np
 loop, alpha, (N, n) = network.loop(0), claim.alpha, (network.N, network.agent.n)
@@ -78,7 +94,7 @@ say(float(square.value) ** 0.5 if program.status in ("optimal", "optimal_inaccur
 
 def problem(N: int, *, given: bool) -> str:
     """Return a problem of N pendulums, to be designed or with gains of their own."""
-    links = nx.random_regular_graph(4, N, seed=1).edges
+    links = (nx.random_regular_graph(4, N, seed=1) if N > 4 else nx.complete_graph(N)).edges
     edges = {(i + 1, j + 1) for i, j in links} | {(j + 1, i + 1) for i, j in links}
     text = f"{AGENT}[network]\nagents = {N}\nedges = {sorted(map(list, edges))}\n[design]\norder = 0\n"
     if not given:
@@ -87,32 +103,29 @@ def problem(N: int, *, given: bool) -> str:
     return f'{text}method = "given"\n' + "".join(rows)
 
 
-def measured(code: str, N: int, limit: float, *, given: bool) -> str:
-    """Run a script on a problem in a process of its own; return its figures as a row's end."""
+def measured(code: str, N: int, limit: float) -> dict[str, float | str]:
+    """Run a script on a problem in a process of its own; return its figures, or what came in their way as `rho`."""
     with tempfile.TemporaryDirectory() as place:
         file = Path(place) / "pendulums.toml"
-        file.write_text(problem(N, given=given), encoding="utf-8")
-        command = [
-            sys.executable,
-            "-W",
-            "ignore",
-            "-c",
-            START + code,
-            str(file),
-            str(Path(place) / "design.json"),
-        ]
+        file.write_text(problem(N, given=code is not DESIGN), encoding="utf-8")
+        script = ["-W", "ignore", "-c", START + code, str(file), str(Path(place) / "design.json")]
         began = time.monotonic()
         try:
-            run = subprocess.run(command, check=False, capture_output=True, text=True, timeout=limit)
+            run = subprocess.run(
+                [sys.executable, *script], check=False, capture_output=True, text=True, timeout=limit
+            )
         except subprocess.TimeoutExpired:
-            return f"  stopped after {limit:g} s"
+            return {"rho": f"stopped after {limit:g} s"}
+    spent = f"after {time.monotonic() - began:.0f} s"
     if run.returncode < 0:
-        return f"  killed by signal {-run.returncode} after {time.monotonic() - began:.0f} s"
+        return {"rho": f"killed by signal {-run.returncode} {spent}"}
     if run.returncode:
-        return f"  failed after {time.monotonic() - began:.0f} s: {run.stderr.strip().splitlines()[-1][:100]}"
-    m = json.loads(run.stdout.splitlines()[-1])
-    rho = f"{m['rho']:.4g}" if isinstance(m["rho"], float) else m["rho"]
-    return f"{m['s']:9.1f}{m['processor']:12.1f}{m['MiB']:8.0f}  {rho}"
+        return {"rho": f"failed {spent}: {run.stderr.strip().splitlines()[-1][:100]}"}
+    return json.loads(run.stdout.splitlines()[-1])
+
+
+DESIGNS = {"design, sampled and rounded": DESIGN, "the paper's LMI, recovered": PROBLEM + PAPER}
+PROOFS = {"proof for given gains": PROBLEM + PROVE, "(33) in cvxpy, nothing proved": PROBLEM + PEER}
 
 
 def main() -> None:
@@ -121,24 +134,23 @@ def main() -> None:
     parser.add_argument("--design", type=int, action="append", default=[], metavar="N")
     parser.add_argument("--given", type=int, action="append", default=[], metavar="N")
     parser.add_argument("--limit", type=float, default=1800.0, help="s for each run")
+    parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
     if not asked.design and not asked.given:
-        asked.design, asked.given = [10, 20], [10, 20, 50]
-    print(f"{'N':>4}  {'what':<28}{'s':>9}{'processor s':>12}{'MiB':>8}  rho")
-    for N in asked.design:
-        print(
-            f"{N:4}  {'design, sampled and rounded':<28}" + measured(DESIGN, N, asked.limit, given=False),
-            flush=True,
-        )
-    for N in asked.given:
-        print(
-            f"{N:4}  {'proof for given gains':<28}" + measured(PROBLEM + PROVE, N, asked.limit, given=True),
-            flush=True,
-        )
-        print(
-            f"{N:4}  {'the peer, nothing proved':<28}" + measured(PROBLEM + PEER, N, asked.limit, given=True),
-            flush=True,
-        )
+        asked.design, asked.given = [3, 5, 10, 20], [10, 20, 50]
+    rows = [(N, DESIGNS) for N in asked.design] + [(N, PROOFS) for N in asked.given]
+    found: dict[str, dict[str, float | str]] = {}
+    if not asked.json:
+        print(f"{'N':>4}  {'what':<30}{'s':>9}{'processor s':>12}{'MiB':>8}  rho")
+    for N, scripts in rows:
+        for what, code in scripts.items():
+            m = found[f"{what}, N = {N}"] = measured(code, N, asked.limit)
+            rho = f"{m['rho']:.4g}" if isinstance(m["rho"], float) else m["rho"]
+            spent = f"{m['s']:9.1f}{m['processor']:12.1f}{m['MiB']:8.0f}" if "s" in m else f"{'':29}"
+            if not asked.json:
+                print(f"{N:4}  {what:<30}{spent}  {rho}", flush=True)
+    if asked.json:
+        print(json.dumps(found, indent=1))
 
 
 if __name__ == "__main__":

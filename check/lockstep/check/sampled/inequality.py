@@ -127,7 +127,8 @@ def stored_matrix(loop: SampledLoop, witness: Witness, running: Matrix | None = 
         delta = number(np.array([way.delta]))[0]
         for k in range(way.place.start, way.place.stop):
             Z[k, k] = Z[k, k] + weight
-        Z = Z - weight * delta * delta * (way.Y.T @ way.Y)
+        seen = np.flatnonzero(~(way.Y == 0).all(axis=0))  # of balls, too, only zeros themselves are left out
+        Z[np.ix_(seen, seen)] -= weight * delta * delta * (way.Y[:, seen].T @ way.Y[:, seen])
     return Z if running is None else Z - running
 
 
