@@ -30,7 +30,8 @@ from jaxtyping import Complex, Float, Shaped
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Loop
-from lockstep.lmi.analysis.by_frequencies import Form, counted, frequencies_of, gram, p_norm, thinned
+from lockstep.lmi.analysis.by_frequencies import Form
+from lockstep.lmi.analysis.p_norm import counted, frequencies_of, gram, p_norm, thinned
 from lockstep.lmi.analysis.solve import AffineF, eliminates_P
 from lockstep.lmi.sampled.descending.response import Poles
 from lockstep.lmi.search.stabilise import descend
