@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from page import markdown, write
+
 import lockstep
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.design import given_gains
@@ -63,8 +65,7 @@ def table(rho_only: Path | None, default: Path | None) -> str:
         ).gains,
         "by default": (lockstep.load(default) if default else lockstep.design(ARMS)).gains,
     }
-    lines = [HEAD, ("---",) * len(HEAD), *(row(name, one) for name, one in gains.items())]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return markdown(HEAD, (row(name, one) for name, one in gains.items()))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -79,9 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     made = table(asked.rho_only, asked.default)
     print(made)
     if asked.write:
-        text = PAGE.read_text(encoding="utf-8")
-        head, rest = text.split(BEGIN)
-        PAGE.write_text(f"{head}{BEGIN}\n\n{made}\n\n{END}{rest.split(END)[1]}", encoding="utf-8")
+        write(PAGE, BEGIN, END, made)
 
 
 if __name__ == "__main__":

@@ -32,6 +32,7 @@ from typing import Any
 
 import tomlkit
 from designs_table import ROOT, Case, Row, Run, cases, summary, table_of, verdicts
+from page import write
 
 PAGE, RESULTS = ROOT / "docs" / "designs.md", ROOT / "build" / "designs.json"
 BEGIN, END = "<!-- table: python benchmarks/designs.py --write -->", "<!-- end of the table -->"
@@ -160,12 +161,6 @@ def machine() -> str:
     )
 
 
-def updated(page: str, text: str) -> str:
-    """Return the page with what is between its marks replaced."""
-    head, rest = page.split(BEGIN)
-    return f"{head}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}"
-
-
 def main() -> int:
     """Measure, and print or write; the exit status is 1 where --summary finds a figure that is not reached."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -187,7 +182,7 @@ def main() -> int:
     print(table_of(rows))
     if asked.write:
         text = f"{machine()}\n\n{verdicts(rows)}\n\n{table_of(rows)}"
-        asked.write.write_text(updated(asked.write.read_text(encoding="utf-8"), text), encoding="utf-8")
+        write(asked.write, BEGIN, END, text)
     if asked.summary:
         print(verdicts(rows))
     return int(asked.summary and not all(holds for holds, _ in summary(rows)))

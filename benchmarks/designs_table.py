@@ -7,6 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from page import markdown
+
 from lockstep.model.problem import Problem, load_problem
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -142,8 +144,7 @@ def cells(row: Row) -> Iterator[str]:
 
 def table_of(rows: Sequence[Row]) -> str:
     """Return the figures as a table in Markdown."""
-    lines = ["| " + " | ".join(HEAD) + " |", "|" + "---|" * len(HEAD)]
-    return "\n".join([*lines, *("| " + " | ".join(cells(row)) + " |" for row in rows)])
+    return markdown(HEAD, map(cells, rows))
 
 
 def summary(rows: Sequence[Row]) -> list[tuple[bool, str]]:

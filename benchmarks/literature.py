@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from page import markdown, write
 
 from lockstep.lmi.design import design
 from lockstep.model.problem import Problem, load_problem
@@ -119,26 +120,21 @@ def our_problem(row: Row) -> Problem:
 
 def table_of(found: Sequence[Measured]) -> str:
     """Return the figures as a table in Markdown."""
-    lines = ["| " + " | ".join(HEAD) + " |", "|" + "---|" * len(HEAD)]
-    for m in found:
-        cells = (
-            m.label,
-            str(m.their_order),
-            f"{m.their_norm:.4g}",
-            f"{m.their_rho:.4g}",
-            str(m.our_order),
-            f"{m.our_limit:.4g}",
-            f"{m.our_rho:.4g}",
-            "none" if m.floor is None else f"{m.floor:.4g}",
-        )
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+    return markdown(HEAD, (cells_of(m) for m in found))
 
 
-def updated(page: str, table: str) -> str:
-    """Return the page with the table between its marks replaced."""
-    head, rest = page.split(BEGIN)
-    return f"{head}{BEGIN}\n\n{table}\n\n{END}{rest.split(END)[1]}"
+def cells_of(m: Measured) -> tuple[str, ...]:
+    """Return a row of the table."""
+    return (
+        m.label,
+        str(m.their_order),
+        f"{m.their_norm:.4g}",
+        f"{m.their_rho:.4g}",
+        str(m.our_order),
+        f"{m.our_limit:.4g}",
+        f"{m.our_rho:.4g}",
+        "none" if m.floor is None else f"{m.floor:.4g}",
+    )
 
 
 def main() -> None:
@@ -157,7 +153,7 @@ def main() -> None:
             found.append(measured(row, asked.jobs))
             print(f"{row.name}: {found[-1].seconds:.0f} s of this process", file=sys.stderr)
     if asked.update:
-        PAGE.write_text(updated(PAGE.read_text(encoding="utf-8"), table_of(found)), encoding="utf-8")
+        write(PAGE, BEGIN, END, table_of(found))
     print(json.dumps([asdict(m) for m in found], indent=1) if asked.json else table_of(found))
 
 

@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from page import markdown, write
+
 from designs import machine
 
 HERE = Path(__file__).resolve().parent
@@ -40,6 +42,7 @@ class Ratio:
 
 
 def _between(above: str, below: str, key: str = "processor") -> Callable[[Mapping[str, Any]], float]:
+    """Return how to take the ratio of a figure that two runs of a script have."""
     return lambda said: said[above][key] / said[below][key]
 
 
@@ -144,18 +147,9 @@ def moved(before: Sequence[float], now: Sequence[float]) -> str | None:
 
 def table_of(ratios: Sequence[Ratio], kept: Mapping[str, Sequence[float]]) -> str:
     """Return the figures as a table in Markdown."""
-    lines = ["| " + " | ".join(HEAD) + " |", "|" + "---|" * len(HEAD)]
-    for one in ratios:
-        values = kept[one.name]
-        figures = (f"{x:.3g}" for x in (statistics.median(values), min(values), max(values)))
-        lines.append("| " + " | ".join((one.name, *figures, one.what)) + " |")
-    return "\n".join(lines)
-
-
-def updated(page: str, text: str) -> str:
-    """Return the page with what is between its marks replaced."""
-    head, rest = page.split(BEGIN)
-    return f"{head}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}"
+    ranges = ((one, kept[one.name]) for one in ratios)
+    figures = ((one, (statistics.median(values), min(values), max(values))) for one, values in ranges)
+    return markdown(HEAD, ((one.name, *(f"{x:.3g}" for x in three), one.what) for one, three in figures))
 
 
 def main() -> int:
@@ -172,8 +166,7 @@ def main() -> int:
     here, found = machine(), measured(ratios, asked.rounds)
     if asked.keep:
         KEPT.write_text(json.dumps({"machine": here, "ratios": found}, indent=1) + "\n", encoding="utf-8")
-        text = f"{here}\n\n{table_of(ratios, found)}"
-        PAGE.write_text(updated(PAGE.read_text(encoding="utf-8"), text), encoding="utf-8")
+        write(PAGE, BEGIN, END, f"{here}\n\n{table_of(ratios, found)}")
         return 0
     kept = json.loads(KEPT.read_text(encoding="utf-8"))
     print(f"now:  {here}\nkept: {kept['machine']}\n")

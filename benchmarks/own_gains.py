@@ -31,8 +31,8 @@ outputs = { y1 = "angle", y2 = "rate" }
 START = """
 import json, resource, sys, time
 began, used = time.monotonic(), time.process_time()
-def say(rho, **more):
-    print(json.dumps({"rho": rho, **more, "s": time.monotonic() - began, "processor": time.process_time() - used,
+def say(rho):
+    print(json.dumps({"rho": rho, "s": time.monotonic() - began, "processor": time.process_time() - used,
                       "MiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
 """
 

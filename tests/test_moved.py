@@ -15,7 +15,7 @@ def moved():
     sys.path.insert(0, str(ROOT / "benchmarks"))
     yield importlib.import_module("moved")
     sys.path.remove(str(ROOT / "benchmarks"))
-    for name in ("moved", "designs", "designs_table"):
+    for name in ("moved", "designs", "designs_table", "page"):
         del sys.modules[name]
 
 

@@ -6,7 +6,7 @@ worst operands:
     instructions <= own + sum over kinds (operations of the kind) * (most instructions of one)
 
 The first term: no loop runs longer than its constant bound, so the longest path through a step depends on which messages
-arrived or were heard before, on limits and on faults; measurements walk these paths (`benchmarks/bounds.py`), and the
+arrived or were heard before, on limits and on faults; measurements walk these paths (`benchmarks/cores/bounds.py`), and the
 coefficients are 1.3 times what bounds them. With the arithmetic in hardware that is all. The second term: operations are
 counted from the C, as on the longest path, and the routines of compiler-rt (zig) and libgcc were searched for the operands
 that take the most: subnormal ones above all, sums that cancel, NaN. It is 1.1 times what was found, and it is for any

@@ -1,8 +1,8 @@
-"""Coefficients of the bounds that the header states, as `benchmarks/bounds_fit.py` prints them.
+"""Coefficients of the bounds that the header states, as `benchmarks/cores/bounds_fit.py` prints them.
 
 Tenths, by the parts of `budget` and `bounds`; above measurements with head room: 15 % and 16 bytes of stack, 30 % and 64 of
 flash, 30 % of instructions, half as much again of those in integers.
-ROUTINES are the most instructions of soft arithmetic that `benchmarks/soft_arithmetic.py` finds.
+ROUTINES are the most instructions of soft arithmetic that `benchmarks/cores/soft_arithmetic.py` finds.
 """
 
 from lockstep.check.sampled.discretise import Real

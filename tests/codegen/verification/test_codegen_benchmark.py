@@ -1,4 +1,4 @@
-"""The machinery of benchmarks/instructions.py: equal bits where promised, and verdicts that can fail."""
+"""The machinery of benchmarks/cores/instructions.py: equal bits where promised, and verdicts that can fail."""
 
 import importlib.util
 import sys
@@ -12,7 +12,9 @@ from lockstep.verification.machines.toolchain import zig
 
 @pytest.fixture(scope="module")
 def benchmark(root):
-    spec = importlib.util.spec_from_file_location("instructions", root / "benchmarks" / "instructions.py")
+    spec = importlib.util.spec_from_file_location(
+        "instructions", root / "benchmarks" / "cores" / "instructions.py"
+    )
     module = importlib.util.module_from_spec(spec)
     sys.modules["instructions"] = module
     spec.loader.exec_module(module)

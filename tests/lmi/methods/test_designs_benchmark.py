@@ -20,7 +20,7 @@ FILES = sorted((ROOT / "benchmarks" / "designs").glob("*.toml"))
 @pytest.fixture(scope="module")
 def scripts() -> Iterator[dict[str, ModuleType]]:
     """The runner and its table, which are no part of the package."""
-    names = ("designs", "designs_table")
+    names = ("designs", "designs_table", "page")
     sys.path.insert(0, str(ROOT / "benchmarks"))
     yield {name: importlib.import_module(name) for name in names}
     sys.path.remove(str(ROOT / "benchmarks"))
@@ -193,9 +193,10 @@ def test_runs_side_by_side_keep_the_results_of_each_other(benchmark, table, tmp_
     assert len(found) == 3
 
 
-def test_the_page_keeps_what_is_around_the_table(benchmark):
+def test_the_page_keeps_what_is_around_the_table(benchmark, scripts):
     page = benchmark.PAGE.read_text(encoding="utf-8")
-    new = benchmark.updated(page, "| new |")
+    marks = benchmark.BEGIN, benchmark.END
+    new = scripts["page"].updated(page, *marks, "| new |")
     assert "| new |" in new
-    assert benchmark.updated(new, "x") == benchmark.updated(page, "x")
+    assert scripts["page"].updated(new, *marks, "x") == scripts["page"].updated(page, *marks, "x")
     assert new.split(benchmark.BEGIN)[0] == page.split(benchmark.BEGIN)[0]

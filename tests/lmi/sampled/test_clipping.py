@@ -115,8 +115,8 @@ def test_given_pair_weights_reach_no_further_than_free_ones(monkeypatch, seed):
     monkeypatch.setattr(limits, "is_large", lambda _loop: True)
     found = largest_radius(net, ones, LIMITS, free[1].m)
     assert found is not None
-    # `KEPT` leaves either of them within half a per cent of what it found.
-    assert 0.3 * free[0] <= found[0] <= 1.01 * free[0]
+    # Of these four 0.67 to 0.87 are reached; above, `KEPT` leaves either within half a per cent of what it found.
+    assert 0.6 * free[0] <= found[0] <= 1.01 * free[0]
     assert proves_radius(sampled_loop(net, ones), ones, found[1], LIMITS, found[0])
 
 

@@ -93,7 +93,8 @@ def search_gains(
         held = cores.run((0.6, 0.6), hold, [(search, score, one, deadline) for one in further], deadline)
         further = held + further[len(held) :]
         further.sort(key=lambda one: one.rank)
-    pursued = (further or [one for one in drawn if one.abscissa < 0][: 1 if eliminates else starts])[:starts]
+    stable = [one for one in drawn if one.abscissa < 0]
+    pursued = (further or (stable[:1] if eliminates else stable))[:starts]
     ends: list[tuple[Climbed | None, Polished | None]] = []
     for some in [[one] for one in pursued] if eliminates else [pursued]:
         ends += cores.run(

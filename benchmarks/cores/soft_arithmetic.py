@@ -1,6 +1,6 @@
 """The most instructions of each routine of soft arithmetic, in compiler-rt (zig) and libgcc, by search over operands.
 
-    python benchmarks/soft_arithmetic.py [--count N] [--seed S]    N random operands, and many chosen ones
+    python benchmarks/cores/soft_arithmetic.py [--count N] [--seed S]    N random operands, and many chosen ones
 
 A row says the most of any operands and of which, of v - v (`itself`), and of sums of zeros and NaN (`nothing`).
 """

@@ -1,6 +1,6 @@
 """Instructions and bytes per step on an emulated Cortex-M4F: generated code, a hand-written loop, CasADi's output.
 
-Run by hand:  python benchmarks/instructions.py [--json]
+Run by hand:  python benchmarks/cores/instructions.py [--json]
 
 All variants of a row do the same work behind the same header, are compiled with the same flags in the same run, and
 are fed the same closed-loop calls:

@@ -1,7 +1,7 @@
 """Fit the coefficients of `codegen/coefficients.py` to what `bounds.py` measured, and hold measurements to the bounds.
 
-    python benchmarks/bounds_fit.py fit FILE.jsonl...     prints the tables
-    python benchmarks/bounds_fit.py hold FILE.jsonl...    measured over bound; exits with 1 above a bound
+    python benchmarks/cores/bounds_fit.py fit FILE.jsonl...     prints the tables
+    python benchmarks/cores/bounds_fit.py hold FILE.jsonl...    measured over bound; exits with 1 above a bound
 
 A linear program: coefficients >= 0, every measurement with its head room at most the bound, and the sum of the bounds,
 each over its measurement, smallest. The routines of soft arithmetic are a table of their own (`bounds.py library`).

@@ -2,8 +2,8 @@
 
 Run by hand (each compile and run takes about half a second):
 
-    python benchmarks/bounds.py shapes [--count N] [--seed S] > FILE.jsonl
-    python benchmarks/bounds.py integers [--count N] [--seed S] > FILE.jsonl     the controllers in integers
+    python benchmarks/cores/bounds.py shapes [--count N] [--seed S] > FILE.jsonl
+    python benchmarks/cores/bounds.py integers [--count N] [--seed S] > FILE.jsonl     the controllers in integers
 
 `bounds_fit.py` fits the bounds to such files, and holds others to them; `soft_arithmetic.py` is for what is counted apart.
 
