@@ -65,19 +65,19 @@ RATIOS = (
     ),
     Ratio(
         "response",
-        ("time_response.py", "--json"),
+        ("simulation/time_response.py", "--json"),
         lambda said: 1 / said["ratio"],
         "processor of `design.response` beside `control.input_output_response` at the same error",
     ),
     Ratio(
         "campaign",
-        ("throughput.py", "--json", "--runs", "2000", "--compared", "1", "--threads", "1"),
+        ("simulation/throughput.py", "--json", "--runs", "2000", "--compared", "1", "--threads", "1"),
         lambda said: 1 / said["processor_ratio"],
         "processor of a run of the campaign beside `control.input_output_response` at the same error",
     ),
     Ratio(
         "swarm",
-        ("swarm.py", "--json", "--agents", "20000"),
+        ("simulation/swarm.py", "--json", "--agents", "20000"),
         lambda said: said["processor_ratio"],
         "processor of 20 000 arms for 10 s beside C written by hand",
     ),

@@ -30,7 +30,7 @@ def test_ten_thousand_runs_are_below_the_certified_rho_and_come_near_it(root, tm
 
 def test_throughput_is_compared_at_the_same_accuracy(root):
     """How many times faster it is belongs to the benchmark, which exits with 1 below 300; not to a test."""
-    script = root / "benchmarks" / "throughput.py"
+    script = root / "benchmarks" / "simulation" / "throughput.py"
     command = [sys.executable, str(script), "--runs", "200", "--compared", "1", "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.stderr == ""

@@ -1,6 +1,6 @@
 """Runs per second of the campaign's compiled loop against `control.input_output_response`, at the same accuracy.
 
-Run by hand:  python benchmarks/throughput.py [--runs 10000] [--compared 4] [--json]
+Run by hand:  python benchmarks/simulation/throughput.py [--runs 10000] [--compared 4] [--json]
 
 Both integrate the same thing: the three arms of generated/flexible_joint_arms with their continuous controllers, from
 the same random initial states, 10 s each, states known every millisecond (the indices need them).
@@ -29,7 +29,7 @@ from lockstep.campaign.compiled.library import load
 from lockstep.model.network import Network
 from lockstep.workflow.design import load as load_design
 
-DESIGN = Path(__file__).parents[1] / "generated" / "flexible_joint_arms"
+DESIGN = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
 HORIZON, STEP = 10.0, 1e-3
 INSTANTS = np.linspace(0, HORIZON, 101)
 TARGET = 300

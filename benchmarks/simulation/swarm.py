@@ -1,6 +1,6 @@
 """100 000 arms on a random 8-regular graph for 10 s at 10 ms: the compiled swarm beside C written by hand for it.
 
-Run by hand:  python benchmarks/swarm.py [--agents 100000] [--repeats 3] [--json]
+Run by hand:  python benchmarks/simulation/swarm.py [--agents 100000] [--repeats 3] [--json]
 
 Both take the same graph, start, gains, Runge-Kutta steps and threads, turn and turn about; the median of each counts. The
 yardstick (swarm_by_hand.c, at -O3 for this very processor, with OpenMP) computes the states and the disagreement; the swarm
@@ -26,7 +26,7 @@ from lockstep.swarm.engine import processors
 from lockstep.verification.machines.toolchain import first_compiler
 
 HERE = Path(__file__).parent
-ARMS = HERE.parent / "examples" / "flexible_joint_arms.toml"
+ARMS = HERE.parents[1] / "examples" / "flexible_joint_arms.toml"
 PERIOD, HORIZON, DEGREE, SUBSTEPS = 0.01, 10.0, 8, 2
 TARGET_RATIO, TARGET_SECONDS = 1.3, 60.0
 GAINS = (

@@ -12,7 +12,7 @@ import numpy as np
 
 import lockstep
 
-ARMS = Path(__file__).parents[1] / "generated" / "flexible_joint_arms"
+ARMS = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
 HORIZON, STEP = 5.0, 0.005
 
 
