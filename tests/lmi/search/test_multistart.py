@@ -46,8 +46,8 @@ def of(done, what: str) -> list[int]:
 
 @pytest.mark.parametrize(
     ("certified", "pursued"),
-    [({2}, [2]), ({3, 0}, [2, 3]), (set(), [2, 3])],
-    ids=["the first", "the second", "none"],
+    [({2}, [2]), ({3, 0}, [2, 3]), ({1}, [2, 3, 1]), (set(), [2, 3, 1, 0])],
+    ids=["the first", "the second", "one not taken further", "none"],
 )
 def test_of_a_large_loop_starts_are_pursued_until_one_has_a_certificate(monkeypatch, certified, pursued):
     done = searched(monkeypatch, [5.0, 4.0, 2.0, 3.0], certified, eliminates=True)

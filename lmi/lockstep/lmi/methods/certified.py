@@ -9,19 +9,23 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.continuous.inequality import Certificate, Claim
-from lockstep.check.errors import Infeasible, NotCertified, OutOfTime
+from lockstep.check.continuous.modes import Modes, check_covered
+from lockstep.check.errors import Infeasible, NotCertified, OutOfTime, ProblemError
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.decay import proved_decay
 from lockstep.lmi.analysis.limits import largest_alpha_of_any_controller, static_gains_cannot_stabilise
 from lockstep.lmi.analysis.reach import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
+from lockstep.lmi.analysis.solve import eliminates_P
 from lockstep.lmi.diagnosis.relax import hint, hint_of_stability
 from lockstep.lmi.floor.bisection import proves_that_none_carries
 from lockstep.lmi.local_sets import with_larger_set
+from lockstep.lmi.methods.modal import segment_ends
 from lockstep.lmi.sampled.descending.improve import StartingGains
 from lockstep.lmi.search import GainSearch, Polished, Score, SearchResult, search_gains
 from lockstep.lmi.search.fastest import raised_decay
 from lockstep.lmi.search.likely import likely
+from lockstep.lmi.search.modes import ModalSearch
 from lockstep.lmi.search.start import Climbed
 from lockstep.lmi.search.stopping import Deadline, NothingYet, Stop
 from lockstep.lmi.threads import one_thread
@@ -89,7 +93,11 @@ def searched(
     lag = 0.0 if score is None else (0.5 + problem.controller.delay) * problem.controller.period
     rate, refused = rate_of_controllers(problem), NotCertified("no gains were found")
     for held in decays_held(problem):
-        search = GainSearch.of(network.decaying(held).loop(problem.order), claim, table.gain_limit, lag, rate)
+        decaying = network.decaying(held)
+        modes = equal_gains(problem, decaying, claim, rate)
+        regular = len(set(network.graph.in_degrees)) == 1
+        loop = decaying.loop(problem.order)
+        search = GainSearch.of(loop, claim, table.gain_limit, lag, rate, modes, regular=regular)
         doing = f"searching for gains up to {table.gain_limit:g}, likely {likely(search, table.starts, jobs)}"
         with stop.searching():
             found = search_gains(
@@ -129,6 +137,18 @@ def searched(
     tell("looking for what is in the way", 1.0)
     said, why = hint(problem, network, claim)
     raise NotCertified(f"{refused}{said}", **refused.figures, **why)
+
+
+def equal_gains(problem: Problem, network: Network, claim: Claim, rate: float | None) -> ModalSearch | None:
+    """Return the search for gains that are equal for all agents, where it is a small part of that for gains of their own."""
+    if not eliminates_P(network.loop(problem.order)):
+        return None
+    try:
+        known = check_covered(network.matrices, claim)
+    except ProblemError:
+        return None
+    modes = Modes(network.plant, problem.order, network.decay)
+    return ModalSearch.of(modes, claim, segment_ends(network, known), problem.design.gain_limit, rate)
 
 
 def decays_held(problem: Problem) -> tuple[float, ...]:

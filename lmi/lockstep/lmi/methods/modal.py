@@ -2,7 +2,7 @@
 
     metric      w with W L symmetric, exactly: undirected graphs, or normalised by the listener's in-degree
     segments    [lower, upper] around the spectrum, cut where lambda grows by `RATIO`, one P for each
-    gains       one K for all agents from `modal_search`, from several starts
+    gains       one K for all agents from `search.modes`, from several starts
     proof       `prove_modes`: short decimals, decided exactly by `modes.decide_modes`
 
 The size of the problem does not depend on N: only the bounds on the spectrum of L are N by N.
@@ -23,8 +23,9 @@ from lockstep.check.system.loop import Gains
 from lockstep.check.system.spectrum import Metric
 from lockstep.lmi.analysis.rounding import round_up, short_gains
 from lockstep.lmi.methods.modal_common import CommonSearch
-from lockstep.lmi.methods.modal_search import ModalCandidate, ModalSearch, drawn, from_start
-from lockstep.lmi.methods.modal_witness import ModalWitness, witness
+from lockstep.lmi.methods.modal_search import ModalCandidate, drawn, from_start
+from lockstep.lmi.methods.modal_witness import ModalWitness, fine_witness, witness
+from lockstep.lmi.search.modes import ModalSearch
 from lockstep.model.network import Network
 
 OUTSIDE = 1e-9
@@ -32,11 +33,6 @@ OUTSIDE = 1e-9
 
 RATIO = 4.0
 """How far apart the ends of a segment may be while gains are searched for: finer ones cost time."""
-
-HALVINGS, WORTHWHILE = 5, 0.01
-"""For the gains found each segment is cut in two, at most so many times, until that lowers rho by less than this part of
-it. One P for lambda from 1 to 4 costs a ring of carts a factor of 2.6 over a P for each lambda: the sampled loop, whose
-certificate knows nothing of segments, would be proved a smaller rho than the continuous one."""
 
 _ANY = Claim(0.0, np.eye(1), np.eye(1), np.zeros((1, 4)))
 """A claim of nothing, for what a graph alone decides."""
@@ -48,9 +44,6 @@ FIRST_ROUNDS, KEPT = 4, 3
 """Of gains with one P: rounds of the search for all, and how many of the best go on."""
 
 POORLY = "docs/graphs.md says what does for poorly connected graphs"
-
-NARROW = 1e-6
-"""A spectrum this narrow, relatively, is one lambda."""
 
 SLACKS = (1e-3, 5e-3, 2e-2, 1e-1)
 """How far above the least rho the certificate is taken, so that rounding fits."""
@@ -162,12 +155,12 @@ def shared_gains(K: Float[np.ndarray, "a b"], order: int, N: int) -> Gains:
     return Gains.from_blocks(np.stack([K] * N), order)
 
 
-def segment_ends(network: Network, known: Metric, finer: int = 1) -> Float[np.ndarray, " s"]:
-    """Return lower, the cuts between segments in short decimals, and upper; with `finer` times as many segments."""
+def segment_ends(network: Network, known: Metric) -> Float[np.ndarray, " s"]:
+    """Return lower, the cuts between segments in short decimals, and upper."""
     if network.spectrum is not None:
         return np.array(network.spectrum)
     lower, upper = spectrum_bounds(network.graph, known)
-    count = finer * max(1, math.ceil(math.log(upper / lower) / math.log(RATIO) - 1e-6))
+    count = max(1, math.ceil(math.log(upper / lower) / math.log(RATIO) - 1e-6))
     cuts = [float(f"{lower * (upper / lower) ** (i / count):.4g}") for i in range(1, count)]
     return np.array([lower, *cuts, upper])
 
@@ -181,7 +174,10 @@ def prove_modes(network: Network, gains: Gains, claim: Claim) -> ModalCertificat
     known = check_covered(network.matrices, claim)
     modes, K = Modes(network.plant, gains.order, network.decay), gains.blocks[0]
     spread = float(as_floats(np.array([known.spread], dtype=object))[0])
-    ends, least = _fine_enough(network, known, modes, K, claim)
+    ends = segment_ends(network, known)
+    least = witness(modes, K, claim, ends) if network.spectrum is not None else None
+    if network.spectrum is None:
+        ends, least = fine_witness(modes, K, claim, ends)
     if least is None:
         raise NotCertified(
             f"no certificate was found for these gains at alpha = {claim.alpha:.6g}", alpha=claim.alpha
@@ -220,25 +216,6 @@ def least_sigma(network: Network, gains: Gains, claim: Claim) -> float | None:
     modes = Modes(network.plant, gains.order, network.decay)
     found = witness(modes, gains.blocks[0], claim, segment_ends(network, known))
     return None if found is None else found.sigma
-
-
-def _fine_enough(
-    network: Network, known: Metric, modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim
-) -> tuple[Float[np.ndarray, " s"], ModalWitness | None]:
-    """Return segments that are so fine that finer ones lower rho little, and the least sigma with them."""
-    ends = segment_ends(network, known)
-    least = witness(modes, K, claim, ends)
-    for k in range(1, HALVINGS + 1):
-        if ends[-1] <= ends[0] * (1 + NARROW) or network.spectrum is not None:
-            break
-        finer = segment_ends(network, known, 2**k)
-        found = witness(modes, K, claim, finer)
-        if found is None:
-            break
-        before, ends, least = least, finer, found
-        if before is not None and found.sigma > (1 - WORTHWHILE) ** 2 * before.sigma:
-            break
-    return ends, least
 
 
 def _shortest(

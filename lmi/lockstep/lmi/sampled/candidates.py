@@ -51,9 +51,9 @@ reaches, as in a mode that no input moves, has an X of zero and a P without end;
 FREE_RATES, FREE_RMS, FREE_CLAIMED = (0.1, 0.15, 0.2, 0.225), (0.9, 0.75, 0.6), 0.97
 """As `RATES`, `RMS` and `CLAIMED`, where the pair weights are free: half of what the noise can reach, or less, comes out."""
 
-MOST_STATES, MOST_PAIRS = 30, 15
-"""Of a loop whose weights are freed: a program takes a second with 14 states and a minute with 40, and 20 s with 18 and the
-45 pairs of ten agents."""
+SOME_STATES, MOST_STATES, MOST_PAIRS = 18, 30, 15
+"""Of a loop whose weights are freed for all rates and root mean squares, for one of each, and at all: a program takes a second
+with 14 states, 20 s with 28, a minute with 40, and 20 s with 18 and the 45 pairs of ten agents."""
 
 HALVINGS = 9
 """Of 24 decades: the least price to a tenth of a decade."""
@@ -93,9 +93,10 @@ def _promised(witness: Witness) -> float:
 def _with_free_weights(loop: SampledLoop, one: Lifted, radius: float) -> Iterator[Witness]:
     """Yield witnesses of the convex program: the least price of the noise with V >= |x_d|^2, and so with a weight of it."""
     distance, spread = metric_of(loop), 1 - radius**2
-    for rate in () if is_large(loop) else FREE_RATES:
+    rates, parts = (FREE_RATES, FREE_RMS) if loop.n_xi <= SOME_STATES else (FREE_RATES[1:2], FREE_RMS[1:2])
+    for rate in () if is_large(loop) else rates:
         least = None
-        for part in (None, *FREE_RMS):
+        for part in (None, *parts):
             weight = 0.0 if part is None or least is None else rate * spread / (part**2 * least)
             program = step_program(loop, one, 1 - rate * spread, distance, noise=True, weight=weight)
             found = None if program is None else program.least(program.kappa, [program.P >> distance], weight)

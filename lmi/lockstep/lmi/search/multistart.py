@@ -19,8 +19,8 @@ from lockstep.lmi.workers import started_without_interrupts
 DRAWN, KEPT, DRAWN_OF_LARGE = 4, 2, 2
 """Starts drawn for each one that is polished, and how many of these are taken further: most of a search is spent on
 few of them (successive halving; Jamieson and Talwalkar 2016). Of large loops fewer are drawn: each takes a minute. Where P is
-eliminated each takes minutes: no more are drawn than are asked for, half of them are taken further, and these are pursued one
-after the other, until one has a certificate."""
+eliminated each takes minutes: no more are drawn than are asked for, half of them are taken further, and these, then all as
+they were drawn, are pursued one after the other, until one has a certificate."""
 
 SETTLED = 0.002
 """The part of rho that a stride has to gain when the best outcome is polished to its end."""
@@ -81,7 +81,8 @@ def search_gains(
         (0.0, 0.4), begin, [(search, score, seed, index, deadline) for index in range(count)], deadline
     )
     drawn.sort(key=lambda one: one.rank)
-    promising = [one for one in drawn if np.isfinite(one.at.rho)][:kept]
+    finite = [one for one in drawn if np.isfinite(one.at.rho)]
+    promising = finite[:kept]
     further = cores.run((0.4, 0.6), go_on, [(search, score, one, deadline) for one in promising], deadline)
     further += promising[len(further) :]
     further.sort(key=lambda one: one.rank)
@@ -95,6 +96,9 @@ def search_gains(
         further.sort(key=lambda one: one.rank)
     stable = [one for one in drawn if one.abscissa < 0]
     pursued = (further or (stable[:1] if eliminates else stable))[:starts]
+    if eliminates and further:
+        # As they were before they were taken next to the maximum, where certificates are hard to find.
+        pursued += [one for one in finite if one.rank not in {other.rank for other in further}]
     ends: list[tuple[Climbed | None, Polished | None]] = []
     for some in [[one] for one in pursued] if eliminates else [pursued]:
         ends += cores.run(

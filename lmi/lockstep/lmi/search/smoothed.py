@@ -42,8 +42,9 @@ Stages = tuple[tuple[int, int], ...]
 TO_A_CERTIFICATE: Stages = ((5, 30), (5, 30), (9, 30), (13, 60), (25, 60), (61, 60))
 TO_SMALL_RHO: Stages = ((5, 60), (5, 60), (13, 60))
 ON_TO_THE_MAXIMUM: Stages = ((13, 100), (33, 100), (101, 100))
-"""From stable gains to ones with some rho; from there to a small rho, which tells promising gains from others; and on
-from those."""
+NEXT_TO_IT: Stages = ((33, 60), (101, 60))
+"""From stable gains to ones with some rho; from there to a small rho, which tells promising gains from others; on from
+those; and on from gains that are next to a maximum already: of a smaller p they would only be led away from it."""
 
 ENOUGH = 0.5
 """The square of the gain at rho_0 below which rho itself is lowered: less than one, with room."""
@@ -57,7 +58,7 @@ GENEROUS = 100.0
 BARRIER = 0.25
 """b, the weight of the barrier: the larger p, the nearer the gains may come to their limit."""
 
-SCALES = np.logspace(-6, 2, 17)
+SCALES, NEAR_SCALES = np.logspace(-6, 2, 17), np.logspace(-0.25, 0.25, 9)
 """What the multipliers are scaled by once there is a certificate: they began generous."""
 
 GRID = 40
@@ -318,9 +319,19 @@ def descended(norm: SmoothedNorm, K: Float[np.ndarray, "N k l"]) -> Descended:
     return Descended(*norm.unpack(x), gain, float(np.sqrt(square)))
 
 
-def refined(norm: SmoothedNorm, start: Descended) -> Descended:
+def with_multipliers(norm: SmoothedNorm, K: Float[np.ndarray, "N k l"]) -> Descended:
+    """Return gains with the multipliers, all of them equal, for which their rho is least; infinite where there is none."""
+    x, _ = (
+        _generous(norm, norm.pack(K, np.ones(len(norm.W)))) if norm.n_v else (norm.pack(K, np.ones(0)), 0.0)
+    )
+    for scales in (SCALES, NEAR_SCALES):
+        x = _with_multipliers_scaled(norm, x, scales)
+    return Descended(*norm.unpack(x), 0.0, float(np.sqrt(norm.level(x, None, norm.frequencies(x)))))
+
+
+def refined(norm: SmoothedNorm, start: Descended, stages: Stages = ON_TO_THE_MAXIMUM) -> Descended:
     """Take gains that have a rho on, with p so large that the p-norm is next to the maximum."""
-    x, square = _through(norm, norm.pack(start.K, start.w), None, ON_TO_THE_MAXIMUM)
+    x, square = _through(norm, norm.pack(start.K, start.w), None, stages)
     return Descended(*norm.unpack(x), start.gain, float(np.sqrt(square)))
 
 
@@ -336,7 +347,7 @@ def _through(
 
 
 def _stage(norm: SmoothedNorm, x: Vector, rho_0: float | None, p: int, steps: int) -> tuple[Vector, float]:
-    """Lower the p-norm; where the new x peaks between the frequencies, start again with those of the new x too."""
+    """Lower the p-norm; where the new x peaks between the frequencies only, start again with those of the new x too."""
     frequencies = norm.frequencies(x)
     levels = norm.levels(x, rho_0, frequencies)
     before, settled = float(levels.max()), SETTLED_OF_LARGE if norm.thins else SETTLED
@@ -348,6 +359,8 @@ def _stage(norm: SmoothedNorm, x: Vector, rho_0: float | None, p: int, steps: in
         level = float(there.max())
         if level <= before:
             return trial, level
+        if len(used) == len(frequencies) and there[np.isin(seen, used)].max() > before:
+            break  # the mean of order p fell and the maximum rose: not for want of frequencies
         frequencies, levels = seen, np.maximum(norm.levels(x, rho_0, seen), there)
     return x, before
 
@@ -359,9 +372,9 @@ def _generous(norm: SmoothedNorm, x: Vector) -> tuple[Vector, float]:
     return norm.pack(K, w), float(np.sqrt(GENEROUS * norm.worst(K, w, norm.frequencies(x))[1]))
 
 
-def _with_multipliers_scaled(norm: SmoothedNorm, x: Vector) -> Vector:
+def _with_multipliers_scaled(norm: SmoothedNorm, x: Vector, scales: Vector = SCALES) -> Vector:
     """Return x with all multipliers scaled alike, so that rho is least."""
     K, w = norm.unpack(x)
     frequencies = norm.frequencies(x)
-    trials = [norm.pack(K, scale * w) for scale in SCALES]
+    trials = [norm.pack(K, scale * w) for scale in scales]
     return min(trials, key=lambda trial: norm.level(trial, None, frequencies))

@@ -8,8 +8,9 @@ program climbs from there.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +19,16 @@ from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.solve import AffineF, eliminates_P, least_rho
 from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLimits, within
-from lockstep.lmi.search.smoothed import Descended, SmoothedNorm, descended, refined
+from lockstep.lmi.search.modes import ModalSearch
+from lockstep.lmi.search.smoothed import (
+    NEXT_TO_IT,
+    ON_TO_THE_MAXIMUM,
+    Descended,
+    SmoothedNorm,
+    descended,
+    refined,
+    with_multipliers,
+)
 from lockstep.lmi.search.stabilise import abscissa as abscissa_of
 from lockstep.lmi.search.stabilise import stabilise
 from lockstep.lmi.search.stopping import NEVER, Deadline
@@ -56,7 +66,10 @@ class GainSearch:
     """What is searched: loop and claim in the units of the search, the gains in those of the file.
 
     gain_limit: on the spectral norm of each agent's gains;  lag: s, by which sampling makes the inputs late;  rate:
-    that each A_Ci is to have by itself, Re lambda < -rate, in 1/s; None to ask nothing of them.
+    that each A_Ci is to have by itself, Re lambda < -rate, in 1/s; None to ask nothing of them;  modes: the same
+    search for gains that are equal for all agents, which costs little; None where it does not apply;  regular: whether all
+    agents hear equally much. Then all starts are of such gains, and else every other one: on regular graphs of ten arms gains
+    of their own came to nothing less, on a star to a third.
     """
 
     loop: Loop
@@ -65,17 +78,27 @@ class GainSearch:
     gain_limit: float
     lag: float = 0.0
     rate: float | None = None
+    modes: ModalSearch | None = None
+    regular: bool = False
 
     @classmethod
     def of(
-        cls, loop: Loop, claim: Claim, gain_limit: float, lag: float = 0.0, rate: float | None = None
+        cls,
+        loop: Loop,
+        claim: Claim,
+        gain_limit: float,
+        lag: float = 0.0,
+        rate: float | None = None,
+        modes: ModalSearch | None = None,
+        *,
+        regular: bool = False,
     ) -> "GainSearch":
         """Return the search for a loop and a claim in the units of the file."""
-        return cls(*scaled(loop, claim), gain_limit, lag, rate)
+        return cls(*scaled(loop, claim), gain_limit, lag, rate, modes, regular)
 
-    def __reduce__(self) -> tuple[type["GainSearch"], tuple[Loop, Claim, Units, float, float, float | None]]:
+    def __reduce__(self) -> tuple[type["GainSearch"], tuple[Any, ...]]:
         """Leave what is built from these behind: symbolic expressions do not travel to another process."""
-        return GainSearch, (self.loop, self.claim, self.units, self.gain_limit, self.lag, self.rate)
+        return GainSearch, tuple(getattr(self, one.name) for one in fields(self))
 
     @property
     def is_large(self) -> bool:
@@ -113,7 +136,7 @@ class StartResult:
 
     index: which one;  abscissa: of its loop;  at: its gains, with rho in the units of the search where the whole
     claim seems within reach;  sampled: the larger of rho and that of the sampled loop, in the units of the file;
-    cut: whether a deadline kept it from beginning.
+    cut: whether a deadline kept it from beginning;  equal: whether its gains are equal and as far down as equal gains go.
     """
 
     index: int
@@ -121,6 +144,7 @@ class StartResult:
     at: Descended
     sampled: float = np.inf
     cut: bool = False
+    equal: bool = False
 
     @property
     def rank(self) -> tuple[float, float, float, float, int]:
@@ -142,6 +166,10 @@ def begin(
     if deadline.over:
         nowhere = Descended(np.zeros(search.norm.shape), np.ones(0), np.inf, np.inf)
         return StartResult(index, np.inf, nowhere, cut=True)
+    equal = search.modes is not None and (search.regular or index % 2 == 1)
+    if equal and (at := _equal(search, seed, index)) is not None:
+        abscissa = abscissa_of(search.loop, at.K, rate=search.rate)[0]
+        return scored(search, score, StartResult(index, abscissa, at, equal=True))
     K, abscissa = stable_gains(search, seed, index)
     if abscissa >= 0:
         return StartResult(index, abscissa, Descended(K, np.ones(len(search.norm.W)), np.inf, np.inf))
@@ -151,17 +179,27 @@ def begin(
     return scored(search, score, StartResult(index, abscissa, at))
 
 
+def _equal(search: GainSearch, seed: int, index: int) -> Descended | None:
+    """Return equal gains that the modes came to, with multipliers in the whole loop, or None."""
+    generator, modes = np.random.default_rng([seed, index]), search.modes
+    assert modes is not None
+    K = next((K for _ in range(DRAWS) if (K := modes.stable(generator)) is not None), None)
+    at = None if K is None else modes.down(K)
+    if at is None or not np.isfinite(at.rho):
+        return None
+    found = with_multipliers(search.shared_norm, np.repeat(at.K[:1], len(search.loop.U), axis=0))
+    return found if np.isfinite(found.rho) else None
+
+
 def go_on(
     search: GainSearch, score: Score | None, start: StartResult, deadline: Deadline = NEVER
 ) -> StartResult:
-    """Return a start with its gains taken further, or as it is where that made what ships worse."""
-    if deadline.over:
+    """Return a start with its gains taken further, or as it is where that made what ships worse, or leads nowhere."""
+    if deadline.over or (start.equal and search.regular):
         return start
-    return min(
-        start,
-        scored(search, score, replace(start, at=refined(search.norm, start.at))),
-        key=lambda one: one.rank,
-    )
+    stages = NEXT_TO_IT if start.equal else ON_TO_THE_MAXIMUM
+    further = replace(start, at=refined(search.norm, start.at, stages))
+    return min(start, scored(search, score, further), key=lambda one: one.rank)
 
 
 def scored(search: GainSearch, score: Score | None, start: StartResult) -> StartResult:
