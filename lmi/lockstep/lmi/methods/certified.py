@@ -25,7 +25,7 @@ from lockstep.lmi.sampled.descending.improve import StartingGains
 from lockstep.lmi.search import GainSearch, Polished, Score, SearchResult, search_gains
 from lockstep.lmi.search.fastest import raised_decay
 from lockstep.lmi.search.likely import likely
-from lockstep.lmi.search.modes import ModalSearch
+from lockstep.lmi.search.modes import ModalSearch, representative
 from lockstep.lmi.search.start import Climbed
 from lockstep.lmi.search.stopping import Deadline, NothingYet, Stop
 from lockstep.lmi.threads import one_thread
@@ -141,14 +141,15 @@ def searched(
 
 def equal_gains(problem: Problem, network: Network, claim: Claim, rate: float | None) -> ModalSearch | None:
     """Return the search for gains that are equal for all agents, where it is a small part of that for gains of their own."""
-    if not eliminates_P(network.loop(problem.order)):
+    plant = network.plant
+    if not eliminates_P(network.loop(problem.order)) or any((plant.B[0] != B).any() for B in plant.B):
         return None
     try:
-        known = check_covered(network.matrices, claim)
+        ends = segment_ends(network, check_covered(network.matrices, claim))
     except ProblemError:
-        return None
-    modes = Modes(network.plant, problem.order, network.decay)
-    return ModalSearch.of(modes, claim, segment_ends(network, known), problem.design.gain_limit, rate)
+        ends = representative(np.linalg.eigvals(network.graph.laplacian))
+    modes = Modes(plant, problem.order, network.decay)
+    return ModalSearch.of(modes, claim, ends, problem.design.gain_limit, rate)
 
 
 def decays_held(problem: Problem) -> tuple[float, ...]:

@@ -52,8 +52,8 @@ FREE_RATES, FREE_RMS, FREE_CLAIMED = (0.1, 0.15, 0.2, 0.225), (0.9, 0.75, 0.6), 
 """As `RATES`, `RMS` and `CLAIMED`, where the pair weights are free: half of what the noise can reach, or less, comes out."""
 
 SOME_STATES, MOST_STATES, MOST_PAIRS = 18, 30, 15
-"""Of a loop whose weights are freed for all rates and root mean squares, for one of each, and at all: a program takes a second
-with 14 states, 20 s with 28, a minute with 40, and 20 s with 18 and the 45 pairs of ten agents."""
+"""Of a loop whose weights are freed for all rates and root mean squares, for one of each, and at all: a program takes a
+second with 14 states, 20 s with 28, a minute with 40, and 20 s with 18 and the 45 pairs of ten agents."""
 
 HALVINGS = 9
 """Of 24 decades: the least price to a tenth of a decade."""

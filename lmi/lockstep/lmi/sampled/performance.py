@@ -33,6 +33,9 @@ from lockstep.lmi.sampled.storage import (
 SCALES = range(-6, 7)
 """Powers of ten that pair weights are tried with where only their ratios are known."""
 
+NONE = 100.0
+"""Above every log10 of a rho: what a line search sees where there is none; of an infinity it makes NaN."""
+
 LEAST, MOST = 1e-6, 1e6
 RESOLUTION = 5e-5
 """The range in which rho is searched, and how finely its logarithm."""
@@ -220,11 +223,11 @@ def _in_the_best_scale(
 
     def height(exponent: float, resolution: float) -> float:
         least = least_rho(loop, weights, m * 10**exponent, resolution=resolution)
-        return math.inf if least is None else math.log10(least)
+        return NONE if least is None else math.log10(least)
 
     coarse = {scale: height(scale, 0.1) for scale in SCALES}
     best = min(SCALES, key=lambda scale: coarse[scale])
-    if math.isinf(coarse[best]):
+    if coarse[best] == NONE:
         return None
     found = minimize_scalar(
         lambda scale: height(scale, 1e-3),
@@ -232,4 +235,4 @@ def _in_the_best_scale(
         method="bounded",
         options={"xatol": 0.02},
     )
-    return m * 10 ** float(found.x)
+    return m * 10 ** float(found.x if found.fun <= coarse[best] else best)

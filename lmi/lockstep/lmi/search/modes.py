@@ -1,21 +1,21 @@
-"""Gains that are the same for all agents, on a graph that is symmetric in a metric: a search whose size does not grow with N.
+"""Gains that are the same for all agents: a search over some modes of the graph, whose size does not grow with N.
 
-The modes of lambda_1 <= ... <= lambda_s are those of a small network: s + 1 agents on a graph with just these eigenvalues
-(`graph_of`). With the same gains for all agents and the same weight for all pairs its loop falls apart into the modes, in
-orthonormal coordinates, with mu on each and the mean of the controllers beside them: `search.smoothed` does the rest.
-Method `modal` ends with such gains; the search for many agents' own gains begins with them.
+With the same gains for all agents and the same weight for all pairs the loop of a graph whose Laplacian is normal falls apart
+into its modes A_0 + U K Y(lambda), in orthonormal coordinates, with mu on each and the mean of the controllers beside them.
+Some of the modes are a small loop (`loop_of`), and `search.smoothed` does the rest. Method `modal` ends with such gains; the
+search for many agents' own gains begins with them, whatever the graph: there they are looked at in the whole loop.
 """
 
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float, Shaped
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import Modes
-from lockstep.check.system.graph import Digraph
-from lockstep.check.system.network import ExactNetwork
+from lockstep.check.system.disagreement import Disagreement
+from lockstep.check.system.loop import Loop, build_loop
 from lockstep.lmi.search.smoothed import Descended, SmoothedNorm, descended, refined
 from lockstep.lmi.search.stabilise import DEFECTIVE, descend
 from lockstep.lmi.search.units import scaled
@@ -27,14 +27,17 @@ make the better starts; a long path, whose slowest mode needs all the gain there
 ONE = 1e-6
 """Eigenvalues this close to each other, relatively, are one mode of the search."""
 
+FEW = 4
+"""Eigenvalues of a directed graph that stand for all."""
+
 
 @dataclass(frozen=True)
 class ModalSearch:
-    """What is searched: the modes at the ends of the segments, and their smoothed norm in units near one."""
+    """What is searched: some modes, such as those at the ends of segments, and their smoothed norm in units near one."""
 
     modes: Modes
     claim: Claim
-    ends: Float[np.ndarray, " s"]
+    ends: Shaped[np.ndarray, " s"]
     gain_limit: float
     norm: SmoothedNorm
 
@@ -43,15 +46,13 @@ class ModalSearch:
         cls,
         modes: Modes,
         claim: Claim,
-        ends: Float[np.ndarray, " s"],
+        ends: Shaped[np.ndarray, " s"],
         gain_limit: float,
         rate: float | None = None,
     ) -> "ModalSearch":
         """Return the search over the modes of a plant at the ends of segments; A_C is to have a rate of its own if given."""
-        graph, plant = graph_of(ends), modes.plant
-        plant = replace(plant, B=(plant.B[0],) * graph.N)
-        loop = ExactNetwork(plant, graph, decay=modes.decay).loop(modes.order, exact_arithmetic=False)
-        few = replace(claim, delta=np.zeros((graph.N, 4)))
+        loop = loop_of(modes, ends.astype(complex))
+        few = replace(claim, delta=np.zeros((len(loop.U), 4)))
         loop, few, units = scaled(loop, few)
         norm = SmoothedNorm(loop, few, gain_limit, units.gains, shared=True, rate=rate)
         return cls(modes, claim, ends, gain_limit, norm)
@@ -59,7 +60,7 @@ class ModalSearch:
     def stable(self, generator: np.random.Generator) -> Float[np.ndarray, "a b"] | None:
         """Return random gains made stable at every end, or None."""
         ends, limit = self.ends, self.gain_limit
-        size = generator.choice([0.5, 1.0, 2.0]) / np.sqrt(ends[0] * ends[-1]) ** 0.5
+        size = generator.choice([0.5, 1.0, 2.0]) / np.abs(ends[0] * ends[-1]) ** 0.25
         K = stabilised(self, size * generator.standard_normal(self.norm.shape[1:]))
         K = K * min(1.0, 0.9 * limit / max(float(np.linalg.norm(K, 2)), 1e-300))
         return None if _worst(_ways(self), K)[0] >= 0 else K
@@ -70,26 +71,45 @@ class ModalSearch:
         return refined(self.norm, at) if far and np.isfinite(at.rho) else at
 
 
-def graph_of(eigenvalues: Float[np.ndarray, " s"]) -> Digraph:
-    """Return an undirected graph whose Laplacian has these eigenvalues besides 0; those that are one are taken once.
+def loop_of(modes: Modes, values: Complex[np.ndarray, " s"]) -> Loop:
+    """Return some modes of a graph and the mean of the controllers beside each other, in orthonormal coordinates.
 
-    Agent k + 1 and each of the agents 1 to k before it are joined with one weight v_k. The vector (1, ..., 1, -k, 0, ..., 0)
-    then has the eigenvalue (k + 1) v_k + v_{k+1} + ... + v_s, and the v_k follow from the last, the smallest eigenvalue.
-
-    >>> (np.linalg.eigvalsh(graph_of(np.array([1.0, 3.0, 4.0])).laplacian).round(9) + 0.0).tolist()
-    [0.0, 1.0, 3.0, 4.0]
+    An eigenvalue a + bi stands for itself and a - bi: the block [a b; -b a], two coordinates. There is a controller for each
+    coordinate, which hears and moves it alone, and one more for the mean, which hears nothing. All pairs weigh alike:
+    sum_(i < j) M_ij = (s + 1) I.
     """
-    falling: list[float] = []
-    for value in sorted(eigenvalues, reverse=True):
-        if not falling or value < falling[-1] * (1 - ONE):
-            falling.append(float(value))
-    size, total = len(falling), 0.0
-    adjacency = np.zeros((size + 1, size + 1))
-    for k in range(size, 0, -1):
-        weight = (falling[k - 1] - total) / (k + 1)
-        adjacency[k, :k] = adjacency[:k, k] = weight
-        total += weight
-    return Digraph(adjacency)
+    from scipy.linalg import block_diag, helmert
+
+    blocks = [
+        [[one.real]] if not one.imag else [[one.real, one.imag], [-one.imag, one.real]] for one in values
+    ]
+    L_r = block_diag(*blocks, np.zeros((1, 0)))
+    s = L_r.shape[1]
+    T = np.eye(s, s + 1)
+    d = Disagreement(T, helmert(s + 1).T, np.eye(s), np.zeros((s + 1, s + 1)), L_r)
+    return build_loop(replace(modes.plant, B=modes.plant.B[:1] * (s + 1)), d, modes.order, modes.decay)
+
+
+def representative(eigenvalues: Shaped[np.ndarray, " N"]) -> Complex[np.ndarray, " s"]:
+    """Return a few of the eigenvalues of L, the smallest first, each then the farthest from those before it.
+
+    Which is far is told by the logarithm. Of a pair a +- bi one is taken, of those that are one, too; the smallest of all,
+    which is 0, is none.
+
+    >>> representative(np.array([0.0, 1.0, 1.0, 2.0])).tolist()
+    [(1+0j), (2+0j)]
+    """
+    falling = eigenvalues[np.argsort(np.abs(eigenvalues), kind="stable")][1:]
+    values = np.where(
+        np.abs(falling.imag) > ONE * np.abs(falling), falling.real + 1j * np.abs(falling.imag), falling.real
+    )
+    found = [values[0]]
+    while len(found) < FEW:
+        apart = np.abs(np.log(values[:, None] / np.array(found))).min(axis=1)
+        if apart.max() < ONE:
+            break
+        found.append(values[int(np.argmax(apart))])
+    return np.array(found, dtype=complex)
 
 
 def stabilised(search: ModalSearch, K: Float[np.ndarray, "a b"]) -> Float[np.ndarray, "a b"]:
@@ -123,8 +143,12 @@ def _lowered(
 
 def _ways(search: ModalSearch) -> list[tuple[Any, Any, Any]]:
     """Return (A_0, U, Y) of the loop at each lambda, and of A_C + rate I."""
-    modes = search.modes
-    ways = [(loop.A_0, loop.U[0], loop.Y[0]) for loop in map(modes.at, search.ends)]
+    modes, n = search.modes, len(search.modes.plant.A)
+    one, ways = modes.at(1.0), list[tuple[Any, Any, Any]]()
+    for value in search.ends:
+        seen = np.array(one.Y[0], dtype=search.ends.dtype)
+        seen[modes.order :, :n] *= value
+        ways.append((one.A_0, one.U[0], seen))
     n_C, rows, columns = modes.order, ways[0][1].shape[1], len(ways[0][2])
     return (
         [*ways, (max(modes.decay, search.norm.rate) * np.eye(n_C), np.eye(n_C, rows), np.eye(columns, n_C))]

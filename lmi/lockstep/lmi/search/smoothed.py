@@ -321,9 +321,9 @@ def descended(norm: SmoothedNorm, K: Float[np.ndarray, "N k l"]) -> Descended:
 
 def with_multipliers(norm: SmoothedNorm, K: Float[np.ndarray, "N k l"]) -> Descended:
     """Return gains with the multipliers, all of them equal, for which their rho is least; infinite where there is none."""
-    x, _ = (
-        _generous(norm, norm.pack(K, np.ones(len(norm.W)))) if norm.n_v else (norm.pack(K, np.ones(0)), 0.0)
-    )
+    x = norm.pack(K, np.ones(len(norm.W)))
+    if norm.n_v:
+        x, _ = _generous(norm, x)
     for scales in (SCALES, NEAR_SCALES):
         x = _with_multipliers_scaled(norm, x, scales)
     return Descended(*norm.unpack(x), 0.0, float(np.sqrt(norm.level(x, None, norm.frequencies(x)))))
@@ -372,7 +372,9 @@ def _generous(norm: SmoothedNorm, x: Vector) -> tuple[Vector, float]:
     return norm.pack(K, w), float(np.sqrt(GENEROUS * norm.worst(K, w, norm.frequencies(x))[1]))
 
 
-def _with_multipliers_scaled(norm: SmoothedNorm, x: Vector, scales: Vector = SCALES) -> Vector:
+def _with_multipliers_scaled(
+    norm: SmoothedNorm, x: Vector, scales: Float[np.ndarray, " s"] = SCALES
+) -> Vector:
     """Return x with all multipliers scaled alike, so that rho is least."""
     K, w = norm.unpack(x)
     frequencies = norm.frequencies(x)

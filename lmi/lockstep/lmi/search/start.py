@@ -187,7 +187,10 @@ def _equal(search: GainSearch, seed: int, index: int) -> Descended | None:
     at = None if K is None else modes.down(K)
     if at is None or not np.isfinite(at.rho):
         return None
-    found = with_multipliers(search.shared_norm, np.repeat(at.K[:1], len(search.loop.U), axis=0))
+    gains = np.repeat(at.K[:1], len(search.loop.U), axis=0)
+    found = with_multipliers(search.shared_norm, gains)
+    if not np.isfinite(found.rho) and abscissa_of(search.loop, gains, rate=search.rate)[0] < 0:
+        found = descended(search.shared_norm, gains)  # of a graph whose Laplacian is not normal
     return found if np.isfinite(found.rho) else None
 
 

@@ -74,10 +74,10 @@ def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
         loop: in doubles.
         claim: alpha, R, Q and delta.
     """
-    plant, order, N = loop.plant, loop.order, loop.d.N
+    plant, order, N = loop.plant, loop.order, len(loop.U)
     S, inputs, outputs, time, g = natural(loop, claim)
     S_C = 2.0 ** np.round(np.log2(np.maximum(np.diag(claim.Q), 1e-300)) / 2) if order else np.ones(0)
-    state = np.concatenate([np.tile(S, N - 1), np.tile(S_C, N)])
+    state = np.concatenate([np.tile(S, loop.d.N - 1), np.tile(S_C, N)])
     e = float(2.0 ** np.round(np.log2(time * S).mean()))
     R, Q = claim.R / np.outer(S, S), claim.Q / np.outer(S_C, S_C)
     cost = float(4.0 ** np.round(np.log2(max(np.diag(R).max(initial=0.0), np.diag(Q).max(initial=0.0))) / 2))

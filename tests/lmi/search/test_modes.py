@@ -1,0 +1,129 @@
+"""Equal gains for all agents: the modes of a graph as a small loop, and how a search for gains of their own begins."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from lmi_cases import ALPHA, arms, claim, published
+
+from lockstep.check.continuous.modes import Modes
+from lockstep.lmi.analysis.solve import eliminates_P, least_rho
+from lockstep.lmi.design import claim_of, proved_bound
+from lockstep.lmi.methods.certified import equal_gains
+from lockstep.lmi.search import GainSearch
+from lockstep.lmi.search.modes import ModalSearch, loop_of, representative
+from lockstep.lmi.search.start import begin, go_on
+from lockstep.model.assembly import network_of
+from lockstep.model.graphs.graph import Graph
+from lockstep.model.network import Network
+from lockstep.model.problem import Problem, parse_problem
+
+PENDULUMS = """
+[agent]
+states = ["a", "b"]
+inputs = ["u"]
+dynamics = {{ a = "b", b = "-a - sin(a) + u" }}
+outputs = {{ y1 = "a", y2 = "b" }}
+
+[network]
+agents = {agents}
+{graph}
+
+[design]
+order = 1
+gain_limit = 10.0
+starts = 2
+
+[controller]
+period = 0.01
+"""
+
+
+def pendulums(agents: int, graph: str) -> Problem:
+    return parse_problem(PENDULUMS.format(agents=agents, graph=graph))
+
+
+def begun_with(posed: Problem) -> GainSearch:
+    """The search as a design makes it."""
+    bound = proved_bound(posed)
+    network, asked = network_of(posed, bound), claim_of(posed, bound)
+    regular = len(set(network.graph.in_degrees)) == 1
+    modes = equal_gains(posed, network, asked, None)
+    loop = network.loop(posed.order)
+    return GainSearch.of(loop, asked, posed.design.gain_limit, modes=modes, regular=regular)
+
+
+@pytest.mark.parametrize(
+    "adjacency",
+    [
+        [[0, 1, 0], [0, 0, 1], [1, 0, 0]],
+        [[0, 1, 1], [1, 0, 1], [1, 1, 0]],
+        [[0, 2, 0.5], [0.5, 0, 2], [2, 0.5, 0]],
+    ],
+    ids=["cycle", "complete", "weighted cycle"],
+)
+def test_the_modes_of_a_normal_laplacian_have_the_poles_and_the_rho_of_the_whole_loop(adjacency):
+    """Equal gains: the loop of all agents is another basis of the modes', and so is F with equal pair weights."""
+    network = Network(arms().agent, Graph(np.array(adjacency, dtype=float)))
+    values = np.linalg.eigvals(network.graph.laplacian)
+    values = np.where(np.abs(values.imag) < 1e-9, values.real, values)[np.abs(values) > 1e-9]
+    loops = loop_of(Modes(network.plant, 2), values[values.imag >= 0].astype(complex)), network.loop(2)
+    K = np.repeat(published().blocks[:1], 3, axis=0)
+    small, whole = (np.sort_complex(np.linalg.eigvals(loop.A_cl(K)).round(7)) for loop in loops)
+    assert np.allclose(small, whole, atol=1e-6)
+    assert whole.real.max() < 0, "or there is no rho"
+    norms = [GainSearch.of(loop, claim(arms(), 2, 0.01 * ALPHA), 50.0).shared_norm for loop in loops]
+    levels = [
+        norm.level(norm.pack(K, 1e3 * np.ones(len(norm.W))), None, np.geomspace(1e-2, 1e2, 200))
+        for norm in norms
+    ]
+    assert np.isfinite(levels[0])
+    assert levels[0] == pytest.approx(levels[1], rel=1e-6)
+
+
+def test_a_few_eigenvalues_stand_for_those_of_a_long_cycle():
+    L = np.eye(10) - np.roll(np.eye(10), 1, axis=1)
+    found = representative(np.linalg.eigvals(L))
+    assert abs(found[0]) == pytest.approx(2 * np.sin(np.pi / 10))
+    assert len(found) == 4
+    assert (found.imag >= 0).all()
+    assert np.abs(found).max() == pytest.approx(2.0)
+
+
+def test_a_small_loop_begins_with_gains_of_its_own():
+    assert begun_with(pendulums(3, 'topology = "cycle"')).modes is None
+
+
+def test_agents_that_differ_have_no_equal_gains():
+    posed = pendulums(10, 'topology = "cycle"')
+    bound = proved_bound(posed)
+    network = network_of(posed, bound)
+    other = replace(network, B=(*network.B[:-1], 2 * network.B[-1]))
+    assert equal_gains(posed, network, claim_of(posed, bound), None) is not None
+    assert equal_gains(posed, other, claim_of(posed, bound), None) is None
+
+
+@pytest.mark.parametrize(
+    ("graph", "regular"),
+    [('topology = "ring"', True), ('topology = "star"', False), ('topology = "cycle"', True)],
+)
+def test_ten_agents_begin_with_equal_gains_that_have_a_certificate(graph, regular):
+    """A star has a hub: every other start, and own gains from there. A cycle has complex eigenvalues."""
+    search = begun_with(pendulums(10, graph))
+    assert eliminates_P(search.loop)
+    assert isinstance(search.modes, ModalSearch)
+    assert search.regular is regular
+    start = begin(search, None, 0, 1)
+    assert start.equal
+    assert (start.at.K[0] == start.at.K).all()
+    assert np.isfinite(start.at.rho)
+    found = least_rho(search.loop, start.at.K, search.claim)
+    # Weights of their own for all pairs, at all frequencies: 1 % for what lies between those of the descent.
+    assert found is not None
+    assert found.rho <= 1.01 * start.at.rho
+    if regular:
+        assert go_on(search, None, start) is start
+    else:
+        own = begin(search, None, 0, 0)
+        assert not own.equal
+        assert np.ptp(own.at.K, axis=0).max() > 0
