@@ -37,6 +37,7 @@ LATER = {
     "many agents: search, witnesses, graphs": (
         [
             "lmi/lockstep/lmi/methods/modal_common.py",
+            "lmi/lockstep/lmi/search/modes.py",
             "lmi/lockstep/lmi/analysis/semidefinite.py",
             "lmi/lockstep/lmi/sampled/modal",
             "codegen/lockstep/codegen/sampled_modes.py",
@@ -44,7 +45,8 @@ LATER = {
             "model/lockstep/model/graphs/membership.py",
             "model/lockstep/model/problem/graph_file.py",
         ],
-        1180,
+        # 1180 before the search over a few modes moved in, out of the roots, and took directed graphs as well.
+        1280,
     ),
     "gains of their own of many agents: multipliers by frequencies": (
         [f"lmi/lockstep/lmi/analysis/{name}.py" for name in ("by_frequencies", "p_norm")],
@@ -189,7 +191,7 @@ LIMITS = {
     "roots without campaign and rooms below": (
         ["check", "model", "lmi", "codegen"],
         ["codegen/lockstep/campaign", *_LATER],
-        25200,
+        25160,
     ),
     **{name: (places, [], limit) for name, (places, limit) in LATER.items()},
 }

@@ -14,7 +14,7 @@ from lockstep.lmi.design import claim_of, proved_bound
 from lockstep.lmi.search import GainSearch, search_gains
 from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLimits
 from lockstep.lmi.search.smoothed import Descended
-from lockstep.lmi.search.stabilise import _abscissa, abscissa, descend, stabilise
+from lockstep.lmi.search.stabilise import abscissa, descend, real_part, stabilise
 from lockstep.lmi.search.start import begin, climb
 from lockstep.model.assembly import network_of
 
@@ -173,7 +173,7 @@ def test_short_gains_are_short_and_near() -> None:
 def test_a_defective_eigenvalue_has_a_slope_that_is_a_number() -> None:
     """A_cl = [0, 1; 0, 0] has one eigenvector, left and right at right angles: the slope of the abscissa is infinite."""
     A, B = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
-    value, slope = _abscissa(A, [B], [np.eye(2)])
+    value, slope = real_part(A, [B], [np.eye(2)])
     assert value == 0.0
     assert np.isfinite(slope).all()
     assert np.linalg.norm(slope) > 1e6

@@ -74,8 +74,8 @@ def proved_decay(
 
 def _holds(network: Network, gains: Gains, claim: Claim, modal: bool) -> bool:
     from lockstep.lmi.analysis.solve import least_rho
-    from lockstep.lmi.methods.modal import least_sigma
+    from lockstep.lmi.methods.modal import least_witness
 
     if modal:
-        return least_sigma(network, gains, claim) is not None
+        return least_witness(network, gains, claim)[1] is not None
     return least_rho(network.loop(gains.order), gains.blocks, claim, any_rho=True) is not None

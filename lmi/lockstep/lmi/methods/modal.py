@@ -24,7 +24,7 @@ from lockstep.check.system.spectrum import Metric
 from lockstep.lmi.analysis.rounding import round_up, short_gains
 from lockstep.lmi.methods.modal_common import CommonSearch
 from lockstep.lmi.methods.modal_search import ModalCandidate, drawn, from_start
-from lockstep.lmi.methods.modal_witness import ModalWitness, fine_witness, witness
+from lockstep.lmi.methods.modal_witness import HALVINGS, ModalWitness, fine_witness, witness
 from lockstep.lmi.search.modes import ModalSearch
 from lockstep.model.network import Network
 
@@ -174,10 +174,7 @@ def prove_modes(network: Network, gains: Gains, claim: Claim) -> ModalCertificat
     known = check_covered(network.matrices, claim)
     modes, K = Modes(network.plant, gains.order, network.decay), gains.blocks[0]
     spread = float(as_floats(np.array([known.spread], dtype=object))[0])
-    ends = segment_ends(network, known)
-    least = witness(modes, K, claim, ends) if network.spectrum is not None else None
-    if network.spectrum is None:
-        ends, least = fine_witness(modes, K, claim, ends)
+    ends, least = least_witness(network, gains, claim)
     if least is None:
         raise NotCertified(
             f"no certificate was found for these gains at alpha = {claim.alpha:.6g}", alpha=claim.alpha
@@ -210,12 +207,13 @@ def covered_graphs(network: Network, certificate: ModalCertificate) -> str:
     return said.format(between.format(ends[0], ends[-1]))
 
 
-def least_sigma(network: Network, gains: Gains, claim: Claim) -> float | None:
-    """Return the least sigma that the solver finds with the coarse segments of the search; None where it finds none."""
-    known = check_covered(network.matrices, claim)
-    modes = Modes(network.plant, gains.order, network.decay)
-    found = witness(modes, gains.blocks[0], claim, segment_ends(network, known))
-    return None if found is None else found.sigma
+def least_witness(
+    network: Network, gains: Gains, claim: Claim
+) -> tuple[Float[np.ndarray, " s"], ModalWitness | None]:
+    """Return segments, as fine as it pays where they may be, and the least sigma that the solver finds with them, or None."""
+    modes, K = Modes(network.plant, gains.order, network.decay), gains.blocks[0]
+    ends = segment_ends(network, check_covered(network.matrices, claim))
+    return fine_witness(modes, K, claim, ends, halvings=0 if network.spectrum is not None else HALVINGS)
 
 
 def _shortest(

@@ -74,16 +74,20 @@ def witness(
 
 
 def fine_witness(
-    modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim, ends: Float[np.ndarray, " s"]
+    modes: Modes,
+    K: Float[np.ndarray, "a b"],
+    claim: Claim,
+    ends: Float[np.ndarray, " s"],
+    halvings: int = HALVINGS,
 ) -> tuple[Float[np.ndarray, " t"], ModalWitness | None]:
     """Return segments so fine that finer ones lower rho little, and the least sigma with them.
 
     Args:
         modes, K, claim: see `witness`.
-        ends: of segments that may be cut, all of them in two, at most `HALVINGS` times.
+        ends: of segments that may be cut, all of them in two, at most so many times (`halvings`).
     """
     least = witness(modes, K, claim, ends)
-    for _ in range(HALVINGS if ends[-1] > ends[0] * (1 + NARROW) else 0):
+    for _ in range(halvings if ends[-1] > ends[0] * (1 + NARROW) else 0):
         finer = halved(ends)
         found = witness(modes, K, claim, finer)
         if found is None and least is not None:

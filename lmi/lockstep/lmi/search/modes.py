@@ -7,7 +7,6 @@ search for many agents' own gains begins with them, whatever the graph: there th
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Complex, Float, Shaped
@@ -17,7 +16,7 @@ from lockstep.check.continuous.modes import Modes
 from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.loop import Loop, build_loop
 from lockstep.lmi.search.smoothed import Descended, SmoothedNorm, descended, refined
-from lockstep.lmi.search.stabilise import DEFECTIVE, descend
+from lockstep.lmi.search.stabilise import Way, descend, real_part
 from lockstep.lmi.search.units import scaled
 
 GAIN_WEIGHTS = (1e-3, 1e-5, 0.0)
@@ -126,7 +125,7 @@ def stabilised(search: ModalSearch, K: Float[np.ndarray, "a b"]) -> Float[np.nda
 
 
 def _lowered(
-    ways: list[tuple[Any, Any, Any]], K: Float[np.ndarray, "a b"], gain_limit: float, weight: float
+    ways: list[Way], K: Float[np.ndarray, "a b"], gain_limit: float, weight: float
 ) -> Float[np.ndarray, "a b"]:
     def objective(flat: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
         root = float(np.sqrt(1 + flat @ flat))
@@ -141,34 +140,26 @@ def _lowered(
     return np.asarray(gain_limit * Z / np.sqrt(1 + Z @ Z)).reshape(K.shape)
 
 
-def _ways(search: ModalSearch) -> list[tuple[Any, Any, Any]]:
-    """Return (A_0, U, Y) of the loop at each lambda, and of A_C + rate I."""
-    modes, n = search.modes, len(search.modes.plant.A)
-    one, ways = modes.at(1.0), list[tuple[Any, Any, Any]]()
-    for value in search.ends:
-        seen = np.array(one.Y[0], dtype=search.ends.dtype)
+def ways_of(modes: Modes, values: Shaped[np.ndarray, " s"]) -> list[Way]:
+    """Return A_0, U and Y of the mode of each eigenvalue of L, real or complex."""
+    one, n, found = modes.at(1.0), len(modes.plant.A), []
+    for value in values:
+        seen = np.array(one.Y[0], dtype=values.dtype)
         seen[modes.order :, :n] *= value
-        ways.append((one.A_0, one.U[0], seen))
-    n_C, rows, columns = modes.order, ways[0][1].shape[1], len(ways[0][2])
-    return (
-        [*ways, (max(modes.decay, search.norm.rate) * np.eye(n_C), np.eye(n_C, rows), np.eye(columns, n_C))]
-        if n_C
-        else ways
+        found.append((one.A_0, one.U[0], seen))
+    return found
+
+
+def _ways(search: ModalSearch) -> list[Way]:
+    """Return those of the ends, and of A_C + rate I."""
+    found, n_C = ways_of(search.modes, search.ends), search.modes.order
+    (rows, columns), rate = search.norm.shape[1:], max(search.modes.decay, search.norm.rate)
+    return [*found, (rate * np.eye(n_C), np.eye(n_C, rows), np.eye(columns, n_C))] if n_C else found
+
+
+def _worst(ways: list[Way], K: Float[np.ndarray, "a b"]) -> tuple[float, Float[np.ndarray, "a b"]]:
+    """Return the largest abscissa of A_0 + U K Y and its slope in K."""
+    value, slope = max(
+        (real_part(A_0 + U @ K @ Y, [U], [Y]) for A_0, U, Y in ways), key=lambda found: found[0]
     )
-
-
-def _worst(
-    ways: list[tuple[Any, Any, Any]], K: Float[np.ndarray, "a b"]
-) -> tuple[float, Float[np.ndarray, "a b"]]:
-    """Return the largest abscissa of A_0 + U K Y and its slope in K: Re(U' l r' Y' / l'r) for a simple eigenvalue."""
-    from scipy.linalg import eig
-
-    worst, slope = -np.inf, np.zeros(K.shape)
-    for A_0, U, Y in ways:
-        eigenvalues, left, right = eig(A_0 + U @ K @ Y, left=True, right=True)
-        i = int(np.argmax(eigenvalues.real))
-        if eigenvalues[i].real > worst:
-            l, r = left[:, i].conj(), right[:, i]
-            product = l @ r if abs(l @ r) > DEFECTIVE else DEFECTIVE
-            worst, slope = float(eigenvalues[i].real), np.real(np.outer(U.T @ l, Y @ r) / product)
-    return worst, slope
+    return value, slope[0]

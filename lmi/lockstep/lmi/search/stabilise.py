@@ -8,9 +8,12 @@ Program. 141, 2013).
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Shaped
 
-from lockstep.check.system.loop import Loop, Plant
+from lockstep.check.system.loop import Loop
+
+Way = tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _"], Shaped[np.ndarray, "_ _"]]
+"""A_0, U and Y of A_0 + U K Y; Y is complex for the mode of an eigenvalue that is."""
 
 Objective = Callable[[Float[np.ndarray, " x"]], tuple[float, Float[np.ndarray, " x"]]]
 
@@ -75,22 +78,23 @@ def abscissa(
 
     With a rate, the largest of it and of those of all A_Ci + rate I.
     """
-    value, slope = _abscissa(loop.A_cl(K), loop.U, loop.Y)
+    value, slope = real_part(loop.A_cl(K), loop.U, loop.Y)
     n_C = 0 if rate is None else loop.order
     for i in range(len(K) if n_C else 0):
         unit = np.eye(n_C, K.shape[1]), np.eye(K.shape[2], n_C)
-        own, turn = _abscissa(K[i, :n_C, :n_C] + (rate or 0.0) * np.eye(n_C), [unit[0]], [unit[1]])
+        own, turn = real_part(K[i, :n_C, :n_C] + (rate or 0.0) * np.eye(n_C), [unit[0]], [unit[1]])
         if own > value:
             value, slope = own, np.zeros_like(K)
             slope[i] = turn[0]
     return value, slope
 
 
-def _abscissa(
+def real_part(
     A: Float[np.ndarray, "n n"] | Complex[np.ndarray, "n n"],
     left_of: Sequence[Float[np.ndarray, "n k"]],
     right_of: Sequence[Float[np.ndarray, "l n"] | Complex[np.ndarray, "l n"]],
 ) -> tuple[float, Float[np.ndarray, "N k l"]]:
+    """Return max Re lambda(A) and its slope in the K_i that enter A as sum_i U_i K_i Y_i."""
     from scipy.linalg import eig
 
     values, left, right = eig(A, left=True, right=True)
@@ -104,28 +108,20 @@ def _abscissa(
     return float(values[worst].real), slope
 
 
-def stabilise_mode(
-    plant: Plant, eigenvalue: complex, order: int, limit: float, *, seed: int, starts: int
-) -> float:
+def stabilise_mode(way: Way, limit: float, *, seed: int, starts: int) -> float:
     """Return the least abscissa found of one mode of the graph with the same controller for all agents.
 
-    The mode of an eigenvalue lambda of L is A_0 + U K Y with A_0 = diag(A, 0), U = [0, B; I, 0], Y = [0, I; lambda C, 0].
-
     Args:
-        plant: the agents; with B of the first.
-        eigenvalue: lambda, not 0.
-        order, limit: of the controller, and of the norm of its gains.
+        way: A_0, U and Y of the mode (`modes.ways_of`).
+        limit: of the norm of the controller's gains.
         seed, starts: of the random starts.
     """
-    n, m, q, _, _ = plant.sizes
-    A_0 = np.block([[plant.A, np.zeros((n, order))], [np.zeros((order, n + order))]])
-    U = np.block([[np.zeros((n, order)), plant.B[0]], [np.eye(order), np.zeros((order, m))]])
-    Y = np.block([[np.zeros((order, n)), np.eye(order)], [eigenvalue * plant.C, np.zeros((q, order))]])
-    shape = (1, order + m, order + q)
+    A_0, U, Y = way
+    shape = (1, U.shape[1], len(Y))
 
     def objective(flat: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
         K = flat.reshape(shape)
-        value, slope = _abscissa(A_0 + U @ K[0] @ Y, [U], [Y])
+        value, slope = real_part(A_0 + U @ K[0] @ Y, [U], [Y])
         excess, pull = _excess(K, limit)
         return value + EXCESS_WEIGHT * excess, (slope + EXCESS_WEIGHT * pull).ravel()
 
@@ -135,7 +131,7 @@ def stabilise_mode(
         first *= 0.5 * limit / max(float(np.linalg.norm(first[0], 2)), 1e-300)
         K = descend(objective, first.ravel(), 100).reshape(shape)
         K *= min(1.0, limit / max(float(np.linalg.norm(K[0], 2)), 1e-300))
-        least = min(least, _abscissa(A_0 + U @ K[0] @ Y, [U], [Y])[0])
+        least = min(least, real_part(A_0 + U @ K[0] @ Y, [U], [Y])[0])
     return least
 
 

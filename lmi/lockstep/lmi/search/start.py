@@ -173,10 +173,7 @@ def begin(
     K, abscissa = stable_gains(search, seed, index)
     if abscissa >= 0:
         return StartResult(index, abscissa, Descended(K, np.ones(len(search.norm.W)), np.inf, np.inf))
-    at = descended(search.shared_norm, K) if index % 2 and eliminates_P(search.loop) else None
-    if at is None or not np.isfinite(at.rho):
-        at = descended(search.norm, K)
-    return scored(search, score, StartResult(index, abscissa, at))
+    return scored(search, score, StartResult(index, abscissa, descended(search.norm, K)))
 
 
 def _equal(search: GainSearch, seed: int, index: int) -> Descended | None:
