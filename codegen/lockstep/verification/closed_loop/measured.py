@@ -27,8 +27,10 @@ from lockstep.model.simulation.scenario import Scenario
 Kind = Literal["continuous", "sampled", "compiled"]
 
 QUADRATURE = 1e-3
-"""Part by which the integrals of a record may be off (trapezoids): a ratio above 1 by less is no contradiction. What the
-sampled proof adds for the rounding of messages, some 1e-7 of their size, is far below it."""
+"""Part by which the integrals of a record may be off (trapezoids): a ratio above 1 by less is no contradiction."""
+
+UNIT_ROUNDOFF = {"float32": 2.0**-24, "float64": 2.0**-53}
+"""Of a message in the controllers' arithmetic, as a part of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +125,8 @@ def measured(
         return Measured(output, entered, found.gain, promised.rho, None, False, reason)
     ratio = found.largest_ratio(promised.rho, storage)
     root = None if ratio is None else float(np.sqrt(ratio))
+    if root is not None and root > 1 and (reason := _lost_in_rounding(trajectory, stored, promised, output)):
+        return Measured(output, entered, found.gain, promised.rho, None, False, reason)
     return Measured(output, entered, found.gain, promised.rho, root, True, promised.reason)
 
 
@@ -149,6 +153,33 @@ def _uncovered(
             if size > stored.claims.fragility[letter] * (1 + 1e-9):
                 return f"|Delta {letter}| reaches {size:.4g}, and the certificate is for {stored.claims.fragility[letter]:g}"
     return ""
+
+
+def _lost_in_rounding(trajectory: Trajectory, stored: Stored, promised: Promise, output: float) -> str:
+    """Return why the rounding of messages counts: agents that are not stable, and agree, move together without end.
+
+    What is read is rounded to a part of its size; rho is proved of messages as they are, and what their errors add is the
+    residual. Looked at where a run is above rho: the residual is the most that is possible, and runs seldom come near it.
+    """
+    unit = UNIT_ROUNDOFF.get(stored.problem.controller.real)
+    if promised.kind == "continuous" or promised.residual is None or unit is None:
+        return ""
+    largest = float(np.abs(trajectory.y).max())
+    lost = promised.residual[0] * unit * largest
+    z = (
+        float(
+            np.sqrt(
+                np.linalg.norm(stored.problem.state_weight(trajectory.x.shape[2]), 2) * np.ptp(trajectory.t)
+            )
+        )
+        * lost
+    )
+    if z <= QUADRATURE * output:
+        return ""
+    return (
+        f"the outputs reach {largest:.3g}, which {stored.problem.controller.real} rounds by up to {unit * largest:.2g}: that"
+        f" alone may keep the agents {lost:.2g} apart, and rho is proved of messages that are not rounded"
+    )
 
 
 def _beyond(trajectory: Trajectory, stored: Stored) -> bool:

@@ -295,7 +295,7 @@ class InteriorProgram:
         for i, sign, limit in task.bounds:
             room = sign * (x[i] - limit)
             slope[i] -= sign / room
-            square[i, i] += 1 / room**2
+            square[i, i] += (1 / room) ** 2  # room may be 1e200
         _, first, second = task.goal(x)
         for i in first:
             slope[i] += first[i] / mu
