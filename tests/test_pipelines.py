@@ -21,7 +21,7 @@ def test_a_mistake_is_refused():
 
 @pytest.mark.slow
 def test_agents_that_run_away_together_are_held_against_what_float32_leaves_of_their_outputs():
-    """Problem 112: x' = 42.6 x, outputs of 7e7 after half a second, which float32 rounds by 4: no rho holds of such messages."""
+    """Problem 112: x' = 42.6 x, outputs of 7e7 after half a second, which float32 rounds by 4: no rho holds of these."""
     assert run(112, time_limit=10.0)[1:] == ("ships", "")
 
 
