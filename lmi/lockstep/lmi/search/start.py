@@ -68,8 +68,8 @@ class GainSearch:
     gain_limit: on the spectral norm of each agent's gains;  lag: s, by which sampling makes the inputs late;  rate:
     that each A_Ci is to have by itself, Re lambda < -rate, in 1/s; None to ask nothing of them;  modes: the same
     search for gains that are equal for all agents, which costs little; None where it does not apply;  regular: whether all
-    agents hear equally much. Then all starts are of such gains, and else every other one: on regular graphs of ten arms gains
-    of their own came to nothing less, on a star to a third.
+    agents hear equally much. Then all starts are of such gains, and else every other one: on three regular graphs of ten arms random
+    gains of their own came to nothing less, on a star to a third.
     """
 
     loop: Loop
@@ -194,8 +194,8 @@ def _equal(search: GainSearch, seed: int, index: int) -> Descended | None:
 def go_on(
     search: GainSearch, score: Score | None, start: StartResult, deadline: Deadline = NEVER
 ) -> StartResult:
-    """Return a start with its gains taken further, or as it is where that made what ships worse, or leads nowhere."""
-    if deadline.over or (start.equal and search.regular):
+    """Return a start with its gains taken further, or as it is where that made what ships worse."""
+    if deadline.over:
         return start
     stages = NEXT_TO_IT if start.equal else ON_TO_THE_MAXIMUM
     further = replace(start, at=refined(search.norm, start.at, stages))
