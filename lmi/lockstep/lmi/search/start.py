@@ -68,8 +68,8 @@ class GainSearch:
     gain_limit: on the spectral norm of each agent's gains;  lag: s, by which sampling makes the inputs late;  rate:
     that each A_Ci is to have by itself, Re lambda < -rate, in 1/s; None to ask nothing of them;  modes: the same
     search for gains that are equal for all agents, which costs little; None where it does not apply;  regular: whether all
-    agents hear equally much. Then all starts are of such gains, and else every other one: on three regular graphs of ten arms random
-    gains of their own came to nothing less, on a star to a third.
+    agents hear equally much. Then all starts are of such gains, and else every other one: on three regular graphs of ten
+    arms random gains of their own came to nothing less, on a star to a third.
     """
 
     loop: Loop
