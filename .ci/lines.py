@@ -54,7 +54,7 @@ LATER = {
     ),
     "a search on a cluster": (["lmi/lockstep/lmi/cluster.py"], 60),
     "gains and one P together": (
-        ["lmi/lockstep/lmi/search/bilinear.py", "lmi/lockstep/lmi/methods/modal_together.py"],
+        ["lmi/lockstep/lmi/methods/bilinear.py", "lmi/lockstep/lmi/methods/modal_together.py"],
         260,
     ),
     "model/control: loops sampled and opened": (

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.numbers import as_floats
+from lockstep.check.sampled.controller import PRECISIONS
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.system.domain import argument_box
 from lockstep.lmi.certify import certify
@@ -28,9 +29,6 @@ Kind = Literal["continuous", "sampled", "compiled"]
 
 QUADRATURE = 1e-3
 """Part by which the integrals of a record may be off (trapezoids): a ratio above 1 by less is no contradiction."""
-
-UNIT_ROUNDOFF = {"float32": 2.0**-24, "float64": 2.0**-53}
-"""Of a message in the controllers' arithmetic, as a part of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,24 +159,18 @@ def _lost_in_rounding(trajectory: Trajectory, stored: Stored, promised: Promise,
     What is read is rounded to a part of its size; rho is proved of messages as they are, and what their errors add is the
     residual. Looked at where a run is above rho: the residual is the most that is possible, and runs seldom come near it.
     """
-    unit = UNIT_ROUNDOFF.get(stored.problem.controller.real)
-    if promised.kind == "continuous" or promised.residual is None or unit is None:
+    if promised.kind == "continuous" or promised.residual is None:
         return ""
-    largest = float(np.abs(trajectory.y).max())
-    lost = promised.residual[0] * unit * largest
-    z = (
-        float(
-            np.sqrt(
-                np.linalg.norm(stored.problem.state_weight(trajectory.x.shape[2]), 2) * np.ptp(trajectory.t)
-            )
-        )
-        * lost
-    )
-    if z <= QUADRATURE * output:
+    real, largest = stored.problem.controller.real, float(np.abs(trajectory.y).max())
+    error = PRECISIONS[real].u * largest
+    lost = promised.residual[0] * error
+    # |z|^2 is at least the integral of x_d'R x_d.
+    R = stored.problem.state_weight(trajectory.x.shape[2])
+    if lost**2 * np.linalg.norm(R, 2) * np.ptp(trajectory.t) <= (QUADRATURE * output) ** 2:
         return ""
     return (
-        f"the outputs reach {largest:.3g}, which {stored.problem.controller.real} rounds by up to {unit * largest:.2g}: that"
-        f" alone may keep the agents {lost:.2g} apart, and rho is proved of messages that are not rounded"
+        f"the outputs reach {largest:.3g}, which {real} rounds by up to {error:.2g}: that alone"
+        f" may keep the agents {lost:.2g} apart, and rho is proved of messages that are not rounded"
     )
 
 

@@ -19,7 +19,7 @@ from lockstep.check.continuous.modes import Modes
 from lockstep.check.errors import NotCertified
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.rounding import prove, short_gains
-from lockstep.lmi.search.modes import ways_of
+from lockstep.lmi.search.modes import loops_at
 from lockstep.lmi.search.stabilise import stabilise_mode
 from lockstep.lmi.search.start import GainSearch, begin, climb
 from lockstep.lmi.threads import one_thread
@@ -108,8 +108,8 @@ def _modes(problem: Problem, network: Network) -> Hint:
     for value in eigenvalues:
         if value.imag < 0:
             continue
-        way = ways_of(Modes(plant, problem.order), np.array([value]))[0]
-        worst = stabilise_mode(way, limit, seed=problem.design.seed, starts=STARTS)
+        mode = loops_at(Modes(plant, problem.order), np.array([value]))[0]
+        worst = stabilise_mode(mode, limit, seed=problem.design.seed, starts=STARTS)
         if worst >= 0:
             blocking.append((complex(value), worst))
     if not blocking:

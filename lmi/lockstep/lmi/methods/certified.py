@@ -95,9 +95,7 @@ def searched(
     for held in decays_held(problem):
         decaying = network.decaying(held)
         modes = equal_gains(problem, decaying, claim, rate)
-        regular = len(set(network.graph.in_degrees)) == 1
-        loop = decaying.loop(problem.order)
-        search = GainSearch.of(loop, claim, table.gain_limit, lag, rate, modes, regular=regular)
+        search = GainSearch.of(decaying.loop(problem.order), claim, table.gain_limit, lag, rate, modes)
         doing = f"searching for gains up to {table.gain_limit:g}, likely {likely(search, table.starts, jobs)}"
         with stop.searching():
             found = search_gains(

@@ -1,4 +1,4 @@
-"""One K and one P for an interval, moved together: the matrix of a mode at both ends as conditions of `search.bilinear`.
+"""One K and one P for an interval, moved together: the matrix of a mode at both ends as conditions of `methods.bilinear`.
 
 In x = (K, P, mu, sigma, P_m), P in coordinates of a base in which it is I, with T = [C_1 K Y, ...] the rows of W^(1/2) u,
 
@@ -19,7 +19,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import Modes
 from lockstep.lmi.analysis.semidefinite import symmetric_basis
-from lockstep.lmi.search.bilinear import Bilinear, BilinearCondition, BilinearProgram
+from lockstep.lmi.methods.bilinear import Bilinear, BilinearCondition, BilinearProgram
 
 Gain = Float[np.ndarray, "a b"]
 Square = Float[np.ndarray, "k k"]

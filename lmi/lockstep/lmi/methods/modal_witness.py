@@ -99,7 +99,7 @@ def fine_witness(
 
 
 def halved(ends: Float[np.ndarray, " s"]) -> Float[np.ndarray, " t"]:
-    """Return the ends of segments of half the ratio; cuts in short decimals.
+    """Return the ends of segments twice as many, each cut at its geometric mean, in short decimals.
 
     >>> halved(np.array([1.0, 4.0])).tolist()
     [1.0, 2.0, 4.0]

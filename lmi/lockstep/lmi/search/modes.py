@@ -16,7 +16,7 @@ from lockstep.check.continuous.modes import Modes
 from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.loop import Loop, build_loop
 from lockstep.lmi.search.smoothed import Descended, SmoothedNorm, descended, refined
-from lockstep.lmi.search.stabilise import Way, descend, real_part
+from lockstep.lmi.search.stabilise import OutputFeedback, descend, real_part
 from lockstep.lmi.search.units import scaled
 
 GAIN_WEIGHTS = (1e-3, 1e-5, 0.0)
@@ -98,9 +98,9 @@ def representative(eigenvalues: Shaped[np.ndarray, " N"]) -> Complex[np.ndarray,
     >>> representative(np.array([0.0, 1.0, 1.0, 2.0])).tolist()
     [(1+0j), (2+0j)]
     """
-    falling = eigenvalues[np.argsort(np.abs(eigenvalues), kind="stable")][1:]
+    rising = eigenvalues[np.argsort(np.abs(eigenvalues), kind="stable")][1:]
     values = np.where(
-        np.abs(falling.imag) > ONE * np.abs(falling), falling.real + 1j * np.abs(falling.imag), falling.real
+        np.abs(rising.imag) > ONE * np.abs(rising), rising.real + 1j * np.abs(rising.imag), rising.real
     )
     found = [values[0]]
     while len(found) < FEW:
@@ -125,7 +125,7 @@ def stabilised(search: ModalSearch, K: Float[np.ndarray, "a b"]) -> Float[np.nda
 
 
 def _lowered(
-    ways: list[Way], K: Float[np.ndarray, "a b"], gain_limit: float, weight: float
+    ways: list[OutputFeedback], K: Float[np.ndarray, "a b"], gain_limit: float, weight: float
 ) -> Float[np.ndarray, "a b"]:
     def objective(flat: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
         root = float(np.sqrt(1 + flat @ flat))
@@ -140,7 +140,7 @@ def _lowered(
     return np.asarray(gain_limit * Z / np.sqrt(1 + Z @ Z)).reshape(K.shape)
 
 
-def ways_of(modes: Modes, values: Shaped[np.ndarray, " s"]) -> list[Way]:
+def loops_at(modes: Modes, values: Shaped[np.ndarray, " s"]) -> list[OutputFeedback]:
     """Return A_0, U and Y of the mode of each eigenvalue of L, real or complex."""
     one, n, found = modes.at(1.0), len(modes.plant.A), []
     for value in values:
@@ -150,14 +150,14 @@ def ways_of(modes: Modes, values: Shaped[np.ndarray, " s"]) -> list[Way]:
     return found
 
 
-def _ways(search: ModalSearch) -> list[Way]:
+def _ways(search: ModalSearch) -> list[OutputFeedback]:
     """Return those of the ends, and of A_C + rate I."""
-    found, n_C = ways_of(search.modes, search.ends), search.modes.order
+    found, n_C = loops_at(search.modes, search.ends), search.modes.order
     (rows, columns), rate = search.norm.shape[1:], max(search.modes.decay, search.norm.rate)
     return [*found, (rate * np.eye(n_C), np.eye(n_C, rows), np.eye(columns, n_C))] if n_C else found
 
 
-def _worst(ways: list[Way], K: Float[np.ndarray, "a b"]) -> tuple[float, Float[np.ndarray, "a b"]]:
+def _worst(ways: list[OutputFeedback], K: Float[np.ndarray, "a b"]) -> tuple[float, Float[np.ndarray, "a b"]]:
     """Return the largest abscissa of A_0 + U K Y and its slope in K."""
     value, slope = max(
         (real_part(A_0 + U @ K @ Y, [U], [Y]) for A_0, U, Y in ways), key=lambda found: found[0]

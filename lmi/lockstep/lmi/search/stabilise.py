@@ -12,7 +12,7 @@ from jaxtyping import Complex, Float, Shaped
 
 from lockstep.check.system.loop import Loop
 
-Way = tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _"], Shaped[np.ndarray, "_ _"]]
+OutputFeedback = tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _"], Shaped[np.ndarray, "_ _"]]
 """A_0, U and Y of A_0 + U K Y; Y is complex for the mode of an eigenvalue that is."""
 
 Objective = Callable[[Float[np.ndarray, " x"]], tuple[float, Float[np.ndarray, " x"]]]
@@ -108,15 +108,15 @@ def real_part(
     return float(values[worst].real), slope
 
 
-def stabilise_mode(way: Way, limit: float, *, seed: int, starts: int) -> float:
+def stabilise_mode(mode: OutputFeedback, limit: float, *, seed: int, starts: int) -> float:
     """Return the least abscissa found of one mode of the graph with the same controller for all agents.
 
     Args:
-        way: A_0, U and Y of the mode (`modes.ways_of`).
+        mode: its A_0, U and Y (`modes.loops_at`).
         limit: of the norm of the controller's gains.
         seed, starts: of the random starts.
     """
-    A_0, U, Y = way
+    A_0, U, Y = mode
     shape = (1, U.shape[1], len(Y))
 
     def objective(flat: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:

@@ -67,9 +67,7 @@ class GainSearch:
 
     gain_limit: on the spectral norm of each agent's gains;  lag: s, by which sampling makes the inputs late;  rate:
     that each A_Ci is to have by itself, Re lambda < -rate, in 1/s; None to ask nothing of them;  modes: the same
-    search for gains that are equal for all agents, which costs little; None where it does not apply;  regular: whether all
-    agents hear equally much. Then all starts are of such gains, and else every other one: on three regular graphs of ten
-    arms random gains of their own came to nothing less, on a star to a third.
+    search for gains that are equal for all agents, which costs little; None where it does not apply.
     """
 
     loop: Loop
@@ -79,7 +77,6 @@ class GainSearch:
     lag: float = 0.0
     rate: float | None = None
     modes: ModalSearch | None = None
-    regular: bool = False
 
     @classmethod
     def of(
@@ -90,11 +87,9 @@ class GainSearch:
         lag: float = 0.0,
         rate: float | None = None,
         modes: ModalSearch | None = None,
-        *,
-        regular: bool = False,
     ) -> "GainSearch":
         """Return the search for a loop and a claim in the units of the file."""
-        return cls(*scaled(loop, claim), gain_limit, lag, rate, modes, regular)
+        return cls(*scaled(loop, claim), gain_limit, lag, rate, modes)
 
     def __reduce__(self) -> tuple[type["GainSearch"], tuple[Any, ...]]:
         """Leave what is built from these behind: symbolic expressions do not travel to another process."""
@@ -104,6 +99,16 @@ class GainSearch:
     def is_large(self) -> bool:
         """Whether the loop is one for `interior`."""
         return self.loop.n_x + int(self.loop.E_G.shape[1]) >= LARGE
+
+    @property
+    def is_regular(self) -> bool:
+        """Whether all agents hear equally much: the in-degrees, on the diagonal of L, are one but for rounding.
+
+        Then all starts are of equal gains, and else every other one: on three regular graphs of ten arms random gains of
+        their own came to nothing less, on a star to a third.
+        """
+        degrees = np.diag(self.loop.d.L)
+        return bool(np.ptp(degrees) <= 1e-12 * degrees.max())
 
     @cached_property
     def program(self) -> InteriorProgram:
@@ -166,8 +171,8 @@ def begin(
     if deadline.over:
         nowhere = Descended(np.zeros(search.norm.shape), np.ones(0), np.inf, np.inf)
         return StartResult(index, np.inf, nowhere, cut=True)
-    equal = search.modes is not None and (search.regular or index % 2 == 1)
-    if equal and (at := _equal(search, seed, index)) is not None:
+    equal = search.is_regular or index % 2 == 1
+    if search.modes and equal and (at := _equal(search, search.modes, seed, index)) is not None:
         abscissa = abscissa_of(search.loop, at.K, rate=search.rate)[0]
         return scored(search, score, StartResult(index, abscissa, at, equal=True))
     K, abscissa = stable_gains(search, seed, index)
@@ -176,10 +181,9 @@ def begin(
     return scored(search, score, StartResult(index, abscissa, descended(search.norm, K)))
 
 
-def _equal(search: GainSearch, seed: int, index: int) -> Descended | None:
+def _equal(search: GainSearch, modes: ModalSearch, seed: int, index: int) -> Descended | None:
     """Return equal gains that the modes came to, with multipliers in the whole loop, or None."""
-    generator, modes = np.random.default_rng([seed, index]), search.modes
-    assert modes is not None
+    generator = np.random.default_rng([seed, index])
     K = next((K for _ in range(DRAWS) if (K := modes.stable(generator)) is not None), None)
     at = None if K is None else modes.down(K)
     if at is None or not np.isfinite(at.rho):
