@@ -238,11 +238,13 @@ def test_a_large_design_gives_the_answer_of_a_small_one(unclipped, monkeypatch):
     assert (found.pop("agents"), found.pop("engine")) == (3, "compiled")
     assert found.keys() == small.keys()
     assert found["l2"]["reason"] == small["l2"]["reason"]
-    assert found["l2"]["ratio"] == pytest.approx(small["l2"]["ratio"], rel=1e-5)
+    # Integrals by trapezoids here, by cubics there.
+    assert found["l2"]["ratio"] == pytest.approx(small["l2"]["ratio"], rel=1e-3)
     assert found["l2"]["covered"] is True
     for key in ("disagreement_initial", "disagreement_final", "disagreement_max", "largest_input"):
         np.testing.assert_allclose(found[key], small[key], rtol=1e-5)
-    np.testing.assert_allclose(found["l2"]["output"], small["l2"]["output"], rtol=1e-6)
+    np.testing.assert_allclose(found["l2"]["output"], small["l2"]["output"], rtol=1e-3)
+    np.testing.assert_allclose(found["l2"]["disturbance"], small["l2"]["disturbance"], rtol=1e-6)
     np.testing.assert_allclose(found["l2"]["disturbance"], small["l2"]["disturbance"], rtol=1e-9)
     for one, two in zip(found["indices"], small["indices"], strict=True):
         assert one == pytest.approx(two, rel=1e-5)

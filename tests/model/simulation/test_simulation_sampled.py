@@ -11,11 +11,14 @@ from lockstep.check.errors import ProblemError
 from lockstep.model.simulation import (
     MessageChannel,
     PaperPerturbation,
+    RhoWeights,
     Scenario,
+    energies,
     exact_controllers,
     noise,
     simulate,
 )
+from lockstep.model.simulation.run import rates
 
 CARTS, PERIOD = carts(), 0.1
 DISCRETE = cart_gains()
@@ -154,3 +157,20 @@ def test_what_these_controllers_cannot_have_is_refused(controllers, changes, whe
     with pytest.raises(ProblemError) as caught:
         simulate(ARMS, chosen, replace(Scenario(START, 0.1, 0.01), **changes))
     assert caught.value.where == where
+
+
+def test_energies_with_rates_are_those_of_a_fine_record():
+    """The same run recorded once a period and a hundred times: noise and inputs are held for that period, 0.25 s."""
+    slow = exact_controllers(CARTS.graph, DISCRETE, 0.25)
+    shaking = noise(3, 2, interval=0.25, horizon=10.0, seed=3, sigma=4.0)
+    weights = RhoWeights.of(CARTS.graph, np.diag([1.0, 0.2]), np.eye(1))
+
+    def recorded(step):
+        return simulate(CARTS, slow, Scenario(CART_START, 10.0, step, shaking, substeps=8))
+
+    coarse, fine = recorded(0.25), recorded(0.0025)
+    exact = energies(fine, weights).output[::100]
+    found = energies(coarse, weights, rates(CARTS, coarse)).output
+    # Agents of 0.45 rad/s: (0.11)^4 / 384, and trapezoids of the fine record that are off by 1e-6.
+    assert np.allclose(found[1:], exact[1:], rtol=2e-5)
+    assert abs(energies(coarse, weights).output[-1] / exact[-1] - 1) > 1e-3

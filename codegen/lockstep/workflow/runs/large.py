@@ -17,7 +17,13 @@ from lockstep.model.simulation.from_problem import (
 from lockstep.swarm import NeighbourLists, SwarmLoop, SwarmRun, simulate_swarm, swarm_of_design
 from lockstep.swarm.fields import StreamedNoise
 from lockstep.swarm.neighbours import EdgeList
-from lockstep.verification.closed_loop.measured import Measured, network_of_design, promise, storage_of
+from lockstep.verification.closed_loop.measured import (
+    QUADRATURE,
+    Measured,
+    network_of_design,
+    promise,
+    storage_of,
+)
 from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.workflow.design import Design
 from lockstep.workflow.runs.simulate import Simulation
@@ -200,7 +206,8 @@ def _measured(run: SwarmRun, stored: "Stored", start: Float[np.ndarray, "N n"], 
         return Measured(output, entered, energies.gain, rho, None, False, reason or "")
     ratio = energies.largest_ratio(rho, storage)
     root = None if ratio is None else float(np.sqrt(ratio))
-    return Measured(output, entered, energies.gain, rho, root, True, promised.reason)
+    off = max(QUADRATURE, energies.off)
+    return Measured(output, entered, energies.gain, rho, root, True, promised.reason, off)
 
 
 def _summed_up(rows: Float[np.ndarray, "N 4"]) -> dict[str, Any]:

@@ -49,6 +49,26 @@ def simulate(network: Network, controllers: Gains | SampledControllers, scenario
     return _sampled(network, controllers, scenario)
 
 
+def rates(network: Network, trajectory: Trajectory) -> Float[np.ndarray, "2 K-1 N n"]:
+    """Return x' of a run just after the first instant of each interval and just before its last one.
+
+    Without what is common to all agents in a run that was `pinned`: the disagreement does not see it.
+    """
+    run = agents_alone(network)
+    t, N = trajectory.t, trajectory.N
+
+    def at(end: slice) -> Float[np.ndarray, "K-1 N n"]:
+        u, xi = (
+            signal[:-1] if hold == "held" else signal[end]
+            for signal, hold in ((trajectory.u, trajectory.u_hold), (trajectory.xi, trajectory.xi_hold))
+        )
+        rows = [part.reshape(len(t) - 1, -1) for part in (trajectory.less_offsets[end], u, xi)]
+        found = run(rows[0].T, t[end].reshape(1, -1), np.hstack(rows[1:]).T)
+        return np.asarray(found, dtype=float).T.reshape(len(t) - 1, N, -1)
+
+    return np.stack([at(slice(None, -1)), at(slice(1, None))])
+
+
 def _continuous(network: Network, gains: Gains, scenario: Scenario) -> Trajectory:
     if not scenario.channel.is_ideal:
         raise ProblemError(

@@ -17,7 +17,7 @@ from lockstep.check.errors import ProblemError, demand
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.disagreement import Coordinates, disagreement
 from lockstep.model.graphs.graph import Graph
-from lockstep.model.simulation.quadrature import Hold, running_integral
+from lockstep.model.simulation.quadrature import Hold, running_integral, running_integral_of_cubics
 
 AT_REST = 1e-12
 """Largest initial disagreement, in units of its state, that still counts as none: what rounding may leave."""
@@ -164,6 +164,8 @@ class Energies:
     input: Float[np.ndarray, " K"]
     at_rest: bool
     """Whether the run starts in agreement, with controllers at zero."""
+    off: float = 0.0
+    """The part by which the output may be off, where trapezoids are what there is: what every other instant changes."""
 
     @property
     def gain(self) -> float | None:
@@ -182,18 +184,24 @@ class Energies:
         return float((self.output[there] / allowed[there]).max()) if there.any() else None
 
 
-def energies(trajectory: Trajectory, weights: RhoWeights) -> Energies:
+def energies(
+    trajectory: Trajectory, weights: RhoWeights, rates: Float[np.ndarray, "2 K-1 N n"] | None = None
+) -> Energies:
     """Return the energies of performance output and disturbance along a run.
 
-    Smooth signals are integrated by the trapezoidal rule, whose relative error is about (omega h)^2 / 12 for signals
-    of omega rad/s on instants h apart; held ones exactly.
+    Held signals are integrated exactly. Smooth ones are by the trapezoidal rule, whose relative error is about
+    (omega h)^2 / 12 for signals of omega rad/s on instants h apart; x by cubics, if its rates are given (`run.rates`).
     """
-    squared = weights.squared_states(trajectory.less_offsets)
+    t, x = trajectory.t, trajectory.less_offsets
+    squared = weights.squared_states(x)
     at_rest = squared[0] <= AT_REST**2 * max(1.0, float(np.abs(weights.R).max()))
-    output = running_integral(squared, trajectory.t, "smooth")
-    output += running_integral(weights.squared_controllers(trajectory.x_C), trajectory.t, trajectory.u_hold)
-    entered = running_integral(weights.squared_input(trajectory.xi), trajectory.t, trajectory.xi_hold)
-    return Energies(trajectory.t, output, entered, bool(at_rest and not trajectory.x_C[0].any()))
+    if rates is None:
+        output = running_integral(squared, t, "smooth")
+    else:
+        output = running_integral_of_cubics(weights.squared_states, x, rates, t)
+    output += running_integral(weights.squared_controllers(trajectory.x_C), t, trajectory.u_hold)
+    entered = running_integral(weights.squared_input(trajectory.xi), t, trajectory.xi_hold)
+    return Energies(t, output, entered, bool(at_rest and not trajectory.x_C[0].any()))
 
 
 def l2_gain(trajectory: Trajectory, weights: RhoWeights) -> float:
