@@ -23,6 +23,7 @@ from lockstep.codegen.sampled_design import (
     pair_weights,
     prove_design,
     sampled_network,
+    with_limits,
     with_sampled,
 )
 from lockstep.lmi.certify import certify
@@ -64,39 +65,48 @@ def as_shipped(
     Raises:
         NotCertified: the file says that the design is certified, and the checker refuses it.
     """
+    with one_thread():
+        shipped = _shipped(stored, tell, others, stop or Stop())
+        if np.isfinite(stored.problem.limits).any():
+            tell("proving the limits of the inputs", 0.0)
+        return with_limits(shipped, stored)
+
+
+def _shipped(
+    stored: Stored, tell: Callable[[str, float], None], others: Sequence[StartingGains], stop: Stop
+) -> Stored:
+    """Return what ships, without what is proved of limits."""
     from lockstep.codegen.for_messages import for_messages, lacks_messages
 
-    stop = stop or Stop()
-    with one_thread():
-        verdict = certify(stored)
-        if stored.claims.certified and not verdict.certified:
-            raise NotCertified(f"the checker refuses the design: {verdict.reason}", **verdict.figures)
-        tell("proving the sampled controllers", 0.0)
-        held = prove_design(stored)
-        kept = with_sampled(stored, held)
-        if kept.claims.sampled.certified and lacks_messages(kept):
-            return for_messages(kept, tell, stop)
-        asked = is_asked(stored.problem) or not kept.claims.sampled.certified
-        enough = NEAR * min([stored.claims.rho or np.inf, *(one.rho for one in others)])
-        if not asked and (kept.claims.sampled.rho or np.inf) <= enough:
-            return kept
-        found = obstacle(stored)
-        if found is None:
-            try:
-                made = stop.optional(
-                    lambda: designed_for_period(
-                        kept, lambda part: tell("designing for the period", part), others
-                    ),
-                    otherwise=None,
-                )
-                if made is not None and not lacks_messages(made):
-                    return made
-                if made is not None and not kept.claims.sampled.certified:
-                    return for_messages(made, tell, stop)
-                found = "interrupted" if made is None else "the gains found do not carry the messages"
-            except Infeasible as error:
-                found = str(error)
-        return with_sampled(stored, held, **{NOT_FOR_PERIOD: found}) if asked else kept
+    verdict = certify(stored)
+    if stored.claims.certified and not verdict.certified:
+        raise NotCertified(f"the checker refuses the design: {verdict.reason}", **verdict.figures)
+    tell("proving the sampled controllers", 0.0)
+    held = prove_design(stored)
+    kept = with_sampled(stored, held)
+    if kept.claims.sampled.certified and lacks_messages(kept):
+        return for_messages(kept, tell, stop)
+    asked = is_asked(stored.problem) or not kept.claims.sampled.certified
+    enough = NEAR * min([stored.claims.rho or np.inf, *(one.rho for one in others)])
+    if not asked and (kept.claims.sampled.rho or np.inf) <= enough:
+        return kept
+    found = obstacle(stored)
+    if found is None:
+        try:
+            made = stop.optional(
+                lambda: designed_for_period(
+                    kept, lambda part: tell("designing for the period", part), others
+                ),
+                otherwise=None,
+            )
+            if made is not None and not lacks_messages(made):
+                return made
+            if made is not None and not kept.claims.sampled.certified:
+                return for_messages(made, tell, stop)
+            found = "interrupted" if made is None else "the gains found do not carry the messages"
+        except Infeasible as error:
+            found = str(error)
+    return with_sampled(stored, held, **{NOT_FOR_PERIOD: found}) if asked else kept
 
 
 def is_asked(problem: Problem) -> bool:

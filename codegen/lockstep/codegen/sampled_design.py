@@ -58,18 +58,13 @@ class HeldVerdict:
     """What is proved of sampled, rounded controllers.
 
     verdict: at their period;  longest: at the largest period certified for the design's gains, sampled anew;  rho: the
-    disturbance gain of the sampled loop, if proved;  radius: of disagreements from which no input meets its limit;  gain: the
-    root of the energy of a disturbance under which none does;  clipped: of disagreements from which the clipped loop does;
-    messages: what is proved of messages that are lost or late.
+    disturbance gain of the sampled loop, if proved;  messages: what is proved of messages that are lost or late.
     """
 
     verdict: SampledVerdict
     longest: SampledVerdict | None = None
     rho: SampledRho | ModalRho | None = None
-    radius: tuple[float, Witness] | None = None
     messages: MessageProof = field(default_factory=MessageProof)
-    gain: tuple[float, Witness] | None = None
-    clipped: tuple[float, ClippedWitness] | None = None
 
     def claims(self) -> SampledClaims:
         """Return what may be claimed."""
@@ -87,7 +82,6 @@ class HeldVerdict:
             sampled.underflow,
             sampled.deltas,
             longest,
-            *(None if one is None else one[0] for one in (self.radius, self.gain, self.clipped)),
         )
 
     def remarks(self) -> dict[str, Any]:
@@ -129,39 +123,47 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     if verdict.certified and (reach is None or reach.period < verdict.period):
         reach = verdict
     found = HeldVerdict(verdict, reach, rho)
-    if verdict.witness is not None:
-        found = replace(found, messages=prove_messages(stored, network, controllers, verdict.witness, rho))
-    return _with_limits(found, stored, network, controllers, rho)
-
-
-def _with_limits(
-    found: HeldVerdict,
-    stored: Stored,
-    network: SampledNetwork,
-    controllers: tuple[HeldController, ...],
-    rho: SampledRho | None,
-) -> HeldVerdict:
-    """Return what is proved with what is proved of the inputs' limits, where there are any."""
-    if not found.verdict.certified or not np.isfinite(stored.problem.limits).any():
+    if verdict.witness is None:
         return found
-    witness = found.verdict.witness
-    weights = witness.m if isinstance(witness, Witness) else np.ones(len(network.d.pairs()))
-    radius = _radius(stored, network, controllers, weights)
-    gain = None if rho is None else _gain(stored, network, controllers, rho)
-    return replace(found, radius=radius, gain=gain, clipped=_clipped(stored, network, controllers, radius))
+    return replace(found, messages=prove_messages(stored, network, controllers, verdict.witness, rho))
 
 
 MOST_STATES = 100
 """Of a sampled loop that is assembled for what is proved of limits, which is not proved mode by mode."""
 
+NOTHING = None, None
+
+
+def with_limits(made: Stored, stated: Stored | None = None) -> Stored:
+    """Return a design file with what is proved of its inputs' limits, where there are any: it takes its time, so at last.
+
+    radius of disagreements from which no input meets its limit;  gain, the root of the energy of a disturbance under which
+    none does;  clipped, radius of disagreements from which the clipped loop comes to agree.
+
+    Args:
+        made: with what is proved of its sampled controllers.
+        stated: a file of the same gains, whose witnesses are tried first.
+    """
+    problem, witness, known = made.problem, made.proofs.sampled, _known_rho(made)
+    if not made.claims.sampled.certified or not np.isfinite(problem.limits).any():
+        return made
+    states = problem.sizes.N * (problem.sizes.n + problem.sizes.n_C)
+    if known is None and splits(made) and (problem.spectrum is not None or states > MOST_STATES):
+        return made
+    network = sampled_network(made)
+    given = stated or made, network, sampled_controllers(made, problem.controller.period)
+    radius = _radius(*given, witness.m if isinstance(witness, Witness) else np.ones(len(network.d.pairs())))
+    gain = None if known is None else _gain(*given, known)
+    (reach, of_reach), (root, of_root) = radius or NOTHING, gain or NOTHING
+    clipped, of_clipped = _clipped(*given, radius) or NOTHING
+    sampled = replace(made.claims.sampled, radius=reach, limits_gain=root, clipped_radius=clipped)
+    proofs = replace(made.proofs, radius=of_reach, limits_gain=of_root, clipped=of_clipped)
+    return replace(made, claims=replace(made.claims, sampled=sampled), proofs=proofs)
+
 
 def _mode_by_mode(stored: Stored) -> HeldVerdict:
-    modes, sizes = prove_modes_of(stored, _sector(stored)), stored.problem.sizes
-    found = HeldVerdict(modes.verdict, modes.longest, modes.rho)
-    if stored.problem.spectrum is not None or sizes.N * (sizes.n + sizes.n_C) > MOST_STATES:
-        return found
-    controllers = sampled_controllers(stored, stored.problem.controller.period)
-    return _with_limits(found, stored, sampled_network(stored), controllers, None)
+    modes = prove_modes_of(stored, _sector(stored))
+    return HeldVerdict(modes.verdict, modes.longest, modes.rho)
 
 
 def prove_agreement(
@@ -218,7 +220,7 @@ def _clipped(
 
 
 def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
-    """Return a design file with what is proved of its sampled controllers, and its witnesses."""
+    """Return a design file with what is proved of its sampled controllers, and its witnesses; nothing of limits."""
     said = stored.info.get("sampled")
     said = said if isinstance(said, dict) else {}
     kept = {key: said[key] for key in (FOR_PERIOD, NOT_FOR_PERIOD, FOR_MESSAGES) if key in said}
@@ -227,11 +229,11 @@ def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
         sampled=held.verdict.witness,
         sampled_rho=None if held.rho is None else held.rho.witness,
         max_period=None if held.longest is None else held.longest.witness,
-        radius=None if held.radius is None else held.radius[1],
         messages=held.messages.witness,
         messages_rho=held.messages.of_rho,
-        limits_gain=None if held.gain is None else held.gain[1],
-        clipped=None if held.clipped is None else held.clipped[1],
+        radius=None,
+        limits_gain=None,
+        clipped=None,
     )
     return replace(
         stored,

@@ -126,7 +126,7 @@ def generated_files(
     from lockstep.codegen.fixed_design import with_fixed, without_fixed
     from lockstep.codegen.folder.bundle import bundle
     from lockstep.codegen.from_design import specification
-    from lockstep.codegen.sampled_design import certify_files, prove_design, with_sampled
+    from lockstep.codegen.sampled_design import certify_files, prove_design, with_limits, with_sampled
     from lockstep.lmi.certify import certify
     from lockstep.lmi.document import with_bound_proof
 
@@ -149,7 +149,7 @@ def generated_files(
         )
     claims = stored.claims.sampled
     if not (verdict.ok and claims.certified and claims.rho and claims.max_period):
-        stored = with_sampled(stored, prove_design(stored))
+        stored = with_limits(with_sampled(stored, prove_design(stored)), stored)
     stored = with_fixed(stored) if "fixed" in doors else without_fixed(stored)
     stored = replace(stored, claims=replace(stored.claims, scope=verdict.scope))
     spec = specification(

@@ -37,10 +37,6 @@ ROOM = 1e-2
 NO_WORSE = 1.001
 """A rho that is above the one known by more is the solver's failure."""
 
-MOST_FOR_ANY = 150
-"""Entries, as for `MOST_ENTRIES`, above which P is eliminated where any rho will do: without the last part of rho the
-frequencies take tenths of a second where the program takes many."""
-
 ACCEPTED = 1e-6
 """By how much, relative to its largest entry, a candidate may miss F <= 0 and still be worth a decision."""
 
@@ -98,9 +94,9 @@ class AffineF:
         return Certificate(float(np.sqrt(max(w[-1], 0.0))), (P + P.T) / 2, m, t, m_entries)
 
 
-def eliminates_P(loop: Loop, most: int = MOST_ENTRIES) -> bool:
+def eliminates_P(loop: Loop) -> bool:
     """Tell whether P and the multipliers are too many to be unknowns of one program: see `by_frequencies`."""
-    return loop.n_x * (loop.n_x + 1) // 2 + PAIR * len(loop.d.pairs()) > most
+    return loop.n_x * (loop.n_x + 1) // 2 + PAIR * len(loop.d.pairs()) > MOST_ENTRIES
 
 
 def least_rho(
@@ -118,7 +114,7 @@ def least_rho(
     any_rho: whether it need not be the least, which takes a large loop most of its time.
     """
     form = AffineF(loop, gains, claim)
-    if eliminates_P(loop, MOST_FOR_ANY if any_rho else MOST_ENTRIES):
+    if eliminates_P(loop):
         known = None if near is None else form.multipliers(near)
         at = least_by_frequencies(form.Z, form.constant, form.slopes, known, any_rho=any_rho)
         return None if at is None else form.certificate(*at)

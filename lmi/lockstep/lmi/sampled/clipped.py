@@ -21,7 +21,7 @@ from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness, metric
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
-from lockstep.lmi.sampled.candidates import is_large, priced_anew
+from lockstep.lmi.sampled.candidates import SOME_STATES, is_large, priced_anew
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.convex import step_program
 from lockstep.lmi.sampled.limits import CLAIMED, KEPT
@@ -34,7 +34,7 @@ EXPONENTS = (4.0, 2.0, 1.0, 0.0, -1.0, -2.0, -3.0, -4.0)
 """Powers of ten that tau is tried with, until the radius gets no larger; then between them."""
 
 REFINED = (0.5, 0.25, 0.125)
-"""Steps in the exponent about the best one."""
+"""Steps in the exponent about the best one; only the first for a loop whose programs take long (`SOME_STATES`)."""
 
 NEVER = 1e6
 """tau over |P| with which nothing is clipped."""
@@ -90,7 +90,8 @@ def _scanned(loop: SampledLoop, one: Lifted, limits: Float[np.ndarray, " m"], de
         tried(exponent)
         if found and (exponent not in found or min(found, key=lambda e: found[e][0]) != exponent):
             break
-    for step in REFINED if found else ():
+    refined = REFINED if loop.n_xi <= SOME_STATES else REFINED[:1]
+    for step in refined if found else ():
         best = min(found, key=lambda e: found[e][0])
         for exponent in (best - step, best + step):
             tried(exponent)

@@ -20,7 +20,15 @@ from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.limits import proves_gain, proves_radius
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.check.sampled.performance import running_cost
-from lockstep.lmi.sampled.candidates import REACHES, ROUNDINGS, confirmed, is_large, priced, priced_anew
+from lockstep.lmi.sampled.candidates import (
+    REACHES,
+    ROUNDINGS,
+    SOME_STATES,
+    confirmed,
+    is_large,
+    priced,
+    priced_anew,
+)
 from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
 from lockstep.lmi.sampled.convex import step_program
 from lockstep.lmi.sampled.performance import PRICE, SQUARE, lifted_with_performance
@@ -89,7 +97,8 @@ def largest_radius(
             return level_of_given_weights(loop, one, rows, decay, guess)
         return least_level(loop, one, rows, decay)
 
-    found = [least(1 - rate * spread) for rate in RATES] if spread > 0 else []
+    rates = () if spread <= 0 else RATES if is_large(loop) or loop.n_xi <= SOME_STATES else RATES[1:2]
+    found = [least(1 - rate * spread) for rate in rates]
     for gamma, witness in sorted((each for each in found if each is not None), key=lambda each: each[0]):
         for candidate in priced_anew(loop, one, witness, CLAIMED, exact_messages=True):
             for part in KEPT:

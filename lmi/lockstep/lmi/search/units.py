@@ -1,9 +1,11 @@
 """A loop in units in which its numbers are near one: time, states, inputs, outputs and the nonlinearity by powers of
 two.
 
-With x = X^-1 x^, t = tau t^, u = S_u u^, y^ = S_y y, phi^ = g phi and xi^ = e xi, each scale a power of two,
+With x = X^-1 x^, t = tau t^, u = S_u u^, y^ = S_y y, v^ = g v, phi^ = (g / a) phi and xi^ = e xi, each scale a power of two,
 
-    A^ = tau X A X^-1,   B^ = tau X B S_u,   C^ = S_y C X^-1,   G^ = tau X G / g,   H^ = g H X^-1,   E^ = tau X E / e.
+    A^ = tau X A X^-1,   B^ = tau X B S_u,   C^ = S_y C X^-1,   G^ = tau X G a / g,   H^ = g H X^-1,   E^ = tau X E / e,
+
+and alpha^ = alpha / a near one: a phi of 1e-12 whose G is 1e12 is the same agent as one whose both are one.
 
 The scales are those that bring the entries nearest to one, by least squares on their logarithms (Curtis and Reid, On
 the automatic scaling of matrices for Gaussian elimination, 1972). A power of two changes no bit of a fraction, so the
@@ -28,7 +30,7 @@ class Units:
     """Units of a search beside those of the file.
 
     gains: (n_C + m, n_C + q), the size that an entry of each agent's gains has where it is one in the units of the
-    search; state: (n_x,), X;  time: tau;  multiplier: g^2, by which pair weights grow;  cost: what R and Q were
+    search; state: (n_x,), X;  time: tau;  multiplier: (g / a)^2, by which pair weights grow;  cost: what R and Q were
     divided by; disturbance: e.
     """
 
@@ -78,6 +80,7 @@ def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
     S, inputs, outputs, time, g = natural(loop, claim)
     S_C = 2.0 ** np.round(np.log2(np.maximum(np.diag(claim.Q), 1e-300)) / 2) if order else np.ones(0)
     state = np.concatenate([np.tile(S, loop.d.N - 1), np.tile(S_C, N)])
+    a = 2.0 ** round(np.log2(claim.alpha)) if claim.alpha else 1.0
     e = float(2.0 ** np.round(np.log2(time * S).mean()))
     R, Q = claim.R / np.outer(S, S), claim.Q / np.outer(S_C, S_C)
     cost = float(4.0 ** np.round(np.log2(max(np.diag(R).max(initial=0.0), np.diag(Q).max(initial=0.0))) / 2))
@@ -88,18 +91,18 @@ def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
             A=time * S[:, None] * plant.A / S,
             B=tuple(time * S[:, None] * B for B in plant.B),
             C=plant.C / S,
-            G=time * S[:, None] * plant.G / g,
+            G=time * S[:, None] * plant.G * (a / g),
             H=g * plant.H / S,
         ),
         A_0=time * state[:, None] * loop.A_0 / state,
         U=tuple(time * state[:, None] * U for U in loop.U),
         Y=tuple(Y / state for Y in loop.Y),
         E=time * state[:, None] * loop.E / e,
-        E_G=time * state[:, None] * loop.E_G / g,
+        E_G=time * state[:, None] * loop.E_G * (a / g),
     )
     gains = np.outer(np.concatenate([1 / (time * S_C), inputs]), np.concatenate([S_C, outputs]))
-    claim = replace(claim, R=R / cost, Q=Q / cost, W=claim.W / cost, outputs=claim.outputs / e)
-    return new, claim, Units(gains, state, time, g * g, cost, e)
+    claim = replace(claim.at(alpha=claim.alpha / a), R=R / cost, Q=Q / cost, W=claim.W / cost, outputs=claim.outputs / e)
+    return new, claim, Units(gains, state, time, (g / a) ** 2, cost, e)
 
 
 def natural(
