@@ -135,11 +135,23 @@ def test_a_sum_that_no_double_holds_is_met_by_another_amount() -> None:
     assert bound_of(moved).alpha == pytest.approx(0.5, rel=1e-12)
 
 
-def test_sums_that_contradict_each_other_leave_a_as_it_is() -> None:
-    """tanh(v - p) enters two entries of A, 0 and -0.1; no S gives two doubles."""
+def test_sums_that_no_amount_makes_doubles_are_rounded_once() -> None:
+    """tanh(v - p) enters two entries of A, 0 and -0.1; no S gives two doubles, and the middle is -3.33 / 2 all the same."""
     agent = cart("-0.1*v - 3.33*tanh(v - p)")
-    assert "cannot hold" in agent.centring.reason
-    assert agent.lure.A[1].tolist() == [0.0, -0.1]
+    assert agent.lure.rounded == ("A[2,2]",)
+    np.testing.assert_allclose(agent.lure.A[1], [3.33 / 2, -0.1 - 3.33 / 2], rtol=1e-3)
+    assert bound_of(agent).alpha == pytest.approx(3.33 / 2, rel=2e-3)
+    # The checker has the sum itself.
+    exact, amount = agent.exact.A[1, 1], agent.centring.moves[0].amount
+    assert Fraction(int(exact.p), int(exact.q)) == Fraction(-0.1) + amount != Fraction(agent.lure.A[1, 1])
+
+
+@pytest.mark.parametrize("factor", [1.0, 7.2e10, 3.3e-9])
+def test_a_middle_does_not_depend_on_how_a_term_is_written(factor: float) -> None:
+    """k * sin(v) / k moves as much as sin(v) does, whatever the bits of k."""
+    plain = cart("-0.1*v - 209.2*tanh(v)")
+    other = cart(f"-0.1*v - 209.2*{factor!r}*(tanh(v)/{factor!r})")
+    assert other.lure.A[1, 1] == pytest.approx(plain.lure.A[1, 1], rel=2e-3)
 
 
 def test_a_shared_force_is_moved_in_both_equations() -> None:

@@ -114,7 +114,7 @@ def _staying(graph: Graph) -> str:
 
 def numbers(agent: Agent) -> CheckRow:
     """Whether A, B, C, G, H and phi hold the file's numbers exactly, as doubles, or some of them rounded once."""
-    reason = "what is proved is proved of these doubles: one rounding is 2^-53 of a coefficient at most"
+    reason = "the search takes these doubles, 2^-53 of a coefficient off at most; what is proved is proved of the sums"
     rounded = agent.lure.rounded
     if not rounded:
         return CheckRow(

@@ -5,7 +5,7 @@ middle of the slopes of phi the bound of phi - S v is smaller: tanh has slopes i
 [-1/2, 1/2]. This is the loop transformation of Lur'e problems (Khalil, Nonlinear Systems, section 7.1).
 
 S is a choice, made from sampled slopes and the same on every run; what is claimed about phi - S v is proved
-afterwards. The identity above is kept exactly, by `shift`.
+afterwards, of the sum in rationals.
 """
 
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float
 
 from lockstep.model.agents.lure import Lure
 from lockstep.model.bound_search import Box
-from lockstep.model.loop_transformation.shift import fitting, shifted
+from lockstep.model.loop_transformation.shift import fitting, rounded, shifted
 
 LEAST_GAIN = 0.02
 """A bound that shrinks by less than 2 % is not worth another A than the one written down."""
@@ -93,11 +93,8 @@ def centred(lure: Lure, box: Box) -> tuple[Lure, Centring]:
         return lure, Centring(reason="the slopes are around zero already")
     result, moves = lure, list[CentringMove]()
     for k, j in wanted.tolist():
-        moved = _move(result, k, j, float(lowest[k, j]), float(highest[k, j]))
-        if moved is not None:
-            result, moves = moved[0], [*moves, moved[1]]
-    if not moves:
-        return lure, Centring(reason="doubles cannot hold the sum of A and the middle of the slopes exactly")
+        result, move = _move(result, k, j, float(lowest[k, j]), float(highest[k, j]))
+        moves.append(move)
     found = Centring(tuple(moves))
     if _size(slopes - found.matrix(*lowest.shape)) > (1 - LEAST_GAIN) * _size(slopes):
         return lure, Centring(reason="moving the middle of the slopes into A would not shrink their bound")
@@ -154,15 +151,16 @@ def _size(slopes: Float[np.ndarray, "samples r v"]) -> float:
     return float(np.linalg.norm(slopes, ord=2, axis=(1, 2)).max())
 
 
-def _move(lure: Lure, k: int, j: int, lowest: float, highest: float) -> tuple[Lure, CentringMove] | None:
-    """Move the middle of one slope range, or return None if that cannot be done exactly."""
+def _move(lure: Lure, k: int, j: int, lowest: float, highest: float) -> tuple[Lure, CentringMove]:
+    """Move the middle of one slope range: exactly, by a number next to it with which A stays in doubles, or rounded."""
     middle, half = (lowest + highest) / 2, (highest - lowest) / 2
-    for wish in _short(middle, half):
+    wishes = list(_short(middle, half))
+    for wish in wishes:
         for amount in (wish, *fitting(lure, k, j, wish)):
             found = shifted(lure, k, j, amount)
-            if found is not None and abs(amount - Fraction(middle)) < Fraction(half):
+            if found is not None and abs(amount - Fraction(middle)) <= Fraction(LEAST_GAIN * half):
                 return found, CentringMove(k, j, lowest, highest, amount)
-    return None
+    return rounded(lure, k, j, wishes[0]), CentringMove(k, j, lowest, highest, wishes[0])
 
 
 def _short(middle: float, half: float) -> Iterator[Fraction]:

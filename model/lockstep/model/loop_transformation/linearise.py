@@ -17,7 +17,7 @@ from jaxtyping import Float
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.agent import Move
 from lockstep.model.agents.lure import Lure
-from lockstep.model.loop_transformation.shift import fitting, shifted, without
+from lockstep.model.loop_transformation.shift import fitting, rounded, shifted
 
 STEP, JUMP = 1e-9, 1e-6
 """A kink shows as a slope that jumps by this part within this distance of the origin."""
@@ -54,7 +54,7 @@ def _moved(lure: Lure, k: int, j: int, slope: float) -> tuple[Lure, Fraction]:
             found = shifted(lure, k, j, amount)
             if found is not None:
                 return found, amount
-    return _rounded(lure, k, j, slope), Fraction(slope)
+    return rounded(lure, k, j, Fraction(slope)), Fraction(slope)
 
 
 def _near(slope: float) -> Iterator[Fraction]:
@@ -62,20 +62,6 @@ def _near(slope: float) -> Iterator[Fraction]:
     mantissa, exponent = frexp(slope)
     for bits in range(53, FEWEST_BITS - 1, -1):
         yield Fraction(ldexp(round(ldexp(mantissa, bits)), exponent - bits))
-
-
-def _rounded(lure: Lure, k: int, j: int, slope: float) -> Lure:
-    """Move the slope with one rounding per entry of A, and name the entries."""
-    A = np.array(lure.A)
-    names = []
-    for i, c in product(np.flatnonzero(lure.G[:, k]).tolist(), np.flatnonzero(lure.H[j]).tolist()):
-        exact = Fraction(float(A[i, c])) + Fraction(slope) * Fraction(float(lure.G[i, k])) * Fraction(
-            float(lure.H[j, c])
-        )
-        A[i, c] = float(exact)
-        names += [f"A[{i + 1},{c + 1}]"] if Fraction(float(exact)) != exact else []
-    rounded = tuple(dict.fromkeys((*lure.rounded, *names)))
-    return replace(lure, A=A, phi=without(lure.phi, k, j, Fraction(slope)), rounded=rounded)
 
 
 def _slope_at_origin(lure: Lure) -> Float[np.ndarray, "r v"]:

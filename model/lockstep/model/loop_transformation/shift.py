@@ -1,9 +1,10 @@
-"""Moving a linear part S v out of phi and into A without changing the agent, not even by a rounding.
+"""Moving a linear part S v out of phi and into A without changing the agent.
 
     A x + G phi(H x, t) = (A + G S H) x + G (phi(H x, t) - S H x)
 
-is kept exactly: an amount S_kj is taken only if every entry of A + G S H is a double, the exact sum; phi then loses
-S_kj v_j in one term, or in two if the amount is a sum of two doubles and none itself.
+is kept exactly where an amount S_kj can be had with which every entry of A + G S H is a double, the exact sum; phi then
+loses S_kj v_j in one term, or in two if the amount is a sum of two doubles and none itself. Where there is none near enough
+the entries are rounded once each.
 """
 
 from collections.abc import Iterator
@@ -27,6 +28,20 @@ def shifted(lure: Lure, k: int, j: int, amount: Fraction) -> Lure | None:
     if A is None or _two_doubles(amount) is None:
         return None
     return replace(lure, A=A, phi=without(lure.phi, k, j, amount))
+
+
+def rounded(lure: Lure, k: int, j: int, amount: Fraction) -> Lure:
+    """Return the agent with S_kj = amount moved, each entry of A rounded once to a double; `Lure.rounded` names them.
+
+    For the search: the checker sums in rationals.
+    """
+    A, names = np.array(lure.A), list[str]()
+    for i, c, weight in _entries(lure, k, j):
+        exact = Fraction(float(A[i, c])) + amount * weight
+        A[i, c] = float(exact)
+        names += [] if is_double(exact) else [f"A[{i + 1},{c + 1}]"]
+    names = list(dict.fromkeys((*lure.rounded, *names)))
+    return replace(lure, A=A, phi=without(lure.phi, k, j, amount), rounded=tuple(names))
 
 
 def fitting(lure: Lure, k: int, j: int, wish: Fraction) -> Iterator[Fraction]:
