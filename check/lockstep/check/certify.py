@@ -223,7 +223,10 @@ def _limits(
         return
     at, weights = sampled_network(stored, network, stored.problem.period), stored.problem.performance
     plain, noisy = sampled_loop(at, held), sampled_loop(at, held, weights.outputs)
-    start = "from |x_d(0)| <= {:g}, controllers at rest, every message in time, "
+    timely = (
+        f"every message in time, {'all agents in their domain, ' if stored.claims.scope != 'global' else ''}"
+    )
+    start = f"from |x_d(0)| <= {{:g}}, controllers at rest, {timely}"
     if (radius := claims.radius) is not None:
         w = proofs.radius
         holds = None if w is None else proves_radius(plain, held, w, limits, radius)
@@ -231,7 +234,7 @@ def _limits(
     if (gain := claims.limits_gain) is not None:
         w = proofs.limits_gain
         holds = None if w is None else proves_gain(noisy, held, w, limits, weights, gain)
-        said = f"under a disturbance of energy {gain:g}^2, from agreement, every message in time, no input meets its limit"
+        said = f"under a disturbance of energy {gain:g}^2, from agreement, {timely}no input meets its limit"
         yield "limits_gain", Verdict.of(said, holds)
     if (radius := claims.clipped_radius) is not None:
         c = proofs.clipped

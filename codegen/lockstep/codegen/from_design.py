@@ -209,6 +209,7 @@ def _limits(stored: Stored) -> dict[str, str | None]:
     names = zip(problem.agent().inputs, problem.limits, strict=True)
     sides = ", ".join(f"|{name}| < {limit:g}" for name, limit in names if math.isfinite(limit))
     timely = ", every message in time" if problem.messages is not None else ""
+    timely += ", while every agent stays in its domain" if stored.claims.scope != "global" else ""
     rest = f"controllers at rest, no disturbance{timely}"
     found = {
         "limits": f"{sides} for ever from a disagreement of at most {claims.radius:g}, {rest}"

@@ -221,11 +221,12 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
     radius = sampled.get("radius")
     if radius is not None:
         limits = ", ".join(f"|{name}| <= {limit:g}" for name, limit in _limits(found.design))
+        inside = ", while every agent stays in its domain" if found.verdict.scope == "local" else ""
         yield Statement(
             "radius",
             f"{radius:.4g}",
             f"From a disagreement of at most this ({_units(found.design)}), controllers at rest, nothing disturbing and every"
-            f" message in time, no actuator ever meets its limit: {limits}.",
+            f" message in time{inside}, no actuator ever meets its limit: {limits}.",
         )
 
 

@@ -94,6 +94,18 @@ def test_the_radius_of_an_unstable_difference(delay):
     assert not proves_radius(exact, ones, witness.storage, LIMITS, radius)
 
 
+def test_a_leader_hears_nobody_and_its_input_of_zero_meets_no_limit():
+    """u_2 = -k d, u_1 = 0 (until then no radius was proved where an input is identically 0): |d| = 1 / k once more."""
+    alone, k = [(2, 1, 1.0)], 1.5
+    net = network([[-0.1]], [[1.0]], [[1.0]], [[0.0]], [[0.0]], alone, N=2, alpha=0.0, period=0.02, delay=0)
+    ones = controllers([[[0.0]], [[-k]]], 0, alone)
+    radius, witness = largest_radius(net, ones, LIMITS, WEIGHTS)
+    truth, exact = 1 / (np.sqrt(2) * k), sampled_loop(net, ones)
+    assert 0.9 * truth <= radius <= truth
+    assert proves_radius(exact, ones, witness, LIMITS, radius)
+    assert not proves_radius(exact, ones, witness, LIMITS, 1.001 * truth)
+
+
 @pytest.mark.parametrize("delay", [0, 1])
 def test_the_radius_of_a_large_loop(monkeypatch, delay):
     """With P of one number nothing is lost by pair weights that are given: u = -k d meets its limit at |d| = 1 / k."""

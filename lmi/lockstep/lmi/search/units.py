@@ -101,7 +101,9 @@ def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
         E_G=time * state[:, None] * loop.E_G * (a / g),
     )
     gains = np.outer(np.concatenate([1 / (time * S_C), inputs]), np.concatenate([S_C, outputs]))
-    claim = replace(claim.at(alpha=claim.alpha / a), R=R / cost, Q=Q / cost, W=claim.W / cost, outputs=claim.outputs / e)
+    claim = replace(
+        claim.at(alpha=claim.alpha / a), R=R / cost, Q=Q / cost, W=claim.W / cost, outputs=claim.outputs / e
+    )
     return new, claim, Units(gains, state, time, (g / a) ** 2, cost, e)
 
 
