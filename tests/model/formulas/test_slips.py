@@ -61,6 +61,25 @@ def test_a_mode_that_dies_out_by_itself_asks_for_no_short_period():
     assert slips.period(Problem.parse(grows)).verdict == "note"
 
 
+def test_an_agent_that_settles_between_two_samples_is_noted():
+    """-0.25 and -1000 1/s: the longest time constant is 4 s, of which a tenth to a quarter is usual."""
+    lag = PENDULUM.replace("u - w2*sin(theta) - 0.1*omega", "u - 1000*omega")
+    lag = lag.replace('theta = "omega"', 'theta = "omega - 0.25*theta"')
+    assert slips.period(Problem.parse(lag.replace("period = 0.05", "period = 3.9"))).verdict == "ok"
+    row = slips.period(Problem.parse(lag.replace("period = 0.05", "period = 10.0")))
+    assert (row.verdict, "2.5 times" in row.figure, "0.4 to 1 s" in row.figure) == ("note", True, True)
+
+
+def test_units_that_contradict_the_formulas_are_noted_without_all_checks():
+    units = '[agent.units]\ntheta = "{}"\nomega = "{}"\n'
+    assert list(slips.units(Problem.parse(PENDULUM))) == []
+    assert list(slips.units(Problem.parse(PENDULUM + units.format("rad", "rad/s")))) == []
+    (row,) = slips.units(Problem.parse(PENDULUM + units.format("rad", "rad")))
+    assert (row.verdict, "[agent.dynamics] theta" in row.figure) == ("note", True)
+    (row,) = slips.units(Problem.parse(PENDULUM + units.format("deg", "deg/s")))
+    assert (row.verdict, "theta*pi/180" in row.figure) == ("note", True)
+
+
 def test_degrees_are_noted_with_what_they_would_be_in_radians():
     (row,) = slips.initial(with_change("[0.5, 0.0]", "[30.0, 0.0]"))
     assert row.verdict == "note"

@@ -69,6 +69,7 @@ def check_problem(
         observable,
         zeros,
         slips.period(problem),
+        *slips.units(problem),
         *slips.initial(problem),
     )
     return CheckReport(

@@ -1,8 +1,8 @@
-"""Checks of numbers that are seldom meant: a period too long for the plant, degrees, a start outside of the domain.
+"""Checks of what is seldom meant: a period too long for the plant, units, degrees, a start outside of the domain.
 
-A rule of thumb for the period T of a sampled controller is 0.2 to 0.6 rad of the fastest oscillation in each period, w T
-(Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, on the choice of the sampling rate; there w is of the
-closed loop, here of the agent by itself). From w T = pi on the samples cannot show the oscillation at all (Shannon,
+A rule of thumb for the period T of a sampled controller is 0.2 to 0.6 rad of the fastest oscillation in each period, w T, or
+4 to 10 periods in a time constant where nothing oscillates (Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed.,
+1997, on the choice of the sampling rate; there of the closed loop, here of the agent by itself). From w T = pi on the samples cannot show the oscillation at all (Shannon,
 Communication in the presence of noise, Proceedings of the IRE 37, 1949). None of this is proved, and nothing rests on it.
 """
 
@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.errors import ProblemError
 from lockstep.model.agents.agent import Agent
 from lockstep.model.checks.report import CheckRow
 from lockstep.model.problem import Problem
@@ -22,7 +23,7 @@ LONG = 0.6
 
 TURN = 2 * math.pi
 
-RADIANS = ("rad", "radian", "radians")
+RADIANS, DEGREES = ("rad", "radian", "radians"), ("deg", "degree", "degrees", "\N{DEGREE SIGN}")
 
 _ANGLES = (ca.OP_SIN, ca.OP_COS, ca.OP_TAN)
 
@@ -31,11 +32,16 @@ def period(problem: Problem) -> CheckRow:
     """Hold the period against the fastest mode that is there to be controlled: one that swings or grows."""
     T = problem.controller.period
     reason = "a controller cannot act on what happens between its samples: 0.2 to 0.6 rad a period is the usual range"
-    w = fastest(problem)
+    modes = _modes(problem)
+    w = max((abs(s) for s in modes if s.real >= -abs(s.imag)), default=0.0)
     if w == 0.0:
-        return CheckRow(
-            "period", "ok", f"{T:g} s; no mode of the agent by itself swings or grows there", reason
-        )
+        said = "no mode of the agent by itself swings or grows there"
+        slow = min(map(abs, modes), default=0.0)
+        if slow * T <= 1.0:
+            return CheckRow("period", "ok", f"{T:g} s; {said}", reason)
+        usual = f"{0.1 / slow:.2g} to {0.25 / slow:.2g} s is usual (Astrom and Wittenmark 1997)"
+        moved = f"{T:g} s is {slow * T:.3g} times the longest time constant of the agent by itself, {1 / slow:.3g} s"
+        return CheckRow("period", "note", f"{moved}: it has settled between two samples; {usual}", reason)
     figure = f"{T:g} s is {w * T:.3g} rad of the agent's fastest mode, {w:.3g} rad/s"
     if w * T <= LONG:
         return CheckRow("period", "ok", figure, reason)
@@ -46,22 +52,20 @@ def period(problem: Problem) -> CheckRow:
     return CheckRow("period", "note", f"{figure}{unseen}; {usual}", reason)
 
 
-def fastest(problem: Problem) -> float:
-    """Return max |s| over the modes that swing or grow, in rad/s, where the run starts and in the middle of the domain.
+def _modes(problem: Problem) -> list[complex]:
+    """Return the modes of an agent in 1/s, where the run starts and in the middle of the domain.
 
-    A mode with Re s < -|Im s| (damping above 0.7) dies out by itself, however fast, and is left out.
+    One with Re s < -|Im s| (damping above 0.7) dies out by itself, however fast.
     """
-    agent = problem.agent()
+    agent, found = problem.agent(), list[complex]()
     J = ca.Function("J", [agent.x, agent.u, agent.t], [ca.jacobian(agent.rhs, agent.x)])
-    found = 0.0
     for x in (_middle(agent), *np.clip(problem.initial_states(), agent.box[:, 0], agent.box[:, 1])):
         slopes = np.asarray(J(x, np.zeros(agent.m), 0.0))
         if np.isfinite(slopes).all():
-            values = np.linalg.eigvals(slopes)
-            # A multiple eigenvalue 0 is off by the root of a rounding: that is no oscillation.
+            # A multiple eigenvalue 0 is off by the root of a rounding: that is no oscillation, and an integrator never settles.
             noise = 1e-6 * max(1.0, float(np.abs(slopes).max()))
-            found = max([found, *(abs(s) for s in values if abs(s) > noise and s.real > -abs(s.imag))])
-    return float(found)
+            found += [complex(s) if abs(s) > noise else 0j for s in np.linalg.eigvals(slopes)]
+    return found
 
 
 def _middle(agent: Agent) -> Float[np.ndarray, " n"]:
@@ -72,6 +76,23 @@ def _middle(agent: Agent) -> Float[np.ndarray, " n"]:
             np.isfinite(low) & np.isfinite(high), (low + high) / 2, np.where(np.isfinite(low), low, high)
         )
     return np.where((low <= 0) & (high >= 0), 0.0, middle)
+
+
+def units(problem: Problem) -> Iterator[CheckRow]:
+    """Yield a row where [agent.units] contradict the formulas, or name degrees of what sin, cos or tan is taken of."""
+    agent, reason = problem.agent(), "a formula whose units do not fit is seldom the plant"
+    for j in sorted(angles(agent)):
+        state = agent.states[j]
+        if agent.units.get(state) in DEGREES:
+            meant = f"sin, cos and tan of {state} take radians, and [agent.units] has {state} in degrees"
+            yield CheckRow("units", "note", f"{meant}: write {state}*pi/180, or give it in rad", reason)
+    if agent.units:
+        from lockstep.model.checks.proved.units import check_units
+
+        try:
+            check_units(problem.file.agent)
+        except ProblemError as error:
+            yield CheckRow("units", "note", str(error), reason)
 
 
 def initial(problem: Problem) -> Iterator[CheckRow]:
