@@ -39,6 +39,17 @@ BAD = {
     "a name that is no ASCII": ('name = "arm"', 'name = "bras_\u00e9"', "not a C identifier"),
     "an unknown function": ("sin(theta_l)", "sinus(theta_l)", "did you mean `sin`?"),
     "a jump": ("gravity*sin(theta_l)", "gravity*sign(theta_l)", "no finite bound"),
+    "a topology misspelt": (
+        "edges = [[1, 2], [2, 3], [3, 1]]",
+        'topology = "leaderpath"',
+        "did you mean `leader_path`?",
+    ),
+    "an input on the domain": (
+        "[network]",
+        "[agent.domain]\nu = [-1.0, 1.0]\n\n[network]",
+        "its limits go into [agent.limits]",
+    ),
+    "a state that is not listed": (', "omega_l"]   #', "]   #", 'add "omega_l" to `states`'),
     "a self-loop": ("[[1, 2], ", "[[1, 1], [1, 2], ", "is a self loop"),
     "an edge twice": ("[[1, 2], ", "[[1, 2], [1, 2], ", "is there twice"),
     "an edge without weight": ("[[1, 2], ", "[[1, 2, 0.0], ", "has the weight 0.0"),

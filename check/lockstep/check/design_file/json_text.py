@@ -43,7 +43,10 @@ def parse_json(text: str, where: str) -> Any:
         raise error.within(where) from None
     except (ValueError, RecursionError) as error:
         # Python refuses whole numbers of more than 4300 digits with a plain ValueError.
-        raise ProblemError(f"it is not JSON ({error})", where=where, expected=A_DESIGN) from None
+        remedy = "design it first" if where.endswith(".toml") else ""
+        raise ProblemError(
+            f"it is not JSON ({error})", where=where, expected=A_DESIGN, remedy=remedy
+        ) from None
     return content
 
 

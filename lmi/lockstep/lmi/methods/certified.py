@@ -96,7 +96,7 @@ def searched(
         decaying = network.decaying(held)
         modes = equal_gains(problem, decaying, claim, rate)
         search = GainSearch.of(decaying.loop(problem.order), claim, table.gain_limit, lag, rate, modes)
-        doing = f"searching for gains up to {table.gain_limit:g}, likely {likely(search, table.starts, jobs)}"
+        doing = f"searching for gains up to {table.gain_limit:g}, this search likely {likely(search, table.starts, jobs)}"
         with stop.searching():
             found = search_gains(
                 search,

@@ -106,7 +106,12 @@ class Agent:
         demand(self.rhs.shape[0] == self.n, found, "", expected="one right-hand side per state")
         for letter in ("domain", "units"):
             object.__setattr__(self, letter, MappingProxyType(dict(getattr(self, letter))))
-        check_known("[agent.domain]", self.domain, self.states)
+        check_known(
+            "[agent.domain]",
+            self.domain,
+            self.states,
+            lambda name: "it is an input: its limits go into [agent.limits]" if name in self.inputs else "",
+        )
         check_known("[agent.units]", self.units, (*self.states, *self.inputs, *self.outputs))
         for state, bounds in self.domain.items():
             check_bounds(state, bounds)

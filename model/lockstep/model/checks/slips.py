@@ -2,8 +2,9 @@
 
 A rule of thumb for the period T of a sampled controller is 0.2 to 0.6 rad of the fastest oscillation in each period, w T, or
 4 to 10 periods in a time constant where nothing oscillates (Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed.,
-1997, on the choice of the sampling rate; there of the closed loop, here of the agent by itself). From w T = pi on the samples cannot show the oscillation at all (Shannon,
-Communication in the presence of noise, Proceedings of the IRE 37, 1949). None of this is proved, and nothing rests on it.
+1997, on the choice of the sampling rate; there of the closed loop, here of the agent by itself). From w T = pi on the samples
+cannot show the oscillation at all (Shannon, Communication in the presence of noise, Proceedings of the IRE 37, 1949). None of
+this is proved, and nothing rests on it.
 """
 
 import math
@@ -62,7 +63,7 @@ def _modes(problem: Problem) -> list[complex]:
     for x in (_middle(agent), *np.clip(problem.initial_states(), agent.box[:, 0], agent.box[:, 1])):
         slopes = np.asarray(J(x, np.zeros(agent.m), 0.0))
         if np.isfinite(slopes).all():
-            # A multiple eigenvalue 0 is off by the root of a rounding: that is no oscillation, and an integrator never settles.
+            # A multiple eigenvalue 0 is off by the root of a rounding: no oscillation. What integrates never settles.
             noise = 1e-6 * max(1.0, float(np.abs(slopes).max()))
             found += [complex(s) if abs(s) > noise else 0j for s in np.linalg.eigvals(slopes)]
     return found

@@ -2,7 +2,7 @@
 
 import keyword
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from sys import float_info
 
 from lockstep.check.errors import ProblemError, demand
@@ -87,15 +87,17 @@ def _check_unique(names: Sequence[tuple[str, str]]) -> None:
         seen[name] = kind
 
 
-def check_known(where: str, given: Mapping[str, object], known: Sequence[str]) -> None:
-    """Refuse a name that is none of the known ones."""
+def check_known(
+    where: str, given: Mapping[str, object], known: Sequence[str], remedy: Callable[[str], str] = lambda _: ""
+) -> None:
+    """Refuse a name that is none of the known ones; remedy: what to do where it is near to none of them."""
     for name in given:
         if name not in known:
             raise ProblemError(
                 f"`{shorten(name)}` is unknown",
                 where=where,
                 expected=shorten(", ".join(known), 120),
-                remedy=nearest(name, known),
+                remedy=nearest(name, known) or remedy(name),
             )
 
 
@@ -109,7 +111,12 @@ def check_formulas(states: Sequence[str], dynamics: Mapping[str, str]) -> None:
                 expected=f'{state} = "its time derivative"',
                 remedy=nearest(state, [name for name in dynamics if name not in states]),
             )
-    check_known("[agent.dynamics]", dynamics, states)
+    for name in dynamics:
+        found, remedy = (
+            f"`{shorten(name)}` is unknown",
+            f'if it is a state, add "{shorten(name)}" to `states`',
+        )
+        demand(name in states, found, "[agent.dynamics]", shorten(", ".join(states), 120), remedy)
 
 
 def check_parameters(parameters: Mapping[str, float]) -> None:

@@ -5,7 +5,6 @@ exactly what it was (`shift`). Whatever is moved, the bound is proved of what is
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 from math import frexp, ldexp

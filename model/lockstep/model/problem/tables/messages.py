@@ -1,5 +1,6 @@
 """What pydantic found wrong with a problem file, in the words of the file's author: one `ProblemError`."""
 
+import re
 import types
 from collections.abc import Iterator, Sequence
 from math import isinf
@@ -101,7 +102,11 @@ def _one(location: Location, kind: str, value: Any) -> ProblemError:
         return ProblemError(f"the document is {_shown(value)}", expected="a table with [agent] and [network]")
     name = shorten(next((part for part in reversed(location) if isinstance(part, str)), ""))
     subject = f"`{name}` is" if isinstance(location[-1], str) else "found"
-    return ProblemError(f"{subject} {_shown(value)}", where=toml_path(location), expected=expected)
+    choices = re.findall(r'"(\w+)"', expected) if kind == "literal_error" else []
+    remedy = nearest(value, choices) if isinstance(value, str) else ""
+    return ProblemError(
+        f"{subject} {_shown(value)}", where=toml_path(location), expected=expected, remedy=remedy
+    )
 
 
 def _unknown(location: Location) -> ProblemError:
