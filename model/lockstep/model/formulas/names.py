@@ -112,11 +112,9 @@ def check_formulas(states: Sequence[str], dynamics: Mapping[str, str]) -> None:
                 remedy=nearest(state, [name for name in dynamics if name not in states]),
             )
     for name in dynamics:
-        found, remedy = (
-            f"`{shorten(name)}` is unknown",
-            f'if it is a state, add "{shorten(name)}" to `states`',
-        )
-        demand(name in states, found, "[agent.dynamics]", shorten(", ".join(states), 120), remedy)
+        close, one = nearest(name, states), shorten(name)
+        remedy = f'{close}{" " if close else ""}if it is a state, add "{one}" to `states`'
+        demand(name in states, f"`{one}` is unknown", "[agent.dynamics]", shorten(", ".join(states), 120), remedy)
 
 
 def check_parameters(parameters: Mapping[str, float]) -> None:
