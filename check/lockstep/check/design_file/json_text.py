@@ -18,7 +18,7 @@ T = TypeVar("T")
 Reader = Callable[[Any, str], Any]
 """From a value of JSON and its place to what it says, or a `ProblemError` that names the place."""
 
-A_DESIGN = "a file written by `lockstep design`"
+A_DESIGN = "a file written by `lockstep design`, which takes the problem file"
 
 
 def load_json(path: Path) -> Any:
@@ -43,10 +43,7 @@ def parse_json(text: str, where: str) -> Any:
         raise error.within(where) from None
     except (ValueError, RecursionError) as error:
         # Python refuses whole numbers of more than 4300 digits with a plain ValueError.
-        remedy = "design it first" if where.endswith(".toml") else ""
-        raise ProblemError(
-            f"it is not JSON ({error})", where=where, expected=A_DESIGN, remedy=remedy
-        ) from None
+        raise ProblemError(f"it is not JSON ({error})", where=where, expected=A_DESIGN) from None
     return content
 
 

@@ -141,9 +141,8 @@ def level(
             seen = loop.computed[i * m + l : i * m + l + 1, loop.messages]
             direct = balls.product(seen, seen.T)[0, 0].sqrt() + delta_D
             room = arb(float(limits[l])) - mu - direct * nu
-            if reach.is_zero() and room > 0:  # a leader's: it hears nobody, and its u is 0
-                continue
-            if not (room > 0 and reach > 0):
+            # A leader hears nobody, and its u is 0.
+            if not (room > 0 and (reach > 0 or reach.is_zero())):
                 return arb(-1)
-            least = least.min((room / reach) ** 2)
+            least = least.min((room / reach) ** 2) if reach > 0 else least
     return least - added / (1 - arb(witness.decay))
