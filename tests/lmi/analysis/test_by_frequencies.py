@@ -7,7 +7,7 @@ from lmi_cases import ALPHA, arms, claim, published
 from cart import cart
 from lockstep.check.continuous.decide import decide
 from lockstep.check.errors import NotCertified
-from lockstep.lmi.analysis import solve
+from lockstep.lmi.analysis import by_frequencies, solve
 from lockstep.lmi.analysis.by_frequencies import Response, least_by_frequencies
 from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.analysis.solve import AffineF
@@ -59,6 +59,15 @@ def test_none_is_found_where_a_slope_destabilises() -> None:
     network = arms()
     form = AffineF(network.loop(2), published().blocks, claim(network, 2, 4.7))
     assert least_by_frequencies(form.Z, form.constant, form.slopes) is None
+
+
+def test_multipliers_that_left_the_range_of_doubles_are_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A descent that nothing holds took them to e^800 (a random problem's loop), and the search ended with an error."""
+    form, gone = form_of(), np.array([800.0, -800.0, 800.0])
+    assert least_by_frequencies(form.Z, form.constant, form.slopes) is not None
+    monkeypatch.setattr(by_frequencies, "_lowered", lambda *_given, **_named: (gone, 0.5))
+    with np.errstate(all="ignore"):
+        assert least_by_frequencies(form.Z, form.constant, form.slopes) is None
 
 
 def test_an_unstable_loop_has_none() -> None:

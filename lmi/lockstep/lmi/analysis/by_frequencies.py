@@ -74,7 +74,10 @@ def least_by_frequencies(
         logs, gain = _lowered(response, response.gain, logs - logs.mean(), ENOUGH)
         if gain >= 1:
             return None
-        logs = response.scaled(logs)
+        try:
+            logs = response.scaled(logs)
+        except np.linalg.LinAlgError:  # the multipliers left the range of doubles on their way
+            return None
     logs, square = _lowered(response, response.rho, logs, stages=() if any_rho else STAGES)
     for _ in range(0 if any_rho else REFINEMENTS):
         response = Response.of(Z, constant, slopes, response.between(logs))
