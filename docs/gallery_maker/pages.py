@@ -124,9 +124,9 @@ def _row(field: str, problem: Problem, design: lockstep.Design | None, measured:
         problem.graph().N,
         problem.agent().n,
         problem.order,
-        "" if design is None else f"{design.rho:.4g}",
-        f"{problem.controller.period:g} s",
-        "" if design is None else f"{measured['costs']['flash']} B",
+        "not designed here" if design is None else f"{design.rho:.4g}",
+        f"{problem.controller.period:g}\N{NO-BREAK SPACE}s",
+        "-" if design is None else f"{measured['costs']['flash']}\N{NO-BREAK SPACE}B",
     )
     return "| " + " | ".join(map(str, cells)) + " |"
 
