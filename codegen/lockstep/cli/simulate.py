@@ -90,7 +90,7 @@ def _tables(found: "Simulation", plot: str) -> RenderableType:
         proved = residual and f"; in the end at most {residual:.4g} apart, which is proved{less}"
         rows["send on change"] = f"{of['saved']:.1%} of the messages saved ({of['sent']} sent){proved or ''}"
     # Three digits and folded cells: in 80 columns a figure that is cut says nothing.
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     headings = ("agent", "ISE", "IAE", "ITSE", "ITAE", "of u: ISE", "IAE", "ITSE", "ITAE")
     for heading in headings:
         table.add_column(heading, justify="right", overflow="fold")
