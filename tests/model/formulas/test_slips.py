@@ -70,6 +70,12 @@ def test_an_agent_that_settles_between_two_samples_is_noted():
     assert (row.verdict, "2.5 times" in row.figure, "0.4 to 1 s" in row.figure) == ("note", True, True)
 
 
+def test_an_agent_that_moves_away_by_itself_is_noted():
+    assert list(slips.alone(Problem.parse(PENDULUM))) == []
+    (row,) = slips.alone(Problem.parse(PENDULUM.replace("- 0.1*omega", "+ 0.1*omega")))
+    assert (row.verdict, "0.05 1/s" in row.figure) == ("note", True)  # s^2 - 0.1 s + 16 = 0: Re s = 0.05
+
+
 def test_units_that_contradict_the_formulas_are_noted_without_all_checks():
     units = '[agent.units]\ntheta = "{}"\nomega = "{}"\n'
     assert list(slips.units(Problem.parse(PENDULUM))) == []

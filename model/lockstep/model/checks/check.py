@@ -68,6 +68,7 @@ def check_problem(
         controllable,
         observable,
         zeros,
+        *slips.alone(problem),
         slips.period(problem),
         *slips.units(problem),
         *slips.initial(problem),

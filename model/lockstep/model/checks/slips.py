@@ -53,6 +53,15 @@ def period(problem: Problem) -> CheckRow:
     return CheckRow("period", "note", f"{figure}{unseen}; {usual}", reason)
 
 
+def alone(problem: Problem) -> Iterator[CheckRow]:
+    """Yield a row where an agent by itself moves away: a wrong sign of a damping shows here, and else in no figure."""
+    fastest = max((s.real for s in _modes(problem)), default=0.0)
+    if fastest > 0:
+        reason = "controllers see differences only: what all agents do together stays what each does alone"
+        figure = f"a mode grows at {fastest:.3g} 1/s: agents that agree move away from there together"
+        yield CheckRow("agent by itself", "note", figure, reason)
+
+
 def _modes(problem: Problem) -> list[complex]:
     """Return the modes of an agent in 1/s, where the run starts and in the middle of the domain.
 
