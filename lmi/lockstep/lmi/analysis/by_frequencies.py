@@ -21,10 +21,10 @@ from jaxtyping import Complex, Float, Shaped
 from lockstep.lmi.analysis.inside import inside
 from lockstep.lmi.analysis.p_norm import counted, frequencies_of, gram, least_counted, p_norm, thinned
 
-MOST_ENTRIES, PAIR = 150, 4
-"""Entries of P, each pair's multiplier counted as four, above which this replaces the semidefinite programs: those take
-a second there, and their time grows with the third power. With 234 of them a certificate took 14 s of processor, and a tenth
-of a second so, for a rho that was 4e-4 above."""
+MOST_ENTRIES, PAIR = 300, 4
+"""Entries of P, each pair's multiplier counted as four, above which a search does without semidefinite programs: those take
+seconds there, and their time grows with the third power. Ten pendulums took longer with 171 entries and 45 pairs than twenty
+did without P."""
 
 STAGES = ((9, 60), (41, 60), (201, 80))
 """p and the number of steps, one after the other: the frequencies are chosen anew before each."""
