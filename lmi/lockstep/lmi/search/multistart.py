@@ -11,7 +11,7 @@ from lockstep.lmi.analysis.solve import eliminates_P
 from lockstep.lmi.search.held import hold
 from lockstep.lmi.search.polish import Polished, polished, reached
 from lockstep.lmi.search.smoothed import Descended
-from lockstep.lmi.search.start import Climbed, GainSearch, Score, begin, climb, go_on
+from lockstep.lmi.search.start import Climbed, GainSearch, Score, StartResult, begin, climb, go_on
 from lockstep.lmi.search.stopping import NEVER, Deadline
 from lockstep.lmi.threads import one_thread
 from lockstep.lmi.workers import started_without_interrupts
@@ -86,16 +86,19 @@ def search_gains(
     further = cores.run((0.4, 0.6), go_on, [(search, score, one, deadline) for one in promising], deadline)
     further += promising[len(further) :]
     further.sort(key=lambda one: one.rank)
+    unheld = list[StartResult]()
     if (
         search.lag
         and further
         and further[0].sampled > LOST * search.units.rho * min(one.at.rho for one in further)
     ):
+        # A design for the period may begin with gains that do not survive it, and end below those that do.
+        unheld = [min(further, key=lambda one: one.at.rho)]
         held = cores.run((0.6, 0.6), hold, [(search, score, one, deadline) for one in further], deadline)
         further = held + further[len(held) :]
         further.sort(key=lambda one: one.rank)
     stable = [one for one in drawn if one.abscissa < 0]
-    pursued = (further or (stable[:1] if eliminates else stable))[:starts]
+    pursued = (further or (stable[:1] if eliminates else stable))[:starts] + unheld
     if eliminates and further:
         # As they were before they were taken next to the maximum, where certificates are hard to find.
         pursued += [one for one in finite if one.rank not in {other.rank for other in further}]
