@@ -114,7 +114,9 @@ def check_formulas(states: Sequence[str], dynamics: Mapping[str, str]) -> None:
     for name in dynamics:
         close, one = nearest(name, states), shorten(name)
         remedy = f'{close}{" " if close else ""}if it is a state, add "{one}" to `states`'
-        demand(name in states, f"`{one}` is unknown", "[agent.dynamics]", shorten(", ".join(states), 120), remedy)
+        demand(
+            name in states, f"`{one}` is unknown", "[agent.dynamics]", shorten(", ".join(states), 120), remedy
+        )
 
 
 def check_parameters(parameters: Mapping[str, float]) -> None:

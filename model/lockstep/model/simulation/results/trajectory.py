@@ -81,8 +81,7 @@ class Trajectory:
             found = f"`{letter}` has the shape {' x '.join(map(str, array.shape))}"
             expected = f"{len(t)} x {N} x {width}: instants, agents, signals"
             demand(array.shape == (len(t), N, width), found, "trajectory", expected)
-            if not np.isfinite(array).all():
-                raise ProblemError(f"`{letter}` holds a number that is not finite", where="trajectory")
+            demand(np.isfinite(array).all(), f"`{letter}` holds a number that is not finite", "trajectory")
             object.__setattr__(self, letter, array)
 
     @property
