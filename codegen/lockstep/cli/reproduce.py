@@ -10,7 +10,7 @@ from rich.markdown import Markdown
 from rich.table import Table
 
 from lockstep.check.errors import ProblemError, demand
-from lockstep.cli.console import Answer, progress_display, respond
+from lockstep.cli.console import Answer, progress_display
 
 if TYPE_CHECKING:
     from amini.claims.claim import ClaimRow
@@ -18,12 +18,8 @@ if TYPE_CHECKING:
 COMMAND = "lockstep reproduce"
 
 
-def run(names: Sequence[str], output: Path | None, figures: Path | None = None, *, as_json: bool) -> None:
+def run(names: Sequence[str], output: Path | None, figures: Path | None) -> Answer:
     """Settle the claims, and write the page if asked; or make Section 4's figures and table in a folder."""
-    respond(as_json, lambda: _answer(names, output, figures))
-
-
-def _answer(names: Sequence[str], output: Path | None, figures: Path | None) -> Answer:
     found = "the study of the paper is not installed: it is no part of the wheel"
     expected = "Lockstep's source, which holds it in the folder studies/"
     remedy = "in a checkout, run `pip install -e .`, then `lockstep reproduce`"
