@@ -18,6 +18,7 @@ from lockstep.check.errors import NotCertified
 from lockstep.check.system.loop import Gains, Loop
 from lockstep.lmi.analysis.solve import eliminates_P, least_rho, tight
 from lockstep.lmi.search.units import Units, scaled
+from lockstep.lmi.shapes import GainBlocks
 from lockstep.model.network import Network
 
 SLACKS = (5e-4, 2e-3, 1e-2, 5e-2)
@@ -70,7 +71,7 @@ def _significant(values: Float[np.ndarray, "..."], digits: int) -> Float[np.ndar
     return np.array([float(f"{value:.{digits}g}") for value in values.ravel()]).reshape(values.shape)
 
 
-def short_gains(K: Float[np.ndarray, "N k l"], gain_limit: float) -> Float[np.ndarray, "N k l"]:
+def short_gains(K: GainBlocks, gain_limit: float) -> GainBlocks:
     """Round gains to short decimals, staying within the limit on each block's spectral norm."""
     largest = max(float(np.abs(K).max()), 1e-300)
     places = GAIN_DIGITS - 1 - math.floor(math.log10(largest))
@@ -163,7 +164,7 @@ def _in_all_units(loop: Loop, claim: Claim, near: Certificate | None) -> list[_A
 
 
 def shortest_that_proves(
-    loop: Loop, exact_loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim, candidate: Certificate
+    loop: Loop, exact_loop: Loop, K: GainBlocks, claim: Claim, candidate: Certificate
 ) -> Certificate | None:
     """Return the candidate rounded to the fewest digits with which it proves the inequality, or None."""
     for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1):
@@ -173,7 +174,7 @@ def shortest_that_proves(
     return None
 
 
-def _passes_in_doubles(loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim, trial: Certificate) -> bool:
+def _passes_in_doubles(loop: Loop, K: GainBlocks, claim: Claim, trial: Certificate) -> bool:
     return all(_definite(matrix) for matrix in (trial.P, -F_matrix(loop, K, claim, trial)))
 
 

@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.certify import SampledVerdict
@@ -22,6 +21,7 @@ from lockstep.lmi.sampled.certify import (
     period_in_doubles,
 )
 from lockstep.lmi.sampled.search import best_multiplier
+from lockstep.lmi.shapes import PairWeights
 
 ControllersAt = Callable[[float], tuple[HeldController, ...]]
 """The controllers of every agent, sampled with a period in s."""
@@ -37,7 +37,7 @@ BACK_OFF = (0.999, 0.998, 0.995, 0.98, 0.95, 0.85, 0.7, 0.4, 0.2, 0.1, 0.03, 0.0
 
 
 def max_period(
-    network: SampledNetwork, controllers_at: ControllersAt, guess: Float[np.ndarray, " pairs"] | None = None
+    network: SampledNetwork, controllers_at: ControllersAt, guess: PairWeights | None = None
 ) -> SampledVerdict | None:
     """Return the proved verdict at the largest period found, rounded down to four digits; None if there is none.
 
@@ -94,10 +94,7 @@ class _Edge:
     """Where the loop stops to hold, in doubles; the multiplier that held last is the first guess for the next period."""
 
     def __init__(
-        self,
-        network: SampledNetwork,
-        controllers_at: ControllersAt,
-        guess: Float[np.ndarray, " pairs"] | None,
+        self, network: SampledNetwork, controllers_at: ControllersAt, guess: PairWeights | None
     ) -> None:
         self.network, self.controllers_at, self.guess = network, controllers_at, guess
 
