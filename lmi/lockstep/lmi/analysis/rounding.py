@@ -54,20 +54,31 @@ def round_up(value: float, digits: int = 4) -> float:
     return rounded if rounded >= value else float(f"{rounded + unit:.{digits}g}")
 
 
+def rounded_down(value: float, digits: int = 4) -> float:
+    """Round a number above 0 down to so many significant decimals.
+
+    >>> rounded_down(1.95668), rounded_down(1.9566), rounded_down(12503.0), rounded_down(0.0312399)
+    (1.956, 1.956, 12500.0, 0.03123)
+    """
+    unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
+    short = float(f"{math.floor(value / unit) * unit:.{digits}g}")
+    return short if short <= value else float(f"{short - unit:.{digits}g}")
+
+
 def rounded(certificate: Certificate, digits: int) -> Certificate:
     """Round P to `digits` decimals relative to its largest entry, and m and t to as many significant ones."""
-    P = certificate.P
-    places = digits - 1 - math.floor(math.log10(max(np.abs(P).max(), 1e-300)))
-    return Certificate(
-        certificate.rho,
-        np.round(P, min(places, 300)),
-        _significant(certificate.m, digits),
-        _significant(certificate.t, digits),
-        _significant(certificate.m_entries, digits),
-    )
+    weights = (significant(one, digits) for one in (certificate.m, certificate.t, certificate.m_entries))
+    return Certificate(certificate.rho, rounded_storage(certificate.P, digits), *weights)
 
 
-def _significant(values: Float[np.ndarray, "..."], digits: int) -> Float[np.ndarray, "..."]:
+def rounded_storage(P: Float[np.ndarray, "n n"], digits: int) -> Float[np.ndarray, "n n"]:
+    """Round P to decimals: so many significant ones of its largest entry, as many places of all others."""
+    places = digits - 1 - math.floor(math.log10(max(np.abs(P).max(initial=0.0), 1e-300)))
+    return np.asarray(np.round(P, min(places, 300)))
+
+
+def significant(values: Float[np.ndarray, "..."], digits: int) -> Float[np.ndarray, "..."]:
+    """Round each number to so many significant decimals."""
     return np.array([float(f"{value:.{digits}g}") for value in values.ravel()]).reshape(values.shape)
 
 

@@ -25,8 +25,9 @@ from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.document import Stored
 from lockstep.lmi.methods.certified import rate_of_controllers
-from lockstep.lmi.search.interior import BarrierPoint, within
+from lockstep.lmi.search.interior import BarrierPoint
 from lockstep.lmi.search.polish import polished, reached
+from lockstep.lmi.search.stabilise import within
 from lockstep.lmi.search.start import GainSearch
 from lockstep.lmi.shapes import GainBlocks
 from lockstep.lmi.stored_bound import bound_again

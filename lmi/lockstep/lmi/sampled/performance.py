@@ -165,12 +165,16 @@ def period_of(loop: SampledLoop, weights: Performance, m: PairWeights, rho: floa
         lifted = lifted_with_performance(loop, weights, multiplier(loop.network.d, m), rho)
     except np.linalg.LinAlgError:
         return None
-    if not all(np.isfinite(part).all() for part in (lifted.A_d, lifted.S, lifted.Q)):
-        return None
-    # Past a conjugate point the formulas go on and mean nothing: S or Q is then no longer a square.
-    if any(np.linalg.eigvalsh(part)[0] < -SQUARE * np.abs(part).max() for part in (lifted.S, lifted.Q)):
+    if not is_lifted(lifted):
         return None
     return _Period(loop, lifted, m, running_cost(loop, weights, rho), float(np.linalg.norm(weights.R, 2)))
+
+
+def is_lifted(lifted: Lifted) -> bool:
+    """Tell whether S and Q are finite squares: past a conjugate point the formulas go on, and mean nothing."""
+    if not all(np.isfinite(part).all() for part in (lifted.A_d, lifted.S, lifted.Q)):
+        return False
+    return all(np.linalg.eigvalsh(part)[0] >= -SQUARE * np.abs(part).max() for part in (lifted.S, lifted.Q))
 
 
 def least_rho(

@@ -14,6 +14,7 @@ import numpy as np
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.certify import SampledVerdict
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
+from lockstep.lmi.analysis.rounding import rounded_down
 from lockstep.lmi.sampled.certify import (
     certify_sampled,
     first_guess,
@@ -71,7 +72,7 @@ def longest(
         middle = math.sqrt(low * high)
         low, high = (middle, high) if seems_to_hold(middle) else (low, middle)
     for factor in BACK_OFF:
-        verdict = certify(_down(low * factor))
+        verdict = certify(rounded_down(low * factor))
         if verdict.certified:
             return verdict
     return None
@@ -112,13 +113,3 @@ class _Edge:
             return False
         self.guess = m if gain < 1 else self.guess
         return gain < 1
-
-
-def _down(period: float) -> float:
-    """Round down to four digits.
-
-    >>> _down(0.0312399)
-    0.03123
-    """
-    unit = 10.0 ** (math.floor(math.log10(period)) - 3)
-    return float(f"{math.floor(period / unit) * unit:.4g}")

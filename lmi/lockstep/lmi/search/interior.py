@@ -355,8 +355,3 @@ def line_search(
         if found <= here - ENOUGH * length * decrement:
             return length, found
     return 0.0, here
-
-
-def within(K: GainBlocks, limit: float) -> GainBlocks:
-    """Scale each agent's gains down to the limit on their spectral norm."""
-    return np.stack([block * min(1.0, limit / max(float(np.linalg.norm(block, 2)), 1e-300)) for block in K])

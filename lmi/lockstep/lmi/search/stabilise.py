@@ -180,3 +180,9 @@ def _weak_wolfe(
             low = t
         t = (low + high) / 2 if np.isfinite(high) else 2 * t
     return best
+
+
+def within(K: GainBlocks, limit: float) -> GainBlocks:
+    """Return gains of which those of agents that exceed a spectral norm are scaled down to it."""
+    norms = np.linalg.norm(K, 2, axis=(1, 2))
+    return np.asarray(K * np.minimum(1.0, limit / np.maximum(norms, 1e-300))[:, None, None])

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.solve import AffineF, eliminates_P, least_rho
-from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLimits, within
+from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLimits
 from lockstep.lmi.search.modes import ModalSearch
 from lockstep.lmi.search.smoothed import (
     NEXT_TO_IT,
@@ -30,7 +30,7 @@ from lockstep.lmi.search.smoothed import (
     with_multipliers,
 )
 from lockstep.lmi.search.stabilise import abscissa as abscissa_of
-from lockstep.lmi.search.stabilise import stabilise
+from lockstep.lmi.search.stabilise import stabilise, within
 from lockstep.lmi.search.stopping import NEVER, Deadline
 from lockstep.lmi.search.units import Units, scaled
 from lockstep.lmi.shapes import GainBlocks

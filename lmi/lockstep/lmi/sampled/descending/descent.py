@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Complex
 
 from lockstep.lmi.sampled.descending.objective import SampledObjective, ValueAndSlopes
-from lockstep.lmi.search.stabilise import abscissa, descend
+from lockstep.lmi.search.stabilise import abscissa, descend, within
 from lockstep.lmi.shapes import GainBlocks, PairWeights, Vector
 
 
@@ -215,9 +215,3 @@ def limit_barrier(K: GainBlocks, limit: float) -> tuple[float, GainBlocks] | Non
         return None
     value = -2 * float(np.log(np.diagonal(L, axis1=1, axis2=2)).sum())
     return value, 2 * np.linalg.solve(room, scaled) / limit
-
-
-def within(K: GainBlocks, limit: float) -> GainBlocks:
-    """Return gains of which those that exceed a norm are scaled down to it."""
-    norms = np.linalg.norm(K, 2, axis=(1, 2))
-    return np.asarray(K * np.minimum(1.0, limit / np.maximum(norms, 1e-300))[:, None, None])

@@ -17,10 +17,11 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork
 from lockstep.lmi.sampled.certify import in_doubles
-from lockstep.lmi.sampled.descending.descent import Descent, DescentPoint, within
+from lockstep.lmi.sampled.descending.descent import Descent, DescentPoint
 from lockstep.lmi.sampled.descending.objective import SampledObjective
 from lockstep.lmi.sampled.descending.tustin import tustin
 from lockstep.lmi.sampled.performance import least_rho
+from lockstep.lmi.search.stabilise import within
 from lockstep.lmi.shapes import GainBlocks, PairWeights
 
 RHO_KEPT = (1.5, 5.0)
@@ -48,13 +49,8 @@ class SampledCandidate:
     rho: float
 
 
-@dataclass(frozen=True, eq=False)
-class StartingGains:
+class StartingGains(SampledCandidate):
     """Gains to start from, multiplier weights for them (of the continuous certificate, say), and its rho."""
-
-    K: GainBlocks
-    m: PairWeights
-    rho: float
 
 
 @dataclass(frozen=True, eq=False)

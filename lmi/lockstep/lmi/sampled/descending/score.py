@@ -91,11 +91,8 @@ class SampledScore:
                 self.claim.entries, Certificate(0.0, none, m, m_entries=m_entries), sector
             )
             network = replace(network, sector=sector)
-        loop, of_rho, m = (
-            in_doubles(network, controllers, self.claim.outputs),
-            self.claim.performance,
-            usable(m, len(self.loop.d.pairs())),
-        )
+        loop, of_rho = in_doubles(network, controllers, self.claim.outputs), self.claim.performance
+        m = usable(m, len(self.loop.d.pairs()))
         found = (least_rho(loop, of_rho, scale * m, resolution=RESOLUTION) for scale in SCALES)
         return next((rho for rho in found if rho is not None), None)
 

@@ -18,10 +18,11 @@ from jaxtyping import Float
 from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.lmi.sampled.certify import in_doubles
-from lockstep.lmi.sampled.descending.descent import Descent, DescentPoint, Stage, within
+from lockstep.lmi.sampled.descending.descent import Descent, DescentPoint, Stage
 from lockstep.lmi.sampled.descending.improve import ROOM, AtPeriod, StartingGains, usable
 from lockstep.lmi.sampled.messages.descent import AgedObjective
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
+from lockstep.lmi.search.stabilise import within
 from lockstep.lmi.shapes import GainBlocks, PairWeights
 
 PARTS = (0.8, 1.0, 1.1)
