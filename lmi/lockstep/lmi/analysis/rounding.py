@@ -16,6 +16,7 @@ from lockstep.check.continuous.decide import decide
 from lockstep.check.continuous.inequality import Certificate, Claim, F_matrix
 from lockstep.check.errors import NotCertified
 from lockstep.check.system.loop import Gains, Loop
+from lockstep.lmi.analysis.decimals import round_up, rounded_storage, significant
 from lockstep.lmi.analysis.solve import eliminates_P, least_rho, tight
 from lockstep.lmi.search.units import Units, scaled
 from lockstep.lmi.shapes import GainBlocks
@@ -41,45 +42,10 @@ NORM_ERROR = 1e-12
 FEWEST_DIGITS, MOST_DIGITS = 3, 15
 
 
-def round_up(value: float, digits: int = 4) -> float:
-    """Round up to so many significant decimals.
-
-    >>> round_up(13.2323, 4)
-    13.24
-    """
-    if value <= 0 or not math.isfinite(value):
-        return value
-    unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
-    rounded = float(f"{math.ceil(value / unit - 1e-9) * unit:.{digits}g}")
-    return rounded if rounded >= value else float(f"{rounded + unit:.{digits}g}")
-
-
-def rounded_down(value: float, digits: int = 4) -> float:
-    """Round a number above 0 down to so many significant decimals.
-
-    >>> rounded_down(1.95668), rounded_down(1.9566), rounded_down(12503.0), rounded_down(0.0312399)
-    (1.956, 1.956, 12500.0, 0.03123)
-    """
-    unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
-    short = float(f"{math.floor(value / unit) * unit:.{digits}g}")
-    return short if short <= value else float(f"{short - unit:.{digits}g}")
-
-
 def rounded(certificate: Certificate, digits: int) -> Certificate:
     """Round P to `digits` decimals relative to its largest entry, and m and t to as many significant ones."""
     weights = (significant(one, digits) for one in (certificate.m, certificate.t, certificate.m_entries))
     return Certificate(certificate.rho, rounded_storage(certificate.P, digits), *weights)
-
-
-def rounded_storage(P: Float[np.ndarray, "n n"], digits: int) -> Float[np.ndarray, "n n"]:
-    """Round P to decimals: so many significant ones of its largest entry, as many places of all others."""
-    places = digits - 1 - math.floor(math.log10(max(np.abs(P).max(initial=0.0), 1e-300)))
-    return np.asarray(np.round(P, min(places, 300)))
-
-
-def significant(values: Float[np.ndarray, "..."], digits: int) -> Float[np.ndarray, "..."]:
-    """Round each number to so many significant decimals."""
-    return np.array([float(f"{value:.{digits}g}") for value in values.ravel()]).reshape(values.shape)
 
 
 def short_gains(K: GainBlocks, gain_limit: float) -> GainBlocks:

@@ -18,7 +18,7 @@ from lockstep.check.floor.witness import FloorWitness, Piece, exact_agent, exclu
 from lockstep.check.numbers import as_floats, zeros
 from lockstep.check.system.loop import Plant
 from lockstep.check.system.network import ExactNetwork
-from lockstep.lmi.analysis.rounding import rounded_down, significant
+from lockstep.lmi.analysis.decimals import round_down, significant
 from lockstep.lmi.floor.program import FloorProgram, FloorSolution, Scales, largest_margin
 
 STEP = 4.0
@@ -75,7 +75,7 @@ def largest_floor(
     while high is not None and high / low > 1 + TOLERANCE:
         middle = math.sqrt(low * high)
         low, high = (middle, high) if is_proved(middle) else (low, middle)
-    short = rounded_down(low)
+    short = round_down(low)
     rho = short if short in proved or is_proved(short) else low
     return _shortened(network, alpha, R, FloorWitness(rho, proved[rho]))
 

@@ -21,7 +21,8 @@ from lockstep.check.numbers import as_floats
 from lockstep.check.system.graph import Digraph
 from lockstep.check.system.loop import Gains
 from lockstep.check.system.spectrum import Metric
-from lockstep.lmi.analysis.rounding import round_up, rounded_storage, short_gains
+from lockstep.lmi.analysis.decimals import round_up, rounded_storage
+from lockstep.lmi.analysis.rounding import short_gains
 from lockstep.lmi.methods.modal_common import CommonSearch
 from lockstep.lmi.methods.modal_search import ModalCandidate, drawn, from_start
 from lockstep.lmi.methods.modal_witness import HALVINGS, ModalWitness, fine_witness, witness

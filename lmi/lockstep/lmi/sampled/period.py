@@ -14,7 +14,7 @@ import numpy as np
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.certify import SampledVerdict
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
-from lockstep.lmi.analysis.rounding import rounded_down
+from lockstep.lmi.analysis.decimals import round_down
 from lockstep.lmi.sampled.certify import (
     certify_sampled,
     first_guess,
@@ -72,7 +72,7 @@ def longest(
         middle = math.sqrt(low * high)
         low, high = (middle, high) if seems_to_hold(middle) else (low, middle)
     for factor in BACK_OFF:
-        verdict = certify(rounded_down(low * factor))
+        verdict = certify(round_down(low * factor))
         if verdict.certified:
             return verdict
     return None
