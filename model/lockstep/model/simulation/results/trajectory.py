@@ -108,10 +108,6 @@ class Trajectory:
         """Return |x_d| = (sum_i |x_i - mean|^2)^1/2, x_d in orthonormal coordinates."""
         return np.asarray(np.sqrt((self.errors() ** 2).sum(axis=(1, 2))))
 
-    def disagreement_of(self, signal: Float[np.ndarray, "K N k"]) -> Float[np.ndarray, " K"]:
-        """Return the same of another signal, such as `xi`."""
-        return np.asarray(np.sqrt(((signal - signal.mean(axis=1, keepdims=True)) ** 2).sum(axis=(1, 2))))
-
 
 @dataclass(frozen=True, eq=False)
 class RhoWeights:
