@@ -5,15 +5,11 @@ from pathlib import Path
 from rich.console import Group
 from rich.text import Text
 
-from lockstep.cli.console import Answer, respond, two_columns
+from lockstep.cli.console import Answer, two_columns
 
 
-def run_init(field: str, output: Path | None, *, as_json: bool) -> None:
+def run_init(field: str, output: Path | None) -> Answer:
     """Print a commented problem file of a field, or write it."""
-    respond(as_json, lambda: _init(field, output))
-
-
-def _init(field: str, output: Path | None) -> Answer:
     from lockstep.workflow.init import init
 
     begun = init(field, output=output)
@@ -21,12 +17,8 @@ def _init(field: str, output: Path | None) -> Answer:
     return Answer(begun.document(), said if output else begun.text.rstrip())
 
 
-def run_explain(design: Path, *, as_json: bool) -> None:
+def run_explain(design: Path) -> Answer:
     """Say what is proved of a design and what is not."""
-    respond(as_json, lambda: _explain(design))
-
-
-def _explain(design: Path) -> Answer:
     from lockstep.workflow.explain import explain
 
     told = explain(design)

@@ -1,6 +1,5 @@
 """`lockstep build`: from a problem file to a folder of proved, compiled and checked C, with a report."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,18 +7,14 @@ from rich.console import Group
 from rich.text import Text
 
 from lockstep.cli.check import table_of as check_table
-from lockstep.cli.console import Answer, progress_display, remark, respond
+from lockstep.cli.console import Answer, progress_display, remark
 from lockstep.cli.design import REUSED, summary
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.verify import table_of as verify_table
 
 
-def run(path: Path, output: Path, *, as_json: bool, **options: Any) -> None:
+def run(path: Path, output: Path, **options: Any) -> Answer:
     """Check, design, certify, generate, verify, report; write the folder last. Options: of `lockstep.build`."""
-    respond(as_json, lambda: _build(path, output, options))
-
-
-def _build(path: Path, output: Path, options: Mapping[str, Any]) -> Answer:
     import lockstep
 
     with progress_display() as tell, keeping_the_best(remark) as stop:

@@ -8,49 +8,15 @@ from rich.console import Group, RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from lockstep.cli.console import Answer, progress_display, respond, two_columns
+from lockstep.cli.console import Answer, progress_display, two_columns
 
 if TYPE_CHECKING:
     from lockstep.campaign import Campaign
     from lockstep.workflow.runs.campaign import CampaignOptions
 
 
-def run(
-    path: Path,
-    runs: int,
-    output: Path,
-    scheduler: str | None,
-    jobs: int | None,
-    seed: int | None,
-    as_json: bool,
-    *,
-    controllers: str | None = None,
-    horizon: float | None = None,
-) -> None:
-    """Run a campaign, or what is left of it: see `lockstep.workflow.runs.campaign.run_campaign`."""
-    respond(as_json, lambda: _run(path, runs, output, scheduler, jobs, _options(controllers, seed, horizon)))
-
-
-def run_replay(
-    path: Path,
-    index: int,
-    output: Path | None,
-    seed: int | None,
-    as_json: bool,
-    *,
-    controllers: str | None = None,
-    horizon: float | None = None,
-) -> None:
-    """Run one of a campaign's runs again: see `lockstep.workflow.runs.campaign.replay`."""
-    respond(as_json, lambda: _replay(path, index, output, _options(controllers, seed, horizon)))
-
-
-def run_faults(path: Path, faults: str, runs: int, output: Path, as_json: bool, **options: Any) -> None:
+def run_faults(path: Path, faults: str, runs: int, output: Path, **options: Any) -> Answer:
     """Run a campaign of network faults: see `lockstep.workflow.runs.network.network_campaign`."""
-    respond(as_json, lambda: _run_faults(path, faults, runs, output, options))
-
-
-def _run_faults(path: Path, faults: str, runs: int, output: Path, options: dict[str, Any]) -> Answer:
     from lockstep.workflow.runs.network import network_campaign
 
     with progress_display() as tell:
@@ -69,15 +35,10 @@ def _run_faults(path: Path, faults: str, runs: int, output: Path, options: dict[
     return Answer(document, two_columns("Network faults", rows), found.ok)
 
 
-def _options(controllers: str | None, seed: int | None, horizon: float | None) -> "CampaignOptions":
-    from lockstep.workflow.runs.campaign import CampaignOptions
-
-    return CampaignOptions(controllers, seed, horizon)
-
-
-def _run(
+def run(
     path: Path, runs: int, output: Path, scheduler: str | None, jobs: int | None, options: "CampaignOptions"
 ) -> Answer:
+    """Run a campaign, or what is left of it: see `lockstep.workflow.runs.campaign.run_campaign`."""
     from lockstep.workflow.runs.campaign import run_campaign
 
     with progress_display() as tell:
@@ -131,7 +92,8 @@ def _families(document: dict[str, Any]) -> RenderableType:
     return table
 
 
-def _replay(path: Path, index: int, output: Path | None, options: "CampaignOptions") -> Answer:
+def run_replay(path: Path, index: int, output: Path | None, options: "CampaignOptions") -> Answer:
+    """Run one of a campaign's runs again: see `lockstep.workflow.runs.campaign.replay`."""
     from lockstep.workflow.runs.campaign import replay
 
     found = replay(path, index, options, output=output)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from rich.console import RenderableType
 
 from lockstep.check.errors import ProblemError
-from lockstep.cli.console import Answer, respond, two_columns
+from lockstep.cli.console import Answer, two_columns
 from lockstep.cli.design import proved_besides, sampled_text
 from lockstep.cli.messages import messages_row
 
@@ -20,12 +20,8 @@ COVERS = {
 }
 
 
-def run(path: Path | None, lmi: Path | None, *, as_json: bool) -> None:
+def run(path: Path | None, lmi: Path | None) -> Answer:
     """Certify a design file, a folder of generated C, or an LMI file."""
-    respond(as_json, lambda: _certify(path, lmi))
-
-
-def _certify(path: Path | None, lmi: Path | None) -> Answer:
     import lockstep
 
     if path is None or lmi is not None:

@@ -8,7 +8,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from lockstep.cli.console import Answer, progress_display, respond
+from lockstep.cli.console import Answer, progress_display
 from lockstep.cli.messages import limits_answer
 
 if TYPE_CHECKING:
@@ -20,16 +20,12 @@ STYLES = {
 }
 
 
-def run(
-    path: Path, *, as_json: bool, boxes: int | None = None, every: bool = False, messages: bool = False
-) -> None:
+def run(path: Path, *, boxes: int | None, every: bool, messages: bool) -> Answer:
     """Check a problem file, or the messages of a design; `boxes` is the budget of the search that proves the bound."""
-    respond(as_json, lambda: limits_answer(path) if messages else _check(path, boxes, every))
-
-
-def _check(path: Path, boxes: int | None, every: bool) -> Answer:
     from lockstep.workflow.check import check
 
+    if messages:
+        return limits_answer(path)
     with progress_display() as tell:
         problem, report = check(path, boxes=boxes, every=every, progress=tell)
     return Answer(report.document(), table_of(report, problem.title), report.ok)

@@ -6,22 +6,18 @@ from typing import Any
 
 from rich.console import RenderableType
 
-from lockstep.cli.console import Answer, progress_display, remark, respond, two_columns
+from lockstep.cli.console import Answer, progress_display, remark, two_columns
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.messages import messages_row
 
 REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
 
 
-def run(path: Path, output: Path | None, *, as_json: bool, **options: Any) -> None:
+def run(path: Path, output: Path | None, **options: Any) -> Answer:
     """Design, prove, and write the design file, and what rho costs if asked for: the options are those of `lockstep.design`.
 
     The exit status is 1 where the sampled controllers are not certified; the file is written all the same.
     """
-    respond(as_json, lambda: _design(path, output, options))
-
-
-def _design(path: Path, output: Path | None, options: Mapping[str, Any]) -> Answer:
     import lockstep
 
     with progress_display() as tell, keeping_the_best(remark) as stop:

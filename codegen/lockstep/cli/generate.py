@@ -1,18 +1,13 @@
 """`lockstep generate`: C for each agent, with the design it was proved by."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from lockstep.cli.console import Answer, respond, two_columns
+from lockstep.cli.console import Answer, two_columns
 
 
-def run(path: Path, output: Path, *, as_json: bool, **options: Any) -> None:
+def run(path: Path, output: Path, **options: Any) -> Answer:
     """Generate the folder of a certified design; options: of `lockstep.generate`."""
-    respond(as_json, lambda: _generate(path, output, options))
-
-
-def _generate(path: Path, output: Path, options: Mapping[str, Any]) -> Answer:
     import lockstep
 
     made = lockstep.generate(path, output, **options)

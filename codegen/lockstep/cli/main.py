@@ -2,16 +2,21 @@
 
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, ParamSpec
 
 import typer
 from typer.core import TyperGroup
 
 from lockstep.cli.interrupts import insistent_interrupts
+
+if TYPE_CHECKING:
+    from lockstep.cli.console import Answer
+
+P = ParamSpec("P")
 
 
 @contextmanager
@@ -24,9 +29,14 @@ def _answered() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        from lockstep.cli.console import respond
+        _respond("--json" in sys.argv[1:], _interrupt)
 
-        respond("--json" in sys.argv[1:], _interrupt)
+
+def _respond(as_json: bool, work: "Callable[P, Answer]", /, *given: P.args, **named: P.kwargs) -> None:
+    """Answer with what the work of a command returns."""
+    from lockstep.cli.console import respond
+
+    respond(as_json, lambda: work(*given, **named))
 
 
 def _interrupt() -> NoReturn:
@@ -122,7 +132,7 @@ def init(
     """Begin a commented problem file."""
     from lockstep.cli.begin import run_init
 
-    run_init(field, output, as_json=json)
+    _respond(json, run_init, field, output)
 
 
 @app.command()
@@ -147,7 +157,7 @@ def check(
     """Check a model symbolically: bound, structure, graph."""
     from lockstep.cli.check import run
 
-    run(problem, boxes=boxes, every=every, messages=messages, as_json=json)
+    _respond(json, run, problem, boxes=boxes, every=every, messages=messages)
 
 
 @app.command()
@@ -166,7 +176,7 @@ def design(
     from lockstep.cli.design import run
 
     asked = {"trade_off": trade_off, "against": against or [], "time_limit": time_limit, "jobs": jobs}
-    run(problem, output, as_json=json, reuse=not fresh, scheduler=scheduler, **asked)
+    _respond(json, run, problem, output, reuse=not fresh, scheduler=scheduler, **asked)
 
 
 @app.command()
@@ -185,7 +195,7 @@ def certify(
     """Check a design's proof, or an inequality of yours, independently: no solver, exact arithmetic."""
     from lockstep.cli.certify import run
 
-    run(design, lmi, as_json=json)
+    _respond(json, run, design, lmi)
 
 
 @app.command()
@@ -193,7 +203,7 @@ def explain(design: DesignFile, json: Json = False) -> None:
     """Say in plain words what is proved of a design and what is not."""
     from lockstep.cli.begin import run_explain
 
-    run_explain(design, as_json=json)
+    _respond(json, run_explain, design)
 
 
 @app.command()
@@ -235,7 +245,8 @@ def generate(
     }
     doors = [name for name, chosen in wanted.items() if chosen]
     image = {"one_image": one_image, "max_neighbours": max_neighbours, "table": table}
-    run(design, output, as_json=json, optimize=optimize, doors=doors, name=name, prefix=prefix, **image)
+    names = {"name": name, "prefix": prefix}
+    _respond(json, run, design, output, optimize=optimize, doors=doors, **names, **image)
 
 
 @app.command()
@@ -259,7 +270,8 @@ def verify(
     """Compile and run the C, and compare it, bit by bit, with the Python reference."""
     from lockstep.cli.verify import run
 
-    run(folder, steps=steps, targets=target or None, run_changed=run_changed, log=log, as_json=json)
+    asked = {"targets": target or None, "run_changed": run_changed, "log": log}
+    _respond(json, run, folder, steps=steps, **asked)
 
 
 @app.command()
@@ -335,7 +347,8 @@ def simulate(
     options = Options(
         controllers, horizon, seed, disturbance, integrator, plot, perturbation, figures, send_on_change
     )
-    run(design, options, Many(campaign, replay, output, scheduler, jobs, faults), as_json=json)
+    many = Many(campaign, replay, output, scheduler, jobs, faults)
+    _respond(json, run, design, options, many, as_json=json)
 
 
 @app.command()
@@ -355,7 +368,7 @@ def build(
     from lockstep.cli.build import run
 
     asked = {"trade_off": trade_off, "against": against or [], "time_limit": time_limit, "jobs": jobs}
-    run(problem, output, as_json=json, reuse=not fresh, **asked)
+    _respond(json, run, problem, output, reuse=not fresh, **asked)
 
 
 @app.command()
@@ -374,7 +387,7 @@ def reproduce(
     """Settle the paper's claims, each with its verdict and the figure."""
     from lockstep.cli.reproduce import run
 
-    run(names or [], output, figures, as_json=json)
+    _respond(json, run, names or [], output, figures)
 
 
 def main() -> None:

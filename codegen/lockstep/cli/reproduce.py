@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from rich.markdown import Markdown
 from rich.table import Table
 
-from lockstep.check.errors import ProblemError
-from lockstep.cli.console import Answer, progress_display, respond
+from lockstep.check.errors import ProblemError, demand
+from lockstep.cli.console import Answer, progress_display
 
 if TYPE_CHECKING:
     from amini.claims.claim import ClaimRow
@@ -18,19 +18,12 @@ if TYPE_CHECKING:
 COMMAND = "lockstep reproduce"
 
 
-def run(names: Sequence[str], output: Path | None, figures: Path | None = None, *, as_json: bool) -> None:
+def run(names: Sequence[str], output: Path | None, figures: Path | None) -> Answer:
     """Settle the claims, and write the page if asked; or make Section 4's figures and table in a folder."""
-    respond(as_json, lambda: _answer(names, output, figures))
-
-
-def _answer(names: Sequence[str], output: Path | None, figures: Path | None) -> Answer:
-    if find_spec("amini") is None:
-        raise ProblemError(
-            "the study of the paper is not installed: it is no part of the wheel",
-            where=COMMAND,
-            expected="Lockstep's source, which holds it in the folder studies/",
-            remedy="in a checkout, run `pip install -e .`, then `lockstep reproduce`",
-        )
+    found = "the study of the paper is not installed: it is no part of the wheel"
+    expected = "Lockstep's source, which holds it in the folder studies/"
+    remedy = "in a checkout, run `pip install -e .`, then `lockstep reproduce`"
+    demand(find_spec("amini") is not None, found, COMMAND, expected, remedy)
     if figures is not None and (names or output is not None):
         found = "`--figures` is given with claims or a page"
         raise ProblemError(found, where=COMMAND, expected="`--figures` alone: it settles no claims")

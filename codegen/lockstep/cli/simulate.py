@@ -10,8 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from lockstep.check.errors import ProblemError
-from lockstep.cli.console import Answer, errors, progress_display, respond, two_columns
+from lockstep.cli.console import Answer, errors, progress_display, two_columns
 from lockstep.workflow.runs.simulate_options import Many, Options, conflict
 
 if TYPE_CHECKING:
@@ -20,28 +19,25 @@ if TYPE_CHECKING:
     from lockstep.workflow.runs.simulate import Simulation
 
 
-def run(path: Path, options: Options, many: Many, *, as_json: bool) -> None:
+def run(path: Path, options: Options, many: Many, *, as_json: bool) -> Answer:
     """Simulate a design: one run, or a campaign of them (see `lockstep.cli.campaign`)."""
-    from lockstep.cli import campaign
-
     wrong = conflict(options, many)
     if wrong is not None:
-        respond(as_json, lambda: _refuse(wrong))
-    seed, kind, horizon = options.seed, options.controllers, options.horizon
+        raise wrong
+    if many.campaign is None and many.replay is None:
+        return _simulate(path, many.output, options, as_json=as_json)
+    from lockstep.cli import campaign
+    from lockstep.workflow.runs.campaign import CampaignOptions
+
+    asked = CampaignOptions(options.controllers, options.seed, options.horizon)
     if many.replay is not None:
-        campaign.run_replay(path, many.replay, many.output, seed, as_json, controllers=kind, horizon=horizon)
-    elif many.campaign is not None and many.output is not None and many.faults is not None:
-        of_network = {"seed": seed, "horizon": horizon, "jobs": many.jobs}
-        campaign.run_faults(path, many.faults, many.campaign, many.output, as_json, **of_network)
-    elif many.campaign is not None and many.output is not None:
-        where = many.output, many.scheduler, many.jobs
-        campaign.run(path, many.campaign, *where, seed, as_json, controllers=kind, horizon=horizon)
-    else:
-        respond(as_json, lambda: _simulate(path, many.output, options, as_json=as_json))
-
-
-def _refuse(error: ProblemError) -> Answer:
-    raise error
+        return campaign.run_replay(path, many.replay, many.output, asked)
+    assert many.campaign is not None
+    assert many.output is not None  # `conflict` refuses a campaign without
+    if many.faults is not None:
+        of_network = {"seed": options.seed, "horizon": options.horizon, "jobs": many.jobs}
+        return campaign.run_faults(path, many.faults, many.campaign, many.output, **of_network)
+    return campaign.run(path, many.campaign, many.output, many.scheduler, many.jobs, asked)
 
 
 def _simulate(path: Path, output: Path | None, options: Options, *, as_json: bool) -> Answer:

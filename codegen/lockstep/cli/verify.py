@@ -1,6 +1,5 @@
 """`lockstep verify`: the compiled C against the Python reference."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,19 +8,15 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from lockstep.cli.console import Answer, progress_display, remark, respond
+from lockstep.cli.console import Answer, progress_display, remark
 from lockstep.model.plain_json import plain
 
 if TYPE_CHECKING:
     from lockstep.verification.verify import VerifyReport
 
 
-def run(folder: Path, *, as_json: bool, **options: Any) -> None:
+def run(folder: Path, **options: Any) -> Answer:
     """Verify a generated folder; options: of `lockstep.verify`."""
-    respond(as_json, lambda: _verify(folder, options))
-
-
-def _verify(folder: Path, options: Mapping[str, Any]) -> Answer:
     import lockstep
 
     if options["log"] is None:

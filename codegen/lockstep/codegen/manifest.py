@@ -26,7 +26,7 @@ from pydantic import (
 )
 
 from lockstep.check.c_source.reader import MAX_NEIGHBOURS
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.files import as_text, inside, read_inside
 from lockstep.check.sampled.discretise import Discretization, Real
 from lockstep.codegen.arithmetic import RealType
@@ -149,10 +149,8 @@ class AgentEntry(_Record):
             return None
         rows, where = np.array(self.offsets, dtype=np.float64), f"{FILE_NAME}, agent `{self.name}`, offsets"
         rounded, shape = real.round(rows, where), (1 + len(self.neighbours), len(self.outputs))
-        if rows.shape != shape or (rounded != rows).any():
-            raise ProblemError(
-                f"{rows.tolist()}", where=where, expected=f"{shape[0]} x {shape[1]} numbers of {real.name}"
-            )
+        expected = f"{shape[0]} x {shape[1]} numbers of {real.name}"
+        demand(rows.shape == shape and (rounded == rows).all(), f"{rows.tolist()}", where, expected)
         return rounded
 
     def sides(self, real: RealType) -> Float[np.ndarray, "m 2"] | None:
@@ -165,10 +163,8 @@ class AgentEntry(_Record):
             return None
         sides, where = np.array(self.limits, dtype=np.float64), f"{FILE_NAME}, agent `{self.name}`, limits"
         rounded = real.round(sides, where)
-        if sides.shape != (len(self.inputs), 2) or (rounded != sides).any():
-            raise ProblemError(
-                f"{sides.tolist()}", where=where, expected=f"{len(self.inputs)} pairs of {real.name}"
-            )
+        count, expected = len(self.inputs), f"{len(self.inputs)} pairs of {real.name}"
+        demand(sides.shape == (count, 2) and (rounded == sides).all(), f"{sides.tolist()}", where, expected)
         return rounded
 
     def table(self, real: RealType) -> Float[np.ndarray, "nc+m nc+q"]:
@@ -302,8 +298,7 @@ def load_manifest(directory: Path | str) -> Manifest:
     """
     folder, path = Path(directory), Path(directory) / FILE_NAME
     expected = "a folder that `lockstep generate` wrote"
-    if not os.path.lexists(path):
-        raise ProblemError(f"there is no {FILE_NAME}", where=str(directory), expected=expected)
+    demand(os.path.lexists(path), f"there is no {FILE_NAME}", str(directory), expected)
     text = as_text(read_inside(folder, FILE_NAME, expected=expected), str(path), expected)
     try:
         manifest = Manifest.model_validate_json(text)

@@ -59,14 +59,9 @@ def matrix(value: ArrayLike, shape: tuple[int, int], where: str) -> Float[np.nda
         raise ProblemError(f"not a matrix of numbers ({error})", where=where) from None
     if array.size == 0 and 0 in shape:
         array = array.reshape(shape)
-    if array.shape != shape:
-        raise ProblemError(
-            f"the shape is {' x '.join(map(str, array.shape)) or 'a scalar'}",
-            where=where,
-            expected=f"{shape[0]} x {shape[1]}",
-        )
-    if not np.isfinite(array).all():
-        raise ProblemError("an entry is NaN or infinite", where=where, expected="finite numbers")
+    found = f"the shape is {' x '.join(map(str, array.shape)) or 'a scalar'}"
+    demand(array.shape == shape, found, where, f"{shape[0]} x {shape[1]}")
+    demand(np.isfinite(array).all(), "an entry is NaN or infinite", where, "finite numbers")
     array += 0.0  # -0 becomes +0: a zero coefficient has one bit pattern
     array.flags.writeable = False
     return array
@@ -88,20 +83,15 @@ class Neighbour:
     weight: float = 1.0
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.weight) and self.weight > 0):
-            raise ProblemError(
-                f"the weight is {self.weight!r}",
-                where=f"neighbour `{self.source}`",
-                expected="a finite number above 0",
-                remedy="leave an edge of weight 0 out",
-            )
+        found, where = f"the weight is {self.weight!r}", f"neighbour `{self.source}`"
+        expected, remedy = "a finite number above 0", "leave an edge of weight 0 out"
+        demand(math.isfinite(self.weight) and self.weight > 0, found, where, expected, remedy)
 
 
 def _signals(given: tuple[Signal, ...], count: int, letter: str, where: str) -> tuple[Signal, ...]:
     if not given:
         return tuple(Signal(f"{letter}{k + 1}") for k in range(count))
-    if len(given) != count:
-        raise ProblemError(f"{len(given)} signals are named", where=where, expected=f"{count}")
+    demand(len(given) == count, f"{len(given)} signals are named", where, f"{count}")
     return tuple(given)
 
 
@@ -207,14 +197,10 @@ class MessageLimits:
     ranges: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not (2 <= self.kept <= MOST_KEPT) or self.kept & (self.kept - 1):
-            raise ProblemError(
-                f"{self.kept} kept readings",
-                where="messages",
-                expected=f"a power of 2, from 2 to {MOST_KEPT}",
-            )
-        if not 1 <= self.limit < 2**31:
-            raise ProblemError(f"{self.limit}", where="messages, limit", expected="1 period or more")
+        found, expected = f"{self.kept} kept readings", f"a power of 2, from 2 to {MOST_KEPT}"
+        power = 2 <= self.kept <= MOST_KEPT and not self.kept & (self.kept - 1)
+        demand(power, found, "messages", expected)
+        demand(1 <= self.limit < 2**31, f"{self.limit}", "messages, limit", "1 period or more")
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,8 +247,7 @@ class CodegenSpec:
         object.__setattr__(self, "plants", tuple(self.plants))
         check_identifier(self.name, "name")
         check_period(self.period)
-        if self.delay not in (0, 1):
-            raise ProblemError(f"`{self.delay}`", where="delay", expected="0 or 1 periods")
+        demand(self.delay in (0, 1), f"`{self.delay}`", "delay", "0 or 1 periods")
         _choice(self.discretization, ("tustin", "zoh", "euler"), "discretization")
         _choice(self.real, ("float32", "float64"), "real")
         _choice(self.optimize, ("speed", "size"), "optimize")
@@ -282,8 +267,7 @@ class CodegenSpec:
 
     def _check_agents(self) -> None:
         names = [agent.name.lower() for agent in self.agents]
-        if not names:
-            raise ProblemError("no agent", where="agents", expected="one or more controllers")
+        demand(names, "no agent", "agents", "one or more controllers")
         found = "two agents have one name (letter case aside)"
         demand(len(set(names)) == len(names), found, "agents", remedy="give each its own prefix")
         remedy = "give the folder another name"
@@ -316,5 +300,4 @@ class CodegenSpec:
 
 
 def _choice(value: str, allowed: tuple[str, ...], where: str) -> None:
-    if value not in allowed:
-        raise ProblemError(f"`{value}`", where=where, expected=" or ".join(allowed))
+    demand(value in allowed, f"`{value}`", where, " or ".join(allowed))

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.check.errors import ClaimError, Mismatch, ProblemError, demand
+from lockstep.check.errors import ClaimError, Mismatch, demand
 from lockstep.check.files import read_bytes
 from lockstep.codegen.doors import doors_of
 from lockstep.codegen.doors.vectors import ADVERSARIAL, ORDINARY, vectors
@@ -190,8 +190,7 @@ def verify_log(directory: Path | str, log: Path | str) -> VerifyReport:
     """
     folder, log = Path(directory).absolute(), Path(log)
     manifest = load_manifest(folder)
-    if "pil" not in doors_of(manifest):
-        raise ProblemError("it has no pil/", where=str(directory), remedy="generate it with `--pil`")
+    demand("pil" in doors_of(manifest), "it has no pil/", str(directory), remedy="generate it with `--pil`")
     changed = changed_files(folder, manifest)
     calls = {agent.name: vectors(agent, manifest) for agent in manifest.agents}
     text = read_bytes(log, expected="the log of the runner in pil/", at_most=_LARGEST_LOG).decode(

@@ -25,8 +25,7 @@ def check_writable(output: Path | None, *others: Path | None) -> None:
     if there and not plain:
         found = "it is a folder" if output.is_dir() else "it is no plain file"
         raise ProblemError(found, where=str(output), expected="a file to write")
-    if not above:
-        raise ProblemError("there is no such folder", where=str(output.parent), remedy="make it first")
+    demand(above, "there is no such folder", str(output.parent), remedy="make it first")
     check_takes_files(output.parent, output.name)
 
 

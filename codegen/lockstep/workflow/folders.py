@@ -4,7 +4,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.workflow.files import check_takes_files, seen
 
 
@@ -20,8 +20,7 @@ def check_folder(folder: Path) -> None:
     whole = folder.absolute()
     with seen(folder):
         there = next(place for place in (whole, *whole.parents) if place.exists() or place.is_symlink())
-        if not there.is_dir():
-            raise ProblemError("it is no folder", where=str(there), expected="a folder, or none yet")
+        demand(there.is_dir(), "it is no folder", str(there), "a folder, or none yet")
     check_takes_files(there)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.check.errors import NotCertified, ProblemError, demand
 from lockstep.model.plain_json import to_json
 from lockstep.workflow.design import DESIGN_NAME, Design, as_design
 from lockstep.workflow.folders import check_generated
@@ -130,8 +130,7 @@ def generated_files(
     from lockstep.lmi.certify import certify
     from lockstep.lmi.document import with_bound_proof
 
-    if optimize not in ("speed", "size"):
-        raise ProblemError(f"`--optimize` is {optimize!r}", expected='"speed" or "size"')
+    demand(optimize in ("speed", "size"), f"`--optimize` is {optimize!r}", "", '"speed" or "size"')
     if one_image and doors:
         raise ProblemError(
             f"one image, and `--{min(doors)}`",

@@ -19,7 +19,7 @@ import numpy as np
 
 from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.continuous.modes import ModalCertificate
-from lockstep.check.errors import Infeasible, NotCertified, OutOfTime, ProblemError, demand
+from lockstep.check.errors import Infeasible, NotCertified, OutOfTime, demand
 from lockstep.check.floor.witness import FloorWitness
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.rounding import prove, short_gains
@@ -121,15 +121,14 @@ def _designed(
     problem: Problem, jobs: int | None, tell: Progress, time_limit: float | None, stop: Stop
 ) -> Proposal:
     problem.validate()
-    if time_limit is not None and not time_limit > 0:
-        raise ProblemError(f"{time_limit} s", where="--time-limit", expected="a number of seconds above 0")
-    if time_limit is not None and problem.design.method == "modal":
-        raise ProblemError(
-            'a time limit is given for method "modal"',
-            where="--time-limit",
-            expected='method = "certified", whose search can be cut',
-            remedy="lower [design] starts instead",
-        )
+    where, expected = "--time-limit", "a number of seconds above 0"
+    demand(time_limit is None or time_limit > 0, f"{time_limit} s", where, expected)
+    given, expected = (
+        'a time limit is given for method "modal"',
+        'method = "certified", whose search can be cut',
+    )
+    remedy = "lower [design] starts instead"
+    demand(time_limit is None or problem.design.method != "modal", given, where, expected, remedy)
     tell("proving the bound of the nonlinearity", 0.0)
     bound = proved_bound(problem)
     tried = list(wishes(problem, network_of(problem, bound), claim_of(problem, bound)))

@@ -1,7 +1,6 @@
 """The largest initial set that is proved of given gains, and gains with a larger one: objective "initial_set"."""
 
 import numpy as np
-from jaxtyping import Float
 
 from lockstep.check.bound.box import Box
 from lockstep.check.continuous.inequality import Certificate, Claim
@@ -15,6 +14,7 @@ from lockstep.lmi.scope import domain_of, initial_states
 from lockstep.lmi.search.initial_set import SetPoint, SetProgram
 from lockstep.lmi.search.start import Score
 from lockstep.lmi.search.stopping import NEVER, Deadline
+from lockstep.lmi.shapes import GainBlocks
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 
@@ -71,7 +71,7 @@ def with_larger_set(
     rate: float | None = None,
     score: Score | None = None,
     deadline: Deadline = NEVER,
-) -> Float[np.ndarray, "N k l"]:
+) -> GainBlocks:
     """Return gains with a larger initial set, or those given.
 
     Args:

@@ -52,12 +52,8 @@ class Network:
         shape = self.agent.lure.B.shape
         B = tuple(np.asarray(b, dtype=float) for b in self.B) or (self.agent.lure.B,) * self.graph.N
         for i, b in enumerate(B):
-            if b.shape != shape:
-                raise ProblemError(
-                    f"`B` is {b.shape[0]} x {b.shape[1]}",
-                    where=f"agent {i + 1}",
-                    expected=f"{shape[0]} x {shape[1]}",
-                )
+            found = f"`B` is {b.shape[0]} x {b.shape[1]}"
+            demand(b.shape == shape, found, f"agent {i + 1}", f"{shape[0]} x {shape[1]}")
         object.__setattr__(self, "B", B)
         if self.scales is not None:
             self._check_scales(*self.scales)

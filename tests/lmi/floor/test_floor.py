@@ -19,12 +19,13 @@ from lockstep.check.floor.projected import with_rho
 from lockstep.check.floor.witness import FloorWitness, bound, coupled, not_negative, proves_floor, restored
 from lockstep.check.numbers import as_floats, exactly
 from lockstep.check.system.loop import Gains, Plant
+from lockstep.lmi.analysis.decimals import round_down
 from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.certify import certify
 from lockstep.lmi.design import claim_of, design, proved_bound
 from lockstep.lmi.document import file_of, parse
-from lockstep.lmi.floor.bisection import largest_floor, proves_that_none_carries, rounded_down
+from lockstep.lmi.floor.bisection import largest_floor, proves_that_none_carries
 from lockstep.lmi.written import pieces_document
 from lockstep.model.agents.agent import Agent
 from lockstep.model.assembly import exact_network, network_of
@@ -313,4 +314,4 @@ def test_a_sign_on_an_interval_is_that_of_a_fine_grid() -> None:
 
 def test_a_floor_is_rounded_down() -> None:
     for rho in (1.9999, 1.0, 123456.0, 9.999999e-7, 0.00123449):
-        assert rho * (1 - 1e-3) <= rounded_down(rho) <= rho
+        assert rho * (1 - 1e-3) <= round_down(rho) <= rho

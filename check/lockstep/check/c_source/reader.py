@@ -16,7 +16,7 @@ import numpy as np
 from lockstep.check.c_source import expected as c
 from lockstep.check.c_source.kernel import Shape, read_statements
 from lockstep.check.c_source.text import LITERAL, CText
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.check.sampled.controller import PRECISIONS, HeldController
 from lockstep.check.sampled.discretise import Real
 
@@ -69,8 +69,7 @@ def read_controller(name: str, header: str, source: str, names: Sequence[str]) -
         NotCertified: the text is not of the form that `lockstep generate` writes.
         ProblemError: the name is no C identifier.
     """
-    if not _AGENT.fullmatch(name):
-        raise ProblemError(f"`{name}` is no C identifier", where="agent")
+    demand(_AGENT.fullmatch(name), f"`{name}` is no C identifier", "agent")
     top, code = CText(f"include/{name}.h", header), CText(f"src/{name}.c", source)
     words = {"agent": name, "AGENT": name.upper()}
     top.expect(c.expected(c.HEADER_TOP, set(), words))

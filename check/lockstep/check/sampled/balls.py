@@ -4,8 +4,7 @@ A ball matrix is an object array of `flint.arb` (and of `fmpq`, where an entry i
 runs on doubles for the search and on balls for the proof.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from typing import Any
 
 import flint
@@ -18,15 +17,9 @@ BITS = 256
 """Working precision: a 14 x 14 loop at 5 ms loses some 40 bits in the exponential, the inverse and the pivots."""
 
 
-@contextmanager
-def working_precision(bits: int = BITS) -> Iterator[None]:
+def working_precision(bits: int = BITS) -> AbstractContextManager[None]:
     """Compute with so many bits, and with what was set before afterwards."""
-    before = flint.ctx.prec
-    flint.ctx.prec = bits
-    try:
-        yield
-    finally:
-        flint.ctx.prec = before
+    return flint.ctx.workprec(bits)
 
 
 def product(first: Matrix, *others: Matrix) -> Matrix:

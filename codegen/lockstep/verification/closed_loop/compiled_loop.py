@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ClaimError, ProblemError
+from lockstep.check.errors import ClaimError, ProblemError, demand
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.folder.contents import refusals
 from lockstep.codegen.manifest import AgentEntry, Manifest, load_manifest
@@ -64,12 +64,9 @@ class CompiledStepper:
     ) -> tuple[int, Float[np.ndarray, " m"]]:
         """Call `<agent>_step`; outputs of another type or shape are refused, as C could not."""
         own, rows = (np.ascontiguousarray(given, self._real) for given in (y, neighbour_y))
-        if (own.shape, rows.shape) != self._shapes:
-            raise ProblemError(
-                f"outputs of the shapes {own.shape} and {rows.shape}",
-                where="compiled step",
-                expected=f"{self._shapes[0]} and {self._shapes[1]}",
-            )
+        found = f"outputs of the shapes {own.shape} and {rows.shape}"
+        expected = f"{self._shapes[0]} and {self._shapes[1]}"
+        demand((own.shape, rows.shape) == self._shapes, found, "compiled step", expected)
         u = self._u
         status = self._step(
             self._state.ctypes.data, own.ctypes.data, rows.ctypes.data, received, u.ctypes.data

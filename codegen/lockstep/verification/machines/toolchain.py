@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from lockstep.check.errors import ClaimError, ProblemError
+from lockstep.check.errors import ClaimError, demand
 
 WARNINGS = (
     *(
@@ -71,10 +71,8 @@ def host_compilers() -> list[Compiler]:
     for command in filter(None, [chosen, ["gcc"], ["clang"], ["cc"]]):
         path = shutil.which(command[0])
         if path is None:
-            if command is chosen:
-                raise ProblemError(
-                    f"`{command[0]}` is not found", where="the variable CC", remedy="unset or correct it"
-                )
+            absent, remedy = f"`{command[0]}` is not found", "unset or correct it"
+            demand(command is not chosen, absent, "the variable CC", remedy=remedy)
             continue
         found.setdefault(os.path.realpath(path), Compiler(Path(command[0]).name, (path, *command[1:])))
     fallback = zig()
@@ -84,8 +82,7 @@ def host_compilers() -> list[Compiler]:
 def first_compiler(where: str) -> Compiler:
     """Return the first of `host_compilers`; raises `ProblemError` if there is none, saying where one is needed."""
     found = host_compilers()
-    if not found:
-        raise ProblemError("there is no C compiler", where=where, remedy=TO_INSTALL)
+    demand(found, "there is no C compiler", where, remedy=TO_INSTALL)
     return found[0]
 
 

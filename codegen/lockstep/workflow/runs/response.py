@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.wording import shorten
 from lockstep.model.simulation.scenario import MOST_INSTANTS
 
@@ -45,8 +45,7 @@ def compiled_run(
     layout = engine.layout
     periods, states = layout.periods(horizon), N * agent.n
     start = np.zeros((N, agent.n)) if start is None else _floats(start, "start")
-    if start.size != states:
-        raise ProblemError(f"`start` has {start.size} numbers", where="response", expected=f"{N} x {agent.n}")
+    demand(start.size == states, f"`start` has {start.size} numbers", "response", f"{N} x {agent.n}")
     xi = _floats(xi, "xi")
     held = xi.ndim == 2 and xi.shape == (periods, states)
     try:

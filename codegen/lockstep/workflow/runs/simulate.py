@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
-from lockstep.check.errors import ProblemError, demand
+from lockstep.check.errors import demand
 from lockstep.lmi.initial import below
 from lockstep.model.html_table import html_table
 from lockstep.workflow.design import Design, as_design
@@ -293,10 +293,8 @@ def _checked(
     from lockstep.model.simulation.integrate import Method
 
     kind = controllers or "sampled"
-    if kind not in KINDS:
-        raise ProblemError(f"`{kind}`", where="--controllers", expected=" or ".join(KINDS))
-    if integrator not in get_args(Method):
-        raise ProblemError(f"`{integrator}`", where="--integrator", expected=" or ".join(get_args(Method)))
+    demand(kind in KINDS, f"`{kind}`", "--controllers", " or ".join(KINDS))
+    demand(integrator in get_args(Method), f"`{integrator}`", "--integrator", " or ".join(get_args(Method)))
     method: Any = integrator
     return kind, Changes(horizon, seed, disturbance, method, perturbation, change)  # type: ignore[return-value]
 
@@ -347,13 +345,10 @@ def _controllers(path: Path | None, stored: "Stored", kind: "Kind") -> "Iterator
         return
     delay = stored.problem.controller.delay
     if path is None or not is_generated(path):
-        if kind == "compiled":
-            raise ProblemError(
-                "there is no C to compile",
-                where="the design" if path is None else str(path),
-                expected="a folder of generated C for --controllers compiled",
-                remedy="make one with `lockstep generate`",
-            )
+        found = "there is no C to compile"
+        expected = "a folder of generated C for --controllers compiled"
+        remedy = "make one with `lockstep generate`"
+        demand(kind != "compiled", found, "the design" if path is None else str(path), expected, remedy)
         yield design_controllers(stored)
         return
     manifest = load_manifest(path)

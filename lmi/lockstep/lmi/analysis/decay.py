@@ -10,6 +10,7 @@ from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.errors import NotCertified
 from lockstep.check.system.loop import Gains
+from lockstep.lmi.analysis.reach import bisect
 from lockstep.model.network import Network
 
 HALVINGS = 7
@@ -30,10 +31,11 @@ def fastest_decay(network: Network, gains: Gains, claim: Claim, *, modal: bool) 
         claim: alpha and delta; what rho weighs does not matter, but for the solver's scaling.
         modal: whether a certificate of the modes is looked for.
     """
-    low, high = 0.0, -abscissa(network, gains, modal=modal)
-    for _ in range(HALVINGS):
-        middle = (low + high) / 2
-        low, high = (middle, high) if _holds(network.decaying(middle), gains, claim, modal) else (low, middle)
+
+    def holds(decay: float) -> bool:
+        return _holds(network.decaying(decay), gains, claim, modal)
+
+    low = bisect(holds, 0.0, -abscissa(network, gains, modal=modal), HALVINGS)
     for part in KEPT:
         decay = float(f"{part * low:.3g}")
         if decay > 0:

@@ -22,6 +22,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from lockstep.lmi.shapes import Vector
+
 if TYPE_CHECKING:
     import cvxpy as cp
 
@@ -55,7 +57,7 @@ class Cone:
     stack: Float[np.ndarray, "k n n"]
     B: Float[np.ndarray, "n n"]
 
-    def A(self, x: Float[np.ndarray, " x"]) -> Float[np.ndarray, "n n"]:
+    def A(self, x: Vector) -> Float[np.ndarray, "n n"]:
         """Return sum_k x_k A_k."""
         return np.asarray((self.rows @ x[self.occurs]).reshape(self.B.shape))
 
@@ -91,8 +93,8 @@ def run_dense(problem: "cp.Problem", near: float = ACCURATE) -> bool:
 
 
 def _solution(
-    A: Any, b: Float[np.ndarray, " r"], c: Float[np.ndarray, " x"], dims: Any, near: float
-) -> tuple[Float[np.ndarray, " x"] | None, int]:
+    A: Any, b: Float[np.ndarray, " r"], c: Vector, dims: Any, near: float
+) -> tuple[Vector | None, int]:
     """Solve Clarabel's form, A x + s = b, zeros before numbers before triangles, and count the steps; few equalities."""
     import scipy.sparse as sp
     from scipy.linalg import qr
@@ -133,9 +135,7 @@ def _cones(A: Any, b: Float[np.ndarray, " r"], sizes: Sequence[int]) -> list[Con
     return found
 
 
-def minimised(
-    cones: list[Cone], c: Float[np.ndarray, " x"], near: float = ACCURATE
-) -> tuple[Float[np.ndarray, " x"] | None, int]:
+def minimised(cones: list[Cone], c: Vector, near: float = ACCURATE) -> tuple[Vector | None, int]:
     """Return x, or None where there is none or none is found, and how many steps were taken.
 
     Args:
@@ -176,7 +176,7 @@ def minimised(
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    x: Float[np.ndarray, " x"]
+    x: Vector
     S: Blocks
     Z: Blocks
 
@@ -192,7 +192,7 @@ class _Point:
         )
 
 
-def _stepped(cones: list[Cone], at: _Point, r_p: Blocks, r_d: Float[np.ndarray, " x"]) -> _Point:
+def _stepped(cones: list[Cone], at: _Point, r_p: Blocks, r_d: Vector) -> _Point:
     from scipy.linalg import cho_solve
 
     inverses = [_symmetric(np.linalg.inv(S)) for S in at.S]
@@ -240,7 +240,7 @@ def _factor(H: Float[np.ndarray, "x x"]) -> tuple[Float[np.ndarray, "x x"], bool
     raise np.linalg.LinAlgError("the unknowns are not told apart")
 
 
-def _adjoint(cones: list[Cone], forms: Blocks, size: int) -> Float[np.ndarray, " x"]:
+def _adjoint(cones: list[Cone], forms: Blocks, size: int) -> Vector:
     """Return A_k . form, summed over the cones."""
     total = np.zeros(size)
     for one, form in zip(cones, forms, strict=True):

@@ -16,6 +16,8 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.lmi.shapes import Multipliers
+
 ROOMS = (0.1, 1.0)
 """By how much the multipliers are raised; the weights R and Q by a little less, so that F is homogeneous in them."""
 
@@ -33,11 +35,11 @@ def inside(
     Z: Float[np.ndarray, "n_x n_F"],
     constant: Float[np.ndarray, "n_F n_F"],
     slopes: Float[np.ndarray, "w n_F n_F"],
-    w: Float[np.ndarray, " w"],
+    w: Multipliers,
     *,
     rooms: tuple[float, ...] = ROOMS,
     over: tuple[float, ...] = OVER,
-) -> tuple[Float[np.ndarray, "n_x n_x"], Float[np.ndarray, " w"], Float[np.ndarray, "n_F n_F"]] | None:
+) -> tuple[Float[np.ndarray, "n_x n_x"], Multipliers, Float[np.ndarray, "n_F n_F"]] | None:
     """Return P > 0 and multipliers with F < 0, and F, near multipliers that a loop has a rho with; None if none is found.
 
     Args:

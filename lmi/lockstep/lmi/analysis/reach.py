@@ -7,23 +7,18 @@ certifies.
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.solve import least_rho
+from lockstep.lmi.shapes import GainBlocks
 
 DOUBLINGS, HALVINGS = 20, 10
 """At most so many doublings of alpha to bracket the largest one, and halvings of the bracket: to 0.1 %."""
 
 
 def largest_alpha(
-    loop: Loop,
-    K: Float[np.ndarray, "N k l"],
-    claim: Claim,
-    *,
-    rho: float = np.inf,
-    from_alpha: float | None = None,
+    loop: Loop, K: GainBlocks, claim: Claim, *, rho: float = np.inf, from_alpha: float | None = None
 ) -> float:
     """Return the largest alpha for which a rho of at most `rho` was found; 0 where there is none.
 
@@ -47,7 +42,7 @@ def largest_alpha(
     return bisect(carried, low, high, HALVINGS)
 
 
-def largest_fraction(loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim, known: float) -> float:
+def largest_fraction(loop: Loop, K: GainBlocks, claim: Claim, known: float) -> float:
     """Return the largest part of alpha and delta, both scaled alike, that has a certificate, from a known one up."""
 
     def carried(part: float) -> bool:
@@ -56,9 +51,7 @@ def largest_fraction(loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim, kn
     return 1.0 if carried(1.0) else bisect(carried, known, 1.0, HALVINGS - 4)
 
 
-def trade_off(
-    loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim, alphas: Sequence[float]
-) -> list[tuple[float, float]]:
+def trade_off(loop: Loop, K: GainBlocks, claim: Claim, alphas: Sequence[float]) -> list[tuple[float, float]]:
     """Return (alpha, least rho) for each alpha, infinite where there is no certificate: the curve rho(alpha)."""
     found = [least_rho(loop, K, claim.at(alpha=alpha)) for alpha in alphas]
     return [(alpha, np.inf if c is None else c.rho) for alpha, c in zip(alphas, found, strict=True)]

@@ -16,8 +16,10 @@ from lockstep.check.continuous.decide import decide
 from lockstep.check.continuous.inequality import Certificate, Claim, F_matrix
 from lockstep.check.errors import NotCertified
 from lockstep.check.system.loop import Gains, Loop
+from lockstep.lmi.analysis.decimals import round_up, rounded_storage, significant
 from lockstep.lmi.analysis.solve import eliminates_P, least_rho, tight
 from lockstep.lmi.search.units import Units, scaled
+from lockstep.lmi.shapes import GainBlocks
 from lockstep.model.network import Network
 
 SLACKS = (5e-4, 2e-3, 1e-2, 5e-2)
@@ -40,37 +42,13 @@ NORM_ERROR = 1e-12
 FEWEST_DIGITS, MOST_DIGITS = 3, 15
 
 
-def round_up(value: float, digits: int = 4) -> float:
-    """Round up to so many significant decimals.
-
-    >>> round_up(13.2323, 4)
-    13.24
-    """
-    if value <= 0 or not math.isfinite(value):
-        return value
-    unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
-    rounded = float(f"{math.ceil(value / unit - 1e-9) * unit:.{digits}g}")
-    return rounded if rounded >= value else float(f"{rounded + unit:.{digits}g}")
-
-
 def rounded(certificate: Certificate, digits: int) -> Certificate:
     """Round P to `digits` decimals relative to its largest entry, and m and t to as many significant ones."""
-    P = certificate.P
-    places = digits - 1 - math.floor(math.log10(max(np.abs(P).max(), 1e-300)))
-    return Certificate(
-        certificate.rho,
-        np.round(P, min(places, 300)),
-        _significant(certificate.m, digits),
-        _significant(certificate.t, digits),
-        _significant(certificate.m_entries, digits),
-    )
+    weights = (significant(one, digits) for one in (certificate.m, certificate.t, certificate.m_entries))
+    return Certificate(certificate.rho, rounded_storage(certificate.P, digits), *weights)
 
 
-def _significant(values: Float[np.ndarray, "..."], digits: int) -> Float[np.ndarray, "..."]:
-    return np.array([float(f"{value:.{digits}g}") for value in values.ravel()]).reshape(values.shape)
-
-
-def short_gains(K: Float[np.ndarray, "N k l"], gain_limit: float) -> Float[np.ndarray, "N k l"]:
+def short_gains(K: GainBlocks, gain_limit: float) -> GainBlocks:
     """Round gains to short decimals, staying within the limit on each block's spectral norm."""
     largest = max(float(np.abs(K).max()), 1e-300)
     places = GAIN_DIGITS - 1 - math.floor(math.log10(largest))
@@ -163,7 +141,7 @@ def _in_all_units(loop: Loop, claim: Claim, near: Certificate | None) -> list[_A
 
 
 def shortest_that_proves(
-    loop: Loop, exact_loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim, candidate: Certificate
+    loop: Loop, exact_loop: Loop, K: GainBlocks, claim: Claim, candidate: Certificate
 ) -> Certificate | None:
     """Return the candidate rounded to the fewest digits with which it proves the inequality, or None."""
     for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1):
@@ -173,7 +151,7 @@ def shortest_that_proves(
     return None
 
 
-def _passes_in_doubles(loop: Loop, K: Float[np.ndarray, "N k l"], claim: Claim, trial: Certificate) -> bool:
+def _passes_in_doubles(loop: Loop, K: GainBlocks, claim: Claim, trial: Certificate) -> bool:
     return all(_definite(matrix) for matrix in (trial.P, -F_matrix(loop, K, claim, trial)))
 
 

@@ -18,6 +18,7 @@ from lockstep.check.continuous.inequality import Certificate, Claim, inequality,
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.by_frequencies import MOST_ENTRIES, PAIR, least_by_frequencies, storage_at
 from lockstep.lmi.analysis.inside import inside
+from lockstep.lmi.shapes import GainBlocks, Multipliers
 
 if TYPE_CHECKING:
     import cvxpy as cp
@@ -53,7 +54,7 @@ class AffineF:
     """
 
     loop: Loop
-    gains: Float[np.ndarray, "N k l"]
+    gains: GainBlocks
     claim: Claim
 
     @cached_property
@@ -86,12 +87,12 @@ class AffineF:
         """F_k for each of (m, m_entries, t, rho^2)."""
         return np.roll(self.stated.slopes(self.gains), -1, axis=0)
 
-    def multipliers(self, certificate: Certificate) -> Float[np.ndarray, " w"]:
+    def multipliers(self, certificate: Certificate) -> Multipliers:
         """Return (m, m_entries, t, rho^2) of a certificate."""
         # A linear loop has no pair weights to look for, whatever its certificates have in their place.
         return np.array([*certificate.pair_weights[: self.pairs], *certificate.t, certificate.rho**2])
 
-    def certificate(self, P: Float[np.ndarray, "n_x n_x"], w: Float[np.ndarray, " w"]) -> Certificate:
+    def certificate(self, P: Float[np.ndarray, "n_x n_x"], w: Multipliers) -> Certificate:
         """Return the unknowns as a certificate."""
         m, m_entries = split(self.loop, self.claim, np.maximum(w[: self.pairs], 0.0))
         t = np.maximum(w[self.pairs : self.pairs + self.ways], 0.0)
@@ -104,12 +105,7 @@ def eliminates_P(loop: Loop, most: int = MOST_ENTRIES) -> bool:
 
 
 def least_rho(
-    loop: Loop,
-    gains: Float[np.ndarray, "N k l"],
-    claim: Claim,
-    near: Certificate | None = None,
-    *,
-    any_rho: bool = False,
+    loop: Loop, gains: GainBlocks, claim: Claim, near: Certificate | None = None, *, any_rho: bool = False
 ) -> Certificate | None:
     """Minimise rho^2 over P > 0, m >= 0, t >= 0 with F <= 0; None where the solver finds nothing.
 
@@ -139,7 +135,7 @@ def least_rho(
 
 def tight(
     loop: Loop,
-    gains: Float[np.ndarray, "N k l"],
+    gains: GainBlocks,
     claim: Claim,
     rho: float,
     least: Certificate,
@@ -198,11 +194,9 @@ class Balanced:
     Z: Float[np.ndarray, "n_x n_F"]
     constant: Float[np.ndarray, "n_F n_F"]
     slopes: Float[np.ndarray, "w n_F n_F"]
-    norms: Float[np.ndarray, " w"]
+    norms: Multipliers
 
-    def certificate(
-        self, P: Float[np.ndarray, "n_x n_x"], w: Float[np.ndarray, " w"], rho: float
-    ) -> Certificate:
+    def certificate(self, P: Float[np.ndarray, "n_x n_x"], w: Multipliers, rho: float) -> Certificate:
         """Return the unknowns, back in the coordinates of the loop, as a certificate for a given rho."""
         found = self.form.certificate(self.L @ P @ self.L.T, w / self.norms)
         return replace(found, rho=rho)
@@ -241,10 +235,7 @@ def balance_inside(form: AffineF, near: Certificate) -> Balanced | None:
 
 
 def _balanced(
-    form: AffineF,
-    L: Float[np.ndarray, "n_x n_x"],
-    D: Float[np.ndarray, "n_F n_F"],
-    norms: Float[np.ndarray, " w"],
+    form: AffineF, L: Float[np.ndarray, "n_x n_x"], D: Float[np.ndarray, "n_F n_F"], norms: Multipliers
 ) -> Balanced:
     J, slopes = D[:, : len(L)] @ L, D @ form.slopes @ D.T / norms[:, None, None]
     return Balanced(form, L, J, L.T @ form.Z @ D.T, D @ form.constant @ D.T, slopes, norms)

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.stability import is_stable
@@ -26,9 +25,11 @@ from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.document import Stored
 from lockstep.lmi.methods.certified import rate_of_controllers
-from lockstep.lmi.search.interior import BarrierPoint, within
+from lockstep.lmi.search.interior import BarrierPoint
 from lockstep.lmi.search.polish import polished, reached
+from lockstep.lmi.search.stabilise import within
 from lockstep.lmi.search.start import GainSearch
+from lockstep.lmi.shapes import GainBlocks
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import network_of
@@ -210,9 +211,7 @@ def _walked(
             continue
 
 
-def _moved(
-    problem: Problem, network: Network, K: Float[np.ndarray, "N k l"], step: _Step
-) -> Float[np.ndarray, "N k l"] | None:
+def _moved(problem: Problem, network: Network, K: GainBlocks, step: _Step) -> GainBlocks | None:
     K = within(K, INSIDE * step.gain_limit)
     rate = _rate(problem, K)
     search = GainSearch.of(
@@ -224,7 +223,7 @@ def _moved(
     return polished(search, reached(search, 0, BarrierPoint(K, start), None)).K
 
 
-def _rate(problem: Problem, K: Float[np.ndarray, "N k l"]) -> float | None:
+def _rate(problem: Problem, K: GainBlocks) -> float | None:
     """Return the rate that each controller is to forget with, below that of K: the program begins inside."""
     asked, n_C = rate_of_controllers(problem), problem.order
     if asked is None or n_C == 0:

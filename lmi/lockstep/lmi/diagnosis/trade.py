@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lockstep.check.continuous.inequality import Claim
-from lockstep.check.errors import ProblemError, demand
+from lockstep.check.errors import demand
 from lockstep.lmi.analysis.reach import largest_alpha, trade_off
 from lockstep.lmi.document import Stored
 from lockstep.lmi.stored_bound import bound_again
@@ -43,8 +43,7 @@ def curve(stored: Stored, points: int = 12) -> tuple[TradeOffPoint, ...]:
     Raises:
         ProblemError: fewer than two points, or a linear agent, which has no alpha to vary.
     """
-    if points < 2:
-        raise ProblemError(f"`points` is {points}", where="the trade-off", expected="2 or more")
+    demand(points >= 2, f"`points` is {points}", "the trade-off", "2 or more")
     problem = stored.problem
     agent = problem.agent()
     demand(not agent.lure.is_linear, "the agent is linear", "the trade-off", "an agent with a nonlinearity")

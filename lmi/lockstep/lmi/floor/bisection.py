@@ -18,6 +18,7 @@ from lockstep.check.floor.witness import FloorWitness, Piece, exact_agent, exclu
 from lockstep.check.numbers import as_floats, zeros
 from lockstep.check.system.loop import Plant
 from lockstep.check.system.network import ExactNetwork
+from lockstep.lmi.analysis.decimals import round_down, significant
 from lockstep.lmi.floor.program import FloorProgram, FloorSolution, Scales, largest_margin
 
 STEP = 4.0
@@ -31,9 +32,6 @@ TOLERANCE = 2e-3
 
 DIGITS = (5, 7, 9, 12, 17)
 """Significant decimals that a witness is stored with: the first that prove it."""
-
-FLOOR_DIGITS = 4
-"""Significant decimals of the floor itself, rounded down."""
 
 SOLVED = 1e-9
 """The margin of a point may fall short of 0 by this, which the solver leaves open, and is still decided exactly."""
@@ -77,7 +75,7 @@ def largest_floor(
     while high is not None and high / low > 1 + TOLERANCE:
         middle = math.sqrt(low * high)
         low, high = (middle, high) if is_proved(middle) else (low, middle)
-    short = rounded_down(low)
+    short = round_down(low)
     rho = short if short in proved or is_proved(short) else low
     return _shortened(network, alpha, R, FloorWitness(rho, proved[rho]))
 
@@ -128,17 +126,6 @@ def _bracket(
             break
         rho = rho * STEP if high is None else rho / STEP
     return low, high
-
-
-def rounded_down(rho: float) -> float:
-    """Return rho in short decimals, no larger.
-
-    >>> rounded_down(1.95668), rounded_down(1.9566), rounded_down(12503.0)
-    (1.956, 1.956, 12500.0)
-    """
-    unit = 10.0 ** (math.floor(math.log10(rho)) - FLOOR_DIGITS + 1)
-    short = float(f"{math.floor(rho / unit) * unit:.{FLOOR_DIGITS}g}")
-    return short if short <= rho else float(f"{short - unit:.{FLOOR_DIGITS}g}")
 
 
 @dataclass
@@ -226,8 +213,4 @@ def _shortened(
 
 def in_digits(piece: Piece, digits: int) -> Piece:
     """Return a piece whose numbers have so many significant decimals."""
-    Z, Z_dual, k = (
-        np.array([float(f"{entry:.{digits}g}") for entry in M.ravel()]).reshape(M.shape)
-        for M in (piece.Z, piece.Z_dual, piece.k)
-    )
-    return Piece(piece.upper, Z, Z_dual, k)
+    return Piece(piece.upper, *(significant(M, digits) for M in (piece.Z, piece.Z_dual, piece.k)))

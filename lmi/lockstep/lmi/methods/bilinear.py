@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.lmi.search.interior import SETTLED, line_search, newton_step
-
-Vector = Float[np.ndarray, " x"]
+from lockstep.lmi.shapes import Vector
 
 
 class Bilinear(NamedTuple):

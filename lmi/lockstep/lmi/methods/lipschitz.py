@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Claim
-from lockstep.check.errors import Infeasible, ProblemError
+from lockstep.check.errors import Infeasible, demand
 from lockstep.check.system.loop import Gains, Plant
 from lockstep.lmi.analysis.connectivity import connectivity
 from lockstep.lmi.analysis.solve import least_rho, run
@@ -149,20 +149,13 @@ def design_protocol(network: Network, claim: Claim, gain_limit: float) -> Protoc
 def check_covered(network: Network) -> None:
     """Refuse a network whose agents do not measure their whole state or differ in B."""
     q, n = network.plant.C.shape
-    if q != n or np.linalg.matrix_rank(network.plant.C) < n:
-        raise ProblemError(
-            f"the agents measure {np.linalg.matrix_rank(network.plant.C)} independent outputs of {n} states",
-            where='[design] method = "lipschitz"',
-            expected="outputs that give the whole state: its protocol feeds back x_i - x_j",
-            remedy='measure every state, or use method = "certified"',
-        )
-    if any(not np.array_equal(B, network.plant.B[0]) for B in network.plant.B):
-        raise ProblemError(
-            "the agents have input matrices of their own",
-            where='[design] method = "lipschitz"',
-            expected="one B for all agents",
-            remedy='use method = "certified"',
-        )
+    rank, where = np.linalg.matrix_rank(network.plant.C), '[design] method = "lipschitz"'
+    found = f"the agents measure {rank} independent outputs of {n} states"
+    expected = "outputs that give the whole state: its protocol feeds back x_i - x_j"
+    demand(q == n == rank, found, where, expected, 'measure every state, or use method = "certified"')
+    found, remedy = "the agents have input matrices of their own", 'use method = "certified"'
+    one_B = all(np.array_equal(B, network.plant.B[0]) for B in network.plant.B)
+    demand(one_B, found, where, "one B for all agents", remedy)
 
 
 def _no_solution(plant: Plant, alpha: float) -> Infeasible:

@@ -21,7 +21,8 @@ from lockstep.check.numbers import as_floats
 from lockstep.check.system.graph import Digraph
 from lockstep.check.system.loop import Gains
 from lockstep.check.system.spectrum import Metric
-from lockstep.lmi.analysis.rounding import round_up, short_gains
+from lockstep.lmi.analysis.decimals import round_up, rounded_storage
+from lockstep.lmi.analysis.rounding import short_gains
 from lockstep.lmi.methods.modal_common import CommonSearch
 from lockstep.lmi.methods.modal_search import ModalCandidate, drawn, from_start
 from lockstep.lmi.methods.modal_witness import HALVINGS, ModalWitness, fine_witness, witness
@@ -226,22 +227,14 @@ def _shortest(
 ) -> ModalCertificate | None:
     """Return the witness rounded to the fewest digits with which it proves, or None."""
     for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1):
-        segments = tuple(
-            Segment(float(b), _rounded(P, digits)) for b, P in zip(ends[1:], inside.P, strict=True)
-        )
+        shorter = (rounded_storage(P, digits) for P in inside.P)
+        segments = tuple(Segment(float(b), P) for b, P in zip(ends[1:], shorter, strict=True))
         mu, *entries = (float(f"{one:.{digits}g}") for one in inside.mu)
-        P_mean = _rounded(inside.P_mean, digits)
+        P_mean = rounded_storage(inside.P_mean, digits)
         trial = ModalCertificate(rho, float(ends[0]), segments, mu, P_mean, tuple(entries))
         if decide_modes(network.matrices, gains, claim, trial).positive:
             return trial
     return None
-
-
-def _rounded(P: Float[np.ndarray, "k k"], digits: int) -> Float[np.ndarray, "k k"]:
-    if not P.size:
-        return P
-    places = digits - 1 - math.floor(math.log10(max(float(np.abs(P).max()), 1e-300)))
-    return np.round(P, min(places, 300))
 
 
 GRID = 33

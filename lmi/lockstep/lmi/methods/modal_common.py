@@ -24,6 +24,7 @@ from lockstep.check.continuous.modes import Modes
 from lockstep.lmi.analysis.semidefinite import Block, Solved, least, symmetric_basis
 from lockstep.lmi.methods.modal_together import Together
 from lockstep.lmi.search.stabilise import descend
+from lockstep.lmi.shapes import Vector
 
 Gain = Float[np.ndarray, "a b"]
 Valued = tuple[float, Gain]
@@ -158,7 +159,7 @@ class CommonSearch:
         """Lower an objective, the norm of K being held below the limit by a small barrier."""
         limit = self.gain_limit
 
-        def of_flat(flat: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
+        def of_flat(flat: Vector) -> tuple[float, Vector]:
             gains = flat.reshape(K.shape)
             rest = np.eye(len(gains)) - gains @ gains.T / limit**2
             if np.linalg.eigvalsh(rest)[0] <= 0:

@@ -20,6 +20,7 @@ from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import Modes
 from lockstep.lmi.analysis.semidefinite import symmetric_basis
 from lockstep.lmi.methods.bilinear import Bilinear, BilinearCondition, BilinearProgram
+from lockstep.lmi.shapes import Vector
 
 Gain = Float[np.ndarray, "a b"]
 Square = Float[np.ndarray, "k k"]
@@ -61,7 +62,7 @@ class Together:
         """Unknowns."""
         return int(self.places["P_m"].stop)
 
-    def pack(self, K: Gain, mu: Float[np.ndarray, " s"], sigma: float) -> Float[np.ndarray, " x"] | None:
+    def pack(self, K: Gain, mu: Float[np.ndarray, " s"], sigma: float) -> Vector | None:
         """Return x inside, or None: K, a P that is the base's, and its mu and sigma, all but K scaled up."""
         from scipy.linalg import solve_continuous_lyapunov
 
@@ -81,11 +82,11 @@ class Together:
                 return trial
         return None
 
-    def K(self, x: Float[np.ndarray, " x"]) -> Gain:
+    def K(self, x: Vector) -> Gain:
         """Return the gains."""
         return x[self.places["K"]].reshape(self.shape)
 
-    def rebased(self, x: Float[np.ndarray, " x"]) -> tuple["Together", Float[np.ndarray, " x"]]:
+    def rebased(self, x: Vector) -> tuple["Together", Vector]:
         """Return the program in coordinates in which P is I again, and the same point there."""
         k = len(self.base)
         P = np.tensordot(x[self.places["P"]], symmetric_basis(k), 1)

@@ -28,6 +28,7 @@ from lockstep.lmi.sampled.storage import (
     rounding_prices,
     storage_problem,
 )
+from lockstep.lmi.shapes import PairWeights
 
 RATES = (0.1, 0.3, 0.2, 0.4, 0.5, 0.03, 0.01, 0.003, 0.001, 1e-4)
 """How fast V is asked to decay, as parts of how fast the linear loop does; likely ones first."""
@@ -62,9 +63,7 @@ MU = 1e6
 """What underflow counts relative to the messages' noise: it is some thirty decades smaller."""
 
 
-def candidates(
-    loop: SampledLoop, one: Lifted, m: Float[np.ndarray, " pairs"], *, thorough: bool = True
-) -> Iterator[Witness]:
+def candidates(loop: SampledLoop, one: Lifted, m: PairWeights, *, thorough: bool = True) -> Iterator[Witness]:
     """Yield witnesses with which W is positive definite in doubles; the one that passes the least noise on is first.
 
     Where it is not to be thorough, those with the pair weights given, each as it is found.
@@ -146,7 +145,7 @@ def priced_anew(
 
 def priced(
     loop: SampledLoop,
-    m: Float[np.ndarray, " pairs"],
+    m: PairWeights,
     t: Float[np.ndarray, " ways"],
     kappa: float,
     *,
@@ -173,9 +172,7 @@ def confirmed(
 class _Search:
     """Witnesses whose V decays to 1 - spread of itself in each period."""
 
-    def __init__(
-        self, loop: SampledLoop, lifted: Lifted, m: Float[np.ndarray, " pairs"], spread: float
-    ) -> None:
+    def __init__(self, loop: SampledLoop, lifted: Lifted, m: PairWeights, spread: float) -> None:
         self.loop, self.exact, self.lifted = loop, in_exact_arithmetic(loop), lifted
         self.m, self.spread, self.reach = m, spread, 0.0
 

@@ -20,6 +20,7 @@ from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.loop import Plant
 from lockstep.lmi.sampled.candidates import candidates
 from lockstep.lmi.sampled.search import best_multiplier, gain, spectral_radius
+from lockstep.lmi.shapes import PairWeights
 
 TRIES = 3
 """Candidates put to the proof: the first nearly always holds."""
@@ -28,7 +29,7 @@ TRIES = 3
 def certify_sampled(
     network: SampledNetwork,
     controllers: tuple[HeldController, ...],
-    guess: Float[np.ndarray, " pairs"] | None = None,
+    guess: PairWeights | None = None,
     *,
     witness: Witness | None = None,
     thorough: bool = True,
@@ -77,7 +78,7 @@ def certify_sampled(
     return replace(refused(network, controllers, said), figures=figures)
 
 
-def first_guess(d: Disagreement, guess: Float[np.ndarray, " pairs"] | None) -> Float[np.ndarray, " pairs"]:
+def first_guess(d: Disagreement, guess: PairWeights | None) -> PairWeights:
     """Return pair weights to start from: those given, or all alike."""
     pairs = len(d.pairs())
     usable = guess is not None and len(guess) == pairs and np.all(guess >= 0) and guess.sum() > 0

@@ -23,6 +23,7 @@ from lockstep.lmi.sampled.certify import first_guess, in_doubles, period_in_doub
 from lockstep.lmi.sampled.limits import RATES, least_level
 from lockstep.lmi.sampled.performance import SampledRho, period_of
 from lockstep.lmi.sampled.search import best_multiplier, spectral_radius
+from lockstep.lmi.shapes import PairWeights
 
 SLACKS = (2e-4, 1e-3, 5e-3, 1e-2, 2e-2)
 """How far above the rho of floating point that of integers is looked for."""
@@ -35,8 +36,6 @@ SHARE, CLAIMED = 0.05, 0.9
 
 KEPT = (0.99, 0.97, 0.9)
 """Parts of the radius found, less what rounding takes of it, that are claimed."""
-
-PairWeights = Float[np.ndarray, " pairs"]
 
 
 def exchanged(loop: SampledLoop) -> SampledLoop:

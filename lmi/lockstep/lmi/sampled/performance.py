@@ -29,6 +29,7 @@ from lockstep.lmi.sampled.storage import (
     rounding_prices,
     storage_problem,
 )
+from lockstep.lmi.shapes import PairWeights
 
 SCALES = range(-6, 7)
 """Powers of ten that pair weights are tried with where only their ratios are known."""
@@ -64,7 +65,7 @@ def sampled_rho(
     network: SampledNetwork,
     controllers: tuple[HeldController, ...],
     weights: Performance,
-    guess: Float[np.ndarray, " pairs"] | None = None,
+    guess: PairWeights | None = None,
 ) -> SampledRho | None:
     """Find and prove a small rho; None if none is proved.
 
@@ -85,7 +86,7 @@ def sampled_rho(
 
 
 def _proved_with(
-    loop: SampledLoop, exact_loop: SampledLoop, weights: Performance, m: Float[np.ndarray, " pairs"]
+    loop: SampledLoop, exact_loop: SampledLoop, weights: Performance, m: PairWeights
 ) -> SampledRho | None:
     least = least_rho(loop, weights, m)
     if least is None:
@@ -112,7 +113,7 @@ class _Period:
 
     loop: SampledLoop
     lifted: Lifted
-    m: Float[np.ndarray, " pairs"]
+    m: PairWeights
     running: Float[np.ndarray, "n_z n_z"]
     unit: float
     """The largest eigenvalue of R: costs are small or large beside it."""
@@ -158,26 +159,28 @@ class _Period:
         return None if P is None else confirmed(loop, self.lifted, self.prices(prices.t, P), self.running)
 
 
-def period_of(
-    loop: SampledLoop, weights: Performance, m: Float[np.ndarray, " pairs"], rho: float
-) -> _Period | None:
+def period_of(loop: SampledLoop, weights: Performance, m: PairWeights, rho: float) -> _Period | None:
     """Lift a period, or return None where the period alone exceeds rho."""
     try:
         lifted = lifted_with_performance(loop, weights, multiplier(loop.network.d, m), rho)
     except np.linalg.LinAlgError:
         return None
-    if not all(np.isfinite(part).all() for part in (lifted.A_d, lifted.S, lifted.Q)):
-        return None
-    # Past a conjugate point the formulas go on and mean nothing: S or Q is then no longer a square.
-    if any(np.linalg.eigvalsh(part)[0] < -SQUARE * np.abs(part).max() for part in (lifted.S, lifted.Q)):
+    if not is_lifted(lifted):
         return None
     return _Period(loop, lifted, m, running_cost(loop, weights, rho), float(np.linalg.norm(weights.R, 2)))
+
+
+def is_lifted(lifted: Lifted) -> bool:
+    """Tell whether S and Q are finite squares: past a conjugate point the formulas go on, and mean nothing."""
+    if not all(np.isfinite(part).all() for part in (lifted.A_d, lifted.S, lifted.Q)):
+        return False
+    return all(np.linalg.eigvalsh(part)[0] >= -SQUARE * np.abs(part).max() for part in (lifted.S, lifted.Q))
 
 
 def least_rho(
     loop: SampledLoop,
     weights: Performance,
-    m: Float[np.ndarray, " pairs"],
+    m: PairWeights,
     between: tuple[float, float] | None = None,
     *,
     resolution: float = RESOLUTION,
@@ -199,8 +202,8 @@ def least_rho(
 
 
 def _pair_weights(
-    loop: SampledLoop, weights: Performance, guess: Float[np.ndarray, " pairs"] | None
-) -> Iterator[Float[np.ndarray, " pairs"]]:
+    loop: SampledLoop, weights: Performance, guess: PairWeights | None
+) -> Iterator[PairWeights]:
     """Yield pair weights to prove rho with: those known, then those that prove stability, then the known ones scaled.
 
     The proof of stability does not depend on the scale of its weights, rho does: too small they do not hold the
@@ -216,9 +219,7 @@ def _pair_weights(
             yield scaled
 
 
-def _in_the_best_scale(
-    loop: SampledLoop, weights: Performance, m: Float[np.ndarray, " pairs"]
-) -> Float[np.ndarray, " pairs"] | None:
+def _in_the_best_scale(loop: SampledLoop, weights: Performance, m: PairWeights) -> PairWeights | None:
     from scipy.optimize import minimize_scalar
 
     def height(exponent: float, resolution: float) -> float:

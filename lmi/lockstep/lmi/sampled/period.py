@@ -10,11 +10,11 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.certify import SampledVerdict
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
+from lockstep.lmi.analysis.decimals import round_down
 from lockstep.lmi.sampled.certify import (
     certify_sampled,
     first_guess,
@@ -22,6 +22,7 @@ from lockstep.lmi.sampled.certify import (
     period_in_doubles,
 )
 from lockstep.lmi.sampled.search import best_multiplier
+from lockstep.lmi.shapes import PairWeights
 
 ControllersAt = Callable[[float], tuple[HeldController, ...]]
 """The controllers of every agent, sampled with a period in s."""
@@ -37,7 +38,7 @@ BACK_OFF = (0.999, 0.998, 0.995, 0.98, 0.95, 0.85, 0.7, 0.4, 0.2, 0.1, 0.03, 0.0
 
 
 def max_period(
-    network: SampledNetwork, controllers_at: ControllersAt, guess: Float[np.ndarray, " pairs"] | None = None
+    network: SampledNetwork, controllers_at: ControllersAt, guess: PairWeights | None = None
 ) -> SampledVerdict | None:
     """Return the proved verdict at the largest period found, rounded down to four digits; None if there is none.
 
@@ -71,7 +72,7 @@ def longest(
         middle = math.sqrt(low * high)
         low, high = (middle, high) if seems_to_hold(middle) else (low, middle)
     for factor in BACK_OFF:
-        verdict = certify(_down(low * factor))
+        verdict = certify(round_down(low * factor))
         if verdict.certified:
             return verdict
     return None
@@ -94,10 +95,7 @@ class _Edge:
     """Where the loop stops to hold, in doubles; the multiplier that held last is the first guess for the next period."""
 
     def __init__(
-        self,
-        network: SampledNetwork,
-        controllers_at: ControllersAt,
-        guess: Float[np.ndarray, " pairs"] | None,
+        self, network: SampledNetwork, controllers_at: ControllersAt, guess: PairWeights | None
     ) -> None:
         self.network, self.controllers_at, self.guess = network, controllers_at, guess
 
@@ -115,13 +113,3 @@ class _Edge:
             return False
         self.guess = m if gain < 1 else self.guess
         return gain < 1
-
-
-def _down(period: float) -> float:
-    """Round down to four digits.
-
-    >>> _down(0.0312399)
-    0.03123
-    """
-    unit = 10.0 ** (math.floor(math.log10(period)) - 3)
-    return float(f"{math.floor(period / unit) * unit:.4g}")

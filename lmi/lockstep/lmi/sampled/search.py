@@ -14,6 +14,7 @@ from lockstep.check.sampled.inequality import multiplier
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.sampled.sector import Sector
+from lockstep.lmi.shapes import PairWeights
 
 FREQUENCIES = np.concatenate([[0.0], np.geomspace(1e-4, np.pi, 160)])
 """In rad per period. A peak between two of them only makes the multiplier a little worse."""
@@ -24,7 +25,7 @@ COMFORTABLE = 0.9
 EVALUATIONS = 200
 
 
-def gain(loop: SampledLoop, one: Lifted, m: Float[np.ndarray, " pairs"]) -> float:
+def gain(loop: SampledLoop, one: Lifted, m: PairWeights) -> float:
     """Return the largest gain of the discrete loop from w to z under a multiplier; infinite if the loop is unstable.
 
     Below 1 the nonlinear loop is proved stable, on these frequencies at least.
@@ -65,7 +66,7 @@ class _Response:
         right = np.linalg.lstsq(vectors, B.astype(complex), rcond=None)[0]
         self.response = np.einsum("ij,kj,jl->kil", C @ vectors, resolvent, right)
 
-    def gain(self, m: Float[np.ndarray, " pairs"]) -> float:
+    def gain(self, m: PairWeights) -> float:
         if not self.stable:
             return np.inf
         if 0 in self.response.shape[1:]:
@@ -87,8 +88,8 @@ def _factor(square: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n k"]:
 
 
 def best_multiplier(
-    loop: SampledLoop, one: Lifted, m: Float[np.ndarray, " pairs"], *, enough: float = COMFORTABLE
-) -> tuple[Float[np.ndarray, " pairs"], float]:
+    loop: SampledLoop, one: Lifted, m: PairWeights, *, enough: float = COMFORTABLE
+) -> tuple[PairWeights, float]:
     """Return pair weights of sum 1 under which the gain is small, and that gain, from a first guess.
 
     A first guess whose gain is below `enough` is taken as it is.
@@ -110,16 +111,14 @@ def best_multiplier(
     return (best, float(found.fun)) if found.fun < first else (m, first)
 
 
-def _scaled(m: Float[np.ndarray, " pairs"]) -> Float[np.ndarray, " pairs"]:
+def _scaled(m: PairWeights) -> PairWeights:
     """Return weights of sum 1, none below 1e-9 of it: only their ratios count."""
     total = m.sum()
     share = m / total if total > 0 else np.full(len(m), 1 / max(len(m), 1))
     return np.asarray(np.maximum(share, 1e-9))
 
 
-def common_pair_weights(
-    entries: Sequence[Entry], certificate: Certificate, sector: Sector
-) -> Float[np.ndarray, " pairs"]:
+def common_pair_weights(entries: Sequence[Entry], certificate: Certificate, sector: Sector) -> PairWeights:
     """Return weights with which the sector is about what each pair has in the continuous certificate: a first guess."""
     total = len(sector.Q) * certificate.m
     for k in {one.component for one in entries}:

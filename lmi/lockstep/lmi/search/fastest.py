@@ -11,11 +11,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.search.interior import BarrierPoint, NewtonLimits
 from lockstep.lmi.search.start import GainSearch, Score
+from lockstep.lmi.shapes import GainBlocks
 
 RUNS = 8
 """At most so many runs of the nonlinear program."""
@@ -39,9 +39,7 @@ Decaying = Callable[[float], GainSearch]
 """The search for the loop of e^(sigma t) x_cl."""
 
 
-def raised_decay(
-    at: Decaying, K: Float[np.ndarray, "N k l"], *, rho: float, score: Score | None
-) -> Float[np.ndarray, "N k l"]:
+def raised_decay(at: Decaying, K: GainBlocks, *, rho: float, score: Score | None) -> GainBlocks:
     """Return gains with a larger sigma, or K.
 
     Args:
@@ -68,7 +66,7 @@ def raised_decay(
     return K
 
 
-def largest_decay(at: Decaying, K: Float[np.ndarray, "N k l"], *, least: float = 0.0) -> float:
+def largest_decay(at: Decaying, K: GainBlocks, *, least: float = 0.0) -> float:
     """Return sigma(K), by bisection between `least` and what the linear loop has; `least` where not even that holds."""
     search = at(0.0)
     low, high = least, -float(np.linalg.eigvals(search.loop.A_cl(K)).real.max()) / search.units.time
@@ -79,7 +77,7 @@ def largest_decay(at: Decaying, K: Float[np.ndarray, "N k l"], *, least: float =
     return low
 
 
-def _ships(search: GainSearch, K: Float[np.ndarray, "N k l"], rho: float, score: Score | None) -> bool:
+def _ships(search: GainSearch, K: GainBlocks, rho: float, score: Score | None) -> bool:
     """Tell whether gains keep to the largest rho, and to a sampled loop that has one."""
     found = least_rho(search.loop, K, search.claim)
     if found is None or search.units.rho * found.rho > rho:

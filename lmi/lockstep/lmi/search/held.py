@@ -15,9 +15,8 @@ import numpy as np
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Loop, Plant, build_loop
-from lockstep.lmi.search.interior import within
 from lockstep.lmi.search.smoothed import SmoothedNorm, descended, refined
-from lockstep.lmi.search.stabilise import abscissa, stabilise
+from lockstep.lmi.search.stabilise import abscissa, stabilise, within
 from lockstep.lmi.search.start import INSIDE, STABLE, GainSearch, Score, StartResult, scored
 from lockstep.lmi.search.stopping import NEVER, Deadline
 

@@ -28,6 +28,7 @@ from lockstep.check.numbers import as_floats
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.solve import AffineF, run
 from lockstep.lmi.search.stopping import NEVER, Deadline
+from lockstep.lmi.shapes import GainBlocks, Multipliers
 from lockstep.model.network import Network
 
 ROOM = 1e-5
@@ -62,9 +63,9 @@ class SetPoint:
     K: (N, k, l);  P: P_0, without the leader's controller;  w: (m, m_entries, t, rho^2);  radius: of the set.
     """
 
-    K: Float[np.ndarray, "N k l"]
+    K: GainBlocks
     P: Float[np.ndarray, "n_0 n_0"]
-    w: Float[np.ndarray, " w"]
+    w: Multipliers
     radius: float
 
 
@@ -111,7 +112,7 @@ class SetProgram:
         D = as_floats(squared_distance(exact))
         return cls(loop, claim, np.array(found), kept, D, moving, gain_limit, rate)
 
-    def at(self, K: Float[np.ndarray, "N k l"], certificate: Certificate) -> SetPoint:
+    def at(self, K: GainBlocks, certificate: Certificate) -> SetPoint:
         """Return a certificate as a point."""
         form = AffineF(self.loop, K, self.claim)
         w = np.array([*certificate.pair_weights[: form.pairs], *certificate.t, certificate.rho**2])
@@ -248,7 +249,7 @@ class SetProgram:
 
 def _inside(
     P: Float[np.ndarray, "k k"],
-    w: Float[np.ndarray, " w"],
+    w: Multipliers,
     Z: Float[np.ndarray, "k F"],
     slopes: Float[np.ndarray, "w F F"],
 ) -> tuple[Float[np.ndarray, "F F"], Float[np.ndarray, "F F"]] | None:

@@ -28,6 +28,7 @@ from lockstep.check.continuous.inequality import Certificate, Claim, gain_errors
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.search.logdet import BalancedF
 from lockstep.lmi.search.stopping import NEVER, Deadline
+from lockstep.lmi.shapes import GainBlocks, Vector
 
 WEIGHTS = (6e-3, 2e-3, 5e-4)
 """mu, one after the other. F has a few dozen rows, and a goal of log rho^2 outweighs what -log det(-F) gains by scaling P
@@ -62,7 +63,7 @@ infinite."""
 
 Aim = Literal["rho", "alpha", "claim"]
 
-Goal = Callable[[Float[np.ndarray, " x"]], tuple[float, dict[int, float], dict[int, float]]]
+Goal = Callable[[Vector], tuple[float, dict[int, float], dict[int, float]]]
 """The value of a goal, its slope and its second derivative, each by the place of the unknown."""
 
 
@@ -70,7 +71,7 @@ Goal = Callable[[Float[np.ndarray, " x"]], tuple[float, dict[int, float], dict[i
 class BarrierPoint:
     """Gains with the witnesses that go with them, and the fractions of alpha^2 and delta^2 they carry."""
 
-    K: Float[np.ndarray, "N k l"]
+    K: GainBlocks
     certificate: Certificate
     alpha_fraction: float = 1.0
     delta_fraction: float = 1.0
@@ -106,7 +107,7 @@ class Task:
     goal: Goal
     bounds: list[VariableBound]
     free: Int[np.ndarray, " free"]
-    done: Callable[[Float[np.ndarray, " x"]], bool]
+    done: Callable[[Vector], bool]
     storages: tuple[Float[np.ndarray, "n_C n_C"], ...] = ()
 
 
@@ -145,7 +146,7 @@ class InteriorProgram:
         )
         return BarrierPoint(F.K(x).copy(), F.certificate(x), f_a, f_d)
 
-    def _inside(self, F: BalancedF, start: BarrierPoint, aim: Aim) -> Float[np.ndarray, " x"] | None:
+    def _inside(self, F: BalancedF, start: BarrierPoint, aim: Aim) -> Vector | None:
         """Return x with F < 0 near the start."""
         largest = max(float(np.linalg.norm(block, 2)) for block in start.K)
         K = start.K * min(1.0, (1 - 1e-6) * self.gain_limit / max(largest, 1e-300))
@@ -166,7 +167,7 @@ class InteriorProgram:
                     return trial
         return None
 
-    def _task(self, F: BalancedF, x: Float[np.ndarray, " x"], aim: Aim, rho_most: float) -> Task:
+    def _task(self, F: BalancedF, x: Vector, aim: Aim, rho_most: float) -> Task:
         r2, f_a, f_d = (F.place[name].start for name in ("r2", "f_a", "f_d"))
         bounds = [VariableBound(i, 1.0, 0.0) for i in range(F.place["m"].start, r2 + 1)]
         moving = {"rho": [], "claim": [f_a, *([f_d] if self.ways else [])], "alpha": [f_a]}[aim]
@@ -188,7 +189,7 @@ class InteriorProgram:
             lambda x: aim == "claim" and all(x[i] >= 1.0 for i in (f_a, f_d)),
         )
 
-    def _storages(self, K: Float[np.ndarray, "N k l"]) -> tuple[Float[np.ndarray, "n_C n_C"], ...]:
+    def _storages(self, K: GainBlocks) -> tuple[Float[np.ndarray, "n_C n_C"], ...]:
         """Return P_i with He(P_i (A_Ci + rate I)) = -I of each controller that is to be stable by itself."""
         from scipy.linalg import solve_continuous_lyapunov
 
@@ -200,7 +201,7 @@ class InteriorProgram:
     def _barrier(
         self,
         F: BalancedF,
-        x: Float[np.ndarray, " x"],
+        x: Vector,
         bounds: list[VariableBound],
         storages: tuple[Float[np.ndarray, "n_C n_C"], ...] = (),
     ) -> float:
@@ -229,7 +230,7 @@ class InteriorProgram:
 
     def _add_own(
         self,
-        slope: Float[np.ndarray, " x"],
+        slope: Vector,
         square: Float[np.ndarray, "x x"],
         place: Int[np.ndarray, " c"],
         P: Float[np.ndarray, "n_C n_C"],
@@ -250,12 +251,10 @@ class InteriorProgram:
         k, l = K.shape
         return np.block([[self.gain_limit * np.eye(k), K], [K.T, self.gain_limit * np.eye(l)]])
 
-    def _settled(
-        self, F: BalancedF, x: Float[np.ndarray, " x"], task: Task, mu: float, limits: NewtonLimits
-    ) -> Float[np.ndarray, " x"]:
+    def _settled(self, F: BalancedF, x: Vector, task: Task, mu: float, limits: NewtonLimits) -> Vector:
         """Take Newton steps until the decrement is small."""
 
-        def value(point: Float[np.ndarray, " x"]) -> float:
+        def value(point: Vector) -> float:
             barrier = self._barrier(F, point, task.bounds, task.storages)
             return barrier + task.goal(point)[0] / mu if np.isfinite(barrier) else np.inf
 
@@ -277,8 +276,8 @@ class InteriorProgram:
         return x
 
     def _slopes(
-        self, F: BalancedF, x: Float[np.ndarray, " x"], task: Task, mu: float
-    ) -> tuple[Float[np.ndarray, " x"], Float[np.ndarray, "x x"], Float[np.ndarray, "x x"]]:
+        self, F: BalancedF, x: Vector, task: Task, mu: float
+    ) -> tuple[Vector, Float[np.ndarray, "x x"], Float[np.ndarray, "x x"]]:
         slope, square, rest = F.slopes(x)
         _, k, l = F.shape_K
         row, column = (index.ravel() for index in np.indices((k, l)))
@@ -306,7 +305,7 @@ class InteriorProgram:
 def _logarithms(weights: dict[int, float]) -> Goal:
     """Return the goal sum_i w_i log x_i."""
 
-    def goal(x: Float[np.ndarray, " x"]) -> tuple[float, dict[int, float], dict[int, float]]:
+    def goal(x: Vector) -> tuple[float, dict[int, float], dict[int, float]]:
         return (
             float(sum(w * np.log(x[i]) for i, w in weights.items())),
             {i: w / x[i] for i, w in weights.items()},
@@ -317,11 +316,8 @@ def _logarithms(weights: dict[int, float]) -> Goal:
 
 
 def newton_step(
-    slope: Float[np.ndarray, " x"],
-    square: Float[np.ndarray, "x x"],
-    rest: Float[np.ndarray, "x x"],
-    last: float,
-) -> tuple[Float[np.ndarray, " x"], float, float]:
+    slope: Vector, square: Float[np.ndarray, "x x"], rest: Float[np.ndarray, "x x"], last: float
+) -> tuple[Vector, float, float]:
     """Return the step for a curvature made positive definite, its decrement, and the shift that took."""
     from scipy.linalg import cho_factor, cho_solve
 
@@ -342,11 +338,7 @@ def newton_step(
 
 
 def line_search(
-    value: Callable[[Float[np.ndarray, " x"]], float],
-    x: Float[np.ndarray, " x"],
-    move: Float[np.ndarray, " x"],
-    here: float,
-    decrement: float,
+    value: Callable[[Vector], float], x: Vector, move: Vector, here: float, decrement: float
 ) -> tuple[float, float]:
     """Halve a step until it gains enough, or double it while that gains more; (0, here) where no step gains."""
     length, found = 1.0, value(x + move)
@@ -363,8 +355,3 @@ def line_search(
         if found <= here - ENOUGH * length * decrement:
             return length, found
     return 0.0, here
-
-
-def within(K: Float[np.ndarray, "N k l"], limit: float) -> Float[np.ndarray, "N k l"]:
-    """Scale each agent's gains down to the limit on their spectral norm."""
-    return np.stack([block * min(1.0, limit / max(float(np.linalg.norm(block, 2)), 1e-300)) for block in K])

@@ -31,8 +31,9 @@ from jaxtyping import Float, Int, Shaped
 from lockstep.check.continuous.channels import Inequality, Term
 from lockstep.check.continuous.inequality import Certificate, Claim, inequality, split
 from lockstep.check.system.loop import Loop
+from lockstep.lmi.shapes import GainBlocks, Vector
 
-Slopes = tuple[Float[np.ndarray, " x"], Float[np.ndarray, "x x"], Float[np.ndarray, "x x"]]
+Slopes = tuple[Vector, Float[np.ndarray, "x x"], Float[np.ndarray, "x x"]]
 """A slope, the part of the curvature that is never negative, and the rest of it."""
 
 
@@ -74,32 +75,30 @@ class BalancedF:
         """(N, n_C + m, n_C + q)."""
         return self.loop.d.N, self.loop.U[0].shape[1], self.loop.Y[0].shape[0]
 
-    def pack(
-        self, K: Float[np.ndarray, "N k l"], c: Certificate, f_a: float, f_d: float
-    ) -> Float[np.ndarray, " x"]:
+    def pack(self, K: GainBlocks, c: Certificate, f_a: float, f_d: float) -> Vector:
         """Return x for gains, a certificate and the fractions; what the certificate has no multipliers for gets ones."""
         inverse = np.linalg.inv(self.root)
         P, m, t = (inverse @ c.P @ inverse.T)[self._upper], self.place["m"], self.place["t"]
         ways = c.t if len(c.t) == t.stop - t.start else np.ones(t.stop - t.start)
         return np.concatenate([P, K.ravel(), c.pair_weights[: m.stop - m.start], ways, [c.rho**2, f_a, f_d]])
 
-    def P(self, x: Float[np.ndarray, " x"]) -> Float[np.ndarray, "n_x n_x"]:
+    def P(self, x: Vector) -> Float[np.ndarray, "n_x n_x"]:
         """Return P^."""
         P = np.zeros((self.loop.n_x, self.loop.n_x))
         P[self._upper] = x[self.place["P"]]
         return P + np.triu(P, 1).T
 
-    def K(self, x: Float[np.ndarray, " x"]) -> Float[np.ndarray, "N k l"]:
+    def K(self, x: Vector) -> GainBlocks:
         """Return the gains."""
         return np.asarray(x[self.place["K"]].reshape(self.shape_K))
 
-    def certificate(self, x: Float[np.ndarray, " x"]) -> Certificate:
+    def certificate(self, x: Vector) -> Certificate:
         """Return the witnesses, back in the coordinates of the loop."""
         m, m_entries = split(self.loop, self.claim, x[self.place["m"]])
         P, rho = self.root @ self.P(x) @ self.root.T, float(np.sqrt(x[self.place["r2"]][0]))
         return Certificate(rho, (P + P.T) / 2, m, x[self.place["t"]], m_entries)
 
-    def F(self, x: Float[np.ndarray, " x"]) -> Float[np.ndarray, "n_F n_F"]:
+    def F(self, x: Vector) -> Float[np.ndarray, "n_F n_F"]:
         """Return F, in the balanced coordinates of the state."""
         n_x, K = self.loop.n_x, self.K(x)
         half = np.zeros((self._n_F, self._n_F))
@@ -109,7 +108,7 @@ class BalancedF:
         linear = np.concatenate([x[self.place["m"]], x[self.place["t"]], x[self.place["r2"]]])
         return np.asarray(half + half.T + constant + np.tensordot(linear, basis, 1))
 
-    def slopes(self, x: Float[np.ndarray, " x"]) -> Slopes:
+    def slopes(self, x: Vector) -> Slopes:
         """Return the slope of -log det(-F) and the two parts of its curvature.
 
         Raises:
@@ -169,9 +168,7 @@ class BalancedF:
             total[:, : self._u.C.shape[1]] = self._root_of_W @ self._u.C
         return total
 
-    def _of_gains(
-        self, into: list[Float[np.ndarray, "a k"]], K: Float[np.ndarray, "N k l"]
-    ) -> Float[np.ndarray, "a n_F"]:
+    def _of_gains(self, into: list[Float[np.ndarray, "a k"]], K: GainBlocks) -> Float[np.ndarray, "a n_F"]:
         """Return sum_i into_i K_i (Y_i, Y_wi)."""
         return np.asarray(
             sum(left @ block @ right for left, block, right in zip(into, K, self._Y, strict=True))
@@ -224,7 +221,7 @@ class BalancedF:
         D[: self.loop.n_x, : self.loop.n_x] = self._inverse
         return np.asarray(D @ forms @ D.T)
 
-    def _Z(self, K: Float[np.ndarray, "N k l"]) -> Float[np.ndarray, "n_x n_F"]:
+    def _Z(self, K: GainBlocks) -> Float[np.ndarray, "n_x n_F"]:
         Z = self._of_gains(self._U, K)
         Z[:, : self._rows] += np.hstack([self.root.T @ self.loop.A_0 @ self._inverse.T, self._in])
         return Z
@@ -251,7 +248,7 @@ class BalancedF:
         first = self.place["m"].start
         return slice(self.place[name].start - first, self.place[name].stop - first)
 
-    def _basis(self, x: Float[np.ndarray, " x"]) -> Float[np.ndarray, "w n_F n_F"]:
+    def _basis(self, x: Vector) -> Float[np.ndarray, "w n_F n_F"]:
         """Return what m, t and rho^2 multiply."""
         basis, pairs = self._diagonal.copy(), len(self._bounds_a)
         basis[:pairs] += x[self.place["f_a"]][0] * self._bounds_a
@@ -274,7 +271,7 @@ class BalancedF:
         )
 
     def _columns(
-        self, x: Float[np.ndarray, " x"], W: Float[np.ndarray, "n_F n_F"]
+        self, x: Vector, W: Float[np.ndarray, "n_F n_F"]
     ) -> tuple[Float[np.ndarray, "n_F u"], Float[np.ndarray, "n_F v"]]:
         J, P = W[:, : self.loop.n_x], self.P(x)
         last = W[:, self._rows :]
@@ -306,9 +303,7 @@ class BalancedF:
         total[of_P, of_P] += twice[of_P, None] * products(of_P, of_P, True, True) * twice[of_P]
         return 2 * (LR[u, v] + twice * LR[u2, v2]), 2 * total
 
-    def _of_the_rest(
-        self, x: Float[np.ndarray, " x"], W: Float[np.ndarray, "n_F n_F"]
-    ) -> Float[np.ndarray, "w n_F n_F"]:
+    def _of_the_rest(self, x: Vector, W: Float[np.ndarray, "n_F n_F"]) -> Float[np.ndarray, "w n_F n_F"]:
         """Return W dF W' for each of m, t, rho^2, f_a and f_d."""
         m, t = x[self.place["m"]], x[self.place["t"]]
         extra = [np.tensordot(m, self._bounds_a, 1), np.tensordot(t, self._bounds_d, 1)]

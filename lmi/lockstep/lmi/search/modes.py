@@ -18,6 +18,7 @@ from lockstep.check.system.loop import Loop, build_loop
 from lockstep.lmi.search.smoothed import Descended, SmoothedNorm, descended, refined
 from lockstep.lmi.search.stabilise import OutputFeedback, descend, real_part
 from lockstep.lmi.search.units import scaled
+from lockstep.lmi.shapes import Vector
 
 GAIN_WEIGHTS = (1e-3, 1e-5, 0.0)
 """Weights of the mean square of the gains while the abscissa is lowered, tried until the loop is stable. Small gains
@@ -127,7 +128,7 @@ def stabilised(search: ModalSearch, K: Float[np.ndarray, "a b"]) -> Float[np.nda
 def _lowered(
     ways: list[OutputFeedback], K: Float[np.ndarray, "a b"], gain_limit: float, weight: float
 ) -> Float[np.ndarray, "a b"]:
-    def objective(flat: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
+    def objective(flat: Vector) -> tuple[float, Vector]:
         root = float(np.sqrt(1 + flat @ flat))
         gains = gain_limit * flat / root
         worst, slope = _worst(ways, gains.reshape(K.shape))

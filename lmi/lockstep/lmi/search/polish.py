@@ -7,15 +7,13 @@ kept, not the last.
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-from jaxtyping import Float
-
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.lmi.analysis.reach import largest_alpha
 from lockstep.lmi.analysis.solve import eliminates_P, least_rho
 from lockstep.lmi.search.interior import BarrierPoint, NewtonLimits
 from lockstep.lmi.search.start import GainSearch, Score
 from lockstep.lmi.search.stopping import NEVER, Deadline
+from lockstep.lmi.shapes import GainBlocks
 
 STRIDES = 12
 """At most so many; one that does not pay ends it before."""
@@ -44,7 +42,7 @@ class Polished:
     """
 
     index: int
-    K: Float[np.ndarray, "N k l"]
+    K: GainBlocks
     certificate: Certificate
     rho: float
     sampled: float

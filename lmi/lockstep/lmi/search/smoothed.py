@@ -35,6 +35,7 @@ from lockstep.lmi.analysis.p_norm import counted, frequencies_of, gram, p_norm, 
 from lockstep.lmi.analysis.solve import AffineF, eliminates_P
 from lockstep.lmi.sampled.descending.response import Poles
 from lockstep.lmi.search.stabilise import descend
+from lockstep.lmi.shapes import GainBlocks, Multipliers, Vector
 
 Stages = tuple[tuple[int, int], ...]
 """p and the number of steps of each stage; the frequencies are chosen anew before each."""
@@ -73,8 +74,6 @@ MARGIN = 1e-9
 LARGEST = 60.0
 """Bound on the logarithm of a multiplier: beyond it doubles overflow where they are squared."""
 
-Vector = Float[np.ndarray, " x"]
-
 
 @dataclass(frozen=True)
 class Descended:
@@ -83,8 +82,8 @@ class Descended:
     gain: the square of the gain at rho_0;  rho: in the units of the loop.
     """
 
-    K: Float[np.ndarray, "N k l"]
-    w: Float[np.ndarray, " w"]
+    K: GainBlocks
+    w: Multipliers
     gain: float
     rho: float
 
@@ -144,11 +143,11 @@ class SmoothedNorm:
         self.agents, self.pairs = (self.shape[0], len(loop.d.pairs())) if shared else (1, 1)
         self.thins = eliminates_P(loop)
 
-    def pack(self, K: Float[np.ndarray, "N k l"], w: Float[np.ndarray, " w"]) -> Vector:
+    def pack(self, K: GainBlocks, w: Multipliers) -> Vector:
         """Return x of gains and multipliers."""
         return np.concatenate([(K[:: self.agents] / self.units).ravel(), np.log(w[:: self.pairs])])
 
-    def unpack(self, x: Vector) -> tuple[Float[np.ndarray, "N k l"], Float[np.ndarray, " w"]]:
+    def unpack(self, x: Vector) -> tuple[GainBlocks, Multipliers]:
         """Return the gains and the multipliers of x."""
         N, k, l = self.shape
         size = N // self.agents * k * l
@@ -204,11 +203,7 @@ class SmoothedNorm:
         return np.full(len(frequencies), np.inf) if here is None else np.linalg.eigvalsh(here.M)[:, -1]
 
     def _response(
-        self,
-        K: Float[np.ndarray, "N k l"],
-        w: Float[np.ndarray, " w"],
-        rho_0: float | None,
-        frequencies: Float[np.ndarray, " f"],
+        self, K: GainBlocks, w: Multipliers, rho_0: float | None, frequencies: Float[np.ndarray, " f"]
     ) -> "_Response | None":
         """Return the response at the frequencies; None where the loop is not stable or there is no rho."""
         poles, modes = np.linalg.eig(self.loop.A_cl(K))
@@ -228,7 +223,7 @@ class SmoothedNorm:
         return _Response(modes, back, resolvent, X, W, M, signals)
 
     def worst(
-        self, K: Float[np.ndarray, "N k l"], w: Float[np.ndarray, " w"], frequencies: Float[np.ndarray, " f"]
+        self, K: GainBlocks, w: Multipliers, frequencies: Float[np.ndarray, " f"]
     ) -> tuple[float, float]:
         """Return the largest eigenvalues of Psi_vv against D of ones, and of Psi_xx, over the frequencies."""
         X = np.linalg.solve(
@@ -239,12 +234,12 @@ class SmoothedNorm:
         root = np.linalg.inv(np.linalg.cholesky(self.D.sum(axis=0)))
         return float(np.linalg.eigvalsh(root @ vv @ root.T).max()), float(np.linalg.eigvalsh(xx).max())
 
-    def _into(self, K: Float[np.ndarray, "N k l"]) -> Float[np.ndarray, "n s"]:
+    def _into(self, K: GainBlocks) -> Float[np.ndarray, "n s"]:
         """Return how the signals enter the states: the noise by the gains."""
         return np.asarray(self.into + np.hstack(list(self.U)) @ self._each(K, self.noise[None])[0])
 
     def _Psi(
-        self, K: Float[np.ndarray, "N k l"], W: Float[np.ndarray, "n n"], X: Complex[np.ndarray, "f n s"]
+        self, K: GainBlocks, W: Float[np.ndarray, "n n"], X: Complex[np.ndarray, "f n s"]
     ) -> Complex[np.ndarray, "f s s"]:
         Psi = X.conj().swapaxes(1, 2) @ (W @ X)
         if self.effort.any():
@@ -279,9 +274,7 @@ class SmoothedNorm:
         root[: self.n_v, : self.n_v] = np.linalg.inv(np.linalg.cholesky(D)).T
         return root.T @ Psi @ root, np.broadcast_to(root, Psi.shape)
 
-    def _barrier(
-        self, K: Float[np.ndarray, "N k l"], weight: float
-    ) -> tuple[float, Float[np.ndarray, "N k l"]] | None:
+    def _barrier(self, K: GainBlocks, weight: float) -> tuple[float, GainBlocks] | None:
         """Return -weight sum_i log det(I - K_i K_i' / l^2), with the Gramians', and its slope; None outside."""
         limit = self.gain_limit**2
         room = np.eye(K.shape[1]) - K @ K.swapaxes(1, 2) / limit
@@ -301,7 +294,7 @@ class SmoothedNorm:
         return value, slope
 
 
-def descended(norm: SmoothedNorm, K: Float[np.ndarray, "N k l"]) -> Descended:
+def descended(norm: SmoothedNorm, K: GainBlocks) -> Descended:
     """Take stable gains down to some rho, then down to a small one.
 
     Args:
@@ -319,7 +312,7 @@ def descended(norm: SmoothedNorm, K: Float[np.ndarray, "N k l"]) -> Descended:
     return Descended(*norm.unpack(x), gain, float(np.sqrt(square)))
 
 
-def with_multipliers(norm: SmoothedNorm, K: Float[np.ndarray, "N k l"]) -> Descended:
+def with_multipliers(norm: SmoothedNorm, K: GainBlocks) -> Descended:
     """Return gains with the multipliers, all of them equal, for which their rho is least; infinite where there is none."""
     x = norm.pack(K, np.ones(len(norm.W)))
     if norm.n_v:

@@ -11,11 +11,12 @@ import numpy as np
 from jaxtyping import Complex, Float, Shaped
 
 from lockstep.check.system.loop import Loop
+from lockstep.lmi.shapes import GainBlocks, Vector
 
 OutputFeedback = tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _"], Shaped[np.ndarray, "_ _"]]
 """A_0, U and Y of A_0 + U K Y; Y is complex for the mode of an eigenvalue that is."""
 
-Objective = Callable[[Float[np.ndarray, " x"]], tuple[float, Float[np.ndarray, " x"]]]
+Objective = Callable[[Vector], tuple[float, Vector]]
 
 GAIN_WEIGHT = 1e-3
 """Weight of the mean square of the gains: without it the abscissa of a controllable loop has no minimum."""
@@ -29,13 +30,13 @@ DEFECTIVE = 1e-8
 
 def stabilise(
     loop: Loop,
-    K: Float[np.ndarray, "N k l"],
+    K: GainBlocks,
     limit: float = np.inf,
     iterations: int = 100,
     *,
     units: Float[np.ndarray, "k l"] | float = 1.0,
     rate: float | None = None,
-) -> tuple[Float[np.ndarray, "N k l"], float]:
+) -> tuple[GainBlocks, float]:
     """Return gains with a smaller abscissa than K's and norms of about `limit` at most, and that abscissa.
 
     Args:
@@ -47,7 +48,7 @@ def stabilise(
         rate: that each A_Ci is to have by itself; None to ask nothing of them.
     """
 
-    def objective(flat: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
+    def objective(flat: Vector) -> tuple[float, Vector]:
         blocks = flat.reshape(K.shape) * units
         value, slope = abscissa(loop, blocks, rate=rate)
         excess, pull = _excess(blocks, limit)
@@ -59,7 +60,7 @@ def stabilise(
     return found, abscissa(loop, found, rate=rate)[0]
 
 
-def _excess(K: Float[np.ndarray, "N k l"], limit: float) -> tuple[float, Float[np.ndarray, "N k l"]]:
+def _excess(K: GainBlocks, limit: float) -> tuple[float, GainBlocks]:
     """Return sum_i max(0, |K_i| / limit - 1) and its slope in K."""
     total, slope = 0.0, np.zeros_like(K)
     for i, block in enumerate(K):
@@ -71,9 +72,7 @@ def _excess(K: Float[np.ndarray, "N k l"], limit: float) -> tuple[float, Float[n
     return total, slope
 
 
-def abscissa(
-    loop: Loop, K: Float[np.ndarray, "N k l"], *, rate: float | None = None
-) -> tuple[float, Float[np.ndarray, "N k l"]]:
+def abscissa(loop: Loop, K: GainBlocks, *, rate: float | None = None) -> tuple[float, GainBlocks]:
     """Return max Re lambda(A_cl) and its slope in K: for a simple eigenvalue with vectors l, r, Re(U_i' l r' Y_i' / l'r).
 
     With a rate, the largest of it and of those of all A_Ci + rate I.
@@ -93,7 +92,7 @@ def real_part(
     A: Float[np.ndarray, "n n"] | Complex[np.ndarray, "n n"],
     left_of: Sequence[Float[np.ndarray, "n k"]],
     right_of: Sequence[Float[np.ndarray, "l n"] | Complex[np.ndarray, "l n"]],
-) -> tuple[float, Float[np.ndarray, "N k l"]]:
+) -> tuple[float, GainBlocks]:
     """Return max Re lambda(A) and its slope in the K_i that enter A as sum_i U_i K_i Y_i."""
     from scipy.linalg import eig
 
@@ -119,7 +118,7 @@ def stabilise_mode(mode: OutputFeedback, limit: float, *, seed: int, starts: int
     A_0, U, Y = mode
     shape = (1, U.shape[1], len(Y))
 
-    def objective(flat: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
+    def objective(flat: Vector) -> tuple[float, Vector]:
         K = flat.reshape(shape)
         value, slope = real_part(A_0 + U @ K[0] @ Y, [U], [Y])
         excess, pull = _excess(K, limit)
@@ -135,9 +134,7 @@ def stabilise_mode(mode: OutputFeedback, limit: float, *, seed: int, starts: int
     return least
 
 
-def descend(
-    objective: Objective, x: Float[np.ndarray, " x"], iterations: int, settled: float = 0.0
-) -> Float[np.ndarray, " x"]:
+def descend(objective: Objective, x: Vector, iterations: int, settled: float = 0.0) -> Vector:
     """Minimise by BFGS with a weak Wolfe line search; stop where no step of it improves.
 
     Args:
@@ -165,12 +162,8 @@ def descend(
 
 
 def _weak_wolfe(
-    objective: Objective,
-    x: Float[np.ndarray, " x"],
-    value: float,
-    slope: Float[np.ndarray, " x"],
-    direction: Float[np.ndarray, " x"],
-) -> tuple[Float[np.ndarray, " x"], float, Float[np.ndarray, " x"]] | None:
+    objective: Objective, x: Vector, value: float, slope: Vector, direction: Vector
+) -> tuple[Vector, float, Vector] | None:
     """Bracket a step with enough decrease (1e-4) and enough rise of the slope (0.9); None if 30 trials find
     no decrease."""
     low, high, t, slant = 0.0, np.inf, 1.0, float(slope @ direction)
@@ -187,3 +180,9 @@ def _weak_wolfe(
             low = t
         t = (low + high) / 2 if np.isfinite(high) else 2 * t
     return best
+
+
+def within(K: GainBlocks, limit: float) -> GainBlocks:
+    """Return gains of which those of agents that exceed a spectral norm are scaled down to it."""
+    norms = np.linalg.norm(K, 2, axis=(1, 2))
+    return np.asarray(K * np.minimum(1.0, limit / np.maximum(norms, 1e-300))[:, None, None])

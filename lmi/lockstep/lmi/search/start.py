@@ -18,7 +18,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.solve import AffineF, eliminates_P, least_rho
-from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLimits, within
+from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLimits
 from lockstep.lmi.search.modes import ModalSearch
 from lockstep.lmi.search.smoothed import (
     NEXT_TO_IT,
@@ -30,9 +30,10 @@ from lockstep.lmi.search.smoothed import (
     with_multipliers,
 )
 from lockstep.lmi.search.stabilise import abscissa as abscissa_of
-from lockstep.lmi.search.stabilise import stabilise
+from lockstep.lmi.search.stabilise import stabilise, within
 from lockstep.lmi.search.stopping import NEVER, Deadline
 from lockstep.lmi.search.units import Units, scaled
+from lockstep.lmi.shapes import GainBlocks
 
 SIZES = (0.3, 1.0, 3.0)
 """Standard deviations of the gains drawn, in the units of the search."""
@@ -130,7 +131,7 @@ class GainSearch:
         return SmoothedNorm(self.loop, self.claim, limit, units, shared=shared, rate=self.rate)
 
 
-Score = Callable[[Float[np.ndarray, "N k l"], Float[np.ndarray, " weights"]], float]
+Score = Callable[[GainBlocks, Float[np.ndarray, " weights"]], float]
 """rho of the sampled loop for gains and pair weights (of alpha, then of each entry) in the units of the file, in
 doubles; infinite where it has none."""
 
@@ -215,7 +216,7 @@ def scored(search: GainSearch, score: Score | None, start: StartResult) -> Start
     return replace(start, sampled=max(search.units.rho * start.at.rho, score(start.at.K, weights)))
 
 
-def stable_gains(search: GainSearch, seed: int, index: int) -> tuple[Float[np.ndarray, "N k l"], float]:
+def stable_gains(search: GainSearch, seed: int, index: int) -> tuple[GainBlocks, float]:
     """Return gains within the limit whose loop is stable, if a descent from random ones finds such, and its
     abscissa."""
     generator, limit = np.random.default_rng([seed, index]), search.gain_limit
@@ -235,7 +236,7 @@ def stable_gains(search: GainSearch, seed: int, index: int) -> tuple[Float[np.nd
     return best
 
 
-def first_point(search: GainSearch, K: Float[np.ndarray, "N k l"]) -> BarrierPoint | None:
+def first_point(search: GainSearch, K: GainBlocks) -> BarrierPoint | None:
     """Return gains with a certificate for some part of the claim, or None where not even the least part has one."""
     claim = search.claim
     for fraction in FEW_FRACTIONS if search.is_large else FRACTIONS:

@@ -307,9 +307,5 @@ class Agent:
         check_agent_name(self.name)
         check_names(states=self.states, inputs=self.inputs, outputs=self.outputs)
         for kind, count in (("states", self.n), ("inputs", self.m), ("outputs", self.q)):
-            if len(getattr(self, kind)) != count:
-                raise ProblemError(
-                    f"{len(getattr(self, kind))} names for {count} {kind}",
-                    where=f"[agent] {kind}",
-                    expected="one name each",
-                )
+            found = f"{len(getattr(self, kind))} names for {count} {kind}"
+            demand(len(getattr(self, kind)) == count, found, f"[agent] {kind}", "one name each")

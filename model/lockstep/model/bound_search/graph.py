@@ -67,8 +67,7 @@ def _value(step: _Step, values: Sequence[Node], algebra: Exact) -> Value:
     if step.op == ca.OP_INPUT:
         return Value(variable(int(step.value)))
     if step.op == ca.OP_CONST:
-        if not isfinite(step.value):
-            raise ProblemError(f"a coefficient of an expression is {step.value}", expected="a finite number")
+        demand(isfinite(step.value), f"a coefficient of an expression is {step.value}", "", "a finite number")
         return algebra.number(step.value)
     try:
         name, given = NAMES[step.op], tuple(Value(values[i]) for i in step.reads)
@@ -110,13 +109,9 @@ def _as_sx(phi: ca.Function) -> ca.Function:
             where="the nonlinearity phi",
             expected="a function of a column v and a scalar t with one column as output",
         )
-    if not (phi.sparsity_in(0).is_dense() and phi.sparsity_in(1).is_dense()):
-        raise ProblemError(
-            "an input has structural zeros",
-            where="the nonlinearity phi",
-            expected="dense inputs",
-            remedy="leave the unused entries out of v",
-        )
+    dense = phi.sparsity_in(0).is_dense() and phi.sparsity_in(1).is_dense()
+    remedy = "leave the unused entries out of v"
+    demand(dense, "an input has structural zeros", "the nonlinearity phi", "dense inputs", remedy)
     try:
         return phi if phi.is_a("SXFunction") else phi.expand()
     except RuntimeError as error:

@@ -74,8 +74,7 @@ def agent_from_control(system: System, *, name: str = "") -> Agent:
     demand(isinstance(system, control.StateSpace), found, "agent_from_control", expected, remedy)
     found = f"a discrete system with dt = {system.dt}"
     demand(system.isctime(), found, "agent_from_control", "a continuous one, as in (2)")
-    if np.any(system.D):
-        raise ProblemError("D is not zero", where="agent_from_control", expected="y = C x, as in (2)")
+    demand(not np.any(system.D), "D is not zero", "agent_from_control", "y = C x, as in (2)")
     x, u = ca.SX.sym("x", system.nstates), ca.SX.sym("u", system.ninputs)
     return Agent(
         name=name or _plain(system.name),
@@ -132,12 +131,9 @@ def controllers_to_control(
     Raises:
         ProblemError: gains that do not fit the agent, or a method without a period.
     """
-    if gains.D[0].shape != (agent.m, agent.q):
-        raise ProblemError(
-            f"`D` is {gains.D[0].shape[0]} x {gains.D[0].shape[1]}",
-            where="gains",
-            expected=f"{agent.m} x {agent.q}, inputs by outputs of the agent",
-        )
+    found = f"`D` is {gains.D[0].shape[0]} x {gains.D[0].shape[1]}"
+    expected = f"{agent.m} x {agent.q}, inputs by outputs of the agent"
+    demand(gains.D[0].shape == (agent.m, agent.q), found, "gains", expected)
     if method is not None and period is None:
         raise ProblemError(f"method {method} without a period", where="controllers_to_control")
     return [_controller(agent, gains, i, period, method) for i in range(gains.N)]

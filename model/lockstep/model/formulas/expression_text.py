@@ -105,8 +105,7 @@ def _steps(value: ca.SX, symbols: Mapping[str, ca.SX], where: str) -> list[Step]
 
 
 def _finite(number: float, where: str) -> float:
-    if not isfinite(number):
-        raise ProblemError(f"the constant {number}", where=where, expected="finite numbers")
+    demand(isfinite(number), f"the constant {number}", where, "finite numbers")
     return number
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from lockstep.check.errors import ProblemError, demand
+from lockstep.check.errors import demand
 from lockstep.check.expression.text import LONGEST
 
 FUNCTIONS: Mapping[int, str] = {
@@ -170,12 +170,9 @@ class _Writer:
         negated = self.steps[condition].op == ca.OP_NOT
         if negated:
             (condition,) = self.steps[condition].operands
-        if self.steps[condition].op not in COMPARISONS:
-            raise ProblemError(
-                f"the condition `{self.texts[condition].text}` is no comparison",
-                where=self.where,
-                expected="<, <=, > or >= between two expressions",
-            )
+        found = f"the condition `{self.texts[condition].text}` is no comparison"
+        expected = "<, <=, > or >= between two expressions"
+        demand(self.steps[condition].op in COMPARISONS, found, self.where, expected)
         return condition, negated, value
 
     def _one_branch(self, number: int) -> _Text:

@@ -28,12 +28,10 @@ def check_assumptions(graph: Graph, agent: Agent, agents_B: Sequence[Float[np.nd
     graph.check_spanning_tree()
     unstable = agent.observability().unstable_eigenvalue
     if unstable is not None:
-        raise ProblemError(
-            f"(A, C) is not detectable: no output shows the mode at {_mode(unstable)}",
-            where="[agent.outputs]",
-            expected="outputs that show every mode that does not decay by itself",
-            remedy=f"measure one more state{_unseen_slopes(agent)}",
-        )
+        found = f"(A, C) is not detectable: no output shows the mode at {_mode(unstable)}"
+        expected = "outputs that show every mode that does not decay by itself"
+        remedy = f"measure one more state{_unseen_slopes(agent)}"
+        raise ProblemError(found, where="[agent.outputs]", expected=expected, remedy=remedy)
     tested: list[np.ndarray] = []
     for k, B in enumerate(agents_B, start=1):
         if not any((other == B).all() for other in tested):
@@ -45,12 +43,10 @@ def _check_stabilisable(agent: Agent, k: int, B: Float[np.ndarray, "n m"]) -> No
     unstable = controllability(agent.lure.A, B).unstable_eigenvalue
     if unstable is not None:
         pair = "(A, B)" if (agent.lure.B == B).all() else f"(A, B_{k})"
-        raise ProblemError(
-            f"{pair} is not stabilisable: no input moves the mode at {_mode(unstable)}",
-            where="[agent.dynamics]",
-            expected="inputs that move every mode that does not decay by itself",
-            remedy=f"add an input, or leave the state out{_unseen_slopes(agent)}",
-        )
+        found = f"{pair} is not stabilisable: no input moves the mode at {_mode(unstable)}"
+        expected = "inputs that move every mode that does not decay by itself"
+        remedy = f"add an input, or leave the state out{_unseen_slopes(agent)}"
+        raise ProblemError(found, where="[agent.dynamics]", expected=expected, remedy=remedy)
 
 
 def _unseen_slopes(agent: Agent) -> str:

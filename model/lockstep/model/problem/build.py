@@ -101,12 +101,9 @@ def _from_edges(agents: int, edges: Sequence[Sequence[float]]) -> Graph:
     graph = Graph.from_edges(agents, edges)
     with np.errstate(over="ignore"):
         finite = np.isfinite(graph.adjacency.sum(axis=1))
-    if not finite.all():
-        raise ProblemError(
-            f"the weights that agent {int(np.argmin(finite)) + 1} listens with add up to inf",
-            where="[network] edges",
-            expected="weights whose sum is a double: it stands on the diagonal of (1)",
-        )
+    found = f"the weights that agent {int(np.argmin(finite)) + 1} listens with add up to inf"
+    expected = "weights whose sum is a double: it stands on the diagonal of (1)"
+    demand(finite.all(), found, "[network] edges", expected)
     return graph
 
 

@@ -81,13 +81,11 @@ def _check_objective(file: ProblemFile) -> None:
 def _check_spectrum(file: ProblemFile) -> None:
     network, where = file.network, "[network] spectrum"
     if network.spectrum is None:
-        if network.max_degree is not None:
-            raise ProblemError("`max_degree` is given", where="[network]", expected="it with `spectrum` only")
+        demand(network.max_degree is None, "`max_degree` is given", "[network]", "it with `spectrum` only")
         return
     expected = '[design] method = "modal": the same gains for all agents of every graph'
     demand(file.design.method == "modal", f'`method` is "{file.design.method}"', where, expected)
-    if network.parameters is not None:
-        raise ProblemError("`parameters` are given", where=where, expected="agents that are all alike")
+    demand(network.parameters is None, "`parameters` are given", where, "agents that are all alike")
     if network.messages is not None:
         said = "one graph, such as `edges`: what is proved of messages that are lost or late is of one"
         raise ProblemError("`messages` is given", where=where, expected=said)

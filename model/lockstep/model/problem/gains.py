@@ -31,12 +31,8 @@ def given_gains(tables: Sequence[GainsTable], agents: int, m: int, q: int) -> tu
     gains = tuple(_gains(table, f"[[design.gains]] {k}", m, q) for k, table in enumerate(tables, start=1))
     orders = [g.A.shape[0] for g in gains]
     for k, order in enumerate(orders, start=1):
-        if order != orders[0]:
-            raise ProblemError(
-                f"`A` is {order} x {order}, but that of agent 1 is {orders[0]} x {orders[0]}",
-                where=f"[[design.gains]] {k}",
-                expected="controllers of one order",
-            )
+        found = f"`A` is {order} x {order}, but that of agent 1 is {orders[0]} x {orders[0]}"
+        demand(order == orders[0], found, f"[[design.gains]] {k}", "controllers of one order")
     return gains
 
 
@@ -62,13 +58,10 @@ def _shaped(
 ) -> Float[np.ndarray, "a b"]:
     if height * width == 0 and not any(rows):
         return np.zeros((height, width))
-    if not rows:
-        raise ProblemError(f"`{name}` is missing or empty", where=where, expected=reason)
+    demand(rows, f"`{name}` is missing or empty", where, reason)
     lengths = sorted({len(row) for row in rows})
-    if len(lengths) > 1:
-        raise ProblemError(
-            f"`{name}` has rows of {lengths[0]} and of {lengths[-1]} numbers", where=where, expected=reason
-        )
+    found = f"`{name}` has rows of {lengths[0]} and of {lengths[-1]} numbers"
+    demand(len(lengths) == 1, found, where, reason)
     if (len(rows), lengths[0]) != (height, width):
         raise ProblemError(f"`{name}` is {len(rows)} x {lengths[0]}", where=where, expected=reason)
     return np.array(rows, dtype=float)

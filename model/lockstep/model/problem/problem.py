@@ -341,8 +341,7 @@ class Problem:
         where = "[simulation] initial"
         for k, row in enumerate(given, start=1):
             demand(len(row) == n, f"row {k} has {len(row)} numbers", where, f"{n}, one per state")
-        if len(given) != N:
-            raise ProblemError(f"{len(given)} rows for {N} agents", where=where, expected="one row per agent")
+        demand(len(given) == N, f"{len(given)} rows for {N} agents", where, "one row per agent")
         return np.array(given, dtype=float)
 
     def check(self, *, all: bool = False, boxes: int | None = None) -> "CheckReport":

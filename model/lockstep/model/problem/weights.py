@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 
 Weight = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
 
@@ -45,21 +45,12 @@ def weight_matrix(weight: Weight, size: int, *, where: str, per: str) -> Float[n
             else f"a {' x '.join(map(str, given.shape))} matrix"
         )
         raise ProblemError(f"{shape} for {size} {per}s", where=where, expected=expected)
-    if not np.isfinite(matrix).all():
-        raise ProblemError("an entry is not a finite number", where=where, expected=expected)
-    if (matrix != matrix.T).any():
-        i, j = np.argwhere(matrix != matrix.T)[0]
-        raise ProblemError(
-            f"row {i + 1}, column {j + 1} is {matrix[i, j]}, but row {j + 1}, column {i + 1} is "
-            f"{matrix[j, i]}",
-            where=where,
-            expected="a symmetric matrix",
-        )
+    demand(np.isfinite(matrix).all(), "an entry is not a finite number", where, expected)
+    for i, j in np.argwhere(matrix != matrix.T)[:1]:
+        found = f"row {i + 1}, column {j + 1} is {matrix[i, j]}, but row {j + 1}, column {i + 1} is {matrix[j, i]}"
+        raise ProblemError(found, where=where, expected="a symmetric matrix")
     least = float(np.linalg.eigvalsh(matrix)[0]) if size else 1.0
-    if least <= 0:
-        raise ProblemError(
-            f"its smallest eigenvalue is {least:.6g}", where=where, expected="a positive definite weight"
-        )
+    demand(least > 0, f"its smallest eigenvalue is {least:.6g}", where, "a positive definite weight")
     return np.array(matrix)
 
 

@@ -39,8 +39,7 @@ class MessageChannel:
     def __post_init__(self) -> None:
         where = "channel"
         demand(self.delay >= 0, f"a delay of {self.delay}", where, "a whole number of periods, 0 or more")
-        if not 0 <= self.drop <= 1:
-            raise ProblemError(f"`drop` is {self.drop}", where=where, expected="a probability from 0 to 1")
+        demand(0 <= self.drop <= 1, f"`drop` is {self.drop}", where, "a probability from 0 to 1")
         if self.bits is not None and not 2 <= self.bits <= 53:
             raise ProblemError(f"`bits` is {self.bits}", where=where, expected="a whole number from 2 to 53")
         if self.change is not None and not (math.isfinite(self.change) and self.change >= 0):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from lockstep.check.errors import ProblemError, demand
+from lockstep.check.errors import demand
 from lockstep.model.problem import Problem
 from lockstep.model.problem.tables.schema import (
     ChannelTable,
@@ -150,15 +150,13 @@ def disturbance_of(
 
 def _of_kind(table: DisturbanceTable, kind: str) -> DisturbanceTable:
     kinds = ("none", "noise", "sine", "step", "worst")
-    if kind not in kinds:
-        raise ProblemError(f"`{kind}`", where="--disturbance", expected=", ".join(kinds))
+    demand(kind in kinds, f"`{kind}`", "--disturbance", ", ".join(kinds))
     return table.model_copy(update={"kind": kind})
 
 
 def _errors_of_kind(table: SimulationTable, kind: str) -> PerturbationTable:
     kinds = ("none", "paper", "paper_scaled", "random")
-    if kind not in kinds:
-        raise ProblemError(f"`{kind}`", where="--perturbation", expected=", ".join(kinds))
+    demand(kind in kinds, f"`{kind}`", "--perturbation", ", ".join(kinds))
     return (table.perturbation or PerturbationTable()).model_copy(update={"kind": kind})
 
 

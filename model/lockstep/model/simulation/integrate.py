@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ClaimError, ProblemError
+from lockstep.check.errors import ClaimError, ProblemError, demand
 
 Method = Literal["rk4", "adaptive"]
 
@@ -53,8 +53,7 @@ class FixedSteps:
     """The classical Runge-Kutta method of order 4, a whole number of steps per step of the grid."""
 
     def __init__(self, f: ca.Function, substeps: int) -> None:
-        if substeps < 1:
-            raise ProblemError(f"`substeps` is {substeps}", where="integrator", expected="1 or more")
+        demand(substeps >= 1, f"`substeps` is {substeps}", "integrator", "1 or more")
         self._substeps, self._step = substeps, runge_kutta_step(f)
         self._runs: dict[int, ca.Function] = {}
 

@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 
 PAPER_DELTA: Mapping[str, float] = {"A": 0.5, "B": 0.2, "C": 0.2, "D": 0.2}
 """(delta_A, delta_B, delta_C, delta_D) of Section 4."""
@@ -117,12 +117,8 @@ def check_sizes(perturbation: Perturbation, N: int, shape: tuple[int, int]) -> N
     """Refuse a perturbation for other controllers."""
     zero = np.zeros(1)
     found = perturbation.at(zero, zero).shape[1:]
-    if found != (N, *shape):
-        raise ProblemError(
-            f"gain errors of {' x '.join(map(str, found))}",
-            where="perturbation",
-            expected=f"{N} x {shape[0]} x {shape[1]}: agents, n_C + m, n_C + q",
-        )
+    expected = f"{N} x {shape[0]} x {shape[1]}: agents, n_C + m, n_C + q"
+    demand(found == (N, *shape), f"gain errors of {' x '.join(map(str, found))}", "perturbation", expected)
 
 
 def _scale_to(block: Float[np.ndarray, "M k l"], n_C: int, delta: Mapping[str, float]) -> None:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lockstep.check.errors import ProblemError, demand
+from lockstep.check.errors import demand
 from lockstep.check.system.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.simulation.disturbance import Disturbance
@@ -42,8 +42,7 @@ def simulate(network: Network, controllers: Gains | SampledControllers, scenario
     found = f"`start` is {scenario.start.shape[0]} x {scenario.start.shape[1]}"
     expected = f"{network.N} x {network.agent.n}, one row per agent"
     demand(scenario.start.shape == (network.N, network.agent.n), found, "scenario", expected)
-    if controllers.N != network.N:
-        raise ProblemError(f"{controllers.N} controllers for {network.N} agents", where="simulate")
+    demand(controllers.N == network.N, f"{controllers.N} controllers for {network.N} agents", "simulate")
     if isinstance(controllers, Gains):
         return _continuous(network, controllers, scenario)
     return _sampled(network, controllers, scenario)
@@ -70,13 +69,8 @@ def rates(network: Network, trajectory: Trajectory) -> Float[np.ndarray, "2 K-1 
 
 
 def _continuous(network: Network, gains: Gains, scenario: Scenario) -> Trajectory:
-    if not scenario.channel.is_ideal:
-        raise ProblemError(
-            "continuous controllers exchange no messages",
-            where="channel",
-            expected="no delay, drop or quantisation",
-            remedy="simulate sampled controllers",
-        )
+    given, expected = "continuous controllers exchange no messages", "no delay, drop or quantisation"
+    demand(scenario.channel.is_ideal, given, "channel", expected, "simulate sampled controllers")
     t, xi, errors = scenario.instants, scenario.xi(), scenario.perturbation
     if errors is not None:
         check_sizes(errors, network.N, gains.blocks.shape[1:])
@@ -107,13 +101,12 @@ def _continuous(network: Network, gains: Gains, scenario: Scenario) -> Trajector
 
 
 def _sampled(network: Network, controllers: SampledControllers, scenario: Scenario) -> Trajectory:
-    if scenario.perturbation is not None:
-        raise ProblemError(
-            "gain errors of sampled controllers",
-            where="perturbation",
-            expected="continuous controllers: (11) is about their gains",
-            remedy="simulate the continuous controllers",
-        )
+    given, expected = (
+        "gain errors of sampled controllers",
+        "continuous controllers: (11) is about their gains",
+    )
+    remedy = "simulate the continuous controllers"
+    demand(scenario.perturbation is None, given, "perturbation", expected, remedy)
     per = whole_number(controllers.period / scenario.step, "the period over `step`")
     xi, N, m = scenario.xi(), network.N, network.agent.m
     periods = int(np.ceil((len(scenario.instants) - 1) / per))

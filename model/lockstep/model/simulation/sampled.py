@@ -62,8 +62,7 @@ class SampledControllers:
             raise ProblemError("a source is no agent", where=where, expected=f"0 to {len(self.sources) - 1}")
         if not (math.isfinite(self.period) and self.period > 0):
             raise ProblemError(f"the period is {self.period!r}", where=where, expected="seconds above 0")
-        if self.delay not in (0, 1):
-            raise ProblemError(f"the delay is {self.delay!r}", where=where, expected="0 or 1 periods")
+        demand(self.delay in (0, 1), f"the delay is {self.delay!r}", where, "0 or 1 periods")
 
     @property
     def N(self) -> int:

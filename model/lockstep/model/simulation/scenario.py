@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.model.simulation.channel import MessageChannel
 from lockstep.model.simulation.disturbance import Disturbance, Quiet, Samples, Sum
 from lockstep.model.simulation.integrate import Method
@@ -59,13 +59,9 @@ class Scenario:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise ProblemError(f"`{name}` is {value!r}", where="scenario", expected="seconds above 0")
-        if self.horizon / self.step > MOST_INSTANTS:
-            raise ProblemError(
-                f"{self.horizon / self.step:.3g} steps of {self.step:g} s",
-                where="scenario",
-                expected=f"at most {MOST_INSTANTS}",
-                remedy="shorten the horizon",
-            )
+        found = f"{self.horizon / self.step:.3g} steps of {self.step:g} s"
+        expected, remedy = f"at most {MOST_INSTANTS}", "shorten the horizon"
+        demand(self.horizon / self.step <= MOST_INSTANTS, found, "scenario", expected, remedy)
         parts = self.disturbance.parts if isinstance(self.disturbance, Sum) else (self.disturbance,)
         for part in parts:
             if isinstance(part, Samples):

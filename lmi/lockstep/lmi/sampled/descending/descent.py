@@ -16,10 +16,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex
 
 from lockstep.lmi.sampled.descending.objective import SampledObjective, ValueAndSlopes
-from lockstep.lmi.search.stabilise import abscissa, descend
+from lockstep.lmi.search.stabilise import abscissa, descend, within
+from lockstep.lmi.shapes import GainBlocks, PairWeights, Vector
 
 
 class Stage(NamedTuple):
@@ -59,15 +60,15 @@ FARTHEST = 0.7
 class DescentPoint:
     """Gains K (N, n_C + m, n_C + q), log m of the sampled multiplier, log m of the continuous one."""
 
-    K: Float[np.ndarray, "N k l"]
-    logs: Float[np.ndarray, " pairs"]
-    logs_c: Float[np.ndarray, " pairs"]
+    K: GainBlocks
+    logs: PairWeights
+    logs_c: PairWeights
 
-    def vector(self) -> Float[np.ndarray, " x"]:
+    def vector(self) -> Vector:
         """Return all of it in one piece."""
         return np.concatenate([self.K.ravel(), self.logs, self.logs_c])
 
-    def at(self, x: Float[np.ndarray, " x"]) -> "DescentPoint":
+    def at(self, x: Vector) -> "DescentPoint":
         """Return the point of the same shape with other numbers."""
         K, rest = x[: self.K.size].reshape(self.K.shape), x[self.K.size :]
         return DescentPoint(K, rest[: len(self.logs)], rest[len(self.logs) :])
@@ -124,11 +125,11 @@ class Descent:
         """Lower the growth of both linear loops until they decay; None where they do not."""
         shape = point.K.shape
 
-        def growth(K: Float[np.ndarray, "N k l"]) -> tuple[float, Float[np.ndarray, "N k l"]]:
+        def growth(K: GainBlocks) -> tuple[float, GainBlocks]:
             rates = (self.objective.growth(K), abscissa(self.objective.continuous, K))
             return max(rates, key=lambda rate: rate[0])
 
-        def value(flat: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
+        def value(flat: Vector) -> tuple[float, Vector]:
             K = flat.reshape(shape)
             room = limit_barrier(K, self.limit)
             try:
@@ -150,7 +151,7 @@ class Descent:
     def _descended(self, start: DescentPoint, value: Value, weight: float, iterations: int) -> DescentPoint:
         frequencies = self.objective.frequencies(start.K)
 
-        def total(x: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
+        def total(x: Vector) -> tuple[float, Vector]:
             at = start.at(x)
             try:
                 found = self._total(at, value, weight, frequencies)
@@ -162,7 +163,7 @@ class Descent:
 
     def _total(
         self, at: DescentPoint, value: Value, weight: float, frequencies: Complex[np.ndarray, " s"]
-    ) -> tuple[float, Float[np.ndarray, " x"]] | None:
+    ) -> tuple[float, Vector] | None:
         room = limit_barrier(at.K, self.limit)
         if room is None:
             return None
@@ -204,9 +205,7 @@ class _Root:
         return None
 
 
-def limit_barrier(
-    K: Float[np.ndarray, "N k l"], limit: float
-) -> tuple[float, Float[np.ndarray, "N k l"]] | None:
+def limit_barrier(K: GainBlocks, limit: float) -> tuple[float, GainBlocks] | None:
     """Return - sum_i log det (I - K_i K_i' / limit^2) and its slope; None outside."""
     scaled = K / limit
     room = np.eye(K.shape[1]) - scaled @ scaled.swapaxes(1, 2)
@@ -216,9 +215,3 @@ def limit_barrier(
         return None
     value = -2 * float(np.log(np.diagonal(L, axis1=1, axis2=2)).sum())
     return value, 2 * np.linalg.solve(room, scaled) / limit
-
-
-def within(K: Float[np.ndarray, "N k l"], limit: float) -> Float[np.ndarray, "N k l"]:
-    """Return gains of which those that exceed a norm are scaled down to it."""
-    norms = np.linalg.norm(K, 2, axis=(1, 2))
-    return np.asarray(K * np.minimum(1.0, limit / np.maximum(norms, 1e-300))[:, None, None])

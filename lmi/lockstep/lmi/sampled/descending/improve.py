@@ -17,10 +17,12 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork
 from lockstep.lmi.sampled.certify import in_doubles
-from lockstep.lmi.sampled.descending.descent import Descent, DescentPoint, within
+from lockstep.lmi.sampled.descending.descent import Descent, DescentPoint
 from lockstep.lmi.sampled.descending.objective import SampledObjective
 from lockstep.lmi.sampled.descending.tustin import tustin
 from lockstep.lmi.sampled.performance import least_rho
+from lockstep.lmi.search.stabilise import within
+from lockstep.lmi.shapes import GainBlocks, PairWeights
 
 RHO_KEPT = (1.5, 5.0)
 """The continuous rho may grow by about so much: what ships is the sampled loop. The second where the first is too little."""
@@ -42,18 +44,13 @@ ROOM = 1e-6
 class SampledCandidate:
     """Gains K (N, n_C + m, n_C + q), weights m of the sampled multiplier, and rho of the sampled loop, unproved."""
 
-    K: Float[np.ndarray, "N k l"]
-    m: Float[np.ndarray, " pairs"]
+    K: GainBlocks
+    m: PairWeights
     rho: float
 
 
-@dataclass(frozen=True, eq=False)
-class StartingGains:
+class StartingGains(SampledCandidate):
     """Gains to start from, multiplier weights for them (of the continuous certificate, say), and its rho."""
-
-    K: Float[np.ndarray, "N k l"]
-    m: Float[np.ndarray, " pairs"]
-    rho: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +71,7 @@ class AtPeriod:
         """Return the same with another period."""
         return AtPeriod(self.network.at(period), self.edges, self.weights, self.order, self.gain_limit)
 
-    def controllers(self, tables: Float[np.ndarray, "N k l"]) -> tuple[HeldController, ...]:
+    def controllers(self, tables: GainBlocks) -> tuple[HeldController, ...]:
         """Return discrete controllers as they are, in float64."""
         return tuple(
             HeldController.row_by_row(
@@ -95,10 +92,7 @@ class AtPeriod:
 
 
 def measured(
-    at: AtPeriod,
-    K: Float[np.ndarray, "N k l"],
-    m: Float[np.ndarray, " pairs"],
-    scales: Sequence[float] = SCALES,
+    at: AtPeriod, K: GainBlocks, m: PairWeights, scales: Sequence[float] = SCALES
 ) -> SampledCandidate | None:
     """Return the sampled rho of gains with their best scale of m; None where none of them shows one."""
     try:
@@ -170,7 +164,7 @@ def _reached(
     return best, last
 
 
-def usable(m: Float[np.ndarray, " k"], pairs: int) -> Float[np.ndarray, " pairs"]:
+def usable(m: Float[np.ndarray, " k"], pairs: int) -> PairWeights:
     """Return weights above 0; ones where there are none to be had, as for linear agents, whose multiplier is idle.
 
     >>> usable(np.array([0.0, 2.0]), 2).tolist(), usable(np.zeros(0), 2).tolist()

@@ -24,6 +24,7 @@ from lockstep.check.system.loop import build_loop
 from lockstep.lmi.sampled.descending.response import Poles, power_mean
 from lockstep.lmi.sampled.descending.slopes import lifted_period
 from lockstep.lmi.sampled.descending.tustin import pulled_back, tustin
+from lockstep.lmi.shapes import GainBlocks, PairWeights
 
 PENALTY = 10.0
 """What the square of the continuous loop's g_p counts where it exceeds 0."""
@@ -37,8 +38,8 @@ class ValueAndSlopes(NamedTuple):
     """A value and its slopes in the gains, log m and log rho."""
 
     value: float
-    K: Float[np.ndarray, "N k l"]
-    logs: Float[np.ndarray, " pairs"]
+    K: GainBlocks
+    logs: PairWeights
     log_rho: float
 
 
@@ -68,7 +69,7 @@ class SampledObjective:
 
     # The sampled loop.
 
-    def closed(self, K: Float[np.ndarray, "N k l"]) -> Closed:
+    def closed(self, K: GainBlocks) -> Closed:
         """Return the sampled loop with these gains."""
         loop, n = self.loop, self.loop.n_xi
         computed = (tustin(K, self.order, self.period) @ self._seen).reshape(-1, n)
@@ -78,11 +79,8 @@ class SampledObjective:
         )
 
     def _gains(
-        self,
-        K: Float[np.ndarray, "N k l"],
-        start: Float[np.ndarray, "a n_xi"],
-        advanced: Float[np.ndarray, "r n_xi"],
-    ) -> Float[np.ndarray, "N k l"]:
+        self, K: GainBlocks, start: Float[np.ndarray, "a n_xi"], advanced: Float[np.ndarray, "r n_xi"]
+    ) -> GainBlocks:
         """Return the slope in K from those in start and advanced."""
         loop = self.loop
         computed = loop.start[:, loop.underflows].T @ start + loop.advanced[:, loop.underflows].T @ advanced
@@ -104,7 +102,7 @@ class SampledObjective:
         return np.asarray(running_cost(self.loop, Performance(self.weights.R, self.weights.Q), 1.0)[:n, :n])
 
     def _ways(
-        self, logs: Float[np.ndarray, " pairs"], log_rho: float
+        self, logs: PairWeights, log_rho: float
     ) -> tuple[Float[np.ndarray, "n_d n_d"], Float[np.ndarray, "n_d n_d"]]:
         """Return E E' and F'F."""
         EE, FF = np.exp(-2 * log_rho) * self._disturbed, self._weighed
@@ -113,7 +111,7 @@ class SampledObjective:
             EE, FF = EE + np.kron(np.linalg.inv(M), GG), FF + np.kron(M, HH)
         return EE, FF
 
-    def _M(self, logs: Float[np.ndarray, " pairs"]) -> Float[np.ndarray, "d d"]:
+    def _M(self, logs: PairWeights) -> Float[np.ndarray, "d d"]:
         return np.asarray(np.tensordot(np.exp(logs), self.pairs, 1))
 
     @cached_property
@@ -127,11 +125,11 @@ class SampledObjective:
 
     def _numbers(
         self,
-        logs: Float[np.ndarray, " pairs"],
+        logs: PairWeights,
         log_rho: float,
         EE: Float[np.ndarray, "n_d n_d"],
         FF: Float[np.ndarray, "n_d n_d"],
-    ) -> tuple[Float[np.ndarray, " pairs"], float]:
+    ) -> tuple[PairWeights, float]:
         """Return the slopes in log m and log rho from those in E E' and F'F."""
         slope_rho = -2 * np.exp(-2 * log_rho) * float((EE * self._disturbed).sum())
         if not self.has_phi:
@@ -145,12 +143,7 @@ class SampledObjective:
         return np.exp(logs) * np.einsum("kij,ij->k", self.pairs, slope_M), slope_rho
 
     def sampled(
-        self,
-        K: Float[np.ndarray, "N k l"],
-        logs: Float[np.ndarray, " pairs"],
-        log_rho: float,
-        points: Complex[np.ndarray, " s"],
-        p: float,
+        self, K: GainBlocks, logs: PairWeights, log_rho: float, points: Complex[np.ndarray, " s"], p: float
     ) -> ValueAndSlopes | None:
         """Return g_p of the sampled loop; None where it is not stable, or the period alone exceeds rho."""
         one = lifted_period(*self._agents, *self._ways(logs, log_rho), self.period)
@@ -171,7 +164,7 @@ class SampledObjective:
             *self._numbers(logs, log_rho, EE, FF),
         )
 
-    def angles(self, K: Float[np.ndarray, "N k l"]) -> Complex[np.ndarray, " s"]:
+    def angles(self, K: GainBlocks) -> Complex[np.ndarray, " s"]:
         """Return points on the unit circle: a grid of frequencies, and the angles of the linear loop's poles."""
         poles = np.linalg.eigvals(self.step(K)).astype(complex)
         rates = np.log(poles[np.abs(poles) > 1e-9])
@@ -180,7 +173,7 @@ class SampledObjective:
         grid = np.concatenate([[0.0], np.geomspace(slow, np.pi, FREQUENCIES), beside[beside < np.pi]])
         return np.exp(1j * np.unique(grid.round(12)))
 
-    def step(self, K: Float[np.ndarray, "N k l"]) -> Float[np.ndarray, "n_xi n_xi"]:
+    def step(self, K: GainBlocks) -> Float[np.ndarray, "n_xi n_xi"]:
         """Return the matrix of the linear loop over one period."""
         start, advanced = self.closed(K)
         return np.vstack([self._flow @ start, advanced])
@@ -194,7 +187,7 @@ class SampledObjective:
         whole[: len(A)] = np.hstack([A, B])
         return np.asarray(expm(self.period * whole)[: len(A)])
 
-    def growth(self, K: Float[np.ndarray, "N k l"]) -> tuple[float, Float[np.ndarray, "N k l"]]:
+    def growth(self, K: GainBlocks) -> tuple[float, GainBlocks]:
         """Return log |lambda| / T of the sampled linear loop's largest eigenvalue, in 1/s, and its slope in K."""
         from scipy.linalg import eig
 
@@ -206,7 +199,7 @@ class SampledObjective:
         n_d = self.loop.n_d
         return float(np.log(size)) / self.period, self._gains(K, self._flow.T @ slope[:n_d], slope[n_d:])
 
-    def edge(self, K: Float[np.ndarray, "N k l"]) -> tuple[float, Float[np.ndarray, "N k l"]] | None:
+    def edge(self, K: GainBlocks) -> tuple[float, GainBlocks] | None:
         """Return log tr of the sampled linear loop's Gramian, and its slope in K; None where it is not stable."""
         poles = Poles(self.step(K), continuous=False)
         if not poles.stable:
@@ -219,8 +212,8 @@ class SampledObjective:
 
     def in_continuous_time(
         self,
-        K: Float[np.ndarray, "N k l"],
-        logs: Float[np.ndarray, " pairs"],
+        K: GainBlocks,
+        logs: PairWeights,
         log_rho: float,
         points: Complex[np.ndarray, " s"],
         p: float,
@@ -244,7 +237,7 @@ class SampledObjective:
         by_logs, by_rho = self._numbers(logs, log_rho, rate * mean.S, rate * mean.Q[:n_d, :n_d])
         return ValueAndSlopes(PENALTY * excess**2 + edge * near, slope, by_logs, by_rho)
 
-    def frequencies(self, K: Float[np.ndarray, "N k l"]) -> Complex[np.ndarray, " s"]:
+    def frequencies(self, K: GainBlocks) -> Complex[np.ndarray, " s"]:
         """Return points on the imaginary axis: a grid over the loop's poles, and their frequencies."""
         poles = np.linalg.eigvals(self.continuous.A_cl(K))
         sizes = np.abs(poles)[np.abs(poles) > 1e-9]

@@ -15,6 +15,7 @@ from lockstep.lmi.sampled.descending.improve import usable
 from lockstep.lmi.sampled.descending.tustin import tustin
 from lockstep.lmi.sampled.performance import least_rho
 from lockstep.lmi.sampled.search import common_pair_weights
+from lockstep.lmi.shapes import GainBlocks
 from lockstep.model.network import Network as Agents
 from lockstep.model.problem import Problem
 
@@ -52,7 +53,7 @@ class SampledScore:
         network = SampledNetwork(loop.plant, loop.d, claim.alpha, table.period, table.delay)
         return cls(loop, claim, network, heard, table.discretization)
 
-    def __call__(self, K: Float[np.ndarray, "N k l"], weights: Float[np.ndarray, " weights"]) -> float:
+    def __call__(self, K: GainBlocks, weights: Float[np.ndarray, " weights"]) -> float:
         """Return rho of the sampled loop, infinite where there is none.
 
         Args:
@@ -66,7 +67,7 @@ class SampledScore:
                 return np.inf
         return np.inf if found is None else found
 
-    def _least(self, K: Float[np.ndarray, "N k l"], weights: Float[np.ndarray, " weights"]) -> float | None:
+    def _least(self, K: GainBlocks, weights: Float[np.ndarray, " weights"]) -> float | None:
         order, period = self.loop.order, self.network.period
         if self.discretization == "tustin":
             tables = tustin(K, order, period)
@@ -90,11 +91,8 @@ class SampledScore:
                 self.claim.entries, Certificate(0.0, none, m, m_entries=m_entries), sector
             )
             network = replace(network, sector=sector)
-        loop, of_rho, m = (
-            in_doubles(network, controllers, self.claim.outputs),
-            self.claim.performance,
-            usable(m, len(self.loop.d.pairs())),
-        )
+        loop, of_rho = in_doubles(network, controllers, self.claim.outputs), self.claim.performance
+        m = usable(m, len(self.loop.d.pairs()))
         found = (least_rho(loop, of_rho, scale * m, resolution=RESOLUTION) for scale in SCALES)
         return next((rho for rho in found if rho is not None), None)
 

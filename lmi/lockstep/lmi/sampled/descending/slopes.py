@@ -15,9 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.sampled.lifting import Lifted
-
-SQUARE = 1e-9
-"""How far below zero, relatively, an eigenvalue of a square may come out in doubles."""
+from lockstep.lmi.sampled.performance import is_lifted
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,10 +74,3 @@ def lifted_period(
     S, Q = (Gamma[size:, :size] @ X)[:n, :n], -X @ Gamma[:size, size:]
     lifted = Lifted(X.T[:n], (S + S.T) / 2, (Q + Q.T) / 2)
     return LiftedPeriod(lifted, period * H, Gamma, X, period) if is_lifted(lifted) else None
-
-
-def is_lifted(lifted: Lifted) -> bool:
-    """Tell whether S and Q are finite squares: past a conjugate point the formulas go on, and mean nothing."""
-    if not all(np.isfinite(part).all() for part in (lifted.A_d, lifted.S, lifted.Q)):
-        return False
-    return all(np.linalg.eigvalsh(part)[0] >= -SQUARE * np.abs(part).max() for part in (lifted.S, lifted.Q))

@@ -10,8 +10,10 @@ once, one block after the other.
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.lmi.shapes import GainBlocks
 
-def tustin(K: Float[np.ndarray, "N k l"], order: int, period: float) -> Float[np.ndarray, "N k l"]:
+
+def tustin(K: GainBlocks, order: int, period: float) -> GainBlocks:
     """Return [A_d B_d; C_d D_d] of every agent.
 
     >>> tustin(np.array([[[-1.0, 1.0], [1.0, 0.0]]]), 1, 0.5).round(12).tolist()
@@ -26,9 +28,7 @@ def tustin(K: Float[np.ndarray, "N k l"], order: int, period: float) -> Float[np
     return joined(2 * E - np.eye(order), period * EB, C @ E, D + period / 2 * C @ EB)
 
 
-def pulled_back(
-    K: Float[np.ndarray, "N k l"], slope: Float[np.ndarray, "N k l"], order: int, period: float
-) -> Float[np.ndarray, "N k l"]:
+def pulled_back(K: GainBlocks, slope: GainBlocks, order: int, period: float) -> GainBlocks:
     """Return the slope in K of a function with the given slope in tustin(K, T)."""
     A, B, C, _ = parts(K, order)
     g_A, g_B, g_C, g_D = parts(slope, order)
@@ -45,7 +45,7 @@ def pulled_back(
 
 
 def parts(
-    K: Float[np.ndarray, "N k l"], n: int
+    K: GainBlocks, n: int
 ) -> tuple[
     Float[np.ndarray, "N n n"],
     Float[np.ndarray, "N n q"],
@@ -61,6 +61,6 @@ def joined(
     B: Float[np.ndarray, "N n q"],
     C: Float[np.ndarray, "N m n"],
     D: Float[np.ndarray, "N m q"],
-) -> Float[np.ndarray, "N k l"]:
+) -> GainBlocks:
     """Return [A B; C D] of every agent."""
     return np.concatenate([np.concatenate([A, B], axis=2), np.concatenate([C, D], axis=2)], axis=1)

@@ -19,6 +19,7 @@ from lockstep.lmi.sampled.descending.objective import SampledObjective, ValueAnd
 from lockstep.lmi.sampled.descending.response import Poles, power_mean
 from lockstep.lmi.sampled.descending.slopes import lifted_period
 from lockstep.lmi.sampled.descending.tustin import pulled_back, tustin
+from lockstep.lmi.shapes import GainBlocks, PairWeights
 
 
 class AgedObjective(SampledObjective):
@@ -37,9 +38,7 @@ class AgedObjective(SampledObjective):
         Y = loop.differences[:, : loop.n_xi]
         self.change = np.hstack([Y, -np.eye(len(Y))])
 
-    def packed(
-        self, m: Float[np.ndarray, " pairs"], X: Float[np.ndarray, "links q"]
-    ) -> Float[np.ndarray, " logs"]:
+    def packed(self, m: PairWeights, X: Float[np.ndarray, "links q"]) -> Float[np.ndarray, " logs"]:
         """Return weights and forms of all links as one vector."""
         roots = np.linalg.cholesky(X.reshape(-1, self.q, self.q))
         for k in range(self.q):
@@ -58,7 +57,7 @@ class AgedObjective(SampledObjective):
 
     def sampled(
         self,
-        K: Float[np.ndarray, "N k l"],
+        K: GainBlocks,
         logs: Float[np.ndarray, " logs"],
         log_rho: float,
         points: Complex[np.ndarray, " s"],

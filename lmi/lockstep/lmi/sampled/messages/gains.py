@@ -18,10 +18,12 @@ from jaxtyping import Float
 from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.lmi.sampled.certify import in_doubles
-from lockstep.lmi.sampled.descending.descent import Descent, DescentPoint, Stage, within
+from lockstep.lmi.sampled.descending.descent import Descent, DescentPoint, Stage
 from lockstep.lmi.sampled.descending.improve import ROOM, AtPeriod, StartingGains, usable
 from lockstep.lmi.sampled.messages.descent import AgedObjective
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
+from lockstep.lmi.search.stabilise import within
+from lockstep.lmi.shapes import GainBlocks, PairWeights
 
 PARTS = (0.8, 1.0, 1.1)
 """Of the age that are reached one after the other; gains of the whole of it are worth a proof."""
@@ -118,11 +120,7 @@ def _objective(at: AtPeriod, age: float) -> AgedObjective:
 
 
 def _first(
-    objective: AgedObjective,
-    log_rho: float,
-    K: Float[np.ndarray, "N k l"],
-    m: Float[np.ndarray, " pairs"],
-    X: Float[np.ndarray, "links q"],
+    objective: AgedObjective, log_rho: float, K: GainBlocks, m: PairWeights, X: Float[np.ndarray, "links q"]
 ) -> Float[np.ndarray, " logs"]:
     """Return log m and the roots of X in the scale in which the loop's power mean is least."""
     points, tried = objective.angles(K), [objective.packed(m, scale * X) for scale in SCALES]

@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.files import read_text
 from lockstep.check.limits import DEEPEST_KEY, MOST_KEYS, check_document
 from lockstep.check.wording import shorten
@@ -39,8 +39,7 @@ def check_toml(text: str) -> None:
         ProblemError: a key of more than `DEEPEST_KEY` parts, or more than `MOST_KEYS` keys and tables.
     """
     count = text.count("=") + sum(1 for _ in _TABLE.finditer(text))
-    if count > MOST_KEYS:
-        raise ProblemError(f"some {count} keys and tables", expected=f"at most {MOST_KEYS}")
+    demand(count <= MOST_KEYS, f"some {count} keys and tables", "", f"at most {MOST_KEYS}")
     if found := _LONG_KEY.search(text):
         line = text.count("\n", 0, found.start()) + 1
         raise ProblemError(

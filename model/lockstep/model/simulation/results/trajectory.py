@@ -81,8 +81,7 @@ class Trajectory:
             found = f"`{letter}` has the shape {' x '.join(map(str, array.shape))}"
             expected = f"{len(t)} x {N} x {width}: instants, agents, signals"
             demand(array.shape == (len(t), N, width), found, "trajectory", expected)
-            if not np.isfinite(array).all():
-                raise ProblemError(f"`{letter}` holds a number that is not finite", where="trajectory")
+            demand(np.isfinite(array).all(), f"`{letter}` holds a number that is not finite", "trajectory")
             object.__setattr__(self, letter, array)
 
     @property
@@ -108,10 +107,6 @@ class Trajectory:
     def disagreement(self) -> Float[np.ndarray, " K"]:
         """Return |x_d| = (sum_i |x_i - mean|^2)^1/2, x_d in orthonormal coordinates."""
         return np.asarray(np.sqrt((self.errors() ** 2).sum(axis=(1, 2))))
-
-    def disagreement_of(self, signal: Float[np.ndarray, "K N k"]) -> Float[np.ndarray, " K"]:
-        """Return the same of another signal, such as `xi`."""
-        return np.asarray(np.sqrt(((signal - signal.mean(axis=1, keepdims=True)) ** 2).sum(axis=(1, 2))))
 
 
 @dataclass(frozen=True, eq=False)
