@@ -17,7 +17,7 @@ from lockstep.check.continuous.inequality import Certificate, Claim, F_matrix
 from lockstep.check.errors import NotCertified
 from lockstep.check.system.loop import Gains, Loop
 from lockstep.lmi.analysis.decimals import round_up, rounded_storage, significant
-from lockstep.lmi.analysis.solve import eliminates_P, least_rho, tight
+from lockstep.lmi.analysis.solve import MOST_OF_GIVEN, eliminates_P, least_rho, tight
 from lockstep.lmi.search.units import Units, scaled
 from lockstep.lmi.shapes import GainBlocks
 from lockstep.model.network import Network
@@ -86,7 +86,7 @@ def prove(
     found = [
         (one, replace(c, rho=c.rho * one.units.rho))
         for one in _in_all_units(loop, claim, near)
-        if (c := least_rho(one.loop, K, one.claim, one.near)) is not None
+        if (c := least_rho(one.loop, K, one.claim, one.near, most=one.most)) is not None
     ]
     if not found:
         raise NotCertified(
@@ -99,7 +99,7 @@ def prove(
     found.sort(key=lambda tried: tried[1].rho > FAR * best)
     for slack, (one, least) in itertools.product(SLACKS if rho is None else (0.0,), found):
         level = rho if rho is not None else round_up(least.rho * (1 + slack))
-        candidate = tight(one.loop, K, one.claim, level / one.units.rho, least, one.near)
+        candidate = tight(one.loop, K, one.claim, level / one.units.rho, least, one.near, most=one.most)
         if candidate is None:
             continue
         here = replace(one.units.certificate(candidate), rho=level)
@@ -121,14 +121,16 @@ class _Asked(NamedTuple):
     claim: Claim
     units: Units
     near: Certificate | None = None
+    most: int = MOST_OF_GIVEN
 
 
 def _in_all_units(loop: Loop, claim: Claim, near: Certificate | None) -> list[_Asked]:
-    """Return the problem as it is, in units in which its numbers are near one, and in those of a point near one known.
+    """Return the problem as it is, in units in which its numbers are near one, and in those of a point near one known; and
+    in the second once more, P eliminated.
 
     The solver's accuracy decides which serves: the first for numbers that were near one already, the second for time
     constants of hours, the third for poles far apart. Powers of two bring its answer back exactly. In units that do not
-    serve, its rho may be far too small, so each is tried at its own. Where P is eliminated, the last suffices.
+    serve, its rho may be far off, so each is tried at its own. Where P is eliminated anyway, one suffices.
     """
     ones = np.ones((loop.U[0].shape[1], loop.Y[0].shape[0]))
     asked = [
@@ -137,7 +139,7 @@ def _in_all_units(loop: Loop, claim: Claim, near: Certificate | None) -> list[_A
     ]
     if near is not None:
         asked.append(asked[1]._replace(near=asked[1].units.scaled(near)))
-    return asked[-1:] if eliminates_P(loop) else asked
+    return asked[-1:] if eliminates_P(loop, MOST_OF_GIVEN) else [*asked, asked[1]._replace(most=0)]
 
 
 def shortest_that_proves(

@@ -39,8 +39,8 @@ NO_WORSE = 1.001
 """A rho that is above the one known by more is the solver's failure."""
 
 MOST_OF_GIVEN = 150
-"""Entries, as for `MOST_ENTRIES`, above which the certificate of given gains does without: with 234 it took 14 s of processor,
-and a tenth of a second so, for a rho that was 4e-4 above."""
+"""Entries, as for `MOST_ENTRIES`, above which the certificate of given gains does without P: with 234 it took 14 s of
+processor, and a tenth of a second so, for a rho that was 4e-4 above."""
 
 ACCEPTED = 1e-6
 """By how much, relative to its largest entry, a candidate may miss F <= 0 and still be worth a decision."""
@@ -105,16 +105,23 @@ def eliminates_P(loop: Loop, most: int = MOST_ENTRIES) -> bool:
 
 
 def least_rho(
-    loop: Loop, gains: GainBlocks, claim: Claim, near: Certificate | None = None, *, any_rho: bool = False
+    loop: Loop,
+    gains: GainBlocks,
+    claim: Claim,
+    near: Certificate | None = None,
+    *,
+    any_rho: bool = False,
+    most: int = MOST_OF_GIVEN,
 ) -> Certificate | None:
     """Minimise rho^2 over P > 0, m >= 0, t >= 0 with F <= 0; None where the solver finds nothing.
 
     near: multipliers and a rho of these gains, or of gains next to them: where they are right, the solver takes its units
     from a point inside.
     any_rho: whether it need not be the least, which takes a large loop most of its time.
+    most: entries above which P is eliminated.
     """
     form = AffineF(loop, gains, claim)
-    if eliminates_P(loop, MOST_OF_GIVEN):
+    if eliminates_P(loop, most):
         known = None if near is None else form.multipliers(near)
         at = least_by_frequencies(form.Z, form.constant, form.slopes, known, any_rho=any_rho)
         return None if at is None else form.certificate(*at)
@@ -140,6 +147,7 @@ def tight(
     rho: float,
     least: Certificate,
     near: Certificate | None = None,
+    most: int = MOST_OF_GIVEN,
 ) -> Certificate | None:
     """For a given rho, return the smallest V that proves it with a little room for rounding; None if none is found.
 
@@ -149,10 +157,10 @@ def tight(
     Args:
         loop, gains, claim, rho: what is to be proved.
         least: the certificate of the least rho known; where P is eliminated, its multipliers stay.
-        near: as for `least_rho`; None for the units of a Lyapunov equation.
+        near, most: as for `least_rho`; without near in the units of a Lyapunov equation.
     """
     form = AffineF(loop, gains, claim)
-    if eliminates_P(loop, MOST_OF_GIVEN):
+    if eliminates_P(loop, most):
         at = storage_at(form.Z, form.constant, form.slopes, form.multipliers(replace(least, rho=rho)))
         return None if at is None else replace(form.certificate(*at), rho=rho)
     balanced = balance(form) if near is None else balance_inside(form, near)
