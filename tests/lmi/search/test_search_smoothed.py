@@ -8,9 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lmi_cases import ALPHA, arms, claim, published
 
+from lockstep.check.continuous.inequality import Claim
 from lockstep.lmi.analysis.solve import least_rho
-from lockstep.lmi.search import GainSearch
+from lockstep.lmi.search import GainSearch, likely
 from lockstep.lmi.search.smoothed import SmoothedNorm, descended, refined
+from lockstep.model.agents.agent import Agent
+from lockstep.model.graphs.graph import Graph
+from lockstep.model.network import Network
 
 DELTAS = [(0.0,) * 4, (0.02, 0.0, 0.01, 0.02)]
 
@@ -55,6 +59,34 @@ def test_the_slope_is_that_of_differences(
     step = 1e-6 * generator.standard_normal(len(x))
     forth, back = (norm.value(x + sign * step, rho_0, p, frequencies)[0] for sign in (1, -1))
     assert slope @ step == pytest.approx((forth - back) / 2, rel=1e-3, abs=1e-10)
+
+
+@pytest.mark.parametrize("delta", DELTAS)
+def test_the_slope_of_gains_that_all_share_is_that_of_differences(delta: tuple[float, ...]) -> None:
+    """Pair weights are shared and fragility multipliers are not: eight agents with both ended in an error."""
+    what, K = search(delta), np.repeat(published().blocks[1:2], 3, axis=0)
+    norm, found = what.shared_norm, least_rho(what.loop, K, what.claim)
+    assert found is not None
+    w = np.concatenate([np.full_like(found.m, 1.2 * found.m.max()), found.t])
+    x = norm.pack(K, 1.05 * w + 1e-6)
+    assert len(x) == K[0].size + 1 + len(found.t)
+    frequencies = norm.frequencies(x)
+    value, slope = norm.value(x, None, 13, frequencies)
+    assert np.isfinite(value)
+    step = 1e-6 * np.random.default_rng(1).standard_normal(len(x))
+    forth, back = (norm.value(x + sign * step, None, 13, frequencies)[0] for sign in (1, -1))
+    assert slope @ step == pytest.approx((forth - back) / 2, rel=1e-3, abs=1e-10)
+
+
+def test_how_long_a_search_of_many_linear_agents_is_likely_to_take(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a nonlinearity there is nothing for a multiplier to outweigh: eight such agents ended in an error."""
+    one = Agent.from_expressions("a", states=["x"], inputs=["u"], outputs={"y": "x"}, dynamics={"x": "u - x"})
+    network = Network(one, Graph.topology("complete", 3))
+    asked = Claim(0.0, np.eye(1), np.eye(1), np.zeros((3, 4)))
+    linear = GainSearch.of(network.loop(1), asked, 50.0)
+    monkeypatch.setattr(likely, "eliminates_P", lambda _loop: True)
+    low, high = likely.seconds(linear, 1)
+    assert 0 < low < high
 
 
 @pytest.mark.parametrize(("delta", "asked"), [(DELTAS[0], {}), (DELTAS[1], {}), (DELTAS[0], ASKED[1])])

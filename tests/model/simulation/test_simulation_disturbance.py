@@ -148,3 +148,9 @@ def test_a_channel_that_means_nothing_is_refused(bad):
 def test_the_arms_are_the_papers():
     """What the other tests rest on."""
     assert ARMS.graph.laplacian.tolist() == [[1, -1, 0], [0, 1, -1], [-1, 0, 1]]
+
+
+def test_noise_without_end_is_refused_before_it_is_drawn():
+    for horizon in (1e300, 1e9):
+        with pytest.raises(ProblemError, match="shorten the horizon"):
+            noise(3, 1, interval=1e-3, horizon=horizon, seed=0, sigma=1.0)

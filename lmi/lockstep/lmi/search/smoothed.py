@@ -109,7 +109,8 @@ class SmoothedNorm:
         claim: alpha, R, Q and delta.
         gain_limit: on the spectral norm of each agent's gains.
         units: the size of an entry of the gains.
-        shared: whether all agents have the same gains, and all pairs the same weights: x then holds each once.
+        shared: whether all agents have the same gains, and all pairs the same weights: x then holds each once. The fragility
+            multipliers stay apart.
         rate: that each A_Ci is to have by itself, Re lambda < -rate; None to ask nothing of them.
     """
 
@@ -140,19 +141,21 @@ class SmoothedNorm:
         self.rate, self.order_kept = rate or 0.0, loop.order if rate is not None else 0
         self.weight, self.W = form.constant[:n, :n], form.slopes[:-1, :n, :n]
         self.D = -form.slopes[:-1, inner:, inner:]
-        self.agents, self.pairs = (self.shape[0], len(loop.d.pairs())) if shared else (1, 1)
+        self.agents, pairs = (self.shape[0], len(loop.d.pairs())) if shared else (1, 1)
+        self.alike = np.repeat([pairs, 1], [(len(self.W) - form.ways) // pairs, form.ways])
+        self.first = np.cumsum(self.alike) - self.alike
         self.thins = eliminates_P(loop)
 
     def pack(self, K: GainBlocks, w: Multipliers) -> Vector:
         """Return x of gains and multipliers."""
-        return np.concatenate([(K[:: self.agents] / self.units).ravel(), np.log(w[:: self.pairs])])
+        return np.concatenate([(K[:: self.agents] / self.units).ravel(), np.log(w[self.first])])
 
     def unpack(self, x: Vector) -> tuple[GainBlocks, Multipliers]:
         """Return the gains and the multipliers of x."""
         N, k, l = self.shape
         size = N // self.agents * k * l
         K, w = x[:size].reshape(-1, k, l) * self.units, np.exp(np.clip(x[size:], -LARGEST, LARGEST))
-        return np.repeat(K, self.agents, axis=0), np.repeat(w, self.pairs)
+        return np.repeat(K, self.agents, axis=0), np.repeat(w, self.alike)
 
     def frequencies(self, x: Vector) -> Float[np.ndarray, " f"]:
         """Return frequencies at which the response of x is looked at: over the range of its poles, and about each."""
@@ -189,7 +192,7 @@ class SmoothedNorm:
         of_w = np.tensordot(self.W, gram(states), 2) - np.tensordot(self.D, granted, 2)
         value = norm - np.log(len(frequencies)) / p + barrier[0]
         each = (of_K * self.units).reshape(self.agents, -1).sum(axis=0)
-        return float(value), np.concatenate([each, (w * of_w).reshape(-1, self.pairs).sum(axis=1)])
+        return float(value), np.concatenate([each, np.add.reduceat(w * of_w, self.first)])
 
     def level(self, x: Vector, rho_0: float | None, frequencies: Float[np.ndarray, " f"]) -> float:
         """Return the largest eigenvalue itself at the frequencies: rho^2, or the square of the gain at rho_0."""
@@ -232,7 +235,8 @@ class SmoothedNorm:
         Psi = self._Psi(K, self.weight + np.tensordot(w, self.W, 1), X)
         vv, xx = Psi[:, : self.n_v, : self.n_v], Psi[:, self.n_v :, self.n_v :]
         root = np.linalg.inv(np.linalg.cholesky(self.D.sum(axis=0)))
-        return float(np.linalg.eigvalsh(root @ vv @ root.T).max()), float(np.linalg.eigvalsh(xx).max())
+        of_v, of_xi = (np.linalg.eigvalsh(part).max(initial=0.0) for part in (root @ vv @ root.T, xx))
+        return float(of_v), float(of_xi)
 
     def _into(self, K: GainBlocks) -> Float[np.ndarray, "n s"]:
         """Return how the signals enter the states: the noise by the gains."""
