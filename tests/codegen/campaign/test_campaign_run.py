@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 from typer.testing import CliRunner
 
 from lockstep.campaign import Guarantee, RunTable, compute, run_campaign
@@ -20,7 +19,7 @@ from lockstep.campaign.replay import replay
 from lockstep.campaign.store import Store
 from lockstep.check.design_file.json_text import load_json
 from lockstep.check.errors import NotCertified, ProblemError
-from lockstep.cli import campaign as command
+from lockstep.cli.main import app
 from lockstep.lmi.document import parse
 from lockstep.model.simulation.results.indices import indices
 from lockstep.workflow.runs.campaign import CampaignOptions, planned
@@ -292,21 +291,14 @@ def test_a_rho_that_a_file_claims_without_proof_does_not_count(root, plan, files
 
 @pytest.fixture
 def invoke(root, tmp_path):
-    """The two functions as commands, whatever options the command line gives them."""
-    app = typer.Typer()
+    """`lockstep simulate --campaign N`, and `--replay N`, with more words behind."""
 
-    @app.command()
-    def campaign(runs: int, controllers: str = "sampled", horizon: float = 1.0, scheduler: str = ""):
-        command.run(
-            *(root / DESIGN, runs, tmp_path, scheduler or None, 2, 5, True),
-            **{"controllers": controllers, "horizon": horizon},
-        )
+    def run(what: str, number: int, *words: str):
+        of_each = {"campaign": tmp_path, "replay": tmp_path / "run.csv"}
+        asked = ("--seed", 5, "--horizon", 1.0, "--json", f"--{what}", number, "-o", of_each[what])
+        return CliRunner().invoke(app, [str(word) for word in ("simulate", root / DESIGN, *asked, *words)])
 
-    @app.command(name="replay")
-    def replayed(index: int):
-        command.run_replay(root / DESIGN, index, tmp_path / "run.csv", 5, True, horizon=1.0)
-
-    return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
+    return run
 
 
 def test_the_command(invoke, whole, tmp_path):
