@@ -92,7 +92,7 @@ def test_scaled_matrices_are_exact_and_the_scaled_bound_holds_at_samples(
 ) -> None:
     body = agent(dynamics, domain)
     bound = bound_of(body)
-    network = Network(body, Graph.topology("cycle", 3)).with_bound(bound)
+    network = Network(body, Graph.topology("cycle", 3), scales=(bound.output_scale, bound.input_scale))
     G, H = body.lure.G, body.lure.H
     D_w, D_v = np.array(bound.output_scale), np.array(bound.input_scale)
     for (i, k), g in np.ndenumerate(network.plant.G):

@@ -7,7 +7,7 @@ for simulation and for checking that the two are the same system.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -20,9 +20,6 @@ from lockstep.check.system.loop import Gains, Loop, Plant
 from lockstep.check.system.network import ExactNetwork
 from lockstep.model.agents.agent import Agent
 from lockstep.model.graphs.graph import Graph
-
-if TYPE_CHECKING:
-    from lockstep.model.bound_search import Bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,10 +82,6 @@ class Network:
     def loop(self, order: int, *, exact_arithmetic: bool = False) -> Loop:
         """Return the loop (15) for controllers of an order, in doubles or in the same rationals."""
         return self.matrices.loop(order, exact_arithmetic=exact_arithmetic)
-
-    def with_bound(self, bound: "Bound") -> "Network":
-        """Return the network with G and H scaled as a bound on phi was proved."""
-        return replace(self, scales=(bound.output_scale, bound.input_scale))
 
     def closed_loop(self, gains: Gains) -> ca.Function:
         """Return (12): (x, x_C, t, xi) -> (dx, dx_C, u), symbolic and nonlinear, all agents stacked.

@@ -235,8 +235,8 @@ class SmoothedNorm:
         Psi = self._Psi(K, self.weight + np.tensordot(w, self.W, 1), X)
         vv, xx = Psi[:, : self.n_v, : self.n_v], Psi[:, self.n_v :, self.n_v :]
         root = np.linalg.inv(np.linalg.cholesky(self.D.sum(axis=0)))
-        of_v, of_xi = (np.linalg.eigvalsh(part).max(initial=0.0) for part in (root @ vv @ root.T, xx))
-        return float(of_v), float(of_xi)
+        of_v = np.linalg.eigvalsh(root @ vv @ root.T).max(initial=0.0)
+        return float(of_v), float(np.linalg.eigvalsh(xx).max())
 
     def _into(self, K: GainBlocks) -> Float[np.ndarray, "n s"]:
         """Return how the signals enter the states: the noise by the gains."""
