@@ -19,8 +19,8 @@ from jaxtyping import Float
 from lockstep.check.errors import ProblemError, demand
 from lockstep.model.simulation.quadrature import Hold
 
-MOST_SAMPLES = 5_000_000
-"""Of a noise: as many as a record may have rows."""
+MOST_INSTANTS = 5_000_000
+"""Rows of a record, and samples of a noise: with ten agents of four states, about 2 GB of a record."""
 
 _ROUNDING = 1e-9
 """Part of an interval by which an instant may miss its start: instants are multiples of a step, rounded."""
@@ -173,8 +173,8 @@ def noise(
         raise ProblemError("noise with both `sigma` and `intensity`, or neither", where="disturbance")
     if sigma is None:
         sigma = math.sqrt(float(intensity or 0.0) / interval)
-    found, expected = f"{horizon / interval:.3g} samples of noise", f"at most {MOST_SAMPLES}"
-    demand(horizon / interval <= MOST_SAMPLES, found, "disturbance", expected, "shorten the horizon")
+    found, expected = f"{horizon / interval:.3g} samples of noise", f"at most {MOST_INSTANTS}"
+    demand(horizon / interval <= MOST_INSTANTS, found, "disturbance", expected, "shorten the horizon")
     samples = max(1, math.ceil(horizon / interval - _ROUNDING))
     return Samples(sigma * np.random.default_rng(seed).standard_normal((samples, N, n)), interval)
 

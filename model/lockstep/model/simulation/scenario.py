@@ -8,12 +8,9 @@ from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError, demand
 from lockstep.model.simulation.channel import MessageChannel
-from lockstep.model.simulation.disturbance import Disturbance, Quiet, Samples, Sum
+from lockstep.model.simulation.disturbance import MOST_INSTANTS, Disturbance, Quiet, Samples, Sum
 from lockstep.model.simulation.integrate import Method
 from lockstep.model.simulation.perturbation import Perturbation
-
-MOST_INSTANTS = 5_000_000
-"""Rows of a record: with ten agents of four states, about 2 GB of it."""
 
 
 @dataclass(frozen=True, eq=False)
