@@ -126,7 +126,7 @@ def planned(design: Design | Path | str, options: CampaignOptions) -> tuple["Pla
 
 def check_periods(horizon: float, period: float) -> None:
     """Refuse a run that is longer than any other: its periods are counted in a machine word."""
-    from lockstep.model.simulation.scenario import MOST_INSTANTS
+    from lockstep.model.simulation.disturbance import MOST_INSTANTS
 
     if horizon / period > MOST_INSTANTS:
         found = f"{horizon:g} s are {horizon / period:.3g} periods"

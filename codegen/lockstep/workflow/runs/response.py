@@ -7,7 +7,7 @@ import numpy as np
 
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.wording import shorten
-from lockstep.model.simulation.scenario import MOST_INSTANTS
+from lockstep.model.simulation.disturbance import MOST_INSTANTS
 
 if TYPE_CHECKING:
     from lockstep.campaign.compiled.engine import Engine
