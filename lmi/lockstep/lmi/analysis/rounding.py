@@ -4,9 +4,9 @@ A certificate is a witness: any P, m, t that prove the inequality will do, so th
 prove it are taken. They are doubles, and the proof is about those doubles.
 """
 
-import itertools
 import math
 from dataclasses import replace
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -25,9 +25,6 @@ from lockstep.model.network import Network
 SLACKS = (5e-4, 2e-3, 1e-2, 5e-2)
 """How far above the least rho the certificate is taken, so that rounding fits: 0.05 % first, more only if
 need be."""
-
-FAR = 1.01
-"""A least rho that is above another by this factor is no least."""
 
 GAIN_DIGITS = 6
 """Significant decimals of designed gains: people read them, and a certificate is found for them as rounded."""
@@ -94,11 +91,10 @@ def prove(
             alpha=claim.alpha,
             abscissa=float(np.linalg.eigvals(loop.A_cl(K)).real.max()),
         )
-    # The solver may stop far above the least rho in some units: the others are tried first.
-    best = min(least.rho for _, least in found)
-    found.sort(key=lambda tried: tried[1].rho > FAR * best)
-    for slack, (one, least) in itertools.product(SLACKS if rho is None else (0.0,), found):
-        level = rho if rho is not None else round_up(least.rho * (1 + slack))
+    slacks = SLACKS if rho is None else (0.0,)
+    # The solver may stop far above the least rho in some units, so the levels are tried from the least on.
+    levels = [(rho or round_up(least.rho * (1 + slack)), one, least) for slack in slacks for one, least in found]
+    for level, one, least in sorted(levels, key=itemgetter(0)):
         candidate = tight(one.loop, K, one.claim, level / one.units.rho, least, one.near, most=one.most)
         if candidate is None:
             continue

@@ -239,7 +239,7 @@ def _proved(
     rho = table.rho if table.objective == "alpha" else None
     if rho is not None:
         # 0.01 % is left to rounding; the proved alpha of the agent itself stays below.
-        claim = replace(claim, alpha=max(claim.alpha, float(f"{one.alpha * (1 - 1e-4):.6g}")))
+        claim = replace(claim, alpha=max(claim.alpha, float(f"{claim.alpha * one.alpha * (1 - 1e-4):.6g}")))
     gains = Gains.from_blocks(short_gains(one.K, table.gain_limit), problem.order)
     figures: dict[str, Any] = {"history": list(one.history), **limit}
     near = search.units.certificate(one.certificate)

@@ -37,8 +37,8 @@ class Polished:
 
     index: of the start;  K: in the units of the file;  certificate: in those of the search;  rho: in those of the
     file;  sampled: the larger of rho and that of the sampled loop in doubles, which knows no gain errors;  history:
-    the least rho after each stride;  alpha: the largest one reached, where that was the aim;  cut: whether the
-    deadline ended it.
+    the least rho after each stride;  alpha: the largest one reached, as a multiple of the claim's, where that was the
+    aim;  cut: whether the deadline ended it.
     """
 
     index: int
@@ -140,4 +140,4 @@ def _with_alpha_raised(search: GainSearch, best: Polished, rho: float, deadline:
     certificate = least_rho(loop, K, claim.at(alpha=alpha))
     if certificate is None:
         return best
-    return replace(best, K=K, certificate=certificate, alpha=alpha, cut=deadline.over)
+    return replace(best, K=K, certificate=certificate, alpha=alpha / claim.alpha, cut=deadline.over)
