@@ -93,7 +93,9 @@ def prove(
         )
     slacks = SLACKS if rho is None else (0.0,)
     # The solver may stop far above the least rho in some units, so the levels are tried from the least on.
-    levels = [(rho or round_up(least.rho * (1 + slack)), one, least) for slack in slacks for one, least in found]
+    levels = [
+        (rho or round_up(least.rho * (1 + slack)), one, least) for slack in slacks for one, least in found
+    ]
     for level, one, least in sorted(levels, key=itemgetter(0)):
         candidate = tight(one.loop, K, one.claim, level / one.units.rho, least, one.near, most=one.most)
         if candidate is None:
