@@ -139,7 +139,7 @@ def test_what_is_shown_as_toml_is_toml_and_loads_where_it_is_whole(page, block, 
         (tmp_path / page).write_text(block, encoding="utf-8")
         problem = load_problem(tmp_path / page)
         problem.validate()
-        assert problem.order == content["design"].get("order", FOUND_LATER["order"])
+        assert problem.order == content.get("design", {}).get("order", FOUND_LATER["order"])
 
 
 def python_blocks(path: Path) -> list[str]:

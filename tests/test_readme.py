@@ -5,6 +5,9 @@ import re
 
 import pytest
 
+from lockstep.lmi.design import proved_bound
+from lockstep.model.problem import parse_problem
+
 
 def test_the_python_examples_run(root, tmp_path, monkeypatch):
     (tmp_path / "generated").symlink_to(root / "generated")
@@ -20,6 +23,14 @@ def test_the_python_examples_run(root, tmp_path, monkeypatch):
     names = {}
     exec(compile(agent, "README.md", "exec"), names)
     assert names["loop"].A_0.shape == (2 * 3 + 2 * 4,) * 2
+
+
+def test_the_problem_it_begins_with_is_whole(root):
+    (text,) = re.findall(
+        r"```toml\n(.*?)```", (root / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL
+    )
+    problem = parse_problem(text, "README.md")
+    assert proved_bound(problem).alpha == pytest.approx(9.81), "the largest slope of 9.81 sin"
 
 
 def test_ci_finds_its_two_commands(root):
