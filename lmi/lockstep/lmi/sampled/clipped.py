@@ -30,11 +30,11 @@ from lockstep.lmi.sampled.search import spectral_radius
 RATES = (0.02, 0.1)
 """How fast V is asked to decay, as parts of how fast the linear loop does."""
 
-EXPONENTS = (4.0, 2.0, 1.0, 0.0, -1.0, -2.0, -3.0, -4.0)
-"""Powers of ten that tau is tried with, until the radius gets no larger; then between them."""
+STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)
+"""In the exponent of tau, a power of ten, from 0 on; the last two not for a loop whose programs take long (`SOME_STATES`)."""
 
-REFINED = (0.5, 0.25, 0.125)
-"""Steps in the exponent about the best one; only the first for a loop whose programs take long (`SOME_STATES`)."""
+MOST = 4.0
+"""Of the exponent, either way."""
 
 NEVER = 1e6
 """tau over |P| with which nothing is clipped."""
@@ -61,8 +61,12 @@ def largest_clipped_radius(
     if one is None or not np.isfinite(limits).any():
         return None
     spread, least = 1 - spectral_radius(loop, one) ** 2, 0.0 if unclipped is None else unclipped[0]
+    steps: tuple[float, ...] = STEPS if loop.n_xi <= SOME_STATES else STEPS[:-2]
+    exponent = 0.0
     for rate in RATES if spread > 0 and not is_large(loop) else ():
-        for gamma, start in _scanned(loop, one, limits, 1 - rate * spread):
+        found, exponent = _scanned(loop, one, limits, 1 - rate * spread, exponent, steps)
+        steps = steps[-1:]
+        for gamma, start in found:
             for candidate in _priced(loop, one, start):
                 for part in KEPT:
                     radius = float(f"{part / gamma**0.5:.4g}")
@@ -77,25 +81,35 @@ def largest_clipped_radius(
     return (least, same) if proves_clipped_radius(exact_loop, controllers, same, limits, least) else None
 
 
-def _scanned(loop: SampledLoop, one: Lifted, limits: Float[np.ndarray, " m"], decay: float) -> list[Found]:
-    """Return gamma and a witness for each tau tried, the least gamma first."""
-    found: dict[float, Found] = {}
+def _scanned(
+    loop: SampledLoop,
+    one: Lifted,
+    limits: Float[np.ndarray, " m"],
+    decay: float,
+    exponent: float,
+    steps: tuple[float, ...],
+) -> tuple[list[Found], float]:
+    """Return gamma and a witness for each tau tried, the least gamma first, and the exponent of its tau."""
+    tried: dict[float, Found | None] = {}
 
-    def tried(exponent: float) -> None:
-        outcome = _least(loop, one, limits, decay, 10**exponent)
-        if outcome is not None:
-            found[exponent] = outcome
+    def gamma(at: float) -> float:
+        if abs(at) > MOST:
+            return np.inf
+        if at not in tried:
+            tried[at] = _least(loop, one, limits, decay, 10**at)
+        found = tried[at]
+        return np.inf if found is None else found[0]
 
-    for exponent in EXPONENTS:
-        tried(exponent)
-        if found and (exponent not in found or min(found, key=lambda e: found[e][0]) != exponent):
-            break
-    refined = REFINED if loop.n_xi <= SOME_STATES else REFINED[:1]
-    for step in refined if found else ():
-        best = min(found, key=lambda e: found[e][0])
-        for exponent in (best - step, best + step):
-            tried(exponent)
-    return sorted(found.values(), key=lambda one: one[0])
+    best = exponent if np.isfinite(gamma(exponent)) else MOST
+    for step in steps:
+        # Where one way lowers gamma the other does not: it falls with tau, until no P is left.
+        for way in (-step, step):
+            before = best
+            while gamma(best + way) < gamma(best):
+                best += way
+            if best != before:
+                break
+    return sorted(filter(None, tried.values()), key=lambda one: one[0]), best
 
 
 def _priced(loop: SampledLoop, one: Lifted, start: ClippedWitness) -> Iterator[ClippedWitness]:
