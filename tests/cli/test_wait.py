@@ -241,3 +241,7 @@ def test_the_time_left_counts_down_and_begins_anew_with_a_phase():
     assert left.text() == "soon"
     left.tell("proving", 0.95)
     assert left.text() == ""
+    left.tell("comparing: host", 0.0)
+    now[0] = 70.0
+    left.tell("comparing: a core", 0.25)
+    assert left.text() == "about 30 s left", "a detail is no phase of its own"

@@ -175,7 +175,7 @@ class _Run:
     def _diverged(self, k: int) -> None:
         agent = self._loop.agent
         states = self._engine.states(np.arange(self._loop.N))
-        check_bounded(self._t[k + 1 : k + 2], states[None], agent.states, agent.name)
+        check_bounded(self._t[k + 1 : k + 2], states[None], agent)
 
     def _found(self) -> SwarmRun:
         agent, loop = self._loop.agent, self._loop

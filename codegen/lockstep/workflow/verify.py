@@ -57,7 +57,7 @@ def verify(
         targets=targets,
         stimulus=_closed_loop(folder, steps),
         run_changed=run_changed,
-        progress=lambda what, done, total: progress(what, done / max(total, 1)),
+        progress=lambda what, done, total: progress(f"comparing every bit: {what}", done / max(total, 1)),
     )
 
 

@@ -1,7 +1,9 @@
 """The two integrators, against each other, against the matrix exponential and against python-control."""
 
+import re
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -9,6 +11,7 @@ from simulation_cases import ARMS, COROLLARY_1, START, THEOREM_1, cart_gains, ca
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.loop import Gains
+from lockstep.model import Agent, Graph, Network
 from lockstep.model.simulation import (
     Diverged,
     PaperPerturbation,
@@ -172,6 +175,21 @@ def test_what_diverges_is_said_with_time_and_agent():
     assert 0 < figures["time"] < 60
     assert figures["agent"] in (1, 2, 3)
     assert figures["state"] in ARMS.agent.states
+
+
+def test_an_agent_that_leaves_its_domain_and_then_diverges_is_said_to_have_left():
+    """x' = x^2 from x(0): x(t) = x(0) / (1 - t x(0)), which passes 2 at 1/x(0) - 1/2 and every bound at 1/x(0)."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    agent = Agent(name="a", x=x, u=u, rhs=x**2 + u, y=x, states=("x",), domain={"x": (-2.0, 2.0)})
+    none = Gains(*((np.zeros(shape),) * 2 for shape in ((0, 0), (0, 1), (1, 0), (1, 1))))
+    alone = Network(agent, Graph.topology("path", 2))
+    with pytest.raises(
+        Diverged, match=r"beyond 1e\+09.*; a2 left the domain: x = 2\.\d* at (\d\.\d*) s"
+    ) as caught:
+        simulate(alone, none, Scenario(np.array([[0.1], [1.0]]), 3.0, 1e-3))
+    left = re.search(r"at (\S+) s$", str(caught.value))
+    assert float(left[1]) == pytest.approx(0.5, abs=2e-3)
+    assert caught.value.figures["time"] == pytest.approx(1.0, abs=0.02)
 
 
 @pytest.mark.parametrize(

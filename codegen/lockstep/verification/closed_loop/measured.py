@@ -15,12 +15,12 @@ from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.controller import PRECISIONS
 from lockstep.check.sampled.inequality import Witness
-from lockstep.check.system.domain import argument_box
 from lockstep.lmi.certify import certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
 from lockstep.model.network import Network
+from lockstep.model.simulation.divergence import left_domain
 from lockstep.model.simulation.perturbation import norms
 from lockstep.model.simulation.results.trajectory import RhoWeights, Trajectory, energies
 from lockstep.model.simulation.run import rates
@@ -136,8 +136,8 @@ def _uncovered(
     trajectory: Trajectory, scenario: Scenario, stored: Stored, network: Network, promised: Promise
 ) -> str:
     """Return why the run is outside of what is proved; empty if it is inside."""
-    if promised.scope == "local" and not _inside(trajectory, network):
-        return "an agent left the domain that the certificate is for"
+    if promised.scope == "local" and (left := left_domain(trajectory.t, trajectory.x, network.agent)):
+        return f"{left}, and the certificate is for agents inside it"
     if not stored.problem.performance.covers_xi:
         return "rho is a gain from the states named in [design.disturbances], as scaled there, and the run disturbs all"
     if not scenario.channel.is_ideal:
@@ -181,13 +181,6 @@ def _lost_in_rounding(trajectory: Trajectory, stored: Stored, promised: Promise,
 def _beyond(trajectory: Trajectory, stored: Stored) -> bool:
     low, high = stored.problem.sides.T
     return bool(((trajectory.u < low) | (trajectory.u > high)).any())
-
-
-def _inside(trajectory: Trajectory, network: Network) -> bool:
-    H = network.agent.lure.H
-    box = argument_box(H, network.agent.box)
-    v = trajectory.x @ H.T
-    return bool(((v >= np.asarray(box.lower)) & (v <= np.asarray(box.upper))).all())
 
 
 def _storage(trajectory: Trajectory, network: Network, stored: Stored, promised: Promise) -> float | None:

@@ -33,10 +33,11 @@ class TimeLeft:
         self._what, self._began, self._from, self._part, self._told = "", clock(), 0.0, 0.0, clock()
 
     def tell(self, what: str, part: float) -> None:
-        """Take note of what is being done, and the part of it that is done."""
+        """Take note of what is being done, and the part of it that is done; what follows a colon is a detail of a phase."""
         now = self._clock()
-        if what != self._what or part < self._from:
-            self._what, self._began, self._from = what, now, part
+        phase = what.partition(":")[0]
+        if phase != self._what or part < self._from:
+            self._what, self._began, self._from = phase, now, part
         self._part, self._told = part, now
 
     def text(self) -> str:

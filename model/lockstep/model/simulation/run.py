@@ -93,7 +93,7 @@ def _continuous(network: Network, gains: Gains, scenario: Scenario) -> Trajector
     apart = X[:, :split].reshape(len(t), network.N, -1)
     x = apart + offsets
     x_C = X[:, split:].reshape(len(t), gains.N, gains.order)
-    check_bounded(t, x, network.agent.states, network.agent.name)
+    check_bounded(t, x, network.agent)
     blocks = np.broadcast_to(gains.blocks, (len(t), *gains.blocks.shape))
     u = inputs_of(network, apart, x_C, blocks if errors is None else blocks + errors.at(t, t))
     found = _record(network, t, x, x_C, u, xi.at(t, t), hold="smooth", xi_hold=xi.hold)
@@ -127,7 +127,7 @@ def _sampled(network: Network, controllers: SampledControllers, scenario: Scenar
         u[now] = applied = program.step(x[k * per])
         states = run(x[k * per].ravel(), t[now], _Held(applied, xi))
         x[now] = states.reshape(per + 1, *scenario.start.shape)
-        check_bounded(t[now], x[now], network.agent.states, network.agent.name)
+        check_bounded(t[: now.stop], x[: now.stop], network.agent, per + 1)
     x_C[-1] = program.memory
     counts = (program.faults, program.clipped, program.senders.sent, program.senders.saved)
     found = _record(network, t, x, x_C, u, xi.at(t, t), hold="held", xi_hold=xi.hold, counts=counts)
