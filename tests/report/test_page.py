@@ -120,8 +120,10 @@ def test_headings_and_tables_are_ordered_and_named(page):
 def test_the_three_lines_are_the_manifests(page, files, report):
     certificate = json.loads(files["manifest.json"])["certificate"]
     for key in ("proved", "assumes", "remains"):
-        assert certificate[key] in page.text
-        assert certificate[key] in report.text
+        # A page names another line by its heading.
+        line = certificate[key].replace("`limits`", "Limits")
+        assert line in page.text
+        assert line in report.text
         header = " ".join(files["include/arm1.h"].replace("\n *", " ").split())
         assert " ".join(certificate[key].split()) in header, "and the header's"
 

@@ -1,6 +1,7 @@
 """The guarantee in lines, as the C's headers and the manifest phrase it: what is proved, assumed, and left, of a formation
 and a leader's reference too."""
 
+import re
 from collections.abc import Mapping
 
 from lockstep.codegen.emission.emit import claims
@@ -19,10 +20,15 @@ def lines_of(certificate: Mapping[str, str | float | bool | None]) -> list[tuple
     [('Proved', 'they agree')]
     >>> lines_of({"certified": True, "limits": "|u| < 1", "decay": "2 1/s"})
     [('Decay', '2 1/s'), ('Limits', '|u| < 1')]
+    >>> lines_of({"certified": True, "assumes": "no limit is met (see `limits`)"})
+    [('Assumed', 'no limit is met (see Limits)')]
     >>> lines_of({"certified": False, "proved": "they agree"})
     [('NOT CERTIFIED', 'no proof covers these gains')]
     """
     if certificate.get("certified") is not True:
         heading, _, sentence = claims(certificate)[0].partition(": ")
         return [(heading, sentence)]
-    return [(heading, str(certificate[key])) for key, heading in LINES.items() if certificate.get(key)]
+    said = ((heading, str(certificate[key])) for key, heading in LINES.items() if certificate.get(key))
+    return [
+        (heading, re.sub(r"`(\w+)`", lambda key: LINES.get(key[1], key[1]), line)) for heading, line in said
+    ]

@@ -20,7 +20,7 @@ PAUSE = 3.0
 class ProgressLines:
     """Write a line when something else is being done, not more often than every `PAUSE` seconds; every `INTERVAL` else.
 
-    A thread of its own keeps the time: whoever works may say nothing for minutes.
+    What follows a colon is a detail, nothing else. A thread of its own keeps the time: whoever works may say nothing for minutes.
 
     Args:
         write: takes a line.
@@ -71,9 +71,10 @@ class ProgressLines:
         now = time.monotonic()
         if not self._what or now - self._began < self._patience:
             return
-        if now - self._wrote < (self._interval if self._what == self._written else self._pause):
+        phase = self._what.partition(":")[0]
+        if now - self._wrote < (self._interval if phase == self._written else self._pause):
             return
-        self._written, self._wrote = self._what, now
+        self._written, self._wrote = phase, now
         done = f", {self._part:.0%} done" if self._part > 0 else ""
         left = self._left.text()
         self._write(f"lockstep: {self._what}{done}, {now - self._began:.0f} s{left and f', {left}'}")
