@@ -132,14 +132,8 @@ def _print_json(document: Mapping[str, Any]) -> None:
 
 
 def _problem(error: ProblemError) -> dict[str, str]:
-    return {
-        "kind": "problem",
-        "message": str(error),
-        "found": error.found,
-        "where": error.where,
-        "expected": error.expected,
-        "remedy": error.remedy,
-    }
+    said = {name: str(getattr(error, name)) for name in ("found", "where", "expected", "remedy")}
+    return {"kind": "problem", "message": str(error), **said}
 
 
 def _claim(error: ClaimError) -> dict[str, Any]:

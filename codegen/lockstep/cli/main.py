@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, ParamSpec
 
@@ -234,16 +235,8 @@ def generate(
     """Emit C for each agent's controller."""
     from lockstep.cli.generate import run
 
-    wanted = {
-        "pil": pil,
-        "fmu": fmu,
-        "rust": rust,
-        "arduino": arduino,
-        "messages": messages,
-        "dbc": dbc,
-        "fixed": fixed,
-    }
-    doors = [name for name, chosen in wanted.items() if chosen]
+    wanted = (pil, fmu, rust, arduino, messages, dbc, fixed)
+    doors = [*compress(("pil", "fmu", "rust", "arduino", "messages", "dbc", "fixed"), wanted)]
     image = {"one_image": one_image, "max_neighbours": max_neighbours, "table": table}
     names = {"name": name, "prefix": prefix}
     _respond(json, run, design, output, optimize=optimize, doors=doors, **names, **image)

@@ -20,7 +20,7 @@ PAUSE = 3.0
 class ProgressLines:
     """Write a line when something else is being done, not more often than every `PAUSE` seconds; every `INTERVAL` else.
 
-    What follows a colon is a detail, nothing else. A thread of its own keeps the time: whoever works may say nothing for minutes.
+    What follows a colon is a detail. A thread of its own keeps the time: whoever works may say nothing for minutes.
 
     Args:
         write: takes a line.
