@@ -3,12 +3,10 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich import box
 from rich.console import Group, RenderableType
-from rich.table import Table as RichTable
 from rich.text import Text
 
-from lockstep.cli.console import Answer, progress_display, two_columns
+from lockstep.cli.console import Answer, progress_display, table, two_columns
 
 if TYPE_CHECKING:
     from lockstep.campaign import Campaign
@@ -83,13 +81,11 @@ def _not_covered(document: dict[str, Any]) -> str:
 
 
 def _families(document: dict[str, Any]) -> RenderableType:
-    table = RichTable(box=box.SIMPLE_HEAD)
-    for heading in ("family", "runs", "covered", "worst ratio", "diverged"):
-        table.add_column(heading, justify="left" if heading == "family" else "right")
+    rows = []
     for name, one in document["families"].items():
         ratio = "-" if one["worst_ratio"] is None else f"{one['worst_ratio']:.4f}"
-        table.add_row(name, str(one["runs"]), str(one["covered"]), ratio, str(one["diverged"]))
-    return table
+        rows.append((name, str(one["runs"]), str(one["covered"]), ratio, str(one["diverged"])))
+    return table(("family", "runs", "covered", "worst ratio", "diverged"), rows)
 
 
 def run_replay(path: Path, index: int, output: Path | None, options: "CampaignOptions") -> Answer:

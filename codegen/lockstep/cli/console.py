@@ -1,12 +1,13 @@
 """What the command prints: one answer on standard output, everything else on standard error."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import typer
+from rich import box
 from rich.console import Console, Group, RenderableType
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -118,6 +119,22 @@ def two_columns(title: str, rows: Mapping[str, str]) -> RenderableType:
     for name, said in rows.items():
         table.add_row(visible(name), Text(visible(said)))
     return Group(Text(visible(title), style="bold underline"), table)
+
+
+def table(
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str | Text]],
+    title: str | None = None,
+    words: int = 1,
+    **style: Any,
+) -> Table:
+    """Return rows under headings: the first columns, as many as `words`, on the left, figures on the right."""
+    found = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, **style)
+    for place, heading in enumerate(headings):
+        found.add_column(heading, justify="left" if place < words else "right", overflow="fold")
+    for row in rows:
+        found.add_row(*row)
+    return found
 
 
 def _leave(as_json: bool, document: Mapping[str, Any], message: str, status: int) -> NoReturn:

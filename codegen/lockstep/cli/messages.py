@@ -4,10 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rich import box
-from rich.table import Table
-
-from lockstep.cli.console import Answer, progress_display
+from lockstep.cli.console import Answer, progress_display, table
 
 
 def limits_answer(path: Path) -> Answer:
@@ -16,12 +13,12 @@ def limits_answer(path: Path) -> Answer:
 
     with progress_display() as tell:
         found = message_limits(path, progress=tell)
-    table = Table(title=found.title, title_justify="left", box=box.SIMPLE_HEAD)
-    for name in ("messages", "certified up to", "breaks at", "how"):
-        table.add_column(name, overflow="fold")
-    for name, one in found.limits.items():
-        table.add_row(name, f"{one.certified:g}", "-" if one.breaks is None else f"{one.breaks:g}", one.how)
-    return Answer(found.document(), table)
+    rows = (
+        (name, f"{one.certified:g}", "-" if one.breaks is None else f"{one.breaks:g}", one.how)
+        for name, one in found.limits.items()
+    )
+    headings = ("messages", "certified up to", "breaks at", "how")
+    return Answer(found.document(), table(headings, rows, found.title, words=4))
 
 
 def messages_row(content: Mapping[str, Any]) -> dict[str, str]:

@@ -6,11 +6,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich.console import RenderableType
 from rich.markdown import Markdown
-from rich.table import Table
 
 from lockstep.check.errors import ProblemError, demand
-from lockstep.cli.console import Answer, progress_display
+from lockstep.cli.console import Answer, progress_display, table
 
 if TYPE_CHECKING:
     from amini.claims.claim import ClaimRow
@@ -50,13 +50,8 @@ def _claims(names: Sequence[str], output: Path | None) -> Answer:
     return Answer({"ok": holds, "claims": [row.document() for row in rows]}, _table(rows), holds)
 
 
-def _table(rows: Sequence["ClaimRow"]) -> Table:
+def _table(rows: Sequence["ClaimRow"]) -> RenderableType:
     counts = Counter(row.verdict or "NOT AS EXPECTED" for row in rows)
-    table = Table(
-        title=", ".join(f"{count} {verdict}" for verdict, count in counts.items()), title_justify="left"
-    )
-    for heading in ("name", "where", "claim", "verdict", "figure"):
-        table.add_column(heading)
-    for row in rows:
-        table.add_row(row.name, row.where, row.claim, row.verdict or "NOT AS EXPECTED", row.figure)
-    return table
+    title = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    cells = ((row.name, row.where, row.claim, row.verdict or "NOT AS EXPECTED", row.figure) for row in rows)
+    return table(("name", "where", "claim", "verdict", "figure"), cells, title, words=5)

@@ -5,12 +5,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich import box
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
-from lockstep.cli.console import Answer, errors, progress_display, two_columns
+from lockstep.cli.console import Answer, errors, progress_display, table, two_columns
 from lockstep.workflow.runs.simulate_options import Many, Options, conflict
 
 if TYPE_CHECKING:
@@ -86,15 +84,14 @@ def _tables(found: "Simulation", plot: str) -> RenderableType:
         proved = residual and f"; in the end at most {residual:.4g} apart, which is proved{less}"
         rows["send on change"] = f"{of['saved']:.1%} of the messages saved ({of['sent']} sent){proved or ''}"
     # Three digits and folded cells: in 80 columns a figure that is cut says nothing.
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     headings = ("agent", "ISE", "IAE", "ITSE", "ITAE", "of u: ISE", "IAE", "ITSE", "ITAE")
-    for heading in headings:
-        table.add_column(heading, justify="right", overflow="fold")
+    cells = []
     pairs = zip(indices(trajectory), effort_indices(trajectory), strict=True)
     for i, (error, effort) in enumerate(pairs, start=1):
-        cells = [*error.document().values(), *effort.document().values()]
-        table.add_row(f"{trajectory.agent}{i}", *[_short(value) for value in cells])
-    parts: list[RenderableType] = [two_columns(found.design.title, rows), table]
+        figures = [*error.document().values(), *effort.document().values()]
+        cells.append((f"{trajectory.agent}{i}", *map(_short, figures)))
+    of_each = table(headings, cells, pad_edge=False, collapse_padding=True)
+    parts: list[RenderableType] = [two_columns(found.design.title, rows), of_each]
     return Group(*parts, *([Text.from_ansi(plot)] if plot else []))
 
 

@@ -3,12 +3,10 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich import box
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
-from lockstep.cli.console import Answer, progress_display, remark
+from lockstep.cli.console import Answer, progress_display, remark, table
 from lockstep.model.plain_json import plain
 
 if TYPE_CHECKING:
@@ -28,10 +26,8 @@ def run(folder: Path, **options: Any) -> Answer:
 
 def table_of(report: "VerifyReport") -> RenderableType:
     """Return the targets as a table; a dash is what was not measured. How many steps each took stands below it."""
-    table = Table(title="The compiled C against its reference", title_justify="left", box=box.SIMPLE_HEAD)
-    for heading in ("target", "bitwise", "instr/step", "code B", "RAM B", "stack B"):
-        table.add_column(heading, justify="left" if heading == "target" else "right", overflow="fold")
-    reasons = []
+    headings = ("target", "bitwise", "instr/step", "code B", "RAM B", "stack B")
+    rows, reasons = list[tuple[str | Text, ...]](), []
     for target in report.targets:
         said = (
             "skipped" if target.skipped else "failed" if target.error else "equal" if target.bitwise else "NO"
@@ -40,7 +36,7 @@ def table_of(report: "VerifyReport") -> RenderableType:
         if why := target.skipped or target.error:
             reasons.append(f"{target.name}: {said}, {why}")
         numbers = ["-" if cell is None else str(cell) for cell in cells]
-        table.add_row(Text(target.name), said, *numbers)
+        rows.append((Text(target.name), said, *numbers))
         if fixed := target.fixed:
             most = [
                 max((c for c in column if c is not None), default=None)
@@ -51,8 +47,9 @@ def table_of(report: "VerifyReport") -> RenderableType:
             ]
             equal = "equal" if all(one.bitwise for one in fixed) else "NO"
             measured = ["-" if cell is None else str(cell) for cell in (*most, None)]
-            table.add_row(Text("  in integers"), equal, *measured)
+            rows.append((Text("  in integers"), equal, *measured))
     verdict = (
         f"every bit is equal: {report.fed}" if report.ok else "NOT as claimed: " + "; ".join(report.problems)
     )
-    return Group(table, *map(Text, reasons), Text(verdict, style="bold"))
+    found = table(headings, rows, "The compiled C against its reference")
+    return Group(found, *map(Text, reasons), Text(verdict, style="bold"))
