@@ -116,21 +116,13 @@ def bound_with_scales(
     >>> bound_with_scales(pair, bound.alpha, (bound.output_scale, bound.input_scale)).proved
     True
     """
-    D_w, D_v = scales
-    found = prove_bound(
-        agent.exact.phi,
-        agent.argument_box,
-        alpha,
-        input_scale=D_v,
-        output_scale=D_w,
-        boxes=boxes,
-        progress=progress,
-    )
+    (D_w, D_v), phi, box = scales, agent.exact.phi, agent.argument_box
+    found = prove_bound(phi, box, alpha, input_scale=D_v, output_scale=D_w, boxes=boxes, progress=progress)
     proved = _decided(found, alpha)
     if not entries:
         return proved
     budget = Budget(min(boxes, MOST_BOXES))
-    problem = SlopeProblem.of(agent.exact.phi, agent.argument_box).scaled(D_w, D_v)
+    problem = SlopeProblem.of(phi, box).scaled(D_w, D_v)
     verdict = decide_entries(problem, entries, budget)
     if not verdict.proved:
         raise BoundNotProved(

@@ -35,8 +35,11 @@ def proved(at, found):
 
 def test_a_design_for_the_period_has_a_smaller_rho_and_is_proved():
     at = pendulums(0.2)
-    before = measured(at, K, np.ones(1))
-    found = improved(at, [START])
+    before, told = measured(at, K, np.ones(1)), list[float]()
+    found = improved(at, [START], tell=told.append)
+    assert told == sorted(told), "each stage is told, so that the time left is known"
+    assert len(told) > 3
+    assert told[-1] < 1
     verdict, after = proved(at, found)
     assert verdict.certified
     assert after.rho < 0.9 * before.rho

@@ -10,6 +10,7 @@ limited, written to the design file and sampled again as any other gains are. Wh
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -17,7 +18,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork
 from lockstep.lmi.sampled.certify import in_doubles
-from lockstep.lmi.sampled.descending.descent import Descent, DescentPoint
+from lockstep.lmi.sampled.descending.descent import STAGES, Descent, DescentPoint
 from lockstep.lmi.sampled.descending.objective import SampledObjective
 from lockstep.lmi.sampled.descending.tustin import tustin
 from lockstep.lmi.sampled.performance import least_rho
@@ -125,9 +126,10 @@ def improved(
     """
     best: SampledCandidate | None = None
     for index, start in enumerate(starts):
-        tell(index / len(starts))
+        part = partial(_tell_part, tell, index, len(starts))
+        part(0.0)
         limits = [kept * start.rho for kept in RHO_KEPT] if rho_most is None else [rho_most]
-        pursued = next((found for limit in limits if (found := _pursued(at, start, limit))), None)
+        pursued = next((found for limit in limits if (found := _pursued(at, start, limit, part))), None)
         for found in (measured(at, start.K, start.m), pursued):
             if found is not None and (best is None or found.rho < best.rho):
                 best = found
@@ -136,14 +138,20 @@ def improved(
     return best
 
 
-def _pursued(at: AtPeriod, start: StartingGains, rho_c: float) -> SampledCandidate | None:
+def _tell_part(tell: Callable[[float], None], index: int, count: int, part: float) -> None:
+    tell((index + part) / count)
+
+
+def _pursued(
+    at: AtPeriod, start: StartingGains, rho_c: float, tell: Callable[[float], None]
+) -> SampledCandidate | None:
     """Return the best of what a descent reaches; through shorter periods where the asked one is out of reach at once."""
-    found, _ = _reached(at, start, rho_c)
+    found, _ = _reached(at, start, rho_c, tell)
     if found is not None:
         return found
     here = start
     for part in ON_THE_WAY:
-        found, last = _reached(at.at(at.network.period / part), here, rho_c)
+        found, last = _reached(at.at(at.network.period / part), here, rho_c, tell)
         if last is None:
             return None
         here = StartingGains(last.K, np.exp(last.logs), start.rho)
@@ -151,12 +159,14 @@ def _pursued(at: AtPeriod, start: StartingGains, rho_c: float) -> SampledCandida
 
 
 def _reached(
-    at: AtPeriod, start: StartingGains, rho_c: float
+    at: AtPeriod, start: StartingGains, rho_c: float, tell: Callable[[float], None]
 ) -> tuple[SampledCandidate | None, DescentPoint | None]:
     objective, known = at.objective(), usable(start.m, len(at.network.d.pairs()))
     logs = np.log(known) if objective.has_phi else np.zeros(0)
     best, last = None, None
-    for last in Descent(objective, at.gain_limit, rho_c).stages(DescentPoint(start.K, logs, logs)):
+    stages = Descent(objective, at.gain_limit, rho_c).stages(DescentPoint(start.K, logs, logs))
+    for number, last in enumerate(stages, start=1):
+        tell(number / (len(STAGES) + 1))
         m = np.exp(last.logs) if objective.has_phi else known
         found = measured(at, within(last.K, (1 - ROOM) * at.gain_limit), m, NEARBY)
         if found is not None and (best is None or found.rho < best.rho):
