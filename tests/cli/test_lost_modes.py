@@ -107,12 +107,16 @@ def test_where_the_slopes_that_a_mode_needs_have_no_range_a_domain_is_asked_for(
     """Two tanks, one after the other: A = 0 as written, and -0.5/sqrt(h) has no middle up to h = 0."""
     status, answer = run("check", "problem.toml", problem=text(*TANKS))
     assert status == 2
-    assert (
-        "or give [agent.domain], a box where the nonlinearity has finite slopes" in answer["error"]["remedy"]
-    )
+    assert "give [agent.domain], a box where the nonlinearity has finite slopes" in answer["error"]["remedy"]
     status, answer = run(
         "check", "problem.toml", problem=text(*TANKS) + "\n[agent.domain]\nh = [0.1, 0.6]\nk = [0.1, 0.6]\n"
     )
     assert status == 0
+    in_a_sphere = {"h": "(q - 0.2*sqrt(h))/(pi*(2*h - h**2))", "q": "(u - q)/5"}
+    boxed = text(in_a_sphere, ("h",), 1) + "\n[agent.domain]\nh = [0.6, 1.4]\n"
+    status, answer = run("check", "problem.toml", problem=boxed)
+    assert status == 2
+    assert "give [agent.domain] of q, a box" in answer["error"]["remedy"], "the slope by h grows with q"
+    assert run("check", "problem.toml", problem=boxed + "q = [0.0, 0.5]\n")[0] == 0
     status, answer = run("check", "problem.toml", problem=text(PENDULUM, ("b",), 1))
     assert "[agent.domain]" not in answer["error"]["remedy"]

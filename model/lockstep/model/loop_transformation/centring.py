@@ -29,6 +29,7 @@ CLOSE = 1e-3
 """S may miss the middle by this part of half the range: it costs as much of the bound, and S stays short."""
 
 NO_SLOPES = "no finite range of slopes was seen"
+GROWING = "the slopes keep growing with the distance from the origin"
 
 MOST_SAMPLES = 4000
 FAR, FARTHEST = 1e6, 1e12
@@ -84,7 +85,7 @@ def centred(lure: Lure, box: Box) -> tuple[Lure, Centring]:
         return lure, Centring(reason=NO_SLOPES)
     lowest, highest = slopes.min(axis=0), slopes.max(axis=0)
     if not far.all() and not _settled(slopes[~far], lowest, highest):
-        return lure, Centring(reason="the slopes keep growing with the distance from the origin")
+        return lure, Centring(reason=GROWING)
     # |middle| below 2 % of the largest slope: centring that entry gains less than 2 %.
     wanted = np.argwhere(
         np.abs(lowest + highest) > LEAST_GAIN * (highest - lowest + np.abs(lowest + highest))

@@ -15,7 +15,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.model.agents.agent import Agent
 from lockstep.model.control.pbh import controllability
 from lockstep.model.graphs.graph import Graph
-from lockstep.model.loop_transformation.centring import NO_SLOPES
+from lockstep.model.loop_transformation.centring import GROWING, NO_SLOPES
 
 
 def check_assumptions(graph: Graph, agent: Agent, agents_B: Sequence[Float[np.ndarray, "n m"]]) -> None:
@@ -30,7 +30,7 @@ def check_assumptions(graph: Graph, agent: Agent, agents_B: Sequence[Float[np.nd
     if unstable is not None:
         found = f"(A, C) is not detectable: no output shows the mode at {_mode(unstable)}"
         expected = "outputs that show every mode that does not decay by itself"
-        remedy = f"measure one more state{_unseen_slopes(agent)}"
+        remedy = f"{_unseen_slopes(agent)}measure one more state"
         raise ProblemError(found, where="[agent.outputs]", expected=expected, remedy=remedy)
     tested: list[np.ndarray] = []
     for k, B in enumerate(agents_B, start=1):
@@ -45,15 +45,19 @@ def _check_stabilisable(agent: Agent, k: int, B: Float[np.ndarray, "n m"]) -> No
         pair = "(A, B)" if (agent.lure.B == B).all() else f"(A, B_{k})"
         found = f"{pair} is not stabilisable: no input moves the mode at {_mode(unstable)}"
         expected = "inputs that move every mode that does not decay by itself"
-        remedy = f"add an input, or leave the state out{_unseen_slopes(agent)}"
+        remedy = f"{_unseen_slopes(agent)}add an input, or leave the state out"
         raise ProblemError(found, where="[agent.dynamics]", expected=expected, remedy=remedy)
 
 
 def _unseen_slopes(agent: Agent) -> str:
-    """Say where A may lack what phi does, as sqrt(x) without a domain, whose slope has no middle to move into A."""
-    if agent.centring.reason != NO_SLOPES:
+    """Say where A may lack what phi does, as sqrt(x) or q/h without a domain, whose slopes have no middle to move into A."""
+    if agent.centring.reason not in (NO_SLOPES, GROWING):
         return ""
-    return "; or give [agent.domain], a box where the nonlinearity has finite slopes: their middle then counts in A"
+    free = ", ".join(
+        state for state, sides in zip(agent.states, agent.box, strict=True) if np.isinf(sides).any()
+    )
+    where = f" of {free}" if agent.domain else ""
+    return f"give [agent.domain]{where}, a box where the nonlinearity has finite slopes: their middle then counts in A; or "
 
 
 def _mode(s: complex) -> str:
