@@ -28,17 +28,19 @@ def run(path: Path, *, boxes: int | None, every: bool, messages: bool) -> Answer
         return limits_answer(path)
     with progress_display() as tell:
         problem, report = check(path, boxes=boxes, every=every, progress=tell)
-    return Answer(report.document(), table_of(report, problem.title), report.ok)
+    return Answer(report.document(), table_of(report, problem.title, every=every), report.ok)
 
 
-def table_of(report: "CheckReport", title: str, *, every: bool = True) -> RenderableType:
-    """Return the checks as a table: what was found, and under it why it matters; and, of every check, what was proved."""
+def table_of(report: "CheckReport", title: str, *, every: bool = False) -> RenderableType:
+    """Return the checks as a table: what was found, and under it, where that is not well or `every` check is asked for, why
+    it matters; and, of every check, what was proved."""
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("check", no_wrap=True)
     table.add_column("verdict", no_wrap=True)
-    table.add_column("found, and why it matters", overflow="fold")
+    table.add_column("found", overflow="fold")
     for row in report.rows:
-        said = Text(row.figure).append(f"\n{row.reason}", style="dim")
+        why = f"\n{row.reason}" if every or row.verdict != "ok" else ""
+        said = Text(row.figure).append(why, style="dim")
         table.add_row(row.name, Text(row.verdict, style=STYLES[row.verdict]), said)
     for finding in report.findings if every else ():
         table.add_row(finding.name, Text(finding.status, style=STYLES[finding.status]), Text(finding.figure))
