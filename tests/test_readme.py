@@ -4,7 +4,9 @@ import json
 import re
 
 import pytest
+from typer.testing import CliRunner
 
+from lockstep.cli.main import app
 from lockstep.lmi.design import proved_bound
 from lockstep.model.problem import parse_problem
 
@@ -31,6 +33,15 @@ def test_the_problem_it_begins_with_is_whole(root):
     )
     problem = parse_problem(text, "README.md")
     assert proved_bound(problem).alpha == pytest.approx(9.81), "the largest slope of 9.81 sin"
+
+
+def test_what_certify_says_is_what_the_page_shows(root, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "120")
+    result = CliRunner().invoke(app, ["certify", str(root / "generated" / "flexible_joint_arms")])
+    (shown,) = re.findall(
+        r"```text\n(.*?)\n```", (root / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL
+    )
+    assert [line.rstrip() for line in result.stdout.splitlines()[1:]] == shown.splitlines()
 
 
 def test_ci_finds_its_two_commands(root):
@@ -76,10 +87,6 @@ def test_the_figures_are_those_of_the_committed_design(root):
 
 @pytest.mark.slow
 def test_the_figures_are_those_that_appear_on_this_machine(root, tmp_path, monkeypatch):
-    from typer.testing import CliRunner
-
-    from lockstep.cli.main import app
-
     monkeypatch.chdir(tmp_path)
     words = ["design", str(root / "examples" / "flexible_joint_arms.toml"), "-o", "design.json", "--json"]
     result = CliRunner().invoke(app, words)
