@@ -9,11 +9,12 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
     >>> nearest("theta_1", ["theta_l", "omega_l"])
     'did you mean `theta_l`?'
+    >>> nearest("tahn", ["tan", "tanh"])
+    'did you mean `tanh`?'
     """
     names = list(known)
-    close = difflib.get_close_matches(name[:100], names, n=1)
-    if not close:
-        close = [k for k in names if k.lower() == name.lower()][:1]
+    swapped = [k for k in names if sorted(k.lower()) == sorted(name.lower())]
+    close = swapped or difflib.get_close_matches(name[:100], names, n=1)
     return f"did you mean `{close[0]}`?" if close else ""
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from lockstep.lmi.initial import below
+from lockstep.model.checks.slips import alone
 from lockstep.workflow.certify import DesignVerdict, certify
 from lockstep.workflow.design import Design
 
@@ -308,7 +309,10 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
         )
     if any(map(math.isfinite, problem.limits)) and found.sampled.get("radius") is None:
         yield Statement("limits", "not claimed", "That the actuators' limits are never met.")
-    yield Statement("where they agree", "", "Which states the agents agree on: only that they are the same.")
+    moving = "".join(f"; {row.figure}, a leader too" for row in alone(problem))
+    yield Statement(
+        "where they agree", "", f"Which states the agents agree on: only that they are the same{moving}."
+    )
     yield Statement(
         "the C",
         "compared",

@@ -119,7 +119,8 @@ class Simulation:
         said, d = dict[str, str](), float(self.trajectory.disagreement()[0])
         if claimed is not None and d > claimed.radius:
             said["initial states"] = (
-                f"{d:.4g} from agreement; that all agents stay in their domain is proved from {below(claimed.radius)}"
+                f"{d:.4g} from agreement; that all agents stay in their domain is proved from {below(claimed.radius)},"
+                " of the continuous controllers"
             )
         if problem.reference is None:
             return said

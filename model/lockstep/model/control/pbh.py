@@ -11,7 +11,7 @@ the square root of the rounding error. The distance itself is looked for on a gr
 is the least value found, so an upper bound.
 """
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -90,16 +90,7 @@ def observability(A: Float[np.ndarray, "n n"], C: Float[np.ndarray, "q n"]) -> O
     >>> observability(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0, 1.0]])).detectable
     False
     """
-    dual = controllability(A.T, C.T)
-    return Observability(
-        dual.controllable,
-        dual.stabilisable,
-        dual.margin,
-        dual.eigenvalue,
-        dual.unstable_eigenvalue,
-        dual.relative_margin,
-        dual.tolerance,
-    )
+    return Observability(*astuple(controllability(A.T, C.T)))
 
 
 def _distance(A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n m"]) -> tuple[complex, float]:
