@@ -91,9 +91,10 @@ def _gain_limit(problem: Problem, network: Network, claim: Claim) -> Hint | None
     enough = _first(FACTORS, lambda factor: is_designed(problem, network, claim, factor * limit))
     if enough is None:
         return None
+    smaller = ", or make [agent.domain] smaller, which asks for less" if problem.agent().domain else ""
     return (
         f"; [design] gain_limit = {limit:g} is what blocks: with {enough * limit:g} there is a certified design;"
-        " raise gain_limit",
+        f" raise gain_limit{smaller}",
         {"cause": "gain_limit", "sufficient_gain_limit": enough * limit},
     )
 
