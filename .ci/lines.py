@@ -52,6 +52,7 @@ LATER = {
         [f"lmi/lockstep/lmi/analysis/{name}.py" for name in ("by_frequencies", "p_norm")],
         220,  # 190 before the p-norm without eigenvectors, which the search of small loops shares
     ),
+    "agents left alone, beside a design": (["lmi/lockstep/lmi/diagnosis/alone.py"], 20),
     "a search on a cluster": (["lmi/lockstep/lmi/cluster.py"], 60),
     "gains and one P together": (
         ["lmi/lockstep/lmi/methods/bilinear.py", "lmi/lockstep/lmi/methods/modal_together.py"],

@@ -25,7 +25,7 @@ def run(path: Path, output: Path, **options: Any) -> Answer:
     report = document["report"]
     said = [f"{output / report}: the report" if report else "nothing is written", *found.problems]
     parts = [
-        check_table(found.checks, found.design.title),
+        check_table(found.checks, f"{found.design.title}: what is to be noted", brief=True),
         summary(document["design"]),
         verify_table(found.verified),
         Text("\n".join(said), style="bold"),

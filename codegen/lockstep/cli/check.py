@@ -31,14 +31,16 @@ def run(path: Path, *, boxes: int | None, every: bool, messages: bool) -> Answer
     return Answer(report.document(), table_of(report, problem.title, every=every), report.ok)
 
 
-def table_of(report: "CheckReport", title: str, *, every: bool = False) -> RenderableType:
+def table_of(
+    report: "CheckReport", title: str, *, every: bool = False, brief: bool = False
+) -> RenderableType:
     """Return the checks as a table: what was found, and under it, where that is not well or `every` check is asked for, why
-    it matters; and, of every check, what was proved."""
+    it matters; and, of every check, what was proved. A `brief` one leaves out what is well."""
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("check", no_wrap=True)
     table.add_column("verdict", no_wrap=True)
     table.add_column("found", overflow="fold")
-    for row in report.rows:
+    for row in [row for row in report.rows if not brief or row.verdict != "ok"]:
         why = f"\n{row.reason}" if every or row.verdict != "ok" else ""
         said = Text(row.figure).append(why, style="dim")
         table.add_row(row.name, Text(row.verdict, style=STYLES[row.verdict]), said)

@@ -77,7 +77,8 @@ def proved_besides(
         content: of a design, as `Design.document` has it.
         proves: whether a claim, by its name in the checker, is proved.
     """
-    floor, decay, limits = (content.get(key) for key in ("floor", "decay", "limits"))
+    floor, decay = content.get("floor"), content.get("decay")
+    radius = (content.get("limits") or {}).get("radius")
     slopes = [
         f"{x['bound']:.6g} of phi{x['component']} by v{x['argument']}" for x in content.get("entries", ())
     ]
@@ -89,19 +90,14 @@ def proved_besides(
             "controllers stable",
             content.get("controllers_stable") and "yes, each by itself",
         ),
-        "limits": (
-            "no limit met",
-            limits
-            and "radius" in limits
-            and f"from a disagreement of at most {limits['radius']:.6g}, at rest",
-        ),
+        "limits": ("no limit met", radius and f"from a disagreement of at most {radius:.6g}, at rest"),
     }
     return {name: said for claim, (name, said) in rows.items() if said and proves(claim)}
 
 
 def summary(content: Mapping[str, Any]) -> RenderableType:
     """Return what was designed and proved, for people."""
-    figures = content["figures"]
+    figures, alone = content["figures"], content["figures"].get("rho_alone")
     fragility = ", ".join(f"{letter} {delta:g}" for letter, delta in content["fragility"].items() if delta)
     return two_columns(
         content["title"],
@@ -112,6 +108,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             **proved_besides(content),
             "gain uncertainty": fragility or "none is asked for",
             **_where(content),
+            **({"without control": f"rho {alone:.4g}, with u = 0 (computed)"} if alone else {}),
             "gain norms": ", ".join(f"{norm:.4g}" for norm in figures["gain_norms"]),
             "sampled": sampled_text(content["sampled"]),
             **messages_row(content),

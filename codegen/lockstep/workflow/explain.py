@@ -318,5 +318,5 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
         "compared",
         "The compiled code is compared with its reference bit by bit (`lockstep verify`), not proved.",
     )
-    for name in answer.get("not_proved", ()):
-        yield Statement(name, "not proved", "A file of the folder that the proof does not speak of.")
+    if beside := ", ".join(answer.get("not_proved", ())):
+        yield Statement("other files", "not proved", f"The proof does not speak of {beside}.")

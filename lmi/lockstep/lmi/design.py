@@ -236,13 +236,14 @@ def given_gains(problem: Problem) -> Gains:
 
 
 def _searched(problem: Problem, network: Network, bound: Bound, claim: Claim, effort: _Effort) -> Proposal:
+    from lockstep.lmi.diagnosis.alone import rho_alone
     from lockstep.lmi.methods.certified import searched
     from lockstep.lmi.sampled.descending.score import SampledScore
 
     jobs, tell, time_limit, stop, explain = effort
     score = SampledScore.of(problem, network, claim)
     found = searched(problem, network, claim, jobs, tell, time_limit, score, stop, explain=explain)
-    figures = found.figures | _figures(network, found.gains)
+    figures = found.figures | _figures(network, found.gains) | {"rho_alone": rho_alone(network, found.claim)}
     floor = stop.optional(
         lambda: _floor(problem, network, found.claim, found.certificate.rho, tell), otherwise=None
     )

@@ -1,0 +1,28 @@
+"""Agents without controllers, beside the design for them."""
+
+import pytest
+from lmi_cases import problem
+
+from lockstep.lmi.design import claim_of, proved_bound
+from lockstep.lmi.diagnosis.alone import rho_alone
+from lockstep.model.assembly import network_of
+
+
+def alone(dynamics: str, order: int) -> float | None:
+    posed = problem(
+        dynamics={"x": dynamics}, outputs={"y": "x"}, network='agents = 2\ntopology = "path"',
+        design=f"order = {order}\nfragility = {{ D = 0.1 }}", agent="centre = false",
+    )  # fmt: skip
+    bound = proved_bound(posed)
+    return rho_alone(network_of(posed, bound), claim_of(posed, bound))
+
+
+@pytest.mark.parametrize("order", [0, 1])
+def test_the_gain_of_agents_left_alone(order: int) -> None:
+    """x_d' = -2 x_d + phi_d + xi_d with |phi_d| <= 0.5 |x_d|: rho = 1 / (2 - 0.5), whatever the controllers would be."""
+    assert alone("-2*x + 0.5*sin(x) + u", order) == pytest.approx(1 / 1.5, rel=1e-4)
+
+
+def test_agents_that_do_not_agree_by_themselves_have_none() -> None:
+    assert alone("0.5*sin(x) + u", 0) is None
+    assert alone("-0.4*x + 0.5*sin(x) + u", 0) is None, "the slope 0.5 takes it to the right"
