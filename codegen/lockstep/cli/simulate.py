@@ -83,15 +83,13 @@ def _tables(found: "Simulation", plot: str) -> RenderableType:
         residual = of["residual"]
         proved = residual and f"; in the end at most {residual:.4g} apart, which is proved{less}"
         rows["send on change"] = f"{of['saved']:.1%} of the messages saved ({of['sent']} sent){proved or ''}"
-    # Three digits and folded cells: in 80 columns a figure that is cut says nothing.
-    headings = ("agent", "ISE", "IAE", "ITSE", "ITAE", "of u: ISE", "IAE", "ITSE", "ITAE")
-    cells = []
-    pairs = zip(indices(trajectory), effort_indices(trajectory), strict=True)
-    for i, (error, effort) in enumerate(pairs, start=1):
-        figures = [*error.document().values(), *effort.document().values()]
-        cells.append((f"{trajectory.agent}{i}", *map(_short, figures)))
-    of_each = table(headings, cells, pad_edge=False, collapse_padding=True)
-    parts: list[RenderableType] = [two_columns(found.design.title, rows), of_each]
+    # Two tables of three digits: in 80 columns a figure that is cut says nothing.
+    headings, style = ("agent", "ISE", "IAE", "ITSE", "ITAE"), {"pad_edge": False, "collapse_padding": True}
+    parts: list[RenderableType] = [two_columns(found.design.title, rows)]
+    for title, each in (("disagreement", indices(trajectory)), ("inputs", effort_indices(trajectory))):
+        figures = [map(_short, one.document().values()) for one in each]
+        cells = [(f"{trajectory.agent}{i}", *some) for i, some in enumerate(figures, start=1)]
+        parts.append(table(headings, cells, title, **style))
     return Group(*parts, *([Text.from_ansi(plot)] if plot else []))
 
 
