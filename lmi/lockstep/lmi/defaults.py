@@ -66,12 +66,12 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
             said.pop("search_decay" if key == "decay" else key, None)
     low = said["gain_limit"]
     yield Wishes(_with(problem, said), "")
-    yield Wishes(_with(problem, said | {"gain_limit": high}), f"none within gain_limit {low:g}")
+    yield Wishes(_with(problem, said | {"gain_limit": high}), f"none found within gain_limit {low:g}")
     if said.pop("stable_controllers", None) or "search_decay" in said:
         said.pop("search_decay", None)
         yield Wishes(
             _with(problem, said | {"gain_limit": high}),
-            f"none within gain_limit {low:g}, and none with stable controllers and a decay within {high:g}",
+            f"none found within gain_limit {low:g}, and none with stable controllers and a decay within {high:g}",
         )
 
 
