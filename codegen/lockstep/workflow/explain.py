@@ -126,7 +126,7 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
         " no larger slopes is covered too.",
     )
     if claims.floor is not None and found.verdict.proves("floor"):
-        more = "" if rho is None else f": this design is {100 * (rho / claims.floor - 1):.3g} % above it"
+        more = "" if rho is None else f": this design has {rho / claims.floor:.3g} times as much"
         yield Statement(
             "floor of rho",
             f"{claims.floor:.6g}",
