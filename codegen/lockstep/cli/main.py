@@ -76,6 +76,7 @@ MOST_RUNS = 2**31 - 1
 """Runs are counted in a machine word."""
 
 _option = partial(typer.Option, show_default=False)
+_output = partial(_option, "-o", "--output")
 
 _IMAGE = "One image for all nodes, their neighbours given at run time; or C for each agent."
 
@@ -87,25 +88,19 @@ DesignFile = Annotated[
     Path,
     typer.Argument(metavar="DESIGN", help="A design file, or a folder that holds one.", show_default=False),
 ]
-Folder = Annotated[Path, _option("-o", "--output", help="The folder to write.")]
+Folder = Annotated[Path, _output(help="The folder to write.")]
 Jobs = Annotated[
     int | None, typer.Option(min=1, help="Processes to search with.", show_default="one per core")
 ]
 
 TradeOff = Annotated[
-    Path | None,
-    _option(
-        metavar="DIR", help="What rho costs, proved (JSON, CSV, PNG, SVG); FILE.csv: rho for each alpha."
-    ),
+    Path | None, _option(metavar="DIR", help="What rho costs, proved; FILE.csv: rho for each alpha.")
 ]
 Against = Annotated[list[Path] | None, _option(help="A file with gains of these agents, shown there.")]
 
 TimeLimit = Annotated[
     float | None,
-    _option(
-        min=0.01,
-        help="Seconds to search for gains; then the best certified ones so far, which depend on the machine.",
-    ),
+    _option(min=0.01, help="Seconds to search; then the best so far: other machines get others."),
 ]
 
 Fresh = Annotated[
@@ -127,7 +122,7 @@ def init(
     field: Annotated[
         str, typer.Argument(metavar="[FIELD]", help="arms, platoon, rooms, ...", show_default="to fill in")
     ] = "blank",
-    output: Annotated[Path | None, _option("-o", "--output", help="The file to write.")] = None,
+    output: Annotated[Path | None, _output(help="The file to write.")] = None,
     json: Json = False,
 ) -> None:
     """Begin a commented problem file."""
@@ -140,15 +135,10 @@ def init(
 def check(
     problem: ProblemFile,
     boxes: Annotated[
-        int | None,
-        _option(min=1, help="Budget of the proof of the bound, in boxes; then the best enclosure so far."),
+        int | None, _option(min=1, help="Boxes for the proof of the bound; then the best enclosure so far.")
     ] = None,
     every: Annotated[
-        bool,
-        typer.Option(
-            "--all",
-            help="Also the checks that prove: equilibria, sectors, passivity, contraction, ranks, units.",
-        ),
+        bool, typer.Option("--all", help="Also equilibria, sectors, passivity, contraction, ranks and units.")
     ] = False,
     messages: Annotated[
         bool, typer.Option("--messages", help="Of a design: which losses and delays it carries.")
@@ -164,7 +154,7 @@ def check(
 @app.command()
 def design(
     problem: ProblemFile,
-    output: Annotated[Path | None, _option("-o", "--output", help="Where to write the design.")] = None,
+    output: Annotated[Path | None, _output(help="Where to write the design.")] = None,
     trade_off: TradeOff = None,
     against: Against = None,
     time_limit: TimeLimit = None,
@@ -270,9 +260,7 @@ def verify(
 @app.command()
 def simulate(
     design: DesignFile,
-    output: Annotated[
-        Path | None, _option("-o", "--output", help="Where to write the trajectory (CSV).")
-    ] = None,
+    output: Annotated[Path | None, _output(help="Where to write the trajectory (CSV).")] = None,
     controllers: Annotated[
         str | None,
         typer.Option(
@@ -302,12 +290,7 @@ def simulate(
     ] = None,
     integrator: Annotated[str, typer.Option(help='"rk4" or "adaptive".')] = "rk4",
     send_on_change: Annotated[
-        float | None,
-        _option(
-            min=0.0,
-            metavar="C",
-            help="An agent sends where an output has changed by more than C since it sent.",
-        ),
+        float | None, _option(min=0.0, metavar="C", help="Send where an output has changed by more than C.")
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Plot in the terminal.")] = False,
     figures: Annotated[
@@ -326,10 +309,7 @@ def simulate(
     ] = None,
     faults: Annotated[
         str | None,
-        _option(
-            metavar="LIST",
-            help="The campaign is of messages that such a network loses or delays: loss=0.5,delay=0:5,burst=5, ...",
-        ),
+        _option(metavar="LIST", help="Of a campaign: messages lost or late, loss=0.5,delay=0:5, ..."),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -369,9 +349,7 @@ def reproduce(
     names: Annotated[
         list[str] | None, typer.Argument(metavar="[CLAIM]...", help="Claims by name.", show_default="all")
     ] = None,
-    output: Annotated[
-        Path | None, _option("-o", "--output", help="Where to write the page (Markdown).")
-    ] = None,
+    output: Annotated[Path | None, _output(help="Where to write the page (Markdown).")] = None,
     figures: Annotated[
         Path | None, _option(help="Make Section 4's figures and table in this folder instead.", metavar="DIR")
     ] = None,
