@@ -24,7 +24,6 @@ from lockstep.lmi.methods.modal import segment_ends
 from lockstep.lmi.sampled.descending.improve import StartingGains
 from lockstep.lmi.search import GainSearch, Polished, Score, SearchResult, search_gains
 from lockstep.lmi.search.fastest import raised_decay
-from lockstep.lmi.search.interior import BarrierPoint
 from lockstep.lmi.search.likely import likely
 from lockstep.lmi.search.modes import ModalSearch, representative
 from lockstep.lmi.search.start import Climbed
@@ -37,9 +36,6 @@ from lockstep.model.problem import Problem
 HELD = (0.4, 0.7, 1.0)
 """Parts of the decay asked for that the search holds with the P of rho, one after the other: with a P of its own the
 decay of its gains is often twice as fast."""
-
-SPOILT = 1.05
-"""Times a rho that the descent came to, above which the rho of what ships best is no match for it."""
 
 FORGOTTEN = 100
 """Periods within which a controller that is to be stable by itself forgets all but 1/e of its state."""
@@ -132,12 +128,8 @@ def searched(
             except NotCertified as error:
                 refused = error
             else:
-                others = [start_of(other, search) for other in found.outcomes if other is not one]
-                ends = (start_of(end.last, search) for end in found.outcomes if end.last is not None)
-                lowest = min(ends, key=lambda end: end.rho, default=None)
-                # Gains with a far smaller rho that the period spoils: a design for it begins with them.
-                first = [lowest] if lowest is not None and SPOILT * lowest.rho < one.rho else []
-                return replace(proved, others=(*first, *others))
+                others = (start_of(other, search) for other in found.outcomes if other is not one)
+                return replace(proved, others=tuple(others))
     if not explain:
         raise refused
     tell("looking for what is in the way", 1.0)
@@ -230,10 +222,9 @@ def _improved(
     return replace(found, gains=gains, certificate=certificate)
 
 
-def start_of(found: Polished | BarrierPoint, search: GainSearch) -> StartingGains:
-    """Return where a design for the period starts from gains with a certificate in the units of the search."""
-    c = search.units.certificate(found.certificate)
-    return StartingGains(found.K, c.m, c.rho)
+def start_of(outcome: Polished, search: GainSearch) -> StartingGains:
+    """Return where a design for the period starts from an outcome."""
+    return StartingGains(outcome.K, search.units.certificate(outcome.certificate).m, outcome.rho)
 
 
 def _proved(

@@ -25,6 +25,9 @@ they were drawn, are pursued one after the other, until one has a certificate.""
 SETTLED = 0.002
 """The part of rho that a stride has to gain when the best outcome is polished to its end."""
 
+SPOILT = 1.05
+"""Times the least rho of all starts, above which the sampled rho of the best one is: that start is pursued as well."""
+
 LOST = 1.3
 """A period with which the best start has a rho that is above the least one by more than this makes it worth while to
 begin from gains made for the late loop."""
@@ -87,18 +90,17 @@ def search_gains(
     further += promising[len(further) :]
     further.sort(key=lambda one: one.rank)
     unheld = list[StartResult]()
-    if (
-        search.lag
-        and further
-        and further[0].sampled > LOST * search.units.rho * min(one.at.rho for one in further)
-    ):
-        # A design for the period may begin with gains that do not survive it, and end below those that do.
-        unheld = [min(further, key=lambda one: one.at.rho)]
+    if search.lag and further:
+        # A design for the period may begin with gains that the period spoils, and end below those that it does not.
+        lowest = min([*further, *finite], key=lambda one: one.at.rho)
+        unheld = [lowest] if further[0].sampled > SPOILT * search.units.rho * lowest.at.rho else []
+    if unheld and further[0].sampled > LOST * search.units.rho * min(one.at.rho for one in further):
         held = cores.run((0.6, 0.6), hold, [(search, score, one, deadline) for one in further], deadline)
         further = held + further[len(held) :]
         further.sort(key=lambda one: one.rank)
     stable = [one for one in drawn if one.abscissa < 0]
-    pursued = (further or (stable[:1] if eliminates else stable))[:starts] + unheld
+    pursued = (further or (stable[:1] if eliminates else stable))[:starts]
+    pursued += [one for one in unheld if all(one is not other for other in pursued)]
     if eliminates and further:
         # As they were before they were taken next to the maximum, where certificates are hard to find.
         pursued += [one for one in finite if one.rank not in {other.rank for other in further}]

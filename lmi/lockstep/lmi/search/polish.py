@@ -38,7 +38,7 @@ class Polished:
     index: of the start;  K: in the units of the file;  certificate: in those of the search;  rho: in those of the
     file;  sampled: the larger of rho and that of the sampled loop in doubles, which knows no gain errors;  history:
     the least rho after each stride;  alpha: the largest one reached, as a multiple of the claim's, where that was the
-    aim;  cut: whether the deadline ended it;  last: where the descent on rho ended, whatever the period makes of it.
+    aim;  cut: whether the deadline ended it.
     """
 
     index: int
@@ -49,7 +49,6 @@ class Polished:
     history: tuple[float, ...]
     alpha: float = 0.0
     cut: bool = False
-    last: BarrierPoint | None = None
 
     @property
     def rank(self) -> tuple[float, float, float, int]:
@@ -97,7 +96,7 @@ def polished(
         if idle == 2 or gained == 0 or new.sampled > WORSE * best.sampled:
             break
         length = LONG
-    best = replace(best, cut=deadline.over, last=point)
+    best = replace(best, cut=deadline.over)
     return best if rho is None else _with_alpha_raised(search, best, rho, deadline)
 
 
