@@ -61,11 +61,9 @@ def largest_clipped_radius(
     if one is None or not np.isfinite(limits).any():
         return None
     spread, least = 1 - spectral_radius(loop, one) ** 2, 0.0 if unclipped is None else unclipped[0]
-    steps: tuple[float, ...] = STEPS if loop.n_xi <= SOME_STATES else STEPS[:-2]
-    exponent = 0.0
+    exponent: float | None = None
     for rate in RATES if spread > 0 and not is_large(loop) else ():
-        found, exponent = _scanned(loop, one, limits, 1 - rate * spread, exponent, steps)
-        steps = steps[-1:]
+        found, exponent = _scanned(loop, one, limits, 1 - rate * spread, exponent)
         for gamma, start in found:
             for candidate in _priced(loop, one, start):
                 for part in KEPT:
@@ -86,10 +84,12 @@ def _scanned(
     one: Lifted,
     limits: Float[np.ndarray, " m"],
     decay: float,
-    exponent: float,
-    steps: tuple[float, ...],
+    near: float | None,
 ) -> tuple[list[Found], float]:
-    """Return gamma and a witness for each tau tried, the least gamma first, and the exponent of its tau."""
+    """Return gamma and a witness for each tau tried, the least gamma first, and the exponent of its tau.
+
+    near: the exponent that served another decay: only next to it is looked, if it serves this one.
+    """
     tried: dict[float, Found | None] = {}
 
     def gamma(at: float) -> float:
@@ -100,7 +100,12 @@ def _scanned(
         found = tried[at]
         return np.inf if found is None else found[0]
 
-    best = exponent if np.isfinite(gamma(exponent)) else MOST
+    steps: tuple[float, ...] = STEPS if loop.n_xi <= SOME_STATES else STEPS[:-2]
+    best = near or 0.0
+    if not np.isfinite(gamma(best)):
+        best = MOST
+    elif near is not None:
+        steps = steps[-1:]
     for step in steps:
         # Where one way lowers gamma the other does not: it falls with tau, until no P is left.
         for way in (-step, step):
