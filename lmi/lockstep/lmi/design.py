@@ -243,7 +243,8 @@ def _searched(problem: Problem, network: Network, bound: Bound, claim: Claim, ef
     jobs, tell, time_limit, stop, explain = effort
     score = SampledScore.of(problem, network, claim)
     found = searched(problem, network, claim, jobs, tell, time_limit, score, stop, explain=explain)
-    figures = found.figures | _figures(network, found.gains) | {"rho_alone": rho_alone(network, found.claim)}
+    alone = stop.optional(lambda: rho_alone(network, found.claim), otherwise=None)
+    figures = found.figures | _figures(network, found.gains) | {"rho_alone": alone}
     floor = stop.optional(
         lambda: _floor(problem, network, found.claim, found.certificate.rho, tell), otherwise=None
     )
