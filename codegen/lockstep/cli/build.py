@@ -25,7 +25,7 @@ def run(path: Path, output: Path, **options: Any) -> Answer:
     report = document["report"]
     said = [f"{output / report}: the report" if report else "nothing is written", *found.problems]
     parts = [
-        check_table(found.checks, f"{found.design.title}: what is to be noted", brief=True),
+        check_table(found.checks, "What is to be noted of the model", brief=True),
         summary(document["design"]),
         verify_table(found.verified),
         Text("\n".join(said), style="bold"),

@@ -36,11 +36,14 @@ def table_of(
 ) -> RenderableType:
     """Return the checks as a table: what was found, and under it, where that is not well or `every` check is asked for, why
     it matters; and, of every check, what was proved. A `brief` one leaves out what is well."""
+    rows = [row for row in report.rows if not brief or row.verdict != "ok"]
+    if not rows:
+        return Text(f"{title}: nothing")
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("check", no_wrap=True)
     table.add_column("verdict", no_wrap=True)
     table.add_column("found", overflow="fold")
-    for row in [row for row in report.rows if not brief or row.verdict != "ok"]:
+    for row in rows:
         why = f"\n{row.reason}" if every or row.verdict != "ok" else ""
         said = Text(row.figure).append(why, style="dim")
         table.add_row(row.name, Text(row.verdict, style=STYLES[row.verdict]), said)

@@ -36,7 +36,7 @@ class TimeLeft:
         """Take note of what is being done, and the part of it that is done; what follows a colon is a detail of a phase."""
         now = self._clock()
         phase = what.partition(":")[0]
-        if phase != self._what or part < self._from:
+        if phase != self._what or part < self._part:
             self._what, self._began, self._from = phase, now, part
         self._part, self._told = part, now
 

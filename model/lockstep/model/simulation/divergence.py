@@ -32,7 +32,7 @@ def check_bounded(
         return
     k, i, j = (int(index) for index in np.argwhere(gone)[0])
     k += len(t) - len(gone)
-    left = left_domain(t[: k + 1], x[: k + 1], agent)
+    left = left_domain(t[:k], x[:k], agent)
     raise Diverged(
         f"the loop diverges: {agent.states[j]} of {agent.name}{i + 1} is beyond {BEYOND:g} at t = {t[k]:.6g} s"
         + (f"; {left}" if left else ""),

@@ -10,7 +10,6 @@ limited, written to the design file and sampled again as any other gains are. Wh
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -126,7 +125,10 @@ def improved(
     """
     best: SampledCandidate | None = None
     for index, start in enumerate(starts):
-        part = partial(_tell_part, tell, index, len(starts))
+
+        def part(done: float, index: int = index) -> None:
+            tell((index + done) / len(starts))
+
         part(0.0)
         limits = [kept * start.rho for kept in RHO_KEPT] if rho_most is None else [rho_most]
         pursued = next((found for limit in limits if (found := _pursued(at, start, limit, part))), None)
@@ -136,10 +138,6 @@ def improved(
         if best is not None and best.rho <= enough:
             break
     return best
-
-
-def _tell_part(tell: Callable[[float], None], index: int, count: int, part: float) -> None:
-    tell((index + part) / count)
 
 
 def _pursued(
