@@ -112,6 +112,7 @@ def test_c_that_is_not_the_designs_is_no_proof(
         (("problem", "agent", "domain"), [1]),
         (("problem", "network", "parameters"), [{}, {"gravity": 3.4}, {}]),
         (("format",), "lockstep-design/1"),
+        (("problem", "network", "edges", 0, 0), 10**30),
         (("proofs", "bound", "boxes"), True),
         (("proofs", "bound", "moves"), [{"component": 1, "argument": 1, "amount": "1/0"}]),
         (("proofs", "sampled", "P"), [[1.0], []]),

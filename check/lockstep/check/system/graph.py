@@ -213,7 +213,7 @@ def _edge(agents: int, k: int, edge: Sequence[int | float]) -> tuple[int, int, f
     where, shown = "[network] edges", f"edge {k}, {_shown(edge)},"
     form = "[listener, source] or [listener, source, weight]"
     demand(len(edge) in (2, 3), f"{shown} has {len(edge)} numbers", where, form)
-    whole = all(np.isfinite(end) and not isinstance(end, bool) and end == int(end) for end in edge[:2])
+    whole = all(_is_whole(end) for end in edge[:2])
     demand(whole, f"{shown} does not name two agents", where, "whole numbers")
     i, j = int(edge[0]), int(edge[1])
     remedy = "agents count from 1" if 0 in (i, j) else f"`agents` is {agents}: raise it for more"
@@ -224,6 +224,12 @@ def _edge(agents: int, k: int, edge: Sequence[int | float]) -> tuple[int, int, f
     positive = np.isfinite(weight) and weight > 0
     demand(positive, f"{shown} has the weight {weight}", where, "a finite weight above 0")
     return i - 1, j - 1, weight
+
+
+def _is_whole(end: int | float) -> bool:
+    if isinstance(end, float):
+        return end.is_integer()
+    return isinstance(end, int | np.integer) and not isinstance(end, bool)
 
 
 def _shown(edge: Sequence[int | float]) -> str:
