@@ -117,9 +117,9 @@ def test_headings_and_tables_are_ordered_and_named(page):
     assert page.all("html")[0]["lang"] == "en"
 
 
-def test_the_three_lines_are_the_manifests(page, files, report):
+def test_the_four_lines_are_the_manifests(page, files, report):
     certificate = json.loads(files["manifest.json"])["certificate"]
-    for key in ("proved", "assumes", "remains"):
+    for key in ("proved", "assumes", "remains", "where"):
         # A page names another line by its heading.
         line = certificate[key].replace("`limits`", "Limits")
         assert line in page.text

@@ -32,6 +32,8 @@ CONTINUOUS_ONLY = (
     "the continuous controller in real arithmetic; the sampled, rounded one of this folder is not covered yet"
 )
 
+WHERE = "not proved: agents in agreement move together, as one of them does with u = 0, behind a leader as it does"
+
 
 def specification(
     stored: Stored,
@@ -188,6 +190,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         "certified": True,
         "proof": "ball" if covered else "exact",
         **lines,
+        "where": WHERE,
         "scope": scope,
         "rho": claims.rho,
         **({"rho_sampled": sampled.rho or "not proved"} if covered else {}),

@@ -126,7 +126,8 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
         " no larger slopes is covered too.",
     )
     if claims.floor is not None and found.verdict.proves("floor"):
-        more = "" if rho is None else f": this design has {rho / claims.floor:.3g} times as much"
+        ratio = 1.0 if rho is None else float(f"{rho / claims.floor:.3g}")
+        more = f": this design has {ratio:g} times as much" if ratio != 1 else ""
         yield Statement(
             "floor of rho",
             f"{claims.floor:.6g}",
