@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from lockstep.codegen.emission.emit import claims
 
 LINES = {"proved": "Proved", "covers": "Covered", "assumes": "Assumed", "remains": "What remains"}
-LINES |= {"where": "Where to", "messages": "Messages", "formation": "Formation", "leader": "Leader", "decay": "Decay"}
-LINES |= {"controllers": "Controllers", "limits": "Limits"}
+LINES |= {"where": "Where to", "messages": "Messages", "formation": "Formation", "leader": "Leader"}
+LINES |= {"decay": "Decay", "controllers": "Controllers", "limits": "Limits"}
 LINES |= {"limits_gain": "Limits, disturbed", "clipped": "Clipped inputs"}
 """Keys of the manifest's certificate, which `lockstep.codegen.from_design` fills."""
 
