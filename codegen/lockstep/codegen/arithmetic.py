@@ -1,6 +1,5 @@
 """The target's real type: rounding to it, its C spelling, and literals that read back to the same bits."""
 
-import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,13 +35,19 @@ class RealType:
         return rounded_to(self.name, M, where)
 
     def decimal(self, value: float) -> str:
-        """Shortest decimal that reads back to the same bits, as a C literal without suffix.
+        """Shortest decimal that reads back to the same bits, as a C literal without suffix, whatever NumPy's own form of it.
 
         >>> RealType("float32").decimal(np.float32(0.1)), RealType("float64").decimal(1e22)
         ('0.1', '1e+22')
+        >>> [RealType("float32").decimal(x) for x in (1e6, 999999.0, -2.5e-5, 0.0)]
+        ['1e+06', '999999.0', '-2.5e-05', '0.0']
         """
-        text = str(self.dtype.type(value))
-        return text if re.search(r"[.e]", text) else f"{text}.0"
+        if self.name == "float64":
+            return repr(float(value))
+        x = np.float32(value)
+        if x == 0 or 1e-4 <= abs(float(x)) < 1e6:
+            return np.format_float_positional(x, trim="0")
+        return np.format_float_scientific(x, trim="-", exp_digits=2)
 
     def literal(self, value: float) -> str:
         """A literal of the target type: no arithmetic with it is ever done in double by accident.
