@@ -82,7 +82,9 @@ def run_dense(problem: "cp.Problem", near: float = ACCURATE) -> bool:
     x, iterations = _solution(data["A"], data["b"], data["c"], data["dims"], near)
     status = "NumericalError" if x is None else "Solved"
     value = None if x is None else float(data["c"] @ x)
-    answer = SimpleNamespace(x=x, z=None, status=status, obj_val=value, solve_time=0.0, iterations=iterations)
+    # No dual point is kept; cvxpy before 1.9.1 unpacks one all the same.
+    z = np.zeros(len(data["b"]))
+    answer = SimpleNamespace(x=x, z=z, status=status, obj_val=value, solve_time=0.0, iterations=iterations)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
