@@ -48,22 +48,11 @@ def kernels(session: nox.Session, kernel: str) -> None:
 
 @nox.session
 def lowest(session: nox.Session) -> None:
-    """Run the tests of designs and of the command with the lowest versions that are allowed."""
-    wanted = session.run("python", ".ci/lowest.py", silent=True)
-    session.install(*wanted.split(), "-e", ".[test]")
-    session.run(
-        "pytest",
-        "-q",
-        "-o",
-        "filterwarnings=default",
-        "-o",
-        "addopts=",
-        "-m",
-        "not slow",
-        "-n",
-        "auto",
-        *DESIGNS,
-    )
+    """Run all fast tests with the lowest versions that are allowed."""
+    extras = ("campaign", "docs", "fmu", "notebook", "toolchain", "test")
+    wanted = session.run("python", ".ci/lowest.py", *extras, silent=True)
+    session.install(*wanted.split(), "-e", ".[dev]")
+    session.run("pytest", "-q")
 
 
 @nox.session
