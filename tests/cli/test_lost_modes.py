@@ -118,5 +118,18 @@ def test_where_the_slopes_that_a_mode_needs_have_no_range_a_domain_is_asked_for(
     assert status == 2
     assert "give [agent.domain] of q, a box" in answer["error"]["remedy"], "the slope by h grows with q"
     assert run("check", "problem.toml", problem=boxed + "q = [0.0, 0.5]\n")[0] == 0
-    status, answer = run("check", "problem.toml", problem=text(PENDULUM, ("b",), 1))
+
+
+def test_a_mode_that_is_lost_only_where_slopes_are_around_zero_asks_for_a_domain(run):
+    """An angle whose rate alone is measured: sin(a) shows it near 0, and nowhere for certain without a domain."""
+    rate = text(PENDULUM, ("b",), 1)
+    status, answer = run("check", "problem.toml", problem=rate)
+    assert status == 2
+    assert "give [agent.domain], a box where the nonlinearity has slopes that are not around zero" in str(
+        answer
+    )
+    assert run("check", "problem.toml", problem=f"{rate}\n[agent.domain]\na = [-1.0, 1.0]\n")[0] == 0
+    # A part that no output shows, at the origin either: no domain would help.
+    status, answer = run("check", "problem.toml", problem=text(PENDULUM | {"w": "sin(w)"}, ("a", "b"), 1))
+    assert status == 2
     assert "[agent.domain]" not in answer["error"]["remedy"]

@@ -6,14 +6,15 @@ has to be stable, and nothing else is asked of it. The same holds of modes that 
 to them is a matter of the certificate.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
+import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.model.agents.agent import Agent
-from lockstep.model.control.pbh import controllability
+from lockstep.model.control.pbh import Controllability, Observability, controllability, observability
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.loop_transformation.centring import GROWING, NO_SLOPES
 
@@ -30,7 +31,7 @@ def check_assumptions(graph: Graph, agent: Agent, agents_B: Sequence[Float[np.nd
     if unstable is not None:
         found = f"(A, C) is not detectable: no output shows the mode at {_mode(unstable)}"
         expected = "outputs that show every mode that does not decay by itself"
-        remedy = f"{_unseen_slopes(agent)}measure one more state"
+        remedy = f"{_lost_slopes(agent, lambda A: observability(A, agent.lure.C))}measure one more state"
         raise ProblemError(found, where="[agent.outputs]", expected=expected, remedy=remedy)
     tested: list[np.ndarray] = []
     for k, B in enumerate(agents_B, start=1):
@@ -45,19 +46,27 @@ def _check_stabilisable(agent: Agent, k: int, B: Float[np.ndarray, "n m"]) -> No
         pair = "(A, B)" if (agent.lure.B == B).all() else f"(A, B_{k})"
         found = f"{pair} is not stabilisable: no input moves the mode at {_mode(unstable)}"
         expected = "inputs that move every mode that does not decay by itself"
-        remedy = f"{_unseen_slopes(agent)}add an input, or leave the state out"
+        remedy = f"{_lost_slopes(agent, lambda A: controllability(A, B))}add an input, or leave the state out"
         raise ProblemError(found, where="[agent.dynamics]", expected=expected, remedy=remedy)
 
 
-def _unseen_slopes(agent: Agent) -> str:
-    """Say where A may lack what phi does, as sqrt(x) or q/h without a domain, whose slopes have no middle to move into A."""
-    if agent.centring.reason not in (NO_SLOPES, GROWING):
+def _at_the_origin(agent: Agent) -> Float[np.ndarray, "n n"]:
+    """Return df/dx at x = 0, or A where there is none."""
+    lure, v = agent.lure, ca.SX.sym("v", len(agent.lure.H))
+    slopes = np.asarray(ca.evalf(ca.substitute(ca.jacobian(lure.phi(v, 0.0), v), v, ca.DM.zeros(v.shape))))
+    return lure.A + lure.G @ slopes @ lure.H if np.isfinite(slopes).all() else lure.A
+
+
+def _lost_slopes(agent: Agent, modes: Callable[..., Controllability | Observability]) -> str:
+    """Say where A may lack what phi does: sqrt(x) or q/h without a domain, whose slopes have no middle to move into A, or
+    sin(x), whose slopes are around zero on the whole line, though no mode is lost at the origin."""
+    free = ", ".join(x for x, sides in zip(agent.states, agent.box, strict=True) if np.isinf(sides).any())
+    finite = agent.centring.reason not in (NO_SLOPES, GROWING)
+    if finite and not (free and modes(_at_the_origin(agent)).unstable_eigenvalue is None):
         return ""
-    free = ", ".join(
-        state for state, sides in zip(agent.states, agent.box, strict=True) if np.isinf(sides).any()
-    )
     where = f" of {free}" if agent.domain else ""
-    return f"give [agent.domain]{where}, a box where the nonlinearity has finite slopes: their middle then counts in A; or "
+    slopes = "slopes that are not around zero" if finite else "finite slopes"
+    return f"give [agent.domain]{where}, a box where the nonlinearity has {slopes}: their middle then counts in A; or "
 
 
 def _mode(s: complex) -> str:
