@@ -317,3 +317,36 @@ def test_a_start_beyond_the_set_of_initial_states_is_said(root, run, tmp_path):
     near = tmp_path / "near.json"
     near.write_text(json.dumps(content))
     assert "initial states" not in run(near, "--horizon", 0.1).stdout
+
+
+def test_it_says_over_what_domain_and_inputs_went(folder, root, run, tmp_path):
+    """As the trajectory has it; where nothing disturbs there is no measured gain."""
+    design = root / "docs" / "gallery" / "designs" / "carts.json"
+    words = ("--horizon", 1.0, "--disturbance", "none", "-o", "run.csv")
+    said = run(design, *words)
+    with (tmp_path / "run.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    name, (low, high) = next(iter(json.loads(design.read_text())["problem"]["agent"]["domain"].items()))
+    reached = [float(row[f"cart{i}_{name}"]) for row in rows for i in (1, 2)]
+    assert f"{name} from {min(reached):.4g} to {max(reached):.4g} within {low:g} to {high:g}" in said.stdout
+    assert "measured gain" not in said.stdout
+    assert "written: run.csv" in said.stderr
+    said = run(folder, "--horizon", 0.1).stdout
+    assert "within -10 to 10" in said  # the arms' limits, and no domain
+    assert "\ndomain" not in said
+
+
+def test_the_worst_disturbance_of_a_local_design_is_one_that_the_proof_is_about(root, run):
+    """Larger ones drive the agents out of their domain, where nothing is proved to be held against."""
+    design = root / "docs" / "gallery" / "designs" / "carts.json"
+    found = answer(run(design, "--disturbance", "worst", "--horizon", 6, "--json"))
+    claimed = json.loads(design.read_text())["claims"]["initial_set"]
+    assert found["l2"]["covered"], found["l2"]["reason"]
+    assert 0 < found["l2"]["disturbance"] <= math.sqrt(claimed["energy"]) * (1 + 1e-9)
+    assert 0.3 < found["l2"]["ratio"] < 1
+
+
+def test_a_problem_file_is_told_from_a_design(examples, run):
+    result = run(examples / "flexible_joint_arms.toml")
+    assert result.exit_code == 2
+    assert "it is a problem file, not a design" in result.stderr

@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NoReturn
 
 import typer
@@ -64,6 +65,12 @@ def respond(as_json: bool, work: Callable[[], Answer]) -> None:
 def remark(said: str) -> None:
     """Say something beside the answer, on standard error."""
     errors.print(f"lockstep: {visible(said)}", markup=False)
+
+
+def wrote(*places: Path | None) -> None:
+    """Say which files and folders were written, on standard error; None stands for one that was not asked for."""
+    if said := ", ".join(str(place) for place in places if place is not None):
+        remark(f"written: {said}")
 
 
 def misused(message: str) -> int:

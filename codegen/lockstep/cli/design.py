@@ -6,7 +6,7 @@ from typing import Any
 
 from rich.console import RenderableType
 
-from lockstep.cli.console import Answer, progress_display, remark, two_columns
+from lockstep.cli.console import Answer, progress_display, remark, two_columns, wrote
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.messages import messages_row
 
@@ -24,6 +24,7 @@ def run(path: Path, output: Path | None, **options: Any) -> Answer:
         found = lockstep.design(path, output=output, **options, progress=tell, stop=stop)
     if found.reused:
         remark(REUSED)
+    wrote(output, options.get("trade_off"))
     said = found.document()
     survived = said.get("messages", {"certified": True})["certified"]
     return Answer(said, summary(said), found.sampled["certified"] is True and survived)
@@ -53,11 +54,13 @@ def _where(content: Mapping[str, Any]) -> dict[str, str]:
 
 def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
     """Return the row of what was asked for where the file names neither `weights` nor `gain_limit`."""
-    if "defaults" not in figures:
+    asked = figures.get("defaults")
+    if not asked:
         return {}
-    stable = ", stable controllers" if figures["defaults"].get("stable_controllers") else ""
-    said = f"gain_limit {figures['defaults']['gain_limit']:g}, a small weight on u{stable}"
-    return {"by default": "; ".join([said, *filter(None, [figures["defaults"].get("given_up")])])}
+    stable = ", stable controllers" if asked.get("stable_controllers") else ""
+    decay = f", a decay of {asked['search_decay']:g} 1/s" if "search_decay" in asked else ""
+    said = f"gain_limit {asked['gain_limit']:g}, small weights on u, small noise{stable}{decay}"
+    return {"by default": "; ".join(filter(None, [said, asked.get("given_up")]))}
 
 
 def _cut(figures: Mapping[str, Any]) -> dict[str, str]:

@@ -292,7 +292,9 @@ def simulate(
     send_on_change: Annotated[
         float | None, _option(min=0.0, metavar="C", help="Send where an output has changed by more than C.")
     ] = None,
-    plot: Annotated[bool, typer.Option("--plot", help="Plot in the terminal.")] = False,
+    plot: Annotated[
+        bool, typer.Option("--plot", help="Plot in the terminal; into files: `--figures`.")
+    ] = False,
     figures: Annotated[
         Path | None, _option(help="Draw the run as PNG and PDF in this folder.", metavar="DIR")
     ] = None,

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from lockstep.cli.console import Answer, errors, progress_display, table, two_columns
+from lockstep.cli.console import Answer, errors, progress_display, table, two_columns, wrote
 from lockstep.workflow.runs.simulate_options import Many, Options, conflict
 
 if TYPE_CHECKING:
     from lockstep.model.simulation import Trajectory
-    from lockstep.verification.closed_loop.measured import Measured
     from lockstep.workflow.runs.simulate import Simulation
 
 
@@ -45,6 +44,7 @@ def _simulate(path: Path, output: Path | None, options: Options, *, as_json: boo
     plotted = asked.pop("plot")
     with progress_display() as tell:
         found = lockstep.simulate(path, **asked, output=output, progress=tell)
+    wrote(output, options.figures)
     plot = _plotted(found.trajectory, as_json) if plotted else ""
     return Answer(found.document(), _tables(found, plot), found.ok)
 
@@ -64,28 +64,9 @@ def _tables(found: "Simulation", plot: str) -> RenderableType:
     from lockstep.model.simulation import effort_indices, indices
 
     trajectory = found.trajectory
-    d = trajectory.disagreement()
-    rows = {
-        "controllers": found.controllers,
-        "disturbance": found.disturbance,
-        "disagreement": f"{d[0]:.4g} at the start, {d[-1]:.4g} after {trajectory.horizon:g} s",
-        "measured gain": _gain_text(found.measured),
-    } | found.remarks()
-    if trajectory.faults:
-        rows["faults"] = f"{trajectory.faults} steps with a status other than OK or CLIPPED"
-    if trajectory.clipped:
-        rows["clipped"] = f"{trajectory.clipped} controller steps met a limit of an input"
-    if found.messages:
-        of = found.messages
-        besides = {"disturbances": trajectory.xi.any(), "clipped inputs": trajectory.clipped}
-        without = " and ".join(what for what, there in besides.items() if there)
-        less = f" without {without} (this run has them)" if without else ""
-        residual = of["residual"]
-        proved = residual and f"; in the end at most {residual:.4g} apart, which is proved{less}"
-        rows["send on change"] = f"{of['saved']:.1%} of the messages saved ({of['sent']} sent){proved or ''}"
     # Two tables of three digits: in 80 columns a figure that is cut says nothing.
     headings, style = ("agent", "ISE", "IAE", "ITSE", "ITAE"), {"pad_edge": False, "collapse_padding": True}
-    parts: list[RenderableType] = [two_columns(found.design.title, rows)]
+    parts: list[RenderableType] = [two_columns(found.design.title, found.rows())]
     for title, each in (("disagreement", indices(trajectory)), ("inputs", effort_indices(trajectory))):
         figures = [map(_short, one.document().values()) for one in each]
         cells = [(f"{trajectory.agent}{i}", *some) for i, some in enumerate(figures, start=1)]
@@ -101,11 +82,3 @@ def _short(value: float) -> str:
     """
     mantissa, _, exponent = f"{value:.3g}".partition("e")
     return f"{mantissa}e{int(exponent)}" if exponent else mantissa
-
-
-def _gain_text(found: "Measured") -> str:
-    if not found.covered or found.ratio is None:
-        return f"not held against a proof: {found.reason}" if found.reason else "nothing came in"
-    share = f"{100 * found.ratio:.4g} % of what rho = {found.rho:.4g} allows"
-    gain = "" if found.gain is None else f"{found.gain:.4g}, "
-    return f"{gain}{share}" if found.holds else found.excess

@@ -71,6 +71,15 @@ class Measured:
         return not self.covered or self.ratio is None or self.ratio <= 1 + self.off
 
     @property
+    def text(self) -> str:
+        """How the run compares with the promise."""
+        if not self.covered or self.ratio is None:
+            return f"not held against a proof: {self.reason}" if self.reason else "nothing came in"
+        share = f"{100 * self.ratio:.4g} % of what rho = {self.rho:.4g} and the start allow"
+        gain = "" if self.gain is None else f"{self.gain:.4g}, "
+        return f"{gain}{share}" if self.holds else self.excess
+
+    @property
     def excess(self) -> str:
         """What a run above the promise comes to."""
         above = 100 * ((self.ratio or 0) - 1)

@@ -1,10 +1,13 @@
 """The nonlinear closed loop in time, against what is proved of it."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
+
+import numpy as np
 
 from lockstep.check.errors import demand
 from lockstep.lmi.initial import below
@@ -102,8 +105,6 @@ class Simulation:
 
     def of_each(self) -> dict[str, Any]:
         """Return the figures of each agent: `indices`, `effort`, `largest_input`."""
-        import numpy as np
-
         from lockstep.model.simulation import effort_indices, indices
 
         trajectory = self.trajectory
@@ -113,22 +114,58 @@ class Simulation:
             "largest_input": [float(np.abs(trajectory.u[:, i]).max()) for i in range(trajectory.N)],
         }
 
-    def remarks(self) -> dict[str, str]:
-        """Return what is to be told of the run besides, by a word for it."""
-        problem, claimed = self.design.stored.problem, self.design.stored.claims.initial_set
-        said, d = dict[str, str](), float(self.trajectory.disagreement()[0])
-        if claimed is not None and d > claimed.radius:
-            said["initial states"] = (
-                f"{d:.4g} from agreement; that all agents stay in their domain is proved from {below(claimed.radius)},"
+    def rows(self) -> dict[str, str]:
+        """Return what is to be told of the run, for people, by a word for each."""
+        trajectory, found, problem = self.trajectory, self.measured, self.design.problem
+        d = trajectory.disagreement()
+        rows = {
+            "controllers": self.controllers,
+            "disturbance": f"{self.disturbance}, |xi_d| = {found.input:.4g} in L2",
+            "disagreement": f"{d[0]:.4g} at the start, {d.max():.4g} at most, {d[-1]:.4g} after {trajectory.horizon:g} s",
+            "measured gain" if found.gain else "against rho": found.text,
+            **self._ranges(),
+        }
+        claimed = self.design.stored.claims.initial_set
+        if claimed is not None and d[0] > claimed.radius:
+            rows["initial states"] = (
+                f"{d[0]:.4g} from agreement; that all agents stay in their domain is proved from {below(claimed.radius)},"
                 " of the continuous controllers"
             )
-        if problem.reference is None:
-            return said
-        formulas = ", ".join(
-            f"{name} = {text}" for name, text in (problem.simulation.reference or {}).items()
+        if problem.reference is not None:
+            moved = ", ".join(
+                f"{name} = {text}" for name, text in (problem.simulation.reference or {}).items()
+            )
+            leader = f"{problem.agent().name}{problem.reference.leader + 1}"
+            rows["reference"] = f"of {leader}: {moved}, counted as its disturbance"
+        if trajectory.faults:
+            rows["faults"] = f"{trajectory.faults} steps with a status other than OK or CLIPPED"
+        if trajectory.clipped:
+            rows["clipped"] = f"{trajectory.clipped} controller steps met a limit of an input"
+        if of := self.messages:
+            besides = {"disturbances": trajectory.xi.any(), "clipped inputs": trajectory.clipped}
+            without = " and ".join(what for what, there in besides.items() if there)
+            less, residual = f" without {without} (this run has them)" if without else "", of["residual"]
+            proved = f"; in the end at most {residual:.4g} apart, which is proved{less}" if residual else ""
+            rows["send on change"] = f"{of['saved']:.1%} of the messages saved ({of['sent']} sent){proved}"
+        return rows
+
+    def _ranges(self) -> dict[str, str]:
+        """Return over what the states of the domain, and the limited inputs, went: all agents, all instants."""
+        problem, trajectory = self.design.problem, self.trajectory
+        agent = problem.agent()
+        rows = (
+            ("domain", agent.states, trajectory.x, agent.box),
+            ("limits", agent.inputs, trajectory.u, problem.sides),
         )
-        leader = f"{problem.agent().name}{problem.reference.leader + 1}"
-        return said | {"reference": f"of {leader}: {formulas}, counted as its disturbance"}
+        return {
+            row: ", ".join(
+                f"{name} from {values[..., j].min():.4g} to {values[..., j].max():.4g} within {low:g} to {high:g}"
+                for j, (name, (low, high)) in enumerate(zip(names, sides, strict=True))
+                if np.isfinite((low, high)).any()
+            )
+            for row, names, values, sides in rows
+            if np.isfinite(sides).any()
+        }
 
     def to_control(self) -> Any:
         """Return the run as `control.TimeResponseData`, with the names of `Design.to_control`."""
@@ -162,15 +199,8 @@ class Simulation:
         )
 
     def _repr_html_(self) -> str:
-        """Return the same in a table, for a notebook."""
-        d, ratio = self.trajectory.disagreement(), self.measured.ratio
-        rows = {
-            "controllers": self.controllers,
-            "horizon": f"{self.trajectory.horizon:g} s",
-            "disagreement": f"{d[0]:.3g} at first, {d.max():.3g} at most, {d[-1]:.3g} at last",
-            "against what is proved": "nothing is proved of it" if ratio is None else f"{ratio:.3g} of it",
-        }
-        return html_table(rows.items(), title=self.design.title)
+        """Return what is to be told of it in a table, for a notebook."""
+        return html_table(self.rows().items(), title=self.design.title)
 
     def figures(self) -> dict[str, bytes]:
         """Return the states, the disagreement and the effort as PNG and PDF: file name -> bytes."""
@@ -301,7 +331,11 @@ def _checked(
 
 
 def _scenario(stored: "Stored", network: "Network", kind: "Kind", changes: "Changes") -> "Scenario":
-    """Return the run; the worst disturbance starts from agreement, whatever the file's initial states."""
+    """Return the run; the worst disturbance starts from agreement, whatever the file's initial states.
+
+    It is as large as is proved to keep all agents in their domain, and inputs off their limits, where that is asked: a run
+    beyond would be held against nothing.
+    """
     from lockstep.model.simulation.from_problem import scenario_of
 
     asked = changes.disturbance or stored.problem.simulation.disturbance.kind
@@ -313,7 +347,7 @@ def _scenario(stored: "Stored", network: "Network", kind: "Kind", changes: "Chan
 
 def _worst(stored: "Stored", network: "Network", quiet: "Scenario", changes: "Changes") -> "Scenario":
     from lockstep.model.simulation.agreement import weakest_agreement
-    from lockstep.model.simulation.worst import worst_disturbance
+    from lockstep.model.simulation.worst import ENERGIES, worst_disturbance
     from lockstep.verification.closed_loop.measured import weights_of_design
 
     seed = stored.problem.simulation.seed if changes.seed is None else changes.seed
@@ -322,13 +356,18 @@ def _worst(stored: "Stored", network: "Network", quiet: "Scenario", changes: "Ch
     # Two thirds of the run are disturbed, so that what the disturbance leaves behind is counted too.
     disturbed = quiet.horizon * 2 / 3
     step = quiet.step * max(1, round(disturbed / WORST_SAMPLES / quiet.step))
+    claims, local = stored.claims, stored.claims.scope == "local"
+    inside = math.sqrt(claims.initial_set.energy) if claims.initial_set else ENERGIES[0 if local else -1]
+    most = min(inside, claims.sampled.limits_gain or inside)
     found = worst_disturbance(
         network,
         stored.gains,
         weights,
         horizon=max(disturbed, step),
         step=step,
-        common=[0 * weakest, weakest],
+        energies=sorted({min(energy, most) for energy in ENERGIES}),
+        # Half way to the edge of its domain, where a leader is taken to stay, and others have room too.
+        common=[0 * weakest, weakest / 2 if local else weakest],
         seed=seed,
     )
     offsets = 0.0 if quiet.offsets is None else quiet.offsets

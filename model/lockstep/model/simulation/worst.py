@@ -29,8 +29,8 @@ from lockstep.model.simulation.integrate import runge_kutta_step
 from lockstep.model.simulation.results.trajectory import RhoWeights
 from lockstep.model.simulation.scenario import Scenario
 
-LINEAR = 1e-3
-"""Energy |xi_d| at which the search starts: small enough for the loop to be linear, and far above rounding."""
+ENERGIES = (1e-3, 1.0, 10.0)
+"""|xi_d| tried: the search starts where the loop is linear, and far above rounding."""
 
 HALVINGS = 4
 
@@ -72,7 +72,7 @@ def worst_disturbance(
     *,
     horizon: float = 10.0,
     step: float = 0.02,
-    energies: Sequence[float] = (LINEAR, 1.0, 10.0),
+    energies: Sequence[float] = ENERGIES,
     common: Sequence[Float[np.ndarray, " n"]] | None = None,
     iterations: int = 30,
     seed: int = 0,
@@ -119,10 +119,7 @@ class _Climb:
             yield Worst(xi, self._step, a, energy, float(np.sqrt(J)) / energy)
 
     def _at(
-        self,
-        w: Float[np.ndarray, "d K"],
-        a: Float[np.ndarray, " n"],
-        iterations: int,
+        self, w: Float[np.ndarray, "d K"], a: Float[np.ndarray, " n"], iterations: int
     ) -> tuple[Float[np.ndarray, "d K"], float]:
         energy = float(np.linalg.norm(w))
         J, slope = self._evaluate(w, a)
