@@ -234,7 +234,9 @@ def _limits(
     if (gain := claims.limits_gain) is not None:
         w = proofs.limits_gain
         holds = None if w is None else proves_gain(noisy, held, w, limits, weights, gain)
-        said = f"under a disturbance of energy {gain:g}^2, from agreement, {timely}no input meets its limit"
+        said = (
+            f"under a disturbance of at most {gain:g} in L2, from agreement, {timely}no input meets its limit"
+        )
         yield "limits_gain", Verdict.of(said, holds)
     if (radius := claims.clipped_radius) is not None:
         c = proofs.clipped

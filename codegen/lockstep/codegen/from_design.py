@@ -218,7 +218,7 @@ def _limits(stored: Stored) -> dict[str, str | None]:
         "limits": f"{sides} for ever from a disagreement of at most {claims.radius:g}, {rest}"
         if claims.radius is not None
         else None,
-        "limits_gain": f"{sides} for ever from agreement, under a disturbance of energy {claims.limits_gain:g}^2{timely}"
+        "limits_gain": f"{sides} for ever from agreement, under a disturbance of at most {claims.limits_gain:g} in L2{timely}"
         if claims.limits_gain is not None
         else None,
         "clipped": f"from a disagreement of at most {claims.clipped_radius:g} all come to agree with u clipped, {rest}"

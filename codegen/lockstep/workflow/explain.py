@@ -166,7 +166,9 @@ def _meaning_of_rho(problem: Any, rho: float) -> str:
     weight = problem.design.weights.state
     plain = "" if weight == 1.0 else ", each state by its weight of [design.weights]"
     if problem.design.disturbances is not None:
-        plain += ", disturbances and noise in the scales of [design.disturbances]"
+        plain += (
+            ", disturbances and noise in the scales that the design file names (problem.design.disturbances)"
+        )
     if problem.design.coordinates != "orthonormal":
         plain += ", both as differences by the rows of L"
     mixed = (

@@ -6,12 +6,12 @@
 
 const arm_controllers_descriptor_t arm_controllers_descriptors[3] = {
     {"arm1", "lockstep-controllers/2", ARM1_DESIGN_ID,
-     "e4a12fbb6c6ea95e0db2cb6edc566b952494fb03fb3c9eab93d053490a538c64",
+     "5e4ab2d162d7cce26653c0336b7efb6151cc3cac64d1085ec9984f8d335fff74",
      ARM1_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm1_state_t)},
     {"arm2", "lockstep-controllers/2", ARM2_DESIGN_ID,
-     "e4a12fbb6c6ea95e0db2cb6edc566b952494fb03fb3c9eab93d053490a538c64",
+     "5e4ab2d162d7cce26653c0336b7efb6151cc3cac64d1085ec9984f8d335fff74",
      ARM2_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm2_state_t)},
     {"arm3", "lockstep-controllers/2", ARM3_DESIGN_ID,
-     "e4a12fbb6c6ea95e0db2cb6edc566b952494fb03fb3c9eab93d053490a538c64",
+     "5e4ab2d162d7cce26653c0336b7efb6151cc3cac64d1085ec9984f8d335fff74",
      ARM3_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm3_state_t)}
 };

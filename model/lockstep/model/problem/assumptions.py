@@ -29,10 +29,11 @@ def check_assumptions(graph: Graph, agent: Agent, agents_B: Sequence[Float[np.nd
     graph.check_spanning_tree()
     unstable = agent.observability().unstable_eigenvalue
     if unstable is not None:
-        found = f"(A, C) is not detectable: no output shows the mode at {_mode(unstable)}"
+        lost = f"(A, C) is not detectable: no output shows the mode at {_mode(unstable)}"
+        without, domain = _lost_slopes(agent, lambda A: observability(A, agent.lure.C))
         expected = "outputs that show every mode that does not decay by itself"
-        remedy = f"{_lost_slopes(agent, lambda A: observability(A, agent.lure.C))}measure one more state"
-        raise ProblemError(found, where="[agent.outputs]", expected=expected, remedy=remedy)
+        remedy = f"{domain}measure one more state"
+        raise ProblemError(f"{without}{lost}", where="[agent.outputs]", expected=expected, remedy=remedy)
     tested: list[np.ndarray] = []
     for k, B in enumerate(agents_B, start=1):
         if not any((other == B).all() for other in tested):
@@ -44,10 +45,11 @@ def _check_stabilisable(agent: Agent, k: int, B: Float[np.ndarray, "n m"]) -> No
     unstable = controllability(agent.lure.A, B).unstable_eigenvalue
     if unstable is not None:
         pair = "(A, B)" if (agent.lure.B == B).all() else f"(A, B_{k})"
-        found = f"{pair} is not stabilisable: no input moves the mode at {_mode(unstable)}"
+        lost = f"{pair} is not stabilisable: no input moves the mode at {_mode(unstable)}"
+        without, domain = _lost_slopes(agent, lambda A: controllability(A, B))
         expected = "inputs that move every mode that does not decay by itself"
-        remedy = f"{_lost_slopes(agent, lambda A: controllability(A, B))}add an input, or leave the state out"
-        raise ProblemError(found, where="[agent.dynamics]", expected=expected, remedy=remedy)
+        remedy = f"{domain}add an input, or leave the state out"
+        raise ProblemError(f"{without}{lost}", where="[agent.dynamics]", expected=expected, remedy=remedy)
 
 
 def _at_the_origin(agent: Agent) -> Float[np.ndarray, "n n"]:
@@ -57,16 +59,20 @@ def _at_the_origin(agent: Agent) -> Float[np.ndarray, "n n"]:
     return lure.A + lure.G @ slopes @ lure.H if np.isfinite(slopes).all() else lure.A
 
 
-def _lost_slopes(agent: Agent, modes: Callable[..., Controllability | Observability]) -> str:
-    """Say where A may lack what phi does: sqrt(x) or q/h without a domain, whose slopes have no middle to move into A, or
-    sin(x), whose slopes are around zero on the whole line, though no mode is lost at the origin."""
+def _lost_slopes(agent: Agent, modes: Callable[..., Controllability | Observability]) -> tuple[str, str]:
+    """Say, before what is lost and as the first remedy, where A may lack what phi does.
+
+    That is sqrt(x) or q/h without a domain, whose slopes have no middle to move into A; or sin(x), whose slopes are around
+    zero on the whole line, though no mode is lost at the origin.
+    """
     free = ", ".join(x for x, sides in zip(agent.states, agent.box, strict=True) if np.isinf(sides).any())
     finite = agent.centring.reason not in (NO_SLOPES, GROWING)
     if finite and not (free and modes(_at_the_origin(agent)).unstable_eigenvalue is None):
-        return ""
+        return "", ""
     where = f" of {free}" if agent.domain else ""
     slopes = "slopes that are not around zero" if finite else "finite slopes"
-    return f"give [agent.domain]{where}, a box where the nonlinearity has {slopes}: their middle then counts in A; or "
+    remedy = f"give [agent.domain]{where}, a box where the nonlinearity has {slopes}: their middle then counts in A; or "
+    return f"without a domain{where} nothing of the nonlinearity counts in A, and ", remedy
 
 
 def _mode(s: complex) -> str:
