@@ -84,10 +84,7 @@ def rho_rounding(witness: Witness, held: tuple[HeldController, ...], period: flo
 
 
 def _differs(
-    stored: CheckedFile,
-    folder: Path,
-    integers: tuple[FixedController, ...],
-    held: tuple[HeldController, ...],
+    stored: CheckedFile, folder: Path, integers: tuple[FixedController, ...], held: tuple[HeldController, ...]
 ) -> str:
     """Return in what the C of a folder is not these controllers, or nothing."""
     base = f"{manifest_in(folder).get('prefix', '')}{stored.problem.agent.name}"

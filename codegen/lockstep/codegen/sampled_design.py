@@ -166,9 +166,7 @@ def _mode_by_mode(stored: Stored) -> HeldVerdict:
     return HeldVerdict(modes.verdict, modes.longest, modes.rho)
 
 
-def prove_agreement(
-    stored: Stored,
-) -> tuple[SampledNetwork, tuple[HeldController, ...], SampledVerdict]:
+def prove_agreement(stored: Stored) -> tuple[SampledNetwork, tuple[HeldController, ...], SampledVerdict]:
     """Return the network and the controllers of a design, and what is proved of them where all messages arrive.
 
     Raises:

@@ -84,20 +84,14 @@ def _sampled(facts: Facts) -> Iterator[DatasheetTerm]:
     sampled = facts.stored.claims.sampled
     if sampled.rho is not None:
         yield DatasheetTerm(
-            "ρ, sampled",
-            up(sampled.rho, 6),
-            BALL,
-            "the same gain of the loop with the controllers that ship",
+            "ρ, sampled", up(sampled.rho, 6), BALL, "the same gain of the loop with the controllers that ship"
         )
     if sampled.period is None or sampled.decay is None:
         reason = sampled_answer(facts.stored).get("reason")
         yield DatasheetTerm("sampled loop", "not certified", "no proof", str(reason or "not looked at"))
         return
     yield DatasheetTerm(
-        "period",
-        f"{sampled.period:g} s",
-        BALL,
-        "stepped so often, the loop agrees, between the samples too",
+        "period", f"{sampled.period:g} s", BALL, "stepped so often, the loop agrees, between the samples too"
     )
     if sampled.max_period is not None:
         yield DatasheetTerm(

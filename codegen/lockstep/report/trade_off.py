@@ -9,11 +9,7 @@ from lockstep.report.style import LIGHT, colour, styled
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PANELS = (
-    ("effort", "gain to u"),
-    ("noise", "gain from noise"),
-    ("decay", "decay in 1/s"),
-)
+PANELS = (("effort", "gain to u"), ("noise", "gain from noise"), ("decay", "decay in 1/s"))
 """A figure of `Figures`, and what stands at its axis."""
 
 MARKS = "o^vsDP*X"

@@ -52,10 +52,7 @@ class SwarmLoop:
         n, m, q, N, order = self.agent.n, self.agent.m, self.agent.q, self.neighbours.N, self.order
         tables = np.asarray(self.tables, dtype=self.real)
         B = np.asarray(self.B, dtype=float)
-        for name, array, shape in (
-            ("tables", tables, (order + m, order + q)),
-            ("B", B, (n, m)),
-        ):
+        for name, array, shape in (("tables", tables, (order + m, order + q)), ("B", B, (n, m))):
             if array.shape[1:] != shape or len(array) not in (1, N):
                 raise ProblemError(
                     f"`{name}` of {' x '.join(map(str, array.shape))}",

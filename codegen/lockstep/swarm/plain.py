@@ -17,13 +17,7 @@ from lockstep.swarm.loop import SwarmLoop
 class PlainSwarm:
     """A swarm in NumPy, from `start` at rest; the arguments and methods are those of `CompiledSwarm`."""
 
-    def __init__(
-        self,
-        loop: SwarmLoop,
-        start: Float[np.ndarray, "N n"],
-        fields: Fields,
-        pace: Pace,
-    ) -> None:
+    def __init__(self, loop: SwarmLoop, start: Float[np.ndarray, "N n"], fields: Fields, pace: Pace) -> None:
         self._loop, self._fields, self._per, self._substeps = loop, fields, pace.per, pace.substeps
         self._instant, self._real = pace.instant, np.dtype(loop.real)
         N, agent = loop.N, loop.agent

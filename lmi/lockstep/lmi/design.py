@@ -305,7 +305,7 @@ def _protocol(problem: Problem, network: Network, bound: Bound, claim: Claim, te
             "c": protocol.c,
             "connectivity": protocol.connectivity,
             "decay": protocol.decay,
-        },
+        }
     }
     floor = _floor(problem, network, claim, certificate.rho, tell)
     return Proposal(problem, network, bound, claim, gains, certificate, figures, floor)

@@ -69,13 +69,7 @@ class Projected(NamedTuple):
 
 
 def with_rho(
-    plant: Plant,
-    alpha: fmpq,
-    R: Matrix,
-    rho: fmpq,
-    *,
-    phi_in_primal: bool = True,
-    phi_in_dual: bool = True,
+    plant: Plant, alpha: fmpq, R: Matrix, rho: fmpq, *, phi_in_primal: bool = True, phi_in_dual: bool = True
 ) -> Projected:
     """Return the two sides at a given rho > 0, from the rationals of a plant.
 

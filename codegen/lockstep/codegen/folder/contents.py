@@ -48,10 +48,7 @@ def strangers(folder: Path, manifest: Manifest) -> list[str]:
         ProblemError: the folder cannot be listed.
     """
     expected = _expected(manifest)
-    files = {
-        FILE_NAME,
-        *(path for path in manifest.files if path in expected or _SHOWN.fullmatch(path)),
-    }
+    files = {FILE_NAME, *(path for path in manifest.files if path in expected or _SHOWN.fullmatch(path))}
     folders = {str(above) for path in files for above in PurePosixPath(path).parents}
     found = [
         f"{path} is listed in {FILE_NAME}, but is no file that is generated"

@@ -204,11 +204,7 @@ class Response:
         return min(trials, key=lambda one: self.level(self.rho, one))
 
     def value(
-        self,
-        kind: "Kind",
-        logs: Float[np.ndarray, " w"],
-        p: int,
-        y: Complex[np.ndarray, "f n_F s"],
+        self, kind: "Kind", logs: Float[np.ndarray, " w"], p: int, y: Complex[np.ndarray, "f n_F s"]
     ) -> tuple[float, Float[np.ndarray, " w"]]:
         """Return log of the p-norm of the eigenvalues and its slope in log w; infinite where there are none."""
         w = np.exp(logs)

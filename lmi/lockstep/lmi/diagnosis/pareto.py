@@ -86,9 +86,7 @@ class ParetoPoint:
 
 
 def pareto(
-    stored: Stored,
-    others: Mapping[str, Gains],
-    tell: Callable[[float], None] = lambda _part: None,
+    stored: Stored, others: Mapping[str, Gains], tell: Callable[[float], None] = lambda _part: None
 ) -> tuple[ParetoPoint, ...]:
     """Return the design, other gains for its agents, and gains around its own, as far as each was proved.
 

@@ -122,11 +122,7 @@ def largest_ratio(search: ModalSearch, seed: int, rate: float | None, *, common:
 
 
 def _common(
-    search: ModalSearch,
-    starts: int,
-    seed: int,
-    rate: float | None,
-    tell: Callable[[float], None] | None,
+    search: ModalSearch, starts: int, seed: int, rate: float | None, tell: Callable[[float], None] | None
 ) -> Float[np.ndarray, "a b"]:
     """Search for one K with one P on all of the spectrum: what proves switching, and graphs of any size."""
     a, b = search.ends[0], search.ends[-1]

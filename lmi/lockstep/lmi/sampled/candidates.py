@@ -160,10 +160,7 @@ def priced(
 
 
 def confirmed(
-    loop: SampledLoop,
-    lifted: Lifted,
-    witness: Witness,
-    running: Float[np.ndarray, "n_z n_z"] | None = None,
+    loop: SampledLoop, lifted: Lifted, witness: Witness, running: Float[np.ndarray, "n_z n_z"] | None = None
 ) -> Witness | None:
     """Return the witness if W is positive definite in doubles; running: a cost of z at each sampling instant."""
     return witness if holds_in_doubles(W_matrix(loop, lifted, witness, running)) else None

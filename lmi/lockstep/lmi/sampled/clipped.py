@@ -80,11 +80,7 @@ def largest_clipped_radius(
 
 
 def _scanned(
-    loop: SampledLoop,
-    one: Lifted,
-    limits: Float[np.ndarray, " m"],
-    decay: float,
-    near: float | None,
+    loop: SampledLoop, one: Lifted, limits: Float[np.ndarray, " m"], decay: float, near: float | None
 ) -> tuple[list[Found], float]:
     """Return gamma and a witness for each tau tried, the least gamma first, and the exponent of its tau.
 

@@ -64,10 +64,7 @@ def agreement(
 
 
 def rho(
-    network: SampledNetwork,
-    held: tuple[HeldController, ...],
-    weights: Performance,
-    known: SampledRho,
+    network: SampledNetwork, held: tuple[HeldController, ...], weights: Performance, known: SampledRho
 ) -> SampledRho | None:
     """Find and prove a rho near that of floating point, with the least price of mu that holds; None if none does."""
     loop = exchanged(in_doubles(network, held, weights.outputs))

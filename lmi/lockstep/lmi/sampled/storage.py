@@ -64,10 +64,7 @@ class StorageProblem:
 
 
 def storage_problem(
-    loop: SampledLoop,
-    lifted: Lifted,
-    prices: Witness,
-    running: Float[np.ndarray, "n_z n_z"] | None = None,
+    loop: SampledLoop, lifted: Lifted, prices: Witness, running: Float[np.ndarray, "n_z n_z"] | None = None
 ) -> StorageProblem | None:
     """Eliminate the errors e; None where they do more within a period than their prices allow.
 

@@ -128,12 +128,7 @@ def search_gains(
 
 
 def _pursue(
-    search: GainSearch,
-    score: Score | None,
-    index: int,
-    at: Descended,
-    rho: float | None,
-    deadline: Deadline,
+    search: GainSearch, score: Score | None, index: int, at: Descended, rho: float | None, deadline: Deadline
 ) -> tuple[Climbed | None, Polished | None]:
     """Take gains to the whole claim, and polish them there."""
     climbed = climb(search, at, deadline)

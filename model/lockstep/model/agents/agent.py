@@ -15,12 +15,7 @@ from lockstep.check.expression.exact import Exact, Value
 from lockstep.check.system.agent import ExactAgent, Move
 from lockstep.check.system.domain import argument_box
 from lockstep.model.agents.lure import Lure, lure_form
-from lockstep.model.agents.parts import (
-    check_bounds,
-    check_symbols,
-    column_of,
-    stack,
-)
+from lockstep.model.agents.parts import check_bounds, check_symbols, column_of, stack
 from lockstep.model.bound_search import Box
 from lockstep.model.bound_search.graph import read_value
 from lockstep.model.bound_search.operations import RULES

@@ -8,16 +8,7 @@ from collections.abc import Callable, Mapping
 import casadi as ca
 
 from lockstep.check.expression import operations
-from lockstep.check.expression.node import (
-    ONE,
-    ZERO,
-    Node,
-    function,
-    linear,
-    power,
-    scale,
-    subtract,
-)
+from lockstep.check.expression.node import ONE, ZERO, Node, function, linear, power, scale, subtract
 from lockstep.check.expression.operations import NoteTaker, numeric
 from lockstep.check.expression.switches import both, choose, either, negate, positive, zero
 

@@ -47,11 +47,7 @@ def agent_to_control(agent: Agent, *, linear: bool = False) -> System:
     lure, f = agent.lure, agent.dynamics
     if linear:
         return control.ss(lure.A, lure.B, lure.C, np.zeros((agent.q, agent.m)), **names)
-    return control.nlsys(
-        lambda t, x, u, _: _vector(f(x, u, t)),
-        lambda _t, x, _u, _p: lure.C @ x,
-        **names,
-    )
+    return control.nlsys(lambda t, x, u, _: _vector(f(x, u, t)), lambda _t, x, _u, _p: lure.C @ x, **names)
 
 
 def agent_from_control(system: System, *, name: str = "") -> Agent:

@@ -166,9 +166,7 @@ def _check_word(source: Source, token: Token) -> None:
         )
     if token.text.lower() in ("nan", "inf", "infinity"):
         raise source.error(
-            f"`{token.text}` is no number that can be computed with",
-            token.column,
-            expected="a finite number",
+            f"`{token.text}` is no number that can be computed with", token.column, expected="a finite number"
         )
     if token.text.startswith("_"):
         raise source.error(

@@ -159,9 +159,7 @@ class SampledObjective:
         into_start = A_d.T @ mean.N[:n_d] + 2 * Q @ start @ mean.Q
         EE, FF = one.pulled_back(mean.N[:n_d] @ start.T, mean.S, start @ mean.Q @ start.T)
         return ValueAndSlopes(
-            mean.value,
-            self._gains(K, into_start, mean.N[n_d:]),
-            *self._numbers(logs, log_rho, EE, FF),
+            mean.value, self._gains(K, into_start, mean.N[n_d:]), *self._numbers(logs, log_rho, EE, FF)
         )
 
     def angles(self, K: GainBlocks) -> Complex[np.ndarray, " s"]:

@@ -37,10 +37,7 @@ def pulled_back(K: GainBlocks, slope: GainBlocks, order: int, period: float) -> 
     B_t, C_t, E_t = (block.swapaxes(1, 2) for block in (B, C, E))
     g_E = 2 * g_A + period * g_B @ B_t + C_t @ g_C + half * C_t @ g_D @ B_t
     return joined(
-        half * E_t @ g_E @ E_t,
-        E_t @ (period * g_B + half * C_t @ g_D),
-        (g_C + half * g_D @ B_t) @ E_t,
-        g_D,
+        half * E_t @ g_E @ E_t, E_t @ (period * g_B + half * C_t @ g_D), (g_C + half * g_D @ B_t) @ E_t, g_D
     )
 
 
