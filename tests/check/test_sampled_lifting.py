@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from flint import arb
+from flint import arb, fmpq
 from scipy.linalg import expm
 
 from lockstep.check.numbers import exactly
@@ -101,3 +101,20 @@ def test_a_stiff_agent_needs_more_pieces_and_gets_them():
     E, F = exactly(np.array([[0.0], [1.0]])), exactly(np.array([[1.0, 0.0]]))
     assert no_conjugate_point(A, E @ E.T, F.T @ F, 1.0)
     assert not no_conjugate_point(A, E @ E.T, 10_000 * (F.T @ F), 1.0)
+
+
+def test_units_of_the_states_decide_nothing_about_conjugate_points():
+    """cos t twice, the states turned into one another and then counted in units 2^40 apart: singular at pi/2, as before."""
+    turned = np.array([[3.0, 4.0], [-4.0, 3.0]])  # turned @ turned.T = 25 I
+    S = np.diag([1.0, 2.0**40]) @ turned
+    inverse = exactly(turned.T) * fmpq(1, 25) @ exactly(np.diag([1.0, 2.0**-40]))
+    zero = exactly(np.zeros((2, 2)))
+    EE, FF = exactly(S) @ exactly(S).T, inverse.T @ inverse
+    assert no_conjugate_point(zero, EE, FF, 1.57)
+    assert not no_conjugate_point(zero, EE, FF, 1.58)
+    # A resonator of 2e5 rad/s in SI units, five samples per radian. From w to x'' = alpha w alone the gain over T is
+    # alpha T^2 / 1.875^2 (the cantilever's first root): 5e-4 of one at first, 5.1 in the end.
+    A = exactly(np.array([[0.0, 1.0], [-4.0e10, -250.0]]))
+    E, F = exactly(np.array([[0.0], [1.8e9]])), exactly(np.array([[1.0, 0.0]]))
+    assert no_conjugate_point(A, E @ E.T, F.T @ F, 1e-6)
+    assert not no_conjugate_point(A, E @ E.T * fmpq(10) ** 8, F.T @ F, 1e-6)

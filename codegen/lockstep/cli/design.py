@@ -59,7 +59,8 @@ def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
         return {}
     stable = ", stable controllers" if asked.get("stable_controllers") else ""
     decay = f", a decay of {asked['search_decay']:g} 1/s" if "search_decay" in asked else ""
-    said = f"gain_limit {asked['gain_limit']:g}, small weights on u, small noise{stable}{decay}"
+    sizes = "" if isinstance(asked["weights"]["state"], float) else ", states counted by their natural size"
+    said = f"gain_limit {asked['gain_limit']:g}, small weights on u, small noise{sizes}{stable}{decay}"
     return {"by default": "; ".join(filter(None, [said, asked.get("given_up")]))}
 
 

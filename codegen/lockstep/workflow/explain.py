@@ -161,7 +161,8 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
 
 
 def _meaning_of_rho(problem: Any, rho: float) -> str:
-    states = problem.agent().states
+    scales = problem.performance.states
+    states = [x for k, x in enumerate(problem.agent().states) if not len(scales) or scales[k]]
     units = {str(problem.agent().units.get(name, "")) for name in states}
     weight = problem.design.weights.state
     plain = "" if weight == 1.0 else ", each state by its weight of [design.weights]"

@@ -9,6 +9,9 @@ names neither `weights` nor `gain_limit` (nor a rho to keep), and its method sea
     stable_controllers  true, unless it is named
     search_decay        0.037, in natural units of time, unless it or `decay` is named
 
+and, where the states' natural units are further apart than 300 (a resonator in SI units moves by 1e-6 m at 1 m/s), weights
+and disturbances of the states in those units, too, so chosen that both are 1 for the state of the smallest unit.
+
 Natural units are those in which the numbers of plant and R are nearest to one (`search.units`). Where no gains are found
 for them, or none with a rho near the floor, the limit is raised, and then stability and decay are not asked for. What was
 taken is written into the problem: a design file names all of it, and nothing is filled in when it is read.
@@ -34,6 +37,9 @@ SIZE_ONE = 17.0
 
 INPUT, NOISE, DECAY = 1e-3, 0.03, 0.037
 """In natural units: of u in what rho weighs, of the noise beside a disturbance, of the decay that the search keeps to."""
+
+FAR_APART = 300.0
+"""Between natural units of states: beyond, |x|^2 is of one state, and the others are free. Most problems have below 50."""
 
 KEYS = ("gain_limit", "stable_controllers", "search_decay")
 
@@ -107,17 +113,23 @@ def _in_natural_units(problem: Problem, network: Network, claim: Claim) -> dict[
         np.concatenate([np.full(problem.order, 1 / time), S_u]), np.concatenate([np.ones(problem.order), S_y])
     )
     size = float(np.linalg.norm(gains, 2))
-    cost = float(np.exp(np.log(np.diag(claim.R) / X**2).mean()))
-    disturbance = float(np.exp(np.log(time * X).mean()))
+    apart = X.max() > FAR_APART * X.min()
+    scales = X.max() / X if apart else np.ones_like(X)
+    R = 1 / scales**2 if apart else np.diag(claim.R)
+    cost = float(np.exp(np.log(R / X**2).mean()))
+    disturbance = float(np.exp(np.log(time * X * scales).mean()))
+    states = dict(zip(problem.file.agent.states, map(_short, scales), strict=True)) if apart else 1.0
     noise = [_short(NOISE * disturbance / scale) for scale in S_y]
     names = [name for name, _ in problem.file.agent.outputs]
     return {
         "size": size,
         "gain_limit": max(GAIN_LIMIT, _short(GAIN_LIMIT / SIZE_ONE * size)),
         "weights": WeightsTable(
-            state=1.0, controller=1.0, input=tuple(_short(INPUT * cost / u**2) for u in S_u)
+            state=tuple(map(_short, R)) if apart else 1.0,
+            controller=1.0,
+            input=tuple(_short(INPUT * cost / u**2) for u in S_u),
         ),
-        "disturbances": DisturbancesTable(states=1.0, outputs=dict(zip(names, noise, strict=True))),
+        "disturbances": DisturbancesTable(states=states, outputs=dict(zip(names, noise, strict=True))),
         "stable_controllers": True,
         "search_decay": float(f"{DECAY / time:.2g}"),
     }

@@ -42,7 +42,7 @@ def largest_initial_states(
     if network.spectrum is not None:
         return Unavailable("[network] spectrum names graphs without a leader: no agent moves by itself"), None
     if not claim.performance.covers_xi:
-        said = "[design.disturbances] leaves states out, so that rho is no gain from all of xi"
+        said = "[design.disturbances] leaves states out, or has scales below 1, so that rho is no gain from all of xi"
         return Unavailable(said), None
     plain = initial_states(network, certificate, inner=inner)
     if isinstance(plain, Unavailable) or isinstance(certificate, ModalCertificate):

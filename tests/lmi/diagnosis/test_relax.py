@@ -97,3 +97,11 @@ def test_a_limit_that_is_no_time_is_bad_input(limit: float) -> None:
 def test_a_modal_search_cannot_be_cut() -> None:
     with pytest.raises(ProblemError, match="modal"):
         design(unstable('gain_limit = 10.0\nmethod = "modal"'), time_limit=5.0)
+
+
+def test_a_decay_that_blocks_is_named_and_no_gain_is_promised() -> None:
+    """x_d' = -(d_1 + d_2) x_d + phi_d with |d| <= 2 and alpha = 1: a decay of 3 at most, so that 5 is none."""
+    with pytest.raises(Infeasible, match="decay is what blocks: without it there is") as error:
+        design(softened("gain_limit = 2.0\ndecay = 5.0"), jobs=1)
+    assert error.value.figures["cause"] == "decay"
+    assert "sufficient_gain_limit" not in error.value.figures

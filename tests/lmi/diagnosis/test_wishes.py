@@ -104,6 +104,42 @@ def test_the_same_plant_in_other_units_of_its_input_is_asked_for_the_same() -> N
     assert one["disturbances"] == other["disturbances"]
 
 
+RESONATORS = """
+[agent]
+name = "resonator"
+states = ["q", "v"]
+inputs = ["u"]
+dynamics = {{ q = "v", v = "-{w}**2*q - {w}/800*v - 0.03*({w}/{q})**2*q**3 + {w}**2*{q}*u" }}
+outputs = {{ y = "q/{q}", z = "v/({w}*{q})" }}
+domain = {{ q = [-{q}, {q}] }}
+[network]
+agents = 2
+topology = "path"
+[design]
+order = 0
+starts = 1
+[controller]
+period = {period}
+"""
+
+
+def test_a_resonator_in_si_units_is_asked_for_what_it_is_asked_for_in_its_own() -> None:
+    """The same agents in metres and seconds, and in their own units: the same gains serve, and rho counts time and length."""
+    si, own = (
+        parse_problem(RESONATORS.format(w=w, q=q, period=0.2 / w)) for w, q in ((2e5, 2e-6), (1.0, 1.0))
+    )
+    sizes = first_wishes(si)["weights"]["state"], first_wishes(si)["disturbances"]["states"]
+    assert sizes[0][0] == 1.0
+    assert sizes[0][1] == pytest.approx(1 / 2e5**2, rel=0.5)  # one significant decimal
+    assert sizes[1]["q"] == 1.0
+    assert sizes[1]["v"] == pytest.approx(2e5, rel=0.3)
+    assert first_wishes(own)["weights"]["state"] == 1.0
+    in_si, in_own = stored(si), stored(own)
+    assert certify(in_si).certified
+    assert in_si.claims.rho * 2e5 == pytest.approx(in_own.claims.rho, rel=0.2)
+    assert in_si.gains.norms == pytest.approx(in_own.gains.norms, rel=0.5)
+
+
 def test_where_the_small_limit_is_too_small_the_next_is_taken_and_said() -> None:
     """x' = 20 x + sin x + u: 2 d > 21 is needed, and 6.4 twice is not."""
     unstable = problem(

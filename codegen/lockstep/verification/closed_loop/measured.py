@@ -147,7 +147,7 @@ def _uncovered(
     """Return why the run is outside of what is proved; empty if it is inside."""
     if promised.scope == "local" and (left := left_domain(trajectory.t, trajectory.x, network.agent)):
         return f"{left}, and the certificate is for agents inside it"
-    if not stored.problem.performance.covers_xi:
+    if not stored.problem.performance.covers_xi and trajectory.xi.any():
         return "rho is a gain from the states named in [design.disturbances], as scaled there, and the run disturbs all"
     if not scenario.channel.is_ideal:
         return "the certificate is for messages that all arrive at once, as they were sent"

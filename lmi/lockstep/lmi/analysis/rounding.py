@@ -144,8 +144,9 @@ def shortest_that_proves(
     loop: Loop, exact_loop: Loop, K: GainBlocks, claim: Claim, candidate: Certificate
 ) -> Certificate | None:
     """Return the candidate rounded to the fewest digits with which it proves the inequality, or None."""
-    for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1):
-        trial = rounded(candidate, digits)
+    short = [rounded(candidate, digits) for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1)]
+    # Units of the states may be so far apart that the decimals of the largest entry of P leave nothing of the others.
+    for trial in (*short, replace(short[-1], P=significant(candidate.P, MOST_DIGITS))):
         if _passes_in_doubles(loop, K, claim, trial) and decide(exact_loop, K, claim, trial).positive:
             return trial
     return None

@@ -1,9 +1,9 @@
 """What stands in the way of a design: quick searches for an easier problem, one thing relaxed at a time.
 
-Where a search ends with nothing, the same is asked again with more gain, and with gains that need not be off. What then has
-a proved certificate, after one short climb and no descent, names the cause. Where no loop is stable, the modes of the graph
-are looked at one by one: with the same controller for all agents, the loop is stable if and only if A + lambda B K C, with
-the controller's states, is for every eigenvalue lambda of L but the simple 0.
+Where a search ends with nothing, the same is asked again without the decay, with gains that need not be off, and with more
+gain. What then has a proved certificate, after one short climb and no descent, names the cause. Where no loop is stable, the
+modes of the graph are looked at one by one: with the same controller for all agents, the loop is stable if and only if
+A + lambda B K C, with the controller's states, is for every eigenvalue lambda of L but the simple 0.
 
 What these searches do not find may still exist, and the messages say no more than what was found.
 """
@@ -42,12 +42,15 @@ Hint = tuple[str, dict[str, Any]]
 def hint(problem: Problem, network: Network, claim: Claim) -> Hint:
     """Return what stands in the way of a design: delta, the gain limit, or nothing that a quick search shows."""
     with one_thread():
-        return _delta(problem, network, claim) or _gain_limit(problem, network, claim) or ("", {})
+        asked = _decay(problem, network, claim) or _delta(problem, network, claim)
+        return asked or _gain_limit(problem, network, claim) or ("", {})
 
 
 def hint_of_stability(problem: Problem, network: Network, claim: Claim) -> Hint:
     """Return what stands in the way of a stable loop: a mode of the graph, and whether more gain would help."""
     with one_thread():
+        if (slower := _decay(problem, network, claim)) is not None:
+            return slower
         said, figures = _modes(problem, network)
         more, found = _gain_limit(problem, network, claim) or ("", {})
     return said + more, figures | found
@@ -70,10 +73,19 @@ def is_designed(problem: Problem, network: Network, claim: Claim, gain_limit: fl
     return False
 
 
+def _decay(problem: Problem, network: Network, claim: Claim) -> Hint | None:
+    if not problem.design.decay or not is_designed(problem, network, claim, problem.design.gain_limit):
+        return None
+    said = "; [design] decay is what blocks: without it there is a certified design, which says how fast it is; lower decay"
+    return said, {"cause": "decay"}
+
+
 def _delta(problem: Problem, network: Network, claim: Claim) -> Hint | None:
+    decaying = network.decaying(problem.design.decay or 0.0)
+
     def with_part(part: float) -> bool:
         easier = replace(claim, delta=part * claim.delta)
-        return is_designed(problem, network, easier, problem.design.gain_limit)
+        return is_designed(problem, decaying, easier, problem.design.gain_limit)
 
     if not claim.delta.any() or not with_part(0.0):
         return None
@@ -87,8 +99,8 @@ def _delta(problem: Problem, network: Network, claim: Claim) -> Hint | None:
 
 
 def _gain_limit(problem: Problem, network: Network, claim: Claim) -> Hint | None:
-    limit = problem.design.gain_limit
-    enough = _first(FACTORS, lambda factor: is_designed(problem, network, claim, factor * limit))
+    limit, decaying = problem.design.gain_limit, network.decaying(problem.design.decay or 0.0)
+    enough = _first(FACTORS, lambda factor: is_designed(problem, decaying, claim, factor * limit))
     if enough is None:
         return None
     smaller = ", or make [agent.domain] smaller, which asks for less" if problem.agent().domain else ""

@@ -115,8 +115,8 @@ class _Period:
     lifted: Lifted
     m: PairWeights
     running: Float[np.ndarray, "n_z n_z"]
-    unit: float
-    """The largest eigenvalue of R: costs are small or large beside it."""
+    units: Float[np.ndarray, " n_xi"]
+    """Of costs, which are small or large beside them: R's own of each state, elsewhere its largest eigenvalue."""
     price: float = PRICE
 
     @property
@@ -141,9 +141,7 @@ class _Period:
     def rest(self, share: float) -> Float[np.ndarray, "n_z n_z"]:
         """Return a small cost of every state, without which V may be zero in some direction."""
         cost = np.zeros((self.loop.n_z, self.loop.n_z))
-        cost[: self.loop.n_xi, : self.loop.n_xi] = (
-            share * self.unit * self.loop.network.period * np.eye(self.loop.n_xi)
-        )
+        cost[: self.loop.n_xi, : self.loop.n_xi] = share * self.loop.network.period * np.diag(self.units)
         return cost
 
     def witness(self, dear: float) -> Witness | None:
@@ -167,7 +165,10 @@ def period_of(loop: SampledLoop, weights: Performance, m: PairWeights, rho: floa
         return None
     if not is_lifted(lifted):
         return None
-    return _Period(loop, lifted, m, running_cost(loop, weights, rho), float(np.linalg.norm(weights.R, 2)))
+    units, R = np.full(loop.n_xi, np.linalg.norm(weights.R, 2)), np.diag(weights.R)
+    own = np.tile(np.where(R > 0, R, units[0]), loop.network.d.N - 1)
+    units[: len(own)] = own
+    return _Period(loop, lifted, m, running_cost(loop, weights, rho), units)
 
 
 def is_lifted(lifted: Lifted) -> bool:
