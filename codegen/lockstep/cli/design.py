@@ -82,7 +82,8 @@ def proved_besides(
         proves: whether a claim, by its name in the checker, is proved.
     """
     floor, decay = content.get("floor"), content.get("decay")
-    radius = (content.get("limits") or {}).get("radius")
+    limits = content.get("limits") or {}
+    radius, clipped = limits.get("radius"), limits.get("clipped_radius")
     slopes = [
         f"{x['bound']:.6g} of phi{x['component']} by v{x['argument']}" for x in content.get("entries", ())
     ]
@@ -95,6 +96,7 @@ def proved_besides(
             content.get("controllers_stable") and "yes, each by itself",
         ),
         "limits": ("no limit met", radius and f"from a disagreement of at most {radius:.6g}, at rest"),
+        "clipped": ("limits met", clipped and f"agreement all the same from at most {clipped:.6g}"),
     }
     return {name: said for claim, (name, said) in rows.items() if said and proves(claim)}
 

@@ -182,6 +182,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         return {"certified": False}
     delta = {f"delta_{letter}": value for letter, value in claims.fragility.items() if value}
     covered, scope = sampled.certified, claims.scope or "local"
+    continuous = "rho, delta and decay are" if delta else "rho and decay are"
     lines = signed_lines(stored) if covered else {"covers": CONTINUOUS_ONLY}
     if scope == "local":
         said = "assumes" if covered else "covers"
@@ -197,7 +198,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         "alpha": claims.alpha,
         **delta,
         "decay": None if claims.decay is None else f"{claims.decay:g} 1/s, of every disagreement",
-        **({"rho, delta and decay are": "of the continuous controllers (proof: exact)"} if covered else {}),
+        **({continuous: "of the continuous controllers (proof: exact)"} if covered else {}),
         **_limits(stored),
         **said_of_messages(stored),
         "controllers": _alone(stored),

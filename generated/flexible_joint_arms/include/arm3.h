@@ -30,7 +30,7 @@
  *   rho_sampled = 4.713
  *   alpha = 3.33
  *   decay = 0.324 1/s, of every disagreement
- *   rho, delta and decay are = of the continuous controllers (proof: exact)
+ *   rho and decay are = of the continuous controllers (proof: exact)
  *   limits = |u| < 10 for ever from a disagreement of at most 1.648, controllers at rest, no disturbance
  *   limits_gain = |u| < 10 for ever from agreement, under a disturbance of at most 4.958 in L2
  *   clipped = from a disagreement of at most 5.969 all come to agree with u clipped, controllers at rest,

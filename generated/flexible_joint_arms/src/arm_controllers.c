@@ -6,12 +6,12 @@
 
 const arm_controllers_descriptor_t arm_controllers_descriptors[3] = {
     {"arm1", "lockstep-controllers/2", ARM1_DESIGN_ID,
-     "5e4ab2d162d7cce26653c0336b7efb6151cc3cac64d1085ec9984f8d335fff74",
+     "8d1f9176ece7b4a46a29c98b4db093e8d1c9f60fd437b64f8c6c7c70e03e11fd",
      ARM1_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm1_state_t)},
     {"arm2", "lockstep-controllers/2", ARM2_DESIGN_ID,
-     "5e4ab2d162d7cce26653c0336b7efb6151cc3cac64d1085ec9984f8d335fff74",
+     "8d1f9176ece7b4a46a29c98b4db093e8d1c9f60fd437b64f8c6c7c70e03e11fd",
      ARM2_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm2_state_t)},
     {"arm3", "lockstep-controllers/2", ARM3_DESIGN_ID,
-     "5e4ab2d162d7cce26653c0336b7efb6151cc3cac64d1085ec9984f8d335fff74",
+     "8d1f9176ece7b4a46a29c98b4db093e8d1c9f60fd437b64f8c6c7c70e03e11fd",
      ARM3_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm3_state_t)}
 };
