@@ -350,3 +350,19 @@ def test_a_problem_file_is_told_from_a_design(examples, run):
     result = run(examples / "flexible_joint_arms.toml")
     assert result.exit_code == 2
     assert "it is a problem file, not a design" in result.stderr
+
+
+def test_scales_of_a_disturbance_matter_where_something_disturbs(folder, run, tmp_path):
+    """Half of every disturbance is less than all of it, so that the proof holds; a run says nothing of halves."""
+
+    def change(content):
+        content["problem"]["design"]["disturbances"]["states"] = 0.5
+        content["claims"]["floor"] = content["proofs"]["floor"] = None  # of whole disturbances
+
+    path = changed(folder, tmp_path, change)
+    words = ("--horizon", 4, "--controllers", "continuous", "--json", "--disturbance")
+    still, moved = (answer(run(path, *words, kind))["l2"] for kind in ("none", "noise"))
+    assert still["covered"]
+    assert 0 < still["ratio"] < 1
+    assert not moved["covered"]
+    assert "as scaled there" in moved["reason"]

@@ -1,6 +1,6 @@
 """`lockstep design`: gains and certificate."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -59,9 +59,24 @@ def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
         return {}
     stable = ", stable controllers" if asked.get("stable_controllers") else ""
     decay = f", a decay of {asked['search_decay']:g} 1/s" if "search_decay" in asked else ""
-    sizes = "" if isinstance(asked["weights"]["state"], float) else ", states counted by their natural size"
-    said = f"gain_limit {asked['gain_limit']:g}, small weights on u, small noise{sizes}{stable}{decay}"
+    weights, disturbances = asked["weights"], asked["disturbances"]
+    sizes = {"weights.input": weights["input"], "noise": disturbances.get("outputs")}
+    if isinstance(weights["state"], list):
+        sizes |= {"weights.state": weights["state"], "disturbances": disturbances.get("states")}
+    listed = "".join(f", {key} {_numbers(value)}" for key, value in sizes.items() if value)
+    said = f"gain_limit {asked['gain_limit']:g}{listed}{stable}{decay}"
     return {"by default": "; ".join(filter(None, [said, asked.get("given_up")]))}
+
+
+def _numbers(value: Any) -> str:
+    """Return a number, or a list or table of them, for people.
+
+    >>> _numbers({"y1": 0.003, "y2": 0.03}), _numbers([0.002]), _numbers(1.0)
+    ('y1 0.003 y2 0.03', '0.002', '1')
+    """
+    if isinstance(value, Mapping):
+        return " ".join(f"{name} {_numbers(one)}" for name, one in value.items())
+    return " ".join(map(_numbers, value)) if isinstance(value, Sequence) else f"{value:g}"
 
 
 def _cut(figures: Mapping[str, Any]) -> dict[str, str]:
