@@ -42,7 +42,9 @@ def changed(table_1: Path, place: Path, change) -> Path:
 
 
 def test_limits_of_which_clipping_alone_is_proved_are_no_radius():
-    assert proved_besides({"limits": {"clipped_radius": 1.9}}) == {}
+    found = proved_besides({"limits": {"clipped_radius": 1.9}})
+    assert found == {"limits met": "agreement all the same from at most 1.9"}
+    assert not proved_besides({"limits": {"clipped_radius": 1.9}}, lambda claim: claim != "clipped")
 
 
 def test_the_trade_off_rises_with_alpha(examples, run, tmp_path):
