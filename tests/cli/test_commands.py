@@ -43,7 +43,7 @@ def changed(table_1: Path, place: Path, change) -> Path:
 
 def test_limits_of_which_clipping_alone_is_proved_are_no_radius():
     found = proved_besides({"limits": {"clipped_radius": 1.9}})
-    assert found == {"limits met": "agreement all the same from at most 1.9"}
+    assert found == {"limits met": "agreement all the same, from a disagreement of at most 1.9, at rest"}
     assert not proved_besides({"limits": {"clipped_radius": 1.9}}, lambda claim: claim != "clipped")
 
 

@@ -349,7 +349,7 @@ def test_the_worst_disturbance_of_a_local_design_is_one_that_the_proof_is_about(
 def test_a_problem_file_is_told_from_a_design(examples, run):
     result = run(examples / "flexible_joint_arms.toml")
     assert result.exit_code == 2
-    assert "it is a problem file, not a design" in result.stderr
+    assert "a problem file; expected a file written by `lockstep design`" in result.stderr
 
 
 def test_scales_of_a_disturbance_matter_where_something_disturbs(folder, run, tmp_path):

@@ -111,7 +111,10 @@ def proved_besides(
             content.get("controllers_stable") and "yes, each by itself",
         ),
         "limits": ("no limit met", radius and f"from a disagreement of at most {radius:.6g}, at rest"),
-        "clipped": ("limits met", clipped and f"agreement all the same from at most {clipped:.6g}"),
+        "clipped": (
+            "limits met",
+            clipped and f"agreement all the same, from a disagreement of at most {clipped:.6g}, at rest",
+        ),
     }
     return {name: said for claim, (name, said) in rows.items() if said and proves(claim)}
 

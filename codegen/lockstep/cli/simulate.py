@@ -62,11 +62,12 @@ def _plotted(trajectory: "Trajectory", as_json: bool) -> str:
 
 def _tables(found: "Simulation", plot: str) -> RenderableType:
     from lockstep.model.simulation import effort_indices, indices
+    from lockstep.workflow.runs.simulate_rows import rows
 
     trajectory = found.trajectory
     # Two tables of three digits: in 80 columns a figure that is cut says nothing.
     headings, style = ("agent", "ISE", "IAE", "ITSE", "ITAE"), {"pad_edge": False, "collapse_padding": True}
-    parts: list[RenderableType] = [two_columns(found.design.title, found.rows())]
+    parts: list[RenderableType] = [two_columns(found.design.title, rows(found))]
     for title, each in (("disagreement", indices(trajectory)), ("inputs", effort_indices(trajectory))):
         figures = [map(_short, one.document().values()) for one in each]
         cells = [(f"{trajectory.agent}{i}", *some) for i, some in enumerate(figures, start=1)]

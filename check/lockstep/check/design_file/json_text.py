@@ -43,9 +43,7 @@ def parse_json(text: str, where: str) -> Any:
         raise error.within(where) from None
     except (ValueError, RecursionError) as error:
         # Python refuses whole numbers of more than 4300 digits with a plain ValueError.
-        found = (
-            "it is a problem file, not a design" if where.endswith(".toml") else f"it is not JSON ({error})"
-        )
+        found = "a problem file" if where.endswith(".toml") else f"it is not JSON ({error})"
         raise ProblemError(found, where=where, expected=A_DESIGN) from None
     return content
 

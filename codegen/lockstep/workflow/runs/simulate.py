@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 
 from lockstep.check.errors import demand
-from lockstep.lmi.initial import below
 from lockstep.model.html_table import html_table
 from lockstep.workflow.design import Design, as_design
 from lockstep.workflow.files import check_writable, of_file, write_text
@@ -114,59 +113,6 @@ class Simulation:
             "largest_input": [float(np.abs(trajectory.u[:, i]).max()) for i in range(trajectory.N)],
         }
 
-    def rows(self) -> dict[str, str]:
-        """Return what is to be told of the run, for people, by a word for each."""
-        trajectory, found, problem = self.trajectory, self.measured, self.design.problem
-        d = trajectory.disagreement()
-        rows = {
-            "controllers": self.controllers,
-            "disturbance": f"{self.disturbance}, |xi_d| = {found.input:.4g} in L2",
-            "disagreement": f"{d[0]:.4g} at the start, {d.max():.4g} at most, {d[-1]:.4g} after {trajectory.horizon:g} s",
-            "measured gain" if found.gain else "against rho": found.text,
-            **self._ranges(),
-        }
-        claimed = self.design.stored.claims.initial_set
-        if claimed is not None and d[0] > claimed.radius:
-            rows["initial states"] = (
-                f"{d[0]:.4g} from agreement; that all agents stay in their domain is proved from {below(claimed.radius)},"
-                " of the continuous controllers"
-            )
-        if problem.reference is not None:
-            moved = ", ".join(
-                f"{name} = {text}" for name, text in (problem.simulation.reference or {}).items()
-            )
-            leader = f"{problem.agent().name}{problem.reference.leader + 1}"
-            rows["reference"] = f"of {leader}: {moved}, counted as its disturbance"
-        if trajectory.faults:
-            rows["faults"] = f"{trajectory.faults} steps with a status other than OK or CLIPPED"
-        if trajectory.clipped:
-            rows["clipped"] = f"{trajectory.clipped} controller steps met a limit of an input"
-        if of := self.messages:
-            besides = {"disturbances": trajectory.xi.any(), "clipped inputs": trajectory.clipped}
-            without = " and ".join(what for what, there in besides.items() if there)
-            less, residual = f" without {without} (this run has them)" if without else "", of["residual"]
-            proved = f"; in the end at most {residual:.4g} apart, which is proved{less}" if residual else ""
-            rows["send on change"] = f"{of['saved']:.1%} of the messages saved ({of['sent']} sent){proved}"
-        return rows
-
-    def _ranges(self) -> dict[str, str]:
-        """Return over what the states of the domain, and the limited inputs, went: all agents, all instants."""
-        problem, trajectory = self.design.problem, self.trajectory
-        agent = problem.agent()
-        rows = (
-            ("domain", agent.states, trajectory.x, agent.box),
-            ("limits", agent.inputs, trajectory.u, problem.sides),
-        )
-        return {
-            row: ", ".join(
-                f"{name} from {values[..., j].min():.4g} to {values[..., j].max():.4g} within {low:g} to {high:g}"
-                for j, (name, (low, high)) in enumerate(zip(names, sides, strict=True))
-                if np.isfinite((low, high)).any()
-            )
-            for row, names, values, sides in rows
-            if np.isfinite(sides).any()
-        }
-
     def to_control(self) -> Any:
         """Return the run as `control.TimeResponseData`, with the names of `Design.to_control`."""
         from lockstep.model.simulation.results.exchange import to_time_response
@@ -200,7 +146,9 @@ class Simulation:
 
     def _repr_html_(self) -> str:
         """Return what is to be told of it in a table, for a notebook."""
-        return html_table(self.rows().items(), title=self.design.title)
+        from lockstep.workflow.runs.simulate_rows import rows
+
+        return html_table(rows(self).items(), title=self.design.title)
 
     def figures(self) -> dict[str, bytes]:
         """Return the states, the disagreement and the effort as PNG and PDF: file name -> bytes."""
@@ -333,8 +281,8 @@ def _checked(
 def _scenario(stored: "Stored", network: "Network", kind: "Kind", changes: "Changes") -> "Scenario":
     """Return the run; the worst disturbance starts from agreement, whatever the file's initial states.
 
-    It is as large as is proved to keep all agents in their domain, and inputs off their limits, where that is asked: a run
-    beyond would be held against nothing.
+    It is no larger than what is proved to keep all agents in their domain, and inputs off their limits; where nothing is
+    proved of a domain, so small that the loop is linear. A run beyond would be held against nothing.
     """
     from lockstep.model.simulation.from_problem import scenario_of
 

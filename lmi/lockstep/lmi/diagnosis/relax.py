@@ -40,19 +40,21 @@ Hint = tuple[str, dict[str, Any]]
 
 
 def hint(problem: Problem, network: Network, claim: Claim) -> Hint:
-    """Return what stands in the way of a design: delta, the gain limit, or nothing that a quick search shows."""
+    """Return what stands in the way of a design: the decay, delta, the gain limit, or nothing that a quick search shows."""
     with one_thread():
-        asked = _decay(problem, network, claim) or _delta(problem, network, claim)
-        return asked or _gain_limit(problem, network, claim) or ("", {})
+        decaying = network.decaying(problem.design.decay or 0.0)
+        asked = _decay(problem, network, claim) or _delta(problem, decaying, claim)
+        return asked or _gain_limit(problem, decaying, claim) or ("", {})
 
 
 def hint_of_stability(problem: Problem, network: Network, claim: Claim) -> Hint:
-    """Return what stands in the way of a stable loop: a mode of the graph, and whether more gain would help."""
+    """Return what stands in the way of a stable loop: the decay, or a mode of the graph and whether more gain would help."""
     with one_thread():
         if (slower := _decay(problem, network, claim)) is not None:
             return slower
         said, figures = _modes(problem, network)
-        more, found = _gain_limit(problem, network, claim) or ("", {})
+        decaying = network.decaying(problem.design.decay or 0.0)
+        more, found = _gain_limit(problem, decaying, claim) or ("", {})
     return said + more, figures | found
 
 
@@ -81,11 +83,9 @@ def _decay(problem: Problem, network: Network, claim: Claim) -> Hint | None:
 
 
 def _delta(problem: Problem, network: Network, claim: Claim) -> Hint | None:
-    decaying = network.decaying(problem.design.decay or 0.0)
-
     def with_part(part: float) -> bool:
         easier = replace(claim, delta=part * claim.delta)
-        return is_designed(problem, decaying, easier, problem.design.gain_limit)
+        return is_designed(problem, network, easier, problem.design.gain_limit)
 
     if not claim.delta.any() or not with_part(0.0):
         return None
@@ -99,8 +99,8 @@ def _delta(problem: Problem, network: Network, claim: Claim) -> Hint | None:
 
 
 def _gain_limit(problem: Problem, network: Network, claim: Claim) -> Hint | None:
-    limit, decaying = problem.design.gain_limit, network.decaying(problem.design.decay or 0.0)
-    enough = _first(FACTORS, lambda factor: is_designed(problem, decaying, claim, factor * limit))
+    limit = problem.design.gain_limit
+    enough = _first(FACTORS, lambda factor: is_designed(problem, network, claim, factor * limit))
     if enough is None:
         return None
     smaller = ", or make [agent.domain] smaller, which asks for less" if problem.agent().domain else ""
