@@ -20,24 +20,24 @@ VERIFICATION = "codegen/lockstep/verification"
 WORKFLOW = "codegen/lockstep/workflow"
 EVERY_GRAPH = [
     f"check/lockstep/check/{name}.py"
-    for name in ("design_file/modal_proof", "held", "system/many_graphs", "sampled/modes")
+    for name in ("design_file/modal_proof", "sampled_claims", "system/graph_family", "sampled/modes")
 ]
 LATER = {
     "check: limits of the inputs": (
-        [f"check/lockstep/check/sampled/{name}.py" for name in ("limits", "clipping")],
+        [f"check/lockstep/check/sampled/{name}.py" for name in ("input_limits", "saturation")],
         155,
     ),
     "check: formations": (["check/lockstep/check/system/formation.py"], 60),
     "formations, a leader's reference: of a problem": (
-        [f"model/lockstep/model/problem/{name}.py" for name in ("formation", "reference")],
+        [f"model/lockstep/model/problem/{name}.py" for name in ("formation", "leader_reference")],
         110,
     ),
     "model/checks/proved": (["model/lockstep/model/checks/proved"], 1980),
     "check: every graph with a spectrum, and modes": (EVERY_GRAPH, 320),
     "many agents: search, witnesses, graphs": (
         [
-            "lmi/lockstep/lmi/methods/modal_common.py",
-            "lmi/lockstep/lmi/search/modes.py",
+            "lmi/lockstep/lmi/methods/modal_interval.py",
+            "lmi/lockstep/lmi/search/common_gains.py",
             "lmi/lockstep/lmi/analysis/semidefinite.py",
             "lmi/lockstep/lmi/sampled/modal",
             "codegen/lockstep/codegen/sampled_modes.py",
@@ -49,16 +49,19 @@ LATER = {
         1280,
     ),
     "gains of their own of many agents: multipliers by frequencies": (
-        [f"lmi/lockstep/lmi/analysis/{name}.py" for name in ("by_frequencies", "p_norm")],
+        [f"lmi/lockstep/lmi/analysis/{name}.py" for name in ("frequency_multipliers", "p_norm")],
         220,  # 190 before the p-norm without eigenvectors, which the search of small loops shares
     ),
     "a search on a cluster": (["lmi/lockstep/lmi/cluster.py"], 60),
     "gains and one P together": (
-        ["lmi/lockstep/lmi/methods/bilinear.py", "lmi/lockstep/lmi/methods/modal_together.py"],
+        ["lmi/lockstep/lmi/methods/bilinear_barrier.py", "lmi/lockstep/lmi/methods/modal_newton.py"],
         260,
     ),
     "model/control: loops sampled and opened": (
-        [f"{CONTROL}/{name}.py" for name in ("hybrid", "hybrid_norms", "operating", "ports", "wiring")],
+        [
+            f"{CONTROL}/{name}.py"
+            for name in ("hybrid", "hybrid_norms", "operating_points", "ports", "wiring")
+        ],
         800,
     ),
     "check: messages that are lost or late": (
@@ -71,7 +74,10 @@ LATER = {
     ),
     "messages: what proposes and says": (
         [
-            *(f"lmi/lockstep/lmi/sampled/messages/{one}.py" for one in ("limits", "program", "witnesses")),
+            *(
+                f"lmi/lockstep/lmi/sampled/messages/{one}.py"
+                for one in ("largest_faults", "program", "witnesses")
+            ),
             *(
                 f"codegen/lockstep/{name}.py"
                 for name in ("codegen/message_claims", "workflow/messages", "cli/messages")
@@ -82,49 +88,52 @@ LATER = {
     ),
     "messages: gains that carry them": (
         [
-            *(f"lmi/lockstep/lmi/sampled/messages/{one}.py" for one in ("descent", "gains")),
-            "codegen/lockstep/codegen/for_messages.py",
+            *(f"lmi/lockstep/lmi/sampled/messages/{one}.py" for one in ("descent", "redesign")),
+            "codegen/lockstep/codegen/message_redesign.py",
         ],
         270,
     ),
-    "lmi: an interior-point method for large cones": (["lmi/lockstep/lmi/analysis/dense.py"], 180),
+    "lmi: an interior-point method for large cones": (["lmi/lockstep/lmi/analysis/dense_sdp.py"], 180),
     "check: controllers in integers": (
-        [f"check/lockstep/check/{name}fixed.py" for name in ("", "c_source/", "design_file/", "sampled/")],
+        [
+            f"check/lockstep/check/{name}fixed_point.py"
+            for name in ("", "c_source/", "design_file/", "sampled/")
+        ],
         400,
     ),
     "controllers in integers: what proposes and runs": (
         [
-            "lmi/lockstep/lmi/sampled/fixed.py",
-            "codegen/lockstep/codegen/fixed_design.py",
-            f"{VERIFICATION}/fixed.py",
+            "lmi/lockstep/lmi/sampled/fixed_point.py",
+            "codegen/lockstep/codegen/fixed_point.py",
+            f"{VERIFICATION}/fixed_point.py",
         ],
         450,
     ),
     "lmi/robustness": (["lmi/lockstep/lmi/robustness"], 600),
-    "lmi/foreign": (["lmi/lockstep/lmi/foreign"], 500),
-    "codegen/doors, and what runs them": (
+    "lmi/external_lmi": (["lmi/lockstep/lmi/external_lmi"], 500),
+    "codegen/exports, and what runs them": (
         [
-            "codegen/lockstep/codegen/doors",
-            *(f"{VERIFICATION}/{one}.py" for one in ("pil_log", "machines/qemu", "units")),
+            "codegen/lockstep/codegen/exports",
+            *(f"{VERIFICATION}/{one}.py" for one in ("pil_log", "machines/qemu", "fmu")),
         ],
         720,  # 600 before the DBC and the integers, 718 before their instructions
     ),
     "messages: nodes compared with their reference, campaigns of network faults": (
         [
             f"{VERIFICATION}/messages",
-            "codegen/lockstep/campaign/network",
-            "codegen/lockstep/workflow/runs/network.py",
+            "codegen/lockstep/campaign/network_faults",
+            "codegen/lockstep/workflow/runs/network_faults.py",
         ],
         1000,
     ),
     "send on change": (["model/lockstep/model/simulation/send_on_change.py"], 50),
-    "check: one image for all nodes": (["check/lockstep/check/c_source/node.py"], 150),
+    "check: one image for all nodes": (["check/lockstep/check/c_source/one_image.py"], 150),
     "codegen: one image for all nodes": (
-        ["codegen/lockstep/codegen/emission/one_image.py", f"{VERIFICATION}/nodes.py"],
+        ["codegen/lockstep/codegen/emission/one_image.py", f"{VERIFICATION}/one_image.py"],
         300,
     ),
     "codegen/swarm, and its runs": (
-        ["codegen/lockstep/swarm", "codegen/lockstep/workflow/runs/large.py"],
+        ["codegen/lockstep/swarm", "codegen/lockstep/workflow/runs/swarm.py"],
         1000,
     ),
     "wishes by default, trade-offs, inputs that are clipped": (
@@ -134,9 +143,9 @@ LATER = {
                 for name in (
                     "defaults",
                     "diagnosis/pareto",
-                    "search/fastest",
-                    "sampled/clipped",
-                    "sampled/limits",
+                    "search/fastest_decay",
+                    "sampled/saturation",
+                    "sampled/input_limits",
                 )
             ),
             "codegen/lockstep/report/trade_off.py",
@@ -146,31 +155,31 @@ LATER = {
     ),
     "initial sets: a P of their own, gains that move": (
         [
-            *(f"lmi/lockstep/lmi/{name}.py" for name in ("local_sets", "search/initial_set")),
+            *(f"lmi/lockstep/lmi/{name}.py" for name in ("initial_set_design", "search/initial_set")),
             "model/lockstep/model/problem/leader.py",
         ],
         360,
     ),
     "bounds on each core: stack, flash, instructions": (
         # 70 of them the budgets that the roots had before
-        [f"codegen/lockstep/codegen/{name}.py" for name in ("bounds", "budget", "coefficients")],
+        [f"codegen/lockstep/codegen/{name}.py" for name in ("bounds", "budget", "bound_coefficients")],
         230,
     ),
     "evidence: from the problem to the C": (
-        ["codegen/lockstep/report/evidence.py", "model/lockstep/model/problem/tables/lines.py"],
+        ["codegen/lockstep/report/evidence.py", "model/lockstep/model/problem/tables/key_lines.py"],
         200,
     ),
     "begin, explain, wait, reuse": (
         [
             *(
                 f"{WORKFLOW}/{one}.py"
-                for one in ("init", "explain", "reuse", "waiting/time_left", "waiting/progress_lines")
+                for one in ("init", "explain", "design_cache", "waiting/time_left", "waiting/progress_lines")
             ),
             *(
                 f"model/lockstep/model/{name}.py"
-                for name in ("formulas/look_alikes", "checks/slips", "problem/tables/key_meanings")
+                for name in ("formulas/confusables", "checks/plausibility", "problem/tables/key_meanings")
             ),
-            *(f"lmi/lockstep/lmi/search/{one}.py" for one in ("stopping", "likely")),
+            *(f"lmi/lockstep/lmi/search/{one}.py" for one in ("stopping", "search_time")),
         ],
         950,
     ),
@@ -182,7 +191,7 @@ _LATER = [one for places, _ in LATER.values() for one in places]
 LIMITS = {
     # 4000 is the aim. 6300 held the whole language of expressions, unbounded domains and the readers; u in what rho weighs,
     # noise, decay, stable controllers and limits added 310, what ties the rows above to the file and the C (claims of limits,
-    # one image, a spectrum, messages) another 100; offsets, integers, sets 80. What writes files went to lmi/written,
+    # one image, a spectrum, messages) another 100; offsets, integers, sets 80. What writes files went to lmi/design_json,
     # and copies went: 280 less. Only down from here.
     "check": (["check"], _LATER, 6540),
     # 1000 before `check --messages`, the campaign's faults, integers, send on change; 1080 before one answered for all.

@@ -20,7 +20,7 @@ from typing import Any
 from lockstep.codegen.sampled_design import prove_design, with_sampled
 from lockstep.lmi.document import parse
 from lockstep.workflow.design import Design
-from lockstep.workflow.runs.network import network_campaign
+from lockstep.workflow.runs.network_faults import network_campaign
 
 ROOT = Path(__file__).parents[1]
 ARMS = ROOT / "generated" / "flexible_joint_arms" / "design.json"

@@ -27,7 +27,7 @@ from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.sampled_design import sampled_network
 from lockstep.lmi.document import read
 from lockstep.lmi.sampled import HeldController
-from lockstep.lmi.sampled.certify import plant_in_doubles
+from lockstep.lmi.sampled.witnesses import plant_in_doubles
 
 DEFAULT = Path(__file__).parents[1] / "generated" / "flexible_joint_arms"
 LENGTH = 200

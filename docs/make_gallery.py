@@ -18,8 +18,8 @@ from gallery_maker.graph import drawing
 from gallery_maker.measure import FOLDER, design_path, keep, known, measure, pictures
 from gallery_maker.pages import index, page, parts
 from lockstep.model.problem import Problem
-from lockstep.workflow.files import write_text
 from lockstep.workflow.init import fields, init
+from lockstep.workflow.output_files import write_text
 
 
 def files() -> dict[str, str]:

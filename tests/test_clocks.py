@@ -19,7 +19,7 @@ CLOCKS = {
         for name in ("search/start", "search/interior", "search/stopping", "methods/certified", "design")
     ),
     # how long a search is likely to take, and figures for people
-    "lmi/search/likely.py",
+    "lmi/search/search_time.py",
     *(f"workflow/waiting/{name}.py" for name in ("progress_lines", "time_left")),
     "campaign/campaign.py",
 }

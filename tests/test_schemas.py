@@ -16,8 +16,8 @@ from lockstep.check.design_file.claims import claims_of
 from lockstep.check.design_file.proofs import Proofs
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.manifest import Manifest, load_manifest
+from lockstep.lmi.design_json import LATER, claims_document, proofs_document, sampled_document
 from lockstep.lmi.document import parse
-from lockstep.lmi.written import LATER, claims_document, proofs_document, sampled_document
 from lockstep.model.problem.tables.json_schema import DIALECT, draft_07, problem_schema
 from lockstep.model.problem.tables.key_meanings import MEANINGS
 from lockstep.model.problem.tables.load import parse_tables

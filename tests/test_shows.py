@@ -5,8 +5,8 @@ import pytest
 
 import lockstep
 from lockstep.check.errors import Infeasible
-from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
+from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import file_of, parse
 from lockstep.model.problem import load_problem, parse_problem
 

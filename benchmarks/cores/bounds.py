@@ -28,9 +28,9 @@ from elftools.elf.elffile import ELFFile
 
 from lockstep.check.c_source.kernel import Shape
 from lockstep.codegen.cores import CORES, emulated, registers_of
-from lockstep.codegen.doors import with_doors
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.emission.rendering import render
+from lockstep.codegen.exports import with_exports
 from lockstep.codegen.spec import CodegenSpec, Controller, FixedFormats, Neighbour
 from lockstep.verification.harness import compile_objects, text_bytes
 from lockstep.verification.machines.image import link_image, load_image, machine_flags
@@ -217,7 +217,9 @@ def measure(seed, count, *, integers=False):
             agent = replace(agent, limits=np.tile([-9.0, 7.0], (m, 1)))
             spec = CodegenSpec((agent,), period=0.01, name="one", fixed=formats)
             made = {
-                path: text for path, text in with_doors(emit(spec), ("fixed",)).items() if "zz_fixed." in path
+                path: text
+                for path, text in with_exports(emit(spec), ("fixed",)).items()
+                if "zz_fixed." in path
             }
             jobs = [("integers", "", made, "zz_fixed", whole_cases(random, shape))]
         else:

@@ -1,4 +1,4 @@
-"""Fit the coefficients of `codegen/coefficients.py` to what `bounds.py` measured, and hold measurements to the bounds.
+"""Fit the coefficients of `codegen/bound_coefficients.py` to what `bounds.py` measured, and hold measurements to the bounds.
 
     python benchmarks/cores/bounds_fit.py fit FILE.jsonl...     prints the tables
     python benchmarks/cores/bounds_fit.py hold FILE.jsonl...    measured over bound; exits with 1 above a bound

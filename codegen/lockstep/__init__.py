@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lockstep.check.errors import ClaimError, LockstepError, ProblemError
-    from lockstep.lmi.foreign import LmiVerdict, decide_lmi
+    from lockstep.lmi.external_lmi import LmiVerdict, decide_lmi
     from lockstep.model.problem import Problem
     from lockstep.workflow.build import Build, build
     from lockstep.workflow.certify import DesignVerdict, certify
@@ -61,10 +61,10 @@ _HOMES = {
     "Design": "lockstep.workflow.design",
     "DesignVerdict": "lockstep.workflow.certify",
     "Generated": "lockstep.workflow.generate",
-    "LmiVerdict": "lockstep.lmi.foreign",
+    "LmiVerdict": "lockstep.lmi.external_lmi",
     "Problem": "lockstep.model.problem",
     "Simulation": "lockstep.workflow.runs.simulate",
-    "decide_lmi": "lockstep.lmi.foreign",
+    "decide_lmi": "lockstep.lmi.external_lmi",
     "simulate": "lockstep.workflow.runs.simulate",
     "load": "lockstep.workflow.design",
 }

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from lockstep.check.bound.box import Box
-from lockstep.check.bound.conditions import Condition
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
-from lockstep.check.bound.graph import ExactPhi
-from lockstep.check.bound.result import Entry
+from lockstep.check.bound.phi import ExactPhi
+from lockstep.check.bound.regularity import Condition
+from lockstep.check.bound.slope_bounds import Entry
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.node import (
     ONE,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lockstep.check.c_source.reader import read_controller
-from lockstep.check.c_source.text import CText, nearest
+from lockstep.check.c_source.tokens import CText, nearest
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.manifest import Manifest

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lockstep.check.bound.result import Entry
+from lockstep.check.bound.slope_bounds import Entry
 from lockstep.check.continuous.certificate import decide_certificate, decide_floor
 from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.continuous.modes import ModalCertificate, Segment

@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lockstep.check.__main__ import main
-from lockstep.check.asked import shortfalls
 from lockstep.check.certify import Certified, certify
 from lockstep.check.design_file.content import parse
 from lockstep.check.errors import LockstepError, ProblemError
+from lockstep.check.requirements import shortfalls
 from lockstep.check.system.problem import ProblemTables
 from lockstep.check.verdict import Verdict
 

@@ -8,8 +8,8 @@ import pytest
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.graph import Digraph
+from lockstep.check.system.graph_family import SpectrumRange
 from lockstep.check.system.loop import Plant
-from lockstep.check.system.many_graphs import SpectrumRange
 from lockstep.check.system.network import ExactNetwork
 
 GRAPH = Digraph.from_edges(2, [[1, 2, 0.5], [2, 1]])

@@ -16,12 +16,12 @@ import pytest
 
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import exactly
-from lockstep.check.sampled.certify import decide_sampled
+from lockstep.check.sampled.certificate import decide_sampled
 from lockstep.check.sampled.controller import SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers
 from lockstep.check.sampled.inequality import Witness
+from lockstep.check.sampled.l2_gain import proves_rho
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.system.disagreement import disagreement
 from lockstep.check.system.loop import Gains, Plant
 from lockstep.model.graphs.graph import Graph

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from lockstep.check.numbers import exactly
 from lockstep.check.sampled import balls
-from lockstep.check.sampled.conjugate import no_conjugate_point
+from lockstep.check.sampled.conjugate_points import no_conjugate_point
 from lockstep.check.sampled.lifting import copies, lift
 
 

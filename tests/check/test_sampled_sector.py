@@ -7,7 +7,7 @@ import pytest
 
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.sampled.sector import common_sector
-from lockstep.lmi.sampled.search import common_pair_weights
+from lockstep.lmi.sampled.loop_gain import common_pair_weights
 from lockstep.model.bound_search import Entry
 
 ENTRIES = (Entry(0, 0, 2.0), Entry(0, 1, 0.02), Entry(1, 1, 0.5))

@@ -76,16 +76,16 @@ def test_the_worst_disturbance_comes_near_rho(folder, run):
 
 def test_a_run_above_a_proved_rho_fails(folder, run, monkeypatch):
     """No such run exists; a checker that said rho = 1 would be found out."""
-    from lockstep.verification.closed_loop import measured
+    from lockstep.verification.closed_loop import measured_gain
 
-    kept = measured.promise
+    kept = measured_gain.promise
 
     def wrong(*given):
         from dataclasses import replace
 
         return replace(kept(*given), rho=1.0, P=None)
 
-    monkeypatch.setattr(measured, "promise", wrong)
+    monkeypatch.setattr(measured_gain, "promise", wrong)
     words = ("--controllers", "continuous", "--disturbance", "worst", "--horizon", 12, "--json")
     result = run(folder, *words)
     found = answer(result)

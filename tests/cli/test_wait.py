@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 import lockstep
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.main import app
-from lockstep.lmi.search.likely import rough, seconds
+from lockstep.lmi.search.search_time import rough, seconds
 from lockstep.lmi.search.stopping import Stop, Stopped
-from lockstep.workflow import reuse
+from lockstep.workflow import design_cache
 from lockstep.workflow.design import Design
 from lockstep.workflow.waiting.time_left import TimeLeft
 
@@ -151,14 +151,14 @@ def test_only_what_a_design_depends_on_is_in_the_key():
         text = SMALL
         for old, new in changes.items():
             text = text.replace(old, new)
-        return reuse.key(lockstep.Problem.parse(text))
+        return design_cache.key(lockstep.Problem.parse(text))
 
     assert key() == key(Two="Twelve") == key(order="# a comment\norder")
     assert len({key(), key(complete="ring"), key(sin="tanh"), key(starts="seed")}) == 4
 
 
 def test_the_key_holds_the_sources_of_all_that_searches(root):
-    held = {path.resolve() for path in reuse._modules()}
+    held = {path.resolve() for path in design_cache._modules()}
     for part in ("check", "model", "lmi", "codegen"):
         own = set((root / part / "lockstep" / part).rglob("*.py"))
         assert own
@@ -180,11 +180,11 @@ def test_the_key_holds_the_sources_of_all_that_searches(root):
 )
 def test_what_is_damaged_or_not_proved_is_ignored(damage, made, own_cache):
     problem = made.problem
-    reuse.keep(made.problem, made)
-    assert isinstance(reuse.recall(problem), Design)
+    design_cache.keep(made.problem, made)
+    assert isinstance(design_cache.recall(problem), Design)
     (file,) = kept(own_cache)
     file.write_text(damage(file.read_text(encoding="utf-8")), encoding="utf-8")
-    assert reuse.recall(problem) is None
+    assert design_cache.recall(problem) is None
 
 
 def better(content: dict) -> dict:
@@ -201,14 +201,14 @@ def moved(content: dict) -> dict:
 def test_a_search_that_was_cut_is_not_kept(why, made, own_cache):
     content = json.loads(made.text())
     content["info"]["figures"][why] = True
-    reuse.keep(made.problem, Design.of(content, "cut"))
+    design_cache.keep(made.problem, Design.of(content, "cut"))
     assert kept(own_cache) == []
 
 
 def test_a_folder_that_takes_no_files_is_no_error(made, own_cache):
     own_cache.write_text("no folder", encoding="utf-8")
-    reuse.keep(made.problem, made)
-    assert reuse.recall(made.problem) is None
+    design_cache.keep(made.problem, made)
+    assert design_cache.recall(made.problem) is None
 
 
 def test_the_range_grows_with_what_is_searched():

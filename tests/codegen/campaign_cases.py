@@ -20,7 +20,7 @@ from lockstep.model.problem import load_problem
 from lockstep.model.simulation.disturbance import Samples, Sines, Steps, Sum
 from lockstep.model.simulation.results.indices import indices
 from lockstep.model.simulation.scenario import Scenario
-from lockstep.verification.closed_loop.in_the_loop import reference_controllers
+from lockstep.verification.closed_loop.software_in_the_loop import reference_controllers
 
 STEP, PERIOD, HORIZON = 1e-3, 5e-3, 1.0
 WEIGHTS = Performance(np.diag([1.0, 0.5, 2.0, 1.0]), np.array([[2.0, 0.3], [0.3, 1.0]]))

@@ -4,7 +4,7 @@ import numpy as np
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.floor.witness import proves_floor
-from lockstep.lmi.analysis.solve import least_rho
+from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.floor.bisection import largest_floor
 from lockstep.model.agents.agent import Agent
 from lockstep.model.graphs.graph import Graph

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lockstep.check.continuous.inequality import Certificate, Claim
-from lockstep.check.continuous.local import InitialSet
+from lockstep.check.continuous.initial_set import InitialSet
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.disagreement import disagreement
 from lockstep.check.system.loop import Gains

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import lockstep
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats
-from lockstep.lmi.foreign import (
+from lockstep.lmi.external_lmi import (
     Lmi,
     decide_lmi,
     document_of_cvxpy,

@@ -17,9 +17,9 @@ from lockstep.lmi.robustness import (
     structured_singular_value,
 )
 from lockstep.lmi.robustness.blocks import Structure
+from lockstep.lmi.robustness.d_scaling import decide, of_numbers
 from lockstep.lmi.robustness.every_frequency import _decided
 from lockstep.lmi.robustness.peak import response_of
-from lockstep.lmi.robustness.scaling import decide, of_numbers
 
 ROOT = Path(__file__).parents[2]
 

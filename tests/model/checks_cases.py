@@ -1,6 +1,6 @@
 """Agents for the checks that prove, from their equations."""
 
-from lockstep.model.checks.proved.field import Field
+from lockstep.model.checks.proved.vector_field import Field
 from lockstep.model.problem import Problem
 
 

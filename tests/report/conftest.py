@@ -10,10 +10,10 @@ import pytest
 from lockstep.lmi.document import parse
 from lockstep.model.checks import check_problem
 from lockstep.report.drawings import draw
-from lockstep.report.facts import gather
 from lockstep.report.page import html
+from lockstep.report.poles import spectrum_of
 from lockstep.report.report import make_report
-from lockstep.report.spectrum import spectrum_of
+from lockstep.report.report_data import gather
 from lockstep.verification.verify import TargetResult, VerifyReport
 
 sys.path.insert(0, str(Path(__file__).parent))

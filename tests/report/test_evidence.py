@@ -6,7 +6,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from lockstep.model.problem.tables.lines import lines_of_keys
+from lockstep.model.problem.tables.key_lines import lines_of_keys
 from lockstep.report.evidence import coefficients, pages
 
 

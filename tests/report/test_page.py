@@ -13,9 +13,9 @@ from lockstep.codegen.sampled_design import HeldVerdict, with_sampled
 from lockstep.lmi.sampled import SampledVerdict
 from lockstep.model.problem import Problem
 from lockstep.report.drawings import draw
-from lockstep.report.facts import gather
 from lockstep.report.page import html
 from lockstep.report.report import make_report
+from lockstep.report.report_data import gather
 
 VOID = {"meta", "link", "br", "img", "input", "hr"}
 
@@ -181,7 +181,7 @@ def test_text_of_the_problem_cannot_become_markup(facts, page_of):
 
 
 def test_a_run_that_diverges_is_reported_as_one(files, stored, checks, verified, page_of, monkeypatch):
-    import lockstep.report.facts as module
+    import lockstep.report.report_data as module
     from lockstep.model.simulation import Diverged
 
     def diverges(*_):
@@ -206,7 +206,7 @@ def test_the_run_is_that_of_the_c(facts, files):
 
 
 def test_a_long_run_is_cut_short_and_says_so(files, checks, verified, stored, page_of, monkeypatch):
-    import lockstep.report.facts as module
+    import lockstep.report.report_data as module
 
     monkeypatch.setattr(module, "MOST_STEPS", 300)
     short = gather(files, stored, checks, verified).trajectory
@@ -216,7 +216,7 @@ def test_a_long_run_is_cut_short_and_says_so(files, checks, verified, stored, pa
 
 
 def test_gain_errors_and_a_searched_disturbance_are_left_out_of_the_run(facts):
-    from lockstep.report.facts import run_shipped
+    from lockstep.report.report_data import run_shipped
 
     simulation = {
         **facts.problem.document()["simulation"],

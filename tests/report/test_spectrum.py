@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag, null_space
 
-from lockstep.report.spectrum import poles_figure, singular_values_figure, spectrum_of
+from lockstep.report.poles import poles_figure, singular_values_figure, spectrum_of
 
 
 def loop_by_hand(facts):
@@ -57,7 +57,7 @@ def test_the_figures_hold_them(spectrum):
 
 
 def test_a_loop_too_large_has_poles_only(facts, spectrum, monkeypatch):
-    import lockstep.report.spectrum as module
+    import lockstep.report.poles as module
 
     monkeypatch.setattr(module, "MOST_STATES", 3)
     problem, gains = facts.problem, facts.stored.gains
@@ -70,7 +70,7 @@ def test_a_loop_too_large_has_poles_only(facts, spectrum, monkeypatch):
 
 
 def test_a_loop_far_too_large_has_the_controllers_poles_only(facts, monkeypatch):
-    import lockstep.report.spectrum as module
+    import lockstep.report.poles as module
 
     monkeypatch.setattr(module, "MOST_POLES", 3)
     few = spectrum_of(facts.network, facts.stored.gains, np.eye(4), np.eye(2))

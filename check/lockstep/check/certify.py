@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.check.asked import shortfalls
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
 from lockstep.check.c_source.folder import controllers_in
 from lockstep.check.continuous.certificate import (
@@ -30,22 +29,29 @@ from lockstep.check.continuous.certificate import (
     decide_stable_controllers,
 )
 from lockstep.check.continuous.inequality import Claim
-from lockstep.check.continuous.local import Domain
+from lockstep.check.continuous.initial_set import Domain
 from lockstep.check.design_file import content
 from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.design_file.json_text import A_DESIGN, load_json, parse_json
 from lockstep.check.files import text_inside
-from lockstep.check.fixed import decide_fixed
-from lockstep.check.held import CheckedFile, decide_held, held_controllers, modal_loop_of, sampled_network
+from lockstep.check.fixed_point import decide_fixed
 from lockstep.check.messages import decide_messages
 from lockstep.check.numbers import as_floats
-from lockstep.check.sampled.certify import SampledVerdict
-from lockstep.check.sampled.clipping import proves_clipped_radius
+from lockstep.check.requirements import shortfalls
+from lockstep.check.sampled.certificate import SampledVerdict
 from lockstep.check.sampled.controller import HeldController
-from lockstep.check.sampled.limits import proves_gain, proves_radius
+from lockstep.check.sampled.input_limits import proves_gain, proves_radius
+from lockstep.check.sampled.l2_gain import proves_rho
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.modes import SampledModalWitness, proves_modal_rho
-from lockstep.check.sampled.performance import proves_rho
+from lockstep.check.sampled.saturation import proves_clipped_radius
+from lockstep.check.sampled_claims import (
+    CheckedFile,
+    decide_held,
+    held_controllers,
+    modal_loop_of,
+    sampled_network,
+)
 from lockstep.check.system.agent import ExactAgent
 from lockstep.check.system.domain import claimed_box
 from lockstep.check.system.network import ExactNetwork

@@ -17,7 +17,7 @@ from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.system.disagreement import disagreement
 from lockstep.codegen.sampled_design import certify_files
-from lockstep.lmi.certify import certify
+from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import Stored
 
 Controllers = Literal["sampled", "continuous"]

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Complex, Float
 
-from lockstep.campaign.response import Response
+from lockstep.campaign.frequency_response import Response
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.disagreement import orthonormal_factor
 from lockstep.model.network import Network

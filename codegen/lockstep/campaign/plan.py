@@ -15,9 +15,9 @@ import numpy as np
 
 from lockstep.campaign.compiled.layout import Features
 from lockstep.campaign.compiled.source import CampaignSource, continuous_source, sampled_source
+from lockstep.campaign.frequency_response import Response, continuous_response, sampled_response
 from lockstep.campaign.guarantee import Controllers, Guarantee, guarantee_of
 from lockstep.campaign.peaks import Peak, peaks
-from lockstep.campaign.response import Response, continuous_response, sampled_response
 from lockstep.check.continuous.inequality import LETTERS, Performance
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.sampled_design import sampled_controllers

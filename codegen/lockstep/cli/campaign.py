@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 def run_faults(path: Path, faults: str, runs: int, output: Path, **options: Any) -> Answer:
-    """Run a campaign of network faults: see `lockstep.workflow.runs.network.network_campaign`."""
-    from lockstep.workflow.runs.network import network_campaign
+    """Run a campaign of network faults: see `lockstep.workflow.runs.network_faults.network_campaign`."""
+    from lockstep.workflow.runs.network_faults import network_campaign
 
     with progress_display() as tell:
         found = network_campaign(path, faults, runs, output, **options, progress=tell)

@@ -59,7 +59,7 @@ def _inequality(path: Path | None, lmi: Path | None) -> Answer:
     if path is not None or lmi is None:
         found = "neither a design nor --lmi" if lmi is None else "a design and --lmi"
         raise ProblemError(found, where="lockstep certify", expected="one of the two")
-    from lockstep.lmi.foreign import decide_lmi
+    from lockstep.lmi.external_lmi import decide_lmi
 
     decided = decide_lmi(lmi)
     rows = {"certified": "yes" if decided.ok else "NO", "because": decided.reason}

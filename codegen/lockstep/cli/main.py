@@ -126,7 +126,7 @@ def init(
     json: Json = False,
 ) -> None:
     """Begin a commented problem file."""
-    from lockstep.cli.begin import run_init
+    from lockstep.cli.init_explain import run_init
 
     _respond(json, run_init, field, output)
 
@@ -192,7 +192,7 @@ def certify(
 @app.command()
 def explain(design: DesignFile, json: Json = False) -> None:
     """Say in plain words what is proved of a design and what is not."""
-    from lockstep.cli.begin import run_explain
+    from lockstep.cli.init_explain import run_explain
 
     _respond(json, run_explain, design)
 
@@ -226,10 +226,10 @@ def generate(
     from lockstep.cli.generate import run
 
     wanted = (pil, fmu, rust, arduino, messages, dbc, fixed)
-    doors = [*compress(("pil", "fmu", "rust", "arduino", "messages", "dbc", "fixed"), wanted)]
+    exports = [*compress(("pil", "fmu", "rust", "arduino", "messages", "dbc", "fixed"), wanted)]
     image = {"one_image": one_image, "max_neighbours": max_neighbours, "table": table}
     names = {"name": name, "prefix": prefix}
-    _respond(json, run, design, output, optimize=optimize, doors=doors, **names, **image)
+    _respond(json, run, design, output, optimize=optimize, exports=exports, **names, **image)
 
 
 @app.command()

@@ -18,8 +18,8 @@ from typing import Any
 
 from lockstep.check.c_source.kernel import Shape
 from lockstep.codegen.arithmetic import RealType
+from lockstep.codegen.bound_coefficients import INTEGERS, OWN, ROUTINES
 from lockstep.codegen.budget import SOFT_ALIKE, Extent, Part, flash_budgets, linear, stack_budgets
-from lockstep.codegen.coefficients import INTEGERS, OWN, ROUTINES
 from lockstep.codegen.cores import CORES
 from lockstep.codegen.spec import Optimize
 

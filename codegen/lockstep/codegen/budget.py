@@ -2,7 +2,7 @@
 
 What the C declares is counted exactly (`state_bytes`, `fixed_stack`, `fixed_flash`). What a compiler adds, frames and
 spilled values, code and literals, is bounded by a linear form in the dimensions with coefficients >= 0
-(`coefficients`), fitted above measurements of many shapes by `benchmarks/cores/bounds_fit.py`:
+(`bound_coefficients`), fitted above measurements of many shapes by `benchmarks/cores/bounds_fit.py`:
 
 - each row of [A B; C D] is a sum that lives until all are known to be finite; where the rows are unrolled, their literals
   and the entries of x and r that they share are kept too (terms);
@@ -17,7 +17,7 @@ from typing import NamedTuple
 from lockstep.check.c_source.kernel import Shape
 from lockstep.check.c_source.reader import ANSWERS
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.coefficients import FLASH, STACK, Table
+from lockstep.codegen.bound_coefficients import FLASH, STACK, Table
 from lockstep.codegen.cores import CORES
 from lockstep.codegen.spec import Optimize
 

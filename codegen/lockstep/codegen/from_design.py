@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from lockstep.check.design_file.fixed import FixedClaims
+from lockstep.check.design_file.fixed_point import FixedClaims
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.sampled.controller import PRECISIONS
 from lockstep.check.system.formation import measured_offsets

@@ -15,8 +15,8 @@ from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.messages import proves_messages
 from lockstep.lmi.document import Stored
+from lockstep.lmi.sampled.l2_gain import SampledRho
 from lockstep.lmi.sampled.messages.witnesses import certify_messages, message_rho
-from lockstep.lmi.sampled.performance import SampledRho
 from lockstep.model.plain_json import plain
 
 HALVINGS = 4

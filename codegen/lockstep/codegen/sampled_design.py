@@ -15,18 +15,18 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.errors import BoundNotProved, ProblemError
-from lockstep.check.held import sector
-from lockstep.check.sampled.certify import decide_sampled
-from lockstep.check.sampled.clipping import ClippedWitness, proves_clipped_radius
+from lockstep.check.sampled.certificate import decide_sampled
 from lockstep.check.sampled.inequality import Witness
-from lockstep.check.sampled.limits import proves_gain, proves_radius
+from lockstep.check.sampled.input_limits import proves_gain, proves_radius
+from lockstep.check.sampled.l2_gain import proves_rho
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.performance import proves_rho
+from lockstep.check.sampled.saturation import ClippedWitness, proves_clipped_radius
 from lockstep.check.sampled.sector import Sector
+from lockstep.check.sampled_claims import sector
 from lockstep.codegen.folder.contents import DESIGN_NAME
 from lockstep.codegen.message_claims import MessageProof, prove_messages
 from lockstep.codegen.sampled_modes import ModalRho, held_controllers, prove_modes_of, splits
-from lockstep.lmi.certify import Decided, certify
+from lockstep.lmi.design_verdict import Decided, certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import (
     HeldController,
@@ -37,9 +37,9 @@ from lockstep.lmi.sampled import (
     max_period,
     sampled_rho,
 )
-from lockstep.lmi.sampled.clipped import largest_clipped_radius
-from lockstep.lmi.sampled.limits import largest_gain, largest_radius
-from lockstep.lmi.sampled.search import common_pair_weights
+from lockstep.lmi.sampled.input_limits import largest_gain, largest_radius
+from lockstep.lmi.sampled.loop_gain import common_pair_weights
+from lockstep.lmi.sampled.saturation import largest_clipped_radius
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
 from lockstep.model.plain_json import to_json

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.errors import demand
-from lockstep.check.sampled.certify import SampledVerdict
+from lockstep.check.sampled.certificate import SampledVerdict
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers, sampled_table
 from lockstep.check.sampled.modes import (
@@ -18,9 +18,9 @@ from lockstep.check.sampled.modes import (
 )
 from lockstep.check.sampled.sector import Sector
 from lockstep.check.system.disagreement import single_difference
-from lockstep.check.system.spectrum import metric
+from lockstep.check.system.laplacian_spectrum import metric
 from lockstep.lmi.document import Stored
-from lockstep.lmi.sampled.modal.search import certify_modal, longest_modal, modal_rho
+from lockstep.lmi.sampled.modal.witnesses import certify_modal, longest_modal, modal_rho
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
 

@@ -11,10 +11,10 @@ from lockstep.lmi.diagnosis.pareto import ParetoPoint
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.simulation import Trajectory
 from lockstep.report import figures
+from lockstep.report.certificate_terms import up
 from lockstep.report.export import as_files, inline_svg
-from lockstep.report.facts import Facts
-from lockstep.report.spectrum import Spectrum, poles_figure, singular_values_figure
-from lockstep.report.terms import up
+from lockstep.report.poles import Spectrum, poles_figure, singular_values_figure
+from lockstep.report.report_data import Facts
 from lockstep.report.trade_off import described, trade_off_figure
 
 if TYPE_CHECKING:

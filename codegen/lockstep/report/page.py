@@ -12,12 +12,12 @@ from lockstep.codegen.emission.rendering import templates
 from lockstep.lmi.document import answer
 from lockstep.model.simulation import effort_indices, indices
 from lockstep.report import formula
+from lockstep.report.certificate_terms import terms_of, up
 from lockstep.report.drawings import Drawings
-from lockstep.report.facts import Facts
-from lockstep.report.guarantee import lines_of
-from lockstep.report.spectrum import Spectrum
+from lockstep.report.guarantee_lines import lines_of
+from lockstep.report.poles import Spectrum
+from lockstep.report.report_data import Facts
 from lockstep.report.style import DARK, LIGHT, shades
-from lockstep.report.terms import terms_of, up
 
 MOST_AGENTS = 12
 """Agents with a row or a section of their own; of more, the files tell."""

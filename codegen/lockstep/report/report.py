@@ -9,10 +9,10 @@ from lockstep.lmi.document import Stored, answer
 from lockstep.model.checks import CheckReport
 from lockstep.report.drawings import draw
 from lockstep.report.evidence import pages
-from lockstep.report.facts import gather
-from lockstep.report.guarantee import lines_of
+from lockstep.report.guarantee_lines import lines_of
 from lockstep.report.page import html
-from lockstep.report.spectrum import spectrum_of
+from lockstep.report.poles import spectrum_of
+from lockstep.report.report_data import gather
 from lockstep.verification.verify import VerifyReport
 
 PAGE, TEXT = "report.html", "report.md"

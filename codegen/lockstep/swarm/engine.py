@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from lockstep.campaign.compiled.lanes import LANES
 from lockstep.campaign.compiled.library import compiled
-from lockstep.swarm.fields import Fields, Pace
+from lockstep.swarm.disturbances import Fields, Pace
 from lockstep.swarm.loop import SwarmLoop
 from lockstep.swarm.source import CHUNK, FIGURES, swarm_source
 

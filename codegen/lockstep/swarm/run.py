@@ -12,10 +12,10 @@ from lockstep.model.simulation.quadrature import Hold, running_integral
 from lockstep.model.simulation.results.indices import Indices
 from lockstep.model.simulation.results.trajectory import AT_REST, Energies, Trajectory
 from lockstep.model.simulation.scenario import whole_number
+from lockstep.swarm.disturbances import Fields, Pace
 from lockstep.swarm.engine import CompiledSwarm
-from lockstep.swarm.fields import Fields, Pace
 from lockstep.swarm.loop import SwarmLoop
-from lockstep.swarm.plain import PlainSwarm
+from lockstep.swarm.numpy_engine import PlainSwarm
 
 RECORDED = 12
 """Agents whose signals are kept, the first ones: two or three hundred kilobytes for each thousand instants."""

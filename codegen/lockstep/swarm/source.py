@@ -12,7 +12,7 @@ from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.emission.kernel import straight_line
 from lockstep.codegen.emission.rendering import render
 from lockstep.model.simulation.divergence import BEYOND
-from lockstep.swarm.fields import Pace
+from lockstep.swarm.disturbances import Pace
 from lockstep.swarm.loop import SwarmLoop
 
 CHUNK = 32

@@ -7,7 +7,7 @@ import numpy as np
 
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.wording import shorten
-from lockstep.codegen.doors.pil import LOG_FORMAT, identity
+from lockstep.codegen.exports.pil import LOG_FORMAT, identity
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.harness import Run, output_arrays
 from lockstep.verification.stimulus import Trace

@@ -14,17 +14,17 @@ import numpy as np
 
 from lockstep.check.errors import ClaimError, Mismatch, demand
 from lockstep.check.files import read_bytes
-from lockstep.codegen.doors import doors_of
-from lockstep.codegen.doors.vectors import ADVERSARIAL, ORDINARY, vectors
 from lockstep.codegen.emission.calls import Calls
+from lockstep.codegen.exports import exports_of
+from lockstep.codegen.exports.vectors import ADVERSARIAL, ORDINARY, vectors
 from lockstep.codegen.folder.contents import refusals, strangers
 from lockstep.codegen.manifest import AgentEntry, Manifest, changed_files, load_manifest
 from lockstep.verification.comparison import Difference, compare
-from lockstep.verification.fixed import FixedResult, compare_fixed
+from lockstep.verification.fixed_point import FixedResult, compare_fixed
 from lockstep.verification.harness import Run
 from lockstep.verification.machines.targets import GROUPS, Target, targets_of
 from lockstep.verification.messages.compare import NodeResult, compare_nodes
-from lockstep.verification.nodes import reference_of, with_nodes
+from lockstep.verification.one_image import reference_of, with_nodes
 from lockstep.verification.pil_log import runs
 from lockstep.verification.reference import Reference
 from lockstep.verification.stimulus import (
@@ -190,7 +190,7 @@ def verify_log(directory: Path | str, log: Path | str) -> VerifyReport:
     """
     folder, log = Path(directory).absolute(), Path(log)
     manifest = load_manifest(folder)
-    demand("pil" in doors_of(manifest), "it has no pil/", str(directory), remedy="generate it with `--pil`")
+    demand("pil" in exports_of(manifest), "it has no pil/", str(directory), remedy="generate it with `--pil`")
     changed = changed_files(folder, manifest)
     calls = {agent.name: vectors(agent, manifest) for agent in manifest.agents}
     text = read_bytes(log, expected="the log of the runner in pil/", at_most=_LARGEST_LOG).decode(

@@ -13,9 +13,9 @@ from lockstep.model.problem import Problem
 from lockstep.model.problem.tables.load import read_problem
 from lockstep.workflow.check import check
 from lockstep.workflow.design import DESIGN_NAME, Design, design
-from lockstep.workflow.files import of_file
-from lockstep.workflow.folders import check_generated
 from lockstep.workflow.generate import generated_files
+from lockstep.workflow.output_files import of_file
+from lockstep.workflow.output_folders import check_generated
 from lockstep.workflow.trade_off import gains_by_name, trade_off_points
 from lockstep.workflow.verify import verify
 from lockstep.workflow.waiting.progress import Progress, silent

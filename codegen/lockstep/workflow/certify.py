@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from lockstep.model.html_table import html_table
 from lockstep.workflow.design import DESIGN_NAME, Design, as_design
-from lockstep.workflow.files import of_file
-from lockstep.workflow.folders import is_generated
+from lockstep.workflow.output_files import of_file
+from lockstep.workflow.output_folders import is_generated
 
 if TYPE_CHECKING:
-    from lockstep.lmi.certify import Decided
+    from lockstep.lmi.design_verdict import Decided
 
 UNCLAIMED = "the file does not claim it"
 UNDECIDED = "not decided: it rests on a claim that fails"
@@ -98,7 +98,7 @@ def certify(design: Design | Path | str) -> DesignVerdict:
             `reason` say it.
     """
     from lockstep.codegen.folder.as_generated import compared
-    from lockstep.lmi.certify import certify as decided
+    from lockstep.lmi.design_verdict import certify as decided
 
     found, path = as_design(design)
     with of_file(path):
@@ -149,7 +149,7 @@ def _document(design: Design, verdict: "Decided") -> dict[str, Any]:
 
 def _initial_set(design: Design) -> dict[str, Any]:
     """Return the states from which the agents stay in their domain, as they are claimed."""
-    from lockstep.lmi.initial import InitialStates, Unavailable
+    from lockstep.lmi.initial_set import InitialStates, Unavailable
     from lockstep.model.agents.arguments import arguments_text
 
     claimed = design.stored.claims.initial_set
@@ -162,7 +162,7 @@ def _initial_set(design: Design) -> dict[str, Any]:
 def _sampled(design: Design, verdict: "Decided") -> dict[str, Any]:
     """Return what is proved of the controllers as they ship; what is not, or is not claimed, is None."""
     from lockstep.check.design_file.claims import SampledClaims
-    from lockstep.lmi.written import sampled_document
+    from lockstep.lmi.design_json import sampled_document
 
     claims, table = design.stored.claims.sampled, design.problem.controller
     certified = verdict.proves("sampled")

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lockstep.model.problem import Problem
-from lockstep.workflow.files import of_file
+from lockstep.workflow.output_files import of_file
 from lockstep.workflow.waiting.progress import Progress, silent
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ from lockstep.lmi.document import Stored, answer, file_of, parse, read, sampled_
 from lockstep.model.html_table import html_table
 from lockstep.model.plain_json import to_json
 from lockstep.model.problem import Problem
-from lockstep.workflow.analysis import Analysis
 from lockstep.workflow.check import problem_of
-from lockstep.workflow.files import check_writable, of_file, seen, write_text
+from lockstep.workflow.output_files import check_writable, of_file, seen, write_text
+from lockstep.workflow.python_control import Analysis
 from lockstep.workflow.trade_off import check_folder, gains_by_name, trade_off_files, write_folder_of
 from lockstep.workflow.waiting.progress import Progress, silent
 
@@ -161,7 +161,7 @@ class Design(Analysis):
 
     def trade_off(self) -> str:
         """Return the least rho of these gains for each alpha, as CSV."""
-        from lockstep.lmi.diagnosis.trade import as_csv, curve
+        from lockstep.lmi.diagnosis.rho_against_alpha import as_csv, curve
 
         return as_csv(curve(self.stored))
 
@@ -212,7 +212,7 @@ def load(path: Path | str) -> Design:
 
 
 def _made_before(problem: Problem, progress: Progress) -> Design | None:
-    from lockstep.workflow.reuse import recall
+    from lockstep.workflow.design_cache import recall
 
     progress("looking for a design that was made before", 0.0)
     found = recall(problem)
@@ -255,14 +255,14 @@ def design(
         time_limit: seconds to search for gains; then the best certified ones so far, which depend on the machine.
         progress: told what is being done and the part of it that is done.
         reuse: take the design that was made before of the same problem, proved again, if there is one in the user's cache
-            folder, and keep this one there; see `lockstep.workflow.reuse`.
+            folder, and keep this one there; see `lockstep.workflow.design_cache`.
         stop: ends the search early, and the best certified gains so far are kept; see `lockstep.lmi.search.stopping`.
 
     Raises:
         ProblemError: bad input, or an output that cannot be written.
         ClaimError: no gains were found, or none that are certified; nothing is written.
     """
-    from lockstep.codegen.for_the_period import as_shipped
+    from lockstep.codegen.period_redesign import as_shipped
     from lockstep.lmi.cluster import searching_on
     from lockstep.lmi.design import design as designed
 
@@ -289,7 +289,7 @@ def design(
             found = Design(as_shipped(file_of(made), progress, made.others, stop))
         files = {} if folder is None else trade_off_files(found.stored, others, progress)
     if reuse and before is None:
-        from lockstep.workflow.reuse import keep
+        from lockstep.workflow.design_cache import keep
 
         keep(posed, found)
     points = None if curve is None or folder is not None else found.trade_off()

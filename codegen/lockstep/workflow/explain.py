@@ -10,8 +10,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from lockstep.lmi.initial import below
-from lockstep.model.checks.slips import alone
+from lockstep.lmi.initial_set import below
+from lockstep.model.checks.plausibility import alone
 from lockstep.workflow.certify import DesignVerdict, certify
 from lockstep.workflow.design import Design
 

@@ -9,7 +9,7 @@ from typing import Any
 from lockstep.check.errors import NotCertified, ProblemError, demand
 from lockstep.model.plain_json import to_json
 from lockstep.workflow.design import DESIGN_NAME, Design, as_design
-from lockstep.workflow.folders import check_generated
+from lockstep.workflow.output_folders import check_generated
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ def generate(
     folder: Path | str,
     *,
     optimize: str = "speed",
-    doors: Collection[str] = (),
+    exports: Collection[str] = (),
     name: str = "",
     prefix: str = "",
     one_image: bool | None = None,
@@ -49,7 +49,7 @@ def generate(
         design: itself, its file, or a folder that holds one.
         folder: the folder to write; one that Lockstep wrote before is replaced as a whole.
         optimize: "speed" unrolls, "size" loops over a table.
-        doors: more files: "pil" (test vectors and a runner for any board),
+        exports: more files: "pil" (test vectors and a runner for any board),
             "fmu" (FMI 3.0 co-simulation units, compiled for this machine if it has a compiler),
             "rust" (a `no_std` crate over the C), "arduino" (a library in Arduino's layout),
             "messages" (each agent as a node that sends, receives and holds stamped differences),
@@ -58,7 +58,7 @@ def generate(
         name: of the CMake target and the umbrella header; by default the agent's name and `_controllers`.
         prefix: put before the agents' names, so that two designs fit one program.
         one_image: one image for all nodes, whom a node hears given at run time; by default from 17 agents on whose gains are
-            all the same, where no doors are asked for, and for `spectrum`, whose graphs the nodes are told later.
+            all the same, where no exports are asked for, and for `spectrum`, whose graphs the nodes are told later.
         max_neighbours: of a node of one image; by default the largest in-degree of the design's graph, or `max_degree`.
         table: of whom each node hears, beside one image: "none", since a node needs its own list alone, "csv" for what
             installs the nodes, or "c" for an image that holds all lists.
@@ -69,25 +69,25 @@ def generate(
     """
     from lockstep.codegen.folder import write_folder
     from lockstep.codegen.folder.bundle import bundle
-    from lockstep.verification.units import units
+    from lockstep.verification.fmu import units
 
     folder = Path(folder)
     check_generated(folder)
     found = as_design(design)[0]
     if one_image is None:
         asked = max_neighbours is not None or table != "none"
-        one_image = asked or (not doors and _is_swarm(found))
+        one_image = asked or (not exports and _is_swarm(found))
     texts = generated_files(
         found,
         optimize,
-        doors,
+        exports,
         name=name,
         prefix=prefix,
         one_image=one_image,
         max_neighbours=max_neighbours,
         table=table,
     )
-    files: dict[str, str | bytes] = bundle(texts, units(texts)) if "fmu" in doors else {**texts}
+    files: dict[str, str | bytes] = bundle(texts, units(texts)) if "fmu" in exports else {**texts}
     write_folder(files, folder)
     return Generated(Design.of(json.loads(texts[DESIGN_NAME]), DESIGN_NAME, folder), folder, files)
 
@@ -105,7 +105,7 @@ def _is_swarm(design: Design) -> bool:
 def generated_files(
     design: Design,
     optimize: str = "speed",
-    doors: Collection[str] = (),
+    exports: Collection[str] = (),
     *,
     name: str = "",
     prefix: str = "",
@@ -121,21 +121,21 @@ def generated_files(
     Raises:
         NotCertified: the checker refuses the design: C is generated from certified designs only.
     """
-    from lockstep.codegen.doors import with_doors
     from lockstep.codegen.emission.emit import emit
-    from lockstep.codegen.fixed_design import with_fixed, without_fixed
+    from lockstep.codegen.exports import with_exports
+    from lockstep.codegen.fixed_point import with_fixed, without_fixed
     from lockstep.codegen.folder.bundle import bundle
     from lockstep.codegen.from_design import specification
     from lockstep.codegen.sampled_design import certify_files, prove_design, with_limits, with_sampled
-    from lockstep.lmi.certify import certify
+    from lockstep.lmi.design_verdict import certify
     from lockstep.lmi.document import with_bound_proof
 
     demand(optimize in ("speed", "size"), f"`--optimize` is {optimize!r}", "", '"speed" or "size"')
-    if one_image and doors:
+    if one_image and exports:
         raise ProblemError(
-            f"one image, and `--{min(doors)}`",
+            f"one image, and `--{min(exports)}`",
             where="lockstep generate",
-            expected="one or the other: the doors are for agents with neighbours of their own",
+            expected="one or the other: the exports are for agents with neighbours of their own",
         )
     for option, given in (("--max-neighbours", max_neighbours is not None), ("--table", table != "none")):
         if given and not one_image:
@@ -149,7 +149,7 @@ def generated_files(
     claims = stored.claims.sampled
     if not (verdict.ok and claims.certified and claims.rho and claims.max_period):
         stored = with_limits(with_sampled(stored, prove_design(stored)), stored)
-    stored = with_fixed(stored) if "fixed" in doors else without_fixed(stored)
+    stored = with_fixed(stored) if "fixed" in exports else without_fixed(stored)
     stored = replace(stored, claims=replace(stored.claims, scope=verdict.scope))
     spec = specification(
         stored,
@@ -160,7 +160,7 @@ def generated_files(
         max_neighbours=max_neighbours,
         table=table,  # type: ignore[arg-type]
     )
-    files = with_doors(emit(spec), doors)
+    files = with_exports(emit(spec), exports)
     decided = certify_files(files, stored)
     if stored.claims.sampled.certified and not decided.ok:
         raise NotCertified(f"the C does not hold what its design claims: {decided.reason}", **decided.figures)

@@ -8,7 +8,7 @@ from typing import Any
 
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.wording import nearest, shorten
-from lockstep.workflow.files import check_writable, write_text
+from lockstep.workflow.output_files import check_writable, write_text
 
 BLANK = "blank"
 """The file to fill in where no field is named."""

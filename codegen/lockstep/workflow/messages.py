@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from lockstep.check.errors import NotCertified
 from lockstep.workflow.design import Design, as_design
-from lockstep.workflow.files import of_file
+from lockstep.workflow.output_files import of_file
 from lockstep.workflow.waiting.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from lockstep.lmi.sampled.messages.limits import Limit
+    from lockstep.lmi.sampled.messages.largest_faults import Limit
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def message_limits(design: Design | Path | str, *, progress: Progress = silent) 
         NotCertified: its sampled loop is not certified when all messages arrive.
     """
     from lockstep.codegen.sampled_design import prove_agreement
-    from lockstep.lmi.sampled.messages import limits
+    from lockstep.lmi.sampled.messages import largest_faults
 
     found, path = as_design(design)
     with of_file(path):
@@ -58,5 +58,7 @@ def message_limits(design: Design | Path | str, *, progress: Progress = silent) 
             )
         entries = found.stored.claims.entries
         near = verdict.witness.P
-        said = limits.message_limits(network, controllers, near, entries, lambda what: progress(what, 0.0))
+        said = largest_faults.message_limits(
+            network, controllers, near, entries, lambda what: progress(what, 0.0)
+        )
     return MessageReach(found.title, said)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from lockstep.check.errors import ProblemError, demand
 from lockstep.lmi.document import Stored, read
 from lockstep.model.problem import load_problem
-from lockstep.workflow.files import check_takes_files, of_file, seen
+from lockstep.workflow.output_files import check_takes_files, of_file, seen
 from lockstep.workflow.waiting.progress import Progress
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import numpy as np
 
 from lockstep.check.errors import demand
 from lockstep.workflow.design import DESIGN_NAME, Design, load
-from lockstep.workflow.files import seen
+from lockstep.workflow.output_files import seen
 from lockstep.workflow.waiting.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def _nodes(design: Design, manifest: "Manifest", steps: int) -> list[np.ndarray]
     """Return outputs of the loop of all nodes, some agent's for each controller and each node of one image."""
     from lockstep.swarm import simulate_swarm, swarm_of_design
     from lockstep.verification.machines.toolchain import host_compilers
-    from lockstep.verification.nodes import with_nodes
+    from lockstep.verification.one_image import with_nodes
 
     loop, compiled = swarm_of_design(design.stored), bool(host_compilers())
     start, horizon = design.problem.initial_states(), steps * manifest.period

@@ -12,7 +12,7 @@ names neither `weights` nor `gain_limit` (nor a rho to keep), and its method sea
 and, where the states' natural units are further apart than 300 (a resonator in SI units moves by 1e-6 m at 1 m/s), weights
 and disturbances of the states in those units, too, so chosen that both are 1 for the state of the smallest unit.
 
-Natural units are those in which the numbers of plant and R are nearest to one (`search.units`). Where no gains are found
+Natural units are those in which the numbers of plant and R are nearest to one (`unit_scaling`). Where no gains are found
 for them, or none with a rho near the floor, the limit is raised, and then stability and decay are not asked for. What was
 taken is written into the problem: a design file names all of it, and nothing is filled in when it is read.
 """
@@ -106,7 +106,7 @@ def _of_two(problem: Problem, network: Network) -> Network:
 
 def _in_natural_units(problem: Problem, network: Network, claim: Claim) -> dict[str, Any]:
     """Return the defaults, and the norm of gains of size one."""
-    from lockstep.lmi.search.units import natural
+    from lockstep.lmi.search.unit_scaling import natural
 
     X, S_u, S_y, time, _ = natural(network.loop(problem.order), claim, powers_of_two=False)
     gains = np.outer(

@@ -22,13 +22,13 @@ from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.errors import Infeasible, NotCertified, OutOfTime, demand
 from lockstep.check.floor.witness import FloorWitness
 from lockstep.check.system.loop import Gains
+from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.analysis.rounding import prove, short_gains
-from lockstep.lmi.analysis.solve import eliminates_P
 from lockstep.lmi.defaults import MUCH, Wishes, is_far, named, wishes
 from lockstep.lmi.guarantees import Guarantees, guarantees
-from lockstep.lmi.initial import InitialStates, Unavailable
-from lockstep.lmi.local_sets import largest_initial_states
-from lockstep.lmi.sampled.descending.improve import StartingGains
+from lockstep.lmi.initial_set import InitialStates, Unavailable
+from lockstep.lmi.initial_set_design import largest_initial_states
+from lockstep.lmi.sampled.synthesis.gains_for_period import StartingGains
 from lockstep.lmi.scope import Scope, scope_of
 from lockstep.lmi.search.stopping import NothingYet, Stop
 from lockstep.lmi.threads import one_thread
@@ -236,9 +236,9 @@ def given_gains(problem: Problem) -> Gains:
 
 
 def _searched(problem: Problem, network: Network, bound: Bound, claim: Claim, effort: _Effort) -> Proposal:
-    from lockstep.lmi.diagnosis.alone import rho_alone
+    from lockstep.lmi.diagnosis.open_loop import rho_alone
     from lockstep.lmi.methods.certified import searched
-    from lockstep.lmi.sampled.descending.score import SampledScore
+    from lockstep.lmi.sampled.synthesis.score import SampledScore
 
     jobs, tell, time_limit, stop, explain = effort
     score = SampledScore.of(problem, network, claim)

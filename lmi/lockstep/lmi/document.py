@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
-from lockstep.check.continuous.local import InitialSet
+from lockstep.check.continuous.initial_set import InitialSet
 from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.design_file import content as design_file
 from lockstep.check.design_file.claims import Claims, SampledClaims, Scales
@@ -15,15 +15,15 @@ from lockstep.check.design_file.json_text import load_json
 from lockstep.check.design_file.proofs import BoundProof, Proofs
 from lockstep.check.system.domain import claimed_box
 from lockstep.lmi.design import Proposal
-from lockstep.lmi.initial import InitialStates
-from lockstep.lmi.upgrade import FORMAT_1, upgraded
-from lockstep.lmi.written import (
+from lockstep.lmi.design_json import (
     claims_document,
     file_document,
     gains_document,
     message_claims_document,
     sampled_document,
 )
+from lockstep.lmi.initial_set import InitialStates
+from lockstep.lmi.upgrade import FORMAT_1, upgraded
 from lockstep.model.agents.arguments import arguments_text
 from lockstep.model.bound_search import Bound
 from lockstep.model.plain_json import plain

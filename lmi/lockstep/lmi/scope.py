@@ -4,11 +4,11 @@ from math import isfinite
 
 from lockstep.check.bound.box import Box
 from lockstep.check.continuous.inequality import Certificate
-from lockstep.check.continuous.local import Domain
+from lockstep.check.continuous.initial_set import Domain
 from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.errors import demand
 from lockstep.check.system.domain import Scope
-from lockstep.lmi.initial import InitialStates, Unavailable, initial_set
+from lockstep.lmi.initial_set import InitialStates, Unavailable, initial_set
 from lockstep.model.agents.agent import Agent
 from lockstep.model.agents.arguments import arguments_text
 from lockstep.model.bound_search import Bound
@@ -34,7 +34,7 @@ def domain_of(agent: Agent) -> Domain:
 def inner_box(box: Box, fraction: float) -> Box:
     """Return the box with `fraction` of its size around its middle: what is left to a leader.
 
-    `lockstep.check.continuous.local` says why.
+    `lockstep.check.continuous.initial_set` says why.
 
     A side without an opposite one moves towards 0 as if its opposite were -side, and by 1 - fraction if it is 0.
 
@@ -67,7 +67,7 @@ def initial_states(
     fraction: float = HALF,
     inner: Box | None = None,
 ) -> InitialStates | Unavailable:
-    """Return the largest set of `lockstep.check.continuous.local` for a network.
+    """Return the largest set of `lockstep.check.continuous.initial_set` for a network.
 
     Args:
         network: the agents and the graph.

@@ -22,7 +22,7 @@ from lockstep.check.system.network import ExactNetwork
 from lockstep.check.system.problem import ProblemTables
 from lockstep.model.agents.agent import Agent
 from lockstep.model.agents.lure import Lure
-from lockstep.model.agents.unbounded import no_bound
+from lockstep.model.agents.unbounded_slope import no_bound
 from lockstep.model.bound_search import (
     BOXES,
     UNFINISHED,

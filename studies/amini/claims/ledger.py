@@ -7,7 +7,7 @@ from pathlib import Path
 from amini.claims.claim import ClaimRow, PaperClaim, settle
 from lockstep.check.errors import ProblemError
 from lockstep.check.wording import nearest
-from lockstep.workflow.files import check_writable, write_text
+from lockstep.workflow.output_files import check_writable, write_text
 
 
 @cache

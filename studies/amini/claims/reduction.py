@@ -8,7 +8,7 @@ from amini.claims.example import TABLE_1, A, B, C, claim, cycle, loop
 from lockstep.check.numbers import Matrix, exactly, eye, inverse
 from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.loop import Loop, build_loop
-from lockstep.lmi.analysis.solve import AffineF, least_rho, run
+from lockstep.lmi.analysis.certificate_sdp import AffineF, least_rho, run
 
 
 def _lemmas() -> Finding:

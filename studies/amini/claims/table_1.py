@@ -14,7 +14,7 @@ from amini.claims.example import (
     network,
     slope,
 )
-from lockstep.lmi.analysis.solve import least_rho
+from lockstep.lmi.analysis.certificate_sdp import least_rho
 
 CARRIED: dict[Source, float] = {"theorem_1": 3.41, "corollary_1": 4.57}
 """Certified with rows of L; `reference` has 3.42 and 4.58 as the largest."""
@@ -84,7 +84,7 @@ def _one_multiplier(source: Source, alpha: float) -> bool:
     """Tell whether (33) with full P and the one multiplier tau_5 I has a solution for given gains, H = G = I."""
     import cvxpy as cp
 
-    from lockstep.lmi.analysis.solve import run
+    from lockstep.lmi.analysis.certificate_sdp import run
 
     one = loop(structured=False)
     A_cl, n_x, n_d = one.A_cl(TABLE_1[source].blocks), one.n_x, one.n_d

@@ -9,7 +9,7 @@ from amini.claims.claim import Finding, PaperClaim
 from amini.claims.example import ALPHA, DELTA, TABLE_1, A, B, Source, claim, loop, network
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.numbers import exactly, inverse
-from lockstep.lmi.analysis.solve import least_rho, run
+from lockstep.lmi.analysis.certificate_sdp import least_rho, run
 from lockstep.lmi.methods.paper import Audit, _Printed, solve_as_printed
 
 LOST = 1e2

@@ -8,7 +8,7 @@ from typing import Any
 from amini.section4.figures import figures
 from amini.section4.runs import Runs, all_runs
 from amini.section4.table import to_csv, to_markdown
-from lockstep.workflow.folders import check_folder, write_files
+from lockstep.workflow.output_folders import check_folder, write_files
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,17 +16,17 @@ from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats
 from lockstep.codegen.emission.emit import emit
-from lockstep.codegen.for_the_period import as_shipped
 from lockstep.codegen.from_design import specification
-from lockstep.lmi.certify import certify
+from lockstep.codegen.period_redesign import as_shipped
 from lockstep.lmi.design import design
+from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import Stored, answer, file_of
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 from lockstep.model.simulation import simulate
 from lockstep.model.simulation.scenario import Scenario
-from lockstep.verification.closed_loop.in_the_loop import design_controllers
-from lockstep.verification.closed_loop.measured import measured, network_of_design, promise
+from lockstep.verification.closed_loop.measured_gain import measured, network_of_design, promise
+from lockstep.verification.closed_loop.software_in_the_loop import design_controllers
 
 PENDULUMS = """
 [agent]

@@ -8,27 +8,27 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from lockstep.campaign.network.campaign import (
+from lockstep.campaign.network_faults.campaign import (
     EveryMessageArrives,
     NetworkCampaign,
     NetworkGuarantee,
     run_network,
 )
-from lockstep.campaign.network.faults import NetworkFaults
-from lockstep.campaign.network.loop import COLUMNS, network_loop
+from lockstep.campaign.network_faults.faults import NetworkFaults
+from lockstep.campaign.network_faults.loop import COLUMNS, network_loop
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
 from lockstep.cli.main import app
-from lockstep.codegen.doors import with_doors
 from lockstep.codegen.emission.emit import emit
+from lockstep.codegen.exports import with_exports
 from lockstep.codegen.from_design import specification
 from lockstep.lmi.document import parse
 from lockstep.model.network import Network
 from lockstep.model.simulation import simulate
-from lockstep.model.simulation.channel import MessageChannel
 from lockstep.model.simulation.disturbance import Sines
+from lockstep.model.simulation.message_channel import MessageChannel
 from lockstep.model.simulation.scenario import Scenario
-from lockstep.verification.closed_loop.in_the_loop import design_controllers
+from lockstep.verification.closed_loop.software_in_the_loop import design_controllers
 from lockstep.verification.machines.toolchain import host_compilers
 
 pytestmark = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
@@ -52,7 +52,7 @@ def network(stored):
 @pytest.fixture(scope="module")
 def loop(stored, network):
     weights = Performance(stored.problem.state_weight(4), stored.problem.controller_weight(2))
-    return network_loop(network, with_doors(emit(specification(stored)), ["messages"]), weights)
+    return network_loop(network, with_exports(emit(specification(stored)), ["messages"]), weights)
 
 
 def runs(loop, faults, starts, *, horizon=20.0, waves=None, count=RUNS):
@@ -237,7 +237,7 @@ def test_runs_that_clip_are_not_faults_and_not_held_against_rho(root):
     problem = stored.problem
     network = Network(problem.agent(), problem.graph(), problem.agents_B(), problem.design.coordinates)
     weights = Performance(problem.state_weight(4), problem.controller_weight(2))
-    loop = network_loop(network, with_doors(emit(specification(stored)), ["messages"]), weights)
+    loop = network_loop(network, with_exports(emit(specification(stored)), ["messages"]), weights)
     found = runs(loop, "loss=0.2", 20 * START, horizon=5.0, count=4)
     assert (found["clipped"] > 0).all()
     assert (found["faults"] == 0).all()
@@ -264,7 +264,7 @@ def test_runs_that_clip_are_not_faults_and_not_held_against_rho(root):
 def test_without_faults_it_is_our_simulation_u_at_once_or_a_period_late(network, stored, delay):
     """Nodes whose messages all arrive at their own instants step as controllers without them do."""
     weights = Performance(stored.problem.state_weight(4), stored.problem.controller_weight(2))
-    files = with_doors(emit(specification(stored)), ["messages"])
+    files = with_exports(emit(specification(stored)), ["messages"])
     found = runs(network_loop(network, files, weights, delay), "", START, horizon=1.0, count=1)
     controllers = dataclasses.replace(design_controllers(stored), delay=delay)
     scenario = Scenario(START, 1.0, stored.problem.controller.period, substeps=10)

@@ -15,13 +15,13 @@ from lockstep.model.simulation import SampledControllers, Scenario, effort_indic
 from lockstep.model.simulation.disturbance import Samples, Sines, Steps, noise
 from lockstep.model.simulation.divergence import Diverged
 from lockstep.model.simulation.results.trajectory import RhoWeights, energies
-from lockstep.model.simulation.sampled import sources_of
+from lockstep.model.simulation.sampled_controllers import sources_of
 from lockstep.swarm import NeighbourLists, SwarmLoop, simulate_swarm, swarm_of_design
-from lockstep.swarm.fields import StreamedNoise
-from lockstep.verification.closed_loop.in_the_loop import ReferenceStepper
+from lockstep.swarm.disturbances import StreamedNoise
+from lockstep.verification.closed_loop.software_in_the_loop import ReferenceStepper
 from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.verification.reference import Reference
-from lockstep.workflow.runs import large
+from lockstep.workflow.runs import swarm
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
 ENGINES = [pytest.param(True, marks=needs_compiler, id="compiled"), pytest.param(False, id="numpy")]
@@ -202,7 +202,7 @@ def alike(unclipped):
 @pytest.mark.parametrize("engine", ["compiled", "numpy"])
 def test_a_design_runs_on_another_graph(alike, monkeypatch, engine):
     if engine == "numpy":
-        monkeypatch.setattr(large, "host_compilers", list)
+        monkeypatch.setattr(swarm, "host_compilers", list)
     elif not host_compilers():
         pytest.skip("no C compiler here")
     lists = NeighbourLists.random_regular(1200, 4)
@@ -233,7 +233,7 @@ def test_a_large_design_gives_the_answer_of_a_small_one(unclipped, monkeypatch):
     """The same keys and figures, whichever way the run goes."""
     options = {"horizon": 0.3, "disturbance": "noise", "seed": 4}
     small = lockstep.simulate(unclipped, **options).document()
-    monkeypatch.setattr(large, "LARGE", 2)
+    monkeypatch.setattr(swarm, "LARGE", 2)
     found = lockstep.simulate(unclipped, **options).document()
     assert (found.pop("agents"), found.pop("engine")) == (3, "compiled")
     assert found.keys() == small.keys()

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from codegen_cases import random_controller
-from door_cases import folder_of
+from export_cases import folder_of
 from test_fixed import one_agent
 
 from lockstep.check.c_source.kernel import Shape

@@ -7,23 +7,23 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from codegen_cases import arms, random_controller
-from door_cases import folder_of, needs_compiler
+from export_cases import folder_of, needs_compiler
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from lockstep.check.c_source.fixed import read_fixed
+from lockstep.check.c_source.fixed_point import read_fixed
 from lockstep.check.certify import certified
 from lockstep.check.design_file.content import parse
 from lockstep.check.errors import NotCertified, ProblemError
-from lockstep.check.sampled.fixed import LARGEST_R, LARGEST_X, MOST_A, MOST_D, SPLIT, FixedController
+from lockstep.check.sampled.fixed_point import LARGEST_R, LARGEST_X, MOST_A, MOST_D, SPLIT, FixedController
 from lockstep.check.system.problem import ProblemTables
-from lockstep.codegen.doors import with_doors
-from lockstep.codegen.doors.fixed import controller_of
 from lockstep.codegen.emission.emit import emit
+from lockstep.codegen.exports import with_exports
+from lockstep.codegen.exports.fixed_point import controller_of
 from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.spec import CodegenSpec, FixedFormats, Neighbour
-from lockstep.verification.fixed import step_of
+from lockstep.verification.fixed_point import step_of
 from lockstep.verification.verify import verify_folder
 
 
@@ -168,9 +168,9 @@ def test_c_that_computes_otherwise_is_found(tmp_path):
 def test_weights_other_than_one_and_a_design_without_integers_are_refused():
     agent = random_controller("c1", 1, 1, 1, neighbours=1)
     with pytest.raises(ProblemError, match="1 for each neighbour"):
-        with_doors(emit(CodegenSpec((agent,), period=0.01, name="w", fixed=formats(1, 1, 1))), ["fixed"])
+        with_exports(emit(CodegenSpec((agent,), period=0.01, name="w", fixed=formats(1, 1, 1))), ["fixed"])
     with pytest.raises(ProblemError, match="claims nothing of integers"):
-        with_doors(emit(arms()), ["fixed"])
+        with_exports(emit(arms()), ["fixed"])
 
 
 @pytest.fixture(scope="module")
@@ -182,7 +182,7 @@ def shipped(root, tmp_path_factory):
     document["problem"]["agent"]["output_range"] = {"y1": [-3.2, 3.2], "y2": [-15.0, 15.0]}
     place = tmp_path_factory.mktemp("fixed")
     (place / "design.json").write_text(json.dumps(document))
-    generate(place / "design.json", place / "folder", doors=["fixed"])
+    generate(place / "design.json", place / "folder", exports=["fixed"])
     return place / "folder"
 
 

@@ -8,19 +8,19 @@ import pytest
 from test_clipped_runs import engine_of, run_from
 
 from cart import cart
-from lockstep.campaign.network.faults import NetworkFaults
-from lockstep.campaign.network.loop import COLUMNS, network_loop, rows_of
+from lockstep.campaign.network_faults.faults import NetworkFaults
+from lockstep.campaign.network_faults.loop import COLUMNS, network_loop, rows_of
 from lockstep.check.c_source.reader import read_controller
 from lockstep.check.certify import certify
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import NotCertified, ProblemError
-from lockstep.codegen.doors import with_doors
 from lockstep.codegen.emission.emit import emit
+from lockstep.codegen.exports import with_exports
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.folder.bundle import bundle
-from lockstep.codegen.for_the_period import as_shipped
 from lockstep.codegen.from_design import specification
 from lockstep.codegen.manifest import Manifest
+from lockstep.codegen.period_redesign import as_shipped
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.lmi.design import design
 from lockstep.lmi.document import file_of
@@ -28,8 +28,8 @@ from lockstep.model.plain_json import to_json
 from lockstep.model.problem import Problem
 from lockstep.model.simulation import simulate
 from lockstep.model.simulation.from_problem import scenario_of
-from lockstep.verification.closed_loop.in_the_loop import design_controllers
-from lockstep.verification.closed_loop.measured import measured, network_of_design, promise
+from lockstep.verification.closed_loop.measured_gain import measured, network_of_design, promise
+from lockstep.verification.closed_loop.software_in_the_loop import design_controllers
 from lockstep.verification.machines import targets
 from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.verification.verify import verify_folder
@@ -107,7 +107,7 @@ SHAPES = {
 @needs_compiler
 @pytest.mark.parametrize("shape", SHAPES)
 def test_c_and_nodes_equal_their_references_to_the_bit(tmp_path, shape):
-    files = with_doors(emit(spec(**SHAPES[shape])), ["messages"])
+    files = with_exports(emit(spec(**SHAPES[shape])), ["messages"])
     report = verify_folder(
         write_folder(files, tmp_path / "abc"), steps=300, adversarial_steps=1000, targets=["host"]
     )
@@ -237,7 +237,7 @@ def test_nodes_on_a_bad_network_come_into_formation(formation):
     """The compiled nodes, a tenth of their messages lost: the disagreement is that of x less the offsets."""
     stored = replace(formation, problem=carts())
     problem = stored.problem
-    files = with_doors(emit(specification(stored)), ["messages"])
+    files = with_exports(emit(specification(stored)), ["messages"])
     weights = Performance(problem.state_weight(2), problem.controller_weight(1))
     loop = network_loop(network_of_design(stored), files, weights)
     start = problem.initial_states() - OFFSETS

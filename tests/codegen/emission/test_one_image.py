@@ -9,9 +9,9 @@ import pytest
 from codegen_cases import random_controller
 
 import lockstep
-from lockstep.check.c_source.node import read_node
+from lockstep.check.c_source.one_image import read_node
 from lockstep.check.c_source.reader import read_controller
-from lockstep.check.c_source.text import tokens_of
+from lockstep.check.c_source.tokens import tokens_of
 from lockstep.check.certify import certify
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.codegen.emission.calls import APPLIED, STEP, STEP_RELATIVE
@@ -22,7 +22,7 @@ from lockstep.codegen.manifest import Manifest
 from lockstep.codegen.spec import CodegenSpec
 from lockstep.verification.machines import targets
 from lockstep.verification.machines.toolchain import WARNINGS, first_compiler, host_compilers
-from lockstep.verification.nodes import NodeEntry, reference_of, with_nodes
+from lockstep.verification.one_image import NodeEntry, reference_of, with_nodes
 from lockstep.verification.reference import CLIPPED
 from lockstep.verification.stimulus import adversarial_calls, limit_calls, run_reference
 from lockstep.verification.verify import verify_folder
@@ -189,7 +189,7 @@ def test_a_list_too_short_for_the_graph_is_no_proof(tmp_path, unclipped):
 
 def test_doors_need_neighbours_of_their_own(tmp_path, unclipped):
     with pytest.raises(ProblemError, match="one image, and `--fmu`"):
-        lockstep.generate(unclipped, tmp_path / "arms", one_image=True, doors=["fmu"])
+        lockstep.generate(unclipped, tmp_path / "arms", one_image=True, exports=["fmu"])
     with pytest.raises(ProblemError, match="`--table` with `--per-agent`"):
         lockstep.generate(unclipped, tmp_path / "arms", one_image=False, table="csv")
     with pytest.raises(ProblemError, match="none or csv or c"):

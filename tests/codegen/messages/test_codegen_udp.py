@@ -5,7 +5,7 @@ import platform
 import subprocess
 
 import pytest
-from door_cases import generated
+from export_cases import generated
 
 from lockstep.verification.machines.toolchain import WARNINGS, host_compilers
 

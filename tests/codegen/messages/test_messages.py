@@ -7,14 +7,14 @@ import zlib
 import numpy as np
 import pytest
 from codegen_cases import arms, shapes
-from door_cases import folder_of, generated, needs_compiler
+from export_cases import folder_of, generated, needs_compiler
 from message_cases import Script, messages_folder
 from typer.testing import CliRunner
 
 from lockstep.check.errors import ProblemError
 from lockstep.cli.main import app
-from lockstep.codegen.doors import with_doors
 from lockstep.codegen.emission.emit import emit
+from lockstep.codegen.exports import with_exports
 from lockstep.codegen.from_design import specification
 from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.codegen.spec import MessageLimits
@@ -31,7 +31,7 @@ from lockstep.verification.messages.events import (
     faulty_events,
     run_node,
 )
-from lockstep.verification.messages.node import Message, ReferenceNode, Refusal, Wire
+from lockstep.verification.messages.network_node import Message, ReferenceNode, Refusal, Wire
 from lockstep.verification.messages.run import run_nodes_on_host
 from lockstep.verification.reference import Reference
 from lockstep.verification.verify import verify_folder
@@ -248,7 +248,7 @@ def test_a_folder_without_ranges_says_nothing_of_messages_in_its_manifest():
 def test_the_range_of_the_problem_file_is_in_the_c(root):
     document = json.loads((root / "generated" / "flexible_joint_arms" / "design.json").read_text())
     document["problem"]["agent"]["output_range"] = {"y1": [-3.5, None]}
-    files = with_doors(emit(specification(parse(document, "design"))), ["messages"])
+    files = with_exports(emit(specification(parse(document, "design"))), ["messages"])
     assert "lowest[2] = {-3.5f, -3.4028235e+38f}" in files["messages/arm1_node.c"]
     for wrong, said in (({"speed": [0, 1]}, "no output"), ({"y1": [1, 1]}, "lower below")):
         document["problem"]["agent"]["output_range"] = wrong

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from codegen_cases import arms, shapes
-from door_cases import folder_of
+from export_cases import folder_of
 from message_cases import messages_folder
 from test_codegen_static import CPPCHECK, TIDY, documented, needs, said
 

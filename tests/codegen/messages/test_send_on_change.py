@@ -11,10 +11,10 @@ from lockstep.cli.main import app
 from lockstep.lmi.document import parse
 from lockstep.model.network import Network
 from lockstep.model.simulation import simulate
-from lockstep.model.simulation.channel import MessageChannel
-from lockstep.model.simulation.sampled import SampledControllers
+from lockstep.model.simulation.message_channel import MessageChannel
+from lockstep.model.simulation.sampled_controllers import SampledControllers
 from lockstep.model.simulation.scenario import Scenario
-from lockstep.verification.closed_loop.in_the_loop import design_controllers
+from lockstep.verification.closed_loop.software_in_the_loop import design_controllers
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from codegen_cases import arms, shapes
 
-from lockstep.codegen.doors import with_doors
 from lockstep.codegen.emission.emit import emit
+from lockstep.codegen.exports import with_exports
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.spec import FixedFormats
 from lockstep.verification.machines.toolchain import WARNINGS
@@ -127,7 +127,7 @@ def limited(optimize="speed", real="float32"):
 def test_integers_deviate_in_macros_for_the_caller_alone(tmp_path):
     """No shift of a signed value, no cast of a composite expression: what is found is 2.5."""
     spec = replace(limited(), fixed=FixedFormats((11,) * 2, (10,), ((22,) * 2,) * 3, ()))
-    folder = write_folder(with_doors(emit(spec), ["fixed"]), tmp_path / "arms")
+    folder = write_folder(with_exports(emit(spec), ["fixed"]), tmp_path / "arms")
     command = ["cppcheck", *CPPCHECK[:-2], "-Ifixed", "fixed"]
     assert set(re.findall(r"\[([\w.-]+)\]$", said(command, folder)[1], re.M)) == {"misra-c2012-2.5"}
     path = folder / "fixed" / "arm1_fixed.c"

@@ -17,7 +17,7 @@ from lockstep.model.network import Network
 from lockstep.model.simulation import MessageChannel, simulate
 from lockstep.model.simulation.from_problem import Changes, scenario_of
 from lockstep.verification.closed_loop.compiled_loop import compiled_controllers
-from lockstep.verification.closed_loop.in_the_loop import design_controllers, reference_controllers
+from lockstep.verification.closed_loop.software_in_the_loop import design_controllers, reference_controllers
 from lockstep.verification.machines.toolchain import host_compilers
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler")

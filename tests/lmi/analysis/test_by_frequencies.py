@@ -7,10 +7,10 @@ from lmi_cases import ALPHA, arms, claim, published
 from cart import cart
 from lockstep.check.continuous.decide import decide
 from lockstep.check.errors import NotCertified
-from lockstep.lmi.analysis import by_frequencies, solve
-from lockstep.lmi.analysis.by_frequencies import Response, least_by_frequencies
+from lockstep.lmi.analysis import certificate_sdp, frequency_multipliers
+from lockstep.lmi.analysis.certificate_sdp import AffineF
+from lockstep.lmi.analysis.frequency_multipliers import Response, least_by_frequencies
 from lockstep.lmi.analysis.rounding import prove
-from lockstep.lmi.analysis.solve import AffineF
 from lockstep.lmi.design import claim_of, given_gains, proved_bound
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, parse_problem
@@ -65,7 +65,7 @@ def test_multipliers_that_left_the_range_of_doubles_are_none(monkeypatch: pytest
     """A descent that nothing holds took them to e^800 (a random problem's loop), and the search ended with an error."""
     form, gone = form_of(), np.array([800.0, -800.0, 800.0])
     assert least_by_frequencies(form.Z, form.constant, form.slopes) is not None
-    monkeypatch.setattr(by_frequencies, "_lowered", lambda *_given, **_named: (gone, 0.5))
+    monkeypatch.setattr(frequency_multipliers, "_lowered", lambda *_given, **_named: (gone, 0.5))
     with np.errstate(all="ignore"):
         assert least_by_frequencies(form.Z, form.constant, form.slopes) is None
 
@@ -103,7 +103,7 @@ def test_twenty_agents_with_gains_of_their_own_are_proved() -> None:
     problem = twenty_pendulums(-8.0)
     bound = proved_bound(problem)
     network, weights, gains = network_of(problem, bound), claim_of(problem, bound), given_gains(problem)
-    assert solve.eliminates_P(network.loop(0))
+    assert certificate_sdp.eliminates_P(network.loop(0))
     certificate = prove(network, gains, weights)
     assert decide(network.loop(0, exact_arithmetic=True), gains.blocks, weights, certificate).positive
 

@@ -4,8 +4,8 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from lockstep.lmi.analysis.dense import run_dense
-from lockstep.lmi.analysis.solve import run
+from lockstep.lmi.analysis.certificate_sdp import run
+from lockstep.lmi.analysis.dense_sdp import run_dense
 
 
 def test_the_largest_eigenvalue_is_the_least_bound():

@@ -19,15 +19,15 @@ from lockstep.check.continuous.inequality import Claim, F_matrix
 from lockstep.check.continuous.modes import ModalCertificate, decide_modes
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.system.loop import Gains
-from lockstep.lmi.analysis.limits import largest_alpha_of_any_controller
+from lockstep.lmi.analysis.certificate_sdp import AffineF, least_rho
+from lockstep.lmi.analysis.fundamental_limits import largest_alpha_of_any_controller
 from lockstep.lmi.analysis.rounding import prove
-from lockstep.lmi.analysis.solve import AffineF, least_rho
-from lockstep.lmi.certify import certify
 from lockstep.lmi.design import claim_of, design, proved_bound
+from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import file_of, parse
 from lockstep.lmi.floor.bisection import largest_floor
 from lockstep.lmi.methods.modal import prove_modes
-from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram
+from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram
 from lockstep.model.assembly import network_of
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network

@@ -7,21 +7,21 @@ import re
 import numpy as np
 import pytest
 
-from lockstep.check.asked import shortfalls
 from lockstep.check.continuous.stability import is_stable, is_stable_step
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.numbers import exactly
+from lockstep.check.requirements import shortfalls
 from lockstep.check.sampled.controller import Precision
-from lockstep.check.sampled.limits import proves_radius
+from lockstep.check.sampled.input_limits import proves_radius
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.system.problem import ProblemTables
-from lockstep.codegen.for_the_period import as_shipped
+from lockstep.codegen.period_redesign import as_shipped
 from lockstep.codegen.sampled_design import sampled_controllers, sampled_network
-from lockstep.lmi.certify import certify
 from lockstep.lmi.design import claim_of, design, proved_bound
+from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import Stored, file_of, parse
-from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
-from lockstep.lmi.sampled.search import _step_of_state
+from lockstep.lmi.sampled.loop_gain import _step_of_state
+from lockstep.lmi.sampled.witnesses import in_doubles, period_in_doubles
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem
 

@@ -12,9 +12,9 @@ from lmi_cases import ALPHA, arms, claim, published
 from lockstep.check.continuous.decide import decide
 from lockstep.check.continuous.inequality import Certificate, F_matrix
 from lockstep.check.errors import NotCertified
+from lockstep.lmi.analysis.certificate_sdp import AffineF, least_rho
 from lockstep.lmi.analysis.decimals import round_up
 from lockstep.lmi.analysis.rounding import SLACKS, prove, rounded
-from lockstep.lmi.analysis.solve import AffineF, least_rho
 from lockstep.lmi.design import claim_of, given_gains, proved_bound
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, load_problem

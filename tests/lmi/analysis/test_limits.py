@@ -5,7 +5,10 @@ import pytest
 from lmi_cases import DOUBLE_INTEGRATOR, arms, problem
 
 from lockstep.check.errors import Infeasible
-from lockstep.lmi.analysis.limits import largest_alpha_of_any_controller, static_gains_cannot_stabilise
+from lockstep.lmi.analysis.fundamental_limits import (
+    largest_alpha_of_any_controller,
+    static_gains_cannot_stabilise,
+)
 from lockstep.lmi.design import design, proved_bound
 from lockstep.lmi.floor.bisection import largest_floor, proves_that_none_carries
 from lockstep.model.assembly import network_of

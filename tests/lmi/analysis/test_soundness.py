@@ -12,8 +12,8 @@ from lmi_cases import ALPHA, arms, claim, published
 from scipy.linalg import block_diag, null_space
 
 from lockstep.check.system.loop import Gains
+from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.analysis.rounding import prove
-from lockstep.lmi.analysis.solve import least_rho
 from lockstep.model.network import Network
 
 HAIR = 1e-3

@@ -14,8 +14,8 @@ from lmi_cases import problem, table_1_problem
 
 from lockstep.check.errors import ProblemError
 from lockstep.lmi import document
-from lockstep.lmi.certify import Decided, certify
 from lockstep.lmi.design import design
+from lockstep.lmi.design_verdict import Decided, certify
 from lockstep.lmi.document import parse
 from lockstep.model.problem import Problem
 
@@ -258,7 +258,7 @@ def test_a_box_that_is_not_needed_does_not_make_it_local() -> None:
 
 
 def test_the_checker_imports_no_solver() -> None:
-    code = "import sys, lockstep.lmi.certify; print(*sorted(sys.modules))"
+    code = "import sys, lockstep.lmi.design_verdict; print(*sorted(sys.modules))"
     found = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=_environment()
     )
@@ -266,7 +266,7 @@ def test_the_checker_imports_no_solver() -> None:
     assert "lockstep.check.continuous.decide" in loaded
     assert not loaded & {"cvxpy", "clarabel", "scipy.optimize", "scipy.linalg", "joblib"}
     solving = subprocess.run(
-        [sys.executable, "-c", code.replace("lockstep.lmi.certify", "cvxpy")],
+        [sys.executable, "-c", code.replace("lockstep.lmi.design_verdict", "cvxpy")],
         capture_output=True, text=True, check=True, env=_environment(),
     )  # fmt: skip
     assert "clarabel" in solving.stdout.split()  # the list does show what is imported

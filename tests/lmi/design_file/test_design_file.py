@@ -15,21 +15,21 @@ from lmi_cases import carts, problem, table_1_problem
 from typer.testing import CliRunner
 
 from lockstep.check.__main__ import main as check_alone
-from lockstep.check.continuous.local import better_than_proved
+from lockstep.check.continuous.initial_set import better_than_proved
 from lockstep.check.design_file.content import FORMAT
 from lockstep.check.design_file.content import parse as parse_exactly
 from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.check.system.problem import KEYS, ProblemTables
 from lockstep.cli.main import app
-from lockstep.codegen.for_the_period import as_shipped
-from lockstep.lmi.certify import certify
+from lockstep.codegen.period_redesign import as_shipped
 from lockstep.lmi.design import design
+from lockstep.lmi.design_json import initial_set_document, proofs_document
+from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import file_of, parse, read
-from lockstep.lmi.initial import InitialStates
+from lockstep.lmi.initial_set import InitialStates
 from lockstep.lmi.scope import domain_of, initial_states
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
-from lockstep.lmi.written import initial_set_document, proofs_document
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, parse_problem
 from lockstep.model.problem.tables.schema import ProblemFile

@@ -15,8 +15,8 @@ from lmi_cases import problem
 
 from lockstep.check.design_file.json_text import load_json
 from lockstep.check.errors import ClaimError, ProblemError
-from lockstep.lmi.certify import Decided, certify
 from lockstep.lmi.design import design
+from lockstep.lmi.design_verdict import Decided, certify
 from lockstep.lmi.document import file_of, parse, read
 
 GAINS = "\n".join(

@@ -18,8 +18,8 @@ from exact_twin import Twin
 from lmi_cases import table_1_problem
 
 from lockstep.check.errors import ProblemError
-from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
+from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import file_of, parse
 from lockstep.model.problem import Problem
 

@@ -4,7 +4,7 @@ import pytest
 from lmi_cases import problem
 
 from lockstep.lmi.design import claim_of, proved_bound
-from lockstep.lmi.diagnosis.alone import rho_alone
+from lockstep.lmi.diagnosis.open_loop import rho_alone
 from lockstep.model.assembly import network_of
 
 

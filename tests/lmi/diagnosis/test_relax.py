@@ -5,7 +5,7 @@ from lmi_cases import problem
 
 from lockstep.check.errors import Infeasible, OutOfTime, ProblemError
 from lockstep.lmi.design import claim_of, design, proved_bound
-from lockstep.lmi.diagnosis.relax import hint
+from lockstep.lmi.diagnosis.active_constraint import hint
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem
 

@@ -7,7 +7,7 @@ from lmi_cases import DOUBLE_INTEGRATOR, problem
 
 from lockstep.check.errors import ProblemError
 from lockstep.lmi.design import design
-from lockstep.lmi.diagnosis.trade import as_csv, curve
+from lockstep.lmi.diagnosis.rho_against_alpha import as_csv, curve
 from lockstep.lmi.document import Stored, file_of, parse
 
 

@@ -9,9 +9,9 @@ from lmi_cases import problem
 import lockstep
 from lockstep.check.errors import Infeasible, NotCertified, ProblemError
 from lockstep.check.system.loop import Gains
-from lockstep.lmi.certify import certify
 from lockstep.lmi.defaults import GAIN_LIMIT, wishes
 from lockstep.lmi.design import claim_of, design, proved_bound
+from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.diagnosis.pareto import Figures, ParetoPoint, front, pareto, pareto_csv
 from lockstep.lmi.document import Stored, file_of, parse
 from lockstep.lmi.methods.certified import decays_held

@@ -19,14 +19,14 @@ from lockstep.check.floor.projected import with_rho
 from lockstep.check.floor.witness import FloorWitness, bound, coupled, not_negative, proves_floor, restored
 from lockstep.check.numbers import as_floats, exactly
 from lockstep.check.system.loop import Gains, Plant
+from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.analysis.decimals import round_down
 from lockstep.lmi.analysis.rounding import prove
-from lockstep.lmi.analysis.solve import least_rho
-from lockstep.lmi.certify import certify
 from lockstep.lmi.design import claim_of, design, proved_bound
+from lockstep.lmi.design_json import pieces_document
+from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import file_of, parse
 from lockstep.lmi.floor.bisection import largest_floor, proves_that_none_carries
-from lockstep.lmi.written import pieces_document
 from lockstep.model.agents.agent import Agent
 from lockstep.model.assembly import exact_network, network_of
 from lockstep.model.graphs.graph import Graph

@@ -6,8 +6,8 @@ from floor_cases import best_found, floor, random_problem
 
 from lockstep.check.errors import NotCertified
 from lockstep.check.system.loop import Gains
+from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.analysis.rounding import prove
-from lockstep.lmi.analysis.solve import least_rho
 
 
 def holds_against_what_is_found(seed: int) -> tuple[float | None, float]:

@@ -22,8 +22,8 @@ from messages_cases import (
 from lockstep.check.sampled.links import Messages
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.messages import proves_messages
+from lockstep.lmi.design_json import witness_document
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
-from lockstep.lmi.written import witness_document
 
 FEW, MANY = range(4), range(4, 100)
 

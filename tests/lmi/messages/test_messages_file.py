@@ -11,7 +11,7 @@ from lockstep.check.design_file.messages import messages_of
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.links import Messages
 from lockstep.check.system.problem import ProblemTables
-from lockstep.lmi.sampled.messages.limits import ConstantSlope, _breaking_age, bursts, delays, slopes
+from lockstep.lmi.sampled.messages.largest_faults import ConstantSlope, _breaking_age, bursts, delays, slopes
 from lockstep.model.problem import Problem
 from lockstep.workflow.certify import certify
 from lockstep.workflow.design import Design, design
@@ -149,7 +149,7 @@ def test_what_is_not_carried_is_refused_and_says_what_is():
 def test_header_and_manifest_assume_the_bounds_on_the_network(made, tmp_path):
     """Of nodes that stamp, and of no others: a step that holds a message itself compares two instants."""
     folder = tmp_path / "c"
-    generate(made, folder, doors=["messages"])
+    generate(made, folder, exports=["messages"])
     name = next((folder / "include").glob("*1.h")).stem
     for path in (folder / "include" / f"{name}.h", folder / "messages" / f"{name}_node.h"):
         said = " ".join(path.read_text().replace("\n *", " ").split())

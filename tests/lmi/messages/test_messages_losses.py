@@ -13,8 +13,8 @@ from lockstep.check.sampled import messages as checker
 from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.messages import W_2, every_W_2, proves_messages
-from lockstep.lmi.sampled.certify import in_doubles
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
+from lockstep.lmi.sampled.witnesses import in_doubles
 
 
 def form(rng, size):

@@ -7,8 +7,8 @@ from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import Modes, mode_matrix
 from lockstep.check.system.loop import Plant
 from lockstep.lmi.analysis.semidefinite import symmetric_basis
-from lockstep.lmi.methods.bilinear import Bilinear, BilinearCondition, BilinearProgram
-from lockstep.lmi.methods.modal_together import Together
+from lockstep.lmi.methods.bilinear_barrier import Bilinear, BilinearCondition, BilinearProgram
+from lockstep.lmi.methods.modal_newton import Together
 
 
 def small():

@@ -12,8 +12,8 @@ from exact_twin import Twin
 from lmi_cases import DOUBLE_INTEGRATOR, problem
 
 from lockstep.check.errors import BoundNotProved, Infeasible, NotCertified, ProblemError
-from lockstep.lmi.certify import certify
 from lockstep.lmi.design import Proposal, design
+from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import file_of, parse
 from lockstep.model.problem import Problem
 

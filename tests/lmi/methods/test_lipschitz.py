@@ -14,8 +14,8 @@ from lmi_cases import problem
 from lockstep.check.errors import Infeasible, ProblemError
 from lockstep.check.system.loop import Plant
 from lockstep.lmi.analysis.connectivity import connectivity
-from lockstep.lmi.certify import certify
 from lockstep.lmi.design import design
+from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import file_of, parse
 from lockstep.lmi.methods.lipschitz import FirstStep, Protocol, design_protocol, first_step, step_1_matrix
 from lockstep.model.graphs.graph import Graph

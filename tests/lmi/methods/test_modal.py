@@ -12,10 +12,10 @@ from lockstep.check.continuous.inequality import Certificate, Claim, F_matrix
 from lockstep.check.continuous.modes import Modes, decide_modes, mode_matrix
 from lockstep.check.errors import Infeasible, NotCertified, ProblemError
 from lockstep.check.numbers import as_floats
-from lockstep.check.system.spectrum import decide_spectrum, metric
-from lockstep.lmi.analysis.solve import least_rho
-from lockstep.lmi.certify import certify
+from lockstep.check.system.laplacian_spectrum import decide_spectrum, metric
+from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.design import design
+from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import file_of, parse
 from lockstep.lmi.methods.modal import prove_modes, segment_ends, shared_gains, spectrum_bounds
 from lockstep.lmi.methods.modal_witness import witness

@@ -18,16 +18,16 @@ from lockstep.check.sampled.lifting import copies
 from lockstep.check.sampled.modes import ModalLoop, common_controller, widened
 from lockstep.check.system.disagreement import single_difference
 from lockstep.check.system.graph import Digraph
+from lockstep.check.system.graph_family import SpectrumRange
 from lockstep.check.system.loop import Plant
-from lockstep.check.system.many_graphs import SpectrumRange
 from lockstep.check.system.network import ExactNetwork
 from lockstep.check.system.problem import ProblemTables, default_order
-from lockstep.codegen.for_the_period import as_shipped
+from lockstep.codegen.period_redesign import as_shipped
 from lockstep.lmi.design import design
 from lockstep.lmi.document import answer, file_of
-from lockstep.lmi.methods.modal_common import CommonSearch
-from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
-from lockstep.lmi.sampled.modal.search import certify_modal
+from lockstep.lmi.methods.modal_interval import CommonSearch
+from lockstep.lmi.sampled.modal.witnesses import certify_modal
+from lockstep.lmi.sampled.witnesses import in_doubles, period_in_doubles
 from lockstep.model.problem import Problem
 
 PENDULUMS = """

@@ -9,16 +9,16 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import as_floats, exactly
-from lockstep.check.sampled.clipping import ClippedWitness, clipped, proves_clipped_radius
 from lockstep.check.sampled.inequality import metric, step_matrix
+from lockstep.check.sampled.input_limits import proves_gain, proves_radius
 from lockstep.check.sampled.lifting import copies
-from lockstep.check.sampled.limits import proves_gain, proves_radius
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.lmi.sampled import limits
-from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
-from lockstep.lmi.sampled.clipped import largest_clipped_radius
-from lockstep.lmi.sampled.limits import largest_gain, largest_radius
-from lockstep.lmi.sampled.search import _step_of_state
+from lockstep.check.sampled.saturation import ClippedWitness, clipped, proves_clipped_radius
+from lockstep.lmi.sampled import input_limits
+from lockstep.lmi.sampled.input_limits import largest_gain, largest_radius
+from lockstep.lmi.sampled.loop_gain import _step_of_state
+from lockstep.lmi.sampled.saturation import largest_clipped_radius
+from lockstep.lmi.sampled.witnesses import in_doubles, period_in_doubles
 
 LIMITS = np.array([1.0])
 WEIGHTS = np.ones(1)
@@ -109,8 +109,8 @@ def test_a_leader_hears_nobody_and_its_input_of_zero_meets_no_limit():
 @pytest.mark.parametrize("delay", [0, 1])
 def test_the_radius_of_a_large_loop(monkeypatch, delay):
     """With P of one number nothing is lost by pair weights that are given: u = -k d meets its limit at |d| = 1 / k."""
-    monkeypatch.setattr(limits, "is_large", lambda _loop: True)
-    monkeypatch.setattr(limits, "step_program", None)
+    monkeypatch.setattr(input_limits, "is_large", lambda _loop: True)
+    monkeypatch.setattr(input_limits, "step_program", None)
     net, ones = unstable_pair(-0.1, 1.5, delay=delay)
     radius, witness = largest_radius(net, ones, LIMITS, 7.0 * WEIGHTS)
     truth = 1 / (np.sqrt(2) * 1.5)
@@ -124,7 +124,7 @@ def test_given_pair_weights_reach_no_further_than_free_ones(monkeypatch, seed):
     net, ones = random_problem(seed)
     free = largest_radius(net, ones, LIMITS, WEIGHTS)
     assert free is not None
-    monkeypatch.setattr(limits, "is_large", lambda _loop: True)
+    monkeypatch.setattr(input_limits, "is_large", lambda _loop: True)
     found = largest_radius(net, ones, LIMITS, free[1].m)
     assert found is not None
     # Of these four 0.67 to 0.87 are reached; above, `KEPT` leaves either within half a per cent of what it found.

@@ -20,13 +20,13 @@ from lockstep.check.continuous.inequality import Performance
 from lockstep.check.design_file.proofs import sampled_witness_of
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.inequality import metric
+from lockstep.check.sampled.l2_gain import proves_rho
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.system.disagreement import disagreement
+from lockstep.lmi.design_json import witness_document
 from lockstep.lmi.sampled import SampledVerdict, certify_sampled, max_period, sampled_rho, storage
-from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
-from lockstep.lmi.sampled.search import spectral_radius
-from lockstep.lmi.written import witness_document
+from lockstep.lmi.sampled.loop_gain import spectral_radius
+from lockstep.lmi.sampled.witnesses import in_doubles, period_in_doubles
 from lockstep.model.graphs.graph import Graph
 
 EDGES = [(1, 2, 1.0), (2, 3, 1.0), (3, 1, 1.0)]

@@ -8,9 +8,9 @@ from sampled_cases import brute_force_radius, controllers, network
 
 from lockstep.check.continuous.inequality import Performance
 from lockstep.lmi.sampled import certify_sampled, sampled_rho
-from lockstep.lmi.sampled.descending.descent import Descent, DescentPoint, limit_barrier
-from lockstep.lmi.sampled.descending.improve import AtPeriod, StartingGains, improved, measured
-from lockstep.lmi.sampled.descending.tustin import pulled_back, tustin
+from lockstep.lmi.sampled.synthesis.descent import Descent, DescentPoint, limit_barrier
+from lockstep.lmi.sampled.synthesis.gains_for_period import AtPeriod, StartingGains, improved, measured
+from lockstep.lmi.sampled.synthesis.tustin import pulled_back, tustin
 
 EDGES = [(1, 2, 1.0), (2, 1, 1.0)]
 ORDER, GAIN_LIMIT = 1, 20.0

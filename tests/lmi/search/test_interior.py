@@ -7,12 +7,12 @@ import pytest
 from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, arms, claim, problem, published
 
 from lockstep.check.continuous.inequality import F_matrix
-from lockstep.lmi.analysis.solve import least_rho
+from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.design import claim_of, proved_bound
 from lockstep.lmi.search import GainSearch, search_gains
-from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLimits
+from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram, NewtonLimits
 from lockstep.lmi.search.logdet import BalancedF
-from lockstep.lmi.search.start import begin
+from lockstep.lmi.search.random_start import begin
 from lockstep.lmi.search.stopping import Deadline
 from lockstep.model.assembly import network_of
 from lockstep.model.bound_search import Entry

@@ -24,7 +24,7 @@ from lockstep.check.continuous.modes import ModalCertificate, Segment
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats, exactly
 from lockstep.check.system.disagreement import disagreement
-from lockstep.lmi.initial import Unavailable, _ratio_above
+from lockstep.lmi.initial_set import Unavailable, _ratio_above
 from lockstep.lmi.scope import domain_of, initial_states, inner_box
 from lockstep.model.assembly import bound_of
 from lockstep.model.bound_search import Box

@@ -23,7 +23,7 @@ from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.rounding import prove
-from lockstep.lmi.local_sets import largest_initial_states, with_larger_set
+from lockstep.lmi.initial_set_design import largest_initial_states, with_larger_set
 from lockstep.lmi.scope import domain_of
 from lockstep.model.bound_search import Box
 from lockstep.model.problem import Problem, parse_problem

@@ -7,12 +7,12 @@ import pytest
 from lmi_cases import ALPHA, arms, claim, published
 
 from lockstep.check.continuous.modes import Modes
-from lockstep.lmi.analysis.solve import eliminates_P, least_rho
+from lockstep.lmi.analysis.certificate_sdp import eliminates_P, least_rho
 from lockstep.lmi.design import claim_of, proved_bound
 from lockstep.lmi.methods.certified import equal_gains
 from lockstep.lmi.search import GainSearch
-from lockstep.lmi.search.modes import ModalSearch, loop_of, representative
-from lockstep.lmi.search.start import begin
+from lockstep.lmi.search.common_gains import ModalSearch, loop_of, representative
+from lockstep.lmi.search.random_start import begin
 from lockstep.model.assembly import network_of
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network

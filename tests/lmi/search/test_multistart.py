@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from lmi_cases import ALPHA, arms, claim, published
 
-from lockstep.lmi.analysis.solve import least_rho
+from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.search import multistart
-from lockstep.lmi.search.polish import Polished
-from lockstep.lmi.search.smoothed import Descended
-from lockstep.lmi.search.start import GainSearch, StartResult
+from lockstep.lmi.search.local_search import Polished
+from lockstep.lmi.search.random_start import GainSearch, StartResult
+from lockstep.lmi.search.smoothed_norm import Descended
 
 SEARCH = GainSearch.of(arms().loop(2), claim(arms(), 2, ALPHA), 50.0)
 CERTIFICATE = least_rho(SEARCH.loop, published().blocks, SEARCH.claim)

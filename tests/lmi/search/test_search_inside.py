@@ -5,13 +5,13 @@ import pytest
 from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, arms, claim, problem, published
 
 from lockstep.check.continuous.inequality import Certificate, F_matrix
-from lockstep.lmi.analysis.inside import inside
+from lockstep.lmi.analysis.certificate_sdp import AffineF, least_rho, tight
 from lockstep.lmi.analysis.rounding import prove
-from lockstep.lmi.analysis.solve import AffineF, least_rho, tight
+from lockstep.lmi.analysis.strict_feasibility import inside
 from lockstep.lmi.design import claim_of, proved_bound
 from lockstep.lmi.search import GainSearch
-from lockstep.lmi.search.held import hold, late
-from lockstep.lmi.search.start import StartResult, begin
+from lockstep.lmi.search.hold_delay import hold, late
+from lockstep.lmi.search.random_start import StartResult, begin
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import parse_problem
 
@@ -146,7 +146,7 @@ period = 0.1
 
 def test_gains_too_fast_for_their_period_are_made_slower() -> None:
     """x_d' = 2 D x_d held over 0.1 s is unstable below D = -10; with the hold's lag of 0.05 s, D is above -20."""
-    from lockstep.lmi.sampled.descending.score import SampledScore
+    from lockstep.lmi.sampled.synthesis.score import SampledScore
 
     problem = parse_problem(INTEGRATORS)
     bound = proved_bound(problem)

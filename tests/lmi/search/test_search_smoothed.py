@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from lmi_cases import ALPHA, arms, claim, published
 
 from lockstep.check.continuous.inequality import Claim
-from lockstep.lmi.analysis.solve import least_rho
-from lockstep.lmi.search import GainSearch, likely
-from lockstep.lmi.search.smoothed import SmoothedNorm, descended, refined
+from lockstep.lmi.analysis.certificate_sdp import least_rho
+from lockstep.lmi.search import GainSearch, search_time
+from lockstep.lmi.search.smoothed_norm import SmoothedNorm, descended, refined
 from lockstep.model.agents.agent import Agent
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
@@ -84,8 +84,8 @@ def test_how_long_a_search_of_many_linear_agents_is_likely_to_take(monkeypatch: 
     network = Network(one, Graph.topology("complete", 3))
     asked = Claim(0.0, np.eye(1), np.eye(1), np.zeros((3, 4)))
     linear = GainSearch.of(network.loop(1), asked, 50.0)
-    monkeypatch.setattr(likely, "eliminates_P", lambda _loop: True)
-    low, high = likely.seconds(linear, 1)
+    monkeypatch.setattr(search_time, "eliminates_P", lambda _loop: True)
+    low, high = search_time.seconds(linear, 1)
     assert 0 < low < high
 
 

@@ -8,14 +8,14 @@ from lmi_cases import DOUBLE_INTEGRATOR, arms, problem
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Loop
+from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.analysis.rounding import short_gains
-from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.design import claim_of, proved_bound
 from lockstep.lmi.search import GainSearch, search_gains
-from lockstep.lmi.search.interior import BarrierPoint, InteriorProgram, NewtonLimits
-from lockstep.lmi.search.smoothed import Descended
+from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram, NewtonLimits
+from lockstep.lmi.search.random_start import begin, climb
+from lockstep.lmi.search.smoothed_norm import Descended
 from lockstep.lmi.search.stabilise import abscissa, descend, real_part, stabilise
-from lockstep.lmi.search.start import begin, climb
 from lockstep.model.assembly import network_of
 
 PENDULUM = {"a": "b", "b": "-a - sin(a) + u"}

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.node import Node, linear_terms
-from lockstep.check.system.structure import solve
+from lockstep.check.system.nonlinearity import solve
 from lockstep.model.agents.agent import Agent
 from lockstep.model.agents.lure import Lure
 from lockstep.model.formulas.expression import parse_expression

@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lockstep.check.bound import functions, rounding
-from lockstep.check.bound.rounding import INF
+from lockstep.check.bound import functions, intervals
+from lockstep.check.bound.intervals import INF
 
 POINTS = 60
 FLOATS = st.floats(allow_nan=False, allow_infinity=False)
 
 
-def intervals(generator, count, low, high):
+def sample_intervals(generator, count, low, high):
     """Wide, narrow, thin and huge intervals in (low, high)."""
     middle = generator.uniform(max(low, -50), min(high, 50), count)
     middle = np.where(generator.random(count) < 0.2, np.clip(middle * 1e6, low, high), middle)
@@ -62,7 +62,7 @@ DOMAIN = {
 @pytest.mark.parametrize("name", sorted(EXACT))
 def test_a_function_is_enclosed(name):
     generator = np.random.default_rng(3)
-    x = intervals(generator, 40, *DOMAIN.get(name, (-INF, INF)))
+    x = sample_intervals(generator, 40, *DOMAIN.get(name, (-INF, INF)))
     evaluate = getattr(functions, name, None) or (lambda x: functions.increasing(name, x))
     with np.errstate(all="ignore"):
         result = evaluate(x)
@@ -85,15 +85,15 @@ def test_a_thin_argument_gives_a_thin_value(name):
 @pytest.mark.parametrize("name", ["add", "subtract", "multiply", "hypot", "direction", "atan2", "divide"])
 def test_a_binary_operation_is_enclosed(name):
     generator = np.random.default_rng(4)
-    x, y = intervals(generator, 60, -INF, INF), intervals(generator, 60, -INF, INF)
+    x, y = sample_intervals(generator, 60, -INF, INF), sample_intervals(generator, 60, -INF, INF)
     evaluate = {
-        "add": rounding.add,
-        "subtract": rounding.subtract,
-        "multiply": rounding.multiply,
+        "add": intervals.add,
+        "subtract": intervals.subtract,
+        "multiply": intervals.multiply,
         "hypot": functions.hypot,
         "direction": functions.direction,
         "atan2": functions.atan2,
-        "divide": lambda a, b: rounding.multiply(a, rounding.inverse(b)),
+        "divide": lambda a, b: intervals.multiply(a, intervals.inverse(b)),
     }[name]
     exact = {
         "add": lambda a, b: a + b,
@@ -120,9 +120,9 @@ def test_a_binary_operation_is_enclosed(name):
 @pytest.mark.parametrize("exponent", [-3, -2, -1, 1, 2, 3, 4, 7])
 def test_a_whole_power_is_enclosed(exponent):
     generator = np.random.default_rng(5)
-    x = intervals(generator, 60, -INF, INF)
+    x = sample_intervals(generator, 60, -INF, INF)
     with np.errstate(all="ignore"):
-        result = rounding.power(x, exponent)
+        result = intervals.power(x, exponent)
     with flint.ctx.workprec(200):
         assert_encloses(
             result, [[flint.arb(float(v)) ** exponent for v in row] for row in inside(generator, x)]
@@ -135,7 +135,7 @@ def test_sums_and_products_of_any_doubles_are_enclosed(a, b, c, d):
     x, y = np.array(sorted((a, b))), np.array(sorted((c, d)))
     X, Y = (x[:1], x[1:]), (y[:1], y[1:])
     with np.errstate(all="ignore"):
-        total, product = rounding.add(X, Y), rounding.multiply(X, Y)
+        total, product = intervals.add(X, Y), intervals.multiply(X, Y)
     for p in x:
         for q in y:
             exact_sum, exact_product = (
@@ -150,18 +150,18 @@ def test_sums_and_products_of_any_doubles_are_enclosed(a, b, c, d):
 
 def test_exact_operations_stay_exact():
     one, wave = (np.array([3.33]), np.array([3.33])), (np.array([-1.0]), np.array([1.0]))
-    assert rounding.multiply(one, wave) == (-3.33, 3.33)
-    assert rounding.add((np.array([0.5]),) * 2, (np.array([0.25]),) * 2) == (0.75, 0.75)
+    assert intervals.multiply(one, wave) == (-3.33, 3.33)
+    assert intervals.add((np.array([0.5]),) * 2, (np.array([0.25]),) * 2) == (0.75, 0.75)
 
 
 def test_what_cannot_be_said_is_everything():
     hole, ray = (np.array([-1.0]), np.array([1.0])), (np.array([0.0]), np.array([INF]))
     with np.errstate(all="ignore"):
-        assert rounding.inverse(hole) == (-INF, INF)
+        assert intervals.inverse(hole) == (-INF, INF)
         assert functions.tan((np.array([1.0]), np.array([2.0]))) == (-INF, INF)
-        assert rounding.subtract(ray, ray) == (-INF, INF)
+        assert intervals.subtract(ray, ray) == (-INF, INF)
         assert functions.increasing("log", (np.array([-2.0]), np.array([-1.0]))) == (-INF, INF)
-        assert rounding.root((np.array([-2.0]), np.array([-1.0]))) == (-INF, INF)
+        assert intervals.root((np.array([-2.0]), np.array([-1.0]))) == (-INF, INF)
         low, high = functions.increasing("exp", (np.array([800.0]), np.array([801.0])))
-    assert low == rounding.LARGEST
+    assert low == intervals.LARGEST
     assert high == INF

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lockstep.model import Agent, BoundNotProved, Graph, Problem, ProblemError, load_problem, parse_problem
-from lockstep.model.checks import CheckReport, CheckRow, check_problem, nonlinearity, structure
+from lockstep.model.checks import CheckReport, CheckRow, check_problem, linear_part, nonlinearity
 from lockstep.model.checks.nonlinearity import holds_everywhere
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -172,26 +172,26 @@ def test_what_cannot_agree_is_an_input_error(problem: object, says: str) -> None
 
 
 def test_rows_fail_where_validate_would_refuse() -> None:
-    split = structure.spanning_tree(Graph.from_edges(4, [[2, 1], [4, 3]]))
+    split = linear_part.spanning_tree(Graph.from_edges(4, [[2, 1], [4, 3]]))
     assert split.verdict == "fails"
     assert "[1]" in split.figure
     assert "[3]" in split.figure
     blind = Agent.from_expressions(
         "cart", states=["p", "v"], inputs=["f"], outputs={"y": "v"}, dynamics={"p": "v", "v": "f"}
     )
-    seen, observed = structure.observable(blind)
+    seen, observed = linear_part.observable(blind)
     assert (seen.verdict, observed.observable, observed.detectable) == ("fails", False, False)
     assert "not detectable" in seen.figure
     decaying = Agent.from_expressions(
         "cart", states=["p", "v"], inputs=["f"], outputs={"y": "v"}, dynamics={"p": "v - p", "v": "f"}
     )
-    seen, observed = structure.observable(decaying)
+    seen, observed = linear_part.observable(decaying)
     assert (seen.verdict, observed.observable, observed.detectable) == ("note", False, True)
     assert ": detectable" in seen.figure
     assert "s = -1" in seen.figure
-    lost, controlled = structure.controllable(decaying, [decaying.lure.B, 0 * decaying.lure.B])
+    lost, controlled = linear_part.controllable(decaying, [decaying.lure.B, 0 * decaying.lure.B])
     assert (lost.verdict, controlled.controllable, controlled.stabilisable) == ("fails", False, False)
-    assert structure.controllable(decaying, [decaying.lure.B])[0].verdict == "ok"
+    assert linear_part.controllable(decaying, [decaying.lure.B])[0].verdict == "ok"
 
 
 def test_modes_that_are_lost_and_decay_are_reported_and_no_failure() -> None:
@@ -209,7 +209,7 @@ def test_modes_that_are_lost_and_decay_are_reported_and_no_failure() -> None:
 def test_a_failing_row_makes_the_report_not_ok() -> None:
     report = check_problem(cart())
     bad = CheckReport(
-        **{**vars(report), "rows": (*report.rows, structure.spanning_tree(Graph.from_edges(2, [])))}
+        **{**vars(report), "rows": (*report.rows, linear_part.spanning_tree(Graph.from_edges(2, [])))}
     )
     assert report.ok
     assert not bad.ok
@@ -230,7 +230,7 @@ def test_the_distance_to_losing_control_is_that_of_the_pair() -> None:
         outputs={"y": "a + b"},
         dynamics={"a": "a + f", "b": "2*b + 0.001*f"},
     )
-    check = structure.controllable(agent, [agent.lure.B])[0]
+    check = linear_part.controllable(agent, [agent.lure.B])[0]
     assert check.verdict == "ok"
     margin = float(check.figure.removeprefix("a change of norm ").split()[0])
     assert 0 < margin <= 0.001
@@ -238,9 +238,9 @@ def test_the_distance_to_losing_control_is_that_of_the_pair() -> None:
 
 
 def test_row_sums_are_reported_as_they_are() -> None:
-    assert structure.row_sums(Graph.topology("cycle", 3)).figure == "exactly"
+    assert linear_part.row_sums(Graph.topology("cycle", 3)).figure == "exactly"
     decimal = Graph.from_edges(4, [[1, 2, 0.1], [1, 3, 0.2], [1, 4, 0.3], [2, 1], [3, 1], [4, 1]])
-    assert "in doubles" in structure.row_sums(decimal).figure
+    assert "in doubles" in linear_part.row_sums(decimal).figure
 
 
 def test_a_linear_agent_has_alpha_zero() -> None:

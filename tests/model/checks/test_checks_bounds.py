@@ -7,7 +7,7 @@ from checks_cases import field, problem
 from lockstep.model.checks.proved.dissipation import contraction, dissipativity, incremental_gain, passivity
 from lockstep.model.checks.proved.equilibria import equilibria
 from lockstep.model.checks.proved.geometry.lie import Point
-from lockstep.model.checks.proved.lipschitz import one_sided_lipschitz, quadratic_inner_boundedness
+from lockstep.model.checks.proved.one_sided_lipschitz import one_sided_lipschitz, quadratic_inner_boundedness
 from lockstep.model.checks.proved.sector import sectors
 from lockstep.model.checks.proved.stiffness import stiffness
 from lockstep.model.checks.proved.storage import Supply

@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from lockstep.model.checks.proved.everything import prove
-from lockstep.model.checks.proved.field import as_written
+from lockstep.model.checks.proved.all_checks import prove
+from lockstep.model.checks.proved.vector_field import as_written
 from lockstep.model.problem import load_problem
 
 MODELS = Path(__file__).parents[2] / "models"

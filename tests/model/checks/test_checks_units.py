@@ -4,7 +4,7 @@ import pytest
 from checks_cases import problem
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.checks.proved.units import check_units
+from lockstep.model.checks.proved.dimensions import check_units
 
 UNITS = {"x": "m", "v": "m/s", "u": "N", "k": "N/m", "m": "kg", "c": "kg/s", "y1": "m"}
 SPRING = {"x": "v", "v": "(u - k*x - c*v)/m"}

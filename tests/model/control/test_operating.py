@@ -7,7 +7,7 @@ import pytest
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.loop import Gains
 from lockstep.model import Agent, Graph, Network
-from lockstep.model.control.operating import linearised_along, linearised_loop
+from lockstep.model.control.operating_points import linearised_along, linearised_loop
 from lockstep.model.simulation import Scenario, simulate
 
 

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.checks import slips
-from lockstep.model.formulas.look_alikes import keyboard_for
+from lockstep.model.checks import plausibility
+from lockstep.model.formulas.confusables import keyboard_for
 from lockstep.model.problem import Problem
 
 PENDULUM = """
@@ -44,7 +44,7 @@ def with_change(old: str, new: str) -> Problem:
     ],
 )
 def test_a_period_that_is_too_long_for_the_plant_is_noted(period, verdict, said):
-    row = slips.period(with_change("period = 0.05", f"period = {period}"))
+    row = plausibility.period(with_change("period = 0.05", f"period = {period}"))
     assert row.verdict == verdict
     assert said in row.figure
 
@@ -53,71 +53,71 @@ def test_a_mode_that_dies_out_by_itself_asks_for_no_short_period():
     fast = PENDULUM.replace("u - w2*sin(theta) - 0.1*omega", "u - 1000*omega").replace(
         "period = 0.05", "period = 1.0"
     )
-    row = slips.period(Problem.parse(fast))
+    row = plausibility.period(Problem.parse(fast))
     assert (row.verdict, "no mode" in row.figure) == ("ok", True)
     grows = PENDULUM.replace("u - w2*sin(theta) - 0.1*omega", "u + 16*theta").replace(
         "period = 0.05", "period = 1.0"
     )
-    assert slips.period(Problem.parse(grows)).verdict == "note"
+    assert plausibility.period(Problem.parse(grows)).verdict == "note"
 
 
 def test_an_agent_that_settles_between_two_samples_is_noted():
     """-0.25 and -1000 1/s: the longest time constant is 4 s, of which a tenth to a quarter is usual."""
     lag = PENDULUM.replace("u - w2*sin(theta) - 0.1*omega", "u - 1000*omega")
     lag = lag.replace('theta = "omega"', 'theta = "omega - 0.25*theta"')
-    assert slips.period(Problem.parse(lag.replace("period = 0.05", "period = 3.9"))).verdict == "ok"
-    row = slips.period(Problem.parse(lag.replace("period = 0.05", "period = 10.0")))
+    assert plausibility.period(Problem.parse(lag.replace("period = 0.05", "period = 3.9"))).verdict == "ok"
+    row = plausibility.period(Problem.parse(lag.replace("period = 0.05", "period = 10.0")))
     assert (row.verdict, "2.5 times" in row.figure, "0.4 to 1 s" in row.figure) == ("note", True, True)
 
 
 def test_an_agent_that_moves_away_by_itself_is_noted():
-    assert list(slips.alone(Problem.parse(PENDULUM))) == []
-    (row,) = slips.alone(Problem.parse(PENDULUM.replace("- 0.1*omega", "+ 0.1*omega")))
+    assert list(plausibility.alone(Problem.parse(PENDULUM))) == []
+    (row,) = plausibility.alone(Problem.parse(PENDULUM.replace("- 0.1*omega", "+ 0.1*omega")))
     assert (row.verdict, "0.05 1/s" in row.figure) == ("note", True)  # s^2 - 0.1 s + 16 = 0: Re s = 0.05
 
 
 def test_units_that_contradict_the_formulas_are_noted_without_all_checks():
     units = '[agent.units]\ntheta = "{}"\nomega = "{}"\n'
-    assert list(slips.units(Problem.parse(PENDULUM))) == []
-    assert list(slips.units(Problem.parse(PENDULUM + units.format("rad", "rad/s")))) == []
-    (row,) = slips.units(Problem.parse(PENDULUM + units.format("rad", "rad")))
+    assert list(plausibility.units(Problem.parse(PENDULUM))) == []
+    assert list(plausibility.units(Problem.parse(PENDULUM + units.format("rad", "rad/s")))) == []
+    (row,) = plausibility.units(Problem.parse(PENDULUM + units.format("rad", "rad")))
     assert (row.verdict, "[agent.dynamics] theta" in row.figure) == ("note", True)
-    (row,) = slips.units(Problem.parse(PENDULUM + units.format("deg", "deg/s")))
+    (row,) = plausibility.units(Problem.parse(PENDULUM + units.format("deg", "deg/s")))
     assert (row.verdict, "theta*pi/180" in row.figure) == ("note", True)
 
 
 def test_degrees_are_noted_with_what_they_would_be_in_radians():
-    (row,) = slips.initial(with_change("[0.5, 0.0]", "[30.0, 0.0]"))
+    (row,) = plausibility.initial(with_change("[0.5, 0.0]", "[30.0, 0.0]"))
     assert row.verdict == "note"
     assert "theta of agent 1 is 30" in row.figure
     assert f"{math.radians(30):.4g}" in row.figure
-    assert list(slips.initial(with_change("[0.5, 0.0]", "[6.28, 0.0]"))) == []
+    assert list(plausibility.initial(with_change("[0.5, 0.0]", "[6.28, 0.0]"))) == []
     # omega is the argument of no sine: 30 rad/s are what they are.
-    assert list(slips.initial(with_change("[0.5, 0.0]", "[0.5, 30.0]"))) == []
+    assert list(plausibility.initial(with_change("[0.5, 0.0]", "[0.5, 30.0]"))) == []
     # An angle that the file turns into radians itself is in degrees.
     in_degrees = PENDULUM.replace("sin(theta)", "sin(theta*pi/180)").replace("[0.5, 0.0]", "[30.0, 0.0]")
-    assert list(slips.initial(Problem.parse(in_degrees))) == []
+    assert list(plausibility.initial(Problem.parse(in_degrees))) == []
 
 
 def test_a_state_in_radians_by_its_unit_is_an_angle_too():
     in_rad = PENDULUM.replace("sin(theta)", "tanh(theta)").replace("[0.5, 0.0]", "[30.0, 0.0]")
-    assert list(slips.initial(Problem.parse(in_rad))) == []
-    (row,) = slips.initial(Problem.parse(in_rad + '[agent.units]\ntheta = "rad"\nomega = "rad/s"\n'))
+    assert list(plausibility.initial(Problem.parse(in_rad))) == []
+    (row,) = plausibility.initial(Problem.parse(in_rad + '[agent.units]\ntheta = "rad"\nomega = "rad/s"\n'))
     assert "theta of agent 1 is 30, and [agent.units] has theta in rad" in row.figure
 
 
 def test_random_states_far_beyond_a_turn_are_noted_too():
     given = "initial = [[0.5, 0.0], [0.0, 0.0], [0.0, 0.0]]"
-    (row,) = slips.initial(with_change(given, "spread = 30.0"))
+    (row,) = plausibility.initial(with_change(given, "spread = 30.0"))
     assert "`spread` is 30" in row.figure
-    assert list(slips.initial(with_change(given, "spread = 3.0"))) == []
+    assert list(plausibility.initial(with_change(given, "spread = 3.0"))) == []
 
 
 def test_a_start_outside_of_the_domain_is_noted():
     boxed = PENDULUM + "[agent.domain]\ntheta = [-0.4, 0.4]\n"
-    (row,) = slips.initial(Problem.parse(boxed))
+    (row,) = plausibility.initial(Problem.parse(boxed))
     assert "theta of agent 1 is 0.5, outside of [agent.domain], -0.4 <= theta <= 0.4" in row.figure
-    assert list(slips.initial(Problem.parse(boxed.replace("[0.5, 0.0]", "[0.3, 0.0]")))) == []
+    assert list(plausibility.initial(Problem.parse(boxed.replace("[0.5, 0.0]", "[0.3, 0.0]")))) == []
 
 
 def test_check_tells_them():

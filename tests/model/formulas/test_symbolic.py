@@ -11,7 +11,7 @@ from lockstep.check.expression.exact import Exact, Value, read_text
 from lockstep.check.expression.node import constant, linear, variable
 from lockstep.check.system.agent import ExactAgent
 from lockstep.model.agents.agent import Agent
-from lockstep.model.bound_search.graph import read
+from lockstep.model.bound_search.casadi_graph import read
 from lockstep.model.formulas.expression import parse_expression
 from lockstep.model.formulas.symbolic import rounds, symbolic
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from lockstep.check.expression.node import linear_terms
 from lockstep.check.system.loop import Gains
 from lockstep.model.agents.agent import Agent
-from lockstep.model.bound_search.graph import read
+from lockstep.model.bound_search.casadi_graph import read
 from lockstep.model.checks import nonlinearity
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network

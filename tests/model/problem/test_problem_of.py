@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from problem_cases import ARMS, GAINS, GIVEN, SMALL
 
-from lockstep.check.limits import hidden
+from lockstep.check.file_limits import hidden
 from lockstep.model import Agent, Graph, Problem, ProblemError, bound_of, parse_problem
 
 RING = Graph.topology("ring", 4)

@@ -5,8 +5,8 @@ import pytest
 from simulation_cases import ARMS, COROLLARY_1, cart_gains, carts, loop_matrix
 
 from lockstep.model.simulation import RhoWeights, Scenario, l2_gain, noise, simulate
-from lockstep.model.simulation.agreement import PeakGain, weakest_agreement
-from lockstep.model.simulation.worst import _Climb, worst_disturbance
+from lockstep.model.simulation.weakest_agreement import PeakGain, weakest_agreement
+from lockstep.model.simulation.worst_disturbance import _Climb, worst_disturbance
 
 CARTS, GAINS = carts(), cart_gains()
 CART_WEIGHTS = RhoWeights.of(CARTS.graph, np.diag([1.0, 2.0]), np.eye(1))

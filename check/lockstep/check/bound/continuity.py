@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 
-from lockstep.check.bound.conditions import Conditions
-from lockstep.check.bound.graph import ExactPhi
-from lockstep.check.bound.program import Boxes
+from lockstep.check.bound.enclosure import Boxes
+from lockstep.check.bound.phi import ExactPhi
+from lockstep.check.bound.regularity import Conditions
 from lockstep.check.expression.node import (
     ZERO,
     Node,

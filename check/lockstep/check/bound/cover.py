@@ -12,10 +12,10 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from lockstep.check.bound import rounding
+from lockstep.check.bound import intervals
+from lockstep.check.bound.enclosure import Boxes
+from lockstep.check.bound.intervals import INF
 from lockstep.check.bound.objective import Objective
-from lockstep.check.bound.program import Boxes
-from lockstep.check.bound.rounding import INF
 from lockstep.check.bound.unbounded.charts import Chart, Enclosure, to_v
 from lockstep.check.bound.unbounded.tails import Pattern
 from lockstep.check.expression.node import Node, linear_terms
@@ -121,14 +121,14 @@ class Cover:
             return -1.0
         low, high = self.chart((0,) * self.count).point_program.on_boxes(here, here)[0]
         if not self.objective.squared:
-            return float(rounding.mignitude((low, high))[0])
-        return float(rounding.root((np.maximum(low, 0.0), np.maximum(high, 0.0)))[0][0])
+            return float(intervals.mignitude((low, high))[0])
+        return float(intervals.root((np.maximum(low, 0.0), np.maximum(high, 0.0)))[0][0])
 
     def middle_above(
         self, pattern: Pattern, found: Enclosure, level: float
     ) -> Annotated[np.ndarray, " variables"] | None:
         """Return the middle with the largest slope, in the coordinates of v, if that may be above the level."""
-        lowest = rounding.mignitude(found.at_middle)
+        lowest = intervals.mignitude(found.at_middle)
         best = int(np.argmax(lowest))
         if lowest[best] <= (level * level if self.objective.squared else level):
             return None
@@ -137,9 +137,9 @@ class Cover:
 
     def _bound(self, found: Enclosure) -> PerBox:
         with np.errstate(all="ignore"):
-            top = rounding.magnitude(found.value)
+            top = intervals.magnitude(found.value)
             if self.objective.squared:
-                top = rounding.root((np.zeros_like(top), np.maximum(found.value[1], 0.0)))[1]
+                top = intervals.root((np.zeros_like(top), np.maximum(found.value[1], 0.0)))[1]
         return np.where(found.defined, top, INF)
 
     def _shrink(
@@ -179,7 +179,7 @@ class Cover:
             for k, slope in zip(self.searched, found.slopes, strict=True):
                 width = upper[k] - lower[k]
                 relative = np.where(np.isinf(width), 4.0, width / root[k] if root[k] > 0 else 0.0)
-                score = rounding.magnitude(slope) * width
+                score = intervals.magnitude(slope) * width
                 blind = ~np.isfinite(score) | ~found.defined
                 kinked = self.cutter.holds_kink(k, lower[k], upper[k]) & (pattern[k] == 0)
                 score = np.where(blind, 1e300 * (relative + 8.0 * kinked), score + 1e-12 * relative)

@@ -17,8 +17,8 @@ import numpy as np
 
 from lockstep.check.bound.box import EVERY_TIME, Box
 from lockstep.check.bound.cover import Cover, Examined, Part, Pool
-from lockstep.check.bound.graph import ExactPhi
-from lockstep.check.bound.result import Entry
+from lockstep.check.bound.phi import ExactPhi
+from lockstep.check.bound.slope_bounds import Entry
 from lockstep.check.bound.slopes import Block, Given, SlopeProblem
 from lockstep.check.bound.unbounded.tails import Pattern
 from lockstep.check.errors import demand

@@ -2,7 +2,7 @@
 
 The value at a double is enclosed by python-flint's ball arithmetic (`arb`: Johansson 2017) at 100 bits and
 rounded outwards to the next doubles; monotonicity then carries the endpoints to the interval. Outside its
-domain a function is cut to its domain here; that the domain holds is checked apart (`conditions`), so a cut
+domain a function is cut to its domain here; that the domain holds is checked apart (`regularity`), so a cut
 never proves anything.
 """
 
@@ -14,8 +14,8 @@ from functools import lru_cache
 import flint
 import numpy as np
 
-from lockstep.check.bound import rounding
-from lockstep.check.bound.rounding import INF, Endpoints, Interval
+from lockstep.check.bound import intervals
+from lockstep.check.bound.intervals import INF, Endpoints, Interval
 
 BITS = 100
 
@@ -80,7 +80,7 @@ def increasing(name: str, x: Interval) -> Interval:
     _, above = _at_points(name, inner[1])
     lower = np.where(inner[0] == first, bottom, np.maximum(below, bottom))
     upper = np.where(inner[1] == last, top, np.minimum(above, top))
-    return rounding.sound(np.where(outside, -INF, lower), np.where(outside, INF, upper))
+    return intervals.sound(np.where(outside, -INF, lower), np.where(outside, INF, upper))
 
 
 def acos(x: Interval) -> Interval:
@@ -93,14 +93,14 @@ def acos(x: Interval) -> Interval:
 
 def cosh(x: Interval) -> Interval:
     """Return cosh(x), which increases in |x|."""
-    near, far = rounding.mignitude(x), rounding.magnitude(x)
+    near, far = intervals.mignitude(x), intervals.magnitude(x)
     upper = np.where(np.isinf(far), INF, _at_points("cosh", far)[1])
-    return rounding.sound(np.maximum(_at_points("cosh", near)[0], 1.0), upper)
+    return intervals.sound(np.maximum(_at_points("cosh", near)[0], 1.0), upper)
 
 
 def sech2(x: Interval) -> Interval:
     """Return 1/cosh(x)^2 in (0, 1], which decreases in |x|."""
-    near, far = rounding.mignitude(x), rounding.magnitude(x)
+    near, far = intervals.mignitude(x), intervals.magnitude(x)
     lower = np.where(np.isinf(far), 0.0, np.maximum(_at_points("sech2", far)[0], 0.0))
     return lower, np.minimum(_at_points("sech2", near)[1], 1.0)
 
@@ -148,24 +148,24 @@ def tan(x: Interval) -> Interval:
     """Return tan(x); everything where x may hold a pole."""
     pole = tan_has_pole(x)
     lower, upper = _at_points("tan", x[0])[0], _at_points("tan", x[1])[1]
-    return rounding.sound(np.where(pole, -INF, lower), np.where(pole, INF, upper))
+    return intervals.sound(np.where(pole, -INF, lower), np.where(pole, INF, upper))
 
 
 def hypot(x: Interval, y: Interval) -> Interval:
     """Return sqrt(x^2 + y^2)."""
-    return rounding.root(rounding.add(rounding.power(x, 2), rounding.power(y, 2)))
+    return intervals.root(intervals.add(intervals.power(x, 2), intervals.power(y, 2)))
 
 
 def direction(x: Interval, y: Interval) -> Interval:
     """Return x / sqrt(x^2 + y^2), increasing in x; its range [-1, 1] covers every slope at the origin."""
-    near, far = rounding.mignitude(y), rounding.magnitude(y)
+    near, far = intervals.mignitude(y), intervals.magnitude(y)
     lower = _direction_at(x[0], np.where(x[0] < 0, near, far))[0]
     upper = _direction_at(x[1], np.where(x[1] < 0, far, near))[1]
     return lower, upper
 
 
 def _direction_at(x: Endpoints, y: Endpoints) -> Interval:
-    value = rounding.multiply((x, x), rounding.inverse(hypot((x, x), (y, y))))
+    value = intervals.multiply((x, x), intervals.inverse(hypot((x, x), (y, y))))
     sign = np.sign(x)
     exact = (y == 0) & (x != 0)
     low, high = np.maximum(value[0], np.minimum(sign, 0.0)), np.minimum(value[1], np.maximum(sign, 0.0))
@@ -181,7 +181,7 @@ def real_power(x: Interval, exponent: Fraction) -> Interval:
     at = [_power_at(inner[0], exponent), _power_at(inner[1], exponent)]
     outside = x[1] < 0
     lower, upper = np.maximum(at[first][0], 0.0), at[last][1]
-    return rounding.sound(np.where(outside, -INF, lower), np.where(outside, INF, upper))
+    return intervals.sound(np.where(outside, -INF, lower), np.where(outside, INF, upper))
 
 
 def _power_at(x: Endpoints, exponent: Fraction) -> Interval:
@@ -201,9 +201,9 @@ def _power_at_point(x: float, exponent: Fraction) -> tuple[float, float]:
 def atan2(y: Interval, x: Interval) -> Interval:
     """Return the angle of (x, y) on a box apart from the cut x <= 0, y = 0; [-pi, pi] elsewhere."""
     half = np.full_like(x[0], PI_BELOW / 2), np.full_like(x[0], PI_ABOVE / 2)
-    flat = increasing("atan", rounding.multiply(y, rounding.inverse(x)))
-    steep = increasing("atan", rounding.multiply(x, rounding.inverse(y)))
-    above, below = rounding.subtract(half, steep), rounding.subtract(rounding.negative(half), steep)
+    flat = increasing("atan", intervals.multiply(y, intervals.inverse(x)))
+    steep = increasing("atan", intervals.multiply(x, intervals.inverse(y)))
+    above, below = intervals.subtract(half, steep), intervals.subtract(intervals.negative(half), steep)
     cases = [x[0] > 0, y[0] > 0, y[1] < 0]
     lower = np.select(cases, [flat[0], above[0], below[0]], -PI_ABOVE)
     upper = np.select(cases, [flat[1], above[1], below[1]], PI_ABOVE)

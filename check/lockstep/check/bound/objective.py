@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from lockstep.check.bound.conditions import Conditions
 from lockstep.check.bound.identities import split_cases, unit_vectors
+from lockstep.check.bound.regularity import Conditions
 from lockstep.check.expression.node import ONE, ZERO, Node, add, function, multiply, power, variable
 
 HALF_TURN = math.nextafter(math.pi, math.inf)

@@ -10,12 +10,12 @@ from typing import Annotated
 import numpy as np
 
 from lockstep.check.bound.box import EVERY_TIME, Box, check_time
-from lockstep.check.bound.conditions import Conditions
 from lockstep.check.bound.continuity import settle
 from lockstep.check.bound.cover import Cover
-from lockstep.check.bound.graph import ExactPhi
 from lockstep.check.bound.objective import Objective, blocks
-from lockstep.check.bound.unbounded.period import reduce_to_period
+from lockstep.check.bound.phi import ExactPhi
+from lockstep.check.bound.regularity import Conditions
+from lockstep.check.bound.unbounded.periodicity import reduce_to_period
 from lockstep.check.bound.unbounded.relaxation import relax
 from lockstep.check.errors import demand
 from lockstep.check.expression.derivative import derivative

@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.check.c_source.node import read_node
+from lockstep.check.c_source.one_image import read_node
 from lockstep.check.c_source.reader import ReadController, read_controller
-from lockstep.check.c_source.text import nearest
+from lockstep.check.c_source.tokens import nearest
 from lockstep.check.design_file.json_text import parse_json
 from lockstep.check.errors import NotCertified, demand
 from lockstep.check.files import text_inside
-from lockstep.check.held import CheckedFile
 from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.discretise import clipped_at
+from lockstep.check.sampled_claims import CheckedFile
 from lockstep.check.system.problem import ProblemTables
 from lockstep.check.verdict import Verdict
 from lockstep.check.wording import shorten

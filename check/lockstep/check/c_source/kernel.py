@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from lockstep.check.c_source.text import CText
+from lockstep.check.c_source.tokens import CText
 from lockstep.check.sampled.discretise import Real
 
 Form = dict[int, tuple[Fraction, int]]

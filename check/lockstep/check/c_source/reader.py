@@ -15,7 +15,7 @@ import numpy as np
 
 from lockstep.check.c_source import expected as c
 from lockstep.check.c_source.kernel import Shape, read_statements
-from lockstep.check.c_source.text import LITERAL, CText
+from lockstep.check.c_source.tokens import LITERAL, CText
 from lockstep.check.errors import demand
 from lockstep.check.sampled.controller import PRECISIONS, HeldController
 from lockstep.check.sampled.discretise import Real

@@ -4,7 +4,7 @@
     the decay           the same for e^(sigma t) x_cl, the loop of `network.decaying(sigma)`
     the controllers     each is stable by itself (`stability`)
     the floor           no controllers certify a rho below the one claimed (`floor.witness`)
-    the initial states  from which the agents stay where the bound was proved (`local`)
+    the initial states  from which the agents stay where the bound was proved (`initial_set`)
 
 Each takes for granted what the ones before it decide, and that phi has the bounds of the claim on its domain.
 """
@@ -16,7 +16,7 @@ import numpy as np
 
 from lockstep.check.continuous.decide import decide
 from lockstep.check.continuous.inequality import Certificate, Claim
-from lockstep.check.continuous.local import Domain, InitialSet, better_than_proved, box_text
+from lockstep.check.continuous.initial_set import Domain, InitialSet, better_than_proved, box_text
 from lockstep.check.continuous.modes import ModalCertificate, decide_modes
 from lockstep.check.continuous.stability import is_stable, is_stable_step
 from lockstep.check.floor.witness import FloorWitness, proves_floor

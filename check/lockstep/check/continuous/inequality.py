@@ -38,7 +38,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from lockstep.check.bound.result import Entry
+from lockstep.check.bound.slope_bounds import Entry
 from lockstep.check.continuous.channels import Channel, Inequality, Term
 from lockstep.check.numbers import Matrix, Vector, block_diagonal, converter, eye, is_exact, zeros
 from lockstep.check.system.loop import Loop, Plant

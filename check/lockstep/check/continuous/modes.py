@@ -46,9 +46,9 @@ from lockstep.check.errors import demand
 from lockstep.check.numbers import Matrix, converter, exactly, is_exact
 from lockstep.check.psd import Definiteness, decide_positive_definite
 from lockstep.check.system.disagreement import single_difference
+from lockstep.check.system.laplacian_spectrum import REMEDY, Metric, decide_spectrum, metric
 from lockstep.check.system.loop import Gains, Loop, Plant, build_loop
 from lockstep.check.system.network import ExactNetwork
-from lockstep.check.system.spectrum import REMEDY, Metric, decide_spectrum, metric
 
 
 @dataclass(frozen=True)

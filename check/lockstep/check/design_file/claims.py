@@ -11,10 +11,10 @@ from functools import partial
 from typing import Any
 
 from lockstep.check.bound.box import Box
-from lockstep.check.bound.result import Entry
+from lockstep.check.bound.slope_bounds import Entry
 from lockstep.check.continuous.inequality import LETTERS
-from lockstep.check.continuous.local import InitialSet
-from lockstep.check.design_file.fixed import FixedClaims, fixed_claims_of
+from lockstep.check.continuous.initial_set import InitialSet
+from lockstep.check.design_file.fixed_point import FixedClaims, fixed_claims_of
 from lockstep.check.design_file.json_text import (
     Reader,
     above_zero,
@@ -31,7 +31,7 @@ from lockstep.check.design_file.json_text import (
 )
 from lockstep.check.design_file.messages import MessageClaims, message_claims_of
 from lockstep.check.errors import demand
-from lockstep.check.sampled.certify import SampledVerdict
+from lockstep.check.sampled.certificate import SampledVerdict
 from lockstep.check.system.domain import Scope
 
 SURE = 1 - 5e-10

@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from lockstep.check.errors import ProblemError, demand
+from lockstep.check.file_limits import check_document
 from lockstep.check.files import read_text
-from lockstep.check.limits import check_document
 from lockstep.check.wording import nearest, shorten
 
 T = TypeVar("T")

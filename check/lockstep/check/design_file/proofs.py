@@ -12,7 +12,7 @@ import numpy as np
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.design_file.claims import Claims
-from lockstep.check.design_file.fixed import FixedWitness
+from lockstep.check.design_file.fixed_point import FixedWitness
 from lockstep.check.design_file.json_text import (
     Reader,
     above_zero,
@@ -32,10 +32,10 @@ from lockstep.check.design_file.modal_proof import modal_witness_of, segments
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import demand
 from lockstep.check.floor.witness import FloorWitness, Piece
-from lockstep.check.sampled.clipping import ClippedWitness
 from lockstep.check.sampled.inequality import NUMBERS, Witness
 from lockstep.check.sampled.links import MessageWitness
 from lockstep.check.sampled.modes import SampledModalWitness
+from lockstep.check.sampled.saturation import ClippedWitness
 from lockstep.check.system.agent import Move
 
 _AMOUNT = re.compile("-?[0-9]{1,400}(/[0-9]{1,400})?")

@@ -43,7 +43,7 @@ PRECISIONS = {
 
 
 ROW_ERROR = 1.25
-"""Counts by which a row of `fixed` is off at most: exact in doubles, with room for the product."""
+"""Counts by which a row of `fixed_point` is off at most: exact in doubles, with room for the product."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class HeldController:
     order: n_C;  table: (n_C + m, n_C + q), M as it stands in the code;  sources: the agents it listens to, from 0;
     weights: (nn,) their a_j;  roundings: (n_C + m, n_C + q), how many roundings each product of M passes through;
     before: (nn,) how many each d_j has passed through already;  precision: of the arithmetic;  counts: (n_C + m,) or none:
-    what a count of each of (x+, u) is worth in integers (`fixed`), mu being then in counts.
+    what a count of each of (x+, u) is worth in integers (`fixed_point`), mu being then in counts.
     """
 
     order: int

@@ -19,7 +19,7 @@ lifting the left side is no less than V(xi+) + int (sum_ij m_ij (alpha^2 |H (x_i
 dt, whose integrand alpha makes nonnegative. Everything but S = M^-1 (x) S_1 is linear in (P, m, t, kappa), and
 congruence makes that so too.
 
-With performance, the lifted period also counts int x_d' (S (x) R) x_d, and a disturbance with rho^2; see `performance`.
+With performance, the lifted period also counts int x_d' (S (x) R) x_d, and a disturbance with rho^2; see `l2_gain`.
 """
 
 import math

@@ -13,7 +13,7 @@ the largest value of x(T)' P x(T) + int_0^T (|z|^2 - |w|^2) dt over all w, from 
     x(T) = A_d a + w_d:    max over w_d of (A_d a + w_d)' P (A_d a + w_d) - w_d' S^-1 w_d + a' Q a,
     A_d = [I 0] Gamma_11^-T,   S = [I 0] Gamma_21 Gamma_11^-1 [I 0]',   Q = -Gamma_11^-1 Gamma_12,
 
-as long as Gamma_11 is invertible on all of [0, T], which `conjugate` proves (Bamieh and Pearson 1992; Chen and Francis
+as long as Gamma_11 is invertible on all of [0, T], which `conjugate_points` proves (Bamieh and Pearson 1992; Chen and Francis
 1995, chapter 13). With an invertible multiplier M on w and z and the agents' A, B, E, F alike, everything is one
 agent's matrix in a Kronecker product, S = M^-1 (x) S_1 and Q = M (x) Q_1: the inequality stays linear in M, and
 one small exponential serves all agents and all M.

@@ -64,7 +64,7 @@ lose alike, p_e(k) = p(k): W_2 is of degree 2 in p then, and positive on [0, p0]
     W_2(0),   2 W_2(p0 / 2) - (W_2(0) + W_2(p0)) / 2,   W_2(p0).
 
 With p0 = 0 nothing is random, and the decay is that of each run; with p0 > 0 it is that of the mean square, and with
-probability 1 there is agreement as well. With rho, both halves hold with decay 1 and the cost of `performance`. The outputs'
+probability 1 there is agreement as well. With rho, both halves hold with decay 1 and the cost of `l2_gain`. The outputs'
 own noise n is then in what is read, eta_e + Y_n n in the place of eta_e with Y_n its columns of `differences`, and nowhere
 else: W_1 has no column of it (nu holds what was read), and rho^2 T n'(S (x) I) n stands on the right of the second half.
 """
@@ -77,13 +77,13 @@ import numpy as np
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import Matrix, block_diagonal, converter, exactly, eye, is_exact, zeros
 from lockstep.check.sampled import balls
-from lockstep.check.sampled.conjugate import no_conjugate_point
+from lockstep.check.sampled.conjugate_points import no_conjugate_point
 from lockstep.check.sampled.controller import SampledNetwork
 from lockstep.check.sampled.inequality import multiplier, step_matrix, stored_matrix
+from lockstep.check.sampled.l2_gain import running_cost
 from lockstep.check.sampled.lifting import Lifted, lift
 from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import SampledLoop
-from lockstep.check.sampled.performance import running_cost
 
 
 def proves_messages(
@@ -95,7 +95,7 @@ def proves_messages(
 ) -> bool:
     """Decide in balls whether a witness proves agreement under what happens to the messages, or rho with weights.
 
-    Without rho the decay has to be below 1; with it the decay is 1, and rho is the gain that `performance` states, from the
+    Without rho the decay has to be below 1; with it the decay is 1, and rho is the gain that `l2_gain` states, from the
     disturbances and the outputs' noise, in the mean square where messages are lost by chance.
 
     Args:

@@ -39,17 +39,24 @@ from lockstep.check.continuous.modes import Segment
 from lockstep.check.errors import demand
 from lockstep.check.numbers import Matrix, converter, exactly, eye, rounded_down, zeros
 from lockstep.check.sampled import balls
-from lockstep.check.sampled.certify import ROUNDED_UP, SampledVerdict, accepted, lifted_agent, proves, refused
-from lockstep.check.sampled.conjugate import no_conjugate_point
+from lockstep.check.sampled.certificate import (
+    ROUNDED_UP,
+    SampledVerdict,
+    accepted,
+    lifted_agent,
+    proves,
+    refused,
+)
+from lockstep.check.sampled.conjugate_points import no_conjugate_point
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork, spectral_bound
 from lockstep.check.sampled.inequality import Witness, root
+from lockstep.check.sampled.l2_gain import proves_rho
 from lockstep.check.sampled.loop import NO_NOISE, SampledLoop, Way
-from lockstep.check.sampled.performance import proves_rho
 from lockstep.check.system.disagreement import single_difference
 from lockstep.check.system.graph import Digraph
+from lockstep.check.system.graph_family import SpectrumRange
+from lockstep.check.system.laplacian_spectrum import metric
 from lockstep.check.system.loop import Plant
-from lockstep.check.system.many_graphs import SpectrumRange
-from lockstep.check.system.spectrum import metric
 
 NUMBERS = ("lower", "mu", "decay", "kappa", "weight", "ratio", "kappa_mu")
 

@@ -20,7 +20,7 @@ from typing import Annotated
 
 import numpy as np
 
-from lockstep.check.bound.result import Entry
+from lockstep.check.bound.slope_bounds import Entry
 from lockstep.check.numbers import as_fraction, rounded_down
 
 

@@ -18,7 +18,7 @@ from typing import Annotated, NoReturn
 import numpy as np
 from flint import fmpq
 
-from lockstep.check.bound.graph import ExactPhi
+from lockstep.check.bound.phi import ExactPhi
 from lockstep.check.design_file.json_text import number
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.expression.condition import Condition
@@ -26,7 +26,7 @@ from lockstep.check.expression.exact import Exact, Value, read_text
 from lockstep.check.expression.node import Node, linear, linear_terms, variable
 from lockstep.check.expression.text import RESERVED
 from lockstep.check.expression.traversal import order
-from lockstep.check.system.structure import Arguments, Row, Terms, arguments, columns, forms_seen
+from lockstep.check.system.nonlinearity import Arguments, Row, Terms, arguments, columns, forms_seen
 from lockstep.check.wording import shorten
 
 Show = Callable[[Node, Sequence[str]], str]

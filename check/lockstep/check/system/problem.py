@@ -36,8 +36,8 @@ from lockstep.check.system.disagreement import Coordinates
 from lockstep.check.system.domain import argument_box
 from lockstep.check.system.formation import WHERE, check_formation, measured_offsets
 from lockstep.check.system.graph import Digraph
+from lockstep.check.system.graph_family import SpectrumRange
 from lockstep.check.system.loop import Plant
-from lockstep.check.system.many_graphs import SpectrumRange
 from lockstep.check.system.network import ExactNetwork
 
 DEFAULT_ORDER, MOST_DEFAULT_ORDER, MOST_ORDER = 2, 4, 64

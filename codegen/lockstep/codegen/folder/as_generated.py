@@ -10,9 +10,9 @@ from pathlib import Path
 
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.files import read_inside
-from lockstep.codegen.doors import doors_of, with_doors
-from lockstep.codegen.doors.fmu import archives_differ
 from lockstep.codegen.emission.emit import emit
+from lockstep.codegen.exports import exports_of, with_exports
+from lockstep.codegen.exports.fmu import archives_differ
 from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.folder.contents import differs, not_proved, strangers
 from lockstep.codegen.from_design import has_one_controller, specification
@@ -64,7 +64,7 @@ def _rendered(folder: Path, stored: Stored, manifest: Manifest) -> dict[str, str
         max_neighbours=None if image is None else image.max_neighbours,
         table="none" if image is None else image.table,
     )
-    files = with_doors(emit(spec), doors_of(manifest))
+    files = with_exports(emit(spec), exports_of(manifest))
     others = {path: _bytes(folder, path) for path in manifest.files if path not in files}
     together = bundle(files, others)
     return {path: str(together[path]) for path in files}

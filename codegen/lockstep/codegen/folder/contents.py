@@ -9,14 +9,14 @@ import re
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
-from lockstep.check.c_source.node import read_node
+from lockstep.check.c_source.one_image import read_node
 from lockstep.check.c_source.reader import read_controller
 from lockstep.check.errors import NotCertified, ProblemError, demand
 from lockstep.check.files import as_text, named, read_inside
 from lockstep.check.wording import shorten
-from lockstep.codegen.doors import door_paths
-from lockstep.codegen.doors.fmu import archives
 from lockstep.codegen.emission.one_image import table_paths
+from lockstep.codegen.exports import export_paths
+from lockstep.codegen.exports.fmu import archives
 from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files, units
 
 DESIGN_NAME = "design.json"
@@ -156,7 +156,7 @@ def _expected(manifest: Manifest) -> set[str]:
         *(form.format(name) for name in names for form in per_agent),
         *(form.format(name) for name in units(manifest) for form in per_agent[:2]),
         *([] if manifest.image is None else table_paths(manifest.image.name, manifest.image.table)),
-        *door_paths(manifest),
+        *export_paths(manifest),
         *archives(manifest),
     }
 

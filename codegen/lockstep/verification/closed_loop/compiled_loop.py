@@ -19,8 +19,8 @@ from lockstep.check.errors import ClaimError, ProblemError, demand
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.folder.contents import refusals
 from lockstep.codegen.manifest import AgentEntry, Manifest, load_manifest
-from lockstep.model.simulation.sampled import SampledControllers
-from lockstep.verification.closed_loop.in_the_loop import sources_in
+from lockstep.model.simulation.sampled_controllers import SampledControllers
+from lockstep.verification.closed_loop.software_in_the_loop import sources_in
 from lockstep.verification.harness import layout, product_sources
 from lockstep.verification.machines.shared_library import build_library, loaded
 from lockstep.verification.machines.toolchain import WARNINGS, Compiler, first_compiler

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from lockstep.codegen.doors import doors_of
+from lockstep.codegen.exports import exports_of
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.comparison import compare
 from lockstep.verification.machines.targets import Target
@@ -33,7 +33,7 @@ def compare_nodes(
 
     adversarial: calls that the comparison of the controllers is asked for.
     """
-    if target.nodes is None or "messages" not in doors_of(manifest):
+    if target.nodes is None or "messages" not in exports_of(manifest):
         return ()
     periods = max(50, int(adversarial * PERIODS_PER_STEP))
     expected = _expected(manifest.text(), periods)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt, UInt8
 
 from lockstep.codegen.manifest import AgentEntry, Manifest
-from lockstep.verification.messages.node import Message, ReferenceNode, Refusal, Wire
+from lockstep.verification.messages.network_node import Message, ReferenceNode, Refusal, Wire
 
 STEP, SEND, RECEIVE, FORGET, RESET, INIT = range(6)
 """Operations. The argument is the instant of STEP and SEND, the length of RECEIVE, the neighbour of FORGET."""

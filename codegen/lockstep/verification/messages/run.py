@@ -14,7 +14,7 @@ from lockstep.verification.machines.emulator import Machine
 from lockstep.verification.machines.image import check_calls, link_image, load_image, machine_flags
 from lockstep.verification.machines.toolchain import Compiler
 from lockstep.verification.messages.events import EXTRA, WORDS, Events, NodeTrace
-from lockstep.verification.messages.node import Wire
+from lockstep.verification.messages.network_node import Wire
 
 Traces = Iterator[tuple[AgentEntry, NodeTrace, int]]
 """An agent, what its node did, and the bytes of a node."""
@@ -85,7 +85,7 @@ def _objects(
     harnesses = []
     for agent, view in zip(manifest.agents, views, strict=True):
         harnesses.append(directory / f"harness_{agent.name}_node.c")
-        text = render("doors/messages/harness.c.j2", a=view | {"name": agent.name}, **_folder(manifest))
+        text = render("exports/messages/harness.c.j2", a=view | {"name": agent.name}, **_folder(manifest))
         harnesses[-1].write_text(text, encoding="utf-8")
     own = [folder / "messages" / f"{agent.name}_node.c" for agent in manifest.agents]
     own.append(folder / "messages" / f"{manifest.name}_message.c")

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from lockstep.check.errors import ProblemError
 from lockstep.lmi.cluster import check_address
 from lockstep.workflow.design import DESIGN_NAME, Design, as_design
-from lockstep.workflow.files import check_writable, of_file, write_text
-from lockstep.workflow.folders import check_folder
 from lockstep.workflow.generate import generated_files
+from lockstep.workflow.output_files import check_writable, of_file, write_text
+from lockstep.workflow.output_folders import check_folder
 from lockstep.workflow.waiting.progress import Progress, silent
 
 if TYPE_CHECKING:

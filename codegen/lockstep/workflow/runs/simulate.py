@@ -12,8 +12,8 @@ import numpy as np
 from lockstep.check.errors import demand
 from lockstep.model.html_table import html_table
 from lockstep.workflow.design import Design, as_design
-from lockstep.workflow.files import check_writable, of_file, write_text
-from lockstep.workflow.folders import check_folder, is_generated, write_files
+from lockstep.workflow.output_files import check_writable, of_file, write_text
+from lockstep.workflow.output_folders import check_folder, is_generated, write_files
 from lockstep.workflow.waiting.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from lockstep.model.simulation.from_problem import Changes
     from lockstep.model.simulation.send_on_change import SendOnChange
     from lockstep.swarm.neighbours import EdgeList, NeighbourLists
-    from lockstep.verification.closed_loop.measured import Kind, Measured
+    from lockstep.verification.closed_loop.measured_gain import Kind, Measured
 
 KINDS = ("continuous", "sampled", "compiled")
 
@@ -191,8 +191,8 @@ def simulate(
     """
     from lockstep.model.simulation import simulate as run
     from lockstep.model.simulation.send_on_change import SendOnChange
-    from lockstep.verification.closed_loop.measured import measured, network_of_design, promise
-    from lockstep.workflow.runs.large import is_large, simulate_large
+    from lockstep.verification.closed_loop.measured_gain import measured, network_of_design, promise
+    from lockstep.workflow.runs.swarm import is_large, simulate_large
 
     kind, changes = _checked(
         controllers, horizon, seed, disturbance, perturbation, integrator, send_on_change
@@ -294,9 +294,9 @@ def _scenario(stored: "Stored", network: "Network", kind: "Kind", changes: "Chan
 
 
 def _worst(stored: "Stored", network: "Network", quiet: "Scenario", changes: "Changes") -> "Scenario":
-    from lockstep.model.simulation.agreement import weakest_agreement
-    from lockstep.model.simulation.worst import ENERGIES, worst_disturbance
-    from lockstep.verification.closed_loop.measured import weights_of_design
+    from lockstep.model.simulation.weakest_agreement import weakest_agreement
+    from lockstep.model.simulation.worst_disturbance import ENERGIES, worst_disturbance
+    from lockstep.verification.closed_loop.measured_gain import weights_of_design
 
     seed = stored.problem.simulation.seed if changes.seed is None else changes.seed
     weights = weights_of_design(stored, network)
@@ -326,7 +326,10 @@ def _worst(stored: "Stored", network: "Network", quiet: "Scenario", changes: "Ch
 def _controllers(path: Path | None, stored: "Stored", kind: "Kind") -> "Iterator[Gains | SampledControllers]":
     from lockstep.codegen.folder.as_generated import problem_fits
     from lockstep.codegen.manifest import load_manifest
-    from lockstep.verification.closed_loop.in_the_loop import design_controllers, reference_controllers
+    from lockstep.verification.closed_loop.software_in_the_loop import (
+        design_controllers,
+        reference_controllers,
+    )
 
     if kind == "continuous":
         yield stored.gains

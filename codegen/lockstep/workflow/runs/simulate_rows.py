@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lockstep.lmi.initial import below
+from lockstep.lmi.initial_set import below
 
 if TYPE_CHECKING:
     from lockstep.workflow.runs.simulate import Simulation

@@ -10,7 +10,7 @@ from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.errors import NotCertified
 from lockstep.check.system.loop import Gains
-from lockstep.lmi.analysis.reach import bisect
+from lockstep.lmi.analysis.margins import bisect
 from lockstep.model.network import Network
 
 HALVINGS = 7
@@ -75,7 +75,7 @@ def proved_decay(
 
 
 def _holds(network: Network, gains: Gains, claim: Claim, modal: bool) -> bool:
-    from lockstep.lmi.analysis.solve import least_rho
+    from lockstep.lmi.analysis.certificate_sdp import least_rho
     from lockstep.lmi.methods.modal import least_witness
 
     if modal:

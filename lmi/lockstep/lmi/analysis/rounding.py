@@ -16,9 +16,9 @@ from lockstep.check.continuous.decide import decide
 from lockstep.check.continuous.inequality import Certificate, Claim, F_matrix
 from lockstep.check.errors import NotCertified
 from lockstep.check.system.loop import Gains, Loop
+from lockstep.lmi.analysis.certificate_sdp import MOST_OF_GIVEN, eliminates_P, least_rho, tight
 from lockstep.lmi.analysis.decimals import round_up, rounded_storage, significant
-from lockstep.lmi.analysis.solve import MOST_OF_GIVEN, eliminates_P, least_rho, tight
-from lockstep.lmi.search.units import Units, scaled
+from lockstep.lmi.search.unit_scaling import Units, scaled
 from lockstep.lmi.shapes import GainBlocks
 from lockstep.model.network import Network
 

@@ -20,15 +20,15 @@ from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.stability import is_stable
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.system.loop import Gains
+from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.analysis.decay import fastest_decay
 from lockstep.lmi.analysis.rounding import prove, short_gains
-from lockstep.lmi.analysis.solve import least_rho
 from lockstep.lmi.document import Stored
 from lockstep.lmi.methods.certified import rate_of_controllers
-from lockstep.lmi.search.interior import BarrierPoint
-from lockstep.lmi.search.polish import polished, reached
+from lockstep.lmi.search.barrier import BarrierPoint
+from lockstep.lmi.search.local_search import polished, reached
+from lockstep.lmi.search.random_start import GainSearch
 from lockstep.lmi.search.stabilise import within
-from lockstep.lmi.search.start import GainSearch
 from lockstep.lmi.shapes import GainBlocks
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.lmi.threads import one_thread

@@ -12,21 +12,24 @@ from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.continuous.modes import Modes, check_covered
 from lockstep.check.errors import Infeasible, NotCertified, OutOfTime, ProblemError
 from lockstep.check.system.loop import Gains
+from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.analysis.decay import proved_decay
-from lockstep.lmi.analysis.limits import largest_alpha_of_any_controller, static_gains_cannot_stabilise
-from lockstep.lmi.analysis.reach import largest_fraction
+from lockstep.lmi.analysis.fundamental_limits import (
+    largest_alpha_of_any_controller,
+    static_gains_cannot_stabilise,
+)
+from lockstep.lmi.analysis.margins import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
-from lockstep.lmi.analysis.solve import eliminates_P
-from lockstep.lmi.diagnosis.relax import hint, hint_of_stability
+from lockstep.lmi.diagnosis.active_constraint import hint, hint_of_stability
 from lockstep.lmi.floor.bisection import proves_that_none_carries
-from lockstep.lmi.local_sets import with_larger_set
+from lockstep.lmi.initial_set_design import with_larger_set
 from lockstep.lmi.methods.modal import segment_ends
-from lockstep.lmi.sampled.descending.improve import StartingGains
+from lockstep.lmi.sampled.synthesis.gains_for_period import StartingGains
 from lockstep.lmi.search import GainSearch, Polished, Score, SearchResult, search_gains
-from lockstep.lmi.search.fastest import raised_decay
-from lockstep.lmi.search.likely import likely
-from lockstep.lmi.search.modes import ModalSearch, representative
-from lockstep.lmi.search.start import Climbed
+from lockstep.lmi.search.common_gains import ModalSearch, representative
+from lockstep.lmi.search.fastest_decay import raised_decay
+from lockstep.lmi.search.random_start import Climbed
+from lockstep.lmi.search.search_time import likely
 from lockstep.lmi.search.stopping import Deadline, NothingYet, Stop
 from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import exact_network

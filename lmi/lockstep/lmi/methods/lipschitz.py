@@ -26,8 +26,8 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.errors import Infeasible, demand
 from lockstep.check.system.loop import Gains, Plant
+from lockstep.lmi.analysis.certificate_sdp import least_rho, run
 from lockstep.lmi.analysis.connectivity import connectivity
-from lockstep.lmi.analysis.solve import least_rho, run
 from lockstep.model.network import Network
 
 DECAYS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)

@@ -19,14 +19,14 @@ from lockstep.check.continuous.modes import ModalCertificate, Modes, Segment, ch
 from lockstep.check.errors import Infeasible, NotCertified
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.graph import Digraph
+from lockstep.check.system.laplacian_spectrum import Metric
 from lockstep.check.system.loop import Gains
-from lockstep.check.system.spectrum import Metric
 from lockstep.lmi.analysis.decimals import round_up, rounded_storage
 from lockstep.lmi.analysis.rounding import short_gains
-from lockstep.lmi.methods.modal_common import CommonSearch
+from lockstep.lmi.methods.modal_interval import CommonSearch
 from lockstep.lmi.methods.modal_search import ModalCandidate, drawn, from_start
 from lockstep.lmi.methods.modal_witness import HALVINGS, ModalWitness, fine_witness, witness
-from lockstep.lmi.search.modes import ModalSearch
+from lockstep.lmi.search.common_gains import ModalSearch
 from lockstep.model.network import Network
 
 OUTSIDE = 1e-9

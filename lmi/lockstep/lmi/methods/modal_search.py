@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.lmi.methods.modal_witness import ModalWitness, fine_witness
-from lockstep.lmi.search.modes import ModalSearch
+from lockstep.lmi.search.common_gains import ModalSearch
 
 FRACTIONS = (0.3, 0.1, 0.03, 0.01, 1e-3)
 """Parts of alpha tried for gains that do not carry all of it."""

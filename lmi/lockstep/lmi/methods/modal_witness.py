@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Claim, performance_weight
 from lockstep.check.continuous.modes import Modes
-from lockstep.lmi.analysis.solve import run
+from lockstep.lmi.analysis.certificate_sdp import run
 
 if TYPE_CHECKING:
     import cvxpy as cp

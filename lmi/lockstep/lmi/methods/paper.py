@@ -20,7 +20,7 @@ from jaxtyping import Float
 from lockstep.check.errors import Infeasible
 from lockstep.check.system.disagreement import disagreement
 from lockstep.check.system.loop import Gains
-from lockstep.lmi.analysis.solve import run
+from lockstep.lmi.analysis.certificate_sdp import run
 from lockstep.model.network import Network
 
 if TYPE_CHECKING:

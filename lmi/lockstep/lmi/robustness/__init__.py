@@ -1,6 +1,6 @@
 """Structured singular values and disk margins of opened loops, of any number of channels, without Slycot.
 
-`structured` one matrix; `scaling` its upper bound; `peak` over frequency; `disk` margins; `every_frequency` what is proved.
+`structured` one matrix; `d_scaling` its upper bound; `peak` over frequency; `disk` margins; `every_frequency` what is proved.
 """
 
 from lockstep.lmi.robustness.disk import DiskMargin, both_sides, disk_margin, loops_at_a_time

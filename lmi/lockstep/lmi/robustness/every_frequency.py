@@ -19,7 +19,7 @@ from jaxtyping import Float
 from lockstep.check.errors import demand
 from lockstep.check.numbers import exactly
 from lockstep.check.psd import decide_positive_definite
-from lockstep.lmi.analysis.solve import run
+from lockstep.lmi.analysis.certificate_sdp import run
 from lockstep.lmi.robustness.blocks import Structure
 
 STEPS = 12

@@ -13,7 +13,7 @@ from jaxtyping import Complex, Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.lmi.robustness.blocks import Structure
-from lockstep.lmi.robustness.scaling import balanced, osborne, scaled_norm
+from lockstep.lmi.robustness.d_scaling import balanced, osborne, scaled_norm
 from lockstep.lmi.robustness.structured import StructuredValue, structured_singular_value
 
 POINTS = 40

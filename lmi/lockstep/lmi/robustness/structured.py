@@ -1,6 +1,6 @@
 """The structured singular value of a complex matrix: mu(M) = 1 / min {sigma(Delta): det(I - M Delta) = 0}.
 
-From above by D scaling (`scaling`), from below by the power iteration of Packard, Fan and Doyle (1988): with M b = beta a it
+From above by `d_scaling`, from below by the power iteration of Packard, Fan and Doyle (1988): with M b = beta a it
 looks for a Delta of norm 1 / beta in the structure. Whatever it ends with, Q of norm 1 in the structure gives
 mu >= rho(M Q) (Zhou, Doyle and Glover 1996, chapter 11), and that is what is returned.
 """
@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Complex
 
 from lockstep.lmi.robustness.blocks import Structure
-from lockstep.lmi.robustness.scaling import (
+from lockstep.lmi.robustness.d_scaling import (
     MARGIN,
     Scales,
     balanced,

@@ -5,8 +5,8 @@ The decision is the checker's: `lockstep.check.sampled`. Here are
 search       the multiplier under which the gain around the nonlinearity is small, in doubles
 storage      the inequality as a Riccati inequality in P, and the two ends of its solutions, in doubles
 candidates   witnesses for it, those that pass little noise on first, in doubles
-certify      the search for a witness of agreement; `lockstep.check.sampled.certify` decides
-performance  the search for a small rho of the sampled loop; `lockstep.check.sampled.performance` decides
+certify      the search for a witness of agreement; `lockstep.check.sampled.certificate` decides
+performance  the search for a small rho of the sampled loop; `lockstep.check.sampled.l2_gain` decides
 period       the largest period that is certified
 tustin       the discrete controllers as functions of the gains
 slopes       one lifted period, with its slopes
@@ -16,11 +16,11 @@ descent      descent on rho of the sampled loop
 improve      design for the period: the best of what descents reach from several starts
 """
 
-from lockstep.check.sampled.certify import SampledVerdict
+from lockstep.check.sampled.certificate import SampledVerdict
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
-from lockstep.lmi.sampled.certify import certify_sampled
-from lockstep.lmi.sampled.performance import SampledRho, sampled_rho
+from lockstep.lmi.sampled.l2_gain import SampledRho, sampled_rho
 from lockstep.lmi.sampled.period import max_period
+from lockstep.lmi.sampled.witnesses import certify_sampled
 
 __all__ = [
     "HeldController",

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from lockstep.check.sampled.inequality import W_matrix, Witness, multiplier, step_matrix
 from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.loop import SampledLoop
-from lockstep.lmi.sampled.convex import step_program
+from lockstep.lmi.sampled.step_program import step_program
 from lockstep.lmi.sampled.storage import (
     distance_ratio,
     holds_in_doubles,

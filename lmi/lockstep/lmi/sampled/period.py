@@ -12,11 +12,11 @@ from collections.abc import Callable
 import numpy as np
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.sampled.certify import SampledVerdict
+from lockstep.check.sampled.certificate import SampledVerdict
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.lmi.analysis.decimals import round_down
-from lockstep.lmi.sampled.certify import certify_sampled, first_guess, in_doubles, period_in_doubles
-from lockstep.lmi.sampled.search import best_multiplier
+from lockstep.lmi.sampled.loop_gain import best_multiplier
+from lockstep.lmi.sampled.witnesses import certify_sampled, first_guess, in_doubles, period_in_doubles
 from lockstep.lmi.shapes import PairWeights
 
 ControllersAt = Callable[[float], tuple[HeldController, ...]]

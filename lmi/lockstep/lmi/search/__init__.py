@@ -8,8 +8,8 @@ held         starts for a period that the fastest loop is too fast for
 multistart   many starts, the promising ones pursued side by side over the cores
 """
 
+from lockstep.lmi.search.local_search import Polished
 from lockstep.lmi.search.multistart import SearchResult, search_gains
-from lockstep.lmi.search.polish import Polished
-from lockstep.lmi.search.start import GainSearch, Score
+from lockstep.lmi.search.random_start import GainSearch, Score
 
 __all__ = ["GainSearch", "Polished", "Score", "SearchResult", "search_gains"]

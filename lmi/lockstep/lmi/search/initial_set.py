@@ -1,6 +1,6 @@
 """The largest initial set, by a P of its own, for given gains or with gains that move.
 
-With V scaled so that c = 1, the set of `lockstep.check.continuous.local` is measured by
+With V scaled so that c = 1, the set of `lockstep.check.continuous.initial_set` is measured by
 
     radius^-2 = min t,   P_d <= t D,   [P_0  w_ij; w_ij'  d_j^2] >= 0,   F(P, K, m, t, rho^2) < 0,
 
@@ -23,10 +23,10 @@ from jaxtyping import Float, Int
 
 from lockstep.check.bound.box import Box
 from lockstep.check.continuous.inequality import Certificate, Claim
-from lockstep.check.continuous.local import Domain, rows_within, squared_distance
+from lockstep.check.continuous.initial_set import Domain, rows_within, squared_distance
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.loop import Loop
-from lockstep.lmi.analysis.solve import AffineF, run
+from lockstep.lmi.analysis.certificate_sdp import AffineF, run
 from lockstep.lmi.search.stopping import NEVER, Deadline
 from lockstep.lmi.shapes import GainBlocks, Multipliers
 from lockstep.model.network import Network

@@ -7,11 +7,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from lockstep.lmi.analysis.solve import eliminates_P
-from lockstep.lmi.search.held import hold
-from lockstep.lmi.search.polish import Polished, polished, reached
-from lockstep.lmi.search.smoothed import Descended
-from lockstep.lmi.search.start import Climbed, GainSearch, Score, StartResult, begin, climb, go_on
+from lockstep.lmi.analysis.certificate_sdp import eliminates_P
+from lockstep.lmi.search.hold_delay import hold
+from lockstep.lmi.search.local_search import Polished, polished, reached
+from lockstep.lmi.search.random_start import Climbed, GainSearch, Score, StartResult, begin, climb, go_on
+from lockstep.lmi.search.smoothed_norm import Descended
 from lockstep.lmi.search.stopping import NEVER, Deadline
 from lockstep.lmi.threads import one_thread
 from lockstep.lmi.workers import started_without_interrupts

@@ -17,9 +17,10 @@ from lockstep.check.system.domain import argument_box
 from lockstep.model.agents.lure import Lure, lure_form
 from lockstep.model.agents.parts import check_bounds, check_symbols, column_of, stack
 from lockstep.model.bound_search import Box
-from lockstep.model.bound_search.graph import read_value
-from lockstep.model.bound_search.operations import RULES
+from lockstep.model.bound_search.casadi_graph import read_value
+from lockstep.model.bound_search.casadi_operations import RULES
 from lockstep.model.control.pbh import Controllability, Observability, controllability, observability
+from lockstep.model.formulas.exact_text import written
 from lockstep.model.formulas.expression import parse_expression
 from lockstep.model.formulas.names import (
     check_agent_name,
@@ -28,7 +29,6 @@ from lockstep.model.formulas.names import (
     check_names,
     check_parameters,
 )
-from lockstep.model.formulas.written import written
 from lockstep.model.loop_transformation.centring import Centring, centred
 from lockstep.model.loop_transformation.linearise import linearised
 
@@ -265,14 +265,14 @@ class Agent:
         return agent_to_control(self, linear=linear)
 
     def trim(self, **given: Any) -> Any:
-        """Return an equilibrium: see `lockstep.model.control.operating.trim`."""
-        from lockstep.model.control.operating import trim
+        """Return an equilibrium: see `lockstep.model.control.operating_points.trim`."""
+        from lockstep.model.control.operating_points import trim
 
         return trim(self, **given)
 
     def linearise(self, x: Sequence[float], u: Sequence[float], t: float = 0.0) -> Any:
-        """Return the agent linearised at a point as a `control.ss`: see `lockstep.model.control.operating`."""
-        from lockstep.model.control.operating import linearised_agent
+        """Return the agent linearised at a point as a `control.ss`: see `lockstep.model.control.operating_points`."""
+        from lockstep.model.control.operating_points import linearised_agent
 
         return linearised_agent(self, x, u, t)
 

@@ -12,7 +12,7 @@ from lockstep.check.expression.traversal import substitute
 from lockstep.check.numbers import as_fraction
 from lockstep.check.system.agent import ExactAgent
 from lockstep.check.wording import shorten
-from lockstep.model.formulas.written import written
+from lockstep.model.formulas.exact_text import written
 
 _SAME_BUT_B = (
     "agents that differ in B only: (2) has one A, one C and one h for all, or agreement does not last"

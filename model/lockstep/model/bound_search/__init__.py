@@ -7,12 +7,12 @@ it is differentiable.
 """
 
 from lockstep.check.bound.box import EVERY_TIME, Box
-from lockstep.check.bound.result import Entry
+from lockstep.check.bound.slope_bounds import Entry
+from lockstep.model.bound_search.branch_and_bound import UNFINISHED, SearchState
+from lockstep.model.bound_search.casadi_graph import read
 from lockstep.model.bound_search.entries import entry_bounds, with_entries
-from lockstep.model.bound_search.graph import read
 from lockstep.model.bound_search.proof import BOXES, confirmed, prove_bound, search_bound, smallest_bound
 from lockstep.model.bound_search.result import Bound, SlopeWitness
-from lockstep.model.bound_search.search import UNFINISHED, SearchState
 
 __all__ = [
     "BOXES",

@@ -17,12 +17,12 @@ import casadi as ca
 
 from lockstep.check.bound.box import EVERY_TIME, Box
 from lockstep.check.bound.decide import MOST_BOXES, Budget, decide_block
-from lockstep.check.bound.result import Entry
+from lockstep.check.bound.slope_bounds import Entry
 from lockstep.check.bound.slopes import Block, SlopeProblem
-from lockstep.model.bound_search.graph import read
+from lockstep.model.bound_search.branch_and_bound import SearchBudget
+from lockstep.model.bound_search.casadi_graph import read
 from lockstep.model.bound_search.proof import BOXES, LOOSEST, ROOMS, TOLERANCES, search_block
 from lockstep.model.bound_search.result import Bound
-from lockstep.model.bound_search.search import SearchBudget
 
 
 def entry_bounds(

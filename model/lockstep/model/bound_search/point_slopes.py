@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.bound import rounding
+from lockstep.check.bound import intervals
+from lockstep.check.bound.enclosure import Program
+from lockstep.check.bound.intervals import INF
 from lockstep.check.bound.objective import Objective
-from lockstep.check.bound.program import Program
-from lockstep.check.bound.rounding import INF
 from lockstep.check.expression.node import Node
 
 LARGEST = 1e150
@@ -62,28 +62,28 @@ def _norms(J: Float[np.ndarray, "points rows columns"]) -> Float[np.ndarray, " p
     return np.asarray(np.linalg.norm(J, ord=2, axis=(1, 2)))
 
 
-def _lower_norm(J: Sequence[Sequence[rounding.Interval]], middle: np.ndarray) -> float:
+def _lower_norm(J: Sequence[Sequence[intervals.Interval]], middle: np.ndarray) -> float:
     """|J| >= |J'u| / |u| for any u; the best u of the middle is taken."""
     if middle.size == 1:
-        return float(rounding.mignitude(J[0][0])[0])
+        return float(intervals.mignitude(J[0][0])[0])
     u = np.linalg.svd(middle)[0][:, 0]
     unit = [(np.array([x]), np.array([x])) for x in u]
-    squares = [rounding.power(_dot(unit, column), 2) for column in zip(*J, strict=True)]
-    length = [rounding.power(x, 2) for x in unit]
-    ratio = rounding.multiply(_total(squares), rounding.inverse(_total(length)))
-    return float(rounding.root(ratio)[0][0]) if len(u) > 1 else float(rounding.root(_total(squares))[0][0])
+    squares = [intervals.power(_dot(unit, column), 2) for column in zip(*J, strict=True)]
+    length = [intervals.power(x, 2) for x in unit]
+    ratio = intervals.multiply(_total(squares), intervals.inverse(_total(length)))
+    return float(intervals.root(ratio)[0][0]) if len(u) > 1 else float(intervals.root(_total(squares))[0][0])
 
 
-def _dot(u: Sequence[rounding.Interval], x: Sequence[rounding.Interval]) -> rounding.Interval:
+def _dot(u: Sequence[intervals.Interval], x: Sequence[intervals.Interval]) -> intervals.Interval:
     if len(u) == 1:
         return x[0]
-    return _total([rounding.multiply(a, b) for a, b in zip(u, x, strict=True)])
+    return _total([intervals.multiply(a, b) for a, b in zip(u, x, strict=True)])
 
 
-def _total(terms: Sequence[rounding.Interval]) -> rounding.Interval:
+def _total(terms: Sequence[intervals.Interval]) -> intervals.Interval:
     total = terms[0]
     for term in terms[1:]:
-        total = rounding.add(total, term)
+        total = intervals.add(total, term)
     return total
 
 

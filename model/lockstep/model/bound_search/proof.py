@@ -17,17 +17,17 @@ import numpy as np
 from lockstep.check.bound.box import EVERY_TIME, Box
 from lockstep.check.bound.cover import breakpoints
 from lockstep.check.bound.decide import MOST_BOXES, Budget, check_level, decide_norm
-from lockstep.check.bound.graph import ExactPhi
+from lockstep.check.bound.phi import ExactPhi
 from lockstep.check.bound.slopes import Block, SlopeProblem
 from lockstep.check.errors import demand
 from lockstep.check.verdict import Verdict
-from lockstep.model.bound_search.graph import read
+from lockstep.model.bound_search.branch_and_bound import CoverSearch, SearchBudget, SearchState, SlopeRange
+from lockstep.model.bound_search.casadi_graph import read
+from lockstep.model.bound_search.incumbent import Reach
 from lockstep.model.bound_search.point_slopes import PointSlopes
-from lockstep.model.bound_search.reach import Reach
 from lockstep.model.bound_search.result import Bound, SlopeWitness
 from lockstep.model.bound_search.sampling import sample_points
 from lockstep.model.bound_search.scaling import choose_scaling
-from lockstep.model.bound_search.search import CoverSearch, SearchBudget, SearchState, SlopeRange
 
 BOXES = 250_000
 """The budget. A core examines about ten thousand a second, so that a domain in six variables that takes all of them is done

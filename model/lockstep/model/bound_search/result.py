@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from lockstep.check.bound.result import Entry
+from lockstep.check.bound.slope_bounds import Entry
 from lockstep.check.errors import BoundNotProved
 
 

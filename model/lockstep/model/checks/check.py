@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 from lockstep.model.assembly import Report, bound_of, network_of
 from lockstep.model.bound_search import BOXES
-from lockstep.model.checks import nonlinearity, slips, structure
+from lockstep.model.checks import linear_part, nonlinearity, plausibility
+from lockstep.model.checks.proved.all_checks import prove
 from lockstep.model.checks.proved.definite import BOXES as PROVING_BOXES
-from lockstep.model.checks.proved.everything import prove
 from lockstep.model.checks.report import CheckReport
 from lockstep.model.problem import Problem
 
@@ -53,9 +53,9 @@ def check_problem(
     bound = bound_of(agent, boxes=boxes, alpha=problem.design.alpha, progress=progress)
     findings = prove(problem, boxes=min(boxes, PROVING_BOXES), progress=proving) if every else ()
     everywhere = nonlinearity.holds_everywhere(agent, bound)
-    controllable, inputs = structure.controllable(agent, agents_B)
-    observable, outputs = structure.observable(agent)
-    zeros, right = structure.zeros(agent, agents_B)
+    controllable, inputs = linear_part.controllable(agent, agents_B)
+    observable, outputs = linear_part.observable(agent)
+    zeros, right = linear_part.zeros(agent, agents_B)
     rows = (
         nonlinearity.bound(agent, bound),
         *([nonlinearity.entries(agent, bound)] if bound.entries else []),
@@ -63,15 +63,15 @@ def check_problem(
         nonlinearity.centring(agent),
         nonlinearity.origin(agent),
         nonlinearity.numbers(agent),
-        structure.spanning_tree(graph),
-        structure.row_sums(graph),
+        linear_part.spanning_tree(graph),
+        linear_part.row_sums(graph),
         controllable,
         observable,
         zeros,
-        *slips.alone(problem),
-        slips.period(problem),
-        *slips.units(problem),
-        *slips.initial(problem),
+        *plausibility.alone(problem),
+        plausibility.period(problem),
+        *plausibility.units(problem),
+        *plausibility.initial(problem),
     )
     return CheckReport(
         rows=rows,

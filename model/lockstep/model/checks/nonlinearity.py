@@ -81,7 +81,7 @@ def slopes_of(proved: Bound) -> tuple[float, ...]:
 def reach(agent: Agent, graph: Graph, *, everywhere: bool) -> CheckRow:
     """Where the certificate holds: for every state, or only while all agents stay in the box.
 
-    With a single root the certificate gives initial states from which they stay (`lockstep.check.continuous.local`).
+    With a single root the certificate gives initial states from which they stay (`lockstep.check.continuous.initial_set`).
     """
     reason = "a bound on a box says nothing about trajectories that leave it"
     if everywhere:

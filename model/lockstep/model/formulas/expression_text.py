@@ -18,7 +18,7 @@ import casadi as ca
 
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.wording import shorten
-from lockstep.model.bound_search.operations import INSTEAD
+from lockstep.model.bound_search.casadi_operations import INSTEAD
 from lockstep.model.formulas.expression import parse_expression
 from lockstep.model.formulas.expression_writer import ARITY, COMPARISONS, REPEATED, Step, write
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.text import DEEPEST, LONGEST, MOST_TOKENS
 from lockstep.check.wording import shorten
-from lockstep.model.formulas.look_alikes import DECIMAL_POINT, advice, keyboard_for
+from lockstep.model.formulas.confusables import DECIMAL_POINT, advice, keyboard_for
 
 _TOKEN = re.compile(
     r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)|(?P<name>[A-Za-z_][A-Za-z_0-9]*)"

@@ -8,7 +8,7 @@ from sys import float_info
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.expression.text import CONSTANTS, FUNCTIONS, RESERVED
 from lockstep.check.wording import nearest, shorten
-from lockstep.model.formulas.look_alikes import advice
+from lockstep.model.formulas.confusables import advice
 
 LONGEST_AGENT_NAME = 20
 """C99 tells external names apart by 31 characters (5.2.4.1), and the agent's number and `_step` follow."""

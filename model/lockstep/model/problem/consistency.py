@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError, demand
-from lockstep.model.problem.build import build_graph
+from lockstep.model.problem.from_tables import build_graph
 from lockstep.model.problem.tables.schema import AgentTable, ProblemFile
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.system.many_graphs import SpectrumRange
+from lockstep.check.system.graph_family import SpectrumRange
 from lockstep.model.graphs.membership import Membership, membership, within
 from lockstep.model.graphs.sparse_graph import SparseGraph, read_graph
 from lockstep.model.problem.tables.schema import NetworkTable, ProblemFile

@@ -16,21 +16,21 @@ from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled.links import Messages
-from lockstep.check.system.many_graphs import SpectrumRange
+from lockstep.check.system.graph_family import SpectrumRange
 from lockstep.check.system.problem import default_order
 from lockstep.model.agents.agent import Agent
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.graphs.membership import Membership
 from lockstep.model.graphs.sparse_graph import SparseGraph
 from lockstep.model.problem.assumptions import check_assumptions
-from lockstep.model.problem.build import build_agent, build_graph, build_variants
 from lockstep.model.problem.consistency import check_tables, input_sides, output_ranges
 from lockstep.model.problem.formation import formation_of
 from lockstep.model.problem.from_agent import plain, tables_of
-from lockstep.model.problem.gains import GivenGains, given_gains
+from lockstep.model.problem.from_tables import build_agent, build_graph, build_variants
+from lockstep.model.problem.given_gains import GivenGains, given_gains
 from lockstep.model.problem.graph_file import network_of_graph, with_graph
 from lockstep.model.problem.leader import leader_box
-from lockstep.model.problem.reference import LeaderReference, reference_of
+from lockstep.model.problem.leader_reference import LeaderReference, reference_of
 from lockstep.model.problem.tables.load import parse_tables, parse_toml, read_problem
 from lockstep.model.problem.tables.schema import (
     ControllerTable,

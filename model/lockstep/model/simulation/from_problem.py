@@ -13,9 +13,9 @@ from lockstep.model.problem.tables.schema import (
     PerturbationTable,
     SimulationTable,
 )
-from lockstep.model.simulation.channel import MessageChannel
 from lockstep.model.simulation.disturbance import Disturbance, Driven, Sines, Steps, Sum, noise
 from lockstep.model.simulation.integrate import Method
+from lockstep.model.simulation.message_channel import MessageChannel
 from lockstep.model.simulation.perturbation import PaperPerturbation, Perturbation, random_perturbation
 from lockstep.model.simulation.scenario import Scenario
 
@@ -51,7 +51,7 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
         sampled: whether the controllers are sampled: the channel is theirs, gain errors are the continuous ones'.
 
     Raises:
-        ProblemError: `worst`, which takes a search (`lockstep.model.simulation.worst`), or tables that ask for
+        ProblemError: `worst`, which takes a search (`lockstep.model.simulation.worst_disturbance`), or tables that ask for
             what these controllers cannot have.
     """
     changes, table = changes or Changes(), problem.simulation

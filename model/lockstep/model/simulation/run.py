@@ -21,7 +21,7 @@ from lockstep.model.simulation.integrate import integrator
 from lockstep.model.simulation.perturbation import check_sizes
 from lockstep.model.simulation.quadrature import Hold
 from lockstep.model.simulation.results.trajectory import Trajectory
-from lockstep.model.simulation.sampled import CLIPPED, OK, SampledControllers
+from lockstep.model.simulation.sampled_controllers import CLIPPED, OK, SampledControllers
 from lockstep.model.simulation.scenario import Scenario, whole_number
 from lockstep.model.simulation.send_on_change import Senders
 

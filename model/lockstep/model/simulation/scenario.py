@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError, demand
-from lockstep.model.simulation.channel import MessageChannel
 from lockstep.model.simulation.disturbance import MOST_INSTANTS, Disturbance, Quiet, Samples, Sum
 from lockstep.model.simulation.integrate import Method
+from lockstep.model.simulation.message_channel import MessageChannel
 from lockstep.model.simulation.perturbation import Perturbation
 
 

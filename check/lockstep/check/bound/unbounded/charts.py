@@ -7,11 +7,11 @@ from typing import Annotated
 
 import numpy as np
 
-from lockstep.check.bound import rounding
-from lockstep.check.bound.conditions import Conditions
+from lockstep.check.bound import intervals
+from lockstep.check.bound.enclosure import Boxes, Program
+from lockstep.check.bound.intervals import INF, Interval
 from lockstep.check.bound.objective import Objective
-from lockstep.check.bound.program import Boxes, Program
-from lockstep.check.bound.rounding import INF, Interval
+from lockstep.check.bound.regularity import Conditions
 from lockstep.check.bound.unbounded.tails import Pattern, bounded_on_tails, on_tails
 from lockstep.check.expression.derivative import derivative
 
@@ -50,7 +50,7 @@ class Chart:
             defined &= held
         with np.errstate(all="ignore"):
             mean = self._mean_value(lower, upper, middle, at_middle, found[1:])
-            value = rounding.meet(found[0], mean)
+            value = intervals.meet(found[0], mean)
         return Enclosure(value, found[1:], middle, at_middle, defined)
 
     def _mean_value(
@@ -59,11 +59,11 @@ class Chart:
         """f(x) in f(c) + sum df_k(X) (X_k - c_k)."""
         total = at_middle
         for k, slope in zip(self.searched, slopes, strict=True):
-            low = rounding.down(lower[k] - middle[k])
-            high = rounding.up(upper[k] - middle[k])
+            low = intervals.down(lower[k] - middle[k])
+            high = intervals.up(upper[k] - middle[k])
             thin = lower[k] == upper[k]
             offset = np.where(thin, 0.0, low), np.where(thin, 0.0, high)
-            total = rounding.add(total, rounding.multiply(slope, offset))
+            total = intervals.add(total, intervals.multiply(slope, offset))
         return total
 
 

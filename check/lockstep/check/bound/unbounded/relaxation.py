@@ -11,9 +11,9 @@ from typing import Annotated
 
 import numpy as np
 
-from lockstep.check.bound.conditions import Conditions
+from lockstep.check.bound.enclosure import Program
 from lockstep.check.bound.objective import Objective
-from lockstep.check.bound.program import Program
+from lockstep.check.bound.regularity import Conditions
 from lockstep.check.expression.node import Node, variable
 from lockstep.check.expression.traversal import order, substitute
 

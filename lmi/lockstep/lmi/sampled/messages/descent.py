@@ -15,10 +15,10 @@ from jaxtyping import Complex, Float
 
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.loop import SampledLoop
-from lockstep.lmi.sampled.descending.objective import SampledObjective, ValueAndSlopes
-from lockstep.lmi.sampled.descending.response import Poles, power_mean
-from lockstep.lmi.sampled.descending.slopes import lifted_period
-from lockstep.lmi.sampled.descending.tustin import pulled_back, tustin
+from lockstep.lmi.sampled.synthesis.lifting_gradient import lifted_period
+from lockstep.lmi.sampled.synthesis.power_means import SampledObjective, ValueAndSlopes
+from lockstep.lmi.sampled.synthesis.response import Poles, power_mean
+from lockstep.lmi.sampled.synthesis.tustin import pulled_back, tustin
 from lockstep.lmi.shapes import GainBlocks, PairWeights
 
 

@@ -17,8 +17,8 @@ from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.sampled.messages import message_step
-from lockstep.lmi.analysis.dense import run_dense
-from lockstep.lmi.sampled.convex import FLATTEST, NOTHING
+from lockstep.lmi.analysis.dense_sdp import run_dense
+from lockstep.lmi.sampled.step_program import FLATTEST, NOTHING
 
 Form = Float[np.ndarray, "k k"]
 

@@ -13,16 +13,16 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness, multiplier, step_matrix
+from lockstep.check.sampled.l2_gain import running_cost
 from lockstep.check.sampled.lifting import Lifted, copies, lift
 from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.check.sampled.messages import W_1, every_W_2, message_step, period_parts, proves_messages
-from lockstep.check.sampled.performance import running_cost
-from lockstep.lmi.sampled.certify import in_doubles, period_in_doubles
+from lockstep.lmi.sampled.l2_gain import SampledRho
+from lockstep.lmi.sampled.loop_gain import spectral_radius
 from lockstep.lmi.sampled.messages.program import Form, solved, with_fixed_weights, with_free_weights
-from lockstep.lmi.sampled.performance import SampledRho
-from lockstep.lmi.sampled.search import spectral_radius
 from lockstep.lmi.sampled.storage import holds_in_doubles
+from lockstep.lmi.sampled.witnesses import in_doubles, period_in_doubles
 
 RATES = (0.1, 0.02, 0.004)
 """How fast V is asked to decay, as parts of how fast the linear loop without faults does."""

@@ -16,13 +16,13 @@ from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.inequality import step_matrix
+from lockstep.check.sampled.l2_gain import running_cost
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.sampled.modes import ModalLoop
-from lockstep.check.sampled.performance import running_cost
 from lockstep.lmi.analysis.semidefinite import Block, symmetric_basis
-from lockstep.lmi.sampled.certify import period_in_doubles
-from lockstep.lmi.sampled.performance import lifted_with_performance
+from lockstep.lmi.sampled.l2_gain import lifted_with_performance
+from lockstep.lmi.sampled.witnesses import period_in_doubles
 
 Storage = Float[np.ndarray, "n n"]
 

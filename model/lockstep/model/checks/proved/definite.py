@@ -12,15 +12,15 @@ from functools import cached_property
 
 import numpy as np
 
-from lockstep.check.bound import rounding
-from lockstep.check.bound.conditions import Conditions
-from lockstep.check.bound.program import Boxes, Program
-from lockstep.check.bound.rounding import Interval
-from lockstep.check.bound.unbounded.period import reduce_to_period
+from lockstep.check.bound import intervals
+from lockstep.check.bound.enclosure import Boxes, Program
+from lockstep.check.bound.intervals import Interval
+from lockstep.check.bound.regularity import Conditions
+from lockstep.check.bound.unbounded.periodicity import reduce_to_period
 from lockstep.check.expression.node import Node
 from lockstep.check.verdict import Verdict
-from lockstep.model.checks.proved.field import Ends, Matrix, at_points, jacobian
 from lockstep.model.checks.proved.matrices import middle, positive_definite, product, stacked, thin
+from lockstep.model.checks.proved.vector_field import Ends, Matrix, at_points, jacobian
 
 BOXES = 20_000
 BATCH = 128
@@ -106,15 +106,17 @@ class Question:
             for i, k in enumerate(self.searched):
                 thin_side = part[0][k] == part[1][k]
                 offset = (
-                    np.where(thin_side, 0.0, rounding.down(part[0][k] - centre[k])),
-                    np.where(thin_side, 0.0, rounding.up(part[1][k] - centre[k])),
+                    np.where(thin_side, 0.0, intervals.down(part[0][k] - centre[k])),
+                    np.where(thin_side, 0.0, intervals.up(part[1][k] - centre[k])),
                 )
                 own = slopes[i * len(values) : (i + 1) * len(values)]
-                form = [rounding.add(f, rounding.multiply(s, offset)) for f, s in zip(form, own, strict=True)]
+                form = [
+                    intervals.add(f, intervals.multiply(s, offset)) for f, s in zip(form, own, strict=True)
+                ]
                 for s in own:
-                    size = rounding.magnitude(s) * (part[1][k] - part[0][k])
+                    size = intervals.magnitude(s) * (part[1][k] - part[0][k])
                     vary[i] += np.where(np.isfinite(size), size, 1e200)
-            met = [rounding.meet(v, f) for v, f in zip(values, form, strict=True)]
+            met = [intervals.meet(v, f) for v, f in zip(values, form, strict=True)]
             matrix = stacked(met if self.tighter is None else self.tighter(part, met), self.size)
             if self.size == 1:  # only its lower end counts
                 matrix = matrix[0], matrix[0]

@@ -17,15 +17,15 @@ from fractions import Fraction
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from lockstep.check.bound.conditions import Conditions
+from lockstep.check.bound.regularity import Conditions
 from lockstep.check.expression.node import Node, linear
 from lockstep.check.psd import decide_positive_definite
 from lockstep.check.verdict import Verdict
 from lockstep.model.checks.proved.definite import BOXES, Question
-from lockstep.model.checks.proved.field import Field, as_written, at_points
+from lockstep.model.checks.proved.eigenvalues import eigenvalues
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
-from lockstep.model.checks.proved.spectrum import eigenvalues
 from lockstep.model.checks.proved.storage import Rational, Supply, few, propose, rounded
+from lockstep.model.checks.proved.vector_field import Field, as_written, at_points
 
 SAMPLES = 300
 PARTS = (0.98, 0.7, 0.3, 0.02)

@@ -25,7 +25,7 @@ from lockstep.check.expression.node import (
     variable,
 )
 from lockstep.check.expression.traversal import expand, substitute
-from lockstep.model.checks.proved.field import Field, fraction
+from lockstep.model.checks.proved.vector_field import Field, fraction
 
 MOST_BRANCHES = 32
 

@@ -1,7 +1,7 @@
 """All equilibria f(x) = 0, u = 0, on the domain: existence, uniqueness and number, by interval Newton's method.
 
-f is linear where it can be: its linear part is solved exactly (`elimination`), the rest by branch and bound (`newton`). A
-zero with rational coordinates is found exactly, so that one on the boundary of the domain is told from one beyond it.
+f is linear where it can be: its linear part is solved exactly (`elimination`), the rest by `interval_newton`.
+A zero with rational coordinates is found exactly, so that one on the boundary of the domain is told from one beyond it.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from math import isfinite
 
 import numpy as np
 
-from lockstep.check.bound import rounding
-from lockstep.check.bound.program import Boxes, Program
+from lockstep.check.bound import intervals
+from lockstep.check.bound.enclosure import Boxes, Program
 from lockstep.check.expression.node import Node, factors, linear, linear_terms, variable
+from lockstep.model.checks.proved.eigenvalues import stability
 from lockstep.model.checks.proved.elimination import Reduced, reduced
-from lockstep.model.checks.proved.field import Field, exactly_at
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
-from lockstep.model.checks.proved.newton import End, System
-from lockstep.model.checks.proved.spectrum import stability
+from lockstep.model.checks.proved.interval_newton import End, System
+from lockstep.model.checks.proved.vector_field import Field, exactly_at
 
 NAME = "equilibria"
 BOXES = 20_000
@@ -254,7 +254,7 @@ def _roots_within(node: Node) -> float | None:
         degrees[powers[0][1]] = c
     lead = degrees.pop(max(degrees))
     return float(
-        rounding.up(np.array(1.0 + float(max([abs(c / lead) for c in (offset, *degrees.values())]))))
+        intervals.up(np.array(1.0 + float(max([abs(c / lead) for c in (offset, *degrees.values())]))))
     ) * (1 + 1e-12)
 
 

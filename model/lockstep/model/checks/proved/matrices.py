@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from lockstep.check.bound import rounding
-from lockstep.check.bound.rounding import Interval
+from lockstep.check.bound import intervals
+from lockstep.check.bound.intervals import Interval
 
 
 def stacked(values: list[Interval], rows: int) -> Interval:
@@ -16,10 +16,10 @@ def product(first: Interval, second: Interval) -> Interval:
     """Return first @ second, box by box."""
     total: Interval | None = None
     for k in range(second[0].shape[0]):
-        term = rounding.multiply(
+        term = intervals.multiply(
             (first[0][:, k, None], first[1][:, k, None]), (second[0][None, k], second[1][None, k])
         )
-        total = term if total is None else rounding.add(total, term)
+        total = term if total is None else intervals.add(total, term)
     assert total is not None
     return total
 
@@ -39,7 +39,7 @@ def row_sums(values: np.ndarray) -> np.ndarray:
     """Return an upper bound of the sum over the second axis of numbers that are not negative."""
     total = np.zeros((values.shape[0], values.shape[2]))
     for k in range(values.shape[1]):
-        total = rounding.up(total + values[:, k])
+        total = intervals.up(total + values[:, k])
     return total
 
 
@@ -62,7 +62,7 @@ def positive_definite(matrix: Interval) -> np.ndarray:
     Q = thin(vectors)
     with np.errstate(all="ignore"):
         turned = product(product(transposed(Q), matrix), Q)
-        off = rounding.magnitude(turned)
+        off = intervals.magnitude(turned)
         size = off.shape[0]
         off[range(size), range(size)] = 0.0
         diagonal = turned[0][range(size), range(size)]

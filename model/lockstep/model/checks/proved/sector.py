@@ -11,20 +11,20 @@ from math import inf
 
 import numpy as np
 
-from lockstep.check.bound import rounding
-from lockstep.check.bound.conditions import Conditions
+from lockstep.check.bound import intervals
 from lockstep.check.bound.continuity import settle
-from lockstep.check.bound.graph import ExactPhi
-from lockstep.check.bound.program import Program
-from lockstep.check.bound.rounding import Interval
+from lockstep.check.bound.enclosure import Program
+from lockstep.check.bound.intervals import Interval
+from lockstep.check.bound.phi import ExactPhi
+from lockstep.check.bound.regularity import Conditions
 from lockstep.check.expression.derivative import derivative
 from lockstep.check.expression.node import ZERO, Node, Undefined, divide, linear, linear_terms, variable
 from lockstep.check.expression.traversal import expand, substitute
 from lockstep.model.agents.agent import Agent
 from lockstep.model.agents.arguments import arguments_text
 from lockstep.model.checks.proved.definite import BOXES, TOLERANCES, Question, highest, least_level
-from lockstep.model.checks.proved.field import FAR, Ends, as_written
 from lockstep.model.checks.proved.finding import CheckFinding
+from lockstep.model.checks.proved.vector_field import FAR, Ends, as_written
 
 
 def sectors(agent: Agent, *, boxes: int = BOXES) -> list[CheckFinding]:
@@ -109,9 +109,9 @@ def _end(
             low, high = part[0].copy(), part[1].copy()
             low[j], high[j] = np.minimum(low[j], 0.0), np.maximum(high[j], 0.0)
             d = slope.on_boxes(low, high)[0]
-            d = d if sign > 0 else rounding.negative(d)
-            between = rounding.subtract((np.full_like(low[j], level),) * 2, d)
-            return [rounding.meet(values[0], between)]
+            d = d if sign > 0 else intervals.negative(d)
+            between = intervals.subtract((np.full_like(low[j], level),) * 2, d)
+            return [intervals.meet(values[0], between)]
 
         question = linear(Fraction(level), [(-1, quotient)])
         return Question(((question,),), Conditions(phi.conditions), lower, upper, tighter)

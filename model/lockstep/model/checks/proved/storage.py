@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from lockstep.check.numbers import exactly
 from lockstep.check.psd import decide_positive_definite
-from lockstep.model.checks.proved.field import fraction
+from lockstep.model.checks.proved.vector_field import fraction
 
 MOST_SAMPLES = 8
 DIGITS = 6

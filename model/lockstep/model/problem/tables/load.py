@@ -8,12 +8,12 @@ from typing import Any
 from pydantic import ValidationError
 
 from lockstep.check.errors import ProblemError, demand
+from lockstep.check.file_limits import DEEPEST_KEY, MOST_KEYS, check_document
 from lockstep.check.files import read_text
-from lockstep.check.limits import DEEPEST_KEY, MOST_KEYS, check_document
 from lockstep.check.wording import shorten
-from lockstep.model.formulas.look_alikes import instead_of
-from lockstep.model.problem.tables.messages import problem_error
+from lockstep.model.formulas.confusables import instead_of
 from lockstep.model.problem.tables.schema import ProblemFile
+from lockstep.model.problem.tables.validation_errors import problem_error
 
 # Nothing is tried twice: a key part begins where none goes on, and gives nothing back.
 _LONG_KEY = re.compile(

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, Strict
 from pydantic_core import PydanticCustomError
 
-from lockstep.check.system.many_graphs import MOST_NEIGHBOURS
+from lockstep.check.system.graph_family import MOST_NEIGHBOURS
 from lockstep.check.system.problem import MOST_ORDER
 
 T = TypeVar("T")

@@ -9,11 +9,11 @@ from fractions import Fraction
 import numpy as np
 from flint import arb, arb_mat, fmpq, fmpq_mat
 
-from lockstep.check.bound.program import Program
+from lockstep.check.bound.enclosure import Program
 from lockstep.check.expression.node import Node, add, linear, multiply
 from lockstep.check.expression.traversal import expand, order
 from lockstep.model.checks.proved.equilibria import Equilibrium
-from lockstep.model.checks.proved.field import Field, Nodes, exactly_at, jacobian
+from lockstep.model.checks.proved.vector_field import Field, Nodes, exactly_at, jacobian
 
 MOST_POINTS = 4
 MOST_NODES = 20_000

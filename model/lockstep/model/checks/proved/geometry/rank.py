@@ -17,9 +17,9 @@ from fractions import Fraction
 from flint import fmpq, fmpq_mat
 
 from lockstep.check.expression.node import ZERO, Node, constant, linear, linear_terms, variable
-from lockstep.model.checks.proved.field import Field, Nodes, as_written, jacobian, smooth_on
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
 from lockstep.model.checks.proved.geometry.lie import Point, along, bracket, rank_at, too_long
+from lockstep.model.checks.proved.vector_field import Field, Nodes, as_written, jacobian, smooth_on
 
 MOST_BRACKETS = 40
 MOST_TERMS = 1_000

@@ -1,0 +1,200 @@
+"""The C of a controller in integers, written down once more, and its integers read out of it (`sampled/fixed_point`)."""
+
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+from lockstep.check.c_source import expected as c
+from lockstep.check.c_source.reader import MAX_NEIGHBOURS
+from lockstep.check.c_source.tokens import CText, tokens_of
+from lockstep.check.sampled.fixed_point import SHIFTS, FixedController
+
+HEADER = """
+[state] int32_t x[ORDER];
+int16_t u[INPUTS];
+[hears] int16_t held[NEIGHBOURS][OUTPUTS]; MASK heard; uint32_t age[NEIGHBOURS]; uint32_t misses[NEIGHBOURS];
+uint32_t ready; } agent_fixed_state_t;
+void agent_fixed_init(agent_fixed_state_t *state); void agent_fixed_reset(agent_fixed_state_t *state);
+agent_fixed_status_t agent_fixed_step(agent_fixed_state_t *state, const int16_t y[OUTPUTS], const int16_t HEARD,
+    MASK received, int16_t u[INPUTS]);
+#ifdef __cplusplus
+}
+#endif
+#endif
+"""
+
+SOURCE = """
+#include "agent_fixed.h"
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC optimize("Os")
+#endif
+static int32_t agent_fixed_scaled(int32_t value, uint32_t bits) {
+    const uint32_t raised = (uint32_t)value + 0x80000000u + ((uint32_t)1u << (bits - 1u));
+    const uint32_t shifted = raised >> bits; const uint32_t offset = 0x80000000u >> bits;
+    return (int32_t)shifted - (int32_t)offset; }
+[state] static int32_t agent_fixed_high(int32_t value) {
+[state]     const uint32_t raised = (uint32_t)value + 0x80000000u; const uint32_t shifted = raised >> 14;
+[state]     return (int32_t)shifted - 131072; }
+[state] static int32_t agent_fixed_low(int32_t value) {
+[state]     const uint32_t rest = (uint32_t)value & 0x3fffu; return (int32_t)rest; }
+static int32_t agent_fixed_limited(int32_t value, int32_t lowest, int32_t highest, uint32_t *saturated) {
+    int32_t found = value; if (value < lowest) { found = lowest; *saturated = 1u; }
+    else if (value > highest) { found = highest; *saturated = 1u; } else { } return found; }
+static uint32_t agent_fixed_advance(agent_fixed_state_t *state, const int32_t sum[OUTPUTS]) {
+    uint32_t saturated = 0u; INTO
+"""
+
+SOURCE_END = """
+    return saturated; } void agent_fixed_reset(agent_fixed_state_t *state) { uint32_t k;
+[hears] uint32_t j;
+[state] for (k = 0u; k < ORDERu; k++) { state->x[k] = 0; }
+    for (k = 0u; k < INPUTSu; k++) { state->u[k] = 0; }
+[hears] state->heard = 0u; for (j = 0u; j < NEIGHBOURSu; j++) {
+[hears]     for (k = 0u; k < OUTPUTSu; k++) { state->held[j][k] = 0; } state->age[j] = 0u; }
+} void agent_fixed_init(agent_fixed_state_t *state) {
+[hears] uint32_t j; for (j = 0u; j < NEIGHBOURSu; j++) { state->misses[j] = 0u; }
+    agent_fixed_reset(state); state->ready = AGENT_FIXED_DESIGN_WORD; }
+agent_fixed_status_t agent_fixed_step(agent_fixed_state_t *state, const int16_t y[OUTPUTS], const int16_t HEARD,
+    MASK received, int16_t u[INPUTS]) { agent_fixed_status_t status = AGENT_FIXED_NOT_READY; uint32_t k;
+    if (state->ready == AGENT_FIXED_DESIGN_WORD) { int32_t sum[OUTPUTS];
+[hears] uint32_t j;
+    for (k = 0u; k < OUTPUTSu; k++) { sum[k] = 0; }
+[hears] for (j = 0u; j < NEIGHBOURSu; j++) { const MASK bit = (MASK)1u << j;
+[hears]     if ((received & bit) != 0u) {
+[hears]         for (k = 0u; k < OUTPUTSu; k++) { state->held[j][k] = neighbour_y[(j * OUTPUTSu) + k]; }
+[hears]         state->heard |= bit; state->age[j] = 0u; }
+[hears]     else { state->misses[j] += (state->misses[j] < UINT32_MAX) ? 1u : 0u;
+[hears]         state->age[j] += (state->age[j] < UINT32_MAX) ? 1u : 0u; }
+[hears]     if ((state->heard & bit) != 0u) { for (k = 0u; k < OUTPUTSu; k++) {
+[hears]         sum[k] += (int32_t)y[k] - (int32_t)state->held[j][k]; } } }
+[alone] (void)y; (void)neighbour_y; (void)received;
+    status = (agent_fixed_advance(state, sum) == 0u) ? AGENT_FIXED_OK : AGENT_FIXED_SATURATED; }
+    else { agent_fixed_reset(state); }
+    for (k = 0u; k < INPUTSu; k++) { u[k] = state->u[k]; } return status; }
+"""
+
+_COUNT, _INTEGER = re.compile("0|[1-9][0-9]?"), re.compile("[1-9][0-9]{0,9}|0")
+_NEIGHBOUR = re.compile(
+    r"^ \* +neighbour ([0-9]+) +([A-Za-z][A-Za-z0-9_]*), weight a = 1\.0, bit 0x[0-9a-f]+ of `received`$",
+    re.MULTILINE,
+)
+
+
+class ReadFixed(NamedTuple):
+    """One agent as its C has it: the integers, whom it hears, by their places among the names, and the period in s."""
+
+    integers: FixedController
+    sources: tuple[int, ...]
+    period: float
+
+
+def row_of(agent: str, a: Sequence[int], h: int, d: Sequence[int], g: int) -> str:
+    """Return the C of one row of (x+, u).
+
+    >>> row_of("a1", (3,), 2, (-4,), 5)
+    'a1_fixed_scaled((3 * h0) + a1_fixed_scaled((3 * l0), 14u), 2u) + a1_fixed_scaled((-4 * r0), 5u)'
+    """
+    scaled = f"{agent}_fixed_scaled"
+    high, low, seen = (
+        " + ".join(f"({v} * {letter}{k})" for k, v in enumerate(row))
+        for letter, row in (("h", a), ("l", a), ("r", d))
+    )
+    states = f"{scaled}({high} + {scaled}({low}, 14u), {h}u) + " if a else ""
+    return f"{states}{scaled}({seen}, {g}u)"
+
+
+def read_fixed(name: str, header: str, source: str, names: Sequence[str]) -> ReadFixed:
+    """Read one agent from the text of its header and source.
+
+    Args:
+        name: prefix of the generated code.
+        header: text of the header;  source: text of the source.
+        names: of all agents, in the network's order: a source of another name is refused.
+
+    Raises:
+        NotCertified: the text is not of the form that `lockstep generate` writes.
+    """
+    top, code = CText(f"fixed/{name}_fixed.h", header), CText(f"fixed/{name}_fixed.c", source)
+    words, prefix = {"agent": name, "AGENT": name.upper()}, f"#define {name.upper()}_FIXED_"
+
+    def macro(key: str, form: re.Pattern[str]) -> str:
+        found = top.take()
+        if not found.startswith(f"{prefix}{key} ") or not form.fullmatch(found[len(prefix + key) + 1 :]):
+            raise top.refusal(f"{key} is not defined in its place, in its form")
+        return found[len(prefix + key) + 1 :]
+
+    top.expect(c.expected(c.HEADER_TOP.replace("AGENT_H", "AGENT_FIXED_H"), set(), words))
+    n, q, m, nn = (int(macro(key, _COUNT)) for key in ("ORDER", "OUTPUTS", "INPUTS", "NEIGHBOURS"))
+    if not (q and m and nn <= MAX_NEIGHBOURS):
+        raise top.refusal(f"no agent has {q} outputs, {m} inputs, {nn} neighbours")
+    period = float(macro("PERIOD_S", re.compile(r"[0-9.]{1,30}(e-?[0-9]{1,2})?")))
+    macro("DESIGN_WORD", re.compile("0x[0-9a-f]{8}u"))
+    exponent = re.compile(r"\((?:0|-?[1-9][0-9]?)\)")
+    formats = [
+        tuple(int(macro(f"{letter}{k}_EXPONENT", exponent)[1:-1]) for k in range(count))
+        for letter, count in (("X", n), ("Y", q), ("U", m))
+    ]
+    names_of = "typedef enum { AGENT_FIXED_OK = 0, AGENT_FIXED_NOT_READY = 3, AGENT_FIXED_SATURATED = 8 }"
+    top.expect(c.expected(f"{names_of} agent_fixed_status_t; typedef struct {{", set(), words))
+    sizes = {"ORDER": n, "OUTPUTS": q, "INPUTS": m, "NEIGHBOURS": nn}
+    words |= {key: str(size) for key, size in sizes.items()}
+    words |= {"MASK": "uint64_t" if nn > 32 else "uint32_t"}
+    words |= {"HEARD": f"neighbour_y[{nn * q}]" if nn else "*neighbour_y"}
+    split = [f"const int32_t {p}{k} = {name}_fixed_{f}(state->x[{k}]);" for k in range(n) for p, f in _PARTS]
+    held = [f"{_limited(name, k)}-32767, 32767, &saturated);" for k in range(q)]
+    words["INTO"] = " ".join(held + split)
+    kinds = {"hears" if nn else "alone"} | ({"state"} if n else set())
+    top.expect(c.expected(HEADER, kinds, words))
+    top.end()
+    code.expect(c.expected(SOURCE, kinds, words))
+    rows = [_row(code, name, i, n, q) for i in range(n + m)]
+    for k in range(n):
+        value = f"{name}_fixed_limited(state->x[{k}] + v{k}, -268435456, 268435456, &saturated);"
+        code.expect(f"state->x[{k}] = {value}")
+    sides = []
+    for k in range(m):
+        code.expect(f"state->u[{k}] = (int16_t){name}_fixed_limited(v{n + k}, -")
+        low = _integer(code)
+        code.expect(",")
+        sides.append((-low, _integer(code)))
+        code.expect(", &saturated);")
+    code.expect(c.expected(SOURCE_END, kinds, words))
+    code.end()
+    heard = _NEIGHBOUR.findall(header)
+    if [k for k, _ in heard] != [str(k) for k in range(nn)] or any(one not in names for _, one in heard):
+        raise top.refusal(f"it does not name its {nn} neighbours in order")
+    a, h, d, g = zip(*rows, strict=True)
+    x, r, u = formats
+    integers = FixedController(a, h, d, g, x, r, u, tuple(sides))
+    return ReadFixed(integers, tuple(list(names).index(one) for _, one in heard), period)
+
+
+_PARTS = (("h", "high"), ("l", "low"))
+
+
+def _limited(name: str, k: int) -> str:
+    return f"const int32_t r{k} = {name}_fixed_limited(sum[{k}], "
+
+
+def _integer(file: CText) -> int:
+    token = file.take()
+    if not _INTEGER.fullmatch(token):
+        raise file.refusal(f"`{token}` is no integer")
+    return int(token)
+
+
+def _row(file: CText, name: str, i: int, n: int, q: int) -> tuple[tuple[int, ...], int, tuple[int, ...], int]:
+    """Take a row: its numbers are read, and the row written with them must be the one that stands there."""
+    tokens = file.take_to(";")
+    found = [
+        int(token.rstrip("u")) * (-1 if before == "-" else 1)
+        for before, token in pairwise(tokens)
+        if _INTEGER.fullmatch(token.rstrip("u"))
+    ]
+    if len(found) == (2 * n + 2 if n else 0) + q + 1:
+        a, d, g = tuple(found[:n]), tuple(found[-q - 1 : -1]), found[-1]
+        h = found[2 * n + 1] if n else SHIFTS[-1]  # without states there is none
+        if list(tokens) == tokens_of(f"const int32_t v{i} = {row_of(name, a, h, d, g)}"):
+            return a, h, d, g
+    raise file.refusal(f"row {i} is none that is generated")

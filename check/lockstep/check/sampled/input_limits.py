@@ -1,0 +1,148 @@
+"""From which disagreements no input ever meets its limit: the samples decide, since u is held between them.
+
+With a witness of `inequality`, V(xi(0)) <= V_0 and exact messages, mu and nu are what underflow adds, and at every
+sampling instant
+
+    V <= V_0 + e,         e = (kappa |nu|^2 + kappa_mu |mu|^2) / (1 - decay),
+    |u_l| <= g_l sqrt(V) + e_l,     g_l = sqrt(k_l P^-1 k_l') + sum_j delta_j sqrt(tr Y_j P^-1 Y_j'),
+                                    e_l = |mu_i| + (|n_l| + delta_D) |nu_i|,
+
+k_l and n_l being the rows of u_l in xi and in nu, i its agent, and the sum running over the coefficient errors (rounding)
+of C and D of that agent. With controllers at rest V_0 = x_d' P_dd x_d, and so
+
+    (c / r^2) (T T')^-1 (x) I - P_dd > 0,     c = min_l ((u_max,l - e_l) / g_l)^2 - e,
+
+proves that |(T'(T T')^-1 T (x) I) x(0)| <= r keeps every u_l within u_max,l for ever.
+
+With a disturbance, and noise n on the outputs where rho is a gain from it too, the inequality of `l2_gain` with rho = 1,
+nothing weighed and decay < 1 gives from agreement, where V_0 = 0, for the energy
+
+    e^2 = int xi_d' (S (x) I) xi_d dt + T sum_k n_d(t_k)' (S (x) I) n_d(t_k)
+
+up to and with the sample at which u is computed
+
+    V + T n_d' (S (x) I) n_d <= e^2 + (kappa |nu|^2 + kappa_mu |mu|^2) / (1 - decay),
+
+and e^2 < c, formed with the columns of n_d besides those of xi, and P (+) T S (x) I in place of P, proves that none meets its
+limit.
+"""
+
+import math
+from typing import Annotated
+
+import numpy as np
+from flint import arb
+
+from lockstep.check.continuous.inequality import Performance
+from lockstep.check.numbers import Matrix, block_diagonal, exactly, eye
+from lockstep.check.sampled import balls
+from lockstep.check.sampled.certificate import ROUNDED_UP, lifted_agent, proves
+from lockstep.check.sampled.conjugate_points import no_conjugate_point
+from lockstep.check.sampled.controller import HeldController
+from lockstep.check.sampled.inequality import Witness, metric
+from lockstep.check.sampled.l2_gain import dissipates
+from lockstep.check.sampled.loop import SampledLoop
+
+
+def proves_radius(
+    exact_loop: SampledLoop,
+    controllers: tuple[HeldController, ...],
+    witness: Witness,
+    limits: Annotated[np.ndarray, " m"],
+    radius: float,
+) -> bool:
+    """Decide in balls whether a witness proves that no |u_l| exceeds limits[l] from disagreements up to a radius.
+
+    Args:
+        exact_loop: assembled from the controllers.
+        controllers: as in the code.
+        witness: of the sampled loop.
+        limits: (m,) of each agent's inputs; infinite where there is none.
+        radius: in the metric of the disagreement, above 0.
+    """
+    network = exact_loop.network
+    with balls.working_precision():
+        if not no_conjugate_point(network.plant.A, *network.squares, network.period):
+            return False
+        if not (0 < radius < math.inf and proves(exact_loop, lifted_agent(exact_loop), witness)):
+            return False
+        rows = exact_loop.computed[:, _seen(exact_loop)]
+        return reaches(exact_loop, witness, level(exact_loop, controllers, witness, limits, rows), radius)
+
+
+def proves_gain(
+    exact_loop: SampledLoop,
+    controllers: tuple[HeldController, ...],
+    witness: Witness,
+    limits: Annotated[np.ndarray, " m"],
+    weights: Performance,
+    gain: float,
+) -> bool:
+    """Decide in balls whether no |u_l| exceeds limits[l] under a disturbance of energy gain^2, from agreement.
+
+    Args:
+        exact_loop: assembled from the controllers, with the noise of `weights`.
+        controllers: as in the code.
+        witness: of the sampled loop with the disturbance, rho being 1.
+        limits: (m,) of each agent's inputs; infinite where there is none.
+        weights: whose scales of disturbance and noise are meant; what they weigh does not count.
+        gain: the root of the energy, above 0.
+    """
+    quiet = weights._replace(R=0 * weights.R, Q=0 * weights.Q, W=weights.W[:0, :0])
+    if not (0 < gain < math.inf and 0 < witness.decay < 1):
+        return False
+    with balls.working_precision():
+        if not dissipates(exact_loop, quiet, witness, 1.0):
+            return False
+        rows = exact_loop.computed[:, _seen(exact_loop)]
+        return bool(level(exact_loop, controllers, witness, limits, rows) > arb(gain) ** 2)
+
+
+def _seen(loop: SampledLoop) -> list[int]:
+    """Return the columns of xi and of n_d."""
+    return [*range(loop.n_xi), *range(loop.outputs.start, loop.outputs.stop)]
+
+
+def reaches(loop: SampledLoop, witness: Witness, c: arb, radius: float) -> bool:
+    """Decide whether all disagreements up to a radius, controllers at rest, have V <= c."""
+    place = slice(0, loop.n_d)
+    P = exactly(witness.P)[place, place]
+    return bool(c > 0) and balls.is_positive_definite(c / arb(radius) ** 2 * metric(loop) - P)
+
+
+def level(
+    loop: SampledLoop,
+    controllers: tuple[HeldController, ...],
+    witness: Witness,
+    limits: Annotated[np.ndarray, " m"],
+    rows: Matrix,
+) -> arb:
+    """Return c: from V <= c on, no |k_l xi + e_l| exceeds limits[l], e_l being the errors of u_l; (N m, n_xi) rows k_l.
+
+    Where the loop has noise n_d, k_l acts on it too, and V counts T n_d' (S (x) I) n_d besides.
+    """
+    columns, m = _seen(loop), len(limits)
+    unit, d = eye((len(columns) - loop.n_xi) // (loop.network.d.N - 1), loop.held), loop.network.d
+    T = exactly(np.array([loop.network.period]))[0]
+    form = block_diagonal(exactly(witness.P), T * np.kron(d.S, unit))
+    inverse = balls.inverse(form)
+    lost = [(arb(ROUNDED_UP * one.message_noise(0.0)), arb(one.underflow)) for one in controllers]
+    added = sum((arb(witness.kappa) * nu * nu + arb(witness.kappa_mu) * mu * mu for nu, mu in lost), arb(0))
+    least = arb("inf")
+    for i, (nu, mu) in enumerate(lost):
+        errors, delta_D = arb(0), arb(controllers[i].deltas["D"])
+        for way in loop.ways:
+            if way.agent == i and way.letter in "CD":
+                Y = way.Y[:, columns]
+                errors += arb(way.delta) * np.trace(balls.product(Y, inverse, Y.T)).sqrt()
+        for l in np.flatnonzero(np.isfinite(limits)):
+            row = rows[i * m + l : i * m + l + 1]
+            reach = balls.product(row, inverse, row.T)[0, 0].sqrt() + errors
+            seen = loop.computed[i * m + l : i * m + l + 1, loop.messages]
+            direct = balls.product(seen, seen.T)[0, 0].sqrt() + delta_D
+            room = arb(float(limits[l])) - mu - direct * nu
+            # A leader hears nobody, and its u is 0.
+            if not (room > 0 and (reach > 0 or reach.is_zero())):
+                return arb(-1)
+            least = least.min((room / reach) ** 2) if reach > 0 else least
+    return least - added / (1 - arb(witness.decay))

@@ -1,0 +1,116 @@
+"""From which disagreements the loop with clipped inputs converges and never leaves a set: the generalised sector.
+
+What is applied is v - q(v), v = c z being what the controllers compute and q the part that is clipped off. Wherever
+
+    |v_l - h_l xi| <= u_max,l,        it holds that        q_l (q_l - h_l xi) <= 0,
+
+since v_l > u_max,l gives 0 < q_l = v_l - u_max,l <= h_l xi, and below likewise (Tarbouriech, Garcia, Gomes da Silva and
+Queinnec 2011, lemma 1.6). One more column for each q_l and tau_l >= 0 make of the inequality of `inequality`
+
+    V(xi+) <= decay V(xi) + kappa |nu|^2 + kappa_mu |mu|^2 + 2 sum_l tau_l q_l (q_l - h_l xi),
+
+the loop having v - q in the place of v. With exact messages the sectors hold where
+
+    V <= c + (kappa |nu|^2 + kappa_mu |mu|^2) / (1 - decay),
+
+c being `limits.level` of the rows k_l - h_l, and there the sum is not positive. From V(xi(0)) <= c on they therefore hold for
+ever, by induction from sample to sample, and V decays to what underflow adds. With h = 0 nothing is ever clipped.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+
+from lockstep.check.numbers import Matrix, converter, exactly, is_exact, zeros
+from lockstep.check.sampled import balls
+from lockstep.check.sampled.certificate import admitted_multiplier, lifted_agent
+from lockstep.check.sampled.conjugate_points import no_conjugate_point
+from lockstep.check.sampled.controller import HeldController
+from lockstep.check.sampled.inequality import W_matrix, Witness
+from lockstep.check.sampled.input_limits import level, reaches
+from lockstep.check.sampled.lifting import copies
+from lockstep.check.sampled.loop import SampledLoop, spread_of
+
+
+@dataclass(frozen=True, eq=False)
+class ClippedWitness:
+    """A witness of the clipped loop: storage;  tau (N m,) >= 0;  H (N m, n_xi), whose rows are the h_l."""
+
+    storage: Witness
+    tau: Annotated[np.ndarray, " l"]
+    H: Annotated[np.ndarray, "l n_xi"]
+
+
+def clipped(loop: SampledLoop) -> SampledLoop:
+    """Return the loop with v - q in the place of v: a column for each q_l, after all others."""
+    inputs, network = len(loop.computed), loop.network
+    minus, held = zeros(inputs, inputs, loop.held), zeros(len(loop.held), inputs, loop.held)
+    minus[:] = -np.eye(inputs, dtype=int)
+    advanced = zeros(len(loop.advanced), inputs, loop.held)
+    if network.delay:
+        advanced[len(advanced) - inputs :] = minus
+    else:
+        held = held - spread_of(network)
+
+    def wide(matrix: Matrix) -> Matrix:
+        return np.hstack([matrix, zeros(len(matrix), inputs, matrix)])
+
+    return replace(
+        loop,
+        held=np.hstack([loop.held, held]),
+        advanced=np.hstack([loop.advanced, advanced]),
+        ways=tuple(way._replace(Y=wide(way.Y)) for way in loop.ways),
+        seen=tuple(wide(rows) for rows in loop.seen),
+        applied=wide(loop.applied) if network.delay else np.hstack([loop.applied, minus]),
+        computed=wide(loop.computed),
+    )
+
+
+def sector_cost(loop: SampledLoop, witness: ClippedWitness) -> Matrix:
+    """Return 2 sum_l tau_l q_l (h_l xi - q_l) as a form on z of the clipped loop."""
+    number, n, inputs = converter(is_exact(loop.held)), loop.n_xi, len(witness.tau)
+    form, last = zeros(loop.n_z, loop.n_z, loop.held), slice(loop.n_z - inputs, loop.n_z)
+    tau = number(np.diag(witness.tau))
+    form[last, last] = -2 * tau
+    form[last, :n] = tau @ number(witness.H)
+    form[:n, last] = form[last, :n].T
+    return form
+
+
+def proves_clipped_radius(
+    exact_loop: SampledLoop,
+    controllers: tuple[HeldController, ...],
+    witness: ClippedWitness,
+    limits: Annotated[np.ndarray, " m"],
+    radius: float,
+) -> bool:
+    """Decide in balls whether the clipped loop converges from all disagreements up to a radius, controllers at rest.
+
+    Args:
+        exact_loop: assembled from the controllers, without clipping.
+        controllers: as in the code.
+        witness: of the clipped loop.
+        limits: (m,) of each agent's inputs; infinite where there is none.
+        radius: in the metric of the disagreement, above 0.
+    """
+    network, storage, inputs = exact_loop.network, witness.storage, len(exact_loop.computed)
+    if witness.tau.shape != (inputs,) or witness.H.shape != (inputs, exact_loop.n_xi):
+        return False
+    if not ((witness.tau >= 0).all() and np.isfinite(witness.H).all()):
+        return False
+    if not (0 < radius < math.inf and 0 < storage.decay < 1):
+        return False
+    with balls.working_precision():
+        if not no_conjugate_point(network.plant.A, *network.squares, network.period):
+            return False
+        M = admitted_multiplier(exact_loop, storage)
+        if M is None:
+            return False
+        loop = clipped(exact_loop)
+        W = W_matrix(loop, copies(lifted_agent(exact_loop), M), storage, sector_cost(loop, witness))
+        if not balls.is_positive_definite(W):
+            return False
+        rows = exact_loop.computed[:, : exact_loop.n_xi] - exactly(witness.H)
+        return reaches(exact_loop, storage, level(exact_loop, controllers, storage, limits, rows), radius)

@@ -1,0 +1,251 @@
+"""Design for the period: a design file whose gains are made for the sampled controllers that ship.
+
+The gains of the file stay continuous ones, and what ships stays what they are sampled to by Tustin's rule: the discrete
+controllers are what is designed, and these gains are their image under the inverse rule. So nothing else changes: the
+continuous certificate is that of the new gains, and `certify` and `generate` read the file as any other.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lockstep.check.continuous.inequality import Certificate
+from lockstep.check.continuous.initial_set import InitialSet
+from lockstep.check.design_file.claims import SampledClaims
+from lockstep.check.design_file.proofs import Proofs
+from lockstep.check.errors import ClaimError, Infeasible, NotCertified
+from lockstep.check.system.loop import Gains, build_loop
+from lockstep.codegen.sampled_design import (
+    FOR_PERIOD,
+    NOT_FOR_PERIOD,
+    PairWeights,
+    pair_weights,
+    prove_design,
+    sampled_network,
+    with_limits,
+    with_sampled,
+)
+from lockstep.lmi.design_verdict import certify
+from lockstep.lmi.document import Stored
+from lockstep.lmi.guarantees import Guarantees, guarantees
+from lockstep.lmi.sampled.synthesis.gains_for_period import StartingGains
+from lockstep.lmi.sampled.witnesses import plant_in_doubles
+from lockstep.lmi.search.stopping import Stop
+from lockstep.lmi.threads import one_thread
+from lockstep.model.problem import Problem
+
+NEAR = 1.05
+"""A sampled loop whose rho is above the continuous one by more is designed for its period."""
+
+MOST_STATES = 80
+"""Of the sampled loop: a step of the descent grows with the third power of their number, its unknowns with it too."""
+
+Tell = Callable[[float], None]
+
+
+def as_shipped(
+    stored: Stored,
+    tell: Callable[[str, float], None] = lambda _what, _part: None,
+    others: Sequence[StartingGains] = (),
+    stop: Stop | None = None,
+) -> Stored:
+    """Return a design file with what is proved of its controllers sampled and rounded.
+
+    Where `[network.messages]` asks for more than is proved, gains are designed for it (`message_redesign`). Else, where the
+    period is too long for the continuous design, or costs more than 5 % of the least rho known, or the problem asks for it,
+    gains are designed for the sampled loop. Where that fails, the continuous design is kept and the remarks say why.
+
+    Args:
+        stored: the design file.
+        tell: called with what is being done and the part of it that is done.
+        others: gains to start a design for the period from, besides those of the file.
+        stop: leaves a design for the period out.
+
+    Raises:
+        NotCertified: the file says that the design is certified, and the checker refuses it.
+    """
+    with one_thread():
+        shipped = _shipped(stored, tell, others, stop or Stop())
+        if np.isfinite(stored.problem.limits).any():
+            tell("proving the limits of the inputs", 0.0)
+        return with_limits(shipped, stored)
+
+
+def _shipped(
+    stored: Stored, tell: Callable[[str, float], None], others: Sequence[StartingGains], stop: Stop
+) -> Stored:
+    """Return what ships, without what is proved of limits."""
+    from lockstep.codegen.message_redesign import for_messages, lacks_messages
+
+    verdict = certify(stored)
+    if stored.claims.certified and not verdict.certified:
+        raise NotCertified(f"the checker refuses the design: {verdict.reason}", **verdict.figures)
+    tell("proving the sampled controllers", 0.0)
+    held = prove_design(stored)
+    kept = with_sampled(stored, held)
+    if kept.claims.sampled.certified and lacks_messages(kept):
+        return for_messages(kept, tell, stop)
+    asked = is_asked(stored.problem) or not kept.claims.sampled.certified
+    enough = NEAR * min([stored.claims.rho or np.inf, *(one.rho for one in others)])
+    if not asked and (kept.claims.sampled.rho or np.inf) <= enough:
+        return kept
+    found = obstacle(stored)
+    if found is None:
+        try:
+            made = stop.optional(
+                lambda: designed_for_period(
+                    kept, lambda part: tell("designing for the period", part), others
+                ),
+                otherwise=None,
+            )
+            if made is not None and not lacks_messages(made):
+                return made
+            if made is not None and not kept.claims.sampled.certified:
+                return for_messages(made, tell, stop)
+            found = "interrupted" if made is None else "the gains found do not carry the messages"
+        except Infeasible as error:
+            found = str(error)
+    return with_sampled(stored, held, **{NOT_FOR_PERIOD: found}) if asked else kept
+
+
+def is_asked(problem: Problem) -> bool:
+    """Tell whether the problem asks for it: `[design] for_period = true`."""
+    return problem.design.for_period
+
+
+def obstacle(stored: Stored) -> str | None:
+    """Say why a design cannot be made for its period, or None."""
+    problem = stored.problem
+    if problem.design.method != "certified":
+        return f'the gains of method "{problem.design.method}" are not designed for a period'
+    if problem.design.objective in ("decay", "initial_set"):
+        return f'objective is "{problem.design.objective}", which a descent on rho would spend'
+    if not isinstance(stored.proofs.certificate, Certificate):
+        return "there is no continuous certificate to start from"
+    if any(problem.fragility.values()):
+        return "[design.fragility] is about continuous gains"
+    if problem.controller.discretization != "tustin":
+        return f'discretization is "{problem.controller.discretization}", not "tustin"'
+    states = problem.agent().n * (stored.gains.N - 1) + stored.gains.order * stored.gains.N
+    return f"the loop has {states} states, more than {MOST_STATES}" if states > MOST_STATES else None
+
+
+def designed_for_period(stored: Stored, tell: Tell, others: Sequence[StartingGains] = ()) -> Stored:
+    """Return the design file with gains made for its period, both certificates proved anew.
+
+    The figures of the gains that are replaced are kept among the remarks, under `replaced`.
+
+    Args:
+        stored: the design file, with what is proved of its sampled controllers.
+        tell: called with the part that is done.
+        others: gains to start from besides those of the file.
+
+    Raises:
+        Infeasible: no gains survive the period, or none with both certificates, or none that are better.
+    """
+    found, m = _searched(stored, tell, others)
+    made = with_gains(stored, found)
+    sampled, before = prove_design(made, m), stored.claims.sampled
+    if not sampled.verdict.certified or sampled.rho is None:
+        raise Infeasible(f"gains were found for the period, but not proved: {sampled.verdict.reason}")
+    if before.rho is not None and sampled.rho.rho >= before.rho:
+        raise Infeasible(
+            f"no gains were found with a smaller rho of the sampled loop than {before.rho:g}", rho=before.rho
+        )
+    return with_sampled(with_figures(made, stored), sampled, **{FOR_PERIOD: True})
+
+
+def with_gains(stored: Stored, gains: Gains) -> Stored:
+    """Return a design file with other gains, their continuous certificate and guarantees proved, nothing else claimed."""
+    c, also = _continuous(stored, gains)
+    decay, witness = also.decay or (None, None)
+    claims = replace(
+        stored.claims,
+        rho=c.rho,
+        decay=decay,
+        controllers_stable=also.stable,
+        sampled=SampledClaims(),
+        messages=None,
+    )
+    proofs = Proofs(c, witness, stored.proofs.floor, bound=stored.proofs.bound)
+    return replace(stored, gains=gains, claims=claims, proofs=proofs)
+
+
+def with_figures(made: Stored, stored: Stored) -> Stored:
+    """Return a design with the figures of its gains, those of what they replace, and the states from which it holds."""
+    before = stored.claims.sampled
+    figures = {
+        **stored.info["figures"],
+        "abscissa": _abscissa(made),
+        "gain_norms": made.gains.norms,
+        "replaced": {
+            "rho": stored.claims.rho,
+            "sampled_rho": before.rho,
+            "sampled_max_period": before.max_period,
+        },
+    }
+    return _placed(replace(made, info={**stored.info, "figures": figures}))
+
+
+def _searched(stored: Stored, tell: Tell, others: Sequence[StartingGains]) -> tuple[Gains, PairWeights]:
+    from lockstep.lmi.analysis.rounding import short_gains
+    from lockstep.lmi.sampled.synthesis.gains_for_period import AtPeriod, improved
+
+    problem, c, order = stored.problem, stored.proofs.certificate, stored.gains.order
+    m = pair_weights(stored)
+    if not isinstance(c, Certificate) or m is None:
+        raise Infeasible("there is no continuous certificate to start from")
+    limit, period = problem.design.gain_limit, problem.controller.period
+    at = AtPeriod(sampled_network(stored), problem.graph().edges, problem.performance, order, limit)
+    starts = [StartingGains(stored.gains.blocks, m, c.rho), *others]
+    enough = NEAR * min(one.rho for one in starts)
+    found = improved(at, starts, rho_most=problem.design.rho, enough=enough, tell=tell)
+    if found is None:
+        raise Infeasible(
+            f"no gains were found whose sampled loop is certified at {period:g} s", period=period
+        )
+    return Gains.from_blocks(short_gains(found.K, limit), order), found.m
+
+
+def _continuous(stored: Stored, gains: Gains) -> tuple[Certificate, Guarantees]:
+    """Prove the new gains in continuous time, with what else the problem asks for."""
+    from lockstep.lmi.analysis.rounding import prove
+    from lockstep.lmi.design import claim_of
+    from lockstep.lmi.stored_bound import bound_again
+    from lockstep.model.assembly import network_of
+
+    problem = stored.problem
+    bound = bound_again(stored).or_raise()
+    claim = replace(claim_of(problem, bound), alpha=stored.claims.alpha)
+    network = network_of(problem, bound)
+    try:
+        c = prove(network, gains, claim, rho=problem.design.rho)
+        return c, guarantees(problem, network, gains, claim, modal=False)
+    except ClaimError as error:
+        raise Infeasible(f"gains were found, but not certified in continuous time: {error}") from None
+
+
+def _placed(made: Stored) -> Stored:
+    """Return a design file with the initial states that its own certificate proves; those of another say nothing."""
+    from lockstep.lmi.design import claim_of
+    from lockstep.lmi.initial_set_design import largest_initial_states
+    from lockstep.lmi.stored_bound import bound_again
+    from lockstep.model.assembly import network_of
+
+    certificate = made.proofs.certificate
+    if made.claims.scope != "local" or certificate is None:
+        return replace(made, claims=replace(made.claims, initial_set=None))
+    bound = bound_again(made).or_raise()
+    claim = replace(claim_of(made.problem, bound), alpha=made.claims.alpha)
+    given = network_of(made.problem, bound), made.gains, claim, certificate
+    initial, own = largest_initial_states(*given, made.problem.leader)
+    proved = initial if isinstance(initial, InitialSet) else None
+    proofs = replace(made.proofs, initial_set=own)
+    remarks = {**made.info, "initial_set": initial.remarks()}
+    return replace(made, claims=replace(made.claims, initial_set=proved), proofs=proofs, info=remarks)
+
+
+def _abscissa(proved: Stored) -> float:
+    loop = build_loop(*plant_in_doubles(sampled_network(proved)), proved.gains.order)
+    return float(np.linalg.eigvals(loop.A_cl(proved.gains.blocks)).real.max())

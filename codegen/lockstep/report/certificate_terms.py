@@ -1,0 +1,134 @@
+"""The certificate in figures: each with its name, its value, how it is known, and what it says."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from decimal import ROUND_CEILING, Context
+
+from lockstep.lmi.document import sampled_answer
+from lockstep.report.report_data import Facts
+
+EXACT = "proved, exact rational arithmetic"
+BALL = "proved, ball arithmetic"
+DOUBLES = "computed in doubles, not proved"
+GIVEN = "asked for"
+
+
+@dataclass(frozen=True)
+class DatasheetTerm:
+    """A figure of the certificate."""
+
+    name: str
+    value: str
+    known: str
+    meaning: str
+
+
+def terms_of(facts: Facts) -> list[DatasheetTerm]:
+    """Return the figures in the order in which they are worth reading."""
+    return [*_continuous(facts), *_sampled(facts), *_gains(facts)]
+
+
+def up(value: float, digits: int) -> str:
+    """Return an upper bound in so many digits, rounded up: rounded down it would claim more than is proved.
+
+    >>> up(1137429.5, 2), up(3.449, 4), up(3.44901, 4)
+    ('1.2e+06', '3.449', '3.45')
+    """
+    return f"{float(Context(prec=digits, rounding=ROUND_CEILING).create_decimal(repr(value))):.{digits}g}"
+
+
+def _continuous(facts: Facts) -> Iterator[DatasheetTerm]:
+    claims, bound = facts.stored.claims, facts.checks.bound
+    yield DatasheetTerm(
+        "ρ",
+        "none" if claims.rho is None else up(claims.rho, 6),
+        EXACT,
+        "gain from the disagreement of the disturbances to the weighted disagreement of the states, continuous"
+        " controllers",
+    )
+    if claims.floor is not None:
+        yield DatasheetTerm(
+            "floor of ρ",
+            f"{claims.floor:.10g}",
+            EXACT,
+            "no controllers of any order, however connected, can certify less in this form of certificate",
+        )
+    linear = facts.problem.agent().lure.is_linear
+    reached = f"a slope of {bound.lower:.6g} is reached"
+    yield DatasheetTerm(
+        "α",
+        f"{claims.alpha:.9g}",
+        "proved, interval arithmetic" if not linear else "by the form of the equations",
+        f"incremental bound of the nonlinearity; {'the agents here are linear' if linear else reached}",
+    )
+    for one in claims.entries:
+        yield DatasheetTerm(
+            f"r of φ{one.component + 1} by v{one.argument + 1}",
+            f"{one.bound:.9g}",
+            "proved, interval arithmetic",
+            "bound of this slope of the nonlinearity, in the scales of G and H",
+        )
+    for letter, delta in claims.fragility.items():
+        if delta:
+            yield DatasheetTerm(
+                f"δ of {letter}",
+                f"{delta:g}",
+                EXACT,
+                f"{letter} of each continuous controller may be off by this, as a spectral norm",
+            )
+    if not any(claims.fragility.values()):
+        yield DatasheetTerm("δ", "0", GIVEN, "the continuous gains are taken exactly as they stand")
+
+
+def _sampled(facts: Facts) -> Iterator[DatasheetTerm]:
+    sampled = facts.stored.claims.sampled
+    if sampled.rho is not None:
+        yield DatasheetTerm(
+            "ρ, sampled", up(sampled.rho, 6), BALL, "the same gain of the loop with the controllers that ship"
+        )
+    if sampled.period is None or sampled.decay is None:
+        reason = sampled_answer(facts.stored).get("reason")
+        yield DatasheetTerm("sampled loop", "not certified", "no proof", str(reason or "not looked at"))
+        return
+    yield DatasheetTerm(
+        "period", f"{sampled.period:g} s", BALL, "stepped so often, the loop agrees, between the samples too"
+    )
+    if sampled.max_period is not None:
+        yield DatasheetTerm(
+            "longest period", f"{sampled.max_period:g} s", BALL, "the same gains, sampled anew"
+        )
+    yield DatasheetTerm(
+        "decay",
+        up(sampled.decay, 6),
+        BALL,
+        "of the Lyapunov function from one sample to the next, up to the noise of rounded messages",
+    )
+    largest = {letter: max(one[letter] for one in sampled.rounding) for letter in "ABCD"}
+    yield DatasheetTerm(
+        "rounding",
+        ", ".join(f"{letter} {up(value, 2)}" for letter, value in largest.items()),
+        BALL,
+        "every rounding of a step, as an error of the gains that the proof allows",
+    )
+    for residual, name in ((sampled.residual, "residue"), (sampled.residual_rms, "residue, rms")):
+        if residual is None:
+            continue
+        yield DatasheetTerm(
+            name,
+            f"{up(residual, 2)} e",
+            BALL,
+            "distance from agreement at the sampling instants that may remain if messages are off by up to e; not tight",
+        )
+
+
+def _gains(facts: Facts) -> Iterator[DatasheetTerm]:
+    figures = facts.stored.info["figures"]
+    norms = figures["gain_norms"]
+    limit = facts.problem.design.gain_limit
+    said = ", ".join(f"{norm:.4g}" for norm in norms[:12]) + (", ..." if len(norms) > 12 else "")
+    yield DatasheetTerm(
+        "gain norms", said, DOUBLES, f"spectral norm of each [A B; C D]; the limit asked for is {limit:g}"
+    )
+    yield DatasheetTerm(
+        "slowest pole", f"{figures['abscissa']:.4g} 1/s", DOUBLES, "real part, linear part of the loop"
+    )

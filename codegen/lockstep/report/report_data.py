@@ -1,0 +1,98 @@
+"""What a report is made from, and the run it shows."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from lockstep.codegen.manifest import FILE_NAME, Manifest
+from lockstep.lmi.diagnosis.pareto import ParetoPoint
+from lockstep.lmi.document import Stored
+from lockstep.model.checks import CheckReport
+from lockstep.model.network import Network
+from lockstep.model.problem import Problem
+from lockstep.model.simulation import Diverged, Trajectory, simulate
+from lockstep.model.simulation.from_problem import FINEST, Changes, scenario_of, step_of
+from lockstep.verification.closed_loop.software_in_the_loop import reference_controllers
+from lockstep.verification.verify import VerifyReport
+
+DESIGN_NAME = "design.json"
+
+MOST_STEPS = 20_000
+"""Of all controllers together in the run: some three seconds of work. The three arms take 12 000 in 20 s."""
+
+MOST_INSTANTS = 100_000
+"""Of its record: with long periods the agents are recorded between the samples as well."""
+
+
+@dataclass(frozen=True, eq=False)
+class Facts:
+    """What is known of a folder about to be written.
+
+    stored: design.json as it will be written;  manifest: manifest.json, with the claims that the C's headers make;
+    checks, verified: what `check` and `verify` found;  trajectory: a run of the shipped controllers, or None, and then
+    `no_run` says why;  trade_off: gains around the design, if they were asked for.
+    """
+
+    stored: Stored
+    manifest: Manifest
+    checks: CheckReport
+    verified: VerifyReport
+    trajectory: Trajectory | None
+    no_run: str = ""
+    trade_off: tuple[ParetoPoint, ...] = ()
+
+    @property
+    def problem(self) -> Problem:
+        """The problem of the design."""
+        return self.stored.problem
+
+    @property
+    def network(self) -> Network:
+        """The agents on their graph."""
+        problem = self.problem
+        return Network(problem.agent(), problem.graph(), problem.agents_B(), problem.design.coordinates)
+
+
+def gather(
+    files: Mapping[str, str],
+    stored: Stored,
+    checks: CheckReport,
+    verified: VerifyReport,
+    trade_off: tuple[ParetoPoint, ...] = (),
+) -> Facts:
+    """Return the facts of a generated folder that is not written yet; this runs the loop.
+
+    Args:
+        files: relative path -> text, as generated.
+        stored: design.json among them.
+        checks, verified: what was found of them.
+        trade_off: gains around the design, if they were asked for.
+    """
+    manifest = Manifest.model_validate_json(files[FILE_NAME])
+    try:
+        trajectory, why = run_shipped(stored.problem, manifest), ""
+    except Diverged as error:
+        trajectory, why = None, str(error)
+    return Facts(stored, manifest, checks, verified, trajectory, why, trade_off)
+
+
+def run_shipped(problem: Problem, manifest: Manifest) -> Trajectory:
+    """Run the agents, nonlinear, under the controllers that ship: their reference, equal to the C to the last bit.
+
+    The start, the horizon, the disturbance and the channel are those of [simulation]; a long run is cut short, gain
+    errors, which are about continuous controllers, are left out, and so is a disturbance that takes a search.
+
+    Raises:
+        Diverged: a state left all bounds.
+    """
+    table = problem.simulation
+    kind = "none" if table.disturbance.kind == "worst" else table.disturbance.kind
+    simulation = table.model_copy(update={"perturbation": None})
+    plain = Problem(problem.file.model_copy(update={"simulation": simulation}))
+    periods = max(1, MOST_STEPS // len(manifest.agents))
+    step = max(FINEST, step_of(plain, table.horizon, held=kind in ("none", "noise")))
+    horizon = min(table.horizon, periods * manifest.period, MOST_INSTANTS * step)
+    return simulate(
+        Network(problem.agent(), problem.graph(), problem.agents_B()),
+        reference_controllers(manifest, delay=problem.controller.delay),
+        scenario_of(plain, Changes(horizon=horizon, disturbance=kind), sampled=True),
+    )

@@ -1,0 +1,24 @@
+"""What the agents do without any controllers: a design that hardly betters it hardly does anything."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from lockstep.check.continuous.inequality import Claim
+from lockstep.lmi.analysis.certificate_sdp import least_rho
+from lockstep.model.network import Network
+
+
+def rho_alone(network: Network, claim: Claim) -> float | None:
+    """Return the least rho found, in doubles, for u = 0; None where agents do not come to agree so.
+
+    Args:
+        network: the agents and their graph.
+        claim: alpha, R and what disturbs; the weight of the controllers' states and the gains' errors mean nothing here.
+    """
+    loop, m, q = network.loop(0), network.plant.B[0].shape[1], len(network.plant.C)
+    K = np.zeros((network.N, m, q))
+    if np.linalg.eigvals(loop.A_cl(K)).real.max() >= 0:
+        return None
+    found = least_rho(loop, K, replace(claim, Q=np.zeros((0, 0)), delta=0 * claim.delta))
+    return None if found is None else found.rho

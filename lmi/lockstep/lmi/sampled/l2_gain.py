@@ -1,0 +1,240 @@
+"""A small rho of the sampled loop is looked for here, in doubles, and put to the checker's decision.
+
+What rho means, and what decides it, is in `lockstep.check.sampled.l2_gain`.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.check.continuous.inequality import Performance
+from lockstep.check.numbers import Matrix
+from lockstep.check.sampled.controller import HeldController, SampledNetwork
+from lockstep.check.sampled.inequality import Witness, multiplier
+from lockstep.check.sampled.l2_gain import lift_all, proves_rho, running_cost, ways
+from lockstep.check.sampled.lifting import Lifted
+from lockstep.check.sampled.loop import SampledLoop, sampled_loop
+from lockstep.lmi.sampled.candidates import ROUNDINGS, confirmed, priced
+from lockstep.lmi.sampled.loop_gain import best_multiplier
+from lockstep.lmi.sampled.storage import (
+    StorageProblem,
+    in_exact_arithmetic,
+    no_prices,
+    rounding_prices,
+    storage_problem,
+)
+from lockstep.lmi.sampled.witnesses import first_guess, in_doubles, period_in_doubles
+from lockstep.lmi.shapes import PairWeights
+
+SCALES = range(-6, 7)
+"""Powers of ten that pair weights are tried with where only their ratios are known."""
+
+NONE = 100.0
+"""Above every log10 of a rho: what a line search sees where there is none; of an infinity it makes NaN."""
+
+LEAST, MOST = 1e-6, 1e6
+RESOLUTION = 5e-5
+"""The range in which rho is searched, and how finely its logarithm."""
+
+SLACKS = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2, 0.5)
+"""How far above the least rho found the proof is tried: what rounding needs depends on the gains."""
+
+ROOM = 1e-4
+"""The part of the running cost, and of the linear loop's decay, that is kept so that the inequality is strict."""
+
+SQUARE = 1e-9
+"""How far below zero, relatively, an eigenvalue of a square may come out in doubles."""
+
+PRICE = 1e8
+"""What the messages' noise counts in the search, relative to the lifted cost: as good as nothing gets in."""
+
+
+class SampledRho(NamedTuple):
+    """A rho of the sampled loop that was proved in ball arithmetic, and its witness (decay 1, no weight)."""
+
+    rho: float
+    witness: Witness
+
+
+def sampled_rho(
+    network: SampledNetwork,
+    controllers: tuple[HeldController, ...],
+    weights: Performance,
+    guess: PairWeights | None = None,
+) -> SampledRho | None:
+    """Find and prove a small rho; None if none is proved.
+
+    Args:
+        network: agents, coordinates, alpha, period, delay, the matrices exact.
+        controllers: one per agent, with the coefficients of the code; all their rounding is covered.
+        weights: what rho is a gain to and from.
+        guess: pair weights, in their own scale: those of the continuous certificate. Where they prove nothing, or
+            there are none, those that prove stability are tried in their best scale.
+    """
+    loop = in_doubles(network, controllers, weights.outputs)
+    exact_loop = sampled_loop(network, controllers, weights.outputs)
+    for m in _pair_weights(loop, weights, guess):
+        found = _proved_with(loop, exact_loop, weights, m)
+        if found is not None:
+            return found
+    return None
+
+
+def _proved_with(
+    loop: SampledLoop, exact_loop: SampledLoop, weights: Performance, m: PairWeights
+) -> SampledRho | None:
+    least = least_rho(loop, weights, m)
+    if least is None:
+        return None
+    for slack, dear in itertools.product(SLACKS, ROUNDINGS):
+        rho = float(f"{least * (1 + slack):.4g}")
+        period = period_of(loop, weights, m, rho)
+        witness = None if period is None else period.witness(dear)
+        if witness is not None and proves_rho(exact_loop, weights, rho, witness):
+            return SampledRho(rho, witness)
+    return None
+
+
+def lifted_with_performance(loop: SampledLoop, weights: Performance, M: Matrix, rho: float) -> Lifted:
+    """Return one period of x_d in doubles with the disturbance and the weighted state, for a multiplier and a rho."""
+    from scipy.linalg import expm
+
+    return lift_all(loop, *ways(loop, weights, M, rho), expm)
+
+
+@dataclass(frozen=True, eq=False)
+class _Period:
+    """One lifted period for a multiplier and a rho, and the prices of the noise."""
+
+    loop: SampledLoop
+    lifted: Lifted
+    m: PairWeights
+    running: Float[np.ndarray, "n_z n_z"]
+    units: Float[np.ndarray, " n_xi"]
+    """Of costs, which are small or large beside them: R's own of each state, elsewhere its largest eigenvalue."""
+    price: float = PRICE
+
+    @property
+    def kappa(self) -> float:
+        return self.price * float(np.abs(self.lifted.Q).max() or 1.0)
+
+    def prices(
+        self, t: Float[np.ndarray, " ways"], P: Float[np.ndarray, "n_xi n_xi"] | None = None
+    ) -> Witness:
+        """Return the prices, with P if there is one."""
+        return priced(self.loop, self.m, t, self.kappa, decay=1.0, P=P)
+
+    def unrounded(self) -> StorageProblem | None:
+        """Return the inequality without rounding."""
+        return storage_problem(
+            in_exact_arithmetic(self.loop),
+            self.lifted,
+            self.prices(no_prices(self.loop)),
+            self.running + self.rest(0.01 * ROOM),
+        )
+
+    def rest(self, share: float) -> Float[np.ndarray, "n_z n_z"]:
+        """Return a small cost of every state, without which V may be zero in some direction."""
+        cost = np.zeros((self.loop.n_z, self.loop.n_z))
+        cost[: self.loop.n_xi, : self.loop.n_xi] = share * self.loop.network.period * np.diag(self.units)
+        return cost
+
+    def witness(self, dear: float) -> Witness | None:
+        """Return a witness with a little room in every direction, or None."""
+        loop, first = self.loop, self.unrounded()
+        P = None if first is None else first.smallest(1.0)
+        if first is None or P is None:
+            return None
+        prices = self.prices(rounding_prices(loop, self.lifted, P, dear))
+        problem = storage_problem(loop, self.lifted, prices, self.running + self.rest(ROOM))
+        spread = ROOM * (1 - float(np.abs(np.linalg.eigvals(first.A)).max()) ** 2)
+        P = None if problem is None or not 0 < spread < 1 else problem.smallest(1 - spread)
+        return None if P is None else confirmed(loop, self.lifted, self.prices(prices.t, P), self.running)
+
+
+def period_of(loop: SampledLoop, weights: Performance, m: PairWeights, rho: float) -> _Period | None:
+    """Lift a period, or return None where the period alone exceeds rho."""
+    try:
+        lifted = lifted_with_performance(loop, weights, multiplier(loop.network.d, m), rho)
+    except np.linalg.LinAlgError:
+        return None
+    if not is_lifted(lifted):
+        return None
+    units, R = np.full(loop.n_xi, np.linalg.norm(weights.R, 2)), np.diag(weights.R)
+    own = np.tile(np.where(R > 0, R, units[0]), loop.network.d.N - 1)
+    units[: len(own)] = own
+    return _Period(loop, lifted, m, running_cost(loop, weights, rho), units)
+
+
+def is_lifted(lifted: Lifted) -> bool:
+    """Tell whether S and Q are finite squares: past a conjugate point the formulas go on, and mean nothing."""
+    if not all(np.isfinite(part).all() for part in (lifted.A_d, lifted.S, lifted.Q)):
+        return False
+    return all(np.linalg.eigvalsh(part)[0] >= -SQUARE * np.abs(part).max() for part in (lifted.S, lifted.Q))
+
+
+def least_rho(
+    loop: SampledLoop,
+    weights: Performance,
+    m: PairWeights,
+    between: tuple[float, float] | None = None,
+    *,
+    resolution: float = RESOLUTION,
+) -> float | None:
+    """Bisect the least rho without rounding, in doubles; None if there is none in a range (1e-6 to 1e6 by default)."""
+    low, high = np.log10(between or (LEAST, MOST))
+
+    def holds(exponent: float) -> bool:
+        period = period_of(loop, weights, m, 10**exponent)
+        problem = None if period is None else period.unrounded()
+        return problem is not None and problem.smallest(1.0) is not None
+
+    if not holds(high):
+        return None
+    while high - low > resolution:
+        middle = (low + high) / 2
+        low, high = (low, middle) if holds(middle) else (middle, high)
+    return float(10**high)
+
+
+def _pair_weights(
+    loop: SampledLoop, weights: Performance, guess: PairWeights | None
+) -> Iterator[PairWeights]:
+    """Yield pair weights to prove rho with: those known, then those that prove stability, then the known ones scaled.
+
+    The proof of stability does not depend on the scale of its weights, rho does: too small they do not hold the
+    nonlinearity, and far too large they let the disturbance through.
+    """
+    if guess is not None:
+        yield first_guess(loop.network.d, guess)
+    one = period_in_doubles(loop)
+    stable = None if one is None else best_multiplier(loop, one, first_guess(loop.network.d, guess))[0]
+    for m in (stable, guess):
+        scaled = None if m is None else _in_the_best_scale(loop, weights, m)
+        if scaled is not None:
+            yield scaled
+
+
+def _in_the_best_scale(loop: SampledLoop, weights: Performance, m: PairWeights) -> PairWeights | None:
+    from scipy.optimize import minimize_scalar
+
+    def height(exponent: float, resolution: float) -> float:
+        least = least_rho(loop, weights, m * 10**exponent, resolution=resolution)
+        return NONE if least is None else math.log10(least)
+
+    coarse = {scale: height(scale, 0.1) for scale in SCALES}
+    best = min(SCALES, key=lambda scale: coarse[scale])
+    if coarse[best] == NONE:
+        return None
+    found = minimize_scalar(
+        lambda scale: height(scale, 1e-3),
+        bounds=(best - 1, best + 1),
+        method="bounded",
+        options={"xatol": 0.02},
+    )
+    return m * 10 ** float(found.x if found.fun <= coarse[best] else best)

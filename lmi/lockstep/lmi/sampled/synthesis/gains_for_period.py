@@ -1,0 +1,182 @@
+"""Gains for a period: from gains, any number of them, to those whose sampled controllers have the least rho found.
+
+    AtPeriod     the sampled loop of a problem, for gains that may move, in doubles
+    measured     rho of the sampled controllers of given gains: `performance.least_rho` judges, for multipliers at hand
+    improved     the best of what `descent` reaches from several starts: every stage of every start is measured
+
+The discrete controllers that ship are what is designed; K are the gains that they are Tustin's rule of, so that K is
+limited, written to the design file and sampled again as any other gains are. What comes back is a proposal.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.check.continuous.inequality import Performance
+from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork
+from lockstep.lmi.sampled.l2_gain import least_rho
+from lockstep.lmi.sampled.synthesis.descent import STAGES, Descent, DescentPoint
+from lockstep.lmi.sampled.synthesis.power_means import SampledObjective
+from lockstep.lmi.sampled.synthesis.tustin import tustin
+from lockstep.lmi.sampled.witnesses import in_doubles
+from lockstep.lmi.search.stabilise import within
+from lockstep.lmi.shapes import GainBlocks, PairWeights
+
+RHO_KEPT = (1.5, 5.0)
+"""The continuous rho may grow by about so much: what ships is the sampled loop. The second where the first is too little."""
+
+SCALES = (1.0, 0.1, 10.0, 100.0, 1e3)
+"""Of multipliers whose scale is another problem's, against the weights of rho."""
+
+NEARBY = (1.0, 1.05, 1.2, 1.5, 2.0, 4.0)
+"""Of the multipliers that a descent ends with: they are the least for its rho, and a power mean is below the peak."""
+
+ON_THE_WAY = (4.0, 2.0, 1.0)
+"""Where no start is brought back at the asked period, parts of it that are reached one after the other."""
+
+ROOM = 1e-6
+"""The part of the gain limit that is kept for rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class SampledCandidate:
+    """Gains K (N, n_C + m, n_C + q), weights m of the sampled multiplier, and rho of the sampled loop, unproved."""
+
+    K: GainBlocks
+    m: PairWeights
+    rho: float
+
+
+class StartingGains(SampledCandidate):
+    """Gains to start from, multiplier weights for them (of the continuous certificate, say), and its rho."""
+
+
+@dataclass(frozen=True, eq=False)
+class AtPeriod:
+    """A network whose controllers are sampled with its period, for gains that may move.
+
+    network: agents, coordinates, alpha, period, delay, the matrices exact;  edges: (listener, source, weight), from 1;
+    weights: what rho is a gain to and from;  order: n_C;  gain_limit: of each K_i.
+    """
+
+    network: SampledNetwork
+    edges: Sequence[tuple[int, int, float]]
+    weights: Performance
+    order: int
+    gain_limit: float
+
+    def at(self, period: float) -> "AtPeriod":
+        """Return the same with another period."""
+        return AtPeriod(self.network.at(period), self.edges, self.weights, self.order, self.gain_limit)
+
+    def controllers(self, tables: GainBlocks) -> tuple[HeldController, ...]:
+        """Return discrete controllers as they are, in float64."""
+        return tuple(
+            HeldController.row_by_row(
+                table,
+                self.order,
+                tuple(source - 1 for listener, source, _ in self.edges if listener == i),
+                np.array([weight for listener, _, weight in self.edges if listener == i], dtype=float),
+                PRECISIONS["float64"],
+            )
+            for i, table in enumerate(tables, start=1)
+        )
+
+    def objective(self) -> SampledObjective:
+        """Return the loops as functions of the gains."""
+        _, m, q, _, _ = self.network.plant.sizes
+        zero = np.zeros((self.network.d.N, self.order + m, self.order + q))
+        return SampledObjective(in_doubles(self.network, self.controllers(zero)), self.weights, self.order)
+
+
+def measured(
+    at: AtPeriod, K: GainBlocks, m: PairWeights, scales: Sequence[float] = SCALES
+) -> SampledCandidate | None:
+    """Return the sampled rho of gains with their best scale of m; None where none of them shows one."""
+    try:
+        controllers = at.controllers(tustin(K, at.order, at.network.period))
+        loop = in_doubles(at.network, controllers, at.weights.outputs)
+    except np.linalg.LinAlgError:
+        return None
+    weights = usable(m, len(at.network.d.pairs()))
+    found = [(least_rho(loop, at.weights, scale * weights), scale) for scale in scales]
+    rho, scale = min(((rho, scale) for rho, scale in found if rho is not None), default=(None, 1.0))
+    return None if rho is None else SampledCandidate(K, scale * weights, rho)
+
+
+def improved(
+    at: AtPeriod,
+    starts: Sequence[StartingGains],
+    *,
+    rho_most: float | None = None,
+    enough: float = 0.0,
+    tell: Callable[[float], None] = lambda _part: None,
+) -> SampledCandidate | None:
+    """Return the gains with the least sampled rho found, the starts' own included; None where none has any.
+
+    Args:
+        at: the loop and its period.
+        starts: gains, the likeliest first; each is pursued, until one is good enough.
+        rho_most: the largest rho of the continuous loop; by default a multiple of the start's.
+        enough: the sampled rho at which no more starts are pursued.
+        tell: called with the part that is done.
+    """
+    best: SampledCandidate | None = None
+    for index, start in enumerate(starts):
+
+        def part(done: float, index: int = index) -> None:
+            tell((index + done) / len(starts))
+
+        part(0.0)
+        limits = [kept * start.rho for kept in RHO_KEPT] if rho_most is None else [rho_most]
+        pursued = next((found for limit in limits if (found := _pursued(at, start, limit, part))), None)
+        for found in (measured(at, start.K, start.m), pursued):
+            if found is not None and (best is None or found.rho < best.rho):
+                best = found
+        if best is not None and best.rho <= enough:
+            break
+    return best
+
+
+def _pursued(
+    at: AtPeriod, start: StartingGains, rho_c: float, tell: Callable[[float], None]
+) -> SampledCandidate | None:
+    """Return the best of what a descent reaches; through shorter periods where the asked one is out of reach at once."""
+    found, _ = _reached(at, start, rho_c, tell)
+    if found is not None:
+        return found
+    here = start
+    for part in ON_THE_WAY:
+        found, last = _reached(at.at(at.network.period / part), here, rho_c, tell)
+        if last is None:
+            return None
+        here = StartingGains(last.K, np.exp(last.logs), start.rho)
+    return found
+
+
+def _reached(
+    at: AtPeriod, start: StartingGains, rho_c: float, tell: Callable[[float], None]
+) -> tuple[SampledCandidate | None, DescentPoint | None]:
+    objective, known = at.objective(), usable(start.m, len(at.network.d.pairs()))
+    logs = np.log(known) if objective.has_phi else np.zeros(0)
+    best, last = None, None
+    stages = Descent(objective, at.gain_limit, rho_c).stages(DescentPoint(start.K, logs, logs))
+    for number, last in enumerate(stages, start=1):
+        tell(number / (len(STAGES) + 1))
+        m = np.exp(last.logs) if objective.has_phi else known
+        found = measured(at, within(last.K, (1 - ROOM) * at.gain_limit), m, NEARBY)
+        if found is not None and (best is None or found.rho < best.rho):
+            best = found
+    return best, last
+
+
+def usable(m: Float[np.ndarray, " k"], pairs: int) -> PairWeights:
+    """Return weights above 0; ones where there are none to be had, as for linear agents, whose multiplier is idle.
+
+    >>> usable(np.array([0.0, 2.0]), 2).tolist(), usable(np.zeros(0), 2).tolist()
+    ([2e-06, 2.0], [1.0, 1.0])
+    """
+    largest = float(m.max(initial=0.0)) if len(m) == pairs else 0.0
+    return np.maximum(m, 1e-6 * largest) if largest > 0 else np.ones(pairs)

@@ -1,0 +1,117 @@
+"""Witnesses for the sampled, rounded controllers are looked for here, in doubles, and put to the checker's decision.
+
+Nothing here is believed: `lockstep.check.sampled.certificate` decides, and needs none of this.
+"""
+
+from dataclasses import replace
+from itertools import chain, islice
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.check.numbers import as_floats
+from lockstep.check.sampled.certificate import SampledVerdict, decide_sampled, refused
+from lockstep.check.sampled.controller import HeldController, SampledNetwork
+from lockstep.check.sampled.inequality import Witness
+from lockstep.check.sampled.lifting import Lifted, lift
+from lockstep.check.sampled.loop import NO_NOISE, SampledLoop, sampled_loop
+from lockstep.check.system.disagreement import Disagreement
+from lockstep.check.system.loop import Plant
+from lockstep.lmi.sampled.candidates import candidates
+from lockstep.lmi.sampled.loop_gain import best_multiplier, gain, spectral_radius
+from lockstep.lmi.shapes import PairWeights
+
+TRIES = 3
+"""Candidates put to the proof: the first nearly always holds."""
+
+
+def certify_sampled(
+    network: SampledNetwork,
+    controllers: tuple[HeldController, ...],
+    guess: PairWeights | None = None,
+    *,
+    witness: Witness | None = None,
+    thorough: bool = True,
+) -> SampledVerdict:
+    """Prove the sampled nonlinear loop with every rounding of its arithmetic, or say why it could not be.
+
+    Args:
+        network: agents, coordinates, alpha, period, delay, the matrices exact.
+        controllers: one per agent, with the coefficients of the code.
+        guess: pair weights to start from, such as those of the continuous certificate.
+        witness: a candidate that is put to the proof before any is searched for.
+        thorough: look for the witness that says most about noise, not for the first that proves stability.
+
+    Raises:
+        ProblemError: controllers that do not fit the agents.
+    """
+    if witness is not None:
+        replayed = decide_sampled(network, controllers, [witness])
+        if replayed.certified:
+            return replayed
+    loop = in_doubles(network, controllers)
+    one, at = period_in_doubles(loop), f"at {network.period:g} s"
+    if one is None:
+        said = f"{at} a period of the agents with slopes up to {network.alpha:g} overflows in doubles"
+        return refused(network, controllers, said)
+    figures: dict[str, Any] = {"spectral_radius": spectral_radius(loop, one)}
+    if not figures["spectral_radius"] < 1:
+        said = f"{at} the sampled linear loop has the spectral radius {figures['spectral_radius']:.6g}, not below 1"
+        return replace(refused(network, controllers, said), figures=figures)
+    first = first_guess(network.d, guess)
+    m, figures["gain"] = best_multiplier(loop, one, first)
+    if figures["gain"] >= 1:
+        said = f"{at} the gain around the nonlinearity is {figures['gain']:.6g}, not below 1"
+        return replace(refused(network, controllers, said), figures=figures)
+    said = f"{at} no certificate was found"
+    # The weights of the least gain may be so unequal that no doubles hold a witness: the guess is tried as well.
+    for weights in (m, first) if gain(loop, one, first) < 1 else (m,):
+        trials = islice(candidates(loop, one, weights, thorough=thorough), TRIES)
+        best = next(trials, None)
+        if best is None:
+            continue
+        verdict = decide_sampled(network, controllers, chain([best], trials))
+        if verdict.certified:
+            return replace(verdict, figures=figures)
+        said = verdict.reason
+    return replace(refused(network, controllers, said), figures=figures)
+
+
+def first_guess(d: Disagreement, guess: PairWeights | None) -> PairWeights:
+    """Return pair weights to start from: those given, or all alike."""
+    pairs = len(d.pairs())
+    usable = guess is not None and len(guess) == pairs and np.all(guess >= 0) and guess.sum() > 0
+    return np.array(guess, dtype=float) if usable else np.ones(pairs)
+
+
+def in_doubles(
+    network: SampledNetwork,
+    controllers: tuple[HeldController, ...],
+    noise: Float[np.ndarray, " q"] = NO_NOISE,
+) -> SampledLoop:
+    """Return the loop in doubles, for the search."""
+    plant, d = plant_in_doubles(network)
+    return sampled_loop(replace(network, plant=plant, d=d), controllers, noise)
+
+
+def plant_in_doubles(network: SampledNetwork) -> tuple[Plant, Disagreement]:
+    """Return the agents and the coordinates in doubles."""
+    p, d = network.plant, network.d
+    plant = Plant(
+        as_floats(p.A), tuple(as_floats(B) for B in p.B), as_floats(p.C), as_floats(p.G), as_floats(p.H)
+    )
+    return plant, Disagreement(*(as_floats(M) for M in (d.T, d.right, d.S, d.L, d.L_r)))
+
+
+def period_in_doubles(loop: SampledLoop) -> Lifted | None:
+    """Return `check.sampled.certify.lifted_agent` of a loop in doubles, or None where it overflows."""
+    from scipy.linalg import expm
+
+    network = loop.network
+    with np.errstate(all="ignore"):
+        try:
+            one = lift(network.plant.A, loop.into, *network.squares, network.period, expm)
+        except (np.linalg.LinAlgError, ValueError, OverflowError):
+            return None
+    return one if all(np.isfinite(part).all() for part in (one.A_d, one.S, one.Q)) else None

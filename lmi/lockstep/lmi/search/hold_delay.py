@@ -1,0 +1,91 @@
+"""Starts for a long period: gains for the loop with the delay that sampling and holding put into it.
+
+The continuous loop with the least rho may be far too fast for its period. Held outputs come half a period late on the
+mean, and a period more for each period of delay (Franklin, Powell and Workman, Digital Control of Dynamic Systems, 1998,
+section 6.3). With B_i = F b_i, and this lag tau as a Pade approximant of order one, (2/tau - s) / (2/tau + s),
+
+    x' = A x + F z - B_i u + G phi + xi,      z' = -(2/tau) z + (4/tau) b_i u,
+
+whose smoothed norm is lowered in place of the loop's own: what it is small for, the period carries.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from lockstep.check.continuous.inequality import Claim
+from lockstep.check.system.loop import Loop, Plant, build_loop
+from lockstep.lmi.search.random_start import INSIDE, STABLE, GainSearch, Score, StartResult, scored
+from lockstep.lmi.search.smoothed_norm import SmoothedNorm, descended, refined
+from lockstep.lmi.search.stabilise import abscissa, stabilise, within
+from lockstep.lmi.search.stopping import NEVER, Deadline
+
+LATER = (1.0, 2.0, 4.0, 8.0)
+"""How many times the lag is tried, until the sampled loop has a certificate: on the mean is not at the worst instant."""
+
+ABSENT = 1e-12
+"""A singular value of the inputs, relative to the largest, that is rounding."""
+
+
+def late(loop: Loop, claim: Claim, lag: float) -> tuple[Loop, Claim]:
+    """Return the loop with its inputs late by `lag`, in its unit of time, and the claim; z has no weight and no xi.
+
+    Args:
+        loop: in units of the search, gains in those of the file.
+        claim: of that loop.
+        lag: tau.
+    """
+    plant, n_d = loop.plant, loop.n_d
+    basis, sizes, _ = np.linalg.svd(np.hstack(plant.B))
+    F = basis[:, : len(sizes)][:, sizes > ABSENT * max(float(sizes.max(initial=0.0)), 1e-300)]
+    n, k = F.shape
+    pole = 2 / lag
+    whole = Plant(
+        np.block([[plant.A, F], [np.zeros((k, n)), -pole * np.eye(k)]]),
+        tuple(np.vstack([-B, 2 * pole * F.T @ B]) for B in plant.B),
+        np.hstack([plant.C, np.zeros((len(plant.C), k))]),
+        np.vstack([plant.G, np.zeros((k, plant.G.shape[1]))]),
+        np.hstack([plant.H, np.zeros((len(plant.H), k))]),
+    )
+    found = build_loop(whole, loop.d, loop.order)
+    for U, Y, U_C, Y_C in zip(found.U, found.Y, loop.U, loop.Y, strict=True):
+        U[found.n_d :], Y[:, found.n_d :] = U_C[n_d:], Y_C[:, n_d:]
+    own = np.flatnonzero(np.arange(found.n_d) % (n + k) < n)
+    E = np.zeros_like(found.E)
+    E[np.ix_(own, own)] = loop.E[:n_d]
+    R = np.zeros((n + k, n + k))
+    R[:n, :n] = claim.R
+    states = np.concatenate([claim.states if len(claim.states) else np.ones(n), np.zeros(k)])
+    return replace(found, E=E), replace(claim, R=R, states=states)
+
+
+def late_norm(search: GainSearch, more: float = 1.0) -> SmoothedNorm:
+    """Return the smoothed norm of the loop with its inputs late, by `more` times the lag."""
+    loop, claim = late(search.loop, search.claim, more * search.lag / search.units.time)
+    return SmoothedNorm(loop, claim, search.gain_limit, search.units.gains, rate=search.rate)
+
+
+def hold(
+    search: GainSearch, score: Score | None, start: StartResult, deadline: Deadline = NEVER
+) -> StartResult:
+    """Return a start with its gains made for the late loop, or as it is where that made what ships worse."""
+    K, limit, found = start.at.K, search.gain_limit, start
+    for more in LATER:
+        if deadline.over or start.abscissa >= 0:
+            break
+        norm = late_norm(search, more)
+        if abscissa(norm.loop, K, rate=search.rate)[0] >= 0:
+            K = stabilise(norm.loop, K, STABLE * limit, units=search.units.gains, rate=search.rate)[0]
+            K = within(K, INSIDE * limit)
+        if abscissa(norm.loop, K, rate=search.rate)[0] >= 0:
+            break
+        made = descended(norm, K)
+        if np.isfinite(made.rho):
+            made = refined(norm, made)
+        K, own, x = made.K, search.norm, search.norm.pack(made.K, made.w)
+        square = own.level(x, None, own.frequencies(x)) if np.isfinite(made.rho) else np.inf
+        held = scored(search, score, replace(start, at=replace(made, rho=float(np.sqrt(square)))))
+        found = min(found, held, key=lambda one: one.rank)
+        if np.isfinite(found.sampled):
+            break
+    return found

@@ -1,0 +1,301 @@
+"""A start: random gains that make the loop stable, taken to a certificate, and to a small rho, without a nonlinear
+program.
+
+Small gains suit loops that are nearly stable, large ones those that are not, and the same gains for all agents those
+whose graph is what makes them hard; so the size is drawn too, and every other start has equal gains. A start that the
+smoothed norm does not bring to a certificate of the whole claim is brought to one of a part of it; the nonlinear
+program climbs from there.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.check.continuous.inequality import Certificate, Claim
+from lockstep.check.system.loop import Loop
+from lockstep.lmi.analysis.certificate_sdp import AffineF, eliminates_P, least_rho
+from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram, NewtonLimits
+from lockstep.lmi.search.common_gains import ModalSearch
+from lockstep.lmi.search.smoothed_norm import (
+    NEXT_TO_IT,
+    ON_TO_THE_MAXIMUM,
+    Descended,
+    SmoothedNorm,
+    descended,
+    refined,
+    with_multipliers,
+)
+from lockstep.lmi.search.stabilise import abscissa as abscissa_of
+from lockstep.lmi.search.stabilise import stabilise, within
+from lockstep.lmi.search.stopping import NEVER, Deadline
+from lockstep.lmi.search.unit_scaling import Units, scaled
+from lockstep.lmi.shapes import GainBlocks
+
+SIZES = (0.3, 1.0, 3.0)
+"""Standard deviations of the gains drawn, in the units of the search."""
+
+DRAWS = 4
+"""Draws for one start, until one of them becomes stable."""
+
+DRAWN, STABLE, INSIDE = 0.5, 0.8, 0.9
+"""Parts of the gain limit: gains are drawn within the first and made stable within the second, because from the limit
+itself the slope of one side leads nowhere, and what comes out is inside the third."""
+
+FRACTIONS, FEW_FRACTIONS = (0.3, 0.1, 0.03, 0.01, 1e-3), (0.1, 1e-3)
+"""Parts of alpha and delta tried, largest first, for a first certificate of gains that are merely stable; the few where
+each try takes seconds and the climb from there does not."""
+
+LARGE = 20
+"""States and components of phi_d from which on a loop is large: fewer starts are drawn, fewer parts of the claim tried."""
+
+CLIMBS = 6
+"""At most so many runs towards the full claim."""
+
+STUCK = 1.2
+"""A climb whose fractions do not grow by this factor in one run is given up."""
+
+UNPROVED = 1 - 1e-9
+"""The fraction of alpha^2 of gains that the nonlinear program says carry all of it, but no certificate does."""
+
+
+@dataclass(frozen=True)
+class GainSearch:
+    """What is searched: loop and claim in the units of the search, the gains in those of the file.
+
+    gain_limit: on the spectral norm of each agent's gains;  lag: s, by which sampling makes the inputs late;  rate:
+    that each A_Ci is to have by itself, Re lambda < -rate, in 1/s; None to ask nothing of them;  modes: the same
+    search for gains that are equal for all agents, which costs little; None where it does not apply.
+    """
+
+    loop: Loop
+    claim: Claim
+    units: Units
+    gain_limit: float
+    lag: float = 0.0
+    rate: float | None = None
+    modes: ModalSearch | None = None
+
+    @classmethod
+    def of(
+        cls,
+        loop: Loop,
+        claim: Claim,
+        gain_limit: float,
+        lag: float = 0.0,
+        rate: float | None = None,
+        modes: ModalSearch | None = None,
+    ) -> "GainSearch":
+        """Return the search for a loop and a claim in the units of the file."""
+        return cls(*scaled(loop, claim), gain_limit, lag, rate, modes)
+
+    def __reduce__(self) -> tuple[type["GainSearch"], tuple[Any, ...]]:
+        """Leave what is built from these behind: symbolic expressions do not travel to another process."""
+        return GainSearch, tuple(getattr(self, one.name) for one in fields(self))
+
+    @property
+    def is_large(self) -> bool:
+        """Whether the loop is one for `barrier`."""
+        return self.loop.n_x + int(self.loop.E_G.shape[1]) >= LARGE
+
+    @property
+    def is_regular(self) -> bool:
+        """Whether all agents hear equally much: the in-degrees, on the diagonal of L, are one but for rounding.
+
+        Then all starts are of equal gains, and else every other one: on three regular graphs of ten arms random gains of
+        their own came to nothing less, on a star to a third.
+        """
+        degrees = np.diag(self.loop.d.L)
+        return bool(np.ptp(degrees) <= 1e-12 * degrees.max())
+
+    @cached_property
+    def program(self) -> InteriorProgram:
+        """The nonlinear program of the loop."""
+        return InteriorProgram(self.loop, self.claim, self.gain_limit, rate=self.rate)
+
+    @cached_property
+    def norm(self) -> SmoothedNorm:
+        """The smoothed norm of the loop."""
+        return self._norm(shared=False)
+
+    @cached_property
+    def shared_norm(self) -> SmoothedNorm:
+        """The same of gains that are equal for all agents: a tenth of the unknowns for ten agents."""
+        return self._norm(shared=True)
+
+    def _norm(self, *, shared: bool) -> SmoothedNorm:
+        limit, units = self.gain_limit, self.units.gains
+        return SmoothedNorm(self.loop, self.claim, limit, units, shared=shared, rate=self.rate)
+
+
+Score = Callable[[GainBlocks, Float[np.ndarray, " weights"]], float]
+"""rho of the sampled loop for gains and pair weights (of alpha, then of each entry) in the units of the file, in
+doubles; infinite where it has none."""
+
+
+@dataclass(frozen=True)
+class StartResult:
+    """What one start came to.
+
+    index: which one;  abscissa: of its loop;  at: its gains, with rho in the units of the search where the whole
+    claim seems within reach;  sampled: the larger of rho and that of the sampled loop, in the units of the file;
+    cut: whether a deadline kept it from beginning;  equal: whether its gains are equal and as far down as equal gains go.
+    """
+
+    index: int
+    abscissa: float
+    at: Descended
+    sampled: float = np.inf
+    cut: bool = False
+    equal: bool = False
+
+    @property
+    def rank(self) -> tuple[float, float, float, float, int]:
+        """From best to worst: what ships, then rho, then the gain around the nonlinearity, then the abscissa."""
+        return self.sampled, self.at.rho, self.at.gain, self.abscissa, self.index
+
+
+def begin(
+    search: GainSearch, score: Score | None, seed: int, index: int, deadline: Deadline = NEVER
+) -> StartResult:
+    """Return one start; the same arguments give the same one.
+
+    Args:
+        search: what is searched.
+        score: of the sampled loop; None to rank by rho alone.
+        seed, index: of the random gains.
+        deadline: a start that is over it is not begun.
+    """
+    if deadline.over:
+        nowhere = Descended(np.zeros(search.norm.shape), np.ones(0), np.inf, np.inf)
+        return StartResult(index, np.inf, nowhere, cut=True)
+    equal = search.is_regular or index % 2 == 1
+    if search.modes and equal and (at := _equal(search, search.modes, seed, index)) is not None:
+        abscissa = abscissa_of(search.loop, at.K, rate=search.rate)[0]
+        return scored(search, score, StartResult(index, abscissa, at, equal=True))
+    K, abscissa = stable_gains(search, seed, index)
+    if abscissa >= 0:
+        return StartResult(index, abscissa, Descended(K, np.ones(len(search.norm.W)), np.inf, np.inf))
+    return scored(search, score, StartResult(index, abscissa, descended(search.norm, K)))
+
+
+def _equal(search: GainSearch, modes: ModalSearch, seed: int, index: int) -> Descended | None:
+    """Return equal gains that the modes came to, with multipliers in the whole loop, or None."""
+    generator = np.random.default_rng([seed, index])
+    K = next((K for _ in range(DRAWS) if (K := modes.stable(generator)) is not None), None)
+    at = None if K is None else modes.down(K)
+    if at is None or not np.isfinite(at.rho):
+        return None
+    gains = np.repeat(at.K[:1], len(search.loop.U), axis=0)
+    found = with_multipliers(search.shared_norm, gains)
+    if not np.isfinite(found.rho) and abscissa_of(search.loop, gains, rate=search.rate)[0] < 0:
+        found = descended(search.shared_norm, gains)  # of a graph whose Laplacian is not normal
+    return found if np.isfinite(found.rho) else None
+
+
+def go_on(
+    search: GainSearch, score: Score | None, start: StartResult, deadline: Deadline = NEVER
+) -> StartResult:
+    """Return a start with its gains taken further, or as it is where that made what ships worse."""
+    if deadline.over:
+        return start
+    stages = NEXT_TO_IT if start.equal else ON_TO_THE_MAXIMUM
+    further = replace(start, at=refined(search.norm, start.at, stages))
+    return min(start, scored(search, score, further), key=lambda one: one.rank)
+
+
+def scored(search: GainSearch, score: Score | None, start: StartResult) -> StartResult:
+    """Return a start with what ships, for the gains it has."""
+    if score is None or not np.isfinite(start.at.rho):
+        return replace(start, sampled=search.units.rho * start.at.rho)
+    pairs = AffineF(search.loop, start.at.K, search.claim).pairs
+    weights = search.units.cost * search.units.multiplier * start.at.w[:pairs]
+    return replace(start, sampled=max(search.units.rho * start.at.rho, score(start.at.K, weights)))
+
+
+def stable_gains(search: GainSearch, seed: int, index: int) -> tuple[GainBlocks, float]:
+    """Return gains within the limit whose loop is stable, if a descent from random ones finds such, and its
+    abscissa."""
+    generator, limit = np.random.default_rng([seed, index]), search.gain_limit
+    shape, units = search.norm.shape, search.units.gains
+    best = np.zeros(shape), np.inf
+    for _ in range(DRAWS):
+        drawn = generator.choice(SIZES) * generator.standard_normal(shape)
+        if index % 2:
+            drawn[:] = drawn[0]
+        first = within(drawn * units, DRAWN * limit)
+        K = stabilise(search.loop, first, STABLE * limit, units=units, rate=search.rate)[0]
+        K = within(K, INSIDE * limit)
+        abscissa = abscissa_of(search.loop, K, rate=search.rate)[0]
+        best = min(best, (K, abscissa), key=lambda found: found[1])
+        if abscissa < 0:
+            break
+    return best
+
+
+def first_point(search: GainSearch, K: GainBlocks) -> BarrierPoint | None:
+    """Return gains with a certificate for some part of the claim, or None where not even the least part has one."""
+    claim = search.claim
+    for fraction in FEW_FRACTIONS if search.is_large else FRACTIONS:
+        part = claim.at(alpha=fraction * claim.alpha, fraction_of_delta=fraction)
+        found = least_rho(search.loop, K, part)
+        if found is not None:
+            return BarrierPoint(K, found, fraction**2, fraction**2)
+    return None
+
+
+@dataclass(frozen=True)
+class Climbed:
+    """How much of a claim gains carry.
+
+    point: with a certificate, for the whole claim where its fractions are 1;  certified: the part of alpha and delta
+    with a certificate;  claimed: the part that the nonlinear program says they carry;  cut: whether a deadline ended
+    the climb.
+    """
+
+    point: BarrierPoint
+    certified: float
+    claimed: float
+    cut: bool = False
+
+
+def climb(search: GainSearch, at: Descended, deadline: Deadline = NEVER) -> Climbed | None:
+    """Find the part of a claim that gains carry, and raise it with the nonlinear program; None where they carry
+    none."""
+    K = at.K
+    found = least_rho(search.loop, K, search.claim, _known(search, at))
+    if found is not None:
+        return Climbed(BarrierPoint(K, found), 1.0, 1.0)
+    point, program = first_point(search, K), search.program
+    if point is None:
+        return None
+    if eliminates_P(search.loop):
+        part = point.alpha_fraction**0.5
+        return Climbed(point, part, part)
+    certified, rho_most = point.alpha_fraction**0.5, 10.0 * point.certificate.rho
+    for _ in range(CLIMBS):
+        if deadline.over:
+            break
+        trial = program.improve(point, "claim", NewtonLimits(150, rho_most, deadline))
+        found = least_rho(search.loop, trial.K, search.claim)
+        if found is not None:
+            return Climbed(BarrierPoint(trial.K, found), 1.0, 1.0)
+        trial = replace(trial, alpha_fraction=min(trial.alpha_fraction, UNPROVED))
+        before, after = (p.alpha_fraction * p.delta_fraction for p in (point, trial))
+        if after > before:
+            point = trial
+        if after < STUCK * before:
+            break
+    parts = [point.alpha_fraction, *([point.delta_fraction] if program.ways else [])]
+    return Climbed(point, certified, min(parts) ** 0.5, deadline.over)
+
+
+def _known(search: GainSearch, at: Descended) -> Certificate | None:
+    """Return the multipliers and rho of gains after a descent, as a certificate without its P."""
+    if not np.isfinite(at.rho):
+        return None
+    none = np.zeros((search.loop.n_x, search.loop.n_x))
+    return AffineF(search.loop, at.K, search.claim).certificate(none, np.append(at.w, at.rho**2))

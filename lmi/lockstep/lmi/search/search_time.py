@@ -1,0 +1,80 @@
+"""How long a search is likely to take, as a range, from its sizes and from how fast this machine is right now.
+
+What a search does most is evaluate the response of the loop and factor Newton's matrix; both are timed here for the sizes
+at hand, for some hundredths of a second. How often they are needed differs from problem to problem: the range is what it was
+on problems of many fields, and no more than that.
+"""
+
+import os
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from lockstep.lmi.analysis.certificate_sdp import eliminates_P
+from lockstep.lmi.search.random_start import GainSearch
+
+FEWEST, MOST = 4e4, 2e5
+"""Times an eigenvalue problem of the loop and a Newton step for each start that is pursued: from 4.8e4 to 1.8e5 were
+measured, in seconds of processor with two starts, on eleven problems of 4 to 14 states in the loop."""
+
+FEWEST_RESPONSES, MOST_RESPONSES = 600, 6000
+"""Times a response of a large loop at `RESPONSES` frequencies for each start that is pursued: from 900 to 4 000 were measured
+on three problems of 10 and 20 agents."""
+
+RESPONSES = 60
+
+TRIAL = 0.02
+"""Seconds for which each operation is timed."""
+
+
+def likely(search: GainSearch, starts: int, jobs: int | None = None) -> str:
+    """Return how long a search is likely to take, as text.
+
+    Args:
+        search: its loop.
+        starts: how many are pursued to the end.
+        jobs: processes; by default as many as there are cores to run on.
+    """
+    low, high = seconds(search, starts, jobs)
+    return f"{rough(low)} to {rough(high)}"
+
+
+def seconds(search: GainSearch, starts: int, jobs: int | None = None) -> tuple[float, float]:
+    """Return the range in seconds."""
+    n = search.loop.n_x
+    rounds = -(-starts // (jobs or len(os.sched_getaffinity(0))))
+    if eliminates_P(search.loop):
+        K, w, frequencies = (
+            np.zeros(search.norm.shape),
+            np.ones(len(search.norm.W)),
+            np.geomspace(0.1, 10, RESPONSES),
+        )
+        unit = timed(lambda: search.norm.worst(K, w, frequencies))
+        return FEWEST_RESPONSES * unit * rounds, MOST_RESPONSES * unit * rounds
+    unknowns = n * (n + 1) // 2 + int(np.prod(search.norm.shape))
+    rng = np.random.default_rng(0)
+    A, S = rng.standard_normal((n, n)), np.eye(unknowns) + 0.01
+    unit = timed(lambda: np.linalg.eigvals(A)) + timed(lambda: np.linalg.solve(S, S[0]))
+    return FEWEST * unit * rounds, MOST * unit * rounds
+
+
+def timed(work: Callable[[], object]) -> float:
+    """Return the seconds that something takes, the mean over some of it."""
+    began, count = time.monotonic(), 0
+    while time.monotonic() < began + TRIAL or not count:
+        work()
+        count += 1
+    return (time.monotonic() - began) / count
+
+
+def rough(value: float) -> str:
+    """Return a time in one digit, as is said.
+
+    >>> [rough(one) for one in (0.4, 7.3, 43.0, 400.0, 8000.0)]
+    ['1 s', '7 s', '40 s', '7 min', '2 h']
+    """
+    for size, name in ((3600.0, "h"), (60.0, "min")):
+        if value >= 1.5 * size:
+            return f"{float(f'{value / size:.1g}'):g} {name}"
+    return f"{max(1.0, float(f'{value:.1g}')):g} s"

@@ -1,0 +1,167 @@
+"""Checks of what is seldom meant: a period too long for the plant, units, degrees, a start outside of the domain.
+
+A rule of thumb for the period T of a sampled controller is 0.2 to 0.6 rad of the fastest oscillation in each period, w T, or
+4 to 10 periods in a time constant where nothing oscillates (Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed.,
+1997, on the choice of the sampling rate; there of the closed loop, here of the agent by itself). From w T = pi on the samples
+cannot show the oscillation at all (Shannon, Communication in the presence of noise, Proceedings of the IRE 37, 1949). None of
+this is proved, and nothing rests on it.
+"""
+
+import math
+from collections.abc import Iterator
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.check.errors import ProblemError
+from lockstep.model.agents.agent import Agent
+from lockstep.model.checks.report import CheckRow
+from lockstep.model.problem import Problem
+
+LONG = 0.6
+"""Rad of the fastest oscillation in a period: the long end of the rule."""
+
+TURN = 2 * math.pi
+
+RADIANS, DEGREES = ("rad", "radian", "radians"), ("deg", "degree", "degrees", "\N{DEGREE SIGN}")
+
+_ANGLES = (ca.OP_SIN, ca.OP_COS, ca.OP_TAN)
+
+
+def period(problem: Problem) -> CheckRow:
+    """Hold the period against the fastest mode that is there to be controlled: one that swings or grows."""
+    T = problem.controller.period
+    reason = "a controller cannot act on what happens between its samples: 0.2 to 0.6 rad a period is the usual range"
+    modes = _modes(problem)
+    w = max((abs(s) for s in modes if s.real >= -abs(s.imag)), default=0.0)
+    if w == 0.0:
+        said = "no mode of the agent by itself swings or grows there"
+        slow = min(map(abs, modes), default=0.0)
+        if slow * T <= 1.0:
+            return CheckRow("period", "ok", f"{T:g} s; {said}", reason)
+        usual = f"{0.1 / slow:.2g} to {0.25 / slow:.2g} s is usual (Astrom and Wittenmark 1997)"
+        moved = f"{T:g} s is {slow * T:.3g} times the longest time constant of the agent by itself, {1 / slow:.3g} s"
+        return CheckRow("period", "note", f"{moved}: it has settled between two samples; {usual}", reason)
+    figure = f"{T:g} s is {w * T:.3g} rad of the agent's fastest mode, {w:.3g} rad/s"
+    if w * T <= LONG:
+        return CheckRow("period", "ok", figure, reason)
+    unseen = (
+        ", which the samples cannot show at all (Shannon 1949)" if w * T > math.pi else ": long for that mode"
+    )
+    usual = f"{0.2 / w:.2g} to {LONG / w:.2g} s is usual (Astrom and Wittenmark 1997)"
+    return CheckRow("period", "note", f"{figure}{unseen}; {usual}", reason)
+
+
+def alone(problem: Problem) -> Iterator[CheckRow]:
+    """Yield a row where an agent by itself moves away: a wrong sign of a damping shows here, and else in no figure."""
+    fastest = max((s.real for s in _modes(problem)), default=0.0)
+    if fastest > 0:
+        reason = "controllers see differences only: what all agents do together stays what each does alone"
+        figure = f"a mode grows at {fastest:.3g} 1/s: agents that agree move away from there together"
+        yield CheckRow("agent by itself", "note", figure, reason)
+
+
+def _modes(problem: Problem) -> list[complex]:
+    """Return the modes of an agent in 1/s, where the run starts and in the middle of the domain.
+
+    One with Re s < -|Im s| (damping above 0.7) dies out by itself, however fast.
+    """
+    agent, found = problem.agent(), list[complex]()
+    J = ca.Function("J", [agent.x, agent.u, agent.t], [ca.jacobian(agent.rhs, agent.x)])
+    for x in (_middle(agent), *np.clip(problem.initial_states(), agent.box[:, 0], agent.box[:, 1])):
+        slopes = np.asarray(J(x, np.zeros(agent.m), 0.0))
+        if np.isfinite(slopes).all():
+            # A multiple eigenvalue 0 is off by the root of a rounding: no oscillation. What integrates never settles.
+            noise = 1e-6 * max(1.0, float(np.abs(slopes).max()))
+            found += [complex(s) if abs(s) > noise else 0j for s in np.linalg.eigvals(slopes)]
+    return found
+
+
+def _middle(agent: Agent) -> Float[np.ndarray, " n"]:
+    """Return 0, or for a state whose domain does not hold it, the middle of its domain or its finite side."""
+    low, high = agent.box[:, 0], agent.box[:, 1]
+    with np.errstate(invalid="ignore"):
+        middle = np.where(
+            np.isfinite(low) & np.isfinite(high), (low + high) / 2, np.where(np.isfinite(low), low, high)
+        )
+    return np.where((low <= 0) & (high >= 0), 0.0, middle)
+
+
+def units(problem: Problem) -> Iterator[CheckRow]:
+    """Yield a row where [agent.units] contradict the formulas, or name degrees of what sin, cos or tan is taken of."""
+    agent, reason = problem.agent(), "a formula whose units do not fit is seldom the plant"
+    for j in sorted(angles(agent)):
+        state = agent.states[j]
+        if agent.units.get(state) in DEGREES:
+            meant = f"sin, cos and tan of {state} take radians, and [agent.units] has {state} in degrees"
+            yield CheckRow("units", "note", f"{meant}: write {state}*pi/180, or give it in rad", reason)
+    if agent.units:
+        from lockstep.model.checks.proved.dimensions import check_units
+
+        try:
+            check_units(problem.file.agent)
+        except ProblemError as error:
+            yield CheckRow("units", "note", str(error), reason)
+
+
+def initial(problem: Problem) -> Iterator[CheckRow]:
+    """Yield a row where [simulation] starts look like degrees, or are outside of the domain that the bound is proved on."""
+    agent, starts = problem.agent(), problem.initial_states()
+    name, reason = "initial states", "a run from states that were not meant shows nothing of the design"
+    drawn = problem.simulation.initial == "random"
+    in_radians = {j for j, state in enumerate(agent.states) if agent.units.get(state) in RADIANS}
+    for j in sorted(angles(agent) | in_radians):
+        i, state = int(np.abs(starts[:, j]).argmax()), agent.states[j]
+        value = float(starts[i, j])
+        if abs(value) > TURN:
+            found = (
+                f"`spread` is {problem.simulation.spread:g}"
+                if drawn
+                else f"{state} of agent {i + 1} is {value:g}"
+            )
+            meant = problem.simulation.spread if drawn else value
+            why = (
+                f"[agent.units] has {state} in rad"
+                if j in in_radians
+                else f"sin, cos and tan of {state} take radians"
+            )
+            yield CheckRow(
+                name, "note", f"{found}, and {why}: {meant:g} degrees are {math.radians(meant):.4g}", reason
+            )
+    where = np.argwhere((starts < agent.box[:, 0]) | (starts > agent.box[:, 1]))
+    if len(where):
+        i, j = where[0]
+        found = (
+            f"random ones within +-{problem.simulation.spread:g} leave"
+            if drawn
+            else f"{agent.states[j]} of agent {i + 1} is {starts[i, j]:.4g}, outside of"
+        )
+        low, high = agent.box[j]
+        figure = f"{found} [agent.domain], {low:g} <= {agent.states[j]} <= {high:g}"
+        yield CheckRow(
+            name, "note", figure, "what is proved on a domain says nothing of a run that starts outside of it"
+        )
+
+
+def angles(agent: Agent) -> set[int]:
+    """Return the states of which sin, cos or tan is taken as they are, or of their sums and differences, counted from 0.
+
+    >>> from lockstep.model.agents.agent import Agent
+    >>> x, u = ca.SX.sym("x", 3), ca.SX.sym("u")
+    >>> sorted(angles(Agent(name="a", x=x, u=u, rhs=ca.vertcat(ca.sin(x[1] - 0.1), ca.cos(3 * x[0]), u), y=x[0])))
+    [1]
+    """
+    found, seen, waiting = set[int](), set[int](), list(ca.vertsplit(agent.rhs))
+    while waiting:
+        one = waiting.pop()
+        if one.element_hash() in seen:
+            continue
+        seen.add(one.element_hash())
+        parts = [one.dep(k) for k in range(one.n_dep())]
+        waiting += parts
+        if parts and one.op() in _ANGLES:
+            slopes = ca.jacobian(parts[0], agent.x)
+            if slopes.is_constant():
+                found |= {j for j in range(agent.n) if abs(float(slopes[j])) == 1.0}
+    return found
