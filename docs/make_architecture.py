@@ -26,9 +26,7 @@ ROOMS = {
     "check": "check",
     "model": "model",
     "lmi": "lmi",
-    **dict.fromkeys(
-        ("codegen", "verification", "swarm", "campaign", "report", "workflow", "cli"), "codegen"
-    ),
+    **dict.fromkeys(("codegen", "verification", "swarm", "campaign", "report", "workflow", "cli"), "codegen"),
 }
 """The parts of the package, and the source root of each."""
 
@@ -40,7 +38,9 @@ def folder_of(room: str) -> Path:
 
 def modules_of(room: str) -> list[Path]:
     """Return the modules of a part, a folder's `__init__` before what is in the folder."""
-    return sorted(folder_of(room).rglob("*.py"), key=lambda path: (path.parent, path.stem != "__init__", path))
+    return sorted(
+        folder_of(room).rglob("*.py"), key=lambda path: (path.parent, path.stem != "__init__", path)
+    )
 
 
 def first_line(path: Path) -> str:
@@ -75,7 +75,9 @@ def tables() -> str:
         for path in modules_of(room):
             place = path.relative_to(ROOT / ROOMS[room] / "lockstep")
             if path.stem == "__init__":
-                parts.append(f"\n### {place.parent.as_posix()}\n\n{first_line(path)}\n\n| module | |\n|---|---|")
+                parts.append(
+                    f"\n### {place.parent.as_posix()}\n\n{first_line(path)}\n\n| module | |\n|---|---|"
+                )
             else:
                 parts.append(f"| `{path.stem}` | {first_line(path)} |")
     return "\n".join(parts).strip()
@@ -87,7 +89,9 @@ def picture() -> bytes:
 
     graph = arrows()
     level = {
-        room: depth for depth, rooms in enumerate(nx.topological_generations(graph.reverse())) for room in rooms
+        room: depth
+        for depth, rooms in enumerate(nx.topological_generations(graph.reverse()))
+        for room in rooms
     }
     beside = {depth: sorted(room for room in ROOMS if level[room] == depth) for depth in level.values()}
     place = {

@@ -7,12 +7,12 @@ names neither `weights` nor `gain_limit` (nor a rho to keep), and its method sea
     weights.input       1e-3, in natural units
     disturbances        noise of 0.03 on the outputs, in natural units, unless `disturbances` are named
     stable_controllers  true, unless it is named
-    search_decay        0.037, in natural units of time, unless it or `decay` is named
+    search_decay        0.037, in natural units of time, and at most 0.01 per period, unless it or `decay` is named
 
 and, where the states' natural units are further apart than 300 (a resonator in SI units moves by 1e-6 m at 1 m/s), weights
 and disturbances of the states in those units, too, so chosen that both are 1 for the state of the smallest unit.
 
-Natural units are those in which the numbers of plant and R are nearest to one (`unit_scaling`). Where no gains are found
+Natural units are those in which the numbers of plant and R are nearest to one (`search.units`). Where no gains are found
 for them, or none with a rho near the floor, the limit is raised, and then stability and decay are not asked for. What was
 taken is written into the problem: a design file names all of it, and nothing is filled in when it is read.
 """
@@ -37,6 +37,10 @@ SIZE_ONE = 17.0
 
 INPUT, NOISE, DECAY = 1e-3, 0.03, 0.037
 """In natural units: of u in what rho weighs, of the noise beside a disturbance, of the decay that the search keeps to."""
+
+DECAY_PER_PERIOD = 0.01
+"""The most of the decay that the search keeps to, times period and delay: a slope that a small part of the domain has may
+make the natural unit of time far shorter than the period. No example or benchmark is above 0.0015."""
 
 FAR_APART = 300.0
 """Between natural units of states: beyond, |x|^2 is of one state, and the others are free. Most problems have below 50."""
@@ -121,6 +125,7 @@ def _in_natural_units(problem: Problem, network: Network, claim: Claim) -> dict[
     states = dict(zip(problem.file.agent.states, map(_short, scales), strict=True)) if apart else 1.0
     noise = [_short(NOISE * disturbance / scale) for scale in S_y]
     names = [name for name, _ in problem.file.agent.outputs]
+    late = problem.controller.period * (1 + problem.controller.delay)
     return {
         "size": size,
         "gain_limit": max(GAIN_LIMIT, _short(GAIN_LIMIT / SIZE_ONE * size)),
@@ -131,7 +136,7 @@ def _in_natural_units(problem: Problem, network: Network, claim: Claim) -> dict[
         ),
         "disturbances": DisturbancesTable(states=states, outputs=dict(zip(names, noise, strict=True))),
         "stable_controllers": True,
-        "search_decay": float(f"{DECAY / time:.2g}"),
+        "search_decay": float(f"{min(DECAY / time, DECAY_PER_PERIOD / late):.2g}"),
     }
 
 

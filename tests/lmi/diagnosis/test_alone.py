@@ -26,3 +26,9 @@ def test_the_gain_of_agents_left_alone(order: int) -> None:
 def test_agents_that_do_not_agree_by_themselves_have_none() -> None:
     assert alone("0.5*sin(x) + u", 0) is None
     assert alone("-0.4*x + 0.5*sin(x) + u", 0) is None, "the slope 0.5 takes it to the right"
+
+
+def test_a_gain_of_agents_near_the_edge_does_not_depend_on_units() -> None:
+    """x_d' = -1000.5 x_d + phi_d + xi_d with |phi_d| <= 1000 |x_d|: rho = 2, and 2e6 where the same is told in 1e6 s."""
+    assert alone("-1000.5*x + 1000*sin(x) + u", 0) == pytest.approx(2.0, rel=1e-3)
+    assert alone("-1000.5e-6*x + 1000e-6*sin(x) + 1e-6*u", 0) == pytest.approx(2e6, rel=1e-3)

@@ -248,3 +248,14 @@ def test_a_trade_off_of_given_gains_is_refused() -> None:
     other = Gains((np.zeros((0, 0)),), (np.zeros((0, 1)),), (np.zeros((1, 0)),), (np.zeros((1, 1)),))
     with pytest.raises(ProblemError, match="1 controllers"):
         pareto(stored(scalar("order = 0\nstarts = 1\ngain_limit = 3.0")), {"of one agent": other})
+
+
+def test_the_decay_that_the_search_keeps_to_is_slow_for_the_period() -> None:
+    """A slope that only a small part of the domain has makes the natural unit of time short: here 1e4 1/s, sampled at 1 ms."""
+    stiff = problem(
+        dynamics={"x": "-10*x - 5e3*tanh(x) + u"},
+        outputs={"y": "x"},
+        network=PATH_2,
+        design="order = 0\n[controller]\nperiod = 0.001",
+    )
+    assert first_wishes(stiff)["search_decay"] * 0.001 == pytest.approx(0.01)

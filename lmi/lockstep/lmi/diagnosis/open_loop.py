@@ -6,6 +6,7 @@ import numpy as np
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.lmi.analysis.certificate_sdp import least_rho
+from lockstep.lmi.search.unit_scaling import scaled
 from lockstep.model.network import Network
 
 
@@ -16,9 +17,10 @@ def rho_alone(network: Network, claim: Claim) -> float | None:
         network: the agents and their graph.
         claim: alpha, R and what disturbs; the weight of the controllers' states and the gains' errors mean nothing here.
     """
-    loop, m, q = network.loop(0), network.plant.B[0].shape[1], len(network.plant.C)
-    K = np.zeros((network.N, m, q))
+    m, q = network.plant.B[0].shape[1], len(network.plant.C)
+    K, of_agents = np.zeros((network.N, m, q)), replace(claim, Q=np.zeros((0, 0)), delta=0 * claim.delta)
+    loop, scaled_claim, units = scaled(network.loop(0), of_agents)
     if np.linalg.eigvals(loop.A_cl(K)).real.max() >= 0:
         return None
-    found = least_rho(loop, K, replace(claim, Q=np.zeros((0, 0)), delta=0 * claim.delta))
-    return None if found is None else found.rho
+    found = least_rho(loop, K, scaled_claim)
+    return None if found is None else units.rho * found.rho
