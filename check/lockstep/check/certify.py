@@ -1,6 +1,7 @@
 """The checker: from a design file, or a folder of C with its design, to a verdict for each claim, nothing being searched for.
 
     formation      offsets change no agent's equation, where there are some
+    offset         the terms in t alone have a value at every t >= 0, where an operation in them needs it
     bound          |phi(a, t) - phi(b, t)| <= alpha |a - b|, and the bounds of single slopes, where they are claimed
     certificate    rho of the continuous controllers, in rationals
     asked          the file claims no less than its problem asks for
@@ -20,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.check.bound.decide import MOST_BOXES, decide_bound
+from lockstep.check.bound.decide import MOST_BOXES, decide_bound, decide_offset
 from lockstep.check.c_source.folder import controllers_in
 from lockstep.check.continuous.certificate import (
     decide_certificate,
@@ -29,14 +30,13 @@ from lockstep.check.continuous.certificate import (
     decide_stable_controllers,
 )
 from lockstep.check.continuous.inequality import Claim
-from lockstep.check.continuous.initial_set import Domain
+from lockstep.check.continuous.initial_set import Domain, box_text, contains
 from lockstep.check.design_file import content
 from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.design_file.json_text import A_DESIGN, load_json, parse_json
 from lockstep.check.files import text_inside
 from lockstep.check.fixed_point import decide_fixed
 from lockstep.check.messages import decide_messages
-from lockstep.check.numbers import as_floats
 from lockstep.check.requirements import shortfalls
 from lockstep.check.sampled.certificate import SampledVerdict
 from lockstep.check.sampled.controller import HeldController
@@ -113,6 +113,8 @@ def decide(stored: CheckedFile, folder: Path | None = None) -> Iterator[tuple[st
     if problem.offsets is not None:
         said = "no agent's equation sees the offsets: what is proved of x is of x less them"
         yield "formation", Verdict("proved", said)
+    if agent.offset_needs.conditions:
+        yield "offset", decide_offset(agent.offset_needs)
     yield "bound", _bound(stored, agent)
     delta = np.tile([claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
     claim = Claim.of(claims.alpha, problem.performance, delta, claims.entries)
@@ -128,7 +130,7 @@ def decide(stored: CheckedFile, folder: Path | None = None) -> Iterator[tuple[st
     if proofs.floor is not None:
         yield "floor", decide_floor(network, claim, proofs.floor)
     if claims.initial_set is not None:
-        yield "initial_set", _initial_set(stored, network, Domain(as_floats(agent.H), problem.box), claim)
+        yield "initial_set", _initial_set(stored, network, Domain(agent.H, problem.box), claim)
     yield from _sampled(stored, network, folder)
 
 
@@ -147,6 +149,10 @@ def _initial_set(stored: CheckedFile, network: ExactNetwork, domain: Domain, cla
     assert claimed is not None and main is not None
     if not claim.performance.covers_xi:
         return Verdict("undecided", "initial states are claimed, but rho is no gain from all of xi")
+    stays = stored.problem.leader
+    if stays is not None and not contains(claimed.inner, stays):
+        said = f"the leader is taken to stay in {box_text(claimed.inner)}, but [network] leader says {box_text(stays)}"
+        return Verdict("refuted", said)
     if own is not None and not (found := decide_certificate(network, stored.gains, claim, own)).proved:
         return found
     return decide_initial_set(network, own or main, domain, claimed)
@@ -189,7 +195,7 @@ def _sampled(
     if claimed and problem.spectrum is not None:
         said = "messages are lost or late in one graph, and `spectrum` names many"
         yield "messages", Verdict("undecided", said)
-    elif claimed or (claims.certified and asked):
+    elif claimed or asked:
         weights = problem.performance
         loop = sampled_loop(sampled_network(stored, network, problem.period), held, weights.outputs)
         yield from decide_messages(asked, claimed, proofs, loop, weights)

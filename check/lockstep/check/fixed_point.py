@@ -6,6 +6,7 @@ from pathlib import Path
 
 from lockstep.check.c_source.fixed_point import read_fixed
 from lockstep.check.c_source.folder import manifest_in
+from lockstep.check.continuous.certificate import decide_stable_controllers
 from lockstep.check.design_file.claims import SURE
 from lockstep.check.errors import NotCertified, demand
 from lockstep.check.files import text_inside
@@ -36,8 +37,10 @@ def decide_fixed(
         ProblemError: formats that do not fit the agents, or gains that do not fit the formats.
     """
     claims, proofs, problem = stored.claims.fixed, stored.proofs.fixed, stored.problem
-    if claims is None or proofs is None or problem.spectrum is not None:
-        yield "fixed", Verdict("undecided", "integers are claimed without witnesses, or of many graphs")
+    if claims is None or proofs is None or problem.spectrum is not None or problem.offsets is not None:
+        # The C in integers takes no offset from what it reads.
+        said = "integers are claimed without witnesses, of many graphs, or of a formation"
+        yield "fixed", Verdict("undecided", said)
         return
     demand(len(claims.states) == len(held), f"{len(claims.states)} agents", "claims, fixed", f"{len(held)}")
     sides = clipped_at(problem.controller["real"], problem.sides)
@@ -49,6 +52,9 @@ def decide_fixed(
     if folder is not None and (wrong := _differs(stored, folder, integers, mine)):
         yield "fixed", Verdict("refuted", wrong)
         return
+    if stored.claims.controllers_stable:
+        n_C = stored.gains.order
+        yield "fixed_stable", decide_stable_controllers([one.table[:n_C, :n_C] for one in mine], sampled=True)
     at, weights = sampled_network(stored, network, problem.period), problem.performance
     found = decide_sampled(at, mine, (proofs.agreement,))
     kept = (

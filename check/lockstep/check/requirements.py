@@ -13,7 +13,7 @@ import numpy as np
 
 from lockstep.check.continuous.inequality import LETTERS
 from lockstep.check.design_file.claims import Claims
-from lockstep.check.design_file.json_text import above_zero, flag, matrix, number, only, optional
+from lockstep.check.design_file.json_text import above_zero, flag, matrix, number, one_of, only, optional
 from lockstep.check.numbers import exactly, eye
 from lockstep.check.psd import decide_positive_definite
 from lockstep.check.system.loop import Gains
@@ -21,6 +21,8 @@ from lockstep.check.system.loop import Gains
 DESIGN, GAINS = "[design]", "[[design.gains]]"
 LIMITED = ("certified", "modal", "lipschitz")
 """Methods whose gains keep to `gain_limit`; those printed in the paper and those given are what they are."""
+
+UNLIMITED = ("given", "theorem1", "corollary1")
 
 
 def shortfalls(asked: Mapping[str, Any], claims: Claims, gains: Gains) -> Iterator[str]:
@@ -39,6 +41,10 @@ def shortfalls(asked: Mapping[str, Any], claims: Claims, gains: Gains) -> Iterat
     only(fragility, LETTERS, "[design.fragility]")
     if alpha is not None and claims.alpha < alpha:
         yield f"`alpha` is {claims.alpha:.10g}, but [design] alpha asks for {alpha:.10g}"
+    D_w, D_v = claims.scales or ((), ())
+    if alpha is not None and len(D_w) == 1 and {*D_w, *D_v} != {1.0}:
+        # Of several components alpha is relative to scales that are part of the claim.
+        yield "`alpha` is in other `scales` than ones, but [design] alpha asks for it of one component as it is"
     if claims.entries and (alpha is not None or asked.get("objective") == "alpha"):
         yield "`entries` are used, but [design] asks for every nonlinearity that has alpha"
     for letter in fragility:
@@ -56,7 +62,10 @@ def shortfalls(asked: Mapping[str, Any], claims: Claims, gains: Gains) -> Iterat
 
 
 def _other_gains(given: Any, gains: Gains) -> Iterator[str]:
-    for i, one in enumerate(given[: gains.N]):
+    if given and len(given) != gains.N:
+        yield f"[[design.gains]] has {len(given)} tables, and there are {gains.N} agents"
+        return
+    for i, one in enumerate(given):
         only(one, LETTERS, GAINS)
         for letter in LETTERS:
             mine = getattr(gains, letter)[i]
@@ -66,7 +75,7 @@ def _other_gains(given: Any, gains: Gains) -> Iterator[str]:
 
 
 def _large_gains(asked: Mapping[str, Any], gains: Gains) -> Iterator[str]:
-    if asked.get("method", "certified") not in LIMITED:
+    if one_of(asked.get("method", "certified"), (*LIMITED, *UNLIMITED), f"{DESIGN} method") not in LIMITED:
         return
     limit = above_zero(asked.get("gain_limit", 50.0), f"{DESIGN} gain_limit")
     for i, K in enumerate(gains.blocks):

@@ -53,6 +53,11 @@ def with_fixed(stored: Stored) -> Stored:
             where="--fixed",
             expected="one: method `certified`, one graph",
         )
+    given, expected = (
+        "[network] offsets is given",
+        "agents that are to agree: the C in integers takes no offset from what it reads",
+    )
+    demand(stored.problem.offsets is None, given, "--fixed", expected)
     ranges = _ranges(stored)
     network, held = sampled_network(stored), sampled_controllers(stored, stored.problem.controller.period)
     reaches = fixed_point.reaches(network, held, ranges)

@@ -208,6 +208,10 @@ def test_the_arms_in_integers_are_certified_and_no_better_claim_is(shipped):
     other = json.loads(json.dumps(document))
     other["claims"]["fixed"]["states"][0][0] -= 1
     assert list(decided(other, shipped).items())[-1][1].status == "refuted", "the C has other formats"
+    formation = json.loads(json.dumps(document))
+    formation["problem"]["network"]["offsets"] = [[0.0] * 4] * 3
+    name, last = list(decided(formation).items())[-1]
+    assert (name, last.proved) == ("fixed", False), "the C in integers takes no offset from what it reads"
 
 
 @pytest.mark.slow

@@ -251,7 +251,7 @@ def test_a_trade_off_of_given_gains_is_refused() -> None:
 
 
 def test_the_decay_that_the_search_keeps_to_is_slow_for_the_period() -> None:
-    """A slope that only a small part of the domain has makes the natural unit of time short: here 1e4 1/s, sampled at 1 ms."""
+    """A slope that a small part of the domain has makes the natural unit of time short: here 1e-4 s, sampled at 1 ms."""
     stiff = problem(
         dynamics={"x": "-10*x - 5e3*tanh(x) + u"},
         outputs={"y": "x"},

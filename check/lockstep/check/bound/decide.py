@@ -27,6 +27,9 @@ from lockstep.check.verdict import Verdict
 MOST_BOXES = 1_000_000
 """What a proposal may ask for. A core examines about ten thousand boxes a second."""
 
+OFFSET_BOXES = 10_000
+"""For what terms in t alone need: one variable, and no slope to be tight about."""
+
 BATCH = 256
 
 
@@ -87,6 +90,16 @@ def decide_bound(
     if verdict.proved and entries:
         verdict = decide_entries(problem, entries, budget)
     return replace(verdict, figures={**verdict.figures, "boxes": budget.used})
+
+
+def decide_offset(needs: ExactPhi) -> Verdict:
+    """Decide whether terms in t alone have a value at every t >= 0, from phi(v, t) = v with what they need."""
+    found = decide_bound(
+        needs, Box((0.0,), (1.0,)), 1.0, None, None, boxes=OFFSET_BOXES, time=(0.0, math.inf)
+    )
+    said = "the terms in t alone have a value at every t >= 0"
+    what = ", ".join(dict.fromkeys(one.text for one in needs.conditions))
+    return Verdict("proved", said) if found.proved else Verdict("undecided", f"in a term in t alone {what}")
 
 
 def decide_norm(problem: SlopeProblem, alpha: float, budget: Budget) -> Verdict:

@@ -1,5 +1,7 @@
 """The controllers in the C of a folder, held against those of the design that lies beside it."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ from lockstep.check.c_source.reader import ReadController, read_controller
 from lockstep.check.c_source.tokens import nearest
 from lockstep.check.design_file.json_text import parse_json
 from lockstep.check.errors import NotCertified, demand
-from lockstep.check.files import text_inside
+from lockstep.check.files import named, text_inside
 from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled_claims import CheckedFile
@@ -43,6 +45,8 @@ def controllers_in(
     many = stored.problem.spectrum is not None
     if many and not image:
         return held, Verdict("undecided", "`spectrum` names many graphs, and this C the neighbours of one")
+    if extra := _unread(folder, [*cores, f"{base}_node"] if image else cores, str(listed.get("name"))):
+        return held, Verdict("undecided", f"{extra}: a compiler may read it, and nothing here does")
     read: dict[str, ReadController] = {}
     try:
         for name in cores:
@@ -74,7 +78,7 @@ def controllers_in(
         if differs := ", ".join(word for word, holds in same.items() if not holds):
             return held, Verdict("refuted", f"{name}: not the design's {differs}")
         found.append(theirs)
-    said = "the C holds the design's controllers, and no other code"
+    said = f"the C of {cores[0]}{', ...' if len(cores) > 1 else ''} holds the design's controllers, and no other code"
     if image:
         degree = max(len(one.sources) for one in held)
         given = "rows" if alike else "numbers and rows"
@@ -83,6 +87,25 @@ def controllers_in(
             f"; nodes are given their {given} of {of}, of in-degree {degree} at most, a list holding {most}"
         )
     return tuple(found), Verdict("proved", said)
+
+
+def _unread(folder: Path, names: Sequence[str], table: str) -> str:
+    """Return an entry of include/ or src/ that is neither read here nor the table of the controllers, or nothing.
+
+    A header that stands there is found before one of the compiler's: no `stdint.h`, no precompiled `arm1.h.gch`. That of the
+    table, whose name is chosen freely, defines nothing but names of its own.
+    """
+    for part, end in (("include", "h"), ("src", "c")):
+        known = {f"{name}.{end}" for name in (*names, table, f"{names[-1]}_table")}
+        with named(folder / part, "a folder"):
+            there = sorted(one.name for one in (folder / part).iterdir())
+        for name in there:
+            if name not in known:
+                return f"{part}/{shorten(name)}"
+    header = f"include/{table}.h"
+    own = re.compile(rf"#(ifndef|ifdef|endif|include )|#define {re.escape(table.upper())}[A-Z0-9_]*( |$)")
+    lines = text_inside(folder, header).splitlines() if (folder / header).exists() else []
+    return header if any(line.lstrip()[:1] == "#" and not own.match(line.lstrip()) for line in lines) else ""
 
 
 def _same_limits(problem: ProblemTables, read: Any) -> bool:

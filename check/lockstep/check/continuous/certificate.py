@@ -85,7 +85,9 @@ def decide_initial_set(
 
 
 def _refuted(answer: Definiteness) -> Verdict:
-    found = f"z' M z = {answer.value:.6g} <= 0 for a vector z of length 1 ({answer.method})"
-    vector = None if answer.vector is None else [float(entry) for entry in answer.vector]
+    found, vector = f"{answer.method}: {answer.value:.6g}", None
+    if answer.vector is not None:
+        found = f"z' M z = {answer.value:.6g} <= 0 for a vector z of length 1 ({answer.method})"
+        vector = [float(entry) for entry in answer.vector]
     figures = {"margin": answer.margin, "value": answer.value, "vector": vector}
     return Verdict("refuted", f"the inequality does not hold: {found}", figures)

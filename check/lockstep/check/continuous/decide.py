@@ -21,10 +21,7 @@ def decide(
     """Decide exactly whether R, Q, P > 0, W, m, t >= 0 and F < 0: the whole proof, for these very numbers."""
     for weights in (certificate.m, certificate.t, certificate.m_entries.ravel()):
         if np.any(weights < 0):
-            unit = -np.eye(len(weights))[int(np.argmin(weights))]
-            return Definiteness(
-                False, "sign of a multiplier", float(weights.min()), unit, float(weights.min())
-            )
+            return Definiteness(False, "sign of a multiplier", least := float(weights.min()), value=least)
     skew = certificate.P - certificate.P.T
     if skew.any():
         i, j = np.unravel_index(int(np.abs(skew).argmax()), skew.shape)

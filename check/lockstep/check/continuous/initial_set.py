@@ -93,7 +93,7 @@ def better_than_proved(
         return reason
     if claimed.leader != network.graph.roots[0]:
         return f"agent {network.graph.roots[0]} leads, not {claimed.leader}"
-    if not _contains(claimed.box, domain.box):
+    if not contains(claimed.box, domain.box):
         return f"the agents are shown to stay in {box_text(domain.box)}, not in {box_text(claimed.box)}"
     c, _, _ = largest_level(network, certificate, domain, claimed.inner)
     for name, most in (("level", c), ("energy", c / Fraction(certificate.rho) ** 2)):
@@ -158,7 +158,8 @@ def on_disagreement(network: ExactNetwork, certificate: Certificate) -> Matrix:
     return exactly(certificate.P[:n_d, :n_d])
 
 
-def _contains(outer: Box, inner: Box) -> bool:
+def contains(outer: Box, inner: Box) -> bool:
+    """Tell whether one box holds another."""
     if outer.size != inner.size:
         return False
     low = all(a <= b for a, b in zip(outer.lower, inner.lower, strict=True))

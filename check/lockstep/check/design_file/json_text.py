@@ -129,7 +129,7 @@ def optional(
 def one_of(value: Any, known: tuple[T, ...], where: str) -> T:
     """Return a value that is one of those known."""
     for one in known:
-        if value == one and isinstance(value, type(one)):
+        if value == one and type(value) is type(one):
             return one
     said = shorten(repr(value))
     raise ProblemError(said, where=where, expected=" or ".join(json.dumps(one) for one in known))

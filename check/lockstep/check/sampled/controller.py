@@ -21,7 +21,7 @@ import numpy as np
 from flint import fmpq
 
 from lockstep.check.errors import demand
-from lockstep.check.numbers import Matrix, as_floats, converter, exactly, is_exact, zeros
+from lockstep.check.numbers import Matrix, as_floats, converter, exact, exactly, is_exact, zeros
 from lockstep.check.sampled.sector import Sector
 from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.loop import Plant
@@ -41,6 +41,9 @@ PRECISIONS = {
     "float64": Precision("float64", 2.0**-53, 2.0**-1074),
 }
 
+
+SMALL = fmpq(1, 2**900)
+"""A square below has a root that doubles do not take of it."""
 
 ROW_ERROR = 1.25
 """Counts by which a row of `fixed_point` is off at most: exact in doubles, with room for the product."""
@@ -222,9 +225,10 @@ def spectral_bound(matrix: Annotated[np.ndarray, "k l"]) -> float:
     square = min(columns * rows, frobenius)
     if square == 0:
         return 0.0
-    # Three steps up: the quotient, the root, and one to be on the safe side of both.
-    root = math.sqrt(float(as_floats(np.array([square], dtype=object))[0]))
-    for _ in range(3):
+    # By a power of two, where the square itself would underflow; then up until the square of the root is no less.
+    shift = 0 if square > SMALL else 1000
+    root = math.ldexp(math.sqrt(as_floats(np.array([square * 4**shift], dtype=object))[0]), -shift)
+    while exact(root) ** 2 < square:
         root = math.nextafter(root, math.inf)
     return root
 

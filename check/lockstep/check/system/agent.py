@@ -59,6 +59,8 @@ class ExactAgent:
     """(v, t) -> w: v numbers and the time in, r numbers out, and what must hold for them to have a value."""
     offset: tuple[Node, ...]
     """n expressions in the time, which is the variable `phi.inputs` as in phi; common to all agents."""
+    offset_needs: ExactPhi
+    """phi(v, t) = v with what offset(t) needs to have a value."""
 
     def __post_init__(self) -> None:
         for letter in "ABCGH":
@@ -137,6 +139,8 @@ class ExactAgent:
         if seen and not components:
             _refuse_cancelled(next(c for c in needs if c.args))
         found = arguments(seen)
+        # What jumps in time is an input like any other; what has no value is none.
+        apart = [c for value in rhs for c in value.conditions if c not in needs and not c.jumps]
         return cls(
             name=name,
             states=names.states,
@@ -151,6 +155,7 @@ class ExactAgent:
             H=_matrix(found.rows, names.n),
             phi=_phi(found, components, needs, names),
             offset=tuple(found.restated([row.drive for row in rows], names.n, names.time)),
+            offset_needs=replace(_phi(Arguments(((),), {}), [], apart, names), outputs=(variable(0),)),
         )
 
     def moved(self, moves: Sequence[Move]) -> "ExactAgent":

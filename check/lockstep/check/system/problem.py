@@ -90,7 +90,7 @@ class ProblemTables:
         for key, words in CONTROLLER.items():
             one_of(problem.controller.get(key), words, f"[controller] {key}")
         _ = problem.sizes, problem.box, problem.performance, problem.limits
-        _ = problem.period, problem.delay, problem.messages, problem.offsets
+        _ = problem.period, problem.delay, problem.messages, problem.offsets, problem.leader
         return problem
 
     def document(self) -> dict[str, Any]:
@@ -158,9 +158,13 @@ class ProblemTables:
         given = [key for key in ("edges", "laplacian", "topology") if table.get(key) is not None]
         expected = "exactly one of `edges`, `laplacian` and `topology`"
         demand(len(given) == 1, f"{len(given)} of them", "[network]", expected)
-        if given == ["laplacian"]:
-            return Digraph.from_laplacian(matrix()(table["laplacian"], "[network] laplacian"))
         agents: Any = table.get("agents")
+        if given == ["laplacian"]:
+            L = matrix()(table["laplacian"], "[network] laplacian")
+            demand(
+                agents in (None, len(L)), f"{agents!r}", "[network] agents", f"{len(L)}, as of `laplacian`"
+            )
+            return Digraph.from_laplacian(L)
         if given == ["topology"]:
             return Digraph.topology(table["topology"], agents)
         edges = part(table, "edges", list)
@@ -180,7 +184,7 @@ class ProblemTables:
         demand(whole, "another number of tables", where, "one per agent")
         found = []
         for k, changed in enumerate(given, start=1):
-            variant = self._agent(changed) if changed else self.agent
+            variant = self.agent if changed == {} else self._agent(changed)
             same_but_B = "agents that differ in B only: (2) has one A, one C and one h for all"
             for one in _COMMON:
                 same = _equal(getattr(self.agent, one), getattr(variant, one))
@@ -240,11 +244,20 @@ class ProblemTables:
     @property
     def box(self) -> Box:
         """The box of v = H x over the domain of the states."""
-        domain = part({"domain": {}, **self._table("agent")}, "domain", dict)
-        only(domain, self.agent.states, "[agent.domain]")
-        sides = {state: _range(domain[state], f"[agent.domain] {state}") for state in domain}
-        states = [sides.get(state, (-math.inf, math.inf)) for state in self.agent.states]
-        return argument_box(self.agent.H, states)
+        return self._arguments(self._table("agent"), "domain", "[agent.domain]")
+
+    @property
+    def leader(self) -> Box | None:
+        """The box of v = H x in which [network] leader says that a single leader stays, if it does."""
+        table = self._table("network")
+        return None if table.get("leader") is None else self._arguments(table, "leader", "[network] leader")
+
+    def _arguments(self, table: Mapping[str, Any], key: str, where: str) -> Box:
+        intervals = _table(table, key, self.agent.states, where)
+        sides = {state: _range(intervals[state], f"{where} {state}") for state in intervals}
+        return argument_box(
+            self.agent.H, [sides.get(one, (-math.inf, math.inf)) for one in self.agent.states]
+        )
 
     @property
     def performance(self) -> Performance:

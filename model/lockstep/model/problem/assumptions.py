@@ -12,7 +12,8 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.bound.decide import decide_offset
+from lockstep.check.errors import ProblemError, demand
 from lockstep.model.agents.agent import Agent
 from lockstep.model.control.pbh import Controllability, Observability, controllability, observability
 from lockstep.model.graphs.graph import Graph
@@ -23,10 +24,13 @@ def check_assumptions(graph: Graph, agent: Agent, agents_B: Sequence[Float[np.nd
     """Refuse a network that cannot agree with any controllers of the form (9).
 
     Raises:
-        ProblemError: no spanning tree; a pair that is not stabilisable or not detectable, with a mode that is lost and
-            does not decay.
+        ProblemError: no spanning tree; a term in t alone without a value; a pair that is not stabilisable or not detectable,
+            with a mode that is lost and does not decay.
     """
     graph.check_spanning_tree()
+    given = decide_offset(agent.exact.offset_needs)
+    expected = "terms in t alone that have a value at every t >= 0"
+    demand(given.proved, given.reason, "[agent.dynamics]", expected)
     unstable = agent.observability().unstable_eigenvalue
     if unstable is not None:
         lost = f"(A, C) is not detectable: no output shows the mode at {_mode(unstable)}"
