@@ -166,8 +166,15 @@ def test_short_gains_stay_within_the_limit() -> None:
 def test_short_gains_are_short_and_near() -> None:
     K = np.random.default_rng(0).standard_normal((2, 2, 3))
     short = short_gains(K, 50.0)
-    np.testing.assert_allclose(short, K, atol=1e-5 * np.abs(K).max())
+    np.testing.assert_allclose(short, K, rtol=5e-6)
     assert all(len(f"{abs(x):g}".replace(".", "").lstrip("0")) <= 6 for x in short.ravel())
+
+
+def test_small_gains_beside_large_ones_keep_their_digits() -> None:
+    """A fast controller of a stiff plant: C_C is a thousandth of A_C, and a hundredth of it decides about stability."""
+    K = np.array([[[-2059.468, 1216.885], [-0.5904321, 0.35012345]]])
+    np.testing.assert_allclose(short_gains(K, 5000.0), K, rtol=5e-6)
+    assert short_gains(np.array([[[1e3, 1e-12]]]), 5000.0).tolist() == [[[1e3, 0.0]]]
 
 
 def test_a_defective_eigenvalue_has_a_slope_that_is_a_number() -> None:

@@ -4,7 +4,6 @@ A certificate is a witness: any P, m, t that prove the inequality will do, so th
 prove it are taken. They are doubles, and the proof is about those doubles.
 """
 
-import math
 from dataclasses import replace
 from operator import itemgetter
 from typing import NamedTuple
@@ -29,6 +28,9 @@ need be."""
 GAIN_DIGITS = 6
 """Significant decimals of designed gains: people read them, and a certificate is found for them as rounded."""
 
+NO_GAIN = 1e-12
+"""The part of the largest gain of all below which an entry is a rounding error of the search."""
+
 ROOM_FOR_ROUNDING = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1)
 """What is taken off a gain limit before rounding, the first that suffices: an entry moves by up to 5e-6 of the largest
 one, a norm by as much times the root of the number of entries."""
@@ -46,18 +48,20 @@ def rounded(certificate: Certificate, digits: int) -> Certificate:
 
 
 def short_gains(K: GainBlocks, gain_limit: float) -> GainBlocks:
-    """Round gains to short decimals, staying within the limit on each block's spectral norm."""
-    largest = max(float(np.abs(K).max()), 1e-300)
-    places = GAIN_DIGITS - 1 - math.floor(math.log10(largest))
-    return np.stack([_short_block(block, gain_limit, places) for block in K])
+    """Round each gain to so many significant decimals, staying within the limit on each block's spectral norm.
+
+    Entry by entry: B_C and C_C of a controller whose A_C is fast may be a thousandth of it, and decide as much.
+    """
+    least = NO_GAIN * float(np.abs(K).max())
+    return np.stack([_short_block(np.where(np.abs(block) > least, block, 0.0), gain_limit) for block in K])
 
 
-def _short_block(K: Float[np.ndarray, "k l"], limit: float, places: int) -> Float[np.ndarray, "k l"]:
+def _short_block(K: Float[np.ndarray, "k l"], limit: float) -> Float[np.ndarray, "k l"]:
     """Round one agent's gains; where rounding takes them beyond the limit, they are made smaller first."""
     norm = float(np.linalg.norm(K, 2))
     for part in ROOM_FOR_ROUNDING:
         scale = min(1.0, limit * (1 - part) / norm) if norm else 1.0
-        short = np.round(K * scale, places) + 0.0
+        short = significant(K * scale, GAIN_DIGITS)
         if np.linalg.norm(short, 2) <= limit * (1 - NORM_ERROR):
             return np.asarray(short)
     return np.zeros_like(K)
