@@ -91,11 +91,19 @@ def test_what_is_proved_of_the_arms_is_told_with_its_figures(arms):
     found = explain(arms)
     claims = arms.stored.claims
     assert found.ok
-    assert names(found.proved) >= {"agreement", "rho", "alpha", "floor of rho", "decay", "period", "rounding"}
-    assert f"{math.log(2) / claims.decay:.3g} s" in told(found.proved, "decay")
+    assert names(found.proved) >= {
+        "agreement",
+        "rho",
+        "alpha",
+        "lower bound of rho",
+        "convergence rate",
+        "period",
+        "rounding",
+    }
+    assert f"{math.log(2) / claims.decay:.3g} s" in told(found.proved, "convergence rate")
     assert f"{0.1 * claims.rho:.3g} in root mean square" in told(found.proved, "rho")
     assert "200 times a second" in told(found.proved, "period")
-    assert "controllers by themselves" in names(found.proved)
+    assert "controllers in open loop" in names(found.proved)
     assert names(found.proved).isdisjoint(names(found.open))
     assert names(found.assumed) >= {"model", "clock", "messages"}
 
@@ -103,7 +111,7 @@ def test_what_is_proved_of_the_arms_is_told_with_its_figures(arms):
 def test_a_floor_is_told_as_a_factor_and_a_radius_is_not_rounded_up(root):
     led = lockstep.load(root / "docs" / "gallery" / "designs" / "carts.json")
     found, claims = explain(led), led.stored.claims
-    assert f"{claims.rho / claims.floor:.3g} times" in told(found.proved, "floor of rho")
+    assert f"{claims.rho / claims.floor:.3g} times" in told(found.proved, "lower bound of rho")
     shown = float(re.match(r"\|x_d\(0\)\| <= ([0-9.e+-]+)\.", told(found.proved, "initial states"))[1])
     assert 0.999 * claims.initial_set.radius < shown <= claims.initial_set.radius
 
@@ -111,7 +119,7 @@ def test_a_floor_is_told_as_a_factor_and_a_radius_is_not_rounded_up(root):
 def test_controllers_that_are_not_proved_stable_are_told_as_open(root):
     found = explain(lockstep.load(root / "tests" / "designs" / "arms_rho_only.json"))
     assert found.ok
-    assert "controllers by themselves" in names(found.open), "one of them is unstable"
+    assert "controllers in open loop" in names(found.open), "one of them is unstable"
 
 
 def changed(design: Design, change) -> Explanation:

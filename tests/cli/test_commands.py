@@ -43,7 +43,7 @@ def changed(table_1: Path, place: Path, change) -> Path:
 
 def test_limits_of_which_clipping_alone_is_proved_are_no_radius():
     found = proved_besides({"limits": {"clipped_radius": 1.9}})
-    assert found == {"limits met": "agreement all the same, from a disagreement of at most 1.9, at rest"}
+    assert found == {"with saturation": "agreement from |x_d(0)| <= 1.9, controllers at rest"}
     assert not proved_besides({"limits": {"clipped_radius": 1.9}}, lambda claim: claim != "clipped")
 
 
@@ -185,14 +185,14 @@ def test_what_is_proved_besides_rho_is_printed_and_nothing_else() -> None:
         "entries": [{"bound": 1.0, "component": 1, "argument": 2}],
     }
     rows = proved_besides(content)
-    parts = ["phi1 by v2", "2:", "0.25 1/s", "yes", "1.5"]
+    parts = ["|d phi1/d v2| <= 1", ">= 2:", "0.25 1/s", "yes", "1.5"]
     assert all(part in text for part, text in zip(parts, rows.values(), strict=True))
     assert proved_besides({**dict.fromkeys(content), "controllers_stable": False, "entries": []}) == {}
-    assert list(proved_besides(content, lambda claim: claim == "decay")) == ["decay"]
+    assert list(proved_besides(content, lambda claim: claim == "decay")) == ["convergence"]
 
 
 def test_certify_prints_the_decay_of_the_worked_example() -> None:
     folder = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
     decay = json.loads((folder / "design.json").read_text())["claims"]["decay"]
     printed = CliRunner().invoke(app, ["certify", str(folder / "design.json")]).stdout
-    assert f"every disagreement by {decay:.6g} 1/s" in " ".join(printed.split())
+    assert f"every disagreement at {decay:.6g} 1/s or faster" in " ".join(printed.split())

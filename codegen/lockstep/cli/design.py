@@ -100,20 +100,20 @@ def proved_besides(
     limits = content.get("limits") or {}
     radius, clipped = limits.get("radius"), limits.get("clipped_radius")
     slopes = [
-        f"{x['bound']:.6g} of phi{x['component']} by v{x['argument']}" for x in content.get("entries", ())
+        f"|d phi{x['component']}/d v{x['argument']}| <= {x['bound']:.6g}" for x in content.get("entries", ())
     ]
     rows = {
-        "certificate": ("single slopes", ", ".join(slopes)),
-        "floor": ("floor of rho", floor and f"{floor:.10g}: no controllers can certify less (proved)"),
-        "decay": ("decay", decay and f"every disagreement by {decay:.6g} 1/s"),
+        "certificate": ("slope bounds", ", ".join(slopes)),
+        "floor": ("lower bound", floor and f"rho >= {floor:.10g}: no controllers can certify less (proved)"),
+        "decay": ("convergence", decay and f"every disagreement at {decay:.6g} 1/s or faster"),
         "controllers_stable": (
             "controllers stable",
             content.get("controllers_stable") and "yes, each by itself",
         ),
-        "limits": ("no limit met", radius and f"from a disagreement of at most {radius:.6g}, at rest"),
+        "limits": ("no saturation", radius and f"from |x_d(0)| <= {radius:.6g}, controllers at rest"),
         "clipped": (
-            "limits met",
-            clipped and f"agreement all the same, from a disagreement of at most {clipped:.6g}, at rest",
+            "with saturation",
+            clipped and f"agreement from |x_d(0)| <= {clipped:.6g}, controllers at rest",
         ),
     }
     return {name: said for claim, (name, said) in rows.items() if said and proves(claim)}
@@ -132,7 +132,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             **proved_besides(content),
             "gain uncertainty": fragility or "none is asked for",
             **_where(content),
-            **({"without control": f"rho {alone:.4g}, with u = 0 (computed)"} if alone else {}),
+            **({"open loop": f"rho {alone:.4g}, with u = 0 (computed)"} if alone else {}),
             "gain norms": ", ".join(f"{norm:.4g}" for norm in figures["gain_norms"]),
             "sampled": sampled_text(content["sampled"]),
             **messages_row(content),

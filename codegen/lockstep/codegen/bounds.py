@@ -68,7 +68,7 @@ def operations(extent: Extent) -> tuple[int, int, int, int, int]:
 
 
 def listening(shape: Shape) -> Shape:
-    """Return the shape, one that hears nobody with a neighbour: it does less than with one, and few of them were measured."""
+    """Return the shape, with a neighbour where there is none: such agents do less, and few of them were measured."""
     return shape._replace(neighbours=max(1, shape.neighbours))
 
 

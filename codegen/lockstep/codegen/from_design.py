@@ -32,7 +32,7 @@ CONTINUOUS_ONLY = (
     "the continuous controller in real arithmetic; the sampled, rounded one of this folder is not covered yet"
 )
 
-WHERE = "not proved: agents in agreement move together, as one of them does with u = 0, behind a leader as it does"
+WHERE = "not proved: the consensus trajectory is that of one agent with u = 0, or of the leader"
 
 
 def specification(
@@ -292,7 +292,9 @@ def signed_lines(stored: Stored) -> dict[str, str]:
     sampled, table = stored.claims.sampled, stored.problem.controller
     applied = "one period after its sample" if table.delay else "at once"
     unclipped = (
-        "meets no limit (where that is proved, `limits` says)" if stored.problem.has_limits else "unclipped"
+        "does not saturate (where that is proved, `limits` says)"
+        if stored.problem.has_limits
+        else "unclipped"
     )
     arrives = "every message arrives"
     if stored.claims.messages is not None:
@@ -301,7 +303,7 @@ def signed_lines(stored: Stored) -> dict[str, str]:
     return {
         "proved": f"all agents come to agree, between the samples too, under these {table.real} controllers stepped every"
         f" {table.period!r} s with u held, every rounding of a step counted",
-        "assumes": f"the agents obey their model with slopes up to {_slopes(stored)}; all step at one instant;"
+        "assumes": f"the agents obey their model with slopes up to {_slopes(stored)}; synchronous sampling;"
         f" {arrives}; u acts {applied} and {unclipped}; no step overflows",
         "remains": "at the sampling instants, in the end, a distance of the states from agreement of up to"
         f" {residual} times the largest error of a message or of an own reading (root mean square: {rms} times);"

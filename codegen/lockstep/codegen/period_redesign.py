@@ -203,7 +203,9 @@ def _searched(stored: Stored, tell: Tell, others: Sequence[StartingGains]) -> tu
     found = improved(at, starts, rho_most=problem.design.rho, enough=enough, tell=tell)
     if found is None:
         raise Infeasible(
-            f"no gains were found whose sampled loop is certified at {period:g} s", period=period
+            f"no gains were found whose sampled loop is certified at {period:g} s: shorten [controller] period, or lower"
+            " [design] gain_limit or decay",
+            period=period,
         )
     return Gains.from_blocks(short_gains(found.K, limit), order), found.m
 

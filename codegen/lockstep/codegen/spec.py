@@ -223,7 +223,7 @@ class CodegenSpec:
     design_hash     identifies the design that the gains come from
     delay           periods after its sample at which u acts, 0 or 1: what the caller is told to do
     plants          optional, one per agent: `verify` then closes the loop around the reference
-    image           one image for all nodes: the agents are then the controllers by number, and hear nobody themselves
+    image           one image for all nodes: the agents are then the controllers by number, without edges of their own
     """
 
     agents: tuple[Controller, ...]

@@ -48,7 +48,7 @@ def _continuous(facts: Facts) -> Iterator[DatasheetTerm]:
     )
     if claims.floor is not None:
         yield DatasheetTerm(
-            "floor of ρ",
+            "lower bound of ρ",
             f"{claims.floor:.10g}",
             EXACT,
             "no controllers of any order, however connected, can certify less in this form of certificate",
@@ -74,7 +74,7 @@ def _continuous(facts: Facts) -> Iterator[DatasheetTerm]:
                 f"δ of {letter}",
                 f"{delta:g}",
                 EXACT,
-                f"{letter} of each continuous controller may be off by this, as a spectral norm",
+                f"uncertainty of {letter} of each continuous controller, a spectral norm",
             )
     if not any(claims.fragility.values()):
         yield DatasheetTerm("δ", "0", GIVEN, "the continuous gains are taken exactly as they stand")
@@ -95,7 +95,7 @@ def _sampled(facts: Facts) -> Iterator[DatasheetTerm]:
     )
     if sampled.max_period is not None:
         yield DatasheetTerm(
-            "longest period", f"{sampled.max_period:g} s", BALL, "the same gains, sampled anew"
+            "longest period", f"{sampled.max_period:g} s", BALL, "the same gains, discretised for it"
         )
     yield DatasheetTerm(
         "decay",
@@ -110,7 +110,10 @@ def _sampled(facts: Facts) -> Iterator[DatasheetTerm]:
         BALL,
         "every rounding of a step, as an error of the gains that the proof allows",
     )
-    for residual, name in ((sampled.residual, "residue"), (sampled.residual_rms, "residue, rms")):
+    for residual, name in (
+        (sampled.residual, "ultimate bound"),
+        (sampled.residual_rms, "ultimate bound, rms"),
+    ):
         if residual is None:
             continue
         yield DatasheetTerm(

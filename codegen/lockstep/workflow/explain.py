@@ -129,28 +129,30 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
         ratio = 1.0 if rho is None else float(f"{rho / claims.floor:.3g}")
         more = f": this design has {ratio:g} times as much" if ratio != 1 else ""
         yield Statement(
-            "floor of rho",
+            "lower bound of rho",
             f"{claims.floor:.6g}",
             f"No controllers, of any order and however connected, can be certified in this way below it{more}.",
         )
     if claims.decay is not None and found.verdict.proves("decay"):
         half = math.log(2) / claims.decay
         yield Statement(
-            "decay",
+            "convergence rate",
             f"{claims.decay:.4g} 1/s",
             f"Without disturbances every disagreement shrinks at least as exp(-{claims.decay:.4g} t) in the long run: by half"
-            f" every {half:.3g} s, to a hundredth in {math.log(100) / claims.decay:.3g} s, after a first phase that may"
-            " swing.",
+            f" every {half:.3g} s, to a hundredth in {math.log(100) / claims.decay:.3g} s, after an initial transient that"
+            " may oscillate.",
         )
     if claims.controllers_stable and found.verdict.proves("controllers_stable"):
         yield Statement(
-            "controllers by themselves", "stable", "A controller whose messages stop comes to rest."
+            "controllers in open loop", "stable", "A controller whose messages stop comes to rest."
         )
     delta = {letter: value for letter, value in claims.fragility.items() if value}
     if delta:
         shown = ", ".join(f"{letter} {value:g}" for letter, value in delta.items())
         yield Statement(
-            "gain errors", shown, "Each matrix of each controller may be off by so much, as a spectral norm."
+            "gain uncertainty",
+            shown,
+            "Spectral norm of the error of each matrix of each controller that is covered.",
         )
     if claims.initial_set is not None and found.verdict.proves("initial_set"):
         yield Statement(
@@ -180,7 +182,7 @@ def _meaning_of_rho(problem: Any, rho: float) -> str:
     return (
         f"Disturbances that differ between the agents, of root mean square 0.1 (of {', '.join(states[:4])}"
         f"{', ...' if len(states) > 4 else ''}, per second), keep them apart by at most {0.1 * rho:.3g} in root mean"
-        f" square once the start is forgotten{plain}. What all agents suffer alike keeps nobody apart.{mixed}"
+        f" square once the start is forgotten{plain}. Common-mode disturbances do not count.{mixed}"
     )
 
 
@@ -202,7 +204,7 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
         yield Statement(
             "longest period",
             f"{longest:.4g} s",
-            f"The same gains, sampled anew, still agree at it: {longest / table.period:.3g} times the period asked for.",
+            f"The same gains, discretised for it, still agree: {longest / table.period:.3g} times the period asked for.",
         )
     if sampled.get("rho") is not None:
         yield Statement(
@@ -218,17 +220,17 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
     residual = sampled.get("residual_rms_per_message_error")
     if residual is not None:
         yield Statement(
-            "residue",
+            "ultimate bound",
             f"{residual:.3g} e",
-            "Messages and readings that are off by e keep the agents apart by at most this, in root mean square: a bound"
-            " that is not tight.",
+            "Errors e of messages and readings keep the agents apart by at most this, in root mean square: a bound that is"
+            " not tight.",
         )
     radius = sampled.get("radius")
     if radius is not None:
         limits = ", ".join(f"|{name}| <= {limit:g}" for name, limit in _limits(found.design))
         inside = ", while every agent stays in its domain" if found.verdict.scope == "local" else ""
         yield Statement(
-            "radius",
+            "no saturation",
             f"{radius:.4g}",
             f"From a disagreement of at most this ({_units(found.design)}), controllers at rest, nothing disturbing and every"
             f" message in time{inside}, no actuator ever meets its limit: {limits}.",
@@ -303,7 +305,7 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
         )
     if not found.design.stored.claims.controllers_stable and problem.order:
         yield Statement(
-            "controllers by themselves",
+            "controllers in open loop",
             "not claimed",
             "What a controller does when its neighbours fall silent: [design] stable_controllers = true asks for it.",
         )

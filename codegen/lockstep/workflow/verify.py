@@ -49,7 +49,7 @@ def verify(
         demand(not folder.exists() or folder.is_dir(), "it is no folder", str(folder), expected)
     if log is not None:
         return verify_log(folder, log)
-    progress("closing the loop around the reference", 0.0)
+    progress("simulating the closed loop with the reference", 0.0)
     return verify_folder(
         folder,
         steps=steps,

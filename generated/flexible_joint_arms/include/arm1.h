@@ -18,13 +18,12 @@
  *   certified (proof: ball)
  *   proved = all agents come to agree, between the samples too, under these float32 controllers stepped
  *     every 0.005 s with u held, every rounding of a step counted
- *   assumes = the agents obey their model with slopes up to alpha; all step at one instant; every message
- *     arrives; u acts at once and meets no limit (where that is proved, `limits` says); no step overflows
+ *   assumes = the agents obey their model with slopes up to alpha; synchronous sampling; every message
+ *     arrives; u acts at once and does not saturate (where that is proved, `limits` says); no step overflows
  *   remains = at the sampling instants, in the end, a distance of the states from agreement of up to
  *     9.6e+01 times the largest error of a message or of an own reading (root mean square: 9.6e+01 times);
  *     rounding a message to float32 errs by 6.0e-08 of its size
- *   where = not proved: agents in agreement move together, as one of them does with u = 0, behind a leader
- *     as it does
+ *   where = not proved: the consensus trajectory is that of one agent with u = 0, or of the leader
  *   scope = global
  *   rho = 4.648
  *   rho_sampled = 4.713

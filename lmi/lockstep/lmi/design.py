@@ -358,5 +358,5 @@ def _floor(
 
     if not claim.performance.covers_xi:
         return None
-    tell("proving a floor of rho", 0.0)
+    tell("proving a lower bound of rho", 0.0)
     return largest_floor(exact_network(problem, network), claim.alpha_of_floor, claim.R, certified=rho)

@@ -108,7 +108,7 @@ def test_one_period_late(arms_network):
 
 
 def test_static_controllers_and_a_leader_of_other_agents():
-    # Order 0, two inputs, an agent that hears nobody, weights of their own, a domain that is left.
+    # Order 0, two inputs, an agent without incoming edges, weights of their own, a domain that is left.
     agent = Agent.from_expressions(
         "cart",
         states=["p", "v"],

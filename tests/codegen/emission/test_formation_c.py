@@ -271,7 +271,7 @@ def test_a_reference_is_held_against_what_is_proved_and_said(formation):
     assert gain == pytest.approx(stored.claims.sampled.rho * np.sqrt(2 / 3), rel=0.1)
     files = emit(specification(stored))
     assert "offset c_1" in files["include/cart3.h"] and "which leads" in files["include/cart3.h"]
-    assert "hears nobody, so that its own offset is nothing" in files["include/cart1.h"]
+    assert "has no incoming edges, so that its own offset is nothing" in files["include/cart1.h"]
     held = Manifest.model_validate_json(files["manifest.json"]).agents[2].offsets
     assert held[0] == (float(np.float32(-15.2)), 0.0)
 

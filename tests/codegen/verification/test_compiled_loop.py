@@ -34,7 +34,7 @@ def arms(root):
 
 
 def leader_and_two(order, real) -> CodegenSpec:
-    """A leader that hears nobody, one that hears it, one that hears both."""
+    """A leader without incoming edges, one that hears it, one that hears both."""
     heard = ((), (Neighbour("a", 0.7),), (Neighbour("a", 1.3), Neighbour("b")))
     agents = tuple(
         replace(random_controller(name, order, 2, 2, seed=k), neighbours=sources)

@@ -83,7 +83,7 @@ def test_static_gains_that_move_no_trace(
 
 
 def test_an_input_of_one_agent_that_moves_the_trace_counts() -> None:
-    """C B_1 = 0, C B_2 = k: agent 2 moves the trace, unless it is a leader that hears nobody."""
+    """C B_1 = 0, C B_2 = k: agent 2 moves the trace, unless it is a leader without incoming edges."""
     shared = dict(dynamics={"p": "v + k*u", "v": "u"}, outputs={"y": "p"}, design="order = 0")
     each = "parameters = [{ k = 0.0 }, { k = 1.0 }]"
     agent = "parameters = { k = 0.0 }"

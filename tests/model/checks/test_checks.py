@@ -117,12 +117,12 @@ def test_an_offset_that_depends_on_time_is_seen() -> None:
 
 def test_moving_the_middle_of_the_slopes_is_said() -> None:
     report = check_problem(cart("f - tanh(v) - sin(p)"))
-    figure = row(report, "slopes").figure
-    assert row(report, "slopes").verdict == "note"
+    figure = row(report, "loop transformation").figure
+    assert row(report, "loop transformation").verdict == "note"
     assert "-0.5 v2" in figure
     assert "centre = false" in figure
     plain = check_problem(cart("f - tanh(v) - sin(p)", agent="centre = false"))
-    assert row(plain, "slopes").verdict == "ok"
+    assert row(plain, "loop transformation").verdict == "ok"
     assert plain.bound.alpha > report.bound.alpha
 
 
@@ -232,7 +232,7 @@ def test_the_distance_to_losing_control_is_that_of_the_pair() -> None:
     )
     check = linear_part.controllable(agent, [agent.lure.B])[0]
     assert check.verdict == "ok"
-    margin = float(check.figure.removeprefix("a change of norm ").split()[0])
+    margin = float(check.figure.removeprefix("lost with a change of norm ").split(",")[0])
     assert 0 < margin <= 0.001
     assert "s = 2" in check.figure
 
@@ -305,7 +305,7 @@ def test_slopes_with_bounds_of_their_own_are_reported() -> None:
     assert [(one["component"], one["argument"]) for one in found] == [(1, 1), (1, 2)]
     assert [one["bound"] for one in found] == pytest.approx([2.0, 0.5])
     assert report.bound.alpha == pytest.approx(4.25**0.5)
-    figure = row(report, "entries").figure
+    figure = row(report, "slope bounds").figure
     assert "|d phi1 / d v1| <= 2," in figure
     assert check_problem(cart("f - 2*sin(p)")).document()["bound"]["entries"] == []
 

@@ -163,7 +163,7 @@ def test_the_adjacency_cannot_be_changed() -> None:
     )
 )
 def test_the_origins_are_those_of_the_condensation(case: tuple) -> None:
-    """A slow obvious twin: two agents are in one group if they hear each other, and an origin hears nobody outside."""
+    """A slow obvious twin: two agents are in one group if they hear each other, an origin has no edges from outside."""
     n, draws = case
     a = (np.array(draws).reshape(n, n) == 1) * (1 - np.eye(n))
     heard = np.linalg.matrix_power(np.eye(n) + a, n) > 0

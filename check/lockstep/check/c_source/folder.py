@@ -116,7 +116,7 @@ def _same_limits(problem: ProblemTables, read: Any) -> bool:
 
 
 def _same_offsets(problem: ProblemTables, i: int, sources: tuple[int, ...], read: Any) -> bool:
-    """Tell whether the C takes C o from its own output and from those that it hears; one that hears nobody takes none."""
+    """Tell whether the C takes C o from its own output and from those it hears; one without incoming edges takes none."""
     seen = problem.measured_offsets
     if seen is None or not sources:
         return read is None

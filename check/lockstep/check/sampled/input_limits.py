@@ -141,7 +141,7 @@ def level(
             seen = loop.computed[i * m + l : i * m + l + 1, loop.messages]
             direct = balls.product(seen, seen.T)[0, 0].sqrt() + delta_D
             room = arb(float(limits[l])) - mu - direct * nu
-            # A leader hears nobody, and its u is 0.
+            # A leader has no incoming edges, and its u is 0.
             if not (room > 0 and (reach > 0 or reach.is_zero())):
                 return arb(-1)
             least = least.min((room / reach) ** 2) if reach > 0 else least

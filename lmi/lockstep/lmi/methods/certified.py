@@ -116,7 +116,7 @@ def searched(
                 raise NothingYet("interrupted before any gains were certified; nothing was written")
             if found.cut and time_limit is not None:
                 raise _out_of_time(time_limit, claim, found)
-            tell("looking for what is reachable", 1.0)
+            tell("estimating what is reachable", 1.0)
             raise _nothing(problem, network, claim, found, explain=explain)
         tell("proving the certificate", 0.0)
         limit: dict[str, Any] = {}
@@ -256,7 +256,7 @@ def _proved(
 
 
 def without_idle_parts(gains: Gains, network: Network) -> Gains:
-    """Return the gains with the controllers of agents that hear nobody set to x_C' = -x_C, u = 0.
+    """Return the gains with the controllers of agents without incoming edges set to x_C' = -x_C, u = 0.
 
     Such an agent's r is 0 for ever: whatever the search left in its controller is noise.
     """

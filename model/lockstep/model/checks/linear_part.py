@@ -29,7 +29,9 @@ def spanning_tree(graph: Graph) -> CheckRow:
 
 def row_sums(graph: Graph) -> CheckRow:
     """L 1 = 0, in exact arithmetic on the weights and in the doubles that L is stored in."""
-    reason = "agreement must be at rest: controllers see L (x) C, which has to vanish where all agents agree"
+    reason = (
+        "consensus must be an equilibrium of the controllers: relative outputs vanish where all agents agree"
+    )
     worst = max(abs(sum((Fraction(float(x)) for x in row), Fraction(0))) for row in graph.laplacian)
     figure = (
         "exactly"
@@ -78,9 +80,9 @@ def _no_right(zeros: Zeros) -> str:
 def _pair(
     name: str, check: Controllability | Observability, holds: bool, enough: bool, weaker: str, what: str
 ) -> CheckRow:
-    reason = "a mode that is lost cannot be brought to agreement: it agrees only if it decays by itself"
+    reason = "an uncontrollable or unobservable mode agrees only if it is stable"
     if holds:
-        near = f"a change of norm {check.margin:.3g} would lose it, at s = {_number(check.eigenvalue)}"
+        near = f"lost with a change of norm {check.margin:.3g}, at s = {_number(check.eigenvalue)}"
         # Below this the figures of a design would be made of rounding.
         verdict: Outcome = "ok" if check.relative_margin > 1e-8 else "note"
         return CheckRow(name, verdict, near, reason)

@@ -69,7 +69,7 @@ def entries(agent: Agent, proved: Bound) -> CheckRow:
         f"|d phi{one.component + 1} / d v{one.argument + 1}| <= {slope:.6g}"
         for one, slope in zip(proved.entries, slopes_of(proved), strict=True)
     )
-    return CheckRow("entries of the slope", "ok", f"proved: {shown} ({arguments_text(agent)})", reason)
+    return CheckRow("slope bounds", "ok", f"proved: {shown} ({arguments_text(agent)})", reason)
 
 
 def slopes_of(proved: Bound) -> tuple[float, ...]:
@@ -114,7 +114,7 @@ def _staying(graph: Graph) -> str:
 
 def numbers(agent: Agent) -> CheckRow:
     """Whether A, B, C, G, H and phi hold the file's numbers exactly, as doubles, or some of them rounded once."""
-    reason = "the search takes these doubles, 2^-53 of a coefficient off at most; what is proved is proved of the sums"
+    reason = "the search takes coefficients rounded to doubles; what is proved is proved of the exact ones"
     rounded = agent.lure.rounded
     if not rounded:
         return CheckRow(
@@ -129,7 +129,7 @@ def numbers(agent: Agent) -> CheckRow:
 def centring(agent: Agent) -> CheckRow:
     """What was moved from phi into A so that the slopes of phi lie around zero."""
     reason = "alpha is half the range of the slopes if they lie around zero, and up to the whole range if not"
-    name = "slopes around zero"
+    name = "loop transformation"
     if not agent.centring.moves:
         return CheckRow(name, "ok", f"A is as written: {agent.centring.reason}", reason)
     moved = ", ".join(

@@ -36,7 +36,7 @@ def period(problem: Problem) -> CheckRow:
     modes = _modes(problem)
     w = max((abs(s) for s in modes if s.real >= -abs(s.imag)), default=0.0)
     if w == 0.0:
-        said = "no mode of the agent by itself swings or grows there"
+        said = "the open-loop agent has no oscillatory or unstable mode there"
         slow = min(map(abs, modes), default=0.0)
         if slow * T <= 1.0:
             return CheckRow("period", "ok", f"{T:g} s; {said}", reason)
@@ -58,8 +58,8 @@ def alone(problem: Problem) -> Iterator[CheckRow]:
     fastest = max((s.real for s in _modes(problem)), default=0.0)
     if fastest > 0:
         reason = "controllers see differences only: what all agents do together stays what each does alone"
-        figure = f"a mode grows at {fastest:.3g} 1/s: agents that agree move away from there together"
-        yield CheckRow("agent by itself", "note", figure, reason)
+        figure = f"unstable in open loop ({fastest:.3g} 1/s): consensus does not stabilise the common motion"
+        yield CheckRow("open-loop agent", "note", figure, reason)
 
 
 def _modes(problem: Problem) -> list[complex]:

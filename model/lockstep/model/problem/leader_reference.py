@@ -17,7 +17,7 @@ WHERE = "[simulation.reference]"
 
 @dataclass(frozen=True, eq=False)
 class LeaderReference:
-    """v(t): inputs that the leader has besides its controller's, which is at rest since it hears nobody.
+    """v(t): inputs that the leader has besides its controller's, which is at rest since it has no incoming edges.
 
     leader: its place, counted from 0;  inputs: t -> v (m,);  sides: (m, 2), where its actuators clip.
     """
@@ -45,7 +45,7 @@ def reference_of(file: ProblemFile, graph: Graph, sides: Float[np.ndarray, "m 2"
         raise ProblemError(
             "no agent leads: all of several drive each other",
             where=WHERE,
-            expected="a graph in which one agent listens to nobody, and all others hear of it",
+            expected="a graph in which one agent has no incoming edges and reaches all others",
             remedy='topology = "leader_path" is one',
         )
     for name in given:
