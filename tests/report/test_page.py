@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+import lockstep
 from lockstep.codegen.sampled_design import HeldVerdict, with_sampled
 from lockstep.lmi.sampled import SampledVerdict
 from lockstep.model.problem import Problem
@@ -227,3 +228,24 @@ def test_gain_errors_and_a_searched_disturbance_are_left_out_of_the_run(facts):
     problem = Problem.from_document({**facts.problem.document(), "simulation": simulation})
     run = run_shipped(problem, facts.manifest)
     np.testing.assert_array_equal(run.x, facts.trajectory.x[: len(run.t)])
+
+
+def test_a_run_outside_of_what_is_proved_is_said(facts, page_of):
+    assert facts.uncovered == ()
+    assert "Not covered by the certificate" not in page_of()
+    saturated = replace(facts, trajectory=replace(facts.trajectory, clipped=15))
+    (said,) = saturated.uncovered
+    assert "15 steps saturated an input" in said
+    assert "Not covered by the certificate" in page_of(trajectory=saturated.trajectory)
+
+
+def test_an_agent_that_leaves_its_domain_in_the_run_is_named(facts, root):
+    """The cart's run starts 0.38 from agreement: (p, theta) = (0, 0.1) and (0.5, -0.1)."""
+    carts = lockstep.load(root / "docs" / "gallery" / "designs" / "carts.json")
+    run = lockstep.simulate(carts, horizon=0.1).trajectory
+    (start,) = replace(facts, stored=carts.stored, trajectory=run).uncovered
+    assert "it starts 0.381 from agreement" in start and "is proved from 0.0606" in start
+    x = run.x.copy()
+    x[2, 1, 2] = 2.0
+    left, _ = replace(facts, stored=carts.stored, trajectory=replace(run, x=x)).uncovered
+    assert "cart2 left the domain: theta = 2" in left

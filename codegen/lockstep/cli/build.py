@@ -24,6 +24,7 @@ def run(path: Path, output: Path, **options: Any) -> Answer:
     document = found.document()
     report = document["report"]
     said = [f"{output / report}: the report" if report else "nothing is written", *found.problems]
+    said += [f"note: {one}" for one in found.notes]
     parts = [
         check_table(found.checks, "What is to be noted of the model", brief=True),
         summary(document["design"]),

@@ -61,6 +61,7 @@ def html(facts: Facts, spectrum: Spectrum, drawings: Drawings, files: Sequence[s
         symbol=formula.inline,
         up=up,
         run=_run(facts),
+        uncovered=facts.uncovered,
         no_run=facts.no_run,
         drawings=drawings,
         spectrum=spectrum,
@@ -120,7 +121,9 @@ def _disturbance(facts: Facts) -> str:
     """What acts on the run, in a sentence."""
     table = facts.problem.simulation.disturbance
     if table.kind in ("none", "worst"):
-        return "Nothing disturbs it."
+        return (
+            "The leader follows its reference." if facts.problem.reference else "No disturbance is applied."
+        )
     size = (
         f"intensity {table.intensity:g}" if table.intensity is not None else f"amplitude {table.amplitude:g}"
     )

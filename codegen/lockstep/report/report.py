@@ -20,12 +20,16 @@ PAGE, TEXT = "report.html", "report.md"
 
 @dataclass(frozen=True)
 class Report:
-    """page: the HTML;  text: the same in short;  evidence: a page for each agent;  figures: PNG or PDF by path."""
+    """page: the HTML;  text: the same in short;  evidence: a page for each agent;  figures: PNG or PDF by path.
+
+    notes: what takes the run that is shown out of what is proved.
+    """
 
     page: str
     text: str
     evidence: Mapping[str, str]
     figures: Mapping[str, bytes]
+    notes: tuple[str, ...] = ()
 
     @property
     def texts(self) -> dict[str, str]:
@@ -65,4 +69,4 @@ def make_report(
         checks=checks,
         verify=verified,
     )
-    return Report(html(facts, spectrum, drawings, names), text, evidence, drawings.files)
+    return Report(html(facts, spectrum, drawings, names), text, evidence, drawings.files, facts.uncovered)

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.lmi.diagnosis.pareto import ParetoPoint
 from lockstep.lmi.document import Stored
+from lockstep.lmi.initial_set import below
 from lockstep.model.checks import CheckReport
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 from lockstep.model.simulation import Diverged, Trajectory, simulate
+from lockstep.model.simulation.divergence import left_domain
 from lockstep.model.simulation.from_problem import FINEST, Changes, scenario_of, step_of
 from lockstep.verification.closed_loop.software_in_the_loop import reference_controllers
 from lockstep.verification.verify import VerifyReport
@@ -44,6 +46,26 @@ class Facts:
     def problem(self) -> Problem:
         """The problem of the design."""
         return self.stored.problem
+
+    @property
+    def uncovered(self) -> tuple[str, ...]:
+        """What takes the run out of what is proved: a domain that is left, saturation, a start beyond the claims'."""
+        run, claims = self.trajectory, self.stored.claims
+        if run is None:
+            return (f"the report shows no run: {self.no_run}",) if self.no_run else ()
+        left = left_domain(run.t, run.x, self.problem.agent()) if claims.scope == "local" else ""
+        start, inside = float(run.disagreement()[0]), claims.initial_set
+        said = (
+            (left, f"{left}; the certificate is for agents inside"),
+            (run.clipped, f"{run.clipped} steps saturated an input, and rho is proved without saturation"),
+            (run.faults, f"{run.faults} steps reported a fault"),
+            (
+                inside is not None and start > inside.radius,
+                f"it starts {start:.3g} from agreement; that agents stay in their domain is proved from"
+                f" {below(inside.radius) if inside else ''}",
+            ),
+        )
+        return tuple(f"in the run of the report, {text}" for holds, text in said if holds)
 
     @property
     def network(self) -> Network:

@@ -42,6 +42,7 @@ class Build:
         design: with what is proved of the controllers in the C.
         verified: what running the C showed.
         problems: a sentence for everything that is not as it should be.
+        notes: what takes the run of the report out of what is proved; no claim.
         written: names of the files; none where the C differs from its reference or the model is wrong.
     """
 
@@ -50,6 +51,7 @@ class Build:
     design: Design
     verified: "VerifyReport"
     problems: tuple[str, ...]
+    notes: tuple[str, ...]
     written: tuple[str, ...]
 
     @property
@@ -70,6 +72,7 @@ class Build:
             "files": list(self.written),
             "report": PAGE if self.written else None,
             "problems": list(self.problems),
+            "notes": list(self.notes),
         }
 
 
@@ -119,12 +122,13 @@ def build(
     made = Design.of(json.loads(files[DESIGN_NAME]), DESIGN_NAME, folder)
     verified = _verified(files, progress)
     wrong, open_claims = [*checks.problems, *verified.problems], unproved(made.sampled)
-    written: tuple[str, ...] = ()
+    written, notes = tuple[str, ...](), tuple[str, ...]()
     if not wrong:
         points = trade_off_points(made.stored, others, progress) if trade_off else ()
         progress("drawing the report", 0.5)
-        written = _written(files, make_report(files, made.stored, checks, verified, points, source), folder)
-    return Build(folder, checks, made, verified, (*wrong, *open_claims), written)
+        report = make_report(files, made.stored, checks, verified, points, source)
+        written, notes = _written(files, report, folder), report.notes
+    return Build(folder, checks, made, verified, (*wrong, *open_claims), notes, written)
 
 
 def unproved(sampled: Mapping[str, Any]) -> list[str]:
