@@ -86,3 +86,29 @@ def test_the_proof_finds_the_rho_of_numbers_that_are_far_from_one() -> None:
     gains = Gains.from_blocks(short_gains(start.at.K, posed.design.gain_limit), posed.order)
     # The response at the frequencies, for multipliers that the certificate may better: no storage function in it.
     assert prove(network, gains, weights).rho < 1.02 * search.units.rho * start.at.rho
+
+
+def least_start(hour: float) -> float:
+    """rho, in hours, of the better of two starts for three chemostats whose controllers are to forget (Monod; 0.48 1/h)."""
+    posed = problem(
+        dynamics={
+            "S": f"(0.2*(20 + f - S) - 1.2*S/(1.2 + S)*X)/{hour}",
+            "X": f"(0.48*S/(1.2 + S)*X - 0.2*X)/{hour}",
+        },
+        inputs=["f"],
+        outputs={"od": "X"},
+        network='agents = 3\ntopology = "leader_path"',
+        design="order = 2",
+        agent="domain = { S = [0.3, 4.0], X = [5.0, 8.0] }",
+    )
+    bound = proved_bound(posed)
+    loop, weights = network_of(posed, bound).loop(2), claim_of(posed, bound)
+    search = GainSearch.of(loop, weights, 6.4, rate=0.6 / hour)
+    found = [begin(search, None, 0, index) for index in range(2)]
+    assert all(start.abscissa < 0 for start in found)
+    return min(search.units.rho * start.at.rho for start in found) / hour
+
+
+def test_controllers_that_forget_are_found_in_seconds_as_in_hours() -> None:
+    """What each A_C has to have by itself counts in the unit of time of the loop: in seconds it had counted for nothing."""
+    assert least_start(3600.0) < 1.5 * least_start(1.0)

@@ -74,10 +74,17 @@ def hold(
         if deadline.over or start.abscissa >= 0:
             break
         norm = late_norm(search, more)
-        if abscissa(norm.loop, K, rate=search.rate)[0] >= 0:
-            K = stabilise(norm.loop, K, STABLE * limit, units=search.units.gains, rate=search.rate)[0]
+        if abscissa(norm.loop, K, rate=search.rate, time=search.units.time)[0] >= 0:
+            K = stabilise(
+                norm.loop,
+                K,
+                STABLE * limit,
+                units=search.units.gains,
+                rate=search.rate,
+                time=search.units.time,
+            )[0]
             K = within(K, INSIDE * limit)
-        if abscissa(norm.loop, K, rate=search.rate)[0] >= 0:
+        if abscissa(norm.loop, K, rate=search.rate, time=search.units.time)[0] >= 0:
             break
         made = descended(norm, K)
         if np.isfinite(made.rho):

@@ -174,7 +174,7 @@ def begin(
         return StartResult(index, np.inf, nowhere, cut=True)
     equal = search.is_regular or index % 2 == 1
     if search.modes and equal and (at := _equal(search, search.modes, seed, index)) is not None:
-        abscissa = abscissa_of(search.loop, at.K, rate=search.rate)[0]
+        abscissa = abscissa_of(search.loop, at.K, rate=search.rate, time=search.units.time)[0]
         return scored(search, score, StartResult(index, abscissa, at, equal=True))
     K, abscissa = stable_gains(search, seed, index)
     if abscissa >= 0:
@@ -191,7 +191,10 @@ def _equal(search: GainSearch, modes: ModalSearch, seed: int, index: int) -> Des
         return None
     gains = np.repeat(at.K[:1], len(search.loop.U), axis=0)
     found = with_multipliers(search.shared_norm, gains)
-    if not np.isfinite(found.rho) and abscissa_of(search.loop, gains, rate=search.rate)[0] < 0:
+    if (
+        not np.isfinite(found.rho)
+        and abscissa_of(search.loop, gains, rate=search.rate, time=search.units.time)[0] < 0
+    ):
         found = descended(search.shared_norm, gains)  # of a graph whose Laplacian is not normal
     return found if np.isfinite(found.rho) else None
 
@@ -227,9 +230,11 @@ def stable_gains(search: GainSearch, seed: int, index: int) -> tuple[GainBlocks,
         if index % 2:
             drawn[:] = drawn[0]
         first = within(drawn * units, DRAWN * limit)
-        K = stabilise(search.loop, first, STABLE * limit, units=units, rate=search.rate)[0]
+        K = stabilise(
+            search.loop, first, STABLE * limit, units=units, rate=search.rate, time=search.units.time
+        )[0]
         K = within(K, INSIDE * limit)
-        abscissa = abscissa_of(search.loop, K, rate=search.rate)[0]
+        abscissa = abscissa_of(search.loop, K, rate=search.rate, time=search.units.time)[0]
         best = min(best, (K, abscissa), key=lambda found: found[1])
         if abscissa < 0:
             break

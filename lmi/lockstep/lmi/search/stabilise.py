@@ -36,6 +36,7 @@ def stabilise(
     *,
     units: Float[np.ndarray, "k l"] | float = 1.0,
     rate: float | None = None,
+    time: float = 1.0,
 ) -> tuple[GainBlocks, float]:
     """Return gains with a smaller abscissa than K's and norms of about `limit` at most, and that abscissa.
 
@@ -45,19 +46,20 @@ def stabilise(
         limit: on the spectral norm of each agent's gains.
         iterations: of the quasi-Newton method.
         units: the size of an entry of the gains: the descent moves K / units.
-        rate: that each A_Ci is to have by itself; None to ask nothing of them.
+        rate: that each A_Ci is to have by itself, in 1/s; None to ask nothing of them.
+        time: s, the unit of time of the loop; the gains are in those of the file.
     """
 
     def objective(flat: Vector) -> tuple[float, Vector]:
         blocks = flat.reshape(K.shape) * units
-        value, slope = abscissa(loop, blocks, rate=rate)
+        value, slope = abscissa(loop, blocks, rate=rate, time=time)
         excess, pull = _excess(blocks, limit)
         value += GAIN_WEIGHT * float(np.mean(flat**2)) + EXCESS_WEIGHT * excess
         total = (slope + EXCESS_WEIGHT * pull) * units
         return value, total.ravel() + 2 * GAIN_WEIGHT * flat / flat.size
 
     found = descend(objective, (K / units).ravel(), iterations).reshape(K.shape) * units
-    return found, abscissa(loop, found, rate=rate)[0]
+    return found, abscissa(loop, found, rate=rate, time=time)[0]
 
 
 def _excess(K: GainBlocks, limit: float) -> tuple[float, GainBlocks]:
@@ -72,19 +74,21 @@ def _excess(K: GainBlocks, limit: float) -> tuple[float, GainBlocks]:
     return total, slope
 
 
-def abscissa(loop: Loop, K: GainBlocks, *, rate: float | None = None) -> tuple[float, GainBlocks]:
+def abscissa(
+    loop: Loop, K: GainBlocks, *, rate: float | None = None, time: float = 1.0
+) -> tuple[float, GainBlocks]:
     """Return max Re lambda(A_cl) and its slope in K: for a simple eigenvalue with vectors l, r, Re(U_i' l r' Y_i' / l'r).
 
-    With a rate, the largest of it and of those of all A_Ci + rate I.
+    With a rate, the largest of it and of those of all A_Ci + rate I, in the loop's unit of time: `time` s.
     """
     value, slope = real_part(loop.A_cl(K), loop.U, loop.Y)
     n_C = 0 if rate is None else loop.order
     for i in range(len(K) if n_C else 0):
         unit = np.eye(n_C, K.shape[1]), np.eye(K.shape[2], n_C)
         own, turn = real_part(K[i, :n_C, :n_C] + (rate or 0.0) * np.eye(n_C), [unit[0]], [unit[1]])
-        if own > value:
-            value, slope = own, np.zeros_like(K)
-            slope[i] = turn[0]
+        if time * own > value:
+            value, slope = time * own, np.zeros_like(K)
+            slope[i] = time * turn[0]
     return value, slope
 
 
