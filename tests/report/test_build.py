@@ -6,12 +6,13 @@ import pytest
 from typer.testing import CliRunner
 
 import lockstep.workflow.build as build
+from lockstep.check.errors import ClaimError
 from lockstep.cli.main import app
 from lockstep.lmi.document import answer as said
 from lockstep.lmi.document import read
 from lockstep.verification.verify import VerifyReport
 
-KEYS = {"ok", "directory", "check", "design", "verify", "files", "report", "problems"}
+KEYS = {"ok", "directory", "check", "design", "verify", "files", "report", "problems", "notes"}
 
 
 @pytest.fixture
@@ -87,3 +88,16 @@ def test_only_a_proof_counts_as_one(sampled, said):
     found = build.unproved(sampled)
     assert len(found) == len(said)
     assert all(part in one for one, part in zip(found, said, strict=True))
+
+
+def test_a_build_that_finds_no_gains_says_what_is_seldom_meant(tmp_path):
+    """A start outside of the domain, in other units: of a plant that no gains of so small a norm stabilise."""
+    file = tmp_path / "problem.toml"
+    file.write_text(
+        '[agent]\nstates = ["x"]\ninputs = ["u"]\ndynamics = { x = "x + 0.1*sin(x) + u" }\noutputs = { y = "x" }\n'
+        'domain = { x = [-1.0, 1.0] }\n[network]\nagents = 2\ntopology = "path"\n[design]\norder = 0\ngain_limit = 0.1\n'
+        "starts = 1\n[simulation]\ninitial = [[500.0], [0.0]]\n"
+    )
+    with pytest.raises(ClaimError, match=r"to be noted: .*x of agent 1 is 500, outside of \[agent.domain\]"):
+        build.build(file, tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -2,12 +2,13 @@
 
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lockstep.check.errors import demand
+from lockstep.check.errors import ClaimError, demand
 from lockstep.model.plain_json import plain
 from lockstep.model.problem import Problem
 from lockstep.model.problem.tables.load import read_problem
@@ -115,7 +116,7 @@ def build(
     others = gains_by_name(against)
     source = "" if isinstance(problem, Problem) else read_problem(Path(problem))
     posed, checks = check(problem, every=True, progress=progress)
-    with of_file(None if isinstance(problem, Problem) else Path(problem)):
+    with of_file(None if isinstance(problem, Problem) else Path(problem)), _with_notes_of(posed):
         designed = design(posed, jobs=jobs, time_limit=time_limit, progress=progress, reuse=reuse, stop=stop)
     files = generated_files(designed)
     # What is reported is what a reader of the file sees.
@@ -129,6 +130,21 @@ def build(
         report = make_report(files, made.stored, checks, verified, points, source)
         written, notes = _written(files, report, folder), report.notes
     return Build(folder, checks, made, verified, (*wrong, *open_claims), notes, written)
+
+
+@contextmanager
+def _with_notes_of(problem: Problem) -> Iterator[None]:
+    """Say with a design that fails what is seldom meant of its period, its units and its start: that may be why."""
+    try:
+        yield
+    except ClaimError as error:
+        from lockstep.model.checks.plausibility import initial, period, units
+
+        rows = (period(problem), *units(problem), *initial(problem))
+        notes = "; ".join(f"{row.name}: {row.figure}" for row in rows if row.verdict == "note")
+        if not notes:
+            raise
+        raise type(error)(f"{error}; to be noted: {notes}", **error.figures) from None
 
 
 def unproved(sampled: Mapping[str, Any]) -> list[str]:

@@ -295,7 +295,7 @@ def _assumed(found: DesignVerdict) -> Iterator[Statement]:
 def _open(found: DesignVerdict) -> Iterator[Statement]:
     answer, problem = found.answer, found.design.problem
     claimed = found.verdict.failed
-    if claimed is not None:
+    if claimed is not None and (claimed != "sampled" or found.design.stored.claims.sampled.certified):
         yield Statement(claimed, "refused", f"The file claims it and the checker refuses it: {found.reason}.")
     if found.sampled.get("certified") is not True:
         yield Statement(
@@ -314,7 +314,11 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
             "decay", "not claimed", "How fast the agents agree: that they do is all that is proved."
         )
     if any(map(math.isfinite, problem.limits)) and found.sampled.get("radius") is None:
-        yield Statement("limits", "not claimed", "That the actuators' limits are never met.")
+        yield Statement(
+            "saturation",
+            "not claimed",
+            "Nothing is proved of when an actuator saturates: a smaller gain_limit may change that.",
+        )
     moving = "".join(f"; {row.figure}, a leader too" for row in alone(problem))
     yield Statement(
         "where they agree", "", f"Which states the agents agree on: only that they are the same{moving}."

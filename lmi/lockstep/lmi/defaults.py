@@ -81,7 +81,7 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
         said.pop("search_decay", None)
         yield Wishes(
             _with(problem, said | {"gain_limit": high}),
-            f"none found within gain_limit {low:g}, and none with stable controllers and a decay within {high:g}",
+            f"none found within gain_limit {low:g}; not asked for: stable controllers and a decay (none within {high:g})",
         )
 
 

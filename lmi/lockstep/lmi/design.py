@@ -23,6 +23,7 @@ from lockstep.check.errors import Infeasible, NotCertified, OutOfTime, demand
 from lockstep.check.floor.witness import FloorWitness
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P
+from lockstep.lmi.analysis.margins import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.defaults import MUCH, Wishes, is_far, named, wishes
 from lockstep.lmi.guarantees import Guarantees, guarantees
@@ -256,8 +257,30 @@ def _searched(problem: Problem, network: Network, bound: Bound, claim: Claim, ef
 def _given(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Proposal:
     gains = given_gains(problem)
     tell("looking for a certificate of the given gains", 0.0)
-    certificate = prove(network, gains, claim, rho=problem.design.rho)
+    try:
+        certificate = prove(network, gains, claim, rho=problem.design.rho)
+    except NotCertified as error:
+        if problem.design.rho is not None:
+            raise
+        tell("looking for how much of alpha the gains carry", 0.0)
+        raise _not_carried(network, gains, claim, error) from None
     return Proposal(problem, network, bound, claim, gains, certificate, _figures(network, gains))
+
+
+def _not_carried(network: Network, gains: Gains, claim: Claim, error: NotCertified) -> NotCertified:
+    """Return what given gains do instead: their linear loop is unstable, or they carry a part of alpha only."""
+    abscissa = float(error.figures.get("abscissa", 0.0))
+    if abscissa >= 0:
+        said = (
+            f"the linear loop of the given gains is unstable, Re s = {abscissa:.3g}: with r = sum a_ij (y_i - y_j) negative"
+            " feedback is u = -r"
+        )
+        return NotCertified(f"{error}: {said}", **error.figures)
+    part = largest_fraction(network.loop(gains.order), gains.blocks, claim, 0.0)
+    said = f"{part:.3g} of it is carried, alpha = {part * claim.alpha:.6g}"
+    return NotCertified(
+        f"{error}; {said}", **error.figures, fraction=part, reachable_alpha=part * claim.alpha
+    )
 
 
 def _as_printed(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Proposal:

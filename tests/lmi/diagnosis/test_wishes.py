@@ -259,3 +259,16 @@ def test_the_decay_that_the_search_keeps_to_is_slow_for_the_period() -> None:
         design="order = 0\n[controller]\nperiod = 0.001",
     )
     assert first_wishes(stiff)["search_decay"] * 0.001 == pytest.approx(0.01)
+
+
+def test_given_gains_without_a_certificate_say_how_much_they_carry() -> None:
+    """x_d' = phi_d + 2 d x_d with |phi_d| <= |x_d|: D = d = -0.25 is stable for slopes up to 0.5, d = 1 for none."""
+    weak, wrong = (
+        scalar(f'method = "given"\norder = 0\n[[design.gains]]\nD = [[{d}]]\n[[design.gains]]\nD = [[{d}]]')
+        for d in (-0.25, 1.0)
+    )
+    with pytest.raises(NotCertified, match="of it is carried") as found:
+        design(weak)
+    assert found.value.figures["fraction"] == pytest.approx(0.5, abs=0.02)
+    with pytest.raises(NotCertified, match="the linear loop of the given gains is unstable, Re s = 2"):
+        design(wrong)

@@ -42,8 +42,11 @@ def reference_of(file: ProblemFile, graph: Graph, sides: Float[np.ndarray, "m 2"
     if given is None:
         return None
     if file.network.spectrum is not None or len(graph.roots) != 1:
+        roots = ", ".join(map(str, graph.roots))
         raise ProblemError(
-            "no agent leads: all of several drive each other",
+            f"no agent leads: agents {roots} drive each other"
+            if roots
+            else "no agent leads: no agent reaches all others",
             where=WHERE,
             expected="a graph in which one agent has no incoming edges and reaches all others",
             remedy='topology = "leader_path" is one',
