@@ -3,6 +3,8 @@
 import io
 import re
 import shutil
+import subprocess
+import sys
 import tokenize
 import tomllib
 from collections.abc import Iterator
@@ -207,3 +209,9 @@ def code_in_comments(block: str) -> list[str]:
 def test_no_code_hides_in_a_comment(path):
     assert [code_in_comments(block) for block in python_blocks(path)] == [[]] * len(python_blocks(path))
     assert code_in_comments('x = f()  # or, of a file: parse(load_json(y), "y")\n') != []
+
+
+def test_the_architecture_page_is_that_of_the_code():
+    """`python docs/make_architecture.py` writes it anew: a row for each module, and the arrows of the picture."""
+    made = subprocess.run([sys.executable, ROOT / "docs" / "make_architecture.py", "--check"], check=False)
+    assert made.returncode == 0
