@@ -3,7 +3,7 @@
     python docs/make_architecture.py           writes docs/architecture.svg and the tables of docs/architecture.md
     python docs/make_architecture.py --check   exit status 1 where the page is not what the code gives
 
-A row is the first line of a module's docstring, an arrow an import, those within functions included. The page lists the arrows
+A row is the first line of a module's docstring, an arrow an import, those within functions included. The page lists those
 of the picture in a comment, so that tests/test_docs.py holds both to the code, whatever draws them.
 """
 
