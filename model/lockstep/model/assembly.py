@@ -223,12 +223,8 @@ def _decided(bound: Bound, alpha: float) -> Bound:
     figures: dict[str, Any] = {"alpha": alpha, "lower": bound.lower, "boxes": bound.boxes}
     if bound.witness is not None:
         figures |= {"witness": list(bound.witness.v), "time": bound.witness.t}
-    what = (
-        "does not bound the nonlinearity"
-        if bound.refuted
-        else "could not be proved to bound the nonlinearity"
-    )
-    raise BoundNotProved(f"[design] alpha = {alpha:g} {what}: {bound.reason}", **figures)
+    what = "does not bound" if bound.refuted else "could not be proved to bound"
+    raise BoundNotProved(f"[design] alpha = {alpha:g} {what} the nonlinearity: {bound.reason}", **figures)
 
 
 def _undecided(bound: Bound) -> BoundNotProved:
