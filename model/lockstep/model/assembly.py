@@ -94,9 +94,6 @@ def bound_with_scales(
     alpha: float,
     scales: tuple[Sequence[float], Sequence[float]],
     entries: Sequence[Entry] = (),
-    *,
-    boxes: int = BOXES,
-    progress: Report | None = None,
 ) -> Bound:
     """Return alpha as a proved bound with given scales (D_w, D_v), those of a bound that was proved before.
 
@@ -117,11 +114,10 @@ def bound_with_scales(
     True
     """
     (D_w, D_v), phi, box = scales, agent.exact.phi, agent.argument_box
-    found = prove_bound(phi, box, alpha, input_scale=D_v, output_scale=D_w, boxes=boxes, progress=progress)
-    proved = _decided(found, alpha)
+    proved = _decided(prove_bound(phi, box, alpha, input_scale=D_v, output_scale=D_w), alpha)
     if not entries:
         return proved
-    budget = Budget(min(boxes, MOST_BOXES))
+    budget = Budget(min(BOXES, MOST_BOXES))
     problem = SlopeProblem.of(phi, box).scaled(D_w, D_v)
     verdict = decide_entries(problem, entries, budget)
     if not verdict.proved:
