@@ -1,7 +1,5 @@
 """From a design file to the specification of the C: controllers, Laplacian rows, and the datasheet's figures."""
 
-import hashlib
-import json
 import math
 
 import numpy as np
@@ -11,6 +9,7 @@ from lockstep.check.errors import ProblemError, demand
 from lockstep.check.sampled.controller import PRECISIONS
 from lockstep.check.system.formation import measured_offsets
 from lockstep.codegen.emission.one_image import OneImage, Table
+from lockstep.codegen.manifest import digest_of
 from lockstep.codegen.message_claims import said_of_messages
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.codegen.spec import (
@@ -170,8 +169,7 @@ def _messages(stored: Stored) -> MessageLimits | None:
 
 def fingerprint(stored: Stored) -> str:
     """Return the SHA-256 of a design file's content, whatever the order of its keys."""
-    text = json.dumps(stored.document(), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-    return hashlib.sha256(text.encode()).hexdigest()
+    return digest_of(stored.document())
 
 
 def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:

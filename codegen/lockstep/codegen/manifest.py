@@ -265,7 +265,8 @@ class Manifest(_Record):
 
     def sealed(self) -> "Manifest":
         """The same manifest with its digest."""
-        return self.model_copy(update={"digest": _digest(self._plain())})
+        content = {key: value for key, value in self._plain().items() if key != "digest"}
+        return self.model_copy(update={"digest": digest_of(content)})
 
     def text(self) -> str:
         """The JSON text of the file."""
@@ -283,8 +284,8 @@ def sha256(content: str | bytes) -> str:
     return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
 
 
-def _digest(plain: Mapping[str, Any]) -> str:
-    content = {key: value for key, value in plain.items() if key != "digest"}
+def digest_of(content: Mapping[str, Any]) -> str:
+    """SHA-256 of a JSON object, whatever the order of its keys."""
     return sha256(json.dumps(content, sort_keys=True, ensure_ascii=False, separators=(",", ":")))
 
 

@@ -123,17 +123,15 @@ def _run(run: Trajectory, units: dict[str, str]) -> Iterator[Drawing]:
 
 def _spectrum(spectrum: Spectrum, agent: str, rho: float | None) -> Iterator[Drawing]:
     unstable = sum(bool((poles.real >= 0).any()) for poles in spectrum.controllers if len(poles))
-    caption = "Poles of each controller by itself; the loop has too many states for its own to be drawn here."
+    said = "Poles of each controller by itself; the loop has too many states for its own to be drawn here."
     rightmost = ""
     if spectrum.abscissa is not None:
-        caption = (
-            "Poles of the loop and of each controller by itself; the shaded half of the plane is unstable."
-        )
+        said = "Poles of the loop and of each controller by itself; the shaded half of the plane is unstable."
         rightmost = f", the rightmost with the real part {spectrum.abscissa:.4g} per second"
     yield _drawing(
         "poles",
         poles_figure(spectrum, agent),
-        caption,
+        said,
         f"{len(spectrum.loop)} poles of the loop{rightmost};"
         f" controllers that are unstable by themselves: {unstable} of {len(spectrum.controllers)}.",
     )
