@@ -91,16 +91,19 @@ def check_known(
 ) -> None:
     """Refuse a name that is none of the known ones; remedy: what to do where it is near to none of them."""
     for name in given:
-        found, expected = f"`{shorten(name)}` is unknown", shorten(", ".join(known), 120)
-        demand(name in known, found, where, expected, nearest(name, known) or remedy(name))
+        if name not in known:
+            found, expected = f"`{shorten(name)}` is unknown", shorten(", ".join(known), 120)
+            close = nearest(name, known) or remedy(name)
+            raise ProblemError(found, where=where, expected=expected, remedy=close)
 
 
 def check_formulas(states: Sequence[str], dynamics: Mapping[str, str]) -> None:
     """One equation per state, and none without a state."""
     where, unknown = "[agent.dynamics]", [name for name in dynamics if name not in states]
     for state in states:
-        found, expected = f"no equation for the state `{state}`", f'{state} = "its time derivative"'
-        demand(state in dynamics, found, where, expected, nearest(state, unknown))
+        if state not in dynamics:
+            found, expected = f"no equation for the state `{state}`", f'{state} = "its time derivative"'
+            raise ProblemError(found, where=where, expected=expected, remedy=nearest(state, unknown))
     if unknown:
         close, one = nearest(unknown[0], states), shorten(unknown[0])
         remedy = f'{close}{" " if close else ""}if it is a state, add "{one}" to `states`'

@@ -52,8 +52,9 @@ def _variant(common: Agent, table: AgentTable, k: int, parameters: Mapping[str, 
     where = f"[network] parameters, entry {k}"
     expected = shorten(", ".join(table.parameters), 120) or "names from [agent] parameters"
     for name in parameters:
-        found, remedy = f"`{shorten(name)}` is no parameter of the agent", nearest(name, table.parameters)
-        demand(name in table.parameters, found, where, expected, remedy)
+        if name not in table.parameters:
+            found, remedy = f"`{shorten(name)}` is no parameter of the agent", nearest(name, table.parameters)
+            raise ProblemError(found, where=where, expected=expected, remedy=remedy)
     if not parameters:
         return common
     try:
