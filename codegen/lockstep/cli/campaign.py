@@ -48,11 +48,9 @@ def table_of(found: "Campaign") -> RenderableType:
     """Return a campaign's figures for people."""
     document = found.document()
     covered, worst = document["covered"], document["worst_ratio"]
-    judged = (
-        f"all {covered} runs that the certificate covers are below it"
-        if not document["above"]
-        else f"{document['above']} of {covered} runs that the certificate covers are ABOVE it"
-    )
+    judged = f"all {covered} runs that the certificate covers are below it"
+    if document["above"]:
+        judged = f"{document['above']} of {covered} runs that the certificate covers are ABOVE it"
     shown = "infinite" if worst is None else f"{worst:.4f}"
     speed = f"{document['runs_per_second']:.0f} runs/s" if document["computed"] else "nothing was left to run"
     rows = {

@@ -75,12 +75,18 @@ LARGEST_SEED = 2**63 - 1
 MOST_RUNS = 2**31 - 1
 """Runs are counted in a machine word."""
 
+
+def _flag(name: str, says: str) -> Any:
+    """Return an option that is there or is not."""
+    return typer.Option(name, help=says)
+
+
 _option = partial(typer.Option, show_default=False)
 _output = partial(_option, "-o", "--output")
 
 _IMAGE = "One image for all nodes, their neighbours given at run time; or C for each agent."
 
-Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
+Json = Annotated[bool, _flag("--json", "One JSON object on standard output.")]
 ProblemFile = Annotated[
     Path, typer.Argument(metavar="PROBLEM", help="A problem file (TOML).", show_default=False)
 ]
@@ -103,13 +109,11 @@ TimeLimit = Annotated[
     _option(min=0.01, help="Seconds to search; then the best so far: other machines get others."),
 ]
 
-Fresh = Annotated[
-    bool, typer.Option("--fresh", help="Search anew, even if the same problem was solved before.")
-]
+Fresh = Annotated[bool, _flag("--fresh", "Search anew, even if the same problem was solved before.")]
 
 
 @app.callback(invoke_without_command=True)
-def _version(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+def _version(version: Annotated[bool, _flag("--version", "Print the version.")] = False) -> None:
     if version:
         from importlib.metadata import version as installed
 
@@ -138,10 +142,10 @@ def check(
         int | None, _option(min=1, help="Boxes for the proof of the bound; then the best enclosure so far.")
     ] = None,
     every: Annotated[
-        bool, typer.Option("--all", help="Also equilibria, sectors, passivity, contraction, ranks and units.")
+        bool, _flag("--all", "Also equilibria, sectors, passivity, contraction, ranks and units.")
     ] = False,
     messages: Annotated[
-        bool, typer.Option("--messages", help="Of a design: which losses and delays it carries.")
+        bool, _flag("--messages", "Of a design: which losses and delays it carries.")
     ] = False,
     json: Json = False,
 ) -> None:
@@ -203,16 +207,16 @@ def generate(
     output: Folder,
     optimize: Annotated[str, typer.Option(help='"speed" unrolls, "size" loops over a table.')] = "speed",
     pil: Annotated[
-        bool, typer.Option("--pil", help="Test vectors and a runner for any board, for `verify --from`.")
+        bool, _flag("--pil", "Test vectors and a runner for any board, for `verify --from`.")
     ] = False,
-    fmu: Annotated[bool, typer.Option("--fmu", help="FMI 3.0 co-simulation units.")] = False,
-    rust: Annotated[bool, typer.Option("--rust", help="A Rust crate over the C.")] = False,
-    arduino: Annotated[bool, typer.Option("--arduino", help="A library in Arduino's layout.")] = False,
+    fmu: Annotated[bool, _flag("--fmu", "FMI 3.0 co-simulation units.")] = False,
+    rust: Annotated[bool, _flag("--rust", "A Rust crate over the C.")] = False,
+    arduino: Annotated[bool, _flag("--arduino", "A library in Arduino's layout.")] = False,
     messages: Annotated[
-        bool, typer.Option("--messages", help="The message layer: stamped differences, refusals counted.")
+        bool, _flag("--messages", "The message layer: stamped differences, refusals counted.")
     ] = False,
-    dbc: Annotated[bool, typer.Option("--dbc", help="The messages as a DBC, for CAN FD.")] = False,
-    fixed: Annotated[bool, typer.Option("--fixed", help="Controllers in integers, certified too.")] = False,
+    dbc: Annotated[bool, _flag("--dbc", "The messages as a DBC, for CAN FD.")] = False,
+    fixed: Annotated[bool, _flag("--fixed", "Controllers in integers, certified too.")] = False,
     name: Annotated[str, typer.Option(help="The CMake target's and the umbrella header's name.")] = "",
     prefix: Annotated[
         str, typer.Option(help="Put before the agents' names: two designs fit one program.")
@@ -243,7 +247,7 @@ def verify(
         typer.Option(help="host, sanitizers or a core; may be repeated.", show_default="all of them"),
     ] = None,
     run_changed: Annotated[
-        bool, typer.Option("--run-changed", help="Compile and run files that were changed, too.")
+        bool, _flag("--run-changed", "Compile and run files that were changed, too.")
     ] = False,
     log: Annotated[
         Path | None, _option("--from", metavar="LOG", help="Compare a board's log of pil/ instead.")
@@ -292,9 +296,7 @@ def simulate(
     send_on_change: Annotated[
         float | None, _option(min=0.0, metavar="C", help="Send where an output has changed by more than C.")
     ] = None,
-    plot: Annotated[
-        bool, typer.Option("--plot", help="Plot in the terminal; into files: `--figures`.")
-    ] = False,
+    plot: Annotated[bool, _flag("--plot", "Plot in the terminal; into files: `--figures`.")] = False,
     figures: Annotated[
         Path | None, _option(help="Draw the run as PNG and PDF in this folder.", metavar="DIR")
     ] = None,
@@ -330,9 +332,7 @@ def simulate(
 def build(
     problem: ProblemFile,
     output: Folder,
-    trade_off: Annotated[
-        bool, typer.Option("--trade-off", help="Show what rho costs in the report.")
-    ] = False,
+    trade_off: Annotated[bool, _flag("--trade-off", "Show what rho costs in the report.")] = False,
     against: Against = None,
     time_limit: TimeLimit = None,
     jobs: Jobs = None,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rich.console import RenderableType
 from rich.markdown import Markdown
 
-from lockstep.check.errors import ProblemError, demand
+from lockstep.check.errors import demand
 from lockstep.cli.console import Answer, progress_display, table
 
 if TYPE_CHECKING:
@@ -24,12 +24,10 @@ def run(names: Sequence[str], output: Path | None, figures: Path | None) -> Answ
     expected = "Lockstep's source, which holds it in the folder studies/"
     remedy = "in a checkout, run `pip install -e .`, then `lockstep reproduce`"
     demand(find_spec("amini") is not None, found, COMMAND, expected, remedy)
-    if figures is not None and (names or output is not None):
-        found = "`--figures` is given with claims or a page"
-        raise ProblemError(found, where=COMMAND, expected="`--figures` alone: it settles no claims")
-    if names and output is not None:
-        found, expected = "some claims are named, and a page is to be written", "names or `-o`, not both"
-        raise ProblemError(found, where=COMMAND, expected=f"{expected}: the page holds all claims")
+    found, expected = "`--figures` is given with claims or a page", "`--figures` alone: it settles no claims"
+    demand(figures is None or not (names or output), found, COMMAND, expected)
+    found = "some claims are named, and a page is to be written"
+    demand(not names or output is None, found, COMMAND, "names or `-o`, not both: the page holds all claims")
     return _claims(names, output) if figures is None else _section_4(figures)
 
 

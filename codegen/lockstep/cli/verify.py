@@ -26,25 +26,20 @@ def run(folder: Path, **options: Any) -> Answer:
 
 def table_of(report: "VerifyReport") -> RenderableType:
     """Return the targets as a table; a dash is what was not measured. How many steps each took stands below it."""
+    from lockstep.verification.verify import most_of
+
     headings = ("target", "bitwise", "instr/step", "code B", "RAM B", "stack B")
     rows, reasons = list[tuple[str | Text, ...]](), []
     for target in report.targets:
-        said = (
-            "skipped" if target.skipped else "failed" if target.error else "equal" if target.bitwise else "NO"
-        )
+        equal = "equal" if target.bitwise else "NO"
+        said = "skipped" if target.skipped else "failed" if target.error else equal
         cells = (target.instructions_per_step, target.text_bytes, target.ram_bytes, target.stack_bytes)
         if why := target.skipped or target.error:
             reasons.append(f"{target.name}: {said}, {why}")
         numbers = ["-" if cell is None else str(cell) for cell in cells]
         rows.append((Text(target.name), said, *numbers))
         if fixed := target.fixed:
-            most = [
-                max((c for c in column if c is not None), default=None)
-                for column in zip(
-                    *((one.instructions_per_step, one.text_bytes, one.ram_bytes) for one in fixed),
-                    strict=True,
-                )
-            ]
+            most = [most_of(fixed, figure) for figure in ("instructions_per_step", "text_bytes", "ram_bytes")]
             equal = "equal" if all(one.bitwise for one in fixed) else "NO"
             measured = ["-" if cell is None else str(cell) for cell in (*most, None)]
             rows.append((Text("  in integers"), equal, *measured))

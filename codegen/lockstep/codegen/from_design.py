@@ -1,7 +1,5 @@
 """From a design file to the specification of the C: controllers, Laplacian rows, and the datasheet's figures."""
 
-import hashlib
-import json
 import math
 
 import numpy as np
@@ -11,6 +9,7 @@ from lockstep.check.errors import ProblemError, demand
 from lockstep.check.sampled.controller import PRECISIONS
 from lockstep.check.system.formation import measured_offsets
 from lockstep.codegen.emission.one_image import OneImage, Table
+from lockstep.codegen.manifest import digest_of
 from lockstep.codegen.message_claims import said_of_messages
 from lockstep.codegen.sampled_design import sampled_controllers
 from lockstep.codegen.spec import (
@@ -114,11 +113,9 @@ def specification(
 
 def formats_of(claims: FixedClaims) -> FixedFormats:
     """Return the formats of the controllers in integers, and what is claimed of them in words."""
-    rho = (
-        f"{claims.rho:g}, and {_two_digits(claims.rho_rounding)} from rounding"
-        if claims.rho
-        else "not proved"
-    )
+    rho = "not proved"
+    if claims.rho:
+        rho = f"{claims.rho:g}, and {_two_digits(claims.rho_rounding)} from rounding"
     radius = "not proved" if claims.radius is None else f"{claims.radius:g}"
     residual, per_error = (
         _two_digits(one) for one in (claims.residual_from_rounding, claims.residual_per_message_error)
@@ -172,8 +169,7 @@ def _messages(stored: Stored) -> MessageLimits | None:
 
 def fingerprint(stored: Stored) -> str:
     """Return the SHA-256 of a design file's content, whatever the order of its keys."""
-    text = json.dumps(stored.document(), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-    return hashlib.sha256(text.encode()).hexdigest()
+    return digest_of(stored.document())
 
 
 def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
@@ -215,18 +211,16 @@ def _limits(stored: Stored) -> dict[str, str | None]:
     timely = ", every message in time" if problem.messages is not None else ""
     timely += ", while every agent stays in its domain" if stored.claims.scope != "global" else ""
     rest = f"controllers at rest, no disturbance{timely}"
-    found = {
-        "limits": f"{sides} for ever from a disagreement of at most {claims.radius:g}, {rest}"
-        if claims.radius is not None
-        else None,
-        "limits_gain": f"{sides} for ever from agreement, under a disturbance of at most {claims.limits_gain:g} in L2{timely}"
-        if claims.limits_gain is not None
-        else None,
-        "clipped": f"from a disagreement of at most {claims.clipped_radius:g} all come to agree with u clipped, {rest}"
-        if claims.clipped_radius is not None
-        else None,
-    }
-    return {key: said for key, said in found.items() if said is not None or key == "limits"}
+    found: dict[str, str | None] = {"limits": None}
+    if claims.radius is not None:
+        found["limits"] = f"{sides} for ever from a disagreement of at most {claims.radius:g}, {rest}"
+    if claims.limits_gain is not None:
+        pushed = f"under a disturbance of at most {claims.limits_gain:g} in L2"
+        found["limits_gain"] = f"{sides} for ever from agreement, {pushed}{timely}"
+    if claims.clipped_radius is not None:
+        reach = f"from a disagreement of at most {claims.clipped_radius:g}"
+        found["clipped"] = f"{reach} all come to agree with u clipped, {rest}"
+    return found
 
 
 def _formation(stored: Stored) -> dict[str, str]:
@@ -271,11 +265,8 @@ def _alone(stored: Stored) -> str | None:
     if len(tables) >= MANY and all(np.array_equal(one, tables[0]) for one in tables):
         tables = tables[:1]
     sizes = ", ".join(f"{np.abs(np.linalg.eigvals(A_C)).max():.3f}" for A_C in tables)
-    said = (
-        "each is stable by itself, which is proved"
-        if stored.claims.controllers_stable
-        else "not proved stable"
-    )
+    proved = stored.claims.controllers_stable
+    said = "each is stable by itself, which is proved" if proved else "not proved stable"
     return f"{said}; largest |eigenvalue| per step, by agent: {sizes}"
 
 

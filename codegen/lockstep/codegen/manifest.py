@@ -66,15 +66,12 @@ class Coefficients(_Record):
             raise ProblemError(f"not a matrix of numbers ({error})", where=where) from None
         if 0 in shape:
             exact, decimal = (M.reshape(shape) if M.size == 0 else M for M in (exact, decimal))
-        if exact.shape != shape or decimal.shape != shape:
-            raise ProblemError(f"the shape is {exact.shape}", where=where, expected=str(shape))
+        same_shape = exact.shape == decimal.shape == shape
+        demand(same_shape, f"the shape is {exact.shape}", where, str(shape))
         rounded = real.round(exact, where)
-        if (rounded != exact).any() or (real.round(decimal, where) != rounded).any():
-            raise ProblemError(
-                "decimal and hexadecimal disagree, or are no exact " + real.name,
-                where=where,
-                remedy="generate the folder again",
-            )
+        same = (rounded == exact).all() and (real.round(decimal, where) == rounded).all()
+        found = f"decimal and hexadecimal disagree, or are no exact {real.name}"
+        demand(same, found, where, remedy="generate the folder again")
         return rounded
 
 
@@ -145,13 +142,8 @@ class AgentEntry(_Record):
         Raises:
             ProblemError: not one row for each, or no numbers of the type.
         """
-        if self.offsets is None:
-            return None
-        rows, where = np.array(self.offsets, dtype=np.float64), f"{FILE_NAME}, agent `{self.name}`, offsets"
-        rounded, shape = real.round(rows, where), (1 + len(self.neighbours), len(self.outputs))
-        expected = f"{shape[0]} x {shape[1]} numbers of {real.name}"
-        demand(rows.shape == shape and (rounded == rows).all(), f"{rows.tolist()}", where, expected)
-        return rounded
+        rows, columns = 1 + len(self.neighbours), len(self.outputs)
+        return self._matrix("offsets", (rows, columns), f"{rows} x {columns} numbers", real)
 
     def sides(self, real: RealType) -> Float[np.ndarray, "m 2"] | None:
         """Where u is clipped, in the target type; None where it is not.
@@ -159,12 +151,17 @@ class AgentEntry(_Record):
         Raises:
             ProblemError: not one pair for each input, or no numbers of the type.
         """
-        if self.limits is None:
+        return self._matrix("limits", (len(self.inputs), 2), f"{len(self.inputs)} pairs", real)
+
+    def _matrix(
+        self, name: str, shape: tuple[int, int], said: str, real: RealType
+    ) -> Float[np.ndarray, "rows cols"] | None:
+        given, where = getattr(self, name), f"{FILE_NAME}, agent `{self.name}`, {name}"
+        if given is None:
             return None
-        sides, where = np.array(self.limits, dtype=np.float64), f"{FILE_NAME}, agent `{self.name}`, limits"
-        rounded = real.round(sides, where)
-        count, expected = len(self.inputs), f"{len(self.inputs)} pairs of {real.name}"
-        demand(sides.shape == (count, 2) and (rounded == sides).all(), f"{sides.tolist()}", where, expected)
+        rows = np.array(given, dtype=np.float64)
+        rounded, expected = real.round(rows, where), f"{said} of {real.name}"
+        demand(rows.shape == shape and (rounded == rows).all(), f"{rows.tolist()}", where, expected)
         return rounded
 
     def table(self, real: RealType) -> Float[np.ndarray, "nc+m nc+q"]:
@@ -268,7 +265,8 @@ class Manifest(_Record):
 
     def sealed(self) -> "Manifest":
         """The same manifest with its digest."""
-        return self.model_copy(update={"digest": _digest(self._plain())})
+        content = {key: value for key, value in self._plain().items() if key != "digest"}
+        return self.model_copy(update={"digest": digest_of(content)})
 
     def text(self) -> str:
         """The JSON text of the file."""
@@ -286,8 +284,8 @@ def sha256(content: str | bytes) -> str:
     return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
 
 
-def _digest(plain: Mapping[str, Any]) -> str:
-    content = {key: value for key, value in plain.items() if key != "digest"}
+def digest_of(content: Mapping[str, Any]) -> str:
+    """SHA-256 of a JSON object, whatever the order of its keys."""
     return sha256(json.dumps(content, sort_keys=True, ensure_ascii=False, separators=(",", ":")))
 
 
@@ -304,12 +302,9 @@ def load_manifest(directory: Path | str) -> Manifest:
         manifest = Manifest.model_validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise ProblemError(
-            f"{first['msg']}{f' at `{place}`' if place else ''}",
-            where=str(path),
-            remedy="generate the folder again",
-        ) from None
+        place = ".".join(map(str, first["loc"]))
+        found = f"{first['msg']} at `{place}`" if place else first["msg"]
+        raise ProblemError(found, where=str(path), remedy="generate the folder again") from None
     for name in (manifest.name, *units(manifest)[len(manifest.agents) :]):
         check_identifier(name, str(path))
     for agent in manifest.agents:

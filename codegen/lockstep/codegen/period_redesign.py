@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lockstep.check.continuous.inequality import Certificate
+from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.continuous.initial_set import InitialSet
 from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.design_file.proofs import Proofs
@@ -33,7 +33,7 @@ from lockstep.lmi.sampled.synthesis.gains_for_period import StartingGains
 from lockstep.lmi.sampled.witnesses import plant_in_doubles
 from lockstep.lmi.search.stopping import Stop
 from lockstep.lmi.threads import one_thread
-from lockstep.model.problem import Problem
+from lockstep.model.network import Network
 
 NEAR = 1.05
 """A sampled loop whose rho is above the continuous one by more is designed for its period."""
@@ -86,7 +86,7 @@ def _shipped(
     kept = with_sampled(stored, held)
     if kept.claims.sampled.certified and lacks_messages(kept):
         return for_messages(kept, tell, stop)
-    asked = is_asked(stored.problem) or not kept.claims.sampled.certified
+    asked = stored.problem.design.for_period or not kept.claims.sampled.certified
     enough = NEAR * min([stored.claims.rho or np.inf, *(one.rho for one in others)])
     if not asked and (kept.claims.sampled.rho or np.inf) <= enough:
         return kept
@@ -107,11 +107,6 @@ def _shipped(
         except Infeasible as error:
             found = str(error)
     return with_sampled(stored, held, **{NOT_FOR_PERIOD: found}) if asked else kept
-
-
-def is_asked(problem: Problem) -> bool:
-    """Tell whether the problem asks for it: `[design] for_period = true`."""
-    return problem.design.for_period
 
 
 def obstacle(stored: Stored) -> str | None:
@@ -213,14 +208,8 @@ def _searched(stored: Stored, tell: Tell, others: Sequence[StartingGains]) -> tu
 def _continuous(stored: Stored, gains: Gains) -> tuple[Certificate, Guarantees]:
     """Prove the new gains in continuous time, with what else the problem asks for."""
     from lockstep.lmi.analysis.rounding import prove
-    from lockstep.lmi.design import claim_of
-    from lockstep.lmi.stored_bound import bound_again
-    from lockstep.model.assembly import network_of
 
-    problem = stored.problem
-    bound = bound_again(stored).or_raise()
-    claim = replace(claim_of(problem, bound), alpha=stored.claims.alpha)
-    network = network_of(problem, bound)
+    problem, (network, claim) = stored.problem, _posed(stored)
     try:
         c = prove(network, gains, claim, rho=problem.design.rho)
         return c, guarantees(problem, network, gains, claim, modal=False)
@@ -230,22 +219,28 @@ def _continuous(stored: Stored, gains: Gains) -> tuple[Certificate, Guarantees]:
 
 def _placed(made: Stored) -> Stored:
     """Return a design file with the initial states that its own certificate proves; those of another say nothing."""
-    from lockstep.lmi.design import claim_of
     from lockstep.lmi.initial_set_design import largest_initial_states
-    from lockstep.lmi.stored_bound import bound_again
-    from lockstep.model.assembly import network_of
 
     certificate = made.proofs.certificate
     if made.claims.scope != "local" or certificate is None:
         return replace(made, claims=replace(made.claims, initial_set=None))
-    bound = bound_again(made).or_raise()
-    claim = replace(claim_of(made.problem, bound), alpha=made.claims.alpha)
-    given = network_of(made.problem, bound), made.gains, claim, certificate
-    initial, own = largest_initial_states(*given, made.problem.leader)
+    network, claim = _posed(made)
+    initial, own = largest_initial_states(network, made.gains, claim, certificate, made.problem.leader)
     proved = initial if isinstance(initial, InitialSet) else None
     proofs = replace(made.proofs, initial_set=own)
     remarks = {**made.info, "initial_set": initial.remarks()}
     return replace(made, claims=replace(made.claims, initial_set=proved), proofs=proofs, info=remarks)
+
+
+def _posed(stored: Stored) -> tuple[Network, Claim]:
+    """Return the network of a design and what is claimed of it, its bound proved anew."""
+    from lockstep.lmi.design import claim_of
+    from lockstep.lmi.stored_bound import bound_again
+    from lockstep.model.assembly import network_of
+
+    bound = bound_again(stored).or_raise()
+    claim = replace(claim_of(stored.problem, bound), alpha=stored.claims.alpha)
+    return network_of(stored.problem, bound), claim
 
 
 def _abscissa(proved: Stored) -> float:

@@ -106,7 +106,8 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     period, delay = stored.problem.controller.period, stored.problem.controller.delay
     try:
         if splits(stored) and (stored.problem.messages is None or stored.problem.spectrum is not None):
-            return _mode_by_mode(stored)
+            modes = prove_modes_of(stored, _sector(stored))
+            return HeldVerdict(modes.verdict, modes.longest, modes.rho)
         network = sampled_network(stored)
         controllers = sampled_controllers(stored, period)
     except (BoundNotProved, ProblemError) as error:
@@ -159,11 +160,6 @@ def with_limits(made: Stored, stated: Stored | None = None) -> Stored:
     sampled = replace(made.claims.sampled, radius=reach, limits_gain=root, clipped_radius=clipped)
     proofs = replace(made.proofs, radius=of_reach, limits_gain=of_root, clipped=of_clipped)
     return replace(made, claims=replace(made.claims, sampled=sampled), proofs=proofs)
-
-
-def _mode_by_mode(stored: Stored) -> HeldVerdict:
-    modes = prove_modes_of(stored, _sector(stored))
-    return HeldVerdict(modes.verdict, modes.longest, modes.rho)
 
 
 def prove_agreement(stored: Stored) -> tuple[SampledNetwork, tuple[HeldController, ...], SampledVerdict]:

@@ -132,9 +132,9 @@ class Controller:
         object.__setattr__(self, "outputs", _signals(self.outputs, q, "y", f"{where}, outputs"))
         object.__setattr__(self, "inputs", _signals(self.inputs, m, "u", f"{where}, inputs"))
         limits = np.array(self.limits, dtype=np.float64).reshape(-1, 2)
-        if len(limits) not in (0, m) or not ((limits[:, 0] <= -LEAST) & (limits[:, 1] >= LEAST)).all():
-            expected = f"{m} ranges around 0, at least from -{LEAST:g} to {LEAST:g}"
-            raise ProblemError(f"{limits.tolist()}", where=f"{where}, limits", expected=expected)
+        around = len(limits) in (0, m) and ((limits[:, 0] <= -LEAST) & (limits[:, 1] >= LEAST)).all()
+        expected = f"{m} ranges around 0, at least from -{LEAST:g} to {LEAST:g}"
+        demand(around, f"{limits.tolist()}", f"{where}, limits", expected)
         object.__setattr__(self, "limits", limits if np.isfinite(limits).any() else np.zeros((0, 2)))
 
         if self.offsets is not None:
@@ -276,13 +276,10 @@ class CodegenSpec:
         by_name = {agent.name: agent for agent in self.agents}
         for agent in self.agents:
             for neighbour in agent.neighbours:
-                source = by_name.get(neighbour.source)
-                if source and len(source.D[0]) != len(agent.D[0]):
-                    raise ProblemError(
-                        f"`{source.name}` has {len(source.D[0])} outputs, `{agent.name}` {len(agent.D[0])}",
-                        where=f"controller `{agent.name}`",
-                        expected="as many: y_i - y_j is formed",
-                    )
+                source = by_name.get(neighbour.source, agent)
+                count, own = len(source.D[0]), len(agent.D[0])
+                found = f"`{source.name}` has {count} outputs, `{agent.name}` {own}"
+                demand(count == own, found, f"controller `{agent.name}`", "as many: y_i - y_j is formed")
 
     def _check_plants(self) -> None:
         if not self.plants:
@@ -293,10 +290,9 @@ class CodegenSpec:
         for agent, plant in zip(self.agents, self.plants, strict=True):
             found = "inputs or outputs differ from the controller's"
             demand((plant.B.shape[1], plant.C.shape[0]) == agent.D.shape, found, f"plant of `{agent.name}`")
-            if missing := [n.source for n in agent.neighbours if n.source not in names]:
-                raise ProblemError(
-                    f"the source `{missing[0]}` is no agent", where=f"controller `{agent.name}`"
-                )
+            for source in (n.source for n in agent.neighbours):
+                found = f"the source `{source}` is no agent"
+                demand(source in names, found, f"controller `{agent.name}`")
 
 
 def _choice(value: str, allowed: tuple[str, ...], where: str) -> None:

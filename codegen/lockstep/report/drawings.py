@@ -80,11 +80,9 @@ def _graph(graph: Graph) -> Drawing:
     ]
     more = len(told) - MOST_EDGES_TOLD
     listed = "; ".join(told[:MOST_EDGES_TOLD]) + (f"; and {more} more" if more > 0 else "")
-    drawn = (
-        "Arrows run the way messages go: listener ← source."
-        if len(graph.edges) <= figures.MOST_ARROWS
-        else "With this many edges, their direction is left out."
-    )
+    drawn = "Arrows run the way messages go: listener ← source."
+    if len(graph.edges) > figures.MOST_ARROWS:
+        drawn = "With this many edges, their direction is left out."
     return _drawing(
         "graph",
         figures.graph_figure(graph),
@@ -125,17 +123,15 @@ def _run(run: Trajectory, units: dict[str, str]) -> Iterator[Drawing]:
 
 def _spectrum(spectrum: Spectrum, agent: str, rho: float | None) -> Iterator[Drawing]:
     unstable = sum(bool((poles.real >= 0).any()) for poles in spectrum.controllers if len(poles))
-    rightmost = (
-        ""
-        if spectrum.abscissa is None
-        else f", the rightmost with the real part {spectrum.abscissa:.4g} per second"
-    )
+    said = "Poles of each controller by itself; the loop has too many states for its own to be drawn here."
+    rightmost = ""
+    if spectrum.abscissa is not None:
+        said = "Poles of the loop and of each controller by itself; the shaded half of the plane is unstable."
+        rightmost = f", the rightmost with the real part {spectrum.abscissa:.4g} per second"
     yield _drawing(
         "poles",
         poles_figure(spectrum, agent),
-        "Poles of the loop and of each controller by itself; the shaded half of the plane is unstable."
-        if len(spectrum.loop)
-        else "Poles of each controller by itself; the loop has too many states for its own to be drawn here.",
+        said,
         f"{len(spectrum.loop)} poles of the loop{rightmost};"
         f" controllers that are unstable by themselves: {unstable} of {len(spectrum.controllers)}.",
     )

@@ -154,11 +154,9 @@ def run_figure(
 
 
 @styled
-def phase_figure(
-    trajectory: "Trajectory", states: tuple[str, str] | None = None, units: Mapping[str, str] | None = None
-) -> "Figure":
+def phase_figure(trajectory: "Trajectory", units: Mapping[str, str] | None = None) -> "Figure":
     """Draw two states of every agent against each other, by default the first two; a dot where each begins."""
-    names = states or (trajectory.state_names * 2)[:2]
+    names = (trajectory.state_names * 2)[:2]
     figure, (axes,) = panels(1, 2.6, rows=_rows(trajectory))
     first, second = (trajectory.x[:, :, trajectory.state_names.index(name)] for name in names)
     for i in range(trajectory.N):

@@ -34,7 +34,7 @@ def equation(left: Markup, text: str) -> Markup:
     >>> equation(derivative("v"), "-2*v + u").count("<math>")
     3
     """
-    terms = list(_terms(_tree(text)))
+    terms = list(_terms(ast.parse(text.strip(), mode="eval").body))
     parts = [_math(left + _op("="))]
     for k, (minus, term) in enumerate(terms):
         parts.append(_math(_sign(minus, k) + _node(term, _PRODUCT)))
@@ -69,10 +69,6 @@ def symbol(name: str, around: Markup = _PLAIN) -> Markup:
 def inline(name: str) -> Markup:
     """Return a name as a formula of its own."""
     return _math(symbol(name))
-
-
-def _tree(text: str) -> ast.expr:
-    return ast.parse(text.strip(), mode="eval").body
 
 
 def _terms(node: ast.expr, minus: bool = False) -> Iterator[tuple[bool, ast.expr]]:

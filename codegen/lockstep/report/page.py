@@ -18,6 +18,7 @@ from lockstep.report.guarantee_lines import lines_of
 from lockstep.report.poles import Spectrum
 from lockstep.report.report_data import Facts
 from lockstep.report.style import DARK, LIGHT, shades
+from lockstep.verification.verify import most_of
 
 MOST_AGENTS = 12
 """Agents with a row or a section of their own; of more, the files tell."""
@@ -132,15 +133,8 @@ def _disturbance(facts: Facts) -> str:
 
 def _target(target: Any) -> dict[str, Any]:
     """A target's row; of a compiler's message only what comes before its details, which name places on a machine."""
-    said = (
-        "skipped"
-        if target.skipped
-        else "failed"
-        if target.error
-        else "equal"
-        if target.bitwise
-        else "NOT EQUAL"
-    )
+    equal = "equal" if target.bitwise else "NOT EQUAL"
+    said = "skipped" if target.skipped else "failed" if target.error else equal
     why = (target.skipped or target.error).partition(" (")[0].partition("\n")[0]
     return {"row": target, "said": said, "why": why}
 
@@ -157,10 +151,7 @@ def _cores(facts: Facts) -> list[dict[str, Any]]:
                 "flash": max(agent.flash_budget_bytes[group] for agent in facts.manifest.agents),
                 "instructions": max(agent.instruction_budget[group] for agent in facts.manifest.agents),
                 "measured": {
-                    key: max(
-                        (value for t in measured if (value := getattr(t, key)) is not None), default=None
-                    )
-                    for key in ("stack_bytes", "text_bytes", "most_instructions")
+                    key: most_of(measured, key) for key in ("stack_bytes", "text_bytes", "most_instructions")
                 },
             }
         )

@@ -12,35 +12,27 @@ from typing import Any, ParamSpec, TypeVar
 P = ParamSpec("P")
 T = TypeVar("T")
 
-LIGHT: Mapping[str, str] = {
-    "ink": "#1c2128",
-    "soft": "#59636e",
-    "grid": "#d5dae0",
-    "paper": "#fefefe",
-    "series-1": "#0b5cad",
-    "series-2": "#b93a06",
-    "series-3": "#13753a",
-    "series-4": "#7b26c9",
-    "series-5": "#0d6b86",
-    "series-6": "#b01657",
-    "series-7": "#7d4a0b",
-    "series-8": "#4d5560",
+SHADES: Mapping[str, tuple[str, str]] = {
+    "ink": ("#1c2128", "#e8ecf1"),
+    "soft": ("#59636e", "#a6b0bb"),
+    "grid": ("#d5dae0", "#37404a"),
+    "paper": ("#fefefe", "#12161b"),
+    "series-1": ("#0b5cad", "#74b8ff"),
+    "series-2": ("#b93a06", "#ffa06b"),
+    "series-3": ("#13753a", "#63d48f"),
+    "series-4": ("#7b26c9", "#cda6ff"),
+    "series-5": ("#0d6b86", "#57d0e0"),
+    "series-6": ("#b01657", "#ff8fc0"),
+    "series-7": ("#7d4a0b", "#e3b768"),
+    "series-8": ("#4d5560", "#b3bcc6"),
 }
-DARK: Mapping[str, str] = {
-    "ink": "#e8ecf1",
-    "soft": "#a6b0bb",
-    "grid": "#37404a",
-    "paper": "#12161b",
-    "series-1": "#74b8ff",
-    "series-2": "#ffa06b",
-    "series-3": "#63d48f",
-    "series-4": "#cda6ff",
-    "series-5": "#57d0e0",
-    "series-6": "#ff8fc0",
-    "series-7": "#e3b768",
-    "series-8": "#b3bcc6",
-}
-"""Each shade has a contrast of 4.5 or more against its paper, but the grid, which carries no information."""
+"""Each colour's light shade, and its dark one.
+
+Each has a contrast of 4.5 or more against its paper, but the grid, which carries no information.
+"""
+
+LIGHT = {name: light for name, (light, _) in SHADES.items()}
+DARK = {name: dark for name, (_, dark) in SHADES.items()}
 
 SERIES = tuple(name for name in LIGHT if name.startswith("series-"))
 DASHES: tuple[Any, ...] = (

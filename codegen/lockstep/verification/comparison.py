@@ -25,19 +25,17 @@ class Difference:
 def compare(found: Trace | NodeTrace, expected: Trace | NodeTrace) -> Difference:
     """Compare all parts as bytes: -0 is not 0, and the counters and statuses count too."""
     differs = np.zeros(len(expected.status), bool)
-    first: tuple[int, str] | None = None
+    earliest, first = len(differs), ""
     for part in fields(expected):
         ours, theirs = getattr(expected, part.name), getattr(found, part.name)
         unequal = _bytes(ours) != _bytes(theirs)
         rows = unequal.any(axis=1)
         differs |= rows
-        if rows.any() and (first is None or int(rows.argmax()) < first[0]):
-            k = int(rows.argmax())
-            first = (
-                k,
-                f"call {k}: {part.name} is {theirs[k].tolist()}, the reference has {ours[k].tolist()}",
-            )
-    return Difference(int(differs.sum()), first[1] if first else "", _max_abs_error(found, expected))
+        k = int(rows.argmax()) if rows.any() else earliest
+        if k < earliest:
+            earliest = k
+            first = f"call {k}: {part.name} is {theirs[k].tolist()}, the reference has {ours[k].tolist()}"
+    return Difference(int(differs.sum()), first, _max_abs_error(found, expected))
 
 
 def _bytes(array: np.ndarray) -> np.ndarray:

@@ -65,19 +65,10 @@ def compile_objects(
 ) -> list[Path]:
     """Compile each source to an object in `directory`, every warning an error; raises `ClaimError`."""
     objects = []
+    compiling = [*compiler.command, *WARNINGS, *flags, f"-I{include}", f"-I{directory}", "-c"]
     for source in sources:
         target = directory / f"{source.stem}.o"
-        command = [
-            *compiler.command,
-            *WARNINGS,
-            *flags,
-            f"-I{include}",
-            f"-I{directory}",
-            "-c",
-            str(source),
-            "-o",
-            str(target),
-        ]
+        command = [*compiling, str(source), "-o", str(target)]
         run(command, directory, f"compiling {source.name}", COMPILE_SECONDS)
         objects.append(target)
     return objects
@@ -125,35 +116,21 @@ def drive(
 ) -> Iterator[tuple[bytes, int]]:
     """Link a driver, run it once per agent on its number of calls and its arrays: what it wrote, and `sizeof` the state."""
     program = directory / "driver"
-    run(
-        [*compiler.command, *flags, *map(str, objects), "-o", str(program)],
-        directory,
-        "linking",
-        COMPILE_SECONDS,
-    )
+    linking = [*compiler.command, *flags, *map(str, objects), "-o", str(program)]
+    run(linking, directory, "linking", COMPILE_SECONDS)
     for index, (name, (count, arrays)) in enumerate(zip(names, given, strict=True)):
         asked, taken = directory / "calls.bin", directory / "trace.bin"
         asked.write_bytes(b"".join(arrays))
-        run(
-            [str(program), str(index), str(count), str(asked), str(taken)],
-            directory,
-            f"running {name}",
-            RUN_SECONDS,
-        )
+        command = [str(program), str(index), str(count), str(asked), str(taken)]
+        run(command, directory, f"running {name}", RUN_SECONDS)
         blob = taken.read_bytes()
         yield blob[4:], int(np.frombuffer(blob[:4], np.uint32)[0])
 
 
 def inputs(calls: Calls) -> list[bytes]:
     """The arrays that the harness reads, in its order."""
-    arrays = (
-        calls.operation.astype(np.uint32),
-        calls.received.astype(np.uint64),
-        calls.y,
-        calls.neighbour_y,
-        calls.r,
-    )
-    return [np.ascontiguousarray(array).tobytes() for array in arrays]
+    words = calls.operation.astype(np.uint32), calls.received.astype(np.uint64)
+    return [np.ascontiguousarray(one).tobytes() for one in (*words, calls.y, calls.neighbour_y, calls.r)]
 
 
 def output_arrays(

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Float, Int, UInt
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import demand
 from lockstep.codegen.emission.calls import (
     APPLIED,
     RESET,
@@ -150,12 +150,9 @@ def given_outputs(
     stacked = isinstance(stimulus, np.ndarray) and stimulus.ndim == 3
     each = [np.asarray(y) for y in (np.moveaxis(np.asarray(stimulus), 1, 0) if stacked else stimulus)]
     wanted = [len(agent.outputs) for agent in manifest.agents]
-    if [y.shape[1:] for y in each] != [(q,) for q in wanted] or min(len(y) for y in each) < steps:
-        raise ProblemError(
-            f"the shapes are {[y.shape for y in each]}",
-            where="stimulus",
-            expected=f"at least {steps} rows and {wanted} columns, one array per agent",
-        )
+    fits = [y.shape[1:] for y in each] == [(q,) for q in wanted] and min(len(y) for y in each) >= steps
+    expected = f"at least {steps} rows and {wanted} columns, one array per agent"
+    demand(fits, f"the shapes are {[y.shape for y in each]}", "stimulus", expected)
     return [y[:steps].astype(manifest.real_type.dtype) for y in each]
 
 
@@ -182,13 +179,7 @@ def fault_calls(manifest: Manifest, agent: AgentEntry) -> Calls:
     silent = 2 * (len(place) + np.arange(len(heard))) + 1
     wave[silent, place[heard]] = value[heard]
     arrived[silent, (place[heard] - q) // q] = False
-    return Calls(
-        operation,
-        _mask(arrived),
-        wave[:, :q].copy(),
-        wave[:, q : q + nn * q].reshape(S, nn, q).copy(),
-        wave[:, q + nn * q :].copy(),
-    )
+    return _calls_of(operation, _mask(arrived), wave, nn)
 
 
 def limit_calls(manifest: Manifest, agent: AgentEntry) -> Calls:
@@ -226,17 +217,18 @@ def adversarial_calls(manifest: Manifest, agent: AgentEntry, steps: int) -> Call
     operation = random.choice(kinds, steps, p=[0.685, 0.2, 0.01, 0.1, 0.005])
     arrived = random.random((steps, nn)) < random.choice([0.0, 0.5, 0.9, 1.0], (steps, 1))
     mask = _mask(arrived)
-    if nn < 32:
-        mask |= (random.integers(0, 2, steps).astype(np.uint64)) << np.uint64(
-            31
-        )  # a bit beyond the neighbours
-    return Calls(
-        operation.astype(np.uint32),
-        mask,
-        values[:, :q].copy(),
-        values[:, q : q + nn * q].reshape(steps, nn, q).copy(),
-        values[:, q + nn * q :].copy(),
-    )
+    if nn < 32:  # a bit beyond the neighbours
+        mask |= random.integers(0, 2, steps).astype(np.uint64) << np.uint64(31)
+    return _calls_of(operation.astype(np.uint32), mask, values, nn)
+
+
+def _calls_of(
+    operation: UInt[np.ndarray, " S"], mask: UInt[np.ndarray, " S"], values: np.ndarray, nn: int
+) -> Calls:
+    """Return the calls whose values are, row by row, those of y, of each message and of r."""
+    rows = values.reshape(len(values), 2 + nn, values.shape[1] // (2 + nn))
+    y, messages, r = np.split(rows, [1, 1 + nn], axis=1)
+    return Calls(operation, mask, y[:, 0].copy(), messages.copy(), r[:, 0].copy())
 
 
 def _adversarial_values(random: np.random.Generator, steps: int, width: int, dtype: np.dtype) -> np.ndarray:

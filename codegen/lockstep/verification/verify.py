@@ -5,7 +5,7 @@ Everything else happens in temporary directories.
 """
 
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,12 @@ from lockstep.verification.stimulus import (
     recorded_outputs,
     run_reference,
 )
+
+FIGURES = (
+    *("max_abs_error", "instructions_per_step", "text_bytes", "ram_bytes"),
+    *("stack_bytes", "most_instructions"),
+)
+"""Of an agent on a target; of the target the largest."""
 
 INTEGERS = 2000
 """Calls of each kind of the controllers in integers, all of them with every instruction counted, at the most."""
@@ -284,12 +290,7 @@ def _target_result(
         name,
         all(r.bitwise for r in results),
         *steps,
-        max_abs_error=max(r.max_abs_error for r in results),
-        instructions_per_step=_most([r.instructions_per_step for r in results]),
-        text_bytes=_most([r.text_bytes for r in results]),
-        ram_bytes=_most([r.ram_bytes for r in results]),
-        stack_bytes=_most([r.stack_bytes for r in results]),
-        most_instructions=_most([r.most_instructions for r in results]),
+        **{figure: most_of(results, figure) for figure in FIGURES},
         core=core,
         agents=tuple(results),
     )
@@ -310,9 +311,9 @@ def _agent_result(agent: AgentEntry, run: Run, difference: Difference) -> AgentR
     )
 
 
-def _most(values: Sequence[int | None]) -> int | None:
-    known = [value for value in values if value is not None]
-    return max(known) if known else None
+def most_of(results: Iterable[object], figure: str) -> Any:
+    """Return the largest of a figure over results; None where none of them has it."""
+    return max((x for one in results if (x := getattr(one, figure)) is not None), default=None)
 
 
 def _problems(results: Sequence[TargetResult], changed: Sequence[str], manifest: Manifest) -> Iterator[str]:
@@ -326,22 +327,24 @@ def _problems(results: Sequence[TargetResult], changed: Sequence[str], manifest:
         if result.error:
             yield f"{result.name}: {result.error}"
         for node in result.nodes:
-            if not node.bitwise:
-                calls = f"with its messages differs in {node.differing_calls} calls"
-                yield f"{result.name}: {node.agent} {calls}; {node.first_difference}"
+            yield from _difference(result, node, "with its messages ")
         for one in result.fixed:
-            if not one.bitwise:
-                calls = f"in integers differs in {one.differing_calls} calls"
-                yield f"{result.name}: {one.agent} {calls}; {one.first_difference}"
+            yield from _difference(result, one, "in integers ")
             most = (stated[one.agent].integer_instruction_budget or {}).get(result.core)
             if most is not None and (one.instructions_per_step or 0) > most:
                 excess = f"takes {one.instructions_per_step} instructions in a step, its header says at most {most}"
                 yield f"{result.name}: {one.agent} in integers {excess}"
         for found in result.agents:
-            if not found.bitwise:
-                calls = f"differs in {found.differing_calls} calls"
-                yield f"{result.name}: {found.agent} {calls}; {found.first_difference}"
+            yield from _difference(result, found)
             yield from _broken_promises(result, found, stated[found.agent])
+
+
+def _difference(
+    target: TargetResult, found: AgentResult | NodeResult | FixedResult, how: str = ""
+) -> Iterator[str]:
+    if not found.bitwise:
+        calls = f"{how}differs in {found.differing_calls} calls"
+        yield f"{target.name}: {found.agent} {calls}; {found.first_difference}"
 
 
 def _broken_promises(target: TargetResult, found: AgentResult, stated: AgentEntry) -> Iterator[str]:

@@ -132,11 +132,8 @@ def generated_files(
 
     demand(optimize in ("speed", "size"), f"`--optimize` is {optimize!r}", "", '"speed" or "size"')
     if one_image and exports:
-        raise ProblemError(
-            f"one image, and `--{min(exports)}`",
-            where="lockstep generate",
-            expected="one or the other: the exports are for agents with neighbours of their own",
-        )
+        expected = "one or the other: the exports are for agents with neighbours of their own"
+        raise ProblemError(f"one image, and `--{min(exports)}`", where="lockstep generate", expected=expected)
     for option, given in (("--max-neighbours", max_neighbours is not None), ("--table", table != "none")):
         if given and not one_image:
             raise ProblemError(f"`{option}` with `--per-agent`", where="lockstep generate")

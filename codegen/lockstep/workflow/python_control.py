@@ -199,21 +199,13 @@ class Analysis:
         claims, poles = self.stored.claims, self.loop().closed().poles()
         radius, period = float(max(abs(poles), default=0.0)), problem.controller.period
         slowest = "never" if radius >= 1 else f"in {-period / np.log(radius):.3g} s" if radius else "at once"
-        heard = "; ".join(f"{agent.name}{a} hears {agent.name}{b}" for a, b, _ in edges[:6]) + (
-            "; ..." if edges[6:] else ""
-        )
-        continuous = (
-            "is not claimed to agree"
-            if not claims.certified
-            else (
-                "is claimed to agree for every nonlinearity with the slope bound"
-                + (
-                    ""
-                    if claims.rho is None
-                    else f"; disturbances reach the disagreement with a gain of at most {claims.rho:.4g}"
-                )
-            )
-        )
+        hearing = [f"{agent.name}{a} hears {agent.name}{b}" for a, b, _ in edges[:6]]
+        heard = "; ".join([*hearing, "..."] if edges[6:] else hearing)
+        continuous = "is not claimed to agree"
+        if claims.certified:
+            continuous = "is claimed to agree for every nonlinearity with the slope bound"
+            if claims.rho is not None:
+                continuous += f"; disturbances reach the disagreement with a gain of at most {claims.rho:.4g}"
         rho = "" if sampled.rho is None else f", with a gain of at most {sampled.rho:.4g}"
         held = f"are claimed to hold too{rho}" if sampled.certified else "are not claimed to hold"
         return "\n".join(

@@ -124,11 +124,8 @@ def _designed(
     problem.validate()
     where, expected = "--time-limit", "a number of seconds above 0"
     demand(time_limit is None or time_limit > 0, f"{time_limit} s", where, expected)
-    given, expected = (
-        'a time limit is given for method "modal"',
-        'method = "certified", whose search can be cut',
-    )
-    remedy = "lower [design] starts instead"
+    given, remedy = 'a time limit is given for method "modal"', "lower [design] starts instead"
+    expected = 'method = "certified", whose search can be cut'
     demand(time_limit is None or problem.design.method != "modal", given, where, expected, remedy)
     tell("proving the bound of the nonlinearity", 0.0)
     bound = proved_bound(problem)

@@ -84,9 +84,8 @@ def certify(stored: Stored, path: Path | None = None) -> Decided:
     complete = with_bound_proof(stored)
     if path is not None and complete is stored:
         return Decided(stored, checker.certify(path).verdicts)
-    content = complete.document() | {
-        "problem": plain(stored.problem.document())
-    }  # with the gains that it gives, if any
+    problem = plain(stored.problem.document())  # with the gains that it gives, if any
+    content = complete.document() | {"problem": problem}
     file = parse(content, "the design", ProblemTables.from_document)
     folder = path if path is not None and path.is_dir() else None
     return Decided(stored, checker.certified(file, folder).verdicts)

@@ -57,13 +57,11 @@ def file_of(design: Proposal) -> Stored:
         None if decay is None else decay[0],
         design.guarantees.stable,
     )
-    graph = design.problem.membership
-    remarks = {} if graph is None else {"graph": graph.document()}
-    info = (
-        {"figures": design.figures}
-        | remarks
-        | ({} if initial is None else {"initial_set": initial.remarks()})
-    )
+    info, graph = {"figures": design.figures}, design.problem.membership
+    if graph is not None:
+        info["graph"] = graph.document()
+    if initial is not None:
+        info["initial_set"] = initial.remarks()
     bound, own = _bound_proof(design.problem, claims), design.initial_and_proof[1]
     proofs = Proofs(c, None if decay is None else decay[1], floor, bound=bound, initial_set=own)
     return Stored(design.problem, design.gains, claims, proofs, info)
@@ -161,14 +159,8 @@ def messages_answer(stored: Stored, *, certified: bool) -> dict[str, Any]:
     claims, asked = stored.claims.messages, stored.problem.messages
     if claims is not None and certified:
         alike = claims.messages.alike(len(stored.problem.graph().edges))
-        return {
-            "messages": {
-                "certified": True,
-                "proof": "ball",
-                **message_claims_document(claims),
-                "alike": alike,
-            }
-        }
+        proved = {"certified": True, "proof": "ball", **message_claims_document(claims), "alike": alike}
+        return {"messages": proved}
     if asked is None:
         return {}
     said = {"reason": "nothing is proved of it", **_table(stored.info, "messages")}

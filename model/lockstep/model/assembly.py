@@ -94,9 +94,6 @@ def bound_with_scales(
     alpha: float,
     scales: tuple[Sequence[float], Sequence[float]],
     entries: Sequence[Entry] = (),
-    *,
-    boxes: int = BOXES,
-    progress: Report | None = None,
 ) -> Bound:
     """Return alpha as a proved bound with given scales (D_w, D_v), those of a bound that was proved before.
 
@@ -117,11 +114,10 @@ def bound_with_scales(
     True
     """
     (D_w, D_v), phi, box = scales, agent.exact.phi, agent.argument_box
-    found = prove_bound(phi, box, alpha, input_scale=D_v, output_scale=D_w, boxes=boxes, progress=progress)
-    proved = _decided(found, alpha)
+    proved = _decided(prove_bound(phi, box, alpha, input_scale=D_v, output_scale=D_w), alpha)
     if not entries:
         return proved
-    budget = Budget(min(boxes, MOST_BOXES))
+    budget = Budget(min(BOXES, MOST_BOXES))
     problem = SlopeProblem.of(phi, box).scaled(D_w, D_v)
     verdict = decide_entries(problem, entries, budget)
     if not verdict.proved:
@@ -223,12 +219,8 @@ def _decided(bound: Bound, alpha: float) -> Bound:
     figures: dict[str, Any] = {"alpha": alpha, "lower": bound.lower, "boxes": bound.boxes}
     if bound.witness is not None:
         figures |= {"witness": list(bound.witness.v), "time": bound.witness.t}
-    what = (
-        "does not bound the nonlinearity"
-        if bound.refuted
-        else "could not be proved to bound the nonlinearity"
-    )
-    raise BoundNotProved(f"[design] alpha = {alpha:g} {what}: {bound.reason}", **figures)
+    what = "does not bound" if bound.refuted else "could not be proved to bound"
+    raise BoundNotProved(f"[design] alpha = {alpha:g} {what} the nonlinearity: {bound.reason}", **figures)
 
 
 def _undecided(bound: Bound) -> BoundNotProved:

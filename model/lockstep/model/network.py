@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError, demand
+from lockstep.check.errors import demand
 from lockstep.check.numbers import exactly
 from lockstep.check.system.disagreement import Coordinates
 from lockstep.check.system.loop import Gains, Loop, Plant
@@ -127,13 +127,10 @@ class Network:
         demand((len(D_w), len(D_v)) == (G.shape[1], H.shape[0]), found, "network scales", expected)
         w, v = exactly(np.array(D_w, dtype=float)), exactly(np.array(D_v, dtype=float))
         plant = self.plant
-        if (exactly(plant.G) != exactly(G) * w).any() or (exactly(plant.H) * v[:, None] != exactly(H)).any():
-            raise ProblemError(
-                "G D_w or D_v^-1 H is no matrix of doubles",
-                where="network scales",
-                expected="scales that leave both exact",
-                remedy="take them from assembly.bound_of",
-            )
+        same_G, same_H = exactly(plant.G) == exactly(G) * w, exactly(plant.H) * v[:, None] == exactly(H)
+        found, expected = "G D_w or D_v^-1 H is no matrix of doubles", "scales that leave both exact"
+        remedy = "take them from assembly.bound_of"
+        demand(same_G.all() and same_H.all(), found, "network scales", expected, remedy)
 
     def drift(self) -> ca.Function:
         """Return (x, t) -> A x + G phi(H x, t) + offset(t): one agent without input or disturbance."""

@@ -1,39 +1,52 @@
 """What the templates of the C need to know of one agent, its comments aside."""
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.c_source.kernel import Shape
+from lockstep.codegen.arithmetic import RealType
+from lockstep.codegen.bounds import bounds
+from lockstep.codegen.budget import Extent
+from lockstep.codegen.emission.kernel import Kernel
+from lockstep.codegen.spec import Controller, Optimize
 
 
-def agent_view(
-    name: str,
-    shape: Shape,
-    M: Float[np.ndarray, "rows cols"],
-    weights: Float[np.ndarray, " nn"],
-    *,
-    statements: Sequence[str],
-    table: Sequence[Sequence[str]],
-    weight_literals: Sequence[str],
-    limit_literals: Sequence[Sequence[str]] = (),
-    offset_literals: Sequence[Sequence[str]] = (),
-) -> dict[str, Any]:
-    """Return the view.
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """One controller ready for printing: its table [A B; C D], weights, limits (m x 2, or none), offsets, in its type."""
 
-    Args:
-        name: prefix of the C.
-        shape: nc, q, m, nn.
-        M: [A B; C D] in the target type;  weights: a_j.
-        statements: of the unrolled kernel;  table, weight_literals, limit_literals: M, a_j and, where u is clipped, its
-            lowest and highest values as C literals.
-        offset_literals: of a formation: c of this agent's outputs, then of each neighbour's.
-    """
+    controller: Controller
+    table: np.ndarray
+    weights: np.ndarray
+    kernel: Kernel
+    limits: np.ndarray
+    offsets: np.ndarray | None
+
+    def bounds(self, real: RealType, optimize: Optimize) -> dict[str, dict[str, int]]:
+        """What the header bounds, per core."""
+        return bounds(Extent(self.shape, bool(len(self.limits)), self.offsets is not None), real, optimize)
+
+    @property
+    def shape(self) -> Shape:
+        """nc, q, m, nn."""
+        inputs, outputs = self.controller.D.shape
+        return Shape(self.controller.order, outputs, inputs, len(self.controller.neighbours))
+
+
+def agent_view(agent: Sampled, real: RealType) -> dict[str, Any]:
+    """Return the view: numbers as C literals of the target type."""
+
+    def literals(rows: Float[np.ndarray, "rows cols"]) -> list[list[str]]:
+        return [[real.literal(v) for v in row] for row in rows]
+
+    name, M, shape = agent.controller.name, agent.table, agent.shape
     n, m, nn = shape.order, shape.inputs, shape.neighbours
     mask_bits = 32 if nn <= 32 else 64
     parts = {"x": M[:, :n], "r": M[:, n:]}
+    offsets = [] if agent.offsets is None else literals(agent.offsets)
     return {
         "name": name,
         "NAME": name.upper(),
@@ -45,15 +58,15 @@ def agent_view(
         "columns": n + shape.outputs,
         "mask_bits": mask_bits,
         "all_received": f"0x{2**nn - 1:x}u" + ("ll" if mask_bits == 64 else ""),
-        "weights": weight_literals,
-        "unit_weights": bool((weights == 1).all()),
-        "table": table,
-        "limits": bool(limit_literals),
-        "lower": [low for low, _ in limit_literals],
-        "upper": [high for _, high in limit_literals],
-        "offsets": [c for row in offset_literals for c in row] if nn else [],
-        "offset_rows": [[c.rstrip("f") for c in row] for row in offset_literals],
-        "statements": statements,
+        "weights": [real.literal(w) for w in agent.weights],
+        "unit_weights": bool((agent.weights == 1).all()),
+        "table": literals(M),
+        "limits": bool(len(agent.limits)),
+        "lower": [low for low, _ in literals(agent.limits)],
+        "upper": [high for _, high in literals(agent.limits)],
+        "offsets": [c for row in offsets for c in row] if nn else [],
+        "offset_rows": [[c.rstrip("f") for c in row] for row in offsets],
+        "statements": agent.kernel.statements,
         "unread": [letter for letter, part in parts.items() if part.shape[1] and not part.any()],
         "checked": _checked(M, n),
     }

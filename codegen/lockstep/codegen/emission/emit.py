@@ -6,19 +6,17 @@ Pure and deterministic to the byte: no dates, no paths, no versions of tools. Ga
 
 import unicodedata
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from lockstep.check.c_source.kernel import Shape
 from lockstep.check.c_source.reader import ANSWERS
 from lockstep.check.sampled.discretise import SampledGains, clipped_at, discretise
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.bounds import bounds, by_core, integer_budgets
-from lockstep.codegen.budget import Extent, state_bytes
-from lockstep.codegen.emission.agent_view import agent_view
-from lockstep.codegen.emission.kernel import Kernel, straight_line
+from lockstep.codegen.bounds import by_core, integer_budgets
+from lockstep.codegen.budget import state_bytes
+from lockstep.codegen.emission.agent_view import Sampled, agent_view
+from lockstep.codegen.emission.kernel import straight_line
 from lockstep.codegen.emission.known_answers import SCALE, known_answers
 from lockstep.codegen.emission.one_image import OneImage, node_bytes, node_view, table_files
 from lockstep.codegen.emission.rendering import render
@@ -38,6 +36,7 @@ from lockstep.codegen.manifest import (
     Named,
     NeighbourEntry,
     PlantEntry,
+    Rows,
     sha256,
 )
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Optimize
@@ -53,28 +52,6 @@ ORDER_OF_SUMS = (
     "rows of [A B; C D] times (x, r) from left to right, from +0 where zero terms are kept; "
     "r = 0 + a_1 (y - y_1) + a_2 (y - y_2) + ..."
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Sampled:
-    """One controller ready for printing: its table [A B; C D], weights, limits (m x 2, or none), offsets, in its type."""
-
-    controller: Controller
-    table: np.ndarray
-    weights: np.ndarray
-    kernel: Kernel
-    limits: np.ndarray
-    offsets: np.ndarray | None
-
-    def bounds(self, real: RealType, optimize: Optimize) -> dict[str, dict[str, int]]:
-        """What the header bounds, per core."""
-        return bounds(Extent(self.shape, bool(len(self.limits)), self.offsets is not None), real, optimize)
-
-    @property
-    def shape(self) -> Shape:
-        """nc, q, m, nn."""
-        inputs, outputs = self.controller.D.shape
-        return Shape(self.controller.order, outputs, inputs, len(self.controller.neighbours))
 
 
 def emit(spec: CodegenSpec) -> dict[str, str]:
@@ -190,23 +167,10 @@ def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
 def _agent_context(agent: Sampled, real: RealType, optimize: Optimize) -> dict[str, Any]:
     """What the templates need: the C's own view, and what its comments say."""
     controller, M, shape = agent.controller, agent.table, agent.shape
-    view = agent_view(
-        controller.name,
-        shape,
-        M,
-        agent.weights,
-        statements=agent.kernel.statements,
-        table=[[real.literal(v) for v in row] for row in M],
-        weight_literals=[real.literal(w) for w in agent.weights],
-        limit_literals=[[real.literal(side) for side in row] for row in agent.limits],
-        offset_literals=[]
-        if agent.offsets is None
-        else [[real.literal(c) for c in row] for row in agent.offsets],
-    )
     known = known_answers(shape, M, agent.weights, optimize == "speed", controller.name, agent.limits)
-    view |= {"given": [real.literal(v) for v in known.given.ravel()]}
-    view |= {"known": [real.literal(v) for v in known.answers.ravel()]}
-    return view | {
+    return agent_view(agent, real) | {
+        "given": [real.literal(v) for v in known.given.ravel()],
+        "known": [real.literal(v) for v in known.answers.ravel()],
         "answers": ANSWERS,
         "outputs": [{"name": plain(s.name), "unit": plain(s.unit)} for s in controller.outputs],
         "inputs": [{"name": plain(s.name), "unit": plain(s.unit)} for s in controller.inputs],
@@ -290,13 +254,14 @@ def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None, spe
         integer_instruction_budget=None if spec.fixed is None else integer_budgets(shape),
         limits=_rows(agent.limits) if len(agent.limits) else None,
         offsets=None if agent.offsets is None else _rows(agent.offsets),
-        plant=None
-        if plant is None
-        else PlantEntry(
-            A=_rows(plant.A), B=_rows(plant.B), C=_rows(plant.C), x0=tuple(float(v) for v in plant.x0)
-        ),
+        plant=None if plant is None else _plant_record(plant),
     )
 
 
-def _rows(M: np.ndarray) -> tuple[tuple[float, ...], ...]:
+def _plant_record(plant: LinearPlant) -> PlantEntry:
+    x0 = tuple(float(v) for v in plant.x0)
+    return PlantEntry(A=_rows(plant.A), B=_rows(plant.B), C=_rows(plant.C), x0=x0)
+
+
+def _rows(M: np.ndarray) -> Rows:
     return tuple(tuple(float(v) for v in row) for row in M)

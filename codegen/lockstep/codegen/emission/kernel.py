@@ -12,6 +12,8 @@ with zero terms skipped. The simplifications CasADi makes here are exact in IEEE
 """
 
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 from typing import Any
 
 import casadi as ca
@@ -40,12 +42,7 @@ def kernel_function(M: Float[np.ndarray, "rows cols"], order: int) -> ca.Functio
 
 def _row(coefficients: np.ndarray, z: list[ca.SX]) -> ca.SX:
     terms = [float(a) * v for a, v in zip(coefficients, z, strict=True) if a != 0]
-    if not terms:
-        return ca.SX(0)
-    total = terms[0]
-    for term in terms[1:]:
-        total = total + term
-    return total
+    return reduce(add, terms) if terms else ca.SX(0)
 
 
 _BINARY = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}

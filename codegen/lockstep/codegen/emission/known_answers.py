@@ -8,7 +8,7 @@ from the specification alone is the same on every machine: no random generator, 
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
 
 import numpy as np
 
@@ -77,19 +77,16 @@ def known_answers(
     """
     given = _candidates(shape, table, weights, seed)
     with np.errstate(all="ignore"):
-        exact = _run(_AS_WRITTEN, shape, table, weights, skip, given, None)
+        run = partial(_run, shape, table, weights, skip, given)
+        exact = run(_AS_WRITTEN)
         for _ in range(_HALVINGS):
             if _within(exact, shape, limits):
                 break
             given[1:] /= 2
-            exact = _run(_AS_WRITTEN, shape, table, weights, skip, given, None)
-        fits = np.isfinite(exact).all(axis=(0, 1)) & np.isfinite(exact[0] * exact.dtype.type(SCALE)).all(
-            axis=0
-        )
-        shown = {
-            name: _bits(_run(v, shape, table, weights, skip, given, exact)) != _bits(exact)
-            for name, v in VARIATIONS.items()
-        }
+            exact = run(_AS_WRITTEN)
+        scaled = exact[0] * exact.dtype.type(SCALE)
+        fits = np.isfinite(exact).all(axis=(0, 1)) & np.isfinite(scaled).all(axis=0)
+        shown = {name: _bits(run(v, exact)) != _bits(exact) for name, v in VARIATIONS.items()}
         count = sum(differs.any(axis=0).sum(axis=0) for differs in shown.values())
     best = int(np.argmax(np.where(fits, count, -1)))
     names = tuple(name for name, differs in shown.items() if differs[:, :, best].any())
@@ -123,13 +120,13 @@ def _candidates(shape: Shape, table: np.ndarray, weights: np.ndarray, seed: str)
 
 
 def _run(
-    v: Variation,
     shape: Shape,
     table: np.ndarray,
     weights: np.ndarray,
     skip: bool,
     given: np.ndarray,
-    exact: np.ndarray | None,
+    v: Variation,
+    exact: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return (x+, u) after each step, answers x (nc + m) x candidates; each starts from the exact state before it."""
     found = np.zeros((ANSWERS, len(table), given.shape[2]), table.dtype)
@@ -142,7 +139,7 @@ def _run(
         z = np.concatenate([x, r])
         for i, row in enumerate(table):
             terms = [
-                (np.broadcast_to(a, z[j].shape), z[j]) for j, a in enumerate(row) if not (skip and a == 0)
+                (np.broadcast_to(a, s.shape), s) for a, s in zip(row, z, strict=True) if a != 0 or not skip
             ]
             if not skip:
                 terms.insert(0, (np.zeros_like(z[0]), np.zeros_like(z[0])))  # the loop starts from +0
@@ -182,18 +179,15 @@ def _product(a: np.ndarray, b: np.ndarray) -> Pair:
     return p, ((ah * bh - p) + ah * bl + al * bh) + al * bl
 
 
-def _fused(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Return a b + c rounded once, but for ties."""
-    p, e = _product(a, b)
-    s, f = _sum(p, c)
+def _fused(total: np.ndarray, factors: Pair) -> np.ndarray:
+    """Return the total plus a product, rounded once, but for ties."""
+    p, e = _product(*factors)
+    s, f = _sum(p, total)
     return np.asarray(s + (e + f))
 
 
 def _left(v: Variation, terms: Sequence[Pair]) -> np.ndarray:
-    total = v.multiply(*terms[0])
-    for term in terms[1:]:
-        total = v.add(total, v.multiply(*term))
-    return total
+    return reduce(v.add, (v.multiply(*term) for term in terms))
 
 
 def _reversed(v: Variation, terms: Sequence[Pair]) -> np.ndarray:
@@ -208,19 +202,13 @@ def _halves(v: Variation, terms: Sequence[Pair]) -> np.ndarray:
 
 
 def _contracted(v: Variation, terms: Sequence[Pair]) -> np.ndarray:
-    total = v.multiply(*terms[0])
-    for term in terms[1:]:
-        total = _fused(*term, total)
-    return total
+    return reduce(_fused, terms[1:], v.multiply(*terms[0]))
 
 
 def _contracted_first(v: Variation, terms: Sequence[Pair]) -> np.ndarray:
     if len(terms) < 2:
         return _left(v, terms)
-    total = _fused(*terms[0], v.multiply(*terms[1]))
-    for term in terms[2:]:
-        total = _fused(*term, total)
-    return total
+    return reduce(_fused, terms[2:], _fused(v.multiply(*terms[1]), terms[0]))
 
 
 def _wide(v: Variation, terms: Sequence[Pair]) -> np.ndarray:

@@ -6,7 +6,7 @@ A compiler or CMake may read any file of a folder in place of one that was prove
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 
 from lockstep.check.c_source.one_image import read_node
@@ -111,19 +111,19 @@ def refusals(folder: Path, manifest: Manifest) -> list[str]:
     known = sorted({*agents, *(one.source for agent in manifest.agents for one in agent.neighbours)})
     try:
         for name in agents:
-            header, source = (
-                as_text(read_inside(folder, path), path) for path in (f"include/{name}.h", f"src/{name}.c")
-            )
+            header, source = _header_and_source(folder, name)
             read = read_controller(name, header, source, known)
         if manifest.image is not None:
             node = manifest.image.name
-            pair = (
-                as_text(read_inside(folder, path), path) for path in (f"include/{node}.h", f"src/{node}.c")
-            )
-            read_node(node, agents, read, *pair)
+            read_node(node, agents, read, *_header_and_source(folder, node))
     except NotCertified as error:
         return [str(error)]
     return []
+
+
+def _header_and_source(folder: Path, name: str) -> Iterator[str]:
+    for path in (f"include/{name}.h", f"src/{name}.c"):
+        yield as_text(read_inside(folder, path), path)
 
 
 def differs(folder: Path, files: Mapping[str, str]) -> list[str]:

@@ -65,11 +65,8 @@ def check_replaceable(target: Path) -> None:
     demand(FILE_NAME in present, found, str(target), remedy="name an empty or a new folder")
     foreign = sorted(present - _written(target) - {FILE_NAME})
     if foreign:
-        raise ProblemError(
-            f"the folder also holds `{foreign[0]}`, which Lockstep did not write",
-            where=str(target),
-            remedy="move it away, or name another folder",
-        )
+        found = f"the folder also holds `{foreign[0]}`, which Lockstep did not write"
+        raise ProblemError(found, where=str(target), remedy="move it away, or name another folder")
 
 
 def _written(target: Path) -> set[str]:

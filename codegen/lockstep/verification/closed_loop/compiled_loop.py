@@ -97,11 +97,8 @@ def compiled_controllers(
     folder = Path(folder)
     manifest = load_manifest(folder)
     if refused := refusals(folder, manifest):
-        raise ProblemError(
-            refused[0],
-            where=str(folder),
-            remedy="generate the folder again: changed C is not run inside this process",
-        )
+        remedy = "generate the folder again: changed C is not run inside this process"
+        raise ProblemError(refused[0], where=str(folder), remedy=remedy)
     with tempfile.TemporaryDirectory(prefix="lockstep-") as temporary:
         chosen = compiler or first_compiler("the compiled controllers")
         library = _library(manifest, folder, chosen, flags, Path(temporary))

@@ -87,16 +87,13 @@ def link_image(
     """Link for the emulator's memory; `bare` leaves the compiler's library out."""
     script, image = directory / "image.ld", directory / "image.elf"
     script.write_text(render("image.ld.j2", entry=entry, code=CODE, data=DATA), encoding="utf-8")
-    link = [*compiler.command, *machine_flags(core, compiler), "-O2", *_library_flags(compiler, bare)]
+    link = [*compiler.command, *machine_flags(core, compiler), "-O2"]
+    # zig leaves its library out when told so; gcc gets none but the one named.
+    link += ["-nostdlib"] if bare or not compiler.is_zig else []
     link += ["-Wl,--build-id=none", "-T", str(script), *map(str, objects)]
     link += ["-o", str(image)] if compiler.is_zig or bare else ["-lgcc", "-o", str(image)]
     run(link, directory, f"linking for {core.title}", COMPILE_SECONDS)
     return image
-
-
-def _library_flags(compiler: Compiler, bare: bool) -> tuple[str, ...]:
-    """zig leaves its library out when told so; gcc gets none but the one named."""
-    return ("-nostdlib",) if bare or not compiler.is_zig else ()
 
 
 def check_calls(object_file: Path, real: Real, core: Core, own: str = "") -> None:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from lockstep.model.network import Network
     from lockstep.model.simulation import SampledControllers, Scenario, Trajectory
     from lockstep.model.simulation.from_problem import Changes
+    from lockstep.model.simulation.integrate import Method
     from lockstep.model.simulation.send_on_change import SendOnChange
     from lockstep.swarm.neighbours import EdgeList, NeighbourLists
     from lockstep.verification.closed_loop.measured_gain import Kind, Measured
@@ -190,13 +191,13 @@ def simulate(
         ProblemError: bad input, or an output that cannot be written.
     """
     from lockstep.model.simulation import simulate as run
+    from lockstep.model.simulation.from_problem import Changes
     from lockstep.model.simulation.send_on_change import SendOnChange
     from lockstep.verification.closed_loop.measured_gain import measured, network_of_design, promise
     from lockstep.workflow.runs.swarm import is_large, simulate_large
 
-    kind, changes = _checked(
-        controllers, horizon, seed, disturbance, perturbation, integrator, send_on_change
-    )
+    kind, method = _checked(controllers or "sampled", integrator)
+    changes = Changes(horizon, seed, disturbance, method, perturbation, send_on_change)
     written, drawn = (None if one is None else Path(one) for one in (output, figures))
     check_writable(written, None if isinstance(design, Design) else Path(design))
     if drawn is not None:
@@ -259,23 +260,12 @@ def _drawn(trajectory: "Trajectory", stored: "Stored") -> dict[str, bytes]:
     return {f"{name}.{end}": way(figure, name) for name, figure in figures.items() for end, way in ways}
 
 
-def _checked(
-    controllers: str | None,
-    horizon: float | None,
-    seed: int | None,
-    disturbance: str | None,
-    perturbation: str | None,
-    integrator: str,
-    change: float | None,
-) -> "tuple[Kind, Changes]":
-    from lockstep.model.simulation.from_problem import Changes
+def _checked(controllers: str, integrator: str) -> "tuple[Kind, Method]":
     from lockstep.model.simulation.integrate import Method
 
-    kind = controllers or "sampled"
-    demand(kind in KINDS, f"`{kind}`", "--controllers", " or ".join(KINDS))
+    demand(controllers in KINDS, f"`{controllers}`", "--controllers", " or ".join(KINDS))
     demand(integrator in get_args(Method), f"`{integrator}`", "--integrator", " or ".join(get_args(Method)))
-    method: Any = integrator
-    return kind, Changes(horizon, seed, disturbance, method, perturbation, change)  # type: ignore[return-value]
+    return controllers, integrator  # type: ignore[return-value]
 
 
 def _scenario(stored: "Stored", network: "Network", kind: "Kind", changes: "Changes") -> "Scenario":

@@ -53,9 +53,7 @@ def _about_faults(options: Options, many: Many) -> ProblemError | None:
     if many.faults is None:
         return None
     if many.campaign is None:
-        return ProblemError(
-            "`--faults` without `--campaign`", where=COMMAND, expected="`--campaign N` beside it"
-        )
+        return _without_campaign("--faults")
     if many.scheduler is not None:
         return _both("--scheduler", "--faults", "a campaign of faults runs on this machine")
     if options.controllers == "continuous":
@@ -70,11 +68,7 @@ def _about_workers(many: Many) -> ProblemError | None:
             continue
         if many.replay is not None:
             return _both(name, "--replay", "a replay is one run, in one process")
-        return ProblemError(
-            f"`{name}` without `--campaign`",
-            where=COMMAND,
-            expected="`--campaign N` beside it: a single run is in one process",
-        )
+        return _without_campaign(name, ": a single run is in one process")
     if many.jobs is not None and many.scheduler is not None:
         return _both("--jobs", "--scheduler", "the scheduler's workers have threads of their own")
     return None
@@ -103,6 +97,11 @@ def _about_runs(options: Options, many: Many) -> ProblemError | None:
         expected = "`-o FOLDER`, which keeps the results"
         return ProblemError("`--campaign` without `-o`", where=COMMAND, expected=expected)
     return None
+
+
+def _without_campaign(name: str, reason: str = "") -> ProblemError:
+    expected = f"`--campaign N` beside it{reason}"
+    return ProblemError(f"`{name}` without `--campaign`", where=COMMAND, expected=expected)
 
 
 def _both(one: str, other: str, reason: str) -> ProblemError:

@@ -11,7 +11,6 @@ from lockstep.model.simulation.from_problem import (
     Changes,
     channel_of,
     disturbance_of,
-    initial_states,
     step_of,
 )
 from lockstep.swarm import NeighbourLists, SwarmLoop, SwarmRun, simulate_swarm, swarm_of_design
@@ -158,7 +157,7 @@ def simulate_large(
 def _start(problem: "Problem", N: int, seed: int) -> Float[np.ndarray, "N n"]:
     """Return the file's initial states, or random ones of its spread where there are other agents."""
     if problem.sizes.N == N:
-        return initial_states(problem, seed)
+        return problem.initial_states(seed)
     drawn = np.random.default_rng(seed).uniform(-1.0, 1.0, size=(N, problem.agent().n))
     return np.asarray(problem.simulation.spread * drawn)
 

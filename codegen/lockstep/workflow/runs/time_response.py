@@ -52,16 +52,9 @@ def compiled_run(
         given = xi.reshape(N, agent.n) if xi.size == states else xi
         constant = np.broadcast_to(0.0 if held else given, (N, agent.n))
     except ValueError:
-        raise ProblemError(
-            f"`xi` of the shape {xi.shape}",
-            where="response",
-            expected=f"({N}, {agent.n}), or ({periods}, {states})",
-        ) from None
-    rows = (
-        np.repeat(xi, layout.substeps, axis=0)
-        if held
-        else np.tile(constant.ravel(), (periods * layout.substeps, 1))
-    )
+        posed, expected = f"`xi` of the shape {xi.shape}", f"({N}, {agent.n}), or ({periods}, {states})"
+        raise ProblemError(posed, where="response", expected=expected) from None
+    rows = np.repeat(xi if held else np.tile(constant.ravel(), (periods, 1)), layout.substeps, axis=0)
     sequences = xi[None] if held else np.zeros((1, periods, states))
     batch = Batch.at_rest(layout, 1, sequences=sequences, x=start.ravel(), bias=constant.ravel())
     found = engine.trace(batch, horizon)

@@ -280,23 +280,20 @@ def _expression(b: Balanced, P: "cp.Variable", w: "cp.Variable", unit: float) ->
     return (F + F.T) / 2
 
 
-def run(problem: "cp.Problem", *, decompose: bool = True, equilibrate: bool = True) -> bool:
+def run(problem: "cp.Problem", *, decompose: bool = True) -> bool:
     """Solve with Clarabel; its warnings about accuracy are dropped because nothing here relies on it.
 
     Args:
         problem: what to solve.
         decompose: whether large sparse cones are split into cliques; the merging of cliques was seen not to end on
             (19) for agents of one state, which are too small to need it.
-        equilibrate: whether the solver scales rows and columns: it spoils programs that are scaled well already.
     """
     import cvxpy as cp
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            problem.solve(
-                solver=cp.CLARABEL, chordal_decomposition_enable=decompose, equilibrate_enable=equilibrate
-            )
+            problem.solve(solver=cp.CLARABEL, chordal_decomposition_enable=decompose)
         except cp.SolverError:
             return False
     return problem.status in SOLVED

@@ -151,13 +151,10 @@ def shortest_that_proves(
     short = [rounded(candidate, digits) for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1)]
     # Units of the states may be so far apart that the decimals of the largest entry of P leave nothing of the others.
     for trial in (*short, replace(short[-1], P=significant(candidate.P, MOST_DIGITS))):
-        if _passes_in_doubles(loop, K, claim, trial) and decide(exact_loop, K, claim, trial).positive:
+        passes_in_doubles = _definite(trial.P) and _definite(-F_matrix(loop, K, claim, trial))
+        if passes_in_doubles and decide(exact_loop, K, claim, trial).positive:
             return trial
     return None
-
-
-def _passes_in_doubles(loop: Loop, K: GainBlocks, claim: Claim, trial: Certificate) -> bool:
-    return all(_definite(matrix) for matrix in (trial.P, -F_matrix(loop, K, claim, trial)))
 
 
 def _definite(matrix: Float[np.ndarray, "n n"]) -> bool:

@@ -129,14 +129,10 @@ def _modes(problem: Problem, network: Network) -> Hint:
         return "", {}
     shown = ", ".join(_written(value) for value, _ in blocking)
     few = len(blocking) < sum(value.imag >= 0 for value in eigenvalues)
-    which = (
-        f"the eigenvalue{'s' if len(blocking) > 1 else ''} {shown} of L"
-        if few
-        else f"every eigenvalue of L ({shown})"
-    )
-    remedy = (
-        "; a larger weight on the links of the graph, or more of them, moves it away from 0" if few else ""
-    )
+    which, remedy = f"every eigenvalue of L ({shown})", ""
+    if few:
+        which = f"the eigenvalue{'s' if len(blocking) > 1 else ''} {shown} of L"
+        remedy = "; a larger weight on the links of the graph, or more of them, moves it away from 0"
     return (
         f"; looked at one by one, no gains within gain_limit = {limit:g} were found that stabilise the modes"
         f" A + lambda B K C of {which}{remedy}",
@@ -145,11 +141,7 @@ def _modes(problem: Problem, network: Network) -> Hint:
 
 
 def _written(value: complex) -> str:
-    return (
-        f"{value.real:.4g}"
-        if abs(value.imag) < 1e-9 * abs(value)
-        else f"{value.real:.4g} +- {value.imag:.4g}i"
-    )
+    return f"{value.real:.4g}" + ("" if abs(value.imag) < 1e-9 * abs(value) else f" +- {value.imag:.4g}i")
 
 
 def _first(values: tuple[float, ...], holds: Callable[[float], bool]) -> float | None:

@@ -200,15 +200,11 @@ class _Printed:
 def _diagonal(blocks: list[Any]) -> "cp.Expression":
     import cvxpy as cp
 
-    rows = []
-    for i, block in enumerate(blocks):
-        rows.append(
-            [
-                block if i == j else np.zeros((block.shape[0], other.shape[1]))
-                for j, other in enumerate(blocks)
-            ]
-        )
-    return cp.bmat(rows)
+    def part(i: int, j: int) -> Any:
+        return blocks[i] if i == j else np.zeros((blocks[i].shape[0], blocks[j].shape[1]))
+
+    places = range(len(blocks))
+    return cp.bmat([[part(i, j) for j in places] for i in places])
 
 
 def _dense_diagonal(blocks: list[Float[np.ndarray, "_ _"]]) -> Float[np.ndarray, "_ _"]:

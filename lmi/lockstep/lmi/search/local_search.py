@@ -81,9 +81,8 @@ def polished(
         deadline: when to end.
     """
     if eliminates_P(search.loop):
-        return (
-            start  # a step of the nonlinear program, which holds P, takes seconds there: see `smoothed_norm`
-        )
+        # A step of the nonlinear program, which holds P, takes seconds there: see `smoothed_norm`.
+        return start
     point, best, idle = BarrierPoint(start.K, start.certificate), start, 0
     length = SHORT
     for _ in range(STRIDES):

@@ -235,24 +235,16 @@ class BalancedF:
         return squares
 
     @cached_property
-    def _bounds_a(self) -> Float[np.ndarray, "m n_F n_F"]:
-        """What f_a m_ij multiplies."""
-        return np.asarray((self._slopes - self._diagonal)[self._of("m")])
-
-    @cached_property
-    def _bounds_d(self) -> Float[np.ndarray, "t n_F n_F"]:
-        """What f_d t_j multiplies."""
-        return np.asarray((self._slopes - self._diagonal)[self._of("t")])
-
-    def _of(self, name: str) -> slice:
-        first = self.place["m"].start
-        return slice(self.place[name].start - first, self.place[name].stop - first)
+    def _bounds(self) -> dict[str, Float[np.ndarray, "k n_F n_F"]]:
+        """What f_a m_ij and f_d t_j multiply, by the letter of the multiplier."""
+        beside, pairs = (self._slopes - self._diagonal)[:-1], self.place["m"].stop - self.place["m"].start
+        return {"m": beside[:pairs], "t": beside[pairs:]}
 
     def _basis(self, x: Vector) -> Float[np.ndarray, "w n_F n_F"]:
         """Return what m, t and rho^2 multiply."""
-        basis, pairs = self._diagonal.copy(), len(self._bounds_a)
-        basis[:pairs] += x[self.place["f_a"]][0] * self._bounds_a
-        basis[pairs:-1] += x[self.place["f_d"]][0] * self._bounds_d
+        basis, pairs = self._diagonal.copy(), len(self._bounds["m"])
+        basis[:pairs] += x[self.place["f_a"]][0] * self._bounds["m"]
+        basis[pairs:-1] += x[self.place["f_d"]][0] * self._bounds["t"]
         return basis
 
     @cached_property
@@ -305,8 +297,7 @@ class BalancedF:
 
     def _of_the_rest(self, x: Vector, W: Float[np.ndarray, "n_F n_F"]) -> Float[np.ndarray, "w n_F n_F"]:
         """Return W dF W' for each of m, t, rho^2, f_a and f_d."""
-        m, t = x[self.place["m"]], x[self.place["t"]]
-        extra = [np.tensordot(m, self._bounds_a, 1), np.tensordot(t, self._bounds_d, 1)]
+        extra = [np.tensordot(x[self.place[name]], bounds, 1) for name, bounds in self._bounds.items()]
         return np.asarray(W @ np.concatenate([self._basis(x), np.stack(extra)]) @ W.T)
 
     def _across(self, G: Float[np.ndarray, "w u v"]) -> Float[np.ndarray, "w e"]:
@@ -325,6 +316,7 @@ class BalancedF:
         found[of_P, of_K] = 2 * (
             U[np.ix_(b, c)] * YS[np.ix_(d, a)].T + twice[of_P, None] * U[np.ix_(a, c)] * YS[np.ix_(d, b)].T
         )
-        for linear, fraction, bounds in (("m", "f_a", self._bounds_a), ("t", "f_d", self._bounds_d)):
-            found[self.place[linear], self.place[fraction].start] = np.einsum("kij,ij->k", bounds, S)
+        for linear, fraction in (("m", "f_a"), ("t", "f_d")):
+            each = np.einsum("kij,ij->k", self._bounds[linear], S)
+            found[self.place[linear], self.place[fraction].start] = each
         return found + found.T

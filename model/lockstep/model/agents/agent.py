@@ -223,14 +223,12 @@ class Agent:
             return self.as_written
         algebra = Exact(self.n + self.m, RULES)
         names = (self.states, self.inputs, self.outputs)
-        rhs = [
-            self.value(expression, algebra, where=f"[agent.dynamics] {state}")
-            for state, expression in zip(self.states, ca.vertsplit(self.rhs), strict=True)
-        ]
-        y = [
-            self.value(expression, algebra, where=f"[agent.outputs] {output}")
-            for output, expression in zip(self.outputs, ca.vertsplit(self.y), strict=True)
-        ]
+
+        def values(table: str, names: tuple[str, ...], column: ca.SX) -> list[Value]:
+            each = zip(names, ca.vertsplit(column), strict=True)
+            return [self.value(one, algebra, where=f"[agent.{table}] {name}") for name, one in each]
+
+        rhs, y = values("dynamics", self.states, self.rhs), values("outputs", self.outputs, self.y)
         return ExactAgent.from_values(self.name, *names, rhs, y, algebra.seen, written)
 
     @cached_property

@@ -96,19 +96,12 @@ def read(phi: ca.Function) -> ExactPhi:
 
 
 def _as_sx(phi: ca.Function) -> ca.Function:
-    if (
-        phi.n_in() != 2
-        or phi.n_out() != 1
-        or phi.size2_in(0) > 1
-        or phi.numel_in(1) != 1
-        or phi.size2_out(0) > 1
-    ):
-        raise ProblemError(
-            f"`{phi.name()}` maps {[phi.size_in(i) for i in range(phi.n_in())]} to "
-            f"{[phi.size_out(i) for i in range(phi.n_out())]}",
-            where="the nonlinearity phi",
-            expected="a function of a column v and a scalar t with one column as output",
-        )
+    given = [phi.size_in(i) for i in range(phi.n_in())]
+    made = [phi.size_out(i) for i in range(phi.n_out())]
+    columns = len(given) == 2 and len(made) == 1 and given[0][1] <= 1 and made[0][1] <= 1
+    expected = "a function of a column v and a scalar t with one column as output"
+    found = f"`{phi.name()}` maps {given} to {made}"
+    demand(columns and given[1] == (1, 1), found, "the nonlinearity phi", expected)
     dense = phi.sparsity_in(0).is_dense() and phi.sparsity_in(1).is_dense()
     remedy = "leave the unused entries out of v"
     demand(dense, "an input has structural zeros", "the nonlinearity phi", "dense inputs", remedy)

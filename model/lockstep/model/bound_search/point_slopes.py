@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -81,9 +82,7 @@ def _dot(u: Sequence[intervals.Interval], x: Sequence[intervals.Interval]) -> in
 
 
 def _total(terms: Sequence[intervals.Interval]) -> intervals.Interval:
-    total = terms[0]
-    for term in terms[1:]:
-        total = intervals.add(total, term)
+    total: intervals.Interval = reduce(intervals.add, terms)
     return total
 
 

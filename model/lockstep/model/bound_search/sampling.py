@@ -42,14 +42,9 @@ def sample_points(
     generator = np.random.default_rng(SEED)
     size = slopes.variables
     lower, upper = lower[:size], upper[:size]
-    points = np.stack(
-        [
-            _along(generator, low, high, kinks[k] if k < len(kinks) else [])
-            if k in slopes.used
-            else np.zeros(COUNT)
-            for k, (low, high) in enumerate(zip(lower, upper, strict=True))
-        ]
-    )
+    points = np.zeros((size, COUNT))
+    for k in sorted(slopes.used):
+        points[k] = _along(generator, lower[k], upper[k], kinks[k] if k < len(kinks) else [])
     points = np.clip(points, lower[:, None], upper[:, None])
     return _polished(generator, slopes, points, lower, upper) if polish else points
 
@@ -64,14 +59,10 @@ def _along(generator: np.random.Generator, low: float, high: float, kinks: list[
         far = 10.0 ** generator.uniform(-3, 8, COUNT) * generator.choice([-1.0, 1.0], COUNT)
         near = generator.uniform(-8, 8, COUNT)
         spread = np.where(generator.random(COUNT) < 0.3, far, near)
-        base = low if math.isfinite(low) else high if math.isfinite(high) else 0.0
-        spread = (
-            base + np.abs(spread)
-            if math.isfinite(low)
-            else base - np.abs(spread)
-            if math.isfinite(high)
-            else spread
-        )
+        if math.isfinite(low):
+            spread = low + np.abs(spread)
+        elif math.isfinite(high):
+            spread = high - np.abs(spread)
     chosen = generator.random(COUNT) < min(0.3, 0.02 * len(special))
     picked = generator.choice(np.array(special or [0.0]), COUNT)
     values = np.where(chosen, picked, spread)

@@ -28,9 +28,8 @@ def choose_scaling(objective: Objective, points: Points) -> tuple[list[float], l
     J = J[np.isfinite(J).all(axis=(1, 2)) & (np.abs(J) < 1e100).all(axis=(1, 2))]
     if not len(J):
         return ones
-    from scipy.optimize import (
-        minimize,  # an import of a tenth of a second, needed by vector nonlinearities only
-    )
+    # an import of a tenth of a second, needed by vector nonlinearities only
+    from scipy.optimize import minimize
 
     limit = np.log(LARGEST_RATIO)
     start = np.concatenate([_levels(np.sqrt((J**2).sum(axis=2)).max(axis=0)), np.zeros(columns)])
@@ -43,13 +42,9 @@ def choose_scaling(objective: Objective, points: Points) -> tuple[list[float], l
         bounds=[(-limit, limit)] * (rows + columns),
         options={"maxiter": 400, "fatol": 1e-4, "xatol": 1e-3},
     )
-    logs = (
-        found.x
-        if _measure(found.x, J) < _measure(np.zeros(rows + columns), J) - 1e-2
-        else np.zeros(rows + columns)
-    )
-    D_w, D_v = _short(np.exp(logs[:rows])), _short(np.exp(logs[rows:]))
-    return D_w, D_v
+    if not _measure(found.x, J) < _measure(np.zeros(rows + columns), J) - 1e-2:
+        return ones
+    return _short(np.exp(found.x[:rows])), _short(np.exp(found.x[rows:]))
 
 
 def _levels(sizes: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:

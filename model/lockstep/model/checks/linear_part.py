@@ -33,12 +33,8 @@ def row_sums(graph: Graph) -> CheckRow:
         "consensus must be an equilibrium of the controllers: relative outputs vanish where all agents agree"
     )
     worst = max(abs(sum((Fraction(float(x)) for x in row), Fraction(0))) for row in graph.laplacian)
-    figure = (
-        "exactly"
-        if not worst
-        else f"exactly with exact sums on the diagonal; to {float(worst):.1e} in doubles"
-    )
-    return CheckRow("L 1 = 0", "ok", figure, reason)
+    besides = f" with exact sums on the diagonal; to {float(worst):.1e} in doubles" if worst else ""
+    return CheckRow("L 1 = 0", "ok", f"exactly{besides}", reason)
 
 
 def controllable(agent: Agent, agents_B: Matrices) -> tuple[CheckRow, Controllability]:

@@ -224,11 +224,12 @@ def _closed(network: "Network", gains: Gains) -> System:
 def _reduced(network: "Network", gains: Gains) -> System:
     """(15) with z = F x_d, F'F = S: then z' z is the squared disagreement, and E, E_G keep their form."""
     import control
+    from scipy.linalg import block_diag
 
     agent, loop = network.agent, network.loop(gains.order)
     n, N, order = agent.n, network.N, gains.order
-    F = np.kron(orthonormal_factor(loop.d), np.eye(n))
-    to_z, back = _with_controllers(F, N * order), _with_controllers(np.linalg.inv(F), N * order)
+    F, kept = np.kron(orthonormal_factor(loop.d), np.eye(n)), np.eye(N * order)
+    to_z, back = block_diag(F, kept), block_diag(np.linalg.inv(F), kept)
     H = np.kron(np.eye(N - 1), network.plant.H)
     v_d = np.hstack([H, np.zeros((H.shape[0], N * order))])
     x_d = np.eye(loop.n_d, loop.n_x)
@@ -247,14 +248,6 @@ def _reduced(network: "Network", gains: Gains) -> System:
         inputs=[f"d{k}_xi_{s}" for k in range(1, N) for s in agent.states] + _numbered("w", N, r),
         outputs=disagreements + _numbered("v", N, v) + _all(agent, N, agent.inputs),
     )
-
-
-def _with_controllers(F: Float[np.ndarray, "n_d n_d"], size: int) -> Float[np.ndarray, "n_x n_x"]:
-    """Return diag(F, I)."""
-    n_d = F.shape[0]
-    whole = np.eye(n_d + size)
-    whole[:n_d, :n_d] = F
-    return whole
 
 
 def _open_names(agent: Agent, N: int) -> dict[str, Any]:

@@ -71,9 +71,8 @@ def _check_name(name: str, where: str) -> None:
     _check_identifier(name, where, "a name", LONGEST_NAME)
     if name in RESERVED:
         meaning = "a function" if name in FUNCTIONS else "a constant" if name in CONSTANTS else "the time"
-        raise ProblemError(
-            f"`{name}` is already {meaning} in expressions", where=where, expected="another name"
-        )
+        found = f"`{name}` is already {meaning} in expressions"
+        raise ProblemError(found, where=where, expected="another name")
     found = f"`{name}` is a word of Python and cannot be a name in expressions"
     demand(not keyword.iskeyword(name), found, where, "another name", f"for instance `{name}_`")
 
@@ -93,30 +92,23 @@ def check_known(
     """Refuse a name that is none of the known ones; remedy: what to do where it is near to none of them."""
     for name in given:
         if name not in known:
-            raise ProblemError(
-                f"`{shorten(name)}` is unknown",
-                where=where,
-                expected=shorten(", ".join(known), 120),
-                remedy=nearest(name, known) or remedy(name),
-            )
+            found, expected = f"`{shorten(name)}` is unknown", shorten(", ".join(known), 120)
+            close = nearest(name, known) or remedy(name)
+            raise ProblemError(found, where=where, expected=expected, remedy=close)
 
 
 def check_formulas(states: Sequence[str], dynamics: Mapping[str, str]) -> None:
     """One equation per state, and none without a state."""
+    where, unknown = "[agent.dynamics]", [name for name in dynamics if name not in states]
     for state in states:
         if state not in dynamics:
-            raise ProblemError(
-                f"no equation for the state `{state}`",
-                where="[agent.dynamics]",
-                expected=f'{state} = "its time derivative"',
-                remedy=nearest(state, [name for name in dynamics if name not in states]),
-            )
-    for name in dynamics:
-        close, one = nearest(name, states), shorten(name)
+            found, expected = f"no equation for the state `{state}`", f'{state} = "its time derivative"'
+            raise ProblemError(found, where=where, expected=expected, remedy=nearest(state, unknown))
+    if unknown:
+        close, one = nearest(unknown[0], states), shorten(unknown[0])
         remedy = f'{close}{" " if close else ""}if it is a state, add "{one}" to `states`'
-        demand(
-            name in states, f"`{one}` is unknown", "[agent.dynamics]", shorten(", ".join(states), 120), remedy
-        )
+        expected = shorten(", ".join(states), 120)
+        raise ProblemError(f"`{one}` is unknown", where=where, expected=expected, remedy=remedy)
 
 
 def check_parameters(parameters: Mapping[str, float]) -> None:

@@ -27,13 +27,9 @@ def input_sides(agent: AgentTable) -> Float[np.ndarray, "m 2"]:
         if name not in agent.inputs:
             names = ", ".join(f"`{one}`" for one in agent.inputs)
             raise ProblemError(f"`{name}` is no input", where=where, expected=f"one of {names}")
-        if not (low is None or low < 0) or not (high is None or high > 0):
-            raise ProblemError(
-                f"[{low}, {high}]",
-                where=f"{where} {name}",
-                expected="a range around 0",
-                remedy=f"count {name} from its value at rest: `{name}_0 + {name}` in [agent.dynamics], limits less {name}_0",
-            )
+        around = (low is None or low < 0) and (high is None or high > 0)
+        remedy = f"count {name} from its value at rest: `{name}_0 + {name}` in [agent.dynamics], limits less {name}_0"
+        demand(around, f"[{low}, {high}]", f"{where} {name}", "a range around 0", remedy)
     sides = [known.get(name, (None, None)) for name in agent.inputs]
     return np.array(
         [(-np.inf if low is None else low, np.inf if high is None else high) for low, high in sides]
@@ -61,21 +57,16 @@ def _check_objective(file: ProblemFile) -> None:
     found = f"`rho` is {design.rho}, but rho is what is minimised"
     expected = 'no `rho`, or objective = "alpha", "decay" or "initial_set"'
     demand(design.objective != "rho" or design.rho is None, found, "[design] rho", expected)
-    if design.objective in ("decay", "initial_set") and design.method != "certified":
-        raise ProblemError(
-            f'`method` is "{design.method}"',
-            where="[design] objective",
-            expected='method = "certified", the one that looks for more than rho',
-        )
-    if design.objective == "initial_set" and not (
-        file.agent.domain and len(build_graph(file.network).roots) == 1
-    ):
-        raise ProblemError(
-            "no agent leads alone" if file.agent.domain else "there is no [agent.domain] to stay in",
-            where="[design] objective",
-            expected="initial states from which all stay in [agent.domain], behind a single leader",
-            remedy='topology = "leader_path" has one; without a domain every certificate is global',
-        )
+    found, where = f'`method` is "{design.method}"', "[design] objective"
+    expected = 'method = "certified", the one that looks for more than rho'
+    more = design.objective in ("decay", "initial_set")
+    demand(not more or design.method == "certified", found, where, expected)
+    if design.objective == "initial_set":
+        found = "no agent leads alone" if file.agent.domain else "there is no [agent.domain] to stay in"
+        expected = "initial states from which all stay in [agent.domain], behind a single leader"
+        remedy = 'topology = "leader_path" has one; without a domain every certificate is global'
+        led = file.agent.domain and len(build_graph(file.network).roots) == 1
+        demand(led, found, where, expected, remedy)
 
 
 def _check_spectrum(file: ProblemFile) -> None:
@@ -86,9 +77,8 @@ def _check_spectrum(file: ProblemFile) -> None:
     expected = '[design] method = "modal": the same gains for all agents of every graph'
     demand(file.design.method == "modal", f'`method` is "{file.design.method}"', where, expected)
     demand(network.parameters is None, "`parameters` are given", where, "agents that are all alike")
-    if network.messages is not None:
-        said = "one graph, such as `edges`: what is proved of messages that are lost or late is of one"
-        raise ProblemError("`messages` is given", where=where, expected=said)
+    expected = "one graph, such as `edges`: what is proved of messages that are lost or late is of one"
+    demand(network.messages is None, "`messages` is given", where, expected)
 
 
 def _check_method(file: ProblemFile) -> None:

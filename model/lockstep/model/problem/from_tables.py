@@ -1,5 +1,6 @@
 """The agent, its variants and the graph that a problem file describes."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -49,14 +50,11 @@ def build_variants(common: Agent, file: ProblemFile, agents: int) -> tuple[Agent
 
 def _variant(common: Agent, table: AgentTable, k: int, parameters: Mapping[str, float]) -> Agent:
     where = f"[network] parameters, entry {k}"
+    expected = shorten(", ".join(table.parameters), 120) or "names from [agent] parameters"
     for name in parameters:
         if name not in table.parameters:
-            raise ProblemError(
-                f"`{shorten(name)}` is no parameter of the agent",
-                where=where,
-                expected=shorten(", ".join(table.parameters), 120) or "names from [agent] parameters",
-                remedy=nearest(name, table.parameters),
-            )
+            found, remedy = f"`{shorten(name)}` is no parameter of the agent", nearest(name, table.parameters)
+            raise ProblemError(found, where=where, expected=expected, remedy=remedy)
     if not parameters:
         return common
     try:
@@ -77,11 +75,9 @@ def build_graph(table: NetworkTable) -> Graph:
     if table.spectrum is not None:
         return Graph(SpectrumRange.of(table.model_dump(exclude_none=True)).pair.adjacency)
     if table.file is not None and not given:
-        raise ProblemError(
-            f"the graph is in `{shorten(table.file)}`, which was not read",
-            where="[network] file",
-            expected="a problem that is loaded from its file, which the name of the graph's file is relative to",
-        )
+        found = f"the graph is in `{shorten(table.file)}`, which was not read"
+        expected = "a problem that is loaded from its file, which the name of the graph's file is relative to"
+        raise ProblemError(found, where="[network] file", expected=expected)
     if len(given) != 1:
         found = f"{' and '.join(f'`{key}`' for key in given)} are given" if given else "there is no graph"
         expected = "exactly one of `edges`, `laplacian`, `topology` and `file`, or `spectrum`"
@@ -89,9 +85,8 @@ def build_graph(table: NetworkTable) -> Graph:
     if table.laplacian is not None:
         return _from_laplacian(table.laplacian, table.agents)
     if table.agents is None:
-        raise ProblemError(
-            "the key `agents` is missing", where="[network]", expected="a whole number of agents, 2 or more"
-        )
+        expected = "a whole number of agents, 2 or more"
+        raise ProblemError("the key `agents` is missing", where="[network]", expected=expected)
     if table.topology is not None:
         return Graph.topology(table.topology, table.agents)
     return _from_edges(table.agents, table.edges or ())
@@ -118,11 +113,7 @@ def _from_laplacian(rows: tuple[tuple[float, ...], ...], agents: int | None) -> 
 
 
 def _without_repeats(pairs: tuple[tuple[str, str], ...]) -> dict[str, str]:
-    table = dict(pairs)
-    if len(table) < len(pairs):
-        names = [name for name, _ in pairs]
-        repeated = next(name for name in names if names.count(name) > 1)
-        raise ProblemError(
-            f"`{shorten(repeated)}` is there twice", where="[agent.outputs]", expected="names that differ"
-        )
-    return table
+    counts = Counter(name for name, _ in pairs)
+    for name, count in counts.items():
+        demand(count == 1, f"`{shorten(name)}` is there twice", "[agent.outputs]", "names that differ")
+    return dict(pairs)

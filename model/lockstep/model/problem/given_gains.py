@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError, demand
+from lockstep.check.errors import demand
 from lockstep.model.problem.tables.schema import GainsTable, Matrix
 
 
@@ -38,18 +38,12 @@ def given_gains(tables: Sequence[GainsTable], agents: int, m: int, q: int) -> tu
 
 def _gains(table: GainsTable, where: str, m: int, q: int) -> GivenGains:
     order = len(table.A)
-    a = f"`A` is {order} x {order}"
+    a, needed = f"`A` is {order} x {order}", "a {} x {} matrix is needed"
     return GivenGains(
         _shaped("A", table.A, order, order, where, f"`A` has {order} rows: it must be square"),
-        _shaped(
-            "B", table.B, order, q, where, f"{a} and there are {q} outputs: a {order} x {q} matrix is needed"
-        ),
-        _shaped(
-            "C", table.C, m, order, where, f"{a} and there are {m} inputs: a {m} x {order} matrix is needed"
-        ),
-        _shaped(
-            "D", table.D, m, q, where, f"there are {m} inputs and {q} outputs: a {m} x {q} matrix is needed"
-        ),
+        _shaped("B", table.B, order, q, where, f"{a} and there are {q} outputs: {needed.format(order, q)}"),
+        _shaped("C", table.C, m, order, where, f"{a} and there are {m} inputs: {needed.format(m, order)}"),
+        _shaped("D", table.D, m, q, where, f"there are {m} inputs and {q} outputs: {needed.format(m, q)}"),
     )
 
 
@@ -62,6 +56,6 @@ def _shaped(
     lengths = sorted({len(row) for row in rows})
     found = f"`{name}` has rows of {lengths[0]} and of {lengths[-1]} numbers"
     demand(len(lengths) == 1, found, where, reason)
-    if (len(rows), lengths[0]) != (height, width):
-        raise ProblemError(f"`{name}` is {len(rows)} x {lengths[0]}", where=where, expected=reason)
+    found = f"`{name}` is {len(rows)} x {lengths[0]}"
+    demand((len(rows), lengths[0]) == (height, width), found, where, reason)
     return np.array(rows, dtype=float)

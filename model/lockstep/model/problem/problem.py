@@ -331,12 +331,12 @@ class Problem:
         """Lowest and highest plausible value by output, where one is given: messages beyond are refused."""
         return output_ranges(self.file.agent)
 
-    def initial_states(self) -> Float[np.ndarray, "N n"]:
-        """Return the states the simulation starts from, one row per agent."""
+    def initial_states(self, seed: int | None = None) -> Float[np.ndarray, "N n"]:
+        """Return the states the simulation starts from, one row per agent; the seed is by default that of the file."""
         N, n = self._graph.agents, self._agent.n
         given = self.simulation.initial
         if given == "random":
-            generator = np.random.default_rng(self.simulation.seed)
+            generator = np.random.default_rng(self.simulation.seed if seed is None else seed)
             return self.simulation.spread * generator.uniform(-1.0, 1.0, size=(N, n))
         where = "[simulation] initial"
         for k, row in enumerate(given, start=1):

@@ -31,20 +31,10 @@ def weight_matrix(weight: Weight, size: int, *, where: str, per: str) -> Float[n
     if isinstance(weight, tuple) and len({len(row) if isinstance(row, tuple) else 0 for row in weight}) > 1:
         raise ProblemError("rows of different lengths", where=where, expected=expected)
     given = np.asarray(weight, dtype=float)
-    matrix = (
-        np.diag(np.broadcast_to(given, size))
-        if given.ndim == 0
-        else np.diag(given)
-        if given.ndim == 1
-        else given
-    )
-    if matrix.shape != (size, size):
-        shape = (
-            f"{given.shape[0]} numbers"
-            if given.ndim == 1
-            else f"a {' x '.join(map(str, given.shape))} matrix"
-        )
-        raise ProblemError(f"{shape} for {size} {per}s", where=where, expected=expected)
+    matrix = given if given.ndim == 2 else np.diag(given if given.ndim else np.full(size, given))
+    written = " x ".join(map(str, given.shape))
+    shape = f"a {written} matrix" if given.ndim == 2 else f"{written} numbers"
+    demand(matrix.shape == (size, size), f"{shape} for {size} {per}s", where, expected)
     demand(np.isfinite(matrix).all(), "an entry is not a finite number", where, expected)
     for i, j in np.argwhere(matrix != matrix.T)[:1]:
         found = f"row {i + 1}, column {j + 1} is {matrix[i, j]}, but row {j + 1}, column {i + 1} is {matrix[j, i]}"
@@ -64,15 +54,10 @@ def input_weight(weight: Weight, m: int) -> Float[np.ndarray, "m m"]:
     ((0, 0), [[0.5, 0.0], [0.0, 0.0]])
     """
     where = "[design.weights] input"
-    given = (
-        np.asarray(weight, dtype=float)
-        if not isinstance(weight, tuple) or not any(isinstance(row, tuple) for row in weight)
-        else None
-    )
-    if given is None:
+    if isinstance(weight, tuple) and any(isinstance(row, tuple) for row in weight):
         return weight_matrix(weight, m, where=where, per="input")
-    if given.ndim == 1 and len(given) != m:
-        raise ProblemError(f"{len(given)} numbers for {m} inputs", where=where, expected="one per input")
+    given = np.asarray(weight, dtype=float)
+    demand(given.shape in ((), (m,)), f"{given.size} numbers for {m} inputs", where, "one per input")
     if not np.isfinite(given).all() or (given < 0).any():
         raise ProblemError(f"{float(given.min()):g}", where=where, expected="finite numbers, 0 or more")
     return np.diag(np.broadcast_to(given, m)).copy() if given.any() else np.zeros((0, 0))

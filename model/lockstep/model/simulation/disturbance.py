@@ -68,8 +68,7 @@ class Samples:
         values = np.asarray(self.values, dtype=float)
         if values.ndim != 3 or not np.isfinite(values).all():
             raise ProblemError("the samples are no finite M x N x n numbers", where="disturbance")
-        if not (math.isfinite(self.interval) and self.interval > 0):
-            raise ProblemError(f"samples held for {self.interval!r} s", where="disturbance")
+        demand(0 < self.interval < math.inf, f"samples held for {self.interval!r} s", "disturbance")
         object.__setattr__(self, "values", values)
 
     def at(self, t: Float[np.ndarray, " M"], since: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M N n"]:  # noqa: ARG002

@@ -1,6 +1,7 @@
 """The scenario of a problem file's [simulation], and what of it a caller may change."""
 
 from dataclasses import dataclass, replace
+from typing import TypeVar, get_args
 
 import casadi as ca
 import numpy as np
@@ -11,13 +12,14 @@ from lockstep.model.problem.tables.schema import (
     ChannelTable,
     DisturbanceTable,
     PerturbationTable,
-    SimulationTable,
 )
 from lockstep.model.simulation.disturbance import Disturbance, Driven, Sines, Steps, Sum, noise
 from lockstep.model.simulation.integrate import Method
 from lockstep.model.simulation.message_channel import MessageChannel
 from lockstep.model.simulation.perturbation import PaperPerturbation, Perturbation, random_perturbation
 from lockstep.model.simulation.scenario import Scenario
+
+Kinds = TypeVar("Kinds", DisturbanceTable, PerturbationTable)
 
 FINEST = 0.005
 """Longest step of a record in s, up to `LONG`: a longer period is recorded in whole parts."""
@@ -58,13 +60,9 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
     horizon = table.horizon if changes.horizon is None else changes.horizon
     seed = table.seed if changes.seed is None else changes.seed
     period, N, n = problem.controller.period, problem.graph().N, problem.agent().n
-    given = (
-        table.disturbance if changes.disturbance is None else _of_kind(table.disturbance, changes.disturbance)
-    )
+    given = _of_kind(table.disturbance, changes.disturbance, "--disturbance")
     step = step_of(problem, horizon, held=sampled and given.kind in ("none", "noise"))
-    errors = (
-        table.perturbation if changes.perturbation is None else _errors_of_kind(table, changes.perturbation)
-    )
+    errors = _of_kind(table.perturbation or PerturbationTable(), changes.perturbation, "--perturbation")
     perturbation = _perturbation(errors, problem, seed, horizon)
     channel = replace(channel_of(table.channel, seed), change=changes.change)
     found = "gain errors, but the controllers are sampled"
@@ -79,7 +77,7 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
         driven = Driven(v.leader, N, problem.agents_B()[v.leader], v.at)
         disturbance = driven if disturbance is None else Sum((disturbance, driven))
     return Scenario(
-        initial_states(problem, seed),
+        problem.initial_states(seed),
         horizon,
         step,
         disturbance,
@@ -107,21 +105,12 @@ def _rate(problem: Problem) -> float:
     """Return how fast an agent moves by itself where a run begins, in 1/s."""
     agent = problem.agent()
     slope = ca.Function("slope", [agent.x, agent.u, agent.t], [ca.jacobian(agent.rhs, agent.x)])
-    points = (*initial_states(problem, problem.simulation.seed), np.zeros(agent.n))
+    points = (*problem.initial_states(), np.zeros(agent.n))
     sizes = [np.abs(np.asarray(slope(x, np.zeros(agent.m), 0.0))) for x in points]
     return max(
         (float(np.abs(np.linalg.eigvals(one)).max()) for one in sizes if np.isfinite(one).all()),
         default=np.inf,
     )
-
-
-def initial_states(problem: Problem, seed: int) -> np.ndarray:
-    """Return the file's initial states, or random ones of a seed."""
-    table = problem.simulation
-    if table.initial != "random":
-        return problem.initial_states()
-    shape = (problem.graph().N, problem.agent().n)
-    return np.asarray(table.spread * np.random.default_rng(seed).uniform(-1.0, 1.0, size=shape))
 
 
 def disturbance_of(
@@ -148,22 +137,19 @@ def disturbance_of(
     return None
 
 
-def _of_kind(table: DisturbanceTable, kind: str) -> DisturbanceTable:
-    kinds = ("none", "noise", "sine", "step", "worst")
-    demand(kind in kinds, f"`{kind}`", "--disturbance", ", ".join(kinds))
+def _of_kind(table: Kinds, kind: str | None, option: str) -> Kinds:
+    """Return a table with the kind that an option names, if it names one."""
+    if kind is None:
+        return table
+    kinds = get_args(type(table).model_fields["kind"].annotation)
+    demand(kind in kinds, f"`{kind}`", option, ", ".join(kinds))
     return table.model_copy(update={"kind": kind})
 
 
-def _errors_of_kind(table: SimulationTable, kind: str) -> PerturbationTable:
-    kinds = ("none", "paper", "paper_scaled", "random")
-    demand(kind in kinds, f"`{kind}`", "--perturbation", ", ".join(kinds))
-    return (table.perturbation or PerturbationTable()).model_copy(update={"kind": kind})
-
-
 def _perturbation(
-    table: PerturbationTable | None, problem: Problem, seed: int, horizon: float
+    table: PerturbationTable, problem: Problem, seed: int, horizon: float
 ) -> Perturbation | None:
-    if table is None or table.kind == "none":
+    if table.kind == "none":
         return None
     agent, N, where = problem.agent(), problem.graph().N, "[simulation.perturbation]"
     if table.kind == "random":

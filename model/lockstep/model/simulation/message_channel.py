@@ -44,8 +44,8 @@ class MessageChannel:
             raise ProblemError(f"`bits` is {self.bits}", where=where, expected="a whole number from 2 to 53")
         if self.change is not None and not (math.isfinite(self.change) and self.change >= 0):
             raise ProblemError(f"a change of {self.change}", where=where, expected="a number, 0 or more")
-        if not (math.isfinite(self.full_scale) and self.full_scale > 0):
-            raise ProblemError(f"`full_scale` is {self.full_scale}", where=where, expected="a number above 0")
+        usable = 0 < self.full_scale < math.inf
+        demand(usable, f"`full_scale` is {self.full_scale}", where, "a number above 0")
 
     @property
     def is_ideal(self) -> bool:

@@ -8,6 +8,7 @@ multiples of their period and hold u in between, and are whatever `Stepper` they
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -17,7 +18,7 @@ from lockstep.model.network import Network
 from lockstep.model.simulation.disturbance import Disturbance
 from lockstep.model.simulation.divergence import check_bounded
 from lockstep.model.simulation.equations import agents_alone, closed_loop, inputs_of
-from lockstep.model.simulation.integrate import integrator
+from lockstep.model.simulation.integrate import Integrator, integrator
 from lockstep.model.simulation.perturbation import check_sizes
 from lockstep.model.simulation.quadrature import Hold
 from lockstep.model.simulation.results.trajectory import Trajectory
@@ -74,12 +75,8 @@ def _continuous(network: Network, gains: Gains, scenario: Scenario) -> Trajector
     t, xi, errors = scenario.instants, scenario.xi(), scenario.perturbation
     if errors is not None:
         check_sizes(errors, network.N, gains.blocks.shape[1:])
-    run = integrator(
-        closed_loop(network, gains, perturbed=errors is not None, pinned=scenario.pinned),
-        scenario.method,
-        substeps=scenario.substeps,
-        tolerance=scenario.tolerance,
-    )
+    loop = closed_loop(network, gains, perturbed=errors is not None, pinned=scenario.pinned)
+    run = _integrator(loop, scenario)
 
     def parameters(time: Float[np.ndarray, " M"], since: Float[np.ndarray, " M"]) -> Float[np.ndarray, "M p"]:
         given = [xi.at(time, since), *([errors.at(time, since)] if errors is not None else [])]
@@ -96,27 +93,18 @@ def _continuous(network: Network, gains: Gains, scenario: Scenario) -> Trajector
     check_bounded(t, x, network.agent)
     blocks = np.broadcast_to(gains.blocks, (len(t), *gains.blocks.shape))
     u = inputs_of(network, apart, x_C, blocks if errors is None else blocks + errors.at(t, t))
-    found = _record(network, t, x, x_C, u, xi.at(t, t), hold="smooth", xi_hold=xi.hold)
-    return replace(found, offsets=scenario.offsets)
+    return _record(network, scenario, t, x, x_C, u, "smooth")
 
 
 def _sampled(network: Network, controllers: SampledControllers, scenario: Scenario) -> Trajectory:
-    given, expected = (
-        "gain errors of sampled controllers",
-        "continuous controllers: (11) is about their gains",
-    )
-    remedy = "simulate the continuous controllers"
+    given, remedy = "gain errors of sampled controllers", "simulate the continuous controllers"
+    expected = "continuous controllers: (11) is about their gains"
     demand(scenario.perturbation is None, given, "perturbation", expected, remedy)
     per = whole_number(controllers.period / scenario.step, "the period over `step`")
     xi, N, m = scenario.xi(), network.N, network.agent.m
     periods = int(np.ceil((len(scenario.instants) - 1) / per))
     t = np.arange(periods * per + 1) * scenario.step
-    run = integrator(
-        agents_alone(network, pinned=scenario.pinned),
-        scenario.method,
-        substeps=scenario.substeps,
-        tolerance=scenario.tolerance,
-    )
+    run = _integrator(agents_alone(network, pinned=scenario.pinned), scenario)
     program = _Program(network, controllers, scenario, periods)
     x, u = np.empty((len(t), *scenario.start.shape)), np.zeros((len(t), N, m))
     x_C = np.empty((len(t), N, len(controllers.steppers[0].memory)))
@@ -130,8 +118,11 @@ def _sampled(network: Network, controllers: SampledControllers, scenario: Scenar
         check_bounded(t[: now.stop], x[: now.stop], network.agent, per + 1)
     x_C[-1] = program.memory
     counts = (program.faults, program.clipped, program.senders.sent, program.senders.saved)
-    found = _record(network, t, x, x_C, u, xi.at(t, t), hold="held", xi_hold=xi.hold, counts=counts)
-    return replace(found, offsets=scenario.offsets)
+    return _record(network, scenario, t, x, x_C, u, "held", counts)
+
+
+def _integrator(f: ca.Function, scenario: Scenario) -> Integrator:
+    return integrator(f, scenario.method, substeps=scenario.substeps, tolerance=scenario.tolerance)
 
 
 class _Held:
@@ -196,29 +187,16 @@ def _mask(here: Bool[np.ndarray, " nn"]) -> int:
 
 def _record(
     network: Network,
+    scenario: Scenario,
     t: Float[np.ndarray, " K"],
     x: Float[np.ndarray, "K N n"],
     x_C: Float[np.ndarray, "K N n_C"],
     u: Float[np.ndarray, "K N m"],
-    xi: Float[np.ndarray, "K N n"],
-    *,
     hold: Hold,
-    xi_hold: Hold,
     counts: tuple[int, int, int, int] = (0, 0, 0, 0),
 ) -> Trajectory:
-    agent = network.agent
-    return Trajectory(
-        t,
-        x,
-        x_C,
-        u,
-        x @ agent.lure.C.T,
-        xi,
-        agent.states,
-        agent.inputs,
-        agent.outputs,
-        agent.name,
-        hold,
-        xi_hold,
-        *counts,
-    )
+    """Return the run; counts: of steps with a fault, of clipped ones, of outputs sent and saved."""
+    agent, xi = network.agent, scenario.xi()
+    names, y = (agent.states, agent.inputs, agent.outputs, agent.name), x @ agent.lure.C.T
+    found = Trajectory(t, x, x_C, u, y, xi.at(t, t), *names, hold, xi.hold, *counts)
+    return replace(found, offsets=scenario.offsets)

@@ -60,8 +60,7 @@ class SampledControllers:
         demand(len(self.steppers) == len(self.sources), found, where)
         if any(not 0 <= j < len(self.sources) for heard in self.sources for j in heard):
             raise ProblemError("a source is no agent", where=where, expected=f"0 to {len(self.sources) - 1}")
-        if not (math.isfinite(self.period) and self.period > 0):
-            raise ProblemError(f"the period is {self.period!r}", where=where, expected="seconds above 0")
+        demand(0 < self.period < math.inf, f"the period is {self.period!r}", where, "seconds above 0")
         demand(self.delay in (0, 1), f"the delay is {self.delay!r}", where, "0 or 1 periods")
 
     @property

@@ -49,13 +49,12 @@ class Scenario:
 
     def __post_init__(self) -> None:
         start = np.array(self.start, dtype=float)
-        if start.ndim != 2 or not np.isfinite(start).all():
-            raise ProblemError("`start` is no finite N x n matrix", where="scenario")
+        finite = start.ndim == 2 and np.isfinite(start).all()
+        demand(finite, "`start` is no finite N x n matrix", "scenario")
         object.__setattr__(self, "start", start)
         for name in ("horizon", "step"):
             value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise ProblemError(f"`{name}` is {value!r}", where="scenario", expected="seconds above 0")
+            demand(0 < value < math.inf, f"`{name}` is {value!r}", "scenario", "seconds above 0")
         found = f"{self.horizon / self.step:.3g} steps of {self.step:g} s"
         expected, remedy = f"at most {MOST_INSTANTS}", "shorten the horizon"
         demand(self.horizon / self.step <= MOST_INSTANTS, found, "scenario", expected, remedy)

@@ -33,7 +33,7 @@ class PeakGain:
         values, vectors = np.linalg.eigh(weights.metric)
         into = np.kron(vectors[:, 1:] / np.sqrt(values[1:]), np.eye(n))
         back = np.kron((vectors[:, 1:] * np.sqrt(values[1:])).T, np.eye(n))
-        self._into, self._back = _beside(into, self._rest), _beside(back, self._rest)
+        self._into, self._back = (_diagonal([one, np.eye(self._rest)]) for one in (into, back))
         roots = [np.linalg.cholesky(np.kron(np.eye(N - 1), weights.R)).T]
         roots += [np.linalg.cholesky(np.kron(np.eye(N), weights.Q)).T] if self._rest else []
         self._root = _diagonal(roots)
@@ -80,10 +80,6 @@ def weakest_agreement(
     refined = np.linalg.pinv(network.agent.lure.H) @ (network.agent.lure.H @ refined)
     best = max([best, refined], key=peak)
     return best, peak(best)
-
-
-def _beside(matrix: Float[np.ndarray, "a b"], size: int) -> Float[np.ndarray, "c d"]:
-    return _diagonal([matrix, np.eye(size)])
 
 
 def _diagonal(blocks: list[Float[np.ndarray, "_ _"]]) -> Float[np.ndarray, "_ _"]:

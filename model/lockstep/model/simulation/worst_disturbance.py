@@ -174,7 +174,6 @@ def _factor(weights: RhoWeights) -> Float[np.ndarray, "N N-1"]:
 
 def _output_form(weights: RhoWeights, N: int) -> Float[np.ndarray, "X X"]:
     """Return |z|^2 as a form on X."""
-    states, rest = np.kron(weights.metric, weights.R), np.kron(np.eye(N), weights.Q)
-    form = np.zeros((len(states) + len(rest),) * 2)
-    form[: len(states), : len(states)], form[len(states) :, len(states) :] = states, rest
-    return form
+    from scipy.linalg import block_diag
+
+    return np.asarray(block_diag(np.kron(weights.metric, weights.R), np.kron(np.eye(N), weights.Q)))

@@ -88,11 +88,8 @@ class Poles:
             return np.asarray(solve(N, -unit if self.continuous else unit))
         if N is not self.N:
             vectors, inverse = inverse.T, vectors.T
-        pairs = (
-            -np.add.outer(poles, poles.conj())
-            if self.continuous
-            else 1 - np.multiply.outer(poles, poles.conj())
-        )
+        other = poles.conj()
+        pairs = -np.add.outer(poles, other) if self.continuous else 1 - np.multiply.outer(poles, other)
         return np.asarray((vectors @ (inverse @ inverse.conj().T / pairs) @ vectors.conj().T).real)
 
 

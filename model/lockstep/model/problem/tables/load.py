@@ -42,11 +42,8 @@ def check_toml(text: str) -> None:
     demand(count <= MOST_KEYS, f"some {count} keys and tables", "", f"at most {MOST_KEYS}")
     if found := _LONG_KEY.search(text):
         line = text.count("\n", 0, found.start()) + 1
-        raise ProblemError(
-            f"the key `{shorten(found[0], 40)}` has too many parts",
-            where=f"line {line}",
-            expected=f"at most {DEEPEST_KEY}",
-        )
+        said = f"the key `{shorten(found[0], 40)}` has too many parts"
+        raise ProblemError(said, where=f"line {line}", expected=f"at most {DEEPEST_KEY}")
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -68,9 +65,8 @@ def parse_toml(text: str) -> dict[str, Any]:
             remedy=instead_of(text, _bare_line(text, place)),
         ) from None
     except (RecursionError, ValueError) as error:
-        what = (
-            "it is nested too deeply" if isinstance(error, RecursionError) else "a number has too many digits"
-        )
+        deep = isinstance(error, RecursionError)
+        what = "it is nested too deeply" if deep else "a number has too many digits"
         raise ProblemError(f"this is not TOML that can be read: {what}") from None
 
 

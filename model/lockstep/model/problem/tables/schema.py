@@ -87,6 +87,11 @@ Scales = NotNegative | dict[str, NotNegative] | None
 Outputs = Annotated[Many[Annotated[tuple[str, str], Strict(False)]], BeforeValidator(_pairs)]
 
 
+def _optional(description: str, **limits: Any) -> Any:
+    """Return a key that is None where the file leaves it out."""
+    return Field(default=None, description=description, **limits)
+
+
 class ProblemTable(BaseModel):
     """What all tables of the file share."""
 
@@ -111,11 +116,11 @@ class AgentTable(ProblemTable):
     outputs: Outputs = Field(
         max_length=MOST_OUTPUTS, description='a formula as text by name, such as y1 = "position"'
     )
-    limits: dict[str, Interval] | None = Field(
-        default=None, description="[lowest, highest] of an actuator by input, as two numbers around 0"
+    limits: dict[str, Interval] | None = _optional(
+        "[lowest, highest] of an actuator by input, as two numbers around 0"
     )
-    output_range: dict[str, Interval] | None = Field(
-        default=None, description="[lowest, highest] plausible value by output, as two numbers"
+    output_range: dict[str, Interval] | None = _optional(
+        "[lowest, highest] plausible value by output, as two numbers"
     )
     domain: dict[str, Interval] = Field(default={}, description="[lower, upper] by state, as two numbers")
     units: dict[str, Line] = Field(
@@ -130,67 +135,51 @@ class AgentTable(ProblemTable):
 class MessagesTable(ProblemTable):
     """[network.messages]: what the network may do to messages, part of what is proved."""
 
-    loss: float | None = Field(
-        default=None,
-        ge=0,
-        lt=1,
-        description="a probability from 0 up, below 1, by which a link at most loses the message of a period",
+    loss: float | None = _optional(
+        "a probability from 0 up, below 1, by which a link at most loses the message of a period", ge=0, lt=1
     )
-    burst: int | None = Field(
-        default=None,
-        ge=0,
-        le=1000,
-        description="a whole number up to 1000: at most so many messages lost in a row",
+    burst: int | None = _optional(
+        "a whole number up to 1000: at most so many messages lost in a row", ge=0, le=1000
     )
-    delay: Annotated[tuple[int, int], Strict(False)] | None = Field(
-        default=None, description="[least, most] periods, whole numbers from 0 up, such as [0, 2]"
+    delay: Annotated[tuple[int, int], Strict(False)] | None = _optional(
+        "[least, most] periods, whole numbers from 0 up, such as [0, 2]"
     )
-    jitter: float | None = Field(
-        default=None,
-        ge=0,
-        lt=1,
-        description="a part of the period, from 0 up and below 1, by which sampling instants may be off",
+    jitter: float | None = _optional(
+        "a part of the period, from 0 up and below 1, by which sampling instants may be off", ge=0, lt=1
     )
 
 
 class NetworkTable(ProblemTable):
     """[network]: the graph, as exactly one of edges, laplacian, topology and file; or a spectrum, which names many."""
 
-    agents: int | None = Field(default=None, description="a whole number of agents, 2 or more")
-    edges: Many[Edge] | None = Field(
-        default=None, description="a list of [listener, source] or [listener, source, weight]"
+    agents: int | None = _optional("a whole number of agents, 2 or more")
+    edges: Many[Edge] | None = _optional("a list of [listener, source] or [listener, source, weight]")
+    laplacian: Matrix | None = _optional("the matrix (1) as a list of rows of numbers")
+    topology: Literal["cycle", "path", "ring", "complete", "star", "leader_path"] | None = _optional(
+        '"cycle", "path", "ring", "complete", "star" or "leader_path"'
     )
-    laplacian: Matrix | None = Field(default=None, description="the matrix (1) as a list of rows of numbers")
-    topology: Literal["cycle", "path", "ring", "complete", "star", "leader_path"] | None = Field(
-        default=None, description='"cycle", "path", "ring", "complete", "star" or "leader_path"'
+    file: Line | None = _optional(
+        'the name of a file beside the problem, Matrix Market (.mtx), GraphML or CSV, such as "graph.mtx"'
     )
-    file: Line | None = Field(
-        default=None,
-        description='the name of a file beside the problem, Matrix Market (.mtx), GraphML or CSV, such as "graph.mtx"',
-    )
-    spectrum: Many[Positive] | None = Field(
-        default=None,
+    spectrum: Many[Positive] | None = _optional(
+        "two numbers [a, b], 0 < a <= b: every undirected graph whose nonzero Laplacian eigenvalues lie there",
         min_length=2,
         max_length=2,
-        description="two numbers [a, b], 0 < a <= b: every undirected graph whose nonzero Laplacian eigenvalues lie there",
     )
-    max_degree: int | None = Field(
-        default=None,
+    max_degree: int | None = _optional(
+        f"a whole number from 1 to {MOST_NEIGHBOURS}: the most neighbours of an agent, with `spectrum`",
         ge=1,
         le=MOST_NEIGHBOURS,
-        description=f"a whole number from 1 to {MOST_NEIGHBOURS}: the most neighbours of an agent, with `spectrum`",
     )
-    leader: dict[str, Interval] | None = Field(
-        default=None, description="[lower, upper] by state of [agent.domain], as two numbers inside its own"
+    leader: dict[str, Interval] | None = _optional(
+        "[lower, upper] by state of [agent.domain], as two numbers inside its own"
     )
-    parameters: Many[dict[str, float]] | None = Field(
-        default=None, description="one table of finite numbers per agent, such as [{ k = 1.0 }, {}]"
+    parameters: Many[dict[str, float]] | None = _optional(
+        "one table of finite numbers per agent, such as [{ k = 1.0 }, {}]"
     )
-    offsets: Matrix | None = Field(
-        default=None, description="one list of n numbers per agent, such as [[0.0, 0.0], [1.0, 0.0]]"
-    )
-    messages: MessagesTable | None = Field(
-        default=None, description="a table, such as { loss = 0.1, burst = 2, delay = [0, 2], jitter = 0.1 }"
+    offsets: Matrix | None = _optional("one list of n numbers per agent, such as [[0.0, 0.0], [1.0, 0.0]]")
+    messages: MessagesTable | None = _optional(
+        "a table, such as { loss = 0.1, burst = 2, delay = [0, 2], jitter = 0.1 }"
     )
 
 
@@ -200,21 +189,17 @@ class WeightsTable(ProblemTable):
     state: Weight = Field(default=1.0, description="a number, a list of numbers or a symmetric matrix")
     controller: Weight = Field(default=1.0, description="a number, a list of numbers or a symmetric matrix")
 
-    input: Weight | None = Field(
-        default=None, description="a number, 0 or more, a list of such numbers or a symmetric matrix"
-    )
+    input: Weight | None = _optional("a number, 0 or more, a list of such numbers or a symmetric matrix")
 
 
 class DisturbancesTable(ProblemTable):
     """[design.disturbances]: what rho is a gain from."""
 
-    states: Scales = Field(
-        default=None,
-        description="a scale, 0 or more, for all states or by state: those not named are not disturbed",
+    states: Scales = _optional(
+        "a scale, 0 or more, for all states or by state: those not named are not disturbed"
     )
-    outputs: Scales = Field(
-        default=None,
-        description="a scale, 0 or more, for all outputs or by output: those not named are not noisy",
+    outputs: Scales = _optional(
+        "a scale, 0 or more, for all outputs or by output: those not named are not noisy"
     )
 
 
@@ -243,40 +228,34 @@ class DesignTable(ProblemTable):
         default="certified",
         description='"certified", "modal", "theorem1", "corollary1", "lipschitz" or "given"',
     )
-    order: int | None = Field(
-        default=None,
-        ge=0,
-        le=MOST_ORDER,
-        description=f"a whole number from 0 (static output feedback) to {MOST_ORDER}",
+    order: int | None = _optional(
+        f"a whole number from 0 (static output feedback) to {MOST_ORDER}", ge=0, le=MOST_ORDER
     )
     weights: WeightsTable = Field(
         default=WeightsTable(), description="a table, such as { state = 1.0, controller = 2.0 }"
     )
-    disturbances: DisturbancesTable | None = Field(
-        default=None, description="a table, such as { outputs = { y1 = 0.001 } }"
+    disturbances: DisturbancesTable | None = _optional("a table, such as { outputs = { y1 = 0.001 } }")
+    decay: Positive | None = _optional("a number of 1/s above 0")
+    search_decay: Positive | None = _optional(
+        "a number of 1/s above 0: a decay that the search keeps to beside rho, and nobody is promised"
     )
-    decay: Positive | None = Field(default=None, description="a number of 1/s above 0")
-    search_decay: Positive | None = Field(
-        default=None,
-        description="a number of 1/s above 0: a decay that the search keeps to beside rho, and nobody is promised",
-    )
-    stable_controllers: bool | None = Field(
-        default=None, description="true or false: whether each controller is to be stable by itself"
+    stable_controllers: bool | None = _optional(
+        "true or false: whether each controller is to be stable by itself"
     )
     gain_limit: Positive = Field(default=50.0, description="a finite number above 0")
-    fragility: FragilityTable | None = Field(default=None, description="a table, such as { A = 0.5 }")
-    alpha: Positive | None = Field(default=None, description="a finite number above 0")
+    fragility: FragilityTable | None = _optional("a table, such as { A = 0.5 }")
+    alpha: Positive | None = _optional("a finite number above 0")
     objective: Literal["rho", "alpha", "decay", "initial_set"] = Field(
         default="rho", description='"rho", "alpha", "decay" or "initial_set"'
     )
-    rho: Positive | None = Field(default=None, description="a finite number above 0")
+    rho: Positive | None = _optional("a finite number above 0")
     coordinates: Literal["orthonormal", "laplacian_rows"] = Field(
         default="orthonormal", description='"orthonormal" or "laplacian_rows"'
     )
     for_period: bool = Field(default=False, description="true or false")
     starts: int = Field(default=4, ge=1, le=10_000, description="a whole number from 1 to 10000")
     seed: int = Field(default=0, ge=0, le=2**63 - 1, description="a whole number, 0 or more")
-    gains: Many[GainsTable] | None = Field(default=None, description="one [[design.gains]] table per agent")
+    gains: Many[GainsTable] | None = _optional("one [[design.gains]] table per agent")
 
 
 class ControllerTable(ProblemTable):
@@ -305,10 +284,9 @@ class DisturbanceTable(ProblemTable):
     )
     frequency: Positive = Field(default=1.0, description="a finite number of Hz above 0")
     start: NotNegative = Field(default=0.0, description="a finite number of seconds, 0 or more")
-    stop: Positive | None = Field(default=None, description="a finite number of seconds above 0")
-    intensity: NotNegative | None = Field(
-        default=None,
-        description="a finite number, 0 or more: of noise, its variance times the time it is held",
+    stop: Positive | None = _optional("a finite number of seconds above 0")
+    intensity: NotNegative | None = _optional(
+        "a finite number, 0 or more: of noise, its variance times the time it is held"
     )
 
 
@@ -320,8 +298,8 @@ class PerturbationTable(ProblemTable):
         description='"none", "paper" (Section 4 as printed), "paper_scaled" (cut to its bounds) or "random"'
         " (at the bounds of [design.fragility])",
     )
-    interval: Positive | None = Field(
-        default=None, description="a finite number of seconds above 0: draw random errors anew that often"
+    interval: Positive | None = _optional(
+        "a finite number of seconds above 0: draw random errors anew that often"
     )
 
 
@@ -330,7 +308,7 @@ class ChannelTable(ProblemTable):
 
     delay: int = Field(default=0, ge=0, le=1000, description="a whole number of periods from 0 to 1000")
     drop: float = Field(default=0.0, ge=0, le=1, description="a probability from 0 to 1")
-    bits: int | None = Field(default=None, ge=2, le=53, description="a whole number of bits from 2 to 53")
+    bits: int | None = _optional("a whole number of bits from 2 to 53", ge=2, le=53)
     full_scale: Positive = Field(
         default=10.0, description="a finite number above 0: the largest output the converter gives"
     )
@@ -351,12 +329,10 @@ class SimulationTable(ProblemTable):
         default=DisturbanceTable(), description='a table, such as { kind = "noise" }'
     )
     # Absent rather than filled in, so that a design file made before them reads and hashes as it did.
-    perturbation: PerturbationTable | None = Field(
-        default=None, description='a table, such as { kind = "random" }'
-    )
-    channel: ChannelTable | None = Field(default=None, description="a table, such as { drop = 0.1 }")
-    reference: dict[str, str] | None = Field(
-        default=None, description='a formula in t as text by input, such as u = "0.5*sin(0.3*t)"'
+    perturbation: PerturbationTable | None = _optional('a table, such as { kind = "random" }')
+    channel: ChannelTable | None = _optional("a table, such as { drop = 0.1 }")
+    reference: dict[str, str] | None = _optional(
+        'a formula in t as text by input, such as u = "0.5*sin(0.3*t)"'
     )
 
 

@@ -22,9 +22,8 @@ def problem_error(error: ValidationError) -> ProblemError:
     """Join the errors of a validation into one; misspelt keys first, for they are why others are missing."""
     details = [d for d in error.errors(include_url=False) if not _is_second_opinion(d["loc"])]
     parts = {d["loc"][:k] for d in details for k in range(len(d["loc"]))}
-    details = [
-        d for d in details if d["loc"] not in parts
-    ]  # a list is said to be too short of what is wrong in it
+    # a list is said to be too short of what is wrong in it
+    details = [d for d in details if d["loc"] not in parts]
     details.sort(key=lambda d: d["type"] != "extra_forbidden")
     first, *rest = [_one(*_place(d)) for d in details[:_MOST]]
     if not rest:
@@ -52,11 +51,7 @@ def toml_path(location: Location) -> str:
     if not names:
         return ""
     if len(names) < 2 and not tail:
-        return (
-            f"[{names[0]}]"
-            if names and _description(location[:1]).startswith("the table")
-            else " ".join(names)
-        )
+        return f"[{names[0]}]" if _description(location[:1]).startswith("the table") else names[0]
     return ", ".join([f"[{'.'.join(names[:-1])}] {names[-1]}", *_tail(tail)])
 
 

@@ -207,11 +207,9 @@ def l2_gain(trajectory: Trajectory, weights: RhoWeights) -> float:
     """
     gain = energies(trajectory, weights).gain
     if gain is None:
-        raise ProblemError(
-            "the run starts in disagreement, or without a disturbance of the disagreement",
-            where="l2_gain",
-            expected="x_i(0) all equal, x_C(0) = 0 and a disturbance that is not the same for all agents",
-        )
+        found = "the run starts in disagreement, or without a disturbance of the disagreement"
+        expected = "x_i(0) all equal, x_C(0) = 0 and a disturbance that is not the same for all agents"
+        raise ProblemError(found, where="l2_gain", expected=expected)
     return gain
 
 
