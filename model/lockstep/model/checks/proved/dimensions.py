@@ -20,6 +20,8 @@ from lockstep.check.expression.text import parse
 from lockstep.model.checks.proved.finding import CheckFinding
 from lockstep.model.problem.tables.schema import AgentTable
 
+REMEDY = "correct the formula, or a unit in [agent.units]; a number has no dimension: make it a parameter that has a unit"
+
 Powers = Mapping[str, float]
 """Exponents of the base dimensions, none of them 0."""
 
@@ -96,7 +98,7 @@ def _check(
                 error.found,
                 where=error.where,
                 expected="parts whose dimensions fit",
-                remedy="correct the formula, or a unit in [agent.units]",
+                remedy=REMEDY,
             ) from None
         if asked is None:
             asked, of = found.powers, f"`{term}`"
@@ -105,7 +107,7 @@ def _check(
                 f"the term `{term}` has the dimension {shown(found.powers)}",
                 where=where,
                 expected=f"{shown(asked)}, that of {of}",
-                remedy="correct the formula, or a unit in [agent.units]",
+                remedy=REMEDY,
             )
 
 
