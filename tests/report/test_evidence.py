@@ -23,7 +23,7 @@ def test_each_agent_has_a_page_with_what_is_claimed(facts, files, source):
         assert facts.manifest.files[f"src/{name}.c"] in text
         assert facts.manifest.identity.design in text
         for key in ("proved", "assumes", "remains", "where"):
-            assert str(facts.manifest.certificate[key]).replace("`limits`", "Limits") in text
+            assert str(facts.manifest.certificate[key]).replace("`limits`", "No saturation") in text
         assert "host clang sanitizers: skipped" in text
 
 

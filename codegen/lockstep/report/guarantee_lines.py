@@ -6,10 +6,15 @@ from collections.abc import Mapping
 
 from lockstep.codegen.emission.emit import claims
 
-LINES = {"proved": "Proved", "covers": "Covered", "assumes": "Assumed", "remains": "What remains"}
-LINES |= {"where": "Where to", "messages": "Messages", "formation": "Formation", "leader": "Leader"}
-LINES |= {"decay": "Decay", "controllers": "Controllers", "limits": "Limits"}
-LINES |= {"limits_gain": "Limits, disturbed", "clipped": "Clipped inputs"}
+LINES = {"proved": "Proved", "covers": "Covered", "assumes": "Assumed", "remains": "Ultimate bound"}
+LINES |= {
+    "where": "Consensus trajectory",
+    "messages": "Messages",
+    "formation": "Formation",
+    "leader": "Leader",
+}
+LINES |= {"decay": "Convergence", "controllers": "Controllers", "limits": "No saturation"}
+LINES |= {"limits_gain": "No saturation, disturbed", "clipped": "With saturation"}
 """Keys of the manifest's certificate, which `lockstep.codegen.from_design` fills."""
 
 
@@ -19,9 +24,9 @@ def lines_of(certificate: Mapping[str, str | float | bool | None]) -> list[tuple
     >>> lines_of({"certified": True, "proof": "ball", "proved": "they agree", "rho": 3.0})
     [('Proved', 'they agree')]
     >>> lines_of({"certified": True, "limits": "|u| < 1", "decay": "2 1/s"})
-    [('Decay', '2 1/s'), ('Limits', '|u| < 1')]
+    [('Convergence', '2 1/s'), ('No saturation', '|u| < 1')]
     >>> lines_of({"certified": True, "assumes": "no limit is met (see `limits`)"})
-    [('Assumed', 'no limit is met (see Limits)')]
+    [('Assumed', 'no limit is met (see No saturation)')]
     >>> lines_of({"certified": False, "proved": "they agree"})
     [('NOT CERTIFIED', 'no proof covers these gains')]
     """
