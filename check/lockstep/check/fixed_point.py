@@ -9,7 +9,7 @@ from lockstep.check.c_source.folder import manifest_in
 from lockstep.check.continuous.certificate import decide_stable_controllers
 from lockstep.check.design_file.claims import SURE
 from lockstep.check.errors import NotCertified, demand
-from lockstep.check.files import text_inside
+from lockstep.check.files import named, text_inside
 from lockstep.check.sampled.certificate import ROUNDED_UP, decide_sampled
 from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.discretise import clipped_at
@@ -20,6 +20,7 @@ from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled_claims import CheckedFile, sampled_network
 from lockstep.check.system.network import ExactNetwork
 from lockstep.check.verdict import Verdict
+from lockstep.check.wording import shorten
 
 
 def decide_fixed(
@@ -95,6 +96,11 @@ def _differs(
     """Return in what the C of a folder is not these controllers, or nothing."""
     base = f"{manifest_in(folder).get('prefix', '')}{stored.problem.agent.name}"
     names = [f"{base}{i}" for i in range(1, len(held) + 1)]
+    known = {f"{name}_fixed.{end}" for name in names for end in "hc"}
+    with named(folder / "fixed", "a folder"):
+        extra = sorted({one.name for one in (folder / "fixed").iterdir()} - known)
+    if extra:
+        return f"fixed/{shorten(extra[0])}: a compiler may read it, and nothing here does"
     for name, one, own in zip(names, integers, held, strict=True):
         header, source = (text_inside(folder, f"fixed/{name}_fixed.{end}") for end in "hc")
         try:

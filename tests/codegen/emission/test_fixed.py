@@ -227,6 +227,12 @@ def test_one_integer_more_in_the_c_is_refused(shipped):
         assert (name, last.status) == ("fixed", "refuted")
     finally:
         path.write_text(text)
+    (shipped / "fixed" / "stdint.h").write_text("#define int32_t float\n")
+    try:
+        name, last = list(decided(document, shipped).items())[-1]
+        assert (name, last.status) == ("fixed", "refuted") and "fixed/stdint.h" in last.reason
+    finally:
+        (shipped / "fixed" / "stdint.h").unlink()
 
 
 @pytest.mark.slow
