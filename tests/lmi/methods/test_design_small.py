@@ -5,6 +5,8 @@ agents' own equations by `exact_twin`, and where there is one the optimum in clo
 """
 
 import json
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,8 @@ from lockstep.check.errors import BoundNotProved, Infeasible, NotCertified, Prob
 from lockstep.lmi.design import Proposal, design
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import file_of, parse
+from lockstep.lmi.methods import certified
+from lockstep.lmi.search import SearchResult
 from lockstep.model.problem import Problem
 
 PATH_2 = 'agents = 2\ntopology = "path"'
@@ -260,3 +264,24 @@ def test_what_cannot_be_posed_is_bad_input(change: dict, says: str) -> None:
             problem(**(dict(dynamics=PENDULUM, outputs=BOTH, network=PATH_2, design="order = 0") | change)),
             jobs=1,
         )
+
+
+def test_where_no_start_leads_anywhere_as_many_are_drawn_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    posed, seeds = (
+        problem(
+            dynamics={"x": "sin(x) + u"},
+            outputs={"y": "x"},
+            design="order = 0\nstarts = 1\ngain_limit = 50.0",
+        ),
+        [],
+    )
+    real = certified.search_gains
+
+    def search(*given: Any, seed: int, **options: Any) -> SearchResult:
+        seeds.append(seed)
+        found = real(*given, seed=seed, **options)
+        return found if len(seeds) > 1 else replace(found, outcomes=())
+
+    monkeypatch.setattr(certified, "search_gains", search)
+    assert design(posed, jobs=1).certified
+    assert seeds == [0, certified.DRAWN_ANEW]
