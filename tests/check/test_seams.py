@@ -186,7 +186,11 @@ def test_a_negative_multiplier_is_named_and_no_vector_with_it() -> None:
 
 @pytest.mark.parametrize(
     ("line", "passes"),
-    [("#define ARM_CONTROLLERS_MORE 1", True), ("#define float double", False), ("#include_next <a>", False)],
+    [
+        ("#define ARM_CONTROLLERS_MORE 1", True), ("#define float double", False), ("#include_next <a>", False),
+        ("/* */ #define float double", False), ("%:define float double", False), ("#def\\\nine float double", False),
+        ("??=define float double", False), ('_Pragma("GCC poison x")', False), ("int f(void) __attribute__((cold));", False),
+    ],
 )  # fmt: skip
 def test_the_table_of_the_controllers_defines_names_of_its_own(
     line: str, passes: bool, tmp_path: Path

@@ -10,7 +10,7 @@ import numpy as np
 
 from lockstep.check.c_source.one_image import read_node
 from lockstep.check.c_source.reader import ReadController, read_controller
-from lockstep.check.c_source.tokens import nearest
+from lockstep.check.c_source.tokens import CText, nearest
 from lockstep.check.design_file.json_text import parse_json
 from lockstep.check.errors import NotCertified, demand
 from lockstep.check.files import named, text_inside
@@ -103,9 +103,14 @@ def _unread(folder: Path, names: Sequence[str], table: str) -> str:
             if name not in known:
                 return f"{part}/{shorten(name)}"
     header = f"include/{table}.h"
-    own = re.compile(rf"#(ifndef|ifdef|endif|include )|#define {re.escape(table.upper())}[A-Z0-9_]*( |$)")
-    lines = text_inside(folder, header).splitlines() if (folder / header).exists() else []
-    return header if any(line.lstrip()[:1] == "#" and not own.match(line.lstrip()) for line in lines) else ""
+    own = re.compile(
+        rf"#(ifndef|ifdef|endif|include )|#define {re.escape(table.upper())}[A-Z0-9_]*( |$)|[^#%_]|__cplusplus"
+    )
+    try:
+        tokens = CText(header, text_inside(folder, header)).tokens if (folder / header).exists() else []
+    except NotCertified as error:
+        return str(error)
+    return header if any(not own.match(token) for token in tokens if token) else ""
 
 
 def _same_limits(problem: ProblemTables, read: Any) -> bool:
