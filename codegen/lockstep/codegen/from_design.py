@@ -31,7 +31,7 @@ CONTINUOUS_ONLY = (
     "the continuous controller in real arithmetic; the sampled, rounded one of this folder is not covered yet"
 )
 
-WHERE = "not proved: the consensus trajectory is that of one agent with u = 0, or of the leader"
+WHERE = "not proved; in consensus all agents move as one of them does with u = 0, behind a leader as it does"
 
 
 def specification(

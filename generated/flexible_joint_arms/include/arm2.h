@@ -23,7 +23,8 @@
  *   remains = at the sampling instants, in the end, a distance of the states from agreement of up to
  *     9.6e+01 times the largest error of a message or of an own reading (root mean square: 9.6e+01 times);
  *     rounding a message to float32 errs by 6.0e-08 of its size
- *   where = not proved: the consensus trajectory is that of one agent with u = 0, or of the leader
+ *   where = not proved; in consensus all agents move as one of them does with u = 0, behind a leader as it
+ *     does
  *   scope = global
  *   rho = 4.648
  *   rho_sampled = 4.713

@@ -6,12 +6,12 @@
 
 const arm_controllers_descriptor_t arm_controllers_descriptors[3] = {
     {"arm1", "lockstep-controllers/2", ARM1_DESIGN_ID,
-     "0ba10dcda5e1c374fec4b8aca13b4e72b4ea12055437b85db53327e333255185",
+     "1bb3e57e13cbc71842234b6a8a357dda6b1a592946a2bef541d9a2576658fd0e",
      ARM1_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm1_state_t)},
     {"arm2", "lockstep-controllers/2", ARM2_DESIGN_ID,
-     "0ba10dcda5e1c374fec4b8aca13b4e72b4ea12055437b85db53327e333255185",
+     "1bb3e57e13cbc71842234b6a8a357dda6b1a592946a2bef541d9a2576658fd0e",
      ARM2_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm2_state_t)},
     {"arm3", "lockstep-controllers/2", ARM3_DESIGN_ID,
-     "0ba10dcda5e1c374fec4b8aca13b4e72b4ea12055437b85db53327e333255185",
+     "1bb3e57e13cbc71842234b6a8a357dda6b1a592946a2bef541d9a2576658fd0e",
      ARM3_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm3_state_t)}
 };

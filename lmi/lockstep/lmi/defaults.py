@@ -40,7 +40,7 @@ INPUT, NOISE, DECAY = 1e-3, 0.03, 0.037
 
 DECAY_PER_PERIOD = 0.01
 """The most of the decay that the search keeps to, times period and delay: a slope that a small part of the domain has may
-make the natural unit of time far shorter than the period. No example or benchmark is above 0.0015."""
+make the natural unit of time far shorter than the period. No example or field that takes the defaults is above 0.0015."""
 
 FAR_APART = 300.0
 """Between natural units of states: beyond, |x|^2 is of one state, and the others are free. Most problems have below 50."""
