@@ -1,7 +1,11 @@
 """Small random problems and gains for them: what a floor is held against."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
+from lockstep.check.bound.slope_bounds import Entry
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.floor.witness import proves_floor
 from lockstep.lmi.analysis.certificate_sdp import least_rho
@@ -31,7 +35,9 @@ SCALES = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 def random_problem(rng: np.random.Generator) -> tuple[Network, Claim, int]:
     """One or two states, two or three agents, order 0 or 1, with a nonlinearity or without, B_i of their own or not.
 
-    Entries are quarters, so that the problem is what its text says; half of the agents are stable.
+    Half of them have noise, weighed inputs or scaled disturbances, and half of those with a nonlinearity of two arguments
+    bounds of their own for its slopes. Entries are quarters, so that the problem is what its text says; half of the agents
+    are stable.
     """
     n, N, order = int(rng.choice([1, 2, 2, 2])), int(rng.integers(2, 4)), int(rng.integers(0, 2))
     A = quarters(rng, n, n)
@@ -50,15 +56,35 @@ def random_problem(rng: np.random.Generator) -> tuple[Network, Claim, int]:
     graph = Graph.from_edges(N, GRAPHS[N][int(rng.integers(len(GRAPHS[N])))])
     alpha = float(rng.choice([0.25, 0.5, 1.0, 2.0])) if agent.lure.G.shape[1] else 0.0
     R = np.eye(n) * float(rng.choice([0.25, 1.0, 4.0]))
-    return Network(agent, graph, own), Claim(alpha, R, np.eye(order), np.zeros((N, 4))), order
+    parts: dict[str, Any] = {}
+    if rng.random() < 0.5:
+        parts["W"] = np.array([[float(rng.choice([0.0, 0.25, 4.0]))]])
+        parts["outputs"] = rng.choice([0.0, 0.25, 1.0], len(C))
+        parts["states"] = (
+            rng.choice([0.0, 0.5, 2.0], n, p=[0.2, 0.4, 0.4]) if rng.random() < 0.5 else np.zeros(0)
+        )
+        if len(parts["states"]) and not parts["states"].any():
+            parts["states"] = np.ones(n)
+    claim = replace(plain(N, alpha, R), Q=np.eye(order), **parts)
+    posed = Network(agent, graph, own)
+    if alpha and rng.random() < 0.5:
+        arguments = range(len(agent.lure.H))
+        bounds = rng.choice([0.25, 0.5, 1.0], len(arguments)) * alpha
+        claim = replace(claim, entries=tuple(Entry(0, l, float(bounds[l])) for l in arguments))
+    return posed, claim, order
 
 
-def floor(posed: Network, alpha: float, R: np.ndarray) -> float:
+def plain(N: int, alpha: float, R: np.ndarray) -> Claim:
+    """Return a claim without entries, noise, weights of inputs or fragility, of order 0."""
+    return Claim(alpha, R, np.zeros((0, 0)), np.zeros((N, 4)))
+
+
+def floor(posed: Network, claim: Claim) -> float:
     """Return the floor, decided apart from the search for it; 0 where there is none."""
-    witness = largest_floor(posed.matrices, alpha, R)
+    witness = largest_floor(posed.matrices, claim)
     if witness is None:
         return 0.0
-    assert proves_floor(posed.matrices, alpha, R, witness)
+    assert proves_floor(posed.matrices, claim, witness)
     return witness.rho
 
 

@@ -19,9 +19,8 @@ from jaxtyping import Complex, Float
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.system.disagreement import orthonormal_factor
 from lockstep.check.system.loop import Gains, build_loop
-from lockstep.model.network import Network
+from lockstep.model.network import Network, orthonormal_factor
 
 Transfer = Callable[[float], Complex[np.ndarray, "n_z n_d"]]
 Response = Callable[[Float[np.ndarray, "n n"]], Transfer]

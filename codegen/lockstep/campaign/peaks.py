@@ -15,8 +15,7 @@ from jaxtyping import Complex, Float
 
 from lockstep.campaign.frequency_response import Response
 from lockstep.check.numbers import as_floats
-from lockstep.check.system.disagreement import orthonormal_factor
-from lockstep.model.network import Network
+from lockstep.model.network import Network, orthonormal_factor
 
 REACH = np.pi
 """Operating points are within this of 0 in every state, and in the domain: all slopes of a sine are met."""

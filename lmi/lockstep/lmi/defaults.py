@@ -50,6 +50,9 @@ KEYS = ("gain_limit", "stable_controllers", "search_decay")
 FAR, MUCH = 4.0, 0.5
 """A rho above so many floors is far: gains within the next limit are taken if theirs is less than this part of it."""
 
+VERY_FAR = 10.0
+"""A rho above so many floors, without gain errors, which the floor does not know: as many starts are drawn anew."""
+
 
 class Wishes(NamedTuple):
     """A problem that names what it asks for, and what was given up for it, in words; empty at first."""

@@ -9,6 +9,7 @@
 Whatever the method, gains count as certified only by the last step.
 """
 
+import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -25,7 +26,7 @@ from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.analysis.margins import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
-from lockstep.lmi.defaults import MUCH, Wishes, is_far, named, wishes
+from lockstep.lmi.defaults import MUCH, VERY_FAR, Wishes, is_far, named, wishes
 from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.initial_set import InitialStates, Unavailable
 from lockstep.lmi.initial_set_design import largest_initial_states
@@ -235,17 +236,43 @@ def given_gains(problem: Problem) -> Gains:
 
 def _searched(problem: Problem, network: Network, bound: Bound, claim: Claim, effort: _Effort) -> Proposal:
     from lockstep.lmi.diagnosis.open_loop import rho_alone
-    from lockstep.lmi.methods.certified import searched
+    from lockstep.lmi.methods.certified import CertifiedGains, searched
     from lockstep.lmi.sampled.synthesis.score import SampledScore
 
     jobs, tell, time_limit, stop, explain = effort
     score = SampledScore.of(problem, network, claim)
-    found = searched(problem, network, claim, jobs, tell, time_limit, score, stop, explain=explain)
+
+    def found_from(*, anew: bool) -> tuple[CertifiedGains, FloorWitness | None]:
+        found = searched(
+            problem,
+            network,
+            claim,
+            jobs,
+            tell,
+            time_limit,
+            score,
+            stop,
+            explain=explain and not anew,
+            anew=anew,
+        )
+        rho = found.certificate.rho
+        return found, stop.optional(lambda: _floor(problem, network, found.claim, rho, tell), otherwise=None)
+
+    found, floor = found_from(anew=False)
+    far = floor is not None and found.certificate.rho > VERY_FAR * floor.rho and not claim.delta.any()
+    if (
+        far
+        and explain
+        and time_limit is None
+        and not stop.asked
+        and not eliminates_P(network.loop(problem.order))
+    ):
+        with contextlib.suppress(Infeasible, NotCertified, NothingYet):
+            again = found_from(anew=True)
+            if again[0].certificate.rho < MUCH * found.certificate.rho:
+                found, floor = again
     alone = stop.optional(lambda: rho_alone(network, found.claim), otherwise=None)
     figures = found.figures | _figures(network, found.gains) | {"rho_alone": alone}
-    floor = stop.optional(
-        lambda: _floor(problem, network, found.claim, found.certificate.rho, tell), otherwise=None
-    )
     return Proposal(
         problem, network, bound, found.claim, found.gains, found.certificate, figures, floor, found.others
     )
@@ -376,7 +403,5 @@ def _floor(
     from lockstep.lmi.floor.bisection import largest_floor
     from lockstep.model.assembly import exact_network
 
-    if not claim.performance.covers_xi:
-        return None
     tell("proving a lower bound of rho", 0.0)
-    return largest_floor(exact_network(problem, network), claim.alpha_of_floor, claim.R, certified=rho)
+    return largest_floor(exact_network(problem, network), claim, certified=rho)

@@ -117,7 +117,7 @@ def proofs_document(proofs: Proofs) -> dict[str, Any]:
         "certificate": None if proofs.certificate is None else certificate_document(proofs.certificate),
         "decay": None if proofs.decay is None else _with_rho(proofs.decay),
         **({} if proofs.initial_set is None else {"initial_set": _with_rho(proofs.initial_set)}),
-        "floor": None if proofs.floor is None else pieces_document(proofs.floor),
+        "floor": None if proofs.floor is None else floor_document(proofs.floor),
         **sampled,
         "bound": None if proofs.bound is None else _bound_document(proofs.bound),
         **later,
@@ -152,9 +152,9 @@ def certificate_document(c: Certificate | ModalCertificate) -> dict[str, Any]:
     return {"P": c.P.tolist(), "m": c.m.tolist(), "t": c.t.tolist(), **own}
 
 
-def pieces_document(witness: FloorWitness) -> list[dict[str, Any]]:
-    """Return the pieces of a witness as plain JSON types."""
-    return [
+def floor_document(witness: FloorWitness) -> dict[str, Any] | list[Any]:
+    """Return the witness of a floor as plain JSON types, as `floor_witness_of` reads it."""
+    pieces = [
         {
             "upper": piece.upper if math.isfinite(piece.upper) else None,
             "Z": [piece.Z[i, : i + 1].tolist() for i in range(len(piece.Z))],
@@ -163,3 +163,4 @@ def pieces_document(witness: FloorWitness) -> list[dict[str, Any]]:
         }
         for piece in witness.pieces
     ]
+    return pieces if witness.slopes is None else {"slopes": list(witness.slopes), "pieces": pieces}

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import demand
-from lockstep.check.numbers import exactly
-from lockstep.check.system.disagreement import Coordinates
+from lockstep.check.numbers import as_floats, exactly
+from lockstep.check.system.disagreement import Coordinates, Disagreement
 from lockstep.check.system.loop import Gains, Loop, Plant
 from lockstep.check.system.network import ExactNetwork
 from lockstep.model.agents.agent import Agent
@@ -138,3 +138,8 @@ class Network:
         x, t = ca.SX.sym("x", self.agent.n), ca.SX.sym("t")
         value = ca.DM(lure.A) @ x + ca.DM(lure.G) @ lure.phi(ca.DM(lure.H) @ x, t) + lure.offset(t)
         return ca.Function("drift", [x, t], [value], ["x", "t"], ["dx"])
+
+
+def orthonormal_factor(d: Disagreement) -> Float[np.ndarray, "k k"]:
+    """Return F with F'F = S: F x_d are orthonormal coordinates when S = (T T')^-1."""
+    return np.linalg.cholesky(as_floats(d.S)).T

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from floor_cases import plain
 from lmi_cases import DOUBLE_INTEGRATOR, arms, problem
 
 from lockstep.check.errors import Infeasible
@@ -48,9 +49,9 @@ def test_an_alpha_beyond_it_is_refused_without_a_search_and_one_below_is_not() -
     assert said
     assert not any("searching" in what for what in said)
     below, above = network(non_minimum_phase(1.9)), network(non_minimum_phase(2.1))
-    assert proves_that_none_carries(above.matrices, 2.1)
-    assert not proves_that_none_carries(below.matrices, 1.9)
-    unbounded = largest_floor(above.matrices, 2.1, np.eye(2))
+    assert proves_that_none_carries(above.matrices, plain(above.N, 2.1, np.eye(2)))
+    assert not proves_that_none_carries(below.matrices, plain(below.N, 1.9, np.eye(2)))
+    unbounded = largest_floor(above.matrices, plain(above.N, 2.1, np.eye(2)))
     assert unbounded is not None
     assert unbounded.rho > 1e4
 

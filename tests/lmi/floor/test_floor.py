@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 from flint import fmpq
-from floor_cases import floor, quarters
+from floor_cases import floor, plain, quarters
 from lmi_cases import ALPHA, arms, claim, published, table_1_problem
 
+from lockstep.check.bound.slope_bounds import Entry
 from lockstep.check.continuous.certificate import decide_floor
-from lockstep.check.continuous.inequality import Certificate, Claim
-from lockstep.check.design_file.proofs import witness_of
+from lockstep.check.continuous.inequality import Certificate, Claim, Performance
+from lockstep.check.design_file.proofs import floor_witness_of
 from lockstep.check.errors import ProblemError
-from lockstep.check.floor.projected import with_rho
+from lockstep.check.floor.projected import FloorAgent, with_rho
 from lockstep.check.floor.witness import FloorWitness, bound, coupled, not_negative, proves_floor, restored
 from lockstep.check.numbers import as_floats, exactly
 from lockstep.check.system.loop import Gains, Plant
@@ -23,7 +24,7 @@ from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.analysis.decimals import round_down
 from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.design import claim_of, design, proved_bound
-from lockstep.lmi.design_json import pieces_document
+from lockstep.lmi.design_json import floor_document
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import file_of, parse
 from lockstep.lmi.floor.bisection import largest_floor, proves_that_none_carries
@@ -71,13 +72,70 @@ ALMOST_Z = np.diag([1e-6, 1.0])
     ],
 )
 def test_closed_forms(posed: Network, alpha: float, R: np.ndarray, least: float) -> None:
-    found = floor(posed, alpha, R)
+    found = floor(posed, plain(3, alpha, R))
     assert least * (1 - BELOW) <= found <= least
+
+
+@pytest.mark.parametrize(
+    ("w", "d", "s"), [(1.0, 1.0, 1.0), (0.25, 4.0, 1.0), (4.0, 0.0, 0.5), (0.0, 1.0, 3.0), (1.0, 2.0, 2.0)]
+)
+def test_noise_weighed_inputs_and_scaled_disturbances(w: float, d: float, s: float) -> None:
+    """x' = u + s xi, y = x + sqrt(d) nu, cost x^2 + w u^2: X^2 (1/w - s^2 / rho^2) = 1, Y^2 (1/d - 1 / rho^2) = s^2 and
+    X Y < rho^2 (Doyle, Glover, Khargonekar and Francis, IEEE TAC 34, 1989) leave rho^2 > s^2 w + d.
+    """
+    scalar = network({"x": "u"}, {"y": "x"})
+    weighed = replace(
+        plain(3, 0.0, np.eye(1)), W=w * np.eye(1), outputs=np.array([np.sqrt(d)]), states=np.array([s])
+    )
+    least = np.sqrt(s * s * w + d)
+    assert least * (1 - BELOW) <= floor(scalar, weighed) <= least * (1 + 1e-15)
+
+
+def test_inputs_that_weigh_something_in_other_coordinates() -> None:
+    """|T u| may be above |u| in the rows of the Laplacian: no input counts as weighed there, and noise does."""
+    scalar, asked = network({"x": "u"}, {"y": "x"}), plain(3, 0.0, np.eye(1))
+    rows = replace(scalar, coordinates="laplacian_rows")
+    weighed, noisy = replace(asked, W=np.eye(1)), replace(asked, outputs=np.ones(1))
+    assert floor(scalar, weighed) > 1 - BELOW
+    assert (floor(rows, weighed), floor(rows, noisy)) == (0.0, floor(scalar, noisy))
+
+
+TWO_SLOPES = network({"x": "u", "z": "-z + 0.5*sin(z) + 0.01*sin(x)"}, {"y1": "x", "y2": "z"})
+
+
+def of_two_slopes() -> Claim:
+    arguments = [int(np.flatnonzero(row)[0]) for row in TWO_SLOPES.agent.lure.H]
+    entries = tuple(Entry(0, k, (0.01, 0.5)[state]) for k, state in enumerate(arguments))
+    return replace(plain(3, 0.6, ALMOST_Z), entries=entries)
+
+
+def test_slopes_of_their_own_count_at_their_worst() -> None:
+    """z' = -z + J_z z + J_x x + xi with |J_z| <= 1/2 and x at will: 1 / (1 - 1/2) at J_z = 1/2; without phi 1."""
+    assert 2 * (1 - BELOW) <= floor(TWO_SLOPES, of_two_slopes()) <= 2
+
+
+def test_slopes_beyond_the_claim_prove_nothing() -> None:
+    asked = of_two_slopes()
+    witness = largest_floor(TWO_SLOPES.matrices, asked)
+    assert witness is not None
+    assert witness.slopes is not None
+    assert proves_floor(TWO_SLOPES.matrices, asked, witness)
+    narrow = [replace(one, bound=min(one.bound, 0.4)) for one in asked.entries]
+    assert not proves_floor(TWO_SLOPES.matrices, replace(asked, entries=tuple(narrow)), witness)
+    assert not proves_floor(TWO_SLOPES.matrices, replace(asked, alpha=0.4), witness)
+    for slopes in (
+        None,
+        (),
+        witness.slopes[:1],
+        (*witness.slopes, 0.0),
+        tuple(2 * J for J in witness.slopes),
+    ):
+        assert not proves_floor(TWO_SLOPES.matrices, asked, replace(witness, slopes=slopes))
 
 
 def test_the_floor_of_the_arms() -> None:
     """1.97 to three digits was measured apart from this code; published gains are far above it."""
-    found = floor(arms(), ALPHA, np.eye(4))
+    found = floor(arms(), plain(3, ALPHA, np.eye(4)))
     assert 1.965 * (1 - 2 * BELOW) <= found <= 1.975
     least = least_rho(arms().loop(2), published().blocks, claim(arms(), 2, ALPHA))
     assert least is not None
@@ -87,9 +145,9 @@ def test_the_floor_of_the_arms() -> None:
 def test_the_rows_of_the_laplacian_have_the_same_floor() -> None:
     """The statement is about one agent: no coordinates enter it."""
     rows = arms(coordinates="laplacian_rows")
-    witness = largest_floor(arms().matrices, ALPHA, np.eye(4))
+    witness = largest_floor(arms().matrices, plain(3, ALPHA, np.eye(4)))
     assert witness is not None
-    assert proves_floor(rows.matrices, ALPHA, np.eye(4), witness)
+    assert proves_floor(rows.matrices, plain(3, ALPHA, np.eye(4)), witness)
 
 
 def test_the_floor_is_of_the_rationals_of_the_file() -> None:
@@ -103,10 +161,10 @@ def test_the_floor_is_of_the_rationals_of_the_file() -> None:
     exact = exact_network(problem, posed)
     assert exact.plant.A.tolist() == [[0, 1], [fmpq(-1, 3), fmpq(-1, 7)]]
     assert (exactly(posed.plant.A) != exact.plant.A).any()
-    alpha = claim_of(problem, proved_bound(problem)).alpha_of_floor
-    witness = largest_floor(exact, alpha, np.eye(2))
+    asked = claim_of(problem, proved_bound(problem))
+    witness = largest_floor(exact, asked)
     assert witness is not None
-    assert proves_floor(exact, alpha, np.eye(2), witness)
+    assert proves_floor(exact, asked, witness)
 
 
 def test_where_gains_reach_everything_there_is_no_floor() -> None:
@@ -116,14 +174,20 @@ def test_where_gains_reach_everything_there_is_no_floor() -> None:
     certain = Claim(0.0, np.eye(1), np.zeros((0, 0)), np.zeros((3, 4)))
     proved = prove(scalar, Gains.from_blocks(gains, 0), certain)
     assert proved.rho < 0.01429
-    assert largest_floor(scalar.matrices, 0.0, np.eye(1)) is None
-    assert largest_floor(scalar.matrices, 0.0, np.eye(1), certified=proved.rho) is None
+    assert largest_floor(scalar.matrices, plain(3, 0.0, np.eye(1))) is None
+    assert largest_floor(scalar.matrices, plain(3, 0.0, np.eye(1)), certified=proved.rho) is None
 
 
 def test_more_alpha_and_more_weight_raise_the_floor() -> None:
     posed = arms()
-    assert floor(posed, 0.0, np.eye(4)) < floor(posed, ALPHA, np.eye(4)) < floor(posed, 2 * ALPHA, np.eye(4))
-    assert floor(posed, ALPHA, 4 * np.eye(4)) == pytest.approx(2 * floor(posed, ALPHA, np.eye(4)), rel=BELOW)
+    assert (
+        floor(posed, plain(3, 0.0, np.eye(4)))
+        < floor(posed, plain(3, ALPHA, np.eye(4)))
+        < floor(posed, plain(3, 2 * ALPHA, np.eye(4)))
+    )
+    assert floor(posed, plain(3, ALPHA, 4 * np.eye(4))) == pytest.approx(
+        2 * floor(posed, plain(3, ALPHA, np.eye(4))), rel=BELOW
+    )
 
 
 def test_different_inputs_are_pooled() -> None:
@@ -131,22 +195,22 @@ def test_different_inputs_are_pooled() -> None:
     unit = np.eye(2)
     dynamics, outputs = {"x": "x + u", "z": "z"}, {"y1": "x", "y2": "z"}
     pooled = network(dynamics, outputs, (unit[:, :1], unit[:, 1:], unit[:, :1]))
-    assert floor(pooled, 0.0, np.eye(2)) == 0.0
+    assert floor(pooled, plain(3, 0.0, np.eye(2))) == 0.0
     # Alone, z' = z is out of reach of all of them: every rho is excluded, and so the largest that is tried.
-    assert floor(network(dynamics, outputs), 0.0, np.eye(2)) > 1e4
+    assert floor(network(dynamics, outputs), plain(3, 0.0, np.eye(2))) > 1e4
 
 
 def test_an_alpha_that_none_carries_and_one_that_some_do() -> None:
     """z' = -z + phi, out of reach: |phi| <= alpha |z| allows phi = alpha z, which is stable for alpha < 1 only."""
-    assert proves_that_none_carries(UNACTUATED.matrices, 1.01)
-    assert not proves_that_none_carries(UNACTUATED.matrices, 0.99)
-    assert proves_that_none_carries(UNMEASURED.matrices, 1.01)
-    assert not proves_that_none_carries(UNMEASURED.matrices, 0.99)
+    assert proves_that_none_carries(UNACTUATED.matrices, plain(3, 1.01, np.eye(2)))
+    assert not proves_that_none_carries(UNACTUATED.matrices, plain(3, 0.99, np.eye(2)))
+    assert proves_that_none_carries(UNMEASURED.matrices, plain(3, 1.01, np.eye(2)))
+    assert not proves_that_none_carries(UNMEASURED.matrices, plain(3, 0.99, np.eye(2)))
 
 
 @pytest.fixture(scope="module")
 def proved() -> FloorWitness:
-    witness = largest_floor(arms().matrices, ALPHA, np.eye(4))
+    witness = largest_floor(arms().matrices, plain(3, ALPHA, np.eye(4)))
     assert witness is not None
     return witness
 
@@ -180,16 +244,17 @@ def changed(witness: FloorWitness, **changes: object) -> FloorWitness:
 def test_a_tampered_witness_proves_nothing(
     proved: FloorWitness, tampered: Callable[[FloorWitness], FloorWitness]
 ) -> None:
-    assert proves_floor(arms().matrices, ALPHA, np.eye(4), proved)
-    assert not proves_floor(arms().matrices, ALPHA, np.eye(4), tampered(proved))
+    assert proves_floor(arms().matrices, plain(3, ALPHA, np.eye(4)), proved)
+    assert not proves_floor(arms().matrices, plain(3, ALPHA, np.eye(4)), tampered(proved))
 
 
 def test_a_witness_is_about_its_own_problem(proved: FloorWitness) -> None:
-    assert not proves_floor(arms().matrices, 0.97 * ALPHA, np.eye(4), proved)
-    assert not proves_floor(arms().matrices, ALPHA, 0.97 * np.eye(4), proved)
-    assert proves_floor(
-        arms().matrices, ALPHA, np.eye(4), witness_of(proved.rho, pieces_document(proved), "memory")
-    )
+    assert not proves_floor(arms().matrices, plain(3, 0.97 * ALPHA, np.eye(4)), proved)
+    assert not proves_floor(arms().matrices, plain(3, ALPHA, 0.97 * np.eye(4)), proved)
+    asked = plain(3, ALPHA, np.eye(4))
+    for one in (proved, replace(proved, slopes=None)):
+        assert proves_floor(arms().matrices, asked, floor_witness_of(one.rho, floor_document(one), "memory"))
+    assert not proves_floor(arms().matrices, asked, replace(proved, slopes=(0.0,)))
     claim = Claim(ALPHA, np.eye(4), np.eye(2), np.zeros((3, 4)))
     assert decide_floor(arms().matrices, claim, proved).proved
     assert decide_floor(arms().matrices, replace(claim, alpha=0.97 * ALPHA), proved).status == "undecided"
@@ -204,6 +269,9 @@ def test_a_witness_is_about_its_own_problem(proved: FloorWitness) -> None:
         ([{"upper": None, "Z": [], "Z_dual": [["1"]], "k": []}], "`Z_dual`"),
         ([{"upper": True, "Z": [], "Z_dual": [], "k": []}], "`upper`"),
         ([{"upper": None, "Z": [], "Z_dual": [], "k": [], "K": []}], "`K`"),
+        ({"slopes": [0.0]}, "`pieces`"),
+        ({"slopes": ["0"], "pieces": []}, "`slopes`"),
+        ({"slopes": [], "pieces": [], "J": []}, "`J`"),
     ],
 )
 def test_a_floor_that_is_none_by_its_form(file: dict[str, Any], pieces: Any, said: str) -> None:
@@ -217,8 +285,7 @@ def test_a_floor_that_is_none_by_its_form(file: dict[str, Any], pieces: Any, sai
 def test_the_certificate_has_the_form_that_the_floor_is_about() -> None:
     """A new multiplier in F may certify less: `floor.projected` is to be stated anew with it before this list grows.
 
-    A weight W of u and noise of outputs only raise rho; scales of states below 1 lower it, and no floor is claimed then.
-    With entries it is that of alpha = 0, which is no larger.
+    W, the noise of outputs and the scales of states are in the projected sides; with entries phi is one linear function.
     """
     assert {one.name for one in fields(Claim)} == {
         *("alpha", "R", "Q", "delta", "entries"),
@@ -233,14 +300,14 @@ def file(proved: FloorWitness) -> dict[str, Any]:
     content = json.loads(json.dumps(file_of(design(table_1_problem())).document()))
     assert (content["claims"]["floor"], content["proofs"]["floor"]) == (None, None)
     content["claims"]["floor"] = proved.rho
-    content["proofs"]["floor"] = pieces_document(proved)
+    content["proofs"]["floor"] = floor_document(proved)
     return content
 
 
 def test_the_checker_decides_the_floor_of_a_file(file: dict[str, Any]) -> None:
     assert certify(parse(file, "memory")).certified
-    floor, pieces = file["claims"]["floor"], file["proofs"]["floor"]
-    for claimed, witness in ((1.01 * floor, pieces), (floor, pieces[1:])):
+    floor, proof = file["claims"]["floor"], file["proofs"]["floor"]
+    for claimed, witness in ((1.01 * floor, proof), (floor, {**proof, "pieces": proof["pieces"][1:]})):
         claims, proofs = {**file["claims"], "floor": claimed}, {**file["proofs"], "floor": witness}
         verdict = certify(parse({**file, "claims": claims, "proofs": proofs}, "memory"))
         assert not verdict.certified
@@ -255,7 +322,7 @@ def test_what_is_left_of_the_sum_is_g() -> None:
     L, half = np.tril(quarters(rng, n, n)) + 3 * np.eye(n), fmpq(1, 2)
     R = L @ L.T
     plant = Plant(A, (B,), C, G, H).in_numbers(True)
-    stated = with_rho(plant, half, exactly(R), fmpq(7, 4))
+    stated = with_rho(FloorAgent(plant, half, Performance(R, np.eye(0))), fmpq(7, 4))
     sides = stated.primal, stated.dual
     points = []
     for side in sides:

@@ -14,7 +14,7 @@ def holds_against_what_is_found(seed: int) -> tuple[float | None, float]:
     """Return the least rho that was met and the floor, the floor not above it; decided exactly where they are close."""
     rng = np.random.default_rng(seed)
     posed, asked, order = random_problem(rng)
-    found = floor(posed, asked.alpha, asked.R)
+    found = floor(posed, asked)
     K = best_found(posed, asked, order, rng)
     if K is None:
         return None, found

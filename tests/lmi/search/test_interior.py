@@ -8,6 +8,7 @@ from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, arms, claim, problem, published
 
 from lockstep.check.continuous.inequality import F_matrix
 from lockstep.lmi.analysis.certificate_sdp import least_rho
+from lockstep.lmi.analysis.margins import claim_at
 from lockstep.lmi.design import claim_of, proved_bound
 from lockstep.lmi.search import GainSearch, search_gains
 from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram, NewtonLimits
@@ -38,7 +39,7 @@ def somewhere(
     weights = replace(
         weights, **asked or {}, entries=tuple(Entry(0, 0, ALPHA * (k + 1)) for k in range(entries))
     )
-    found = least_rho(loop, gains.blocks, weights.at(fraction_of_delta=0.0))
+    found = least_rho(loop, gains.blocks, claim_at(weights, fraction_of_delta=0.0))
     assert found is not None
     F = BalancedF(loop, weights, np.linalg.cholesky(found.P))
     x = F.pack(gains.blocks, found, 0.8, 0.6)
@@ -120,7 +121,7 @@ def test_a_run_climbs_to_the_whole_claim_delta_included() -> None:
     network = arms()
     loop, weights = network.loop(2), claim(network, 2, ALPHA, delta=(0.02, 0.0, 0.0, 0.02))
     K = published().blocks
-    start = least_rho(loop, K, weights.at(alpha=0.1 * ALPHA, fraction_of_delta=0.1))
+    start = least_rho(loop, K, claim_at(weights, alpha=0.1 * ALPHA, fraction_of_delta=0.1))
     assert start is not None
     climbed = InteriorProgram(loop, weights, 50.0).improve(
         BarrierPoint(K, start, 0.01, 0.01), "claim", NewtonLimits(100, 10 * start.rho)

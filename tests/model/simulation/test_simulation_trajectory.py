@@ -8,8 +8,8 @@ from simulation_cases import ARMS
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats
-from lockstep.check.system.disagreement import orthonormal_factor
 from lockstep.model.graphs.graph import Graph
+from lockstep.model.network import orthonormal_factor
 from lockstep.model.simulation import RhoWeights, Trajectory, effort_indices, energies, indices, l2_gain
 from lockstep.model.simulation.results.table import columns, to_csv
 

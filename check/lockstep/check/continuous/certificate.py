@@ -64,8 +64,7 @@ def decide_floor(network: ExactNetwork, claim: Claim, witness: FloorWitness) -> 
     said = f"no controllers certify a rho below {witness.rho:.10g}"
     if network.spectrum is not None:
         return Verdict("undecided", f"it is claimed that {said}, of graphs that are not named")
-    covers = claim.performance.covers_xi
-    return Verdict.of(said, covers and proves_floor(network, claim.alpha_of_floor, claim.R, witness))
+    return Verdict.of(said, proves_floor(network, claim, witness))
 
 
 def decide_initial_set(

@@ -33,7 +33,7 @@ leave of phi_k,i - phi_k,j, and W_c = sum_ij m_c,ij w_kl,ij^2. The solver mixes 
 that look for witnesses, from rationals for the proof.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -98,18 +98,6 @@ class Claim:
     def performance(self) -> Performance:
         """What rho is a gain to and from."""
         return Performance(self.R, self.Q, self.W, self.states, self.outputs)
-
-    @property
-    def alpha_of_floor(self) -> float:
-        """The alpha for which a floor of rho is one of this claim: 0 with entries, which may certify what alpha does not."""
-        return 0.0 if self.entries else self.alpha
-
-    def at(self, *, alpha: float | None = None, fraction_of_delta: float = 1.0) -> "Claim":
-        """Return an easier or harder claim, for continuation: the entries are scaled as alpha is."""
-        alpha = self.alpha if alpha is None else alpha
-        part = alpha / self.alpha if self.alpha else 1.0
-        entries = tuple(replace(one, bound=part * one.bound) for one in self.entries)
-        return replace(self, alpha=alpha, delta=self.delta * fraction_of_delta, entries=entries)
 
 
 class GainError(NamedTuple):

@@ -88,7 +88,7 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
     readers: dict[str, Reader] = {
         "certificate": or_none(partial(_certificate, claims, sizes, claims.rho)),
         "decay": or_none(partial(_with_rho, claims, sizes)),
-        "floor": lambda value, where: None if rho is None else witness_of(rho, value, where),
+        "floor": lambda value, where: None if rho is None else floor_witness_of(rho, value, where),
         **dict.fromkeys(("sampled", "sampled_rho", "max_period"), or_none(_sampled_witness)),
         "radius": maybe,
         "bound": or_none(
@@ -131,15 +131,21 @@ def _clipped(value: Any, where: str) -> ClippedWitness:
     return ClippedWitness(storage, *record(own, where, {"tau": vector(), "H": matrix()}))
 
 
-def witness_of(rho: float, pieces: Any, where: str) -> FloorWitness:
+def floor_witness_of(rho: float, value: Any, where: str) -> FloorWitness:
     """Read the witness of a floor rho: of the symmetric Z and Z_dual the lower triangles, row by row.
+
+    A list of pieces alone, as it was written before noise and the weights of inputs counted, is of xi and R.
 
     Raises:
         ProblemError: it is not one by its form.
     """
     end = lambda value, where: math.inf if value is None else number(value, where)  # noqa: E731
     piece = made(Piece, {"upper": end, "Z": _triangle, "Z_dual": _triangle, "k": matrix()})
-    return FloorWitness(rho, each(pieces, where, piece, "piece"))
+    pieces: Reader = partial(each, read=piece, name="piece")
+    if isinstance(value, list):
+        return FloorWitness(rho, pieces(value, where))
+    slopes, found = record(value, where, {"slopes": vector(), "pieces": pieces})
+    return FloorWitness(rho, found, tuple(slopes.tolist()))
 
 
 def _triangle(value: Any, where: str) -> Any:

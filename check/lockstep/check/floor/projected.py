@@ -1,26 +1,32 @@
 """What every certificate must satisfy once the gains are eliminated: two projected inequalities of one agent.
 
 Whatever the controllers are, F < 0 (see `inequality`) with P > 0 and multiplier M leaves, for X the block of P on x_d
-and Y that of P^-1, with N_C, N_B bases of ker C and ker [B_1 ... B_N]',
+and Y that of P^-1, with N_C, N_B bases of ker C_0 and ker [B_1 ... B_N]_0',
 
-    (I (x) N_C)' (He(X (I (x) A)) + I (x) R + M (x) alpha^2 H'H) (I (x) N_C),  bordered by X over -rho^2 I, by
-                                                                               X (I (x) G) over -M (x) I        < 0,
-    (I (x) N_B)' (He((I (x) A) Y) + rho^-2 I + M^-1 (x) G G') (I (x) N_B),     bordered by Y (I (x) R) over -I (x) R,
-                                                                               by Y (I (x) alpha H') over -M^-1 (x) I < 0,
+    (I (x) N_C)' (He(X (I (x) A)) + I (x) (R - rho^2 C_s' D_nu^-2 C_s) + M (x) alpha^2 H'H) (I (x) N_C),  bordered by
+                                                              X (I (x) D_xi) over -rho^2 I, by X (I (x) G) over -M (x) I  < 0,
+    (I (x) N_B)' (He((I (x) A) Y) + I (x) (rho^-2 D_xi D_xi' - B_u W^-1 B_u') + M^-1 (x) G G') (I (x) N_B),  bordered by
+                                          Y (I (x) R) over -I (x) R, by Y (I (x) alpha H') over -M^-1 (x) I               < 0,
     [X I; I Y] >= 0
 
-(Gahinet and Apkarian, Int. J. Robust Nonlinear Control 4, 1994). Q, delta, the order and any limit on the gains only add
-to F, and controllers that share all relative outputs and all inputs are allowed, so nothing is lost by leaving these out.
+(Gahinet and Apkarian, Int. J. Robust Nonlinear Control 4, 1994). D_xi scales the disturbance of each state, D_nu the noise
+of the outputs C_s, and C_0 are the outputs without noise: on nu = -D_nu^-1 C_s x the controllers see nothing. W weighs the
+inputs of B_u, and B_0 are those that weigh nothing. Q, delta, the order and any limit on the gains only add to F, and
+controllers that share all relative outputs and all inputs are allowed, so nothing is lost by leaving these out.
 
 M is symmetric and positive definite whatever the pair weights m_ij >= 0 are. Let M v = mu v, |v| = 1: restricted to
-v (x) R^n, all three keep their form with X = (v' (x) I) X (v (x) I), likewise Y, and the scalars mu and 1/mu for M and M^-1.
+v (x) R^n, all three keep their form with X = (v' (x) I) X (v (x) I), likewise Y, and the scalars mu and 1/mu for M and M^-1;
+B_u W^-1 B_u' becomes that of the columns c_i B_i, c = T'v. With |c| = 1, which is so where the metric is (T T')^-1, it is
+at most that of all columns, and that of B where all agents have it; in other coordinates no input counts as weighed.
 So any certificate, with any pair weights, on any graph, gives one for a single agent, with a number mu > 0. Divided by rho
 (X / rho, mu / rho, Y rho for X, mu, Y), these are two `Side`s,
 
     He(e Psi S) + constant + mu slope < 0,     He(e Phi S_*) + constant_* + slope_* / mu < 0,     Psi = N_C'X, Phi = N_B'Y.
 
 This holds in any coordinates T whose metric S is (T T')^-1 or I, and for the modes of `modes`. It does not hold for
-multipliers of another kind than M, but for `Claim.alpha_of_floor`: with new ones, these sides are to be stated anew.
+multipliers of another kind than M. Where single slopes have bounds of their own, phi(v) = J v with |J_kl| <= r_kl and
+|J| <= alpha is one of the nonlinearities of the claim: F of A + G J H without phi is less than F, so these sides with
+A + G J H and alpha = 0 hold for each such J.
 """
 
 from typing import Annotated, NamedTuple
@@ -28,7 +34,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from lockstep.check.numbers import Matrix, eye, inverse, zeros
+from lockstep.check.continuous.inequality import Performance
+from lockstep.check.numbers import Matrix, exactly, eye, inverse, zeros
 from lockstep.check.system.loop import Plant
 
 
@@ -68,22 +75,37 @@ class Projected(NamedTuple):
         return product
 
 
-def with_rho(
-    plant: Plant, alpha: fmpq, R: Matrix, rho: fmpq, *, phi_in_primal: bool = True, phi_in_dual: bool = True
-) -> Projected:
-    """Return the two sides at a given rho > 0, from the rationals of a plant.
+class FloorAgent(NamedTuple):
+    """One agent in rationals, without phi where it has none or is linear; alpha; and what rho is a gain to and from."""
 
-    phi_in_primal, phi_in_dual: whether the border of phi is kept; without it the condition is weaker.
+    plant: Plant
+    alpha: fmpq
+    performance: Performance
+
+
+def with_rho(agent: FloorAgent, rho: fmpq, *, primal_phi: bool = True, dual_phi: bool = True) -> Projected:
+    """Return the two sides at a given rho > 0.
+
+    primal_phi, dual_phi: whether the border of phi is kept; without it the condition is weaker.
     """
-    B, H, I = np.hstack(plant.B), alpha * plant.H, eye(len(plant.A), plant.A)
-    G, H_out = _kept(plant.G, phi_in_primal), _kept(H.T, phi_in_dual)
-    primal = side(plant.A, plant.C, R / rho, H.T @ H, (I, rho * I), G)
-    dual = side(plant.A.T, B.T, I / rho, plant.G @ plant.G.T, (R / rho, R / rho), H_out)
-    return Projected(primal, dual)
+    plant, alpha, performance = agent
+    A, B, G, H, R = plant.A, plant.B, plant.G, alpha * plant.H, exactly(performance.R)
+    own = 1 if all((B[0] == one).all() for one in B) else len(B)
+    free, weighed = _split(np.hstack(B[:own]).T, np.tile(np.diag(performance.W), own))
+    quiet, noisy = _split(plant.C, performance.outputs**2)
+    D = np.diag(exactly(performance.states)) if len(performance.states) else eye(len(A), A)
+    D = D[:, np.any(D != 0, axis=0)]
+    border = D, rho * eye(D.shape[1], A)
+    primal = side(A, quiet, R / rho - rho * noisy, H.T @ H, border, G if primal_phi else G[:, :0])
+    head, H_out = D @ D.T / rho - rho * weighed, H.T if dual_phi else H.T[:, :0]
+    return Projected(primal, side(A.T, free, head, G @ G.T, (R / rho, R / rho), H_out))
 
 
-def _kept(columns: Matrix, kept: bool) -> Matrix:
-    return columns if kept else columns[:, :0]
+def _split(rows: Matrix, weights: Annotated[np.ndarray, " rows"]) -> tuple[Matrix, Matrix]:
+    """Return the rows whose weight is 0, and sum_k c_k'c_k / w_k over the others; no weights are as many of 0."""
+    w = exactly(weights) if len(weights) else zeros(1, len(rows), rows)[0]
+    some = w != 0
+    return rows[~some], rows[some].T @ (rows[some] / w[some][:, None])
 
 
 def side(A: Matrix, C: Matrix, head: Matrix, slope: Matrix, border: tuple[Matrix, Matrix], G: Matrix) -> Side:

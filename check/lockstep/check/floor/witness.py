@@ -23,10 +23,10 @@ from typing import Annotated, Any
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from lockstep.check.floor.projected import Projected, Side, left_inverse, with_rho
-from lockstep.check.numbers import Matrix, exact, exactly, zeros
+from lockstep.check.continuous.inequality import Claim, Performance
+from lockstep.check.floor.projected import FloorAgent, Projected, Side, left_inverse, with_rho
+from lockstep.check.numbers import Matrix, exact, exactly, eye, zeros
 from lockstep.check.psd import decide_positive_definite
-from lockstep.check.system.loop import Plant
 from lockstep.check.system.network import ExactNetwork
 
 
@@ -45,57 +45,79 @@ class Piece:
 
 @dataclass(frozen=True)
 class FloorWitness:
-    """What proves that no certificate has a rho below `rho`."""
+    """What proves that no certificate has a rho below `rho`.
+
+    slopes: J of `projected`, one for each entry of the claim; None where the noise and the weights of the inputs are left
+    out, as in files that were written before they counted.
+    """
 
     rho: float
     pieces: tuple[Piece, ...]
+    slopes: tuple[float, ...] | None = None
 
 
-def proves_floor(
-    network: ExactNetwork, alpha: float, R: Annotated[np.ndarray, "n n"], witness: FloorWitness
-) -> bool:
-    """Decide exactly whether a witness proves that no controllers can certify a rho below its own."""
+def proves_floor(network: ExactNetwork, claim: Claim, witness: FloorWitness) -> bool:
+    """Decide exactly whether a witness proves that no controllers can certify a rho of this claim below its own."""
     ends = [piece.upper for piece in witness.pieces]
     if not witness.rho > 0 or not ends or ends != sorted(set(ends)) or ends[0] <= 0 or np.isfinite(ends[-1]):
         return False
+    agent = exact_agent(network, claim, witness.slopes)
+    if agent is None:
+        return False
     lower = 0.0
     for piece in witness.pieces:
-        stated = of_piece(network, alpha, R, witness.rho, lower, piece.upper)
+        stated = of_piece(agent, witness.rho, lower, piece.upper)
         if not excludes(stated, piece, lower):
             return False
         lower = piece.upper
     return True
 
 
-def exact_agent(network: ExactNetwork, alpha: float) -> tuple[Plant, fmpq]:
-    """Return the plant in rationals and alpha; without phi where it has no rows or alpha is 0."""
-    plant = network.plant.in_numbers(True)
+def exact_agent(network: ExactNetwork, claim: Claim, slopes: tuple[float, ...] | None) -> FloorAgent | None:
+    """Return the agent whose floor is one of the claim, phi being J v for given slopes; None where there is none.
+
+    slopes: as of `FloorWitness`.
+    """
+    plant, alpha, performance = network.plant.in_numbers(True), exact(claim.alpha), claim.performance
+    if slopes is None:
+        if not performance.covers_xi:
+            return None
+        performance = Performance(performance.R, performance.Q)
+    elif network.coordinates != "orthonormal":
+        performance = performance._replace(W=performance.W[:0, :0])
+    if claim.entries:
+        J = zeros(plant.G.shape[1], len(plant.H), plant.A)
+        given = exactly(np.array(slopes or [0.0] * len(claim.entries)))
+        if len(given) != len(claim.entries):
+            return None
+        for entry, slope in zip(claim.entries, given, strict=True):
+            place = entry.component, entry.argument
+            if abs(slope) > exact(entry.bound) or place not in np.ndindex(J.shape):
+                return None
+            J[place] = slope
+        if not decide_positive_definite(alpha * alpha * eye(len(J), J) - J @ J.T).positive:
+            return None
+        plant, alpha = replace(plant, A=plant.A + plant.G @ J @ plant.H), fmpq(0)
+    elif slopes:
+        return None
     if alpha == 0 or not plant.G.shape[1]:
         plant = replace(plant, G=plant.G[:, :0], H=plant.H[:0])
-    return plant, exact(alpha)
+    return FloorAgent(plant, alpha, performance)
 
 
-def of_piece(
-    network: ExactNetwork,
-    alpha: float,
-    R: Annotated[np.ndarray, "n n"],
-    rho: float,
-    lower: float,
-    upper: float,
-) -> Projected:
+def of_piece(agent: FloorAgent, rho: float, lower: float, upper: float) -> Projected:
     """Return the sides that hold on a piece.
 
     Where phi acts on a side through its border alone, that border says nothing as mu tends to the end at which its corner
     grows, and any Z > 0 on it would make g negative there: on such a piece it is left out.
     """
-    plant, slope = exact_agent(network, alpha)
-    whole = with_rho(plant, slope, exactly(R), exact(rho))
+    whole = with_rho(agent, exact(rho))
     k, k_dual = whole.primal.k, whole.dual.k
     idle = np.isinf(upper) and not np.any(whole.primal.slope[:k, :k])
     idle_dual = lower == 0 and not np.any(whole.dual.slope[:k_dual, :k_dual])
     if not idle and not idle_dual:
         return whole
-    return with_rho(plant, slope, exactly(R), exact(rho), phi_in_primal=not idle, phi_in_dual=not idle_dual)
+    return with_rho(agent, exact(rho), primal_phi=not idle, dual_phi=not idle_dual)
 
 
 def excludes(stated: Projected, piece: Piece, lower: float) -> bool:

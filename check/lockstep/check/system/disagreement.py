@@ -8,11 +8,11 @@ length of the projection of x on the complement of 1, exactly as in orthonormal 
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 
-from lockstep.check.numbers import Matrix, as_floats, converter, eye, inverse, is_exact
+from lockstep.check.numbers import Matrix, converter, eye, inverse, is_exact
 from lockstep.check.system.graph import Digraph
 
 Coordinates = Literal["orthonormal", "laplacian_rows"]
@@ -83,8 +83,3 @@ def _dependent_row(graph: Digraph) -> int:
     Removing any other row would lose rank N - 1, which the paper's Section 3 overlooks.
     """
     return max(graph.roots) - 1
-
-
-def orthonormal_factor(d: Disagreement) -> Annotated[np.ndarray, "k k"]:
-    """Return F with F'F = S: F x_d are orthonormal coordinates when S = (T T')^-1."""
-    return np.linalg.cholesky(as_floats(d.S)).T

@@ -117,11 +117,6 @@ class Digraph:
     N = agents
 
     @property
-    def in_degrees(self) -> Annotated[np.ndarray, " N"]:
-        """deg_i = sum_j a_ij of (1): the total weight agent i listens to."""
-        return np.asarray(self.adjacency.sum(axis=1))
-
-    @property
     def laplacian(self) -> Annotated[np.ndarray, "N N"]:
         """L = D - A of (1)."""
         return self.laplacian_in(exact_arithmetic=False)

@@ -5,6 +5,7 @@ certifies.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +16,14 @@ from lockstep.lmi.shapes import GainBlocks
 
 DOUBLINGS, HALVINGS = 20, 10
 """At most so many doublings of alpha to bracket the largest one, and halvings of the bracket: to 0.1 %."""
+
+
+def claim_at(claim: Claim, *, alpha: float | None = None, fraction_of_delta: float = 1.0) -> Claim:
+    """Return an easier or harder claim, for continuation: the entries are scaled as alpha is."""
+    alpha = claim.alpha if alpha is None else alpha
+    part = alpha / claim.alpha if claim.alpha else 1.0
+    entries = tuple(replace(one, bound=part * one.bound) for one in claim.entries)
+    return replace(claim, alpha=alpha, delta=claim.delta * fraction_of_delta, entries=entries)
 
 
 def largest_alpha(
@@ -30,7 +39,7 @@ def largest_alpha(
     """
 
     def carried(alpha: float) -> bool:
-        found = least_rho(loop, K, claim.at(alpha=alpha))
+        found = least_rho(loop, K, claim_at(claim, alpha=alpha))
         return found is not None and found.rho <= rho
 
     high = max(from_alpha if from_alpha is not None else claim.alpha, 1e-6)
@@ -46,14 +55,16 @@ def largest_fraction(loop: Loop, K: GainBlocks, claim: Claim, known: float) -> f
     """Return the largest part of alpha and delta, both scaled alike, that has a certificate, from a known one up."""
 
     def carried(part: float) -> bool:
-        return least_rho(loop, K, claim.at(alpha=part * claim.alpha, fraction_of_delta=part)) is not None
+        return (
+            least_rho(loop, K, claim_at(claim, alpha=part * claim.alpha, fraction_of_delta=part)) is not None
+        )
 
     return 1.0 if carried(1.0) else bisect(carried, known, 1.0, HALVINGS - 4)
 
 
 def trade_off(loop: Loop, K: GainBlocks, claim: Claim, alphas: Sequence[float]) -> list[tuple[float, float]]:
     """Return (alpha, least rho) for each alpha, infinite where there is no certificate: the curve rho(alpha)."""
-    found = [least_rho(loop, K, claim.at(alpha=alpha)) for alpha in alphas]
+    found = [least_rho(loop, K, claim_at(claim, alpha=alpha)) for alpha in alphas]
     return [(alpha, np.inf if c is None else c.rho) for alpha, c in zip(alphas, found, strict=True)]
 
 

@@ -13,7 +13,8 @@ import numpy as np
 from flint import fmpq
 from jaxtyping import Float
 
-from lockstep.check.floor.projected import Projected, side
+from lockstep.check.continuous.inequality import Claim
+from lockstep.check.floor.projected import FloorAgent, Projected, side
 from lockstep.check.floor.witness import FloorWitness, Piece, exact_agent, excludes, of_piece
 from lockstep.check.numbers import as_floats, zeros
 from lockstep.check.system.loop import Plant
@@ -36,6 +37,12 @@ DIGITS = (5, 7, 9, 12, 17)
 SOLVED = 1e-9
 """The margin of a point may fall short of 0 by this, which the solver leaves open, and is still decided exactly."""
 
+SWEEPS, HIGHER = 2, 1.01
+"""How often the slopes of all entries are tried at both ends, and by what part a floor has to rise for new slopes."""
+
+INSIDE = 1 - 2.0**-20
+"""|J| is kept below alpha by so much, which the exact decision asks for strictly."""
+
 TURNS = 3
 """How often a point is sought, each time in the scales of the one before."""
 
@@ -50,26 +57,55 @@ FIRST_CUT = 10.0
 
 
 def largest_floor(
-    network: ExactNetwork, alpha: float, R: Float[np.ndarray, "n n"], *, certified: float | None = None
+    network: ExactNetwork, claim: Claim, *, certified: float | None = None
 ) -> FloorWitness | None:
     """Return the largest rho for which it is proved that no controllers certify less; None where no proof is found.
+
+    With entries, phi is one linear function of slopes within their bounds, so chosen that the floor is high.
 
     Args:
         network: the agents as the checker reads them (`exact_network`): near the least rho the nearest doubles of A are
             agents of another one. Of the graph only that it has a spanning tree is used.
-        alpha: the incremental bound of phi.
-        R: (n, n) weight of the disagreement.
+        claim: alpha, the entries, and what rho is a gain to and from.
         certified: a rho that is certified, above which there is nothing to look for.
     """
+    slopes = (0.0,) * len(claim.entries)
+    found = _of_slopes(network, claim, slopes, certified)
+    for c, sign in SWEEPS * [(c, sign) for c in range(len(slopes)) for sign in (1.0, -1.0)]:
+        J = _with_entry(claim, slopes, c, sign)
+        agent = None if slopes == J else exact_agent(network, claim, J)
+        if agent is None or (found and _Cover(agent, HIGHER * found.rho).pieces() is None):
+            continue
+        if higher := _of_slopes(network, claim, J, certified):
+            found, slopes = higher, J
+    return found
+
+
+def _with_entry(claim: Claim, slopes: tuple[float, ...], c: int, sign: float) -> tuple[float, ...]:
+    """Return slopes with the entry c at an end of its bounds; all of them less where |J| would not be below alpha."""
+    places = [(one.component, one.argument) for one in claim.entries]
+    J = np.zeros(1 + np.max(places, axis=0))
+    for i, place in enumerate(places):
+        J[place] = sign * claim.entries[c].bound if i == c else slopes[i]
+    J *= min(1.0, INSIDE * claim.alpha / max(float(np.linalg.norm(J, 2)), 1e-300))
+    return tuple(float(J[place]) for place in places)
+
+
+def _of_slopes(
+    network: ExactNetwork, claim: Claim, slopes: tuple[float, ...], certified: float | None
+) -> FloorWitness | None:
+    agent = exact_agent(network, claim, slopes)
+    if agent is None:
+        return None
     proved: dict[float, tuple[Piece, ...]] = {}
 
     def is_proved(rho: float) -> bool:
-        pieces = _Cover(network, alpha, R, rho).pieces()
+        pieces = _Cover(agent, rho).pieces()
         if pieces is not None:
             proved[rho] = pieces
         return pieces is not None
 
-    low, high = _bracket(is_proved, certified, _guess(network, R))
+    low, high = _bracket(is_proved, certified, _guess(network, claim.R))
     if low is None:
         return None
     while high is not None and high / low > 1 + TOLERANCE:
@@ -77,18 +113,18 @@ def largest_floor(
         low, high = (middle, high) if is_proved(middle) else (low, middle)
     short = round_down(low)
     rho = short if short in proved or is_proved(short) else low
-    return _shortened(network, alpha, R, FloorWitness(rho, proved[rho]))
+    return _shortened(agent, FloorWitness(rho, proved[rho], slopes))
 
 
-def proves_that_none_carries(network: ExactNetwork, alpha: float) -> bool:
-    """Tell whether a proof is found that no controllers certify alpha, with whatever rho and R.
+def proves_that_none_carries(network: ExactNetwork, claim: Claim) -> bool:
+    """Tell whether a proof is found that no controllers certify a claim without entries, with whatever rho and weights.
 
     Such a proof needs phi to reach, and to be reached from, all that the controllers cannot move: else none is found here.
     """
-    plant, slope = exact_agent(network, alpha)
-    if not plant.G.shape[1]:
+    agent = exact_agent(network, claim, ())
+    if agent is None or not agent.plant.G.shape[1]:
         return False
-    stated = without_rho(plant, slope)
+    stated = without_rho(agent.plant, agent.alpha)
     return _point(FloorProgram(stated), stated, 1.0, 1.0)[1]
 
 
@@ -132,9 +168,7 @@ def _bracket(
 class _Cover:
     """The pieces for one rho, and the programs they come from."""
 
-    network: ExactNetwork
-    alpha: float
-    R: Float[np.ndarray, "n n"]
+    agent: FloorAgent
     rho: float
     tried: int = 0
     programs: dict[tuple[bool, bool], tuple[Projected, FloorProgram]] = field(default_factory=dict)
@@ -160,7 +194,7 @@ class _Cover:
     def _point(self, lower: float, upper: float) -> tuple[FloorSolution | None, bool]:
         key = lower == 0, math.isinf(upper)
         if key not in self.programs:
-            stated = of_piece(self.network, self.alpha, self.R, self.rho, lower, upper)
+            stated = of_piece(self.agent, self.rho, lower, upper)
             self.programs[key] = stated, FloorProgram(stated)
         stated, program = self.programs[key]
         return _point(program, stated, lower, upper)
@@ -198,14 +232,12 @@ def cut(lower: float, upper: float, mu: float) -> float:
     return float(lower * (upper / lower) ** min(max(part, NEAR_AN_END), 1 - NEAR_AN_END))
 
 
-def _shortened(
-    network: ExactNetwork, alpha: float, R: Float[np.ndarray, "n n"], witness: FloorWitness
-) -> FloorWitness:
+def _shortened(agent: FloorAgent, witness: FloorWitness) -> FloorWitness:
     """Return the witness in the fewest of `DIGITS`, piece by piece."""
     ends = [0.0, *(piece.upper for piece in witness.pieces)]
     pieces = []
     for lower, piece in zip(ends, witness.pieces, strict=False):
-        stated = of_piece(network, alpha, R, witness.rho, lower, piece.upper)
+        stated = of_piece(agent, witness.rho, lower, piece.upper)
         shorter = (in_digits(piece, digits) for digits in DIGITS)
         pieces.append(next((one for one in shorter if excludes(stated, one, lower)), piece))
     return replace(witness, pieces=tuple(pieces))

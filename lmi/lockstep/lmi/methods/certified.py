@@ -41,7 +41,8 @@ HELD = (0.4, 0.7, 1.0)
 decay of its gains is often twice as fast."""
 
 DRAWN_ANEW = 1_000_003
-"""Added to the seed where no start of the first ones led anywhere: one of twenty on three quadrotors (order 0)."""
+"""Added to the seed where no start of the first ones led anywhere, or none near the floor: one of twenty each on three
+quadrotors (order 0)."""
 
 FORGOTTEN = 100
 """Periods within which a controller that is to be stable by itself forgets all but 1/e of its state."""
@@ -72,6 +73,7 @@ def searched(
     stop: Stop | None = None,
     *,
     explain: bool = True,
+    anew: bool = False,
 ) -> CertifiedGains:
     """Search, round, prove.
 
@@ -83,6 +85,7 @@ def searched(
         score: rho of the sampled loop for gains, by which starts are ranked; None to rank by rho.
         stop: ends the search, too.
         explain: whether to look for what is in the way where nothing is found.
+        anew: whether to begin with other starts than the seed's.
 
     Raises:
         Infeasible: no gains exist, which some problems show without a search, or no start led to gains for the claim;
@@ -111,8 +114,8 @@ def searched(
             "deadline": deadline,
         }
         with stop.searching():
-            found = search_gains(search, starts=table.starts, seed=table.seed, **effort)
-            if explain and not found.outcomes and not found.cut:
+            found = search_gains(search, starts=table.starts, seed=table.seed + anew * DRAWN_ANEW, **effort)
+            if explain and not anew and not found.outcomes and not found.cut:
                 # Before it is said that there are none: as many starts again, drawn anew.
                 found = search_gains(search, starts=table.starts, seed=table.seed + DRAWN_ANEW, **effort)
         if not found.outcomes:
@@ -288,7 +291,7 @@ def refuse_the_impossible(problem: Problem, network: Network, claim: Claim) -> N
             f" {bound:.3g}; raise [design] order to 1 or more, or measure more",
             abscissa=bound,
         )
-    if not claim.entries and proves_that_none_carries(exact_network(problem, network), claim.alpha):
+    if not claim.entries and proves_that_none_carries(exact_network(problem, network), claim):
         most = largest_alpha_of_any_controller(network)
         near = f" and {most:.6g} is about the most that any can (computed)" if np.isfinite(most) else ""
         raise Infeasible(

@@ -1,4 +1,4 @@
-"""One K and one P for an interval, moved together: the matrix of a mode at both ends as conditions of `methods.bilinear`.
+"""One K and one P for an interval, moved together: the matrix of a mode at both ends as conditions of `bilinear_barrier`.
 
 In x = (K, P, mu, sigma, P_m), P in coordinates of a base in which it is I, with T = [C_1 K Y, ...] the rows of W^(1/2) u,
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.lmi.analysis.margins import claim_at
 from lockstep.lmi.methods.modal_witness import ModalWitness, fine_witness
 from lockstep.lmi.search.common_gains import ModalSearch
 
@@ -50,7 +51,7 @@ def from_start(search: ModalSearch, seed: int, index: int) -> ModalCandidate:
 
 
 def _carries(search: ModalSearch, K: Float[np.ndarray, "a b"], part: float) -> bool:
-    claim = search.claim.at(alpha=part * search.claim.alpha)
+    claim = claim_at(search.claim, alpha=part * search.claim.alpha)
     return fine_witness(search.modes, K, claim, search.ends)[1] is not None
 
 

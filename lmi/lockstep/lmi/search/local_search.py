@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P, least_rho
-from lockstep.lmi.analysis.margins import largest_alpha
+from lockstep.lmi.analysis.margins import claim_at, largest_alpha
 from lockstep.lmi.search.barrier import BarrierPoint, NewtonLimits
 from lockstep.lmi.search.random_start import GainSearch, Score
 from lockstep.lmi.search.stopping import NEVER, Deadline
@@ -125,7 +125,7 @@ def _with_alpha_raised(search: GainSearch, best: Polished, rho: float, deadline:
     most = rho * best.certificate.rho / best.rho  # rho in the units of the search
     K, alpha = best.K, largest_alpha(loop, best.K, claim, rho=most)
     for _ in range(RAISES):
-        start = None if deadline.over else least_rho(loop, K, claim.at(alpha=alpha))
+        start = None if deadline.over else least_rho(loop, K, claim_at(claim, alpha=alpha))
         if start is None:
             break
         part = (alpha / claim.alpha) ** 2
@@ -138,7 +138,7 @@ def _with_alpha_raised(search: GainSearch, best: Polished, rho: float, deadline:
         gained, K, alpha = higher / alpha - 1, trial, higher
         if gained < WORTHWHILE:
             break
-    certificate = least_rho(loop, K, claim.at(alpha=alpha))
+    certificate = least_rho(loop, K, claim_at(claim, alpha=alpha))
     if certificate is None:
         return best
     return replace(best, K=K, certificate=certificate, alpha=alpha / claim.alpha, cut=deadline.over)

@@ -18,6 +18,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.certificate_sdp import AffineF, eliminates_P, least_rho
+from lockstep.lmi.analysis.margins import claim_at
 from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram, NewtonLimits
 from lockstep.lmi.search.common_gains import ModalSearch
 from lockstep.lmi.search.smoothed_norm import (
@@ -245,7 +246,7 @@ def first_point(search: GainSearch, K: GainBlocks) -> BarrierPoint | None:
     """Return gains with a certificate for some part of the claim, or None where not even the least part has one."""
     claim = search.claim
     for fraction in FEW_FRACTIONS if search.is_large else FRACTIONS:
-        part = claim.at(alpha=fraction * claim.alpha, fraction_of_delta=fraction)
+        part = claim_at(claim, alpha=fraction * claim.alpha, fraction_of_delta=fraction)
         found = least_rho(search.loop, K, part)
         if found is not None:
             return BarrierPoint(K, found, fraction**2, fraction**2)

@@ -20,6 +20,7 @@ from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.system.loop import Loop
+from lockstep.lmi.analysis.margins import claim_at
 
 WEAK = 1e-2
 """The weight of the wish that R be near one in the least squares: it decides what the entries leave open."""
@@ -102,7 +103,11 @@ def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
     )
     gains = np.outer(np.concatenate([1 / (time * S_C), inputs]), np.concatenate([S_C, outputs]))
     claim = replace(
-        claim.at(alpha=claim.alpha / a), R=R / cost, Q=Q / cost, W=claim.W / cost, outputs=claim.outputs / e
+        claim_at(claim, alpha=claim.alpha / a),
+        R=R / cost,
+        Q=Q / cost,
+        W=claim.W / cost,
+        outputs=claim.outputs / e,
     )
     return new, claim, Units(gains, state, time, (g / a) ** 2, cost, e)
 

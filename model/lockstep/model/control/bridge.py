@@ -18,9 +18,9 @@ from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.numbers import as_floats
-from lockstep.check.system.disagreement import orthonormal_factor
 from lockstep.check.system.loop import Gains
 from lockstep.model.agents.agent import Agent
+from lockstep.model.network import orthonormal_factor
 
 if TYPE_CHECKING:
     from lockstep.model.network import Network

@@ -23,10 +23,10 @@ import numpy as np
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.controller import HeldController
-from lockstep.check.system.disagreement import orthonormal_factor
 from lockstep.check.system.loop import Gains
 from lockstep.model.control.hybrid import Hybrid
 from lockstep.model.control.wiring import joined
+from lockstep.model.network import orthonormal_factor
 
 if TYPE_CHECKING:
     from lockstep.model.network import Network

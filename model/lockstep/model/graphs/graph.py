@@ -1,6 +1,7 @@
 """The communication graph of a problem: the checker's, and what is said of it to people."""
 
 import numpy as np
+from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.graph import Digraph
@@ -13,6 +14,11 @@ class Graph(Digraph):
     >>> Graph.from_edges(3, [[1, 2], [2, 3], [3, 1]]).is_balanced
     True
     """
+
+    @property
+    def in_degrees(self) -> Float[np.ndarray, " N"]:
+        """deg_i = sum_j a_ij of (1): the total weight agent i listens to."""
+        return np.asarray(self.adjacency.sum(axis=1))
 
     @property
     def is_undirected(self) -> bool:

@@ -1,4 +1,4 @@
-"""Witnesses for what a network does to messages are looked for here, in doubles, by the program of `message_program`.
+"""Witnesses for what a network does to messages are looked for here, in doubles, by the program of `program`.
 
 What is assumed and what decides is in `lockstep.check.sampled.messages`. Rounding, errors and what does not occur are priced
 after the program.
