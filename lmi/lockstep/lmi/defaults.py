@@ -115,7 +115,7 @@ def _in_natural_units(problem: Problem, network: Network, claim: Claim) -> dict[
     """Return the defaults, and the norm of gains of size one."""
     from lockstep.lmi.search.unit_scaling import natural
 
-    X, S_u, S_y, time, _ = natural(network.loop(problem.order), claim, powers_of_two=False)
+    X, S_u, S_y, time, _ = natural(network.plant, claim.alpha, claim.R, powers_of_two=False)
     gains = np.outer(
         np.concatenate([np.full(problem.order, 1 / time), S_u]), np.concatenate([np.ones(problem.order), S_y])
     )

@@ -342,8 +342,8 @@ def test_limits_that_are_none() -> None:
         Problem.parse(pendulums().toml().replace("u = [-3.0, 2.0]", "u = [0.5, 2.0]"))
 
 
-def test_a_floor_is_of_disturbances_of_scale_one() -> None:
-    """A hundredth of the disturbance has a hundredth of the gain: the floor of the whole one is none of it."""
+def test_a_floor_is_of_its_own_disturbances() -> None:
+    """A hundredth of the disturbance has a hundredth of the gain and of the floor: that of the whole one is none of it."""
     found = file_of(design(pendulums()))
     searched = pendulums().toml().replace('method = "given"', 'method = "certified"\norder = 0\nstarts = 1')
     searched = searched[: searched.index("[[design.gains]]")] + searched[searched.index("[controller]") :]
@@ -351,13 +351,17 @@ def test_a_floor_is_of_disturbances_of_scale_one() -> None:
     assert whole.floor is not None
     small = searched.replace("starts = 1", "starts = 1\ndisturbances = { states = 0.01 }")
     part = design(Problem.parse(small))
-    assert part.floor is None
+    assert part.floor is not None
+    assert part.floor.rho == pytest.approx(
+        whole.floor.rho / 100, rel=5e-3
+    )  # as far as the search for it goes
     assert part.certificate is not None
     assert part.certificate.rho < whole.floor.rho
     assert found.claims.floor is None
-    with_floor = dataclasses.replace(
-        file_of(part),
-        claims=dataclasses.replace(file_of(part).claims, floor=whole.floor.rho),
-        proofs=dataclasses.replace(file_of(part).proofs, floor=whole.floor),
-    )
-    assert not certify(with_floor).ok
+    for floor in (whole.floor, dataclasses.replace(whole.floor, slopes=None)):
+        with_floor = dataclasses.replace(
+            file_of(part),
+            claims=dataclasses.replace(file_of(part).claims, floor=floor.rho),
+            proofs=dataclasses.replace(file_of(part).proofs, floor=floor),
+        )
+        assert not certify(with_floor).ok

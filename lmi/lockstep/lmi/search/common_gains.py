@@ -2,8 +2,8 @@
 
 With the same gains for all agents and the same weight for all pairs the loop of a graph whose Laplacian is normal falls apart
 into its modes A_0 + U K Y(lambda), in orthonormal coordinates, with mu on each and the mean of the controllers beside them.
-Some of the modes are a small loop (`loop_of`), and `search.smoothed_norm` does the rest. Method `modal` ends with such gains; the
-search for many agents' own gains begins with them, whatever the graph: there they are looked at in the whole loop.
+Some of the modes are a small loop (`loop_of`), and `search.smoothed_norm` does the rest. Method `modal` ends with such
+gains; the search for many agents' own gains begins with them, whatever the graph: there they are looked at in the whole loop.
 """
 
 from dataclasses import dataclass, replace

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Certificate, Claim
-from lockstep.check.system.loop import Loop
+from lockstep.check.system.loop import Loop, Plant
 from lockstep.lmi.analysis.margins import claim_at
 
 WEAK = 1e-2
@@ -43,13 +43,18 @@ class Units:
     disturbance: float
 
     @property
+    def pair_weight(self) -> float:
+        """What a pair weight of the scaled loop is multiplied by."""
+        return self.cost * self.multiplier
+
+    @property
     def rho(self) -> float:
         """What a rho of the scaled loop is multiplied by."""
         return float(np.sqrt(self.cost)) * self.disturbance
 
     def certificate(self, found: Certificate) -> Certificate:
         """Return a certificate of the scaled loop as one of the loop of the file."""
-        weights = self.cost * self.multiplier
+        weights = self.pair_weight
         return Certificate(
             self.rho * found.rho,
             self.cost * self.time * self.state[:, None] * found.P * self.state,
@@ -60,7 +65,7 @@ class Units:
 
     def scaled(self, found: Certificate) -> Certificate:
         """Return a certificate of the loop of the file as one of the scaled loop."""
-        weights = self.cost * self.multiplier
+        weights = self.pair_weight
         return Certificate(
             found.rho / self.rho,
             found.P / (self.cost * self.time * np.outer(self.state, self.state)),
@@ -78,7 +83,7 @@ def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
         claim: alpha, R, Q and delta.
     """
     plant, order, N = loop.plant, loop.order, len(loop.U)
-    S, inputs, outputs, time, g = natural(loop, claim)
+    S, inputs, outputs, time, g = natural(plant, claim.alpha, claim.R)
     S_C = 2.0 ** np.round(np.log2(np.maximum(np.diag(claim.Q), 1e-300)) / 2) if order else np.ones(0)
     state = np.concatenate([np.tile(S, loop.d.N - 1), np.tile(S_C, N)])
     a = 2.0 ** round(np.log2(claim.alpha)) if claim.alpha else 1.0
@@ -87,14 +92,7 @@ def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
     cost = float(4.0 ** np.round(np.log2(max(np.diag(R).max(initial=0.0), np.diag(Q).max(initial=0.0))) / 2))
     new = replace(
         loop,
-        plant=replace(
-            plant,
-            A=time * S[:, None] * plant.A / S,
-            B=tuple(time * S[:, None] * B for B in plant.B),
-            C=plant.C / S,
-            G=time * S[:, None] * plant.G * (a / g),
-            H=g * plant.H / S,
-        ),
+        plant=plant_in_units(plant, S, time, g, a),
         A_0=time * state[:, None] * loop.A_0 / state,
         U=tuple(time * state[:, None] * U for U in loop.U),
         Y=tuple(Y / state for Y in loop.Y),
@@ -112,11 +110,37 @@ def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
     return new, claim, Units(gains, state, time, (g / a) ** 2, cost, e)
 
 
+def plant_in_units(
+    plant: Plant,
+    X: Float[np.ndarray, " n"],
+    time: float,
+    g: float,
+    a: float,
+    S_u: Float[np.ndarray, " m"] | float = 1.0,
+    S_y: Float[np.ndarray, " q"] | float = 1.0,
+) -> Plant:
+    """Return A^, B^, C^, G^ and H^."""
+    rows, S_y = time * X[:, None], np.asarray(S_y)
+    return Plant(
+        A=rows * plant.A / X,
+        B=tuple(rows * B * S_u for B in plant.B),
+        C=S_y[..., None] * plant.C / X,
+        G=rows * plant.G * (a / g),
+        H=g * plant.H / X,
+    )
+
+
 def natural(
-    loop: Loop, claim: Claim, *, powers_of_two: bool = True
+    plant: Plant, alpha: float, R: Float[np.ndarray, "n n"], *, powers_of_two: bool = True
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " m"], Float[np.ndarray, " q"], float, float]:
-    """Return X, S_u, S_y, tau and g: rounded to powers of two, or as the least squares have them."""
-    plant = loop.plant
+    """Return X, S_u, S_y, tau and g: rounded to powers of two, or as the least squares have them.
+
+    Args:
+        plant: in doubles.
+        alpha: of its nonlinearity.
+        R: (n, n) weight of the disagreement.
+        powers_of_two: whether they are rounded.
+    """
     n, m, q, r, _ = plant.sizes
     state, inputs, outputs = range(n), range(n, n + m), range(n + m, n + m + q)
     time, g = n + m + q, n + m + q + 1
@@ -139,10 +163,10 @@ def natural(
         for k in range(q):
             near_one(float(plant.C[k, i]), (outputs[k], 1), (state[i], -1))
         for k in range(r):
-            near_one(float(claim.alpha * plant.G[i, k]), (time, 1), (state[i], 1), (g, -1))
+            near_one(float(alpha * plant.G[i, k]), (time, 1), (state[i], 1), (g, -1))
         for k in range(len(plant.H)):
             near_one(float(plant.H[k, i]), (g, 1), (state[i], -1))
-        near_one(float(np.sqrt(claim.R[i, i])), (state[i], -1), weight=WEAK)
+        near_one(float(np.sqrt(R[i, i])), (state[i], -1), weight=WEAK)
     matrix, wanted = np.zeros((len(rows), g + 1)), np.zeros(len(rows))
     for k, (row, value, weight) in enumerate(rows):
         wanted[k] = weight * value

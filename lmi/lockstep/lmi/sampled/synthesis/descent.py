@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Complex
+from jaxtyping import Complex, Float
 
 from lockstep.lmi.sampled.synthesis.power_means import SampledObjective, ValueAndSlopes
 from lockstep.lmi.search.stabilise import abscissa, descend, within
@@ -80,16 +80,24 @@ Value = Callable[[DescentPoint], ValueAndSlopes | None]
 class Descent:
     """Descents for one problem.
 
-    objective: its loops;  limit: of the spectral norm of each K_i;  rho_c: the largest rho of the continuous loop.
+    objective: its loops;  limit: of the spectral norm of each units * K_i;  rho_c: the largest rho of the continuous loop;
+    units: (n_C + m, n_C + q), or 1.
     """
 
-    def __init__(self, objective: SampledObjective, limit: float, rho_c: float) -> None:
+    def __init__(
+        self,
+        objective: SampledObjective,
+        limit: float,
+        rho_c: float,
+        units: Float[np.ndarray, "k l"] | float = 1.0,
+    ) -> None:
         self.objective, self.limit, self.log_rho_c = objective, limit, float(np.log(rho_c))
+        self.units = units
         self.most = self.log_rho_c + float(np.log(LARGE_RHO))
 
     def stages(self, point: DescentPoint) -> Iterator[DescentPoint]:
         """Yield the point after each stage; nothing where the start is not brought back."""
-        within_limit = within(point.K, FIRST * self.limit)
+        within_limit = within(self.units * point.K, FIRST * self.limit) / self.units
         found = self._recovered(DescentPoint(within_limit, point.logs, point.logs_c))
         if found is None:
             return
@@ -131,7 +139,7 @@ class Descent:
 
         def value(flat: Vector) -> tuple[float, Vector]:
             K = flat.reshape(shape)
-            room = limit_barrier(K, self.limit)
+            room = self._room(K)
             try:
                 worst = growth(K)
             except np.linalg.LinAlgError:
@@ -147,6 +155,11 @@ class Descent:
             K = descend(value, point.K.ravel(), FEW).reshape(shape)
             point = DescentPoint(K, point.logs, point.logs_c)
         return None
+
+    def _room(self, K: GainBlocks) -> tuple[float, GainBlocks] | None:
+        """Return the barrier of the limit and its slope in K; None outside."""
+        room = limit_barrier(self.units * K, self.limit)
+        return None if room is None else (room[0], self.units * room[1])
 
     def _descended(self, start: DescentPoint, value: Value, weight: float, iterations: int) -> DescentPoint:
         frequencies = self.objective.frequencies(start.K)
@@ -164,7 +177,7 @@ class Descent:
     def _total(
         self, at: DescentPoint, value: Value, weight: float, frequencies: Complex[np.ndarray, " s"]
     ) -> tuple[float, Vector] | None:
-        room = limit_barrier(at.K, self.limit)
+        room = self._room(at.K)
         if room is None:
             return None
         continuous = self.objective.in_continuous_time(

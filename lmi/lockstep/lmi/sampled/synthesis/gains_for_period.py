@@ -8,20 +8,23 @@ The discrete controllers that ship are what is designed; K are the gains that th
 limited, written to the design file and sampled again as any other gains are. What comes back is a proposal.
 """
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork
+from lockstep.check.sampled.sector import Sector
 from lockstep.lmi.sampled.l2_gain import least_rho
 from lockstep.lmi.sampled.synthesis.descent import STAGES, Descent, DescentPoint
 from lockstep.lmi.sampled.synthesis.power_means import SampledObjective
 from lockstep.lmi.sampled.synthesis.tustin import tustin
-from lockstep.lmi.sampled.witnesses import in_doubles
+from lockstep.lmi.sampled.witnesses import in_doubles, plant_in_doubles
 from lockstep.lmi.search.stabilise import within
+from lockstep.lmi.search.unit_scaling import Units, natural, plant_in_units
 from lockstep.lmi.shapes import GainBlocks, PairWeights
 
 RHO_KEPT = (1.5, 5.0)
@@ -33,8 +36,12 @@ SCALES = (1.0, 0.1, 10.0, 100.0, 1e3)
 NEARBY = (1.0, 1.05, 1.2, 1.5, 2.0, 4.0)
 """Of the multipliers that a descent ends with: they are the least for its rho, and a power mean is below the peak."""
 
-ON_THE_WAY = (4.0, 2.0, 1.0)
-"""Where no start is brought back at the asked period, parts of it that are reached one after the other."""
+MOST_HALVINGS, FEWEST_HALVINGS = 6, 2
+"""Where a start is not brought back at the asked period, it is taken there from the longest half, quarter, ... of it at
+which its linear loop is stable: from a quarter, or a shorter one down to the least of these."""
+
+ROUNDS, SETTLED = 4, 0.99
+"""At most so many descents from a start, each from the end of the last, while one lowers rho to less than this part of it."""
 
 ROOM = 1e-6
 """The part of the gain limit that is kept for rounding."""
@@ -58,7 +65,7 @@ class AtPeriod:
     """A network whose controllers are sampled with its period, for gains that may move.
 
     network: agents, coordinates, alpha, period, delay, the matrices exact;  edges: (listener, source, weight), from 1;
-    weights: what rho is a gain to and from;  order: n_C;  gain_limit: of each K_i.
+    weights: what rho is a gain to and from;  order: n_C;  gain_limit: of each units * K_i;  units: (n_C + m, n_C + q), or 1.
     """
 
     network: SampledNetwork
@@ -66,10 +73,11 @@ class AtPeriod:
     weights: Performance
     order: int
     gain_limit: float
+    units: Float[np.ndarray, "k l"] | float = 1.0
 
     def at(self, period: float) -> "AtPeriod":
         """Return the same with another period."""
-        return AtPeriod(self.network.at(period), self.edges, self.weights, self.order, self.gain_limit)
+        return replace(self, network=self.network.at(period))
 
     def controllers(self, tables: GainBlocks) -> tuple[HeldController, ...]:
         """Return discrete controllers as they are, in float64."""
@@ -130,14 +138,70 @@ def improved(
             tell((index + done) / len(starts))
 
         part(0.0)
-        limits = [kept * start.rho for kept in RHO_KEPT] if rho_most is None else [rho_most]
-        pursued = next((found for limit in limits if (found := _pursued(at, start, limit, part))), None)
-        for found in (measured(at, start.K, start.m), pursued):
-            if found is not None and (best is None or found.rho < best.rho):
-                best = found
+        found = _settled(at, start, rho_most, part)
+        if found is not None and (best is None or found.rho < best.rho):
+            best = found
         if best is not None and best.rho <= enough:
             break
     return best
+
+
+def _settled(
+    at: AtPeriod, start: StartingGains, rho_most: float | None, tell: Callable[[float], None]
+) -> SampledCandidate | None:
+    """Return the best of what descents reach, each from where the one before it ended, the start included."""
+    best: SampledCandidate | None = None
+    for k in range(ROUNDS):
+
+        def part(done: float, k: int = k) -> None:
+            tell((k + done) / ROUNDS)
+
+        here = start if best is None else StartingGains(best.K, best.m, start.rho)
+        inside, units = in_search_units(at, here.K)
+        here = StartingGains(here.K / units.gains, here.m / units.pair_weight, here.rho / units.rho)
+        limits = [kept * here.rho for kept in RHO_KEPT] if rho_most is None else [rho_most / units.rho]
+        pursued = next((found for limit in limits if (found := _pursued(inside, here, limit, part))), None)
+        at_start = measured(inside, here.K, here.m) if best is None else None
+        found = min((one for one in (at_start, pursued) if one), key=lambda one: one.rho, default=None)
+        if found is None or (best is not None and units.rho * found.rho >= best.rho):
+            return best
+        settled = best is not None and units.rho * found.rho > SETTLED * best.rho
+        best = SampledCandidate(units.gains * found.K, units.pair_weight * found.m, units.rho * found.rho)
+        if settled:
+            return best
+    return best
+
+
+def in_search_units(at: AtPeriod, K: GainBlocks) -> tuple[AtPeriod, Units]:
+    """Return the loop in units in which its numbers, and those of gains, are near one, and these units.
+
+    A descent sees the numbers alone. The states of the controllers count in units in which B_C and C_C are of one size.
+    """
+    network, weights, order = at.network, at.weights, at.order
+    plant, _ = plant_in_doubles(network)
+    X, S_u, S_y, time, g = natural(plant, network.alpha, weights.R)
+    into = np.linalg.norm(time * K[:, :order, order:] / S_y, axis=(0, 2))
+    out = np.linalg.norm(K[:, order:, :order] / S_u[:, None], axis=(0, 1))
+    S_C = 2.0 ** np.round(np.log2(np.where(out > 0, out, 1.0) / np.where(into > 0, into, 1.0)) / 2)
+    a = 2.0 ** round(math.log2(network.alpha or 1.0))
+    disturbed = time * X * (weights.states if len(weights.states) else 1.0)
+    e = 2.0 ** round(float(np.log2(disturbed[disturbed > 0]).mean()))
+    R, Q = weights.R / np.outer(X, X), weights.Q / np.outer(S_C, S_C)
+    cost = 2.0 ** round(math.log2(max(np.diag(R).max(initial=0.0), np.diag(Q).max(initial=0.0))))
+    scaled = plant_in_units(plant, X, time, g, a, S_u, S_y)
+    W = np.outer(S_u, S_u) * weights.W / cost if len(weights.W) else weights.W
+    noise = S_y * weights.outputs / e if len(weights.outputs) else weights.outputs
+    gains = np.outer(np.concatenate([1 / (time * S_C), S_u]), np.concatenate([S_C, S_y]))
+    inside = replace(
+        network,
+        plant=scaled.in_numbers(True),
+        alpha=network.alpha / a,
+        period=network.period / time,
+        sector=network.sector and Sector(network.sector.Q, network.sector.W / a**2),
+    )
+    performance = Performance(R / cost, Q / cost, W, disturbed / e, noise)
+    found = replace(at, network=inside, weights=performance, units=gains)
+    return found, Units(gains, X, time, (g / a) ** 2, cost, e)
 
 
 def _pursued(
@@ -147,9 +211,13 @@ def _pursued(
     found, _ = _reached(at, start, rho_c, tell)
     if found is not None:
         return found
+    halved = [at.at(at.network.period / 2**k) for k in range(MOST_HALVINGS + 1)]
+    steady = (
+        k for k in range(FEWEST_HALVINGS, MOST_HALVINGS) if halved[k].objective().growth(start.K)[0] < 0
+    )
     here = start
-    for part in ON_THE_WAY:
-        found, last = _reached(at.at(at.network.period / part), here, rho_c, tell)
+    for shorter in halved[next(steady, MOST_HALVINGS) :: -1]:
+        found, last = _reached(shorter, here, rho_c, tell)
         if last is None:
             return None
         here = StartingGains(last.K, np.exp(last.logs), start.rho)
@@ -162,11 +230,12 @@ def _reached(
     objective, known = at.objective(), usable(start.m, len(at.network.d.pairs()))
     logs = np.log(known) if objective.has_phi else np.zeros(0)
     best, last = None, None
-    stages = Descent(objective, at.gain_limit, rho_c).stages(DescentPoint(start.K, logs, logs))
+    stages = Descent(objective, at.gain_limit, rho_c, at.units).stages(DescentPoint(start.K, logs, logs))
     for number, last in enumerate(stages, start=1):
         tell(number / (len(STAGES) + 1))
         m = np.exp(last.logs) if objective.has_phi else known
-        found = measured(at, within(last.K, (1 - ROOM) * at.gain_limit), m, NEARBY)
+        K = within(at.units * last.K, (1 - ROOM) * at.gain_limit) / at.units
+        found = measured(at, K, m, NEARBY)
         if found is not None and (best is None or found.rho < best.rho):
             best = found
     return best, last
