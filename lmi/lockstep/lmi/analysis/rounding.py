@@ -21,7 +21,7 @@ from lockstep.lmi.search.unit_scaling import Units, scaled
 from lockstep.lmi.shapes import GainBlocks
 from lockstep.model.network import Network
 
-SLACKS = (5e-4, 2e-3, 1e-2, 5e-2)
+SLACKS = (5e-4, 2e-3, 1e-2, 2e-2, 5e-2)
 """How far above the least rho the certificate is taken, so that rounding fits: 0.05 % first, more only if
 need be."""
 
@@ -97,14 +97,18 @@ def prove(
         )
     slacks = SLACKS if rho is None else (0.0,)
     # The solver may stop far above the least rho in some units, so the levels are tried from the least on.
-    levels = [
+    levels: list[tuple[float, _Asked | None, Certificate]] = [
         (rho or round_up(least.rho * (1 + slack)), one, least) for slack in slacks for one, least in found
     ]
+    # What a search came with is inside already; that of gains before they were rounded, so a little above its rho.
+    levels += [] if near is None else [(rho or round_up(near.rho * (1 + s)), None, near) for s in slacks]
     for level, one, least in sorted(levels, key=itemgetter(0)):
-        candidate = tight(one.loop, K, one.claim, level / one.units.rho, least, one.near, most=one.most)
-        if candidate is None:
-            continue
-        here = replace(one.units.certificate(candidate), rho=level)
+        here = replace(least, rho=level)
+        if one is not None:
+            candidate = tight(one.loop, K, one.claim, level / one.units.rho, least, one.near, most=one.most)
+            if candidate is None:
+                continue
+            here = replace(one.units.certificate(candidate), rho=level)
         proved = shortest_that_proves(loop, exact_loop, K, claim, here)
         if proved is not None:
             return proved
