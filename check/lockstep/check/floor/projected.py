@@ -35,7 +35,7 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from lockstep.check.continuous.inequality import Performance
-from lockstep.check.numbers import Matrix, exactly, eye, inverse, zeros
+from lockstep.check.numbers import Matrix, Vector, exactly, eye, inverse, zeros
 from lockstep.check.system.loop import Plant
 
 
@@ -91,8 +91,8 @@ def with_rho(agent: FloorAgent, rho: fmpq, *, primal_phi: bool = True, dual_phi:
     plant, alpha, performance = agent
     A, B, G, H, R = plant.A, plant.B, plant.G, alpha * plant.H, exactly(performance.R)
     own = 1 if all((B[0] == one).all() for one in B) else len(B)
-    free, weighed = _split(np.hstack(B[:own]).T, np.tile(np.diag(performance.W), own))
-    quiet, noisy = _split(plant.C, performance.outputs**2)
+    free, weighed = _split(np.hstack(B[:own]).T, np.tile(np.diag(exactly(performance.W)), own))
+    quiet, noisy = _split(plant.C, exactly(performance.outputs) ** 2)
     D = np.diag(exactly(performance.states)) if len(performance.states) else eye(len(A), A)
     D = D[:, np.any(D != 0, axis=0)]
     border = D, rho * eye(D.shape[1], A)
@@ -101,9 +101,9 @@ def with_rho(agent: FloorAgent, rho: fmpq, *, primal_phi: bool = True, dual_phi:
     return Projected(primal, side(A.T, free, head, G @ G.T, (R / rho, R / rho), H_out))
 
 
-def _split(rows: Matrix, weights: Annotated[np.ndarray, " rows"]) -> tuple[Matrix, Matrix]:
+def _split(rows: Matrix, weights: Vector) -> tuple[Matrix, Matrix]:
     """Return the rows whose weight is 0, and sum_k c_k'c_k / w_k over the others; no weights are as many of 0."""
-    w = exactly(weights) if len(weights) else zeros(1, len(rows), rows)[0]
+    w = weights if len(weights) else zeros(1, len(rows), rows)[0]
     some = w != 0
     return rows[~some], rows[some].T @ (rows[some] / w[some][:, None])
 
