@@ -44,6 +44,21 @@ def test_the_published_gains_have_the_measured_rho_and_are_proved(
     assert not decide(exact, gains.blocks, weights, replace(certificate, rho=0.99 * least.rho)).positive
 
 
+def test_a_certificate_at_hand_is_put_to_the_proof_where_the_solver_has_none(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As a search ends with one that semidefinite programs, in whatever units, do not come up to."""
+    network, gains = arms(), published()
+    weights = claim(network, 2, ALPHA)
+    known = prove(network, gains, weights)
+    monkeypatch.setattr("lockstep.lmi.analysis.rounding.tight", lambda *_args, **_more: None)
+    with pytest.raises(NotCertified, match="did not survive"):
+        prove(network, gains, weights)
+    proved = prove(network, gains, weights, near=known)
+    assert known.rho <= proved.rho <= known.rho * (1 + SLACKS[0]) * 1.001  # rounded up to four figures
+    assert decide(network.loop(2, exact_arithmetic=True), gains.blocks, weights, proved).positive
+
+
 @pytest.mark.parametrize("alpha", [4.7, 10.0])
 def test_they_are_refused_where_a_slope_destabilises(alpha: float) -> None:
     network = arms()

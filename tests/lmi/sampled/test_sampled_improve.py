@@ -9,7 +9,13 @@ from sampled_cases import brute_force_radius, controllers, network
 from lockstep.check.continuous.inequality import Performance
 from lockstep.lmi.sampled import certify_sampled, sampled_rho
 from lockstep.lmi.sampled.synthesis.descent import Descent, DescentPoint, limit_barrier
-from lockstep.lmi.sampled.synthesis.gains_for_period import AtPeriod, StartingGains, improved, measured
+from lockstep.lmi.sampled.synthesis.gains_for_period import (
+    AtPeriod,
+    StartingGains,
+    improved,
+    in_search_units,
+    measured,
+)
 from lockstep.lmi.sampled.synthesis.tustin import pulled_back, tustin
 
 EDGES = [(1, 2, 1.0), (2, 1, 1.0)]
@@ -64,6 +70,25 @@ def test_a_period_that_the_start_does_not_survive_is_reached():
     assert verdict.certified
     assert after is not None
     assert brute_force_radius(at.network, at.controllers(tustin(found.K, ORDER, 0.5))) < 1
+
+
+@pytest.mark.parametrize("c", [2.0**-20, 2.0**12])
+def test_units_of_the_file_make_no_difference(c):
+    """The same pendulums with time counted in units of c, their speeds in 1/c: a descent sees the same numbers."""
+    base, (A, B) = pendulums(0.2), ([[0.0, 1.0], [-2.0 / c**2, -0.5 / c]], [[0.0], [1 / c**2]])
+    net = network(A, B, np.eye(2), B, [[1.0, 0.0]], EDGES, N=2, alpha=1.0, period=0.2 * c, delay=0)
+    weights = Performance(np.diag([1.0, c**2]), np.eye(1), states=np.array([1 / c, 1 / c**2]))
+    at, gains = AtPeriod(net, EDGES, weights, ORDER, GAIN_LIMIT), K * [[1 / c, 1 / c, 1.0], [1.0, 1.0, c]]
+    inside, units = in_search_units(base, K)
+    there, others = in_search_units(at, gains)
+    assert there.network.period == inside.network.period
+    for name in ("A", "C", "G", "H"):
+        assert getattr(there.network.plant, name).tolist() == getattr(inside.network.plant, name).tolist()
+    assert (gains / others.gains == K / units.gains).all()
+    least = units.rho * measured(inside, K / units.gains, np.ones(1) / units.pair_weight).rho
+    assert least == pytest.approx(measured(base, K, np.ones(1)).rho, rel=1e-3)  # as far as rho is bisected
+    scaled = measured(there, gains / others.gains, np.ones(1) / others.pair_weight).rho
+    assert others.rho * scaled == pytest.approx(least, rel=1e-9)
 
 
 @pytest.mark.parametrize("m", [np.zeros(0), np.zeros(1)])
