@@ -167,7 +167,7 @@ BROKEN_DESIGNS = [
     (("claims", "sampled", "gain"), 0.5),
     (("proofs", "certificate", "pairs"), []),
     (("proofs", "certificate", "m"), ...),
-    (("proofs", "floor", 0, "Z"), 3),
+    (("proofs", "floor", "pieces", 0, "Z"), 3),
     (("proofs", "sampled", "kappa"), "1"),
     (("proofs", "new"), 1),
     (("gains", 0, "E"), []),

@@ -91,6 +91,31 @@ def test_noise_weighed_inputs_and_scaled_disturbances(w: float, d: float, s: flo
     assert least * (1 - BELOW) <= floor(scalar, weighed) <= least * (1 + 1e-15)
 
 
+@pytest.mark.parametrize("own", [False, True])
+def test_inputs_that_are_weighed_together(own: bool) -> None:
+    """x' = u + w + xi with u'W u: the cheapest u + w = v costs v^2 / (b W^-1 b'), b = [1, 1]: 1/20, and rho^2 > 1/20.
+
+    With a B of its own one agent has three quarters of v by u: all may use all columns, whose sum of b W^-1 b' counts.
+    """
+    W, rows = np.array([[1.0, -0.9], [-0.9, 1.0]]), [np.array([[1.0, 1.0]])] * 3
+    if own:
+        rows[2] = np.array([[0.75, 1.0]])
+    scalar = network({"x": "u + w"}, {"y": "x"}, tuple(rows) if own else (), inputs=("u", "w"))
+    every = rows if own else rows[:1]
+    least = 1 / np.sqrt(sum(float((b @ np.linalg.inv(W) @ b.T)[0, 0]) for b in every))
+    asked = replace(plain(3, 0.0, np.eye(1)), W=W)
+    assert least * (1 - BELOW) <= floor(scalar, asked) <= least
+    gains = np.tile(-16.0 * np.ones((2, 1)), (3, 1, 1))
+    whole = Network(scalar.agent, Graph.topology("complete", 3), scalar.B)
+    certain = prove(whole, Gains.from_blocks(gains, 0), asked)
+    assert floor(whole, asked) <= certain.rho
+    assert certain.rho < 0.25
+    witness = largest_floor(whole.matrices, asked)
+    assert witness is not None
+    for unfit in (-W, np.array([[1.0, 1.0], [1.0, 1.0]])):
+        assert not proves_floor(whole.matrices, replace(asked, W=unfit), witness)
+
+
 def test_inputs_that_weigh_something_in_other_coordinates() -> None:
     """|T u| may be above |u| in the rows of the Laplacian: no input counts as weighed there, and noise does."""
     scalar, asked = network({"x": "u"}, {"y": "x"}), plain(3, 0.0, np.eye(1))

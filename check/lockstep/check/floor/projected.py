@@ -90,8 +90,8 @@ def with_rho(agent: FloorAgent, rho: fmpq, *, primal_phi: bool = True, dual_phi:
     """
     plant, alpha, performance = agent
     A, B, G, H, R = plant.A, plant.B, plant.G, alpha * plant.H, exactly(performance.R)
-    own = 1 if all((B[0] == one).all() for one in B) else len(B)
-    free, weighed = _split(np.hstack(B[:own]).T, np.tile(np.diag(exactly(performance.W)), own))
+    own = B[:1] if all((B[0] == one).all() for one in B) else B
+    free, weighed = _inputs(own, exactly(performance.W))
     quiet, noisy = _split(plant.C, exactly(performance.outputs) ** 2)
     D = np.diag(exactly(performance.states)) if len(performance.states) else eye(len(A), A)
     D = D[:, np.any(D != 0, axis=0)]
@@ -99,6 +99,13 @@ def with_rho(agent: FloorAgent, rho: fmpq, *, primal_phi: bool = True, dual_phi:
     primal = side(A, quiet, R / rho - rho * noisy, H.T @ H, border, G if primal_phi else G[:, :0])
     head, H_out = D @ D.T / rho - rho * weighed, H.T if dual_phi else H.T[:, :0]
     return Projected(primal, side(A.T, free, head, G @ G.T, (R / rho, R / rho), H_out))
+
+
+def _inputs(B: tuple[Matrix, ...], W: Matrix) -> tuple[Matrix, Matrix]:
+    """Return [B_1 ... B_N]_0' and sum_i B_i W^-1 B_i' of the others; W is diagonal, or positive definite and weighs all."""
+    if np.array_equal(W, np.diag(np.diag(W))):
+        return _split(np.hstack(B).T, np.tile(np.diag(W), len(B)))
+    return B[0].T[:0], sum((one @ inverse(W) @ one.T for one in B), zeros(len(B[0]), len(B[0]), B[0]))
 
 
 def _split(rows: Matrix, weights: Vector) -> tuple[Matrix, Matrix]:

@@ -23,6 +23,7 @@ from typing import Annotated, Any
 import numpy as np
 from flint import fmpq, fmpq_mat
 
+from lockstep.check.continuous.decide import decide_weights
 from lockstep.check.continuous.inequality import Claim, Performance
 from lockstep.check.floor.projected import FloorAgent, Projected, Side, left_inverse, with_rho
 from lockstep.check.numbers import Matrix, exact, exactly, eye, zeros
@@ -58,6 +59,8 @@ class FloorWitness:
 
 def proves_floor(network: ExactNetwork, claim: Claim, witness: FloorWitness) -> bool:
     """Decide exactly whether a witness proves that no controllers can certify a rho of this claim below its own."""
+    if not decide_weights(claim).positive:
+        return False
     ends = [piece.upper for piece in witness.pieces]
     if not witness.rho > 0 or not ends or ends != sorted(set(ends)) or ends[0] <= 0 or np.isfinite(ends[-1]):
         return False
