@@ -193,12 +193,13 @@ LIMITS = {
     # noise, decay, stable controllers and limits added 310, what ties the rows above to the file and the C (claims of limits,
     # one image, a spectrum, messages) another 100; offsets, integers, sets 80. What writes files went to lmi/design_json,
     # and copies went: 280 less. 6540 before what an audit found open was
-    # closed: files beside the C that nothing read, terms in t without a value, alpha in other scales. Only down from here.
+    # closed: files beside the C that nothing read, terms in t without a value, alpha in other scales; 6595 before
+    # the floor counted noise, weights, scales and slopes. Only down from here.
     "check": (["check"], _LATER, 6620),
     # 1000 before `check --messages`, the campaign's faults, integers, send on change; 1080 before one answered for all.
     "cli": (["codegen/lockstep/cli"], _LATER, 1000),
     # 25000 before the keys, answers and options of all the rows above, 25250 before formations and references; below 25000
-    # again since copies went. Only down from here.
+    # again since copies went; 24800 before gains for the period were looked for in units of the loop, again and again.
     "roots without campaign and rooms below": (
         ["check", "model", "lmi", "codegen"],
         ["codegen/lockstep/campaign", *_LATER],

@@ -35,9 +35,8 @@ SCALES = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 def random_problem(rng: np.random.Generator) -> tuple[Network, Claim, int]:
     """One or two states, two or three agents, order 0 or 1, with a nonlinearity or without, B_i of their own or not.
 
-    Half of them have noise, weighed inputs or scaled disturbances, and half of those with a nonlinearity of two arguments
-    bounds of their own for its slopes. Entries are quarters, so that the problem is what its text says; half of the agents
-    are stable.
+    Half of them have noise, weighed inputs or scaled disturbances, and half of those with a nonlinearity a bound of its own
+    for its one slope. Entries are quarters, so that the problem is what its text says; half of the agents are stable.
     """
     n, N, order = int(rng.choice([1, 2, 2, 2])), int(rng.integers(2, 4)), int(rng.integers(0, 2))
     A = quarters(rng, n, n)

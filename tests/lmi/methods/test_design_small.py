@@ -14,6 +14,7 @@ from exact_twin import Twin
 from lmi_cases import DOUBLE_INTEGRATOR, problem
 
 from lockstep.check.errors import BoundNotProved, Infeasible, NotCertified, ProblemError
+from lockstep.check.floor.witness import FloorWitness
 from lockstep.lmi.design import Proposal, design
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import file_of, parse
@@ -266,22 +267,35 @@ def test_what_cannot_be_posed_is_bad_input(change: dict, says: str) -> None:
         )
 
 
-def test_where_no_start_leads_anywhere_as_many_are_drawn_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    posed, seeds = (
-        problem(
-            dynamics={"x": "sin(x) + u"},
-            outputs={"y": "x"},
-            design="order = 0\nstarts = 1\ngain_limit = 50.0",
-        ),
-        [],
-    )
+ONE_START = problem(
+    dynamics={"x": "sin(x) + u"}, outputs={"y": "x"}, design="order = 0\nstarts = 1\ngain_limit = 50.0"
+)
+
+
+def seeds_searched(monkeypatch: pytest.MonkeyPatch, *, first_finds: bool) -> list[int]:
+    """Return the seeds with which starts are drawn for `ONE_START`, and whose design is certified."""
+    seeds: list[int] = []
     real = certified.search_gains
 
     def search(*given: Any, seed: int, **options: Any) -> SearchResult:
         seeds.append(seed)
         found = real(*given, seed=seed, **options)
-        return found if len(seeds) > 1 else replace(found, outcomes=())
+        return found if first_finds or len(seeds) > 1 else replace(found, outcomes=())
 
     monkeypatch.setattr(certified, "search_gains", search)
-    assert design(posed, jobs=1).certified
-    assert seeds == [0, certified.DRAWN_ANEW]
+    assert design(ONE_START, jobs=1).certified
+    return seeds
+
+
+def test_where_no_start_leads_anywhere_as_many_are_drawn_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert seeds_searched(monkeypatch, first_finds=False) == [0, certified.DRAWN_ANEW]
+
+
+@pytest.mark.parametrize(("very_far", "more"), [(0.5, [certified.DRAWN_ANEW]), (1e9, [])])
+def test_far_above_the_floor_as_many_are_drawn_anew(
+    monkeypatch: pytest.MonkeyPatch, very_far: float, more: list[int]
+) -> None:
+    """A rho is above half its floor, and never above 1e9 times it."""
+    monkeypatch.setattr("lockstep.lmi.design.VERY_FAR", very_far)
+    monkeypatch.setattr("lockstep.lmi.design._floor", lambda *_given: FloorWitness(1e-3, (), ()))
+    assert seeds_searched(monkeypatch, first_finds=True) == [0, *more]
