@@ -1,11 +1,13 @@
 """From a design to one whose sampled controllers are proved, or that says by how much they are not."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 from typer.testing import CliRunner
 
 from lockstep.cli.main import app
+from lockstep.codegen import period_redesign
 
 LINEAR = """
 title = "Two carts, linear"
@@ -79,3 +81,31 @@ def test_a_linear_agent_is_designed_for_its_period(tmp_path, monkeypatch):
     assert (code, answer["sampled"]["certified"]) == (0, True)
     assert answer["sampled"]["designed_for_period"]
     assert not answer["figures"]["replaced"]["sampled_rho"], "the continuous design breaks there"
+
+
+@pytest.mark.parametrize(
+    ("sector", "rhos", "kept"),
+    [
+        (None, [9.0], 9.0),
+        ("of entries", [9.0, 7.8, 5.6, 5.59], 5.6),  # a fall of less than 1 % ends it
+        ("of entries", [9.0, 9.5], 9.0),
+        ("of entries", [9.0, 8.0, 7.0, 6.0], 6.0),
+    ],
+)
+def test_gains_are_designed_again_in_the_sector_of_their_own_certificate(monkeypatch, sector, rhos, kept):
+    """Each round begins with the design of the one before; without a sector there is one round."""
+    asked, left = [], iter(rhos)
+    stored = SimpleNamespace(claims=SimpleNamespace(sampled=SimpleNamespace(rho=10.0)))
+
+    def proved(design, _tell, _others=()):
+        asked.append(design)
+        rho = next(left)
+        return f"design of {rho}", None, rho
+
+    monkeypatch.setattr(period_redesign, "_proved_for_period", proved)
+    monkeypatch.setattr(period_redesign, "sampled_network", lambda _stored: SimpleNamespace(sector=sector))
+    monkeypatch.setattr(period_redesign, "with_figures", lambda made, _stored: made)
+    monkeypatch.setattr(period_redesign, "with_sampled", lambda made, _held, **_remarks: made)
+    assert period_redesign.designed_for_period(stored, lambda _part: None) == f"design of {kept}"
+    assert asked == [stored, *(f"design of {rho}" for rho in rhos[:-1])]
+    assert next(left, None) is None
