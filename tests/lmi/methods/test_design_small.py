@@ -143,6 +143,30 @@ def test_double_integrators_behind_a_leader_with_position_alone() -> None:
     assert made.certificate.rho < 3
 
 
+@pytest.mark.parametrize("asked", ["gain_limit = 20.0\ndecay = 3.0", "gain_limit = 0.5"])
+def test_a_leader_that_hears_no_one_is_in_the_way_of_neither_a_decay_nor_a_small_gain_limit(
+    asked: str,
+) -> None:
+    """Its idle controller was x_C' = -x_C: slower than a decay of 3 1/s, and of norm 1."""
+    made = checked(
+        design(
+            problem(
+                dynamics={"p": "-4*p + 0.1*sin(p) + u"},
+                outputs={"y1": "p"},
+                network='agents = 2\ntopology = "leader_path"',
+                design=f"order = 1\nstarts = 1\n{asked}",
+            )
+        )
+    )
+    limit = 20.0 if "20" in asked else 0.5
+    idle = made.gains.blocks[0]
+    assert -limit <= idle[0, 0] < -0.9 * limit
+    assert np.count_nonzero(idle) == 1
+    if "decay" in asked:
+        assert made.guarantees.decay is not None
+        assert made.guarantees.decay[0] >= 3.0
+
+
 SHAPES = {
     "the whole state": dict(
         dynamics=PENDULUM, outputs=BOTH, network=CYCLE_3, design="order = 0\nstarts = 1\ngain_limit = 10.0"

@@ -27,10 +27,16 @@ K = np.array([[[-1.0, 0.1, 0.1], [0.0, -4.0, -3.0]]] * 2)
 START = StartingGains(K, np.ones(1), 3.0)
 
 
-def pendulums(period, alpha=1.0, delay=0):
+WEIGHED = Performance(
+    np.eye(2), np.eye(1), W=np.array([[0.05]]), states=np.array([1.0, 0.5]), outputs=np.array([0.3, 0.0])
+)
+"""What u weighs and the noise of one output count as well, and the disturbances have scales."""
+
+
+def pendulums(period, alpha=1.0, delay=0, weights=WEIGHTS):
     A, B, H = [[0.0, 1.0], [-2.0, -0.5]], [[0.0], [1.0]], [[1.0, 0.0]]
     net = network(A, B, np.eye(2), B, H, EDGES, N=2, alpha=alpha, period=period, delay=delay)
-    return AtPeriod(net, EDGES, WEIGHTS, ORDER, GAIN_LIMIT)
+    return AtPeriod(net, EDGES, weights, ORDER, GAIN_LIMIT)
 
 
 def proved(at, found):
@@ -51,6 +57,17 @@ def test_a_design_for_the_period_has_a_smaller_rho_and_is_proved():
     assert after.rho < 0.9 * before.rho
     assert after.rho == pytest.approx(found.rho, rel=0.02)
     assert np.linalg.norm(found.K, 2, axis=(1, 2)).max() <= GAIN_LIMIT
+
+
+def test_noise_and_inputs_count_in_the_descent_for_the_period():
+    """Where they were left to the judge, buck converters with a constant power load ended 13 % above other starts."""
+    at = pendulums(0.2, weights=WEIGHED)
+    before = measured(at, K, np.ones(1))
+    without = improved(pendulums(0.2), [START])
+    assert measured(at, without.K, without.m).rho > before.rho, (
+        "what is best without noise is worse than the start with it"
+    )
+    assert improved(at, [START]).rho < 0.9 * before.rho
 
 
 @pytest.mark.slow
@@ -114,9 +131,12 @@ def test_what_no_gains_survive_is_refused():
     assert improved(at, [start]) is None
 
 
-@pytest.mark.parametrize(("delay", "alpha"), [(0, 1.0), (1, 1.0), (0, 0.0)])
-def test_the_slopes_are_those_of_differences(delay, alpha):
-    at = pendulums(0.05, alpha, delay)
+@pytest.mark.parametrize(
+    ("delay", "alpha", "weights"),
+    [(0, 1.0, WEIGHTS), (1, 1.0, WEIGHTS), (0, 0.0, WEIGHTS), (0, 1.0, WEIGHED), (1, 1.0, WEIGHED)],
+)
+def test_the_slopes_are_those_of_differences(delay, alpha, weights):
+    at = pendulums(0.05, alpha, delay, weights)
     loops, rng, h = at.objective(), np.random.default_rng(1), 1e-5
     logs = np.array([0.3]) if alpha else np.zeros(0)
     # Agents that differ: those that are alike have poles that are double, and no slope.
@@ -145,9 +165,11 @@ def test_the_slopes_are_those_of_differences(delay, alpha):
     assert (limit_barrier(at_K, 20.0)[1] * step).sum() == pytest.approx((up - down) / (2 * h), rel=1e-5)
 
 
-def test_a_large_power_mean_crosses_zero_where_rho_is():
+@pytest.mark.parametrize("delay", [0, 1])
+@pytest.mark.parametrize("weights", [WEIGHTS, WEIGHED])
+def test_a_large_power_mean_crosses_zero_where_rho_is(weights, delay):
     """`least_rho` finds it by a Riccati equation and shares no formula with the response."""
-    at = pendulums(0.2)
+    at = pendulums(0.1, delay=delay, weights=weights)
     loops = at.objective()
     rho = measured(at, K, np.ones(1), (1.0,)).rho
     points = loops.angles(K)

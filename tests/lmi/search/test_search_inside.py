@@ -157,10 +157,26 @@ def test_gains_too_fast_for_their_period_are_made_slower() -> None:
     )
     first: StartResult = begin(what, score, 0, 0)
     assert not np.isfinite(first.sampled)
-    held = hold(what, score, first)
+    held, late = hold(what, score, first)
     assert np.isfinite(held.sampled)
+    assert late is None
     assert held.sampled < 2.0  # D = -5 on both has rho of about 0.1 in continuous time
-    assert hold(what, score, held).sampled <= held.sampled
+    assert hold(what, score, held)[0].sampled <= held.sampled
+
+
+def test_gains_made_for_the_lag_are_a_start_where_no_lag_leaves_a_sampled_certificate() -> None:
+    """A score that nothing survives: the start comes back as it is, and beside it gains that know of the period."""
+    problem = parse_problem(INTEGRATORS)
+    bound = proved_bound(problem)
+    network, asked = network_of(problem, bound), claim_of(problem, bound)
+    what = GainSearch.of(network.loop(0), asked, 1000.0, 0.05)
+    first: StartResult = begin(what, lambda _K, _weights: np.inf, 0, 0)
+    found, late = hold(what, lambda _K, _weights: np.inf, first)
+    assert found is first
+    assert late is not None
+    # Held over 0.1 s, x_d' = (D_1 + D_2) x_d is stable above -20; 0.99 of the limit are far below.
+    assert -20 < late.at.K.sum() < 0
+    assert first.at.K.sum() < -20
 
 
 def test_a_linear_loop_has_no_pair_weights_to_look_for() -> None:

@@ -28,7 +28,7 @@ from lockstep.lmi.sampled.synthesis.gains_for_period import StartingGains
 from lockstep.lmi.search import GainSearch, Polished, Score, SearchResult, search_gains
 from lockstep.lmi.search.common_gains import ModalSearch, representative
 from lockstep.lmi.search.fastest_decay import raised_decay
-from lockstep.lmi.search.random_start import Climbed
+from lockstep.lmi.search.random_start import Climbed, without_P
 from lockstep.lmi.search.search_time import likely
 from lockstep.lmi.search.stopping import Deadline, NothingYet, Stop
 from lockstep.lmi.threads import one_thread
@@ -43,6 +43,9 @@ decay of its gains is often twice as fast."""
 DRAWN_ANEW = 1_000_003
 """Added to the seed where no start of the first ones led anywhere, or none near the floor: one of twenty each on three
 quadrotors (order 0)."""
+
+IDLE = 0.5
+"""Of a period's rate: how fast the state of an idle controller decays, where the gain limit allows it."""
 
 FORGOTTEN = 100
 """Periods within which a controller that is to be stable by itself forgets all but 1/e of its state."""
@@ -138,8 +141,7 @@ def searched(
             except NotCertified as error:
                 refused = error
             else:
-                others = (start_of(other, search) for other in found.outcomes if other is not one)
-                return replace(proved, others=tuple(others))
+                return replace(proved, others=starts_for_period(found, one, search))
     if not explain:
         raise refused
     tell("looking for what is in the way", 1.0)
@@ -232,9 +234,19 @@ def _improved(
     return replace(found, gains=gains, certificate=certificate)
 
 
-def start_of(outcome: Polished, search: GainSearch) -> StartingGains:
-    """Return where a design for the period starts from an outcome."""
-    return StartingGains(outcome.K, search.units.certificate(outcome.certificate).m, outcome.rho)
+def starts_for_period(found: SearchResult, taken: Polished, search: GainSearch) -> tuple[StartingGains, ...]:
+    """Return where else than from the outcome taken a design for the period starts, the likeliest first.
+
+    Gains made for the lag of the period come before other outcomes, and in place of those that the period spoils.
+    """
+    late = ((one.at.K, without_P(search, one.at)) for one in found.late)
+    others = (
+        (one.K, one.certificate)
+        for one in found.outcomes
+        if one is not taken and (not found.late or np.isfinite(one.sampled))
+    )
+    ends = ((K, search.units.certificate(certificate)) for K, certificate in (*late, *others))
+    return tuple(StartingGains(K, certificate.m, certificate.rho) for K, certificate in ends)
 
 
 def _proved(
@@ -253,7 +265,8 @@ def _proved(
     gains = Gains.from_blocks(short_gains(one.K, table.gain_limit), problem.order)
     figures: dict[str, Any] = {"history": list(one.history), **limit}
     near = search.units.certificate(one.certificate)
-    muted = without_idle_parts(gains, network)
+    fastest = float(f"{0.99 * min(table.gain_limit, IDLE / problem.controller.period):.2g}")
+    muted = without_idle_parts(gains, network, fastest)
     if muted is not gains:
         try:
             return CertifiedGains(muted, claim, prove(network, muted, claim, rho=rho, near=near), figures)
@@ -262,10 +275,15 @@ def _proved(
     return CertifiedGains(gains, claim, prove(network, gains, claim, rho=rho, near=near), figures)
 
 
-def without_idle_parts(gains: Gains, network: Network) -> Gains:
-    """Return the gains with the controllers of agents without incoming edges set to x_C' = -x_C, u = 0.
+def without_idle_parts(gains: Gains, network: Network, fastest: float) -> Gains:
+    """Return the gains with the controllers of agents without incoming edges set to x_C' = -fastest x_C, u = 0.
 
-    Such an agent's r is 0 for ever: whatever the search left in its controller is noise.
+    Such an agent's r is 0 for ever: whatever the search left in its controller is noise. Its state decays as fast as it may,
+    or it would be the slowest mode of the loop: the decay that is proved is that of all states.
+
+    Args:
+        gains, network: of the design.
+        fastest: 1/s, within the gain limit.
     """
     deaf = [i for i, degree in enumerate(network.graph.in_degrees) if degree == 0]
     if not deaf:
@@ -273,7 +291,7 @@ def without_idle_parts(gains: Gains, network: Network) -> Gains:
     blocks = gains.blocks.copy()
     for i in deaf:
         blocks[i] = 0.0
-        blocks[i, : gains.order, : gains.order] = -np.eye(gains.order)
+        blocks[i, : gains.order, : gains.order] = -fastest * np.eye(gains.order)
     return Gains.from_blocks(blocks, gains.order)
 
 

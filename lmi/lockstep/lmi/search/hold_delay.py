@@ -67,9 +67,13 @@ def late_norm(search: GainSearch, more: float = 1.0) -> SmoothedNorm:
 
 def hold(
     search: GainSearch, score: Score | None, start: StartResult, deadline: Deadline = NEVER
-) -> StartResult:
-    """Return a start with its gains made for the late loop, or as it is where that made what ships worse."""
-    K, limit, found = start.at.K, search.gain_limit, start
+) -> tuple[StartResult, StartResult | None]:
+    """Return a start with its gains made for the late loop, or as it is where that made what ships worse.
+
+    And the gains made for the lag itself, without a sampled certificate, where no lag leaves one: a design for the period
+    starts better from them than from gains that know of no period.
+    """
+    K, limit, found, late = start.at.K, search.gain_limit, start, None
     for more in LATER:
         if deadline.over or start.abscissa >= 0:
             break
@@ -94,5 +98,6 @@ def hold(
         held = scored(search, score, replace(start, at=replace(made, rho=float(np.sqrt(square)))))
         found = min(found, held, key=lambda one: one.rank)
         if np.isfinite(found.sampled):
-            break
-    return found
+            return found, None
+        late = late or held
+    return found, late if late is not None and np.isfinite(late.at.rho) else None

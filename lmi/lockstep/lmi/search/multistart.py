@@ -42,7 +42,8 @@ class SearchResult:
 
     outcomes: with a certificate for the whole claim, in doubles;  abscissa: the least of any start;  nearest: the
     gains that carry most of the claim, if any carry some of it;  least_rho: the smallest one reached for the whole
-    claim;  cut: whether a deadline cut the search.
+    claim;  cut: whether a deadline cut the search;  late: gains made for the lag of the period, where the period spoils
+    what else there is.
     """
 
     outcomes: tuple[Polished, ...]
@@ -50,6 +51,7 @@ class SearchResult:
     nearest: Climbed | None
     least_rho: float
     cut: bool
+    late: tuple[StartResult, ...] = ()
 
 
 def search_gains(
@@ -94,9 +96,11 @@ def search_gains(
         # A design for the period may begin with gains that the period spoils, and end below those that it does not.
         lowest = min([*further, *finite], key=lambda one: one.at.rho)
         unheld = [lowest] if further[0].sampled > SPOILT * search.units.rho * lowest.at.rho else []
+    late: list[StartResult] = []
     if unheld and further[0].sampled > LOST * search.units.rho * min(one.at.rho for one in further):
         held = cores.run((0.6, 0.6), hold, [(search, score, one, deadline) for one in further], deadline)
-        further = held + further[len(held) :]
+        late = sorted((one for _, one in held if one is not None), key=lambda one: one.rank)[:starts]
+        further = [one for one, _ in held] + further[len(held) :]
         further.sort(key=lambda one: one.rank)
     stable = [one for one in drawn if one.abscissa < 0]
     pursued = (further or (stable[:1] if eliminates else stable))[:starts]
@@ -124,6 +128,7 @@ def search_gains(
         max((one for one, _ in ends if one), key=lambda one: (one.certified, one.claimed), default=None),
         float(least),
         deadline.over,
+        tuple(late),
     )
 
 

@@ -272,7 +272,8 @@ def climb(search: GainSearch, at: Descended, deadline: Deadline = NEVER) -> Clim
     """Find the part of a claim that gains carry, and raise it with the nonlinear program; None where they carry
     none."""
     K = at.K
-    found = least_rho(search.loop, K, search.claim, _known(search, at))
+    known = without_P(search, at) if np.isfinite(at.rho) else None
+    found = least_rho(search.loop, K, search.claim, known)
     if found is not None:
         return Climbed(BarrierPoint(K, found), 1.0, 1.0)
     point, program = first_point(search, K), search.program
@@ -299,9 +300,7 @@ def climb(search: GainSearch, at: Descended, deadline: Deadline = NEVER) -> Clim
     return Climbed(point, certified, min(parts) ** 0.5, deadline.over)
 
 
-def _known(search: GainSearch, at: Descended) -> Certificate | None:
+def without_P(search: GainSearch, at: Descended) -> Certificate:
     """Return the multipliers and rho of gains after a descent, as a certificate without its P."""
-    if not np.isfinite(at.rho):
-        return None
     none = np.zeros((search.loop.n_x, search.loop.n_x))
     return AffineF(search.loop, at.K, search.claim).certificate(none, np.append(at.w, at.rho**2))

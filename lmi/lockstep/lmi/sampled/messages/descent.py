@@ -7,7 +7,8 @@ Both enter the power mean of `response` through the state (xi, d(k - 1)):
     N = [N_xi 0; Y 0],   S = diag(S, 0) + N_nu X^-1 N_nu',   Q = diag(Q, 0) + D^2 V'X V,   V = [Y -I],
 
 whose slopes in the gains, log m, rho and X are exact but for what nu adds to the cost within its own period, which is left
-out. What chance loses counts as an age too. Nothing is claimed of what comes back: `witnesses` and the checker decide.
+out, and the outputs' noise. What chance loses counts as an age too. Nothing is claimed of what comes back: `witnesses`
+and the checker decide.
 """
 
 import numpy as np
@@ -16,9 +17,8 @@ from jaxtyping import Complex, Float
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.lmi.sampled.synthesis.lifting_gradient import lifted_period
-from lockstep.lmi.sampled.synthesis.power_means import SampledObjective, ValueAndSlopes
+from lockstep.lmi.sampled.synthesis.power_means import Closed, SampledObjective, ValueAndSlopes
 from lockstep.lmi.sampled.synthesis.response import Poles, power_mean
-from lockstep.lmi.sampled.synthesis.tustin import pulled_back, tustin
 from lockstep.lmi.shapes import GainBlocks, PairWeights
 
 
@@ -34,7 +34,6 @@ class AgedObjective(SampledObjective):
         self.age, self.q = age, len(loop.network.plant.C)
         self.links = len(loop.differences) // self.q
         self.columns = np.r_[0 : loop.n_xi, loop.messages.start : loop.messages.stop]
-        self.received = np.stack([one[:, self.columns] for one in loop.seen])
         Y = loop.differences[:, : loop.n_xi]
         self.change = np.hstack([Y, -np.eye(len(Y))])
 
@@ -64,17 +63,15 @@ class AgedObjective(SampledObjective):
         p: float,
     ) -> ValueAndSlopes | None:
         """Return g_p of the sampled loop with late messages; None where it is not stable, or the period exceeds rho."""
-        loop, n, n_d = self.loop, self.loop.n_xi, self.loop.n_d
+        n, n_d = self.loop.n_xi, self.loop.n_d
         m, L = logs[: len(self.pairs)], self.roots(logs)
         one = lifted_period(*self._agents, *self._ways(m, log_rho), self.period)
         if one is None:
             return None
-        computed = (tustin(K, self.order, self.period) @ self.received).reshape(-1, len(self.columns))
-        start = loop.start[:, self.columns] + loop.start[:, loop.underflows] @ computed
-        advanced = loop.advanced[:, self.columns] + loop.advanced[:, loop.underflows] @ computed
+        start, advanced, applied = self.closed(K, self.columns)
         A_d, S, Q = one.lifted.A_d, one.lifted.S, one.lifted.Q
         step = np.vstack([A_d @ start, advanced])
-        into, own = step[:, n:], start[:, :n]
+        into, own, u = step[:, n:], start[:, :n], applied[:, :n]
         size, links = n + into.shape[1], into.shape[1]
         X, X_inv = np.zeros((links, links)), np.zeros((links, links))
         for e, root in enumerate(L):
@@ -84,7 +81,7 @@ class AgedObjective(SampledObjective):
         N[:n, :n], N[n:, :n] = step[:, :n], self.change[:, :n]
         S_all[:n, :n] = into @ X_inv @ into.T
         S_all[:n_d, :n_d] += S
-        Q_all[:n, :n] = own.T @ Q @ own + self._running
+        Q_all[:n, :n] = own.T @ Q @ own + u.T @ self.weight @ u + self._running[:n, :n]
         Q_all += self.age**2 * self.change.T @ X @ self.change
         poles = Poles(N, continuous=False)
         if not poles.stable:
@@ -93,11 +90,9 @@ class AgedObjective(SampledObjective):
         by_step = np.hstack([mean.N[:n, :n], 2 * mean.S[:n, :n] @ into @ X_inv])
         by_start = A_d.T @ by_step[:n_d]
         by_start[:, :n] += 2 * Q @ own @ mean.Q[:n, :n]
-        by_computed = (
-            loop.start[:, loop.underflows].T @ by_start + loop.advanced[:, loop.underflows].T @ by_step[n_d:]
-        )
-        rows = by_computed.reshape(len(K), -1, len(self.columns))
-        by_K = pulled_back(K, rows @ self.received.swapaxes(1, 2), self.order, self.period)
+        by_applied = np.zeros_like(applied)
+        by_applied[:, :n] = 2 * self.weight @ u @ mean.Q[:n, :n]
+        by_K = self.gains(K, self.columns, Closed(by_start, by_step[n_d:], by_applied))
         EE, FF = one.pulled_back(by_step[:n_d] @ start.T, mean.S[:n_d, :n_d], own @ mean.Q[:n, :n] @ own.T)
         by_m, by_rho = self._numbers(m, log_rho, EE, FF)
         by_X = (

@@ -96,7 +96,8 @@ class AtPeriod:
         """Return the loops as functions of the gains."""
         _, m, q, _, _ = self.network.plant.sizes
         zero = np.zeros((self.network.d.N, self.order + m, self.order + q))
-        return SampledObjective(in_doubles(self.network, self.controllers(zero)), self.weights, self.order)
+        loop = in_doubles(self.network, self.controllers(zero), self.weights.outputs)
+        return SampledObjective(loop, self.weights, self.order)
 
 
 def measured(

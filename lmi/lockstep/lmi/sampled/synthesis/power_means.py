@@ -5,8 +5,11 @@ lifted period depends on M and rho alone (`performance`), the closed loop on the
 
     a = start xi,   xi+ = N xi + J w_d,   N = [A_d start; advanced],   cost xi' (start' Q start + T diag(0, I (x) Q_C)) xi.
 
+What u weighs adds T u' (I (x) W) u to the cost. Noise n of the outputs, of which rho is a gain too, is one step late in the
+state (x_d, n, the rest of xi), which no gain sees, with S = diag(S, rho^-2 T^-1 S^-1 (x) I) of the disagreement's form S.
+
 The continuous loop has a multiplier of its own, and M^-1 (x) G G' + rho^-2 S^-1 (x) I and M (x) alpha^2 H'H + S (x) R in
-place of S and Q. What u weighs and the noise of the outputs are left to those who judge the gains that come out.
+place of S and Q: it only keeps rho below a limit that is a choice, so u and the noise are left out there.
 `response` makes one number of either, at most 0 where rho is a bound, as far as its points show.
 """
 
@@ -14,7 +17,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
 
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import as_floats
@@ -44,10 +47,11 @@ class ValueAndSlopes(NamedTuple):
 
 
 class Closed(NamedTuple):
-    """The sampled loop with discrete controllers: a = start xi and the rest of xi+."""
+    """The sampled loop with discrete controllers, on some of z: a = start z, the rest of xi+, and u; or slopes in them."""
 
-    start: Float[np.ndarray, "a n_xi"]
-    advanced: Float[np.ndarray, "r n_xi"]
+    start: Float[np.ndarray, "a z"]
+    advanced: Float[np.ndarray, "r z"]
+    applied: Float[np.ndarray, "u z"]
 
 
 class SampledObjective:
@@ -66,30 +70,36 @@ class SampledObjective:
             if self.has_phi
             else np.zeros((0, 0, 0))
         )
+        self.xi = np.arange(loop.n_xi)
+        self.columns = np.r_[: loop.n_d, loop.outputs.start : loop.outputs.stop, loop.n_d : loop.n_xi]
+        self.seen = np.stack(loop.seen)
+        self.weight = np.zeros((len(loop.applied),) * 2)
+        if len(weights.W):
+            self.weight = self.period * np.kron(np.eye(d.N), weights.W)
 
     # The sampled loop.
 
-    def closed(self, K: GainBlocks) -> Closed:
-        """Return the sampled loop with these gains."""
-        loop, n = self.loop, self.loop.n_xi
-        computed = (tustin(K, self.order, self.period) @ self._seen).reshape(-1, n)
-        return Closed(
-            loop.start[:, :n] + loop.start[:, loop.underflows] @ computed,
-            loop.advanced[:, :n] + loop.advanced[:, loop.underflows] @ computed,
-        )
+    def closed(self, K: GainBlocks, columns: Int[np.ndarray, " z"]) -> Closed:
+        """Return the sampled loop with these gains, on these entries of z."""
+        into = self.loop.underflows
+        computed = (tustin(K, self.order, self.period) @ self.seen[:, :, columns]).reshape(-1, len(columns))
+        return Closed(*(part[:, columns] + part[:, into] @ computed for part in self._parts))
 
-    def _gains(
-        self, K: GainBlocks, start: Float[np.ndarray, "a n_xi"], advanced: Float[np.ndarray, "r n_xi"]
-    ) -> GainBlocks:
-        """Return the slope in K from those in start and advanced."""
-        loop = self.loop
-        computed = loop.start[:, loop.underflows].T @ start + loop.advanced[:, loop.underflows].T @ advanced
-        rows = computed.reshape(len(K), -1, loop.n_xi)
-        return pulled_back(K, rows @ self._seen.swapaxes(1, 2), self.order, self.period)
+    def gains(self, K: GainBlocks, columns: Int[np.ndarray, " z"], slopes: Closed) -> GainBlocks:
+        """Return the slope in K from those in the parts of `closed`."""
+        into = self.loop.underflows
+        computed = sum(part[:, into].T @ slope for part, slope in zip(self._parts, slopes, strict=True))
+        rows = computed.reshape(len(K), -1, len(columns))
+        return pulled_back(K, rows @ self.seen[:, :, columns].swapaxes(1, 2), self.order, self.period)
 
-    @cached_property
-    def _seen(self) -> Float[np.ndarray, "N l n_xi"]:
-        return np.stack([one[:, : self.loop.n_xi] for one in self.loop.seen])
+    @property
+    def _parts(self) -> tuple[Float[np.ndarray, "_ n_z"], ...]:
+        return self.loop.start, self.loop.advanced, self.loop.applied
+
+    def _of_step(self, K: GainBlocks, slope: Float[np.ndarray, "n_xi n_xi"]) -> GainBlocks:
+        """Return the slope in K from that in `step`."""
+        n_d, none = self.loop.n_d, np.zeros((len(self.loop.applied), self.loop.n_xi))
+        return self.gains(K, self.xi, Closed(self._flow.T @ slope[:n_d], slope[n_d:], none))
 
     @cached_property
     def _agents(self) -> tuple[Float[np.ndarray, "n_d n_d"], Float[np.ndarray, "n_d k"]]:
@@ -97,9 +107,16 @@ class SampledObjective:
         return np.kron(unit, self.loop.network.plant.A), np.kron(unit, self.loop.into)
 
     @cached_property
-    def _running(self) -> Float[np.ndarray, "n_xi n_xi"]:
-        n = self.loop.n_xi
-        return np.asarray(running_cost(self.loop, Performance(self.weights.R, self.weights.Q), 1.0)[:n, :n])
+    def _running(self) -> Float[np.ndarray, "z z"]:
+        form = running_cost(self.loop, Performance(self.weights.R, self.weights.Q), 1.0)
+        form[self.loop.outputs, self.loop.outputs] = 0.0
+        return np.asarray(form[np.ix_(self.columns, self.columns)])
+
+    @cached_property
+    def _noise(self) -> Float[np.ndarray, "k k"]:
+        """1 / T S^-1 (x) I of the outputs' noise, at rho = 1."""
+        d, count = self.loop.network.d, self.loop.outputs.stop - self.loop.outputs.start
+        return np.asarray(np.kron(np.linalg.inv(d.S), np.eye(count // (d.N - 1))) / self.period)
 
     def _ways(
         self, logs: PairWeights, log_rho: float
@@ -146,21 +163,29 @@ class SampledObjective:
         self, K: GainBlocks, logs: PairWeights, log_rho: float, points: Complex[np.ndarray, " s"], p: float
     ) -> ValueAndSlopes | None:
         """Return g_p of the sampled loop; None where it is not stable, or the period alone exceeds rho."""
+        from scipy.linalg import block_diag
+
         one = lifted_period(*self._agents, *self._ways(logs, log_rho), self.period)
         if one is None:
             return None
-        start, advanced = self.closed(K)
-        A_d, S, Q = one.lifted.A_d, one.lifted.S, one.lifted.Q
-        poles = Poles(np.vstack([A_d @ start, advanced]), continuous=False)
+        n_d, noise = self.loop.n_d, np.exp(-2 * log_rho) * self._noise
+        closed = self.closed(K, self.columns)
+        start, A_d, Q = closed.start, one.lifted.A_d, one.lifted.Q
+        late = np.zeros((len(noise), len(self.columns)))
+        poles = Poles(np.vstack([A_d @ start, late, closed.advanced]), continuous=False)
         if not poles.stable:
             return None
-        mean = power_mean(poles, S, start.T @ Q @ start + self._running, points, p)
-        n_d = self.loop.n_d
-        into_start = A_d.T @ mean.N[:n_d] + 2 * Q @ start @ mean.Q
-        EE, FF = one.pulled_back(mean.N[:n_d] @ start.T, mean.S, start @ mean.Q @ start.T)
-        return ValueAndSlopes(
-            mean.value, self._gains(K, into_start, mean.N[n_d:]), *self._numbers(logs, log_rho, EE, FF)
+        cost = start.T @ Q @ start + closed.applied.T @ self.weight @ closed.applied + self._running
+        mean = power_mean(poles, block_diag(one.lifted.S, noise), cost, points, p)
+        slopes = Closed(
+            A_d.T @ mean.N[:n_d] + 2 * Q @ start @ mean.Q,
+            mean.N[n_d + len(noise) :],
+            2 * self.weight @ closed.applied @ mean.Q,
         )
+        EE, FF = one.pulled_back(mean.N[:n_d] @ start.T, mean.S[:n_d, :n_d], start @ mean.Q @ start.T)
+        by_logs, by_rho = self._numbers(logs, log_rho, EE, FF)
+        by_rho -= 2 * float((mean.S[n_d:, n_d:] * noise).sum())
+        return ValueAndSlopes(mean.value, self.gains(K, self.columns, slopes), by_logs, by_rho)
 
     def angles(self, K: GainBlocks) -> Complex[np.ndarray, " s"]:
         """Return points on the unit circle: a grid of frequencies, and the angles of the linear loop's poles."""
@@ -173,8 +198,8 @@ class SampledObjective:
 
     def step(self, K: GainBlocks) -> Float[np.ndarray, "n_xi n_xi"]:
         """Return the matrix of the linear loop over one period."""
-        start, advanced = self.closed(K)
-        return np.vstack([self._flow @ start, advanced])
+        closed = self.closed(K, self.xi)
+        return np.vstack([self._flow @ closed.start, closed.advanced])
 
     @cached_property
     def _flow(self) -> Float[np.ndarray, "n_d a"]:
@@ -194,8 +219,7 @@ class SampledObjective:
         size = max(float(np.abs(values[worst])), 1e-300)
         l, r = left[:, worst].conj(), right[:, worst]
         slope = (np.outer(l, r) / (l @ r) / values[worst]).real / self.period
-        n_d = self.loop.n_d
-        return float(np.log(size)) / self.period, self._gains(K, self._flow.T @ slope[:n_d], slope[n_d:])
+        return float(np.log(size)) / self.period, self._of_step(K, slope)
 
     def edge(self, K: GainBlocks) -> tuple[float, GainBlocks] | None:
         """Return log tr of the sampled linear loop's Gramian, and its slope in K; None where it is not stable."""
@@ -203,8 +227,7 @@ class SampledObjective:
         if not poles.stable:
             return None
         value, slope = poles.log_gramian()
-        n_d = self.loop.n_d
-        return value, self._gains(K, self._flow.T @ slope[:n_d], slope[n_d:])
+        return value, self._of_step(K, slope)
 
     # The continuous loop.
 
