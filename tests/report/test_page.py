@@ -234,8 +234,15 @@ def test_a_run_outside_of_what_is_proved_is_said(facts, page_of):
     assert facts.uncovered == ()
     assert "Not covered by the certificate" not in page_of()
     saturated = replace(facts, trajectory=replace(facts.trajectory, clipped=15))
-    (said,) = saturated.uncovered
+    said, start, *_ = saturated.uncovered
     assert "15 steps saturated an input" in said
+    assert "it is proved that no input saturates from" in start
+    assert "gain_limit" in start
+    for fallen, named in ((0.1, False), (1.0, True)):
+        x = facts.trajectory.x * np.linspace(1.0, fallen, len(facts.trajectory.t))[:, None, None]
+        x[-1] = fallen * facts.trajectory.x[0]
+        run = replace(saturated.trajectory, x=x)
+        assert any("may never bring" in one for one in replace(facts, trajectory=run).uncovered) is named
     assert "Not covered by the certificate" in page_of(trajectory=saturated.trajectory)
 
 

@@ -58,7 +58,7 @@ def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
     if not asked:
         return {}
     stable = ", stable controllers" if asked.get("stable_controllers") else ""
-    decay = f", a decay of {asked['search_decay']:g} 1/s" if "search_decay" in asked else ""
+    decay = f", the search at a decay of {asked['search_decay']:g} 1/s" if "search_decay" in asked else ""
     weights, disturbances = asked["weights"], asked["disturbances"]
     sizes = {"weights.input": weights["input"], "noise": disturbances.get("outputs")}
     if isinstance(weights["state"], list):

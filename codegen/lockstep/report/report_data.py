@@ -54,10 +54,16 @@ class Facts:
         if run is None:
             return (f"the report shows no run: {self.no_run}",) if self.no_run else ()
         left = left_domain(run.t, run.x, self.problem.agent()) if claims.scope == "local" else ""
-        start, inside = float(run.disagreement()[0]), claims.initial_set
+        distances = run.disagreement()
+        start, end, inside = float(distances[0]), float(distances[-1]), claims.initial_set
         said = (
             (left, f"{left}; the certificate is for agents inside"),
             (run.clipped, f"{run.clipped} steps saturated an input, and rho is proved without saturation"),
+            (run.clipped, self._saturated_from(start)),
+            (
+                run.clipped and end > start / 2,
+                f"it ends {end:.3g} from agreement: from such a start these controllers may never bring the agents together",
+            ),
             (run.faults, f"{run.faults} steps reported a fault"),
             (
                 inside is not None and start > inside.radius,
@@ -66,6 +72,21 @@ class Facts:
             ),
         )
         return tuple(f"in the run of the report, {text}" for holds, text in said if holds)
+
+    def _saturated_from(self, start: float) -> str:
+        """Say from where inputs do not saturate, beside where a run starts, and what makes that more."""
+        sampled = self.stored.claims.sampled
+        proved = (
+            (sampled.radius, "no input saturates"),
+            (sampled.clipped_radius, "agents agree although inputs do"),
+        )
+        parts = [f"{what} from {below(radius)}" for radius, what in proved if radius]
+        if not parts:
+            return f"it starts {start:.3g} from agreement, and of no start it is proved that inputs do not saturate"
+        return (
+            f"it starts {start:.3g} from agreement, and it is proved that {', and that '.join(parts)}; smaller gains do more:"
+            " a larger `weights.input`, a lower `gain_limit`, or order 0"
+        )
 
     @property
     def network(self) -> Network:

@@ -27,7 +27,7 @@ Line = Annotated[str, Field(max_length=LONGEST_LINE, pattern=r"^[^\t\r\n]*$")]
 MOST_STATES, MOST_INPUTS, MOST_OUTPUTS = 64, 32, 32
 """Of one agent. The agents' matrices are derived in exact arithmetic, and C is written for each entry."""
 
-SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 100.0
+SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 3600.0
 """In s. Beyond them a period is a slip of the pen: it is 0 in float32, or a run has more steps than fit into memory."""
 
 
