@@ -38,6 +38,7 @@ BAD = {
     "a word of C": ('name = "arm"', 'name = "while"', "is a word of C"),
     "a name that is no ASCII": ('name = "arm"', 'name = "bras_\u00e9"', "not a C identifier"),
     "an unknown function": ("sin(theta_l)", "sinus(theta_l)", "did you mean `sin`?"),
+    "a function that is spelled out": ("sin(theta_l)", "asinh(theta_l)", "write log(p + sqrt(p**2 + 1))"),
     "a jump": ("gravity*sin(theta_l)", "gravity*sign(theta_l)", "no finite bound"),
     "a topology misspelt": (
         "edges = [[1, 2], [2, 3], [3, 1]]",

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.checks import plausibility
+from lockstep.model.checks import nonlinearity, plausibility
 from lockstep.model.formulas.confusables import keyboard_for
 from lockstep.model.problem import Problem
 
@@ -40,7 +40,7 @@ def with_change(old: str, new: str) -> Problem:
         ("0.16", "note", "0.05 to 0.15 s is usual"),
         ("0.78", "note", "long for that mode"),
         ("0.79", "note", "cannot show at all"),
-        ("10.0", "note", "40 rad of the agent's fastest mode, 4 rad/s"),
+        ("10.0", "note", "40 rad of the agent's fastest mode that swings or grows, 4 rad/s"),
     ],
 )
 def test_a_period_that_is_too_long_for_the_plant_is_noted(period, verdict, said):
@@ -58,7 +58,17 @@ def test_a_mode_that_dies_out_by_itself_asks_for_no_short_period():
     grows = PENDULUM.replace("u - w2*sin(theta) - 0.1*omega", "u + 16*theta").replace(
         "period = 0.05", "period = 1.0"
     )
-    assert plausibility.period(Problem.parse(grows)).verdict == "note"
+    row = plausibility.period(Problem.parse(grows))
+    assert row.verdict == "note"
+    assert "4 time constants of the agent's fastest mode that swings or grows, 4 1/s" in row.figure
+
+
+def test_an_origin_where_h_is_not_defined_is_said_to_be_none():
+    tank = PENDULUM.replace("u - w2*sin(theta)", "u - 1/theta").replace(
+        'inputs = ["u"]', 'inputs = ["u"]\ndomain = { theta = [1.0, 2.0] }'
+    )
+    row = nonlinearity.origin(Problem.parse(tank).agent())
+    assert (row.verdict, row.figure) == ("note", "h(t, 0) is not defined: the agents never are at the origin")
 
 
 def test_an_agent_that_settles_between_two_samples_is_noted():

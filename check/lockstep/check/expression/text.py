@@ -42,6 +42,11 @@ CONSTANTS: Mapping[str, float] = {"pi": math.pi}
 RESERVED = frozenset(FUNCTIONS) | frozenset(CONSTANTS) | {"t"}
 """Names a state, an input, an output or a parameter cannot have."""
 
+SPELLED = {
+    "asinh": "write log(p + sqrt(p**2 + 1)) - log(n + sqrt(n**2 + 1)) with p = max(x, 0) and n = max(-x, 0) put in"
+}
+"""How to write what is no function here: log(x + sqrt(x^2 + 1)), in one, is not shown to be defined far below 0."""
+
 LONGEST = 10_000
 """Characters in one expression. Longer ones come from programs, which can build an `Agent` in Python."""
 MOST_TOKENS = 2_000
@@ -219,7 +224,9 @@ class _Reader(Generic[V]):
         function = FUNCTIONS.get(name)
         if function is None:
             found, known = f"unknown function `{shorten(name)}`", ", ".join(FUNCTIONS)
-            raise self.error(found, start, expected=known, remedy=nearest(name, FUNCTIONS))
+            raise self.error(
+                found, start, expected=known, remedy=SPELLED.get(name) or nearest(name, FUNCTIONS)
+            )
         values = [self.condition() if name == "if_else" else self.expression()] if self.next != ")" else []
         while self.sees(",") and self.next != ")":
             values.append(self.expression())

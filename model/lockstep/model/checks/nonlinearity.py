@@ -147,6 +147,10 @@ def origin(agent: Agent) -> CheckRow:
     if size == 0.0:
         figure = "0" if exact else "0 at every t looked at"
         return CheckRow("h(t, 0) = 0", "ok", figure, reason)
+    if not np.isfinite(size):
+        return CheckRow(
+            "h(t, 0) = 0", "note", "h(t, 0) is not defined: the agents never are at the origin", reason
+        )
     figure = (
         f"|h(t, 0)| {'=' if exact else 'reaches'} {size:.4g}: the origin is no equilibrium; "
         "the offset cancels, and the incremental bound carries the proof"

@@ -34,7 +34,8 @@ def period(problem: Problem) -> CheckRow:
     T = problem.controller.period
     reason = "a controller cannot act on what happens between its samples: 0.2 to 0.6 rad a period is the usual range"
     modes = _modes(problem)
-    w = max((abs(s) for s in modes if s.real >= -abs(s.imag)), default=0.0)
+    fastest = max((s for s in modes if s.real >= -abs(s.imag)), key=abs, default=0j)
+    w = abs(fastest)
     if w == 0.0:
         said = "the open-loop agent has no oscillatory or unstable mode there"
         slow = min(map(abs, modes), default=0.0)
@@ -43,7 +44,11 @@ def period(problem: Problem) -> CheckRow:
         usual = f"{0.1 / slow:.2g} to {0.25 / slow:.2g} s is usual (Astrom and Wittenmark 1997)"
         moved = f"{T:g} s is {slow * T:.3g} times the longest time constant of the agent by itself, {1 / slow:.3g} s"
         return CheckRow("period", "note", f"{moved}: it has settled between two samples; {usual}", reason)
-    figure = f"{T:g} s is {w * T:.3g} rad of the agent's fastest mode, {w:.3g} rad/s"
+    figure = (
+        f"{T:g} s is {w * T:.3g} rad of the agent's fastest mode that swings or grows, {w:.3g} rad/s"
+        if fastest.imag
+        else f"{T:g} s is {w * T:.3g} time constants of the agent's fastest mode that swings or grows, {w:.3g} 1/s"
+    )
     if w * T <= LONG:
         return CheckRow("period", "ok", figure, reason)
     unseen = (
