@@ -242,7 +242,7 @@ def test_a_run_outside_of_what_is_proved_is_said(facts, page_of):
         x = facts.trajectory.x * np.linspace(1.0, fallen, len(facts.trajectory.t))[:, None, None]
         x[-1] = fallen * facts.trajectory.x[0]
         run = replace(saturated.trajectory, x=x)
-        assert any("may never bring" in one for one in replace(facts, trajectory=run).uncovered) is named
+        assert any("may never come to it" in one for one in replace(facts, trajectory=run).uncovered) is named
     assert "Not covered by the certificate" in page_of(trajectory=saturated.trajectory)
 
 

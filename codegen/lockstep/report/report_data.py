@@ -60,10 +60,7 @@ class Facts:
             (left, f"{left}; the certificate is for agents inside"),
             (run.clipped, f"{run.clipped} steps saturated an input, and rho is proved without saturation"),
             (run.clipped, self._saturated_from(start)),
-            (
-                run.clipped and end > start / 2,
-                f"it ends {end:.3g} from agreement: from such a start these controllers may never bring the agents together",
-            ),
+            (run.clipped and end > start / 2, f"it ends {end:.3g} from agreement, and may never come to it"),
             (run.faults, f"{run.faults} steps reported a fault"),
             (
                 inside is not None and start > inside.radius,
@@ -75,18 +72,14 @@ class Facts:
 
     def _saturated_from(self, start: float) -> str:
         """Say from where inputs do not saturate, beside where a run starts, and what makes that more."""
-        sampled = self.stored.claims.sampled
-        proved = (
-            (sampled.radius, "no input saturates"),
-            (sampled.clipped_radius, "agents agree although inputs do"),
-        )
-        parts = [f"{what} from {below(radius)}" for radius, what in proved if radius]
-        if not parts:
-            return f"it starts {start:.3g} from agreement, and of no start it is proved that inputs do not saturate"
-        return (
-            f"it starts {start:.3g} from agreement, and it is proved that {', and that '.join(parts)}; smaller gains do more:"
-            " a larger `weights.input`, a lower `gain_limit`, or order 0"
-        )
+        sampled, parts = self.stored.claims.sampled, list[str]()
+        if sampled.radius:
+            parts.append(f"that no input saturates from {below(sampled.radius)}")
+        if sampled.clipped_radius:
+            parts.append(f"that agents agree although inputs do from {below(sampled.clipped_radius)}")
+        parts = parts or ["from no start that none saturates"]
+        more = "smaller gains do more: a larger `weights.input`, a lower `gain_limit`, or order 0"
+        return f"it starts {start:.3g} from agreement, and it is proved {', and '.join(parts)}; {more}"
 
     @property
     def network(self) -> Network:

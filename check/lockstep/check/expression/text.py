@@ -42,9 +42,7 @@ CONSTANTS: Mapping[str, float] = {"pi": math.pi}
 RESERVED = frozenset(FUNCTIONS) | frozenset(CONSTANTS) | {"t"}
 """Names a state, an input, an output or a parameter cannot have."""
 
-SPELLED = {
-    "asinh": "write log(p + sqrt(p**2 + 1)) - log(n + sqrt(n**2 + 1)) with p = max(x, 0) and n = max(-x, 0) put in"
-}
+SPELLED = {"asinh": "write log(p + sqrt(p**2 + 1)) - log(n + sqrt(n**2 + 1)), p = max(x, 0), n = max(-x, 0)"}
 """How to write what is no function here: log(x + sqrt(x^2 + 1)), in one, is not shown to be defined far below 0."""
 
 LONGEST = 10_000

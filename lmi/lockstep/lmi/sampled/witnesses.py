@@ -20,10 +20,17 @@ from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.loop import Plant
 from lockstep.lmi.sampled.candidates import candidates
 from lockstep.lmi.sampled.loop_gain import best_multiplier, gain, spectral_radius
+from lockstep.lmi.sampled.storage import in_exact_arithmetic
 from lockstep.lmi.shapes import PairWeights
 
 TRIES = 3
 """Candidates put to the proof: the first nearly always holds."""
+
+ROUNDED = (
+    "without rounding there is one (computed): take units in which the outputs are of one size, such as mm and MPa for m"
+    ' and Pa, or [controller] real = "float64"'
+)
+"""The errors of D r are bounded by the norms of both: of outputs in m and Pa, the coarse one counts as the fine one does."""
 
 
 def certify_sampled(
@@ -75,6 +82,8 @@ def certify_sampled(
         if verdict.certified:
             return replace(verdict, figures=figures)
         said = verdict.reason
+    if next(candidates(in_exact_arithmetic(loop), one, m, thorough=False), None) is not None:
+        said += f": {ROUNDED}"
     return replace(refused(network, controllers, said), figures=figures)
 
 
