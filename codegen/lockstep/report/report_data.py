@@ -72,14 +72,14 @@ class Facts:
 
     def _saturated_from(self, start: float) -> str:
         """Say from where inputs do not saturate, beside where a run starts, and what makes that more."""
-        sampled, parts = self.stored.claims.sampled, list[str]()
-        if sampled.radius:
-            parts.append(f"that no input saturates from {below(sampled.radius)}")
-        if sampled.clipped_radius:
-            parts.append(f"that agents agree although inputs do from {below(sampled.clipped_radius)}")
-        parts = parts or ["from no start that none saturates"]
-        more = "smaller gains do more: a larger `weights.input`, a lower `gain_limit`, or order 0"
-        return f"it starts {start:.3g} from agreement, and it is proved {', and '.join(parts)}; {more}"
+        sampled = self.stored.claims.sampled
+        without = f"up to {below(sampled.radius)}" if sampled.radius else "for no distance"
+        agree = f", that agents agree all the same up to {below(sampled.clipped_radius)}"
+        return (
+            f"it starts {start:.3g} from agreement; that no input saturates is proved {without}"
+            f"{agree if sampled.clipped_radius else ''}: smaller gains raise that (a larger `weights.input`, a lower"
+            " `gain_limit`, order 0)"
+        )
 
     @property
     def network(self) -> Network:

@@ -310,3 +310,16 @@ def _held_gain(net, ones, slope):
         x = np.linalg.solve(z * np.eye(len(step)) - step, into @ project)[: 3 * n]
         worst = max(worst, np.linalg.norm(project @ x, 2))
     return worst
+
+
+def test_a_certificate_that_rounding_alone_takes_says_so_and_units_of_one_size_bring_it_back():
+    """The same loop with its speed in units of 1, and of 1e-10: the error of a gain times the angle counts 1e10 times."""
+    A, B, H = [[0.0, 1.0], [-2.0, -0.5]], [[0.0], [1.0]], [[1.0, 0.0]]
+    edges, D = [(1, 2, 1.0), (2, 1, 1.0)], np.array([[-2.0, -1.0]])
+    for unit, certified in ((1.0, True), (1e-10, False)):
+        C = np.diag([1.0, 1 / unit])
+        net = network(A, B, C, B, H, edges, N=2, alpha=1.0, period=0.05)
+        verdict = certify_sampled(net, controllers([D * [1.0, unit]] * 2, 0, edges))
+        assert verdict.certified is certified
+    assert "without rounding there is one" in verdict.reason
+    assert "outputs are of one size" in verdict.reason

@@ -8,6 +8,7 @@ from sampled_cases import brute_force_radius, controllers, network
 
 from lockstep.check.continuous.inequality import Performance
 from lockstep.lmi.sampled import certify_sampled, sampled_rho
+from lockstep.lmi.sampled.messages.descent import AgedObjective
 from lockstep.lmi.sampled.synthesis.descent import Descent, DescentPoint, limit_barrier
 from lockstep.lmi.sampled.synthesis.gains_for_period import (
     AtPeriod,
@@ -17,6 +18,7 @@ from lockstep.lmi.sampled.synthesis.gains_for_period import (
     measured,
 )
 from lockstep.lmi.sampled.synthesis.tustin import pulled_back, tustin
+from lockstep.lmi.sampled.witnesses import in_doubles
 
 EDGES = [(1, 2, 1.0), (2, 1, 1.0)]
 ORDER, GAIN_LIMIT = 1, 20.0
@@ -163,6 +165,27 @@ def test_the_slopes_are_those_of_differences(delay, alpha, weights):
         assert (f(at_K)[1] * step).sum() == pytest.approx((up - down) / (2 * h), rel=1e-5)
     (up, _), (down, _) = limit_barrier(at_K + h * step, 20.0), limit_barrier(at_K - h * step, 20.0)
     assert (limit_barrier(at_K, 20.0)[1] * step).sum() == pytest.approx((up - down) / (2 * h), rel=1e-5)
+
+
+@pytest.mark.parametrize("weights", [WEIGHTS, WEIGHED])
+def test_the_slopes_with_late_messages_are_those_of_differences(weights):
+    at, rng, h = pendulums(0.05, weights=weights), np.random.default_rng(2), 1e-5
+    zero = np.zeros((2, ORDER + 1, ORDER + 2))
+    loops = AgedObjective(in_doubles(at.network, at.controllers(zero)), weights, ORDER, 1.0)
+    at_K = K + 0.1 * rng.standard_normal(K.shape)
+    logs = loops.packed(np.ones(1), np.tile(np.eye(2), (2, 1)))
+    step, turn, points = rng.standard_normal(K.shape), rng.standard_normal(logs.shape), loops.angles(at_K)
+
+    def value(K, logs, log_rho):
+        return loops.sampled(K, logs, log_rho, points, 6.0)
+
+    here = value(at_K, logs, 1.5)
+    for slope, up, down in (
+        ((here.K * step).sum(), (at_K + h * step, logs, 1.5), (at_K - h * step, logs, 1.5)),
+        (here.logs @ turn, (at_K, logs + h * turn, 1.5), (at_K, logs - h * turn, 1.5)),
+        (here.log_rho, (at_K, logs, 1.5 + h), (at_K, logs, 1.5 - h)),
+    ):
+        assert slope == pytest.approx((value(*up).value - value(*down).value) / (2 * h), rel=1e-5)
 
 
 @pytest.mark.parametrize("delay", [0, 1])

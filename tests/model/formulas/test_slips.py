@@ -1,10 +1,13 @@
 """Numbers that are seldom meant are noted: a long period, degrees, a start outside of the domain; look-alikes are offered."""
 
 import math
+import re
 
 import pytest
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.expression.text import SPELLED
+from lockstep.model.assembly import bound_of
 from lockstep.model.checks import nonlinearity, plausibility
 from lockstep.model.formulas.confusables import keyboard_for
 from lockstep.model.problem import Problem
@@ -216,3 +219,23 @@ def test_turned_round_they_are_accepted():
     problem = Problem.parse(text[: text.index("[simulation]")])
     problem.validate()
     assert problem.graph().roots == (1,)
+
+
+def test_asinh_as_it_is_told_to_be_written_has_the_slopes_of_asinh():
+    """1 / sqrt(1 + theta^2), which is 1 at most, everywhere."""
+    assert "unknown function" in refusal("asinh(theta)")
+    told = SPELLED["asinh"]
+    formula = told.split("write ")[1].split(", p = ")[0]
+    for short, meant in (("p", "max(theta, 0)"), ("n", "max(-theta, 0)")):
+        formula = re.sub(rf"\b{short}\b", meant, formula)
+    as_written = PENDULUM.replace('inputs = ["u"]', 'inputs = ["u"]\ncentre = false')
+    found = bound_of(Problem.parse(as_written.replace("w2*sin(theta)", formula)).agent())
+    assert found.alpha == pytest.approx(
+        1.0, rel=1e-3
+    )  # the proved one is a little above, to close in finite time
+
+
+def refusal(formula: str) -> str:
+    with pytest.raises(ProblemError) as error:
+        with_change("w2*sin(theta)", formula).agent()
+    return str(error.value)

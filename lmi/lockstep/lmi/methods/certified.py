@@ -44,8 +44,9 @@ DRAWN_ANEW = 1_000_003
 """Added to the seed where no start of the first ones led anywhere, or none near the floor: one of twenty each on three
 quadrotors (order 0)."""
 
-IDLE = 0.5
-"""Of a period's rate: how fast the state of an idle controller decays, where the gain limit allows it."""
+IDLE = 2.0
+"""Over the period: how fast the state of an idle controller decays where the gain limit allows it; by Tustin's rule that is 0
+after one period."""
 
 FORGOTTEN = 100
 """Periods within which a controller that is to be stable by itself forgets all but 1/e of its state."""
@@ -265,7 +266,7 @@ def _proved(
     gains = Gains.from_blocks(short_gains(one.K, table.gain_limit), problem.order)
     figures: dict[str, Any] = {"history": list(one.history), **limit}
     near = search.units.certificate(one.certificate)
-    fastest = float(f"{0.99 * min(table.gain_limit, IDLE / problem.controller.period):.2g}")
+    fastest = float(f"{0.99 * min(table.gain_limit, IDLE / problem.controller.period):.3g}")
     muted = without_idle_parts(gains, network, fastest)
     if muted is not gains:
         try:

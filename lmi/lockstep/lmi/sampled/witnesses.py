@@ -30,7 +30,7 @@ ROUNDED = (
     "without rounding there is one (computed): take units in which the outputs are of one size, such as mm and MPa for m"
     ' and Pa, or [controller] real = "float64"'
 )
-"""The errors of D r are bounded by the norms of both: of outputs in m and Pa, the coarse one counts as the fine one does."""
+"""The errors of D r are bounded by a norm of D times one of r: of outputs in m and Pa, that of a gain per m times pascals."""
 
 
 def certify_sampled(
@@ -82,7 +82,7 @@ def certify_sampled(
         if verdict.certified:
             return replace(verdict, figures=figures)
         said = verdict.reason
-    if next(candidates(in_exact_arithmetic(loop), one, m, thorough=False), None) is not None:
+    if thorough and next(candidates(in_exact_arithmetic(loop), one, m, thorough=False), None) is not None:
         said += f": {ROUNDED}"
     return replace(refused(network, controllers, said), figures=figures)
 

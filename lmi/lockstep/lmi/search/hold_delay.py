@@ -68,10 +68,10 @@ def late_norm(search: GainSearch, more: float = 1.0) -> SmoothedNorm:
 def hold(
     search: GainSearch, score: Score | None, start: StartResult, deadline: Deadline = NEVER
 ) -> tuple[StartResult, StartResult | None]:
-    """Return a start with its gains made for the late loop, or as it is where that made what ships worse.
+    """Return a start with its gains made for the late loop, or as it is where that made what ships worse; and a second one.
 
-    And the gains made for the lag itself, without a sampled certificate, where no lag leaves one: a design for the period
-    starts better from them than from gains that know of no period.
+    Where no lag leaves a sampled certificate, the second has the gains made for the first lag: a design for the period starts
+    better from them than from gains that know of no period. None elsewhere.
     """
     K, limit, found, late = start.at.K, search.gain_limit, start, None
     for more in LATER:

@@ -42,8 +42,8 @@ class SearchResult:
 
     outcomes: with a certificate for the whole claim, in doubles;  abscissa: the least of any start;  nearest: the
     gains that carry most of the claim, if any carry some of it;  least_rho: the smallest one reached for the whole
-    claim;  cut: whether a deadline cut the search;  late: gains made for the lag of the period, where the period spoils
-    what else there is.
+    claim;  cut: whether a deadline cut the search;  late: starts whose gains are made for the lag of the period, where
+    that left none of them a sampled certificate.
     """
 
     outcomes: tuple[Polished, ...]

@@ -52,7 +52,9 @@ def period(problem: Problem) -> CheckRow:
     if w * T <= LONG:
         return CheckRow("period", "ok", figure, reason)
     unseen = (
-        ", which the samples cannot show at all (Shannon 1949)" if w * T > math.pi else ": long for that mode"
+        ", which the samples cannot show at all (Shannon 1949)"
+        if fastest.imag and w * T > math.pi
+        else ": long for that mode"
     )
     usual = f"{0.2 / w:.2g} to {LONG / w:.2g} s is usual (Astrom and Wittenmark 1997)"
     return CheckRow("period", "note", f"{figure}{unseen}; {usual}", reason)

@@ -5,11 +5,11 @@ lifted period depends on M and rho alone (`performance`), the closed loop on the
 
     a = start xi,   xi+ = N xi + J w_d,   N = [A_d start; advanced],   cost xi' (start' Q start + T diag(0, I (x) Q_C)) xi.
 
-What u weighs adds T u' (I (x) W) u to the cost. Noise n of the outputs, of which rho is a gain too, is one step late in the
-state (x_d, n, the rest of xi), which no gain sees, with S = diag(S, rho^-2 T^-1 S^-1 (x) I) of the disagreement's form S.
+The weight W of the inputs adds T u' (I (x) W) u to the cost. Noise n of the outputs counts rho^2 T n' (S (x) I) n, S as in
+`check.sampled.l2_gain`: it enters the state (x_d, n, the rest of xi), one step late, which changes no gain.
 
 The continuous loop has a multiplier of its own, and M^-1 (x) G G' + rho^-2 S^-1 (x) I and M (x) alpha^2 H'H + S (x) R in
-place of S and Q: it only keeps rho below a limit that is a choice, so u and the noise are left out there.
+place of S and Q: it only keeps rho below a limit that is a choice, so W and the noise are left out there.
 `response` makes one number of either, at most 0 where rho is a bound, as far as its points show.
 """
 
@@ -55,7 +55,11 @@ class Closed(NamedTuple):
 
 
 class SampledObjective:
-    """The two loops of one problem, for any gains."""
+    """The two loops of one problem, for any gains.
+
+    columns: where (x_d, n, the rest of xi) are in z;  xi: where xi is;  seen: (N, n_C + q, n_z), (x_C, r) of all agents;
+    weight: T (I (x) W).
+    """
 
     def __init__(self, loop: SampledLoop, weights: Performance, order: int) -> None:
         """Take the sampled loop in doubles with controllers that are zero."""
