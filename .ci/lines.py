@@ -24,7 +24,7 @@ EVERY_GRAPH = [
 ]
 LATER = {
     "check: limits of the inputs": (
-        [f"check/lockstep/check/sampled/{name}.py" for name in ("input_limits", "saturation")],
+        [f"check/lockstep/check/sampled/inputs/{name}.py" for name in ("input_limits", "saturation")],
         155,
     ),
     "check: formations": (["check/lockstep/check/system/formation.py"], 60),
@@ -52,7 +52,7 @@ LATER = {
         [f"lmi/lockstep/lmi/analysis/{name}.py" for name in ("frequency_multipliers", "p_norm")],
         220,  # 190 before the p-norm without eigenvectors, which the search of small loops shares
     ),
-    "a search on a cluster": (["lmi/lockstep/lmi/cluster.py"], 60),
+    "a search on a cluster": (["lmi/lockstep/lmi/processes/cluster.py"], 60),
     "gains and one P together": (
         ["lmi/lockstep/lmi/methods/bilinear_barrier.py", "lmi/lockstep/lmi/methods/modal_newton.py"],
         260,

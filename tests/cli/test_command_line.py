@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from lockstep.cli.interrupts import insistent_interrupts
 from lockstep.cli.main import app
-from lockstep.lmi.workers import started_without_interrupts
+from lockstep.lmi.processes.workers import started_without_interrupts
 
 LOCKSTEP = [sys.executable, "-c", "from lockstep.cli.main import main; main()"]
 

@@ -40,11 +40,11 @@ from lockstep.check.messages import decide_messages
 from lockstep.check.requirements import shortfalls
 from lockstep.check.sampled.certificate import SampledVerdict
 from lockstep.check.sampled.controller import HeldController
-from lockstep.check.sampled.input_limits import proves_gain, proves_radius
+from lockstep.check.sampled.inputs.input_limits import proves_gain, proves_radius
+from lockstep.check.sampled.inputs.saturation import proves_clipped_radius
 from lockstep.check.sampled.l2_gain import proves_rho
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.modes import SampledModalWitness, proves_modal_rho
-from lockstep.check.sampled.saturation import proves_clipped_radius
 from lockstep.check.sampled_claims import (
     CheckedFile,
     decide_held,

@@ -10,7 +10,7 @@ from lockstep.campaign.campaign import Keep
 from lockstep.campaign.compute import compute
 from lockstep.campaign.plan import Plan
 from lockstep.check.errors import ClaimError, LockstepError
-from lockstep.lmi.cluster import connected
+from lockstep.lmi.processes.cluster import connected
 
 RETRIES = 5
 """How often a chunk that failed on a worker is tried again; the workers a chunk may be lost with are Dask's to count."""

@@ -30,10 +30,10 @@ from lockstep.codegen.sampled_design import (
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.guarantees import Guarantees, guarantees
+from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.sampled.synthesis.gains_for_period import StartingGains
 from lockstep.lmi.sampled.witnesses import plant_in_doubles
 from lockstep.lmi.search.stopping import Stop
-from lockstep.lmi.threads import one_thread
 from lockstep.model.network import Network
 
 NEAR = 1.05

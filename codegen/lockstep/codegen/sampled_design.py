@@ -17,10 +17,10 @@ from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.errors import BoundNotProved, ProblemError
 from lockstep.check.sampled.certificate import decide_sampled
 from lockstep.check.sampled.inequality import Witness
-from lockstep.check.sampled.input_limits import proves_gain, proves_radius
+from lockstep.check.sampled.inputs.input_limits import proves_gain, proves_radius
+from lockstep.check.sampled.inputs.saturation import ClippedWitness, proves_clipped_radius
 from lockstep.check.sampled.l2_gain import proves_rho
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.saturation import ClippedWitness, proves_clipped_radius
 from lockstep.check.sampled.sector import Sector
 from lockstep.check.sampled_claims import sector
 from lockstep.codegen.folder.contents import DESIGN_NAME

@@ -73,12 +73,12 @@ class Facts:
     def _saturated_from(self, start: float) -> str:
         """Say from where inputs do not saturate, beside where a run starts, and what makes that more."""
         sampled = self.stored.claims.sampled
-        without = f"up to {below(sampled.radius)}" if sampled.radius else "for no distance"
-        agree = f", that agents agree all the same up to {below(sampled.clipped_radius)}"
+        without, clipped = sampled.radius, sampled.clipped_radius
         return (
-            f"it starts {start:.3g} from agreement; that no input saturates is proved {without}"
-            f"{agree if sampled.clipped_radius else ''}: smaller gains raise that (a larger `weights.input`, a lower"
-            " `gain_limit`, order 0)"
+            f"it starts {start:.3g} from agreement; that no input saturates is proved"
+            f" {f'up to {below(without)}' if without else 'for no distance'}"
+            f"{f', that agents agree all the same up to {below(clipped)}' if clipped else ''}: smaller gains raise that"
+            " (a larger `weights.input`, a lower `gain_limit`, order 0)"
         )
 
     @property

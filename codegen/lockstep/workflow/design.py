@@ -263,8 +263,8 @@ def design(
         ClaimError: no gains were found, or none that are certified; nothing is written.
     """
     from lockstep.codegen.period_redesign import as_shipped
-    from lockstep.lmi.cluster import searching_on
     from lockstep.lmi.design import design as designed
+    from lockstep.lmi.processes.cluster import searching_on
 
     source, written, curve = (
         None if one is None or isinstance(one, Problem) else Path(one) for one in (problem, output, trade_off)

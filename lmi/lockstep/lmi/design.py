@@ -30,10 +30,10 @@ from lockstep.lmi.defaults import MUCH, VERY_FAR, Wishes, is_far, named, wishes
 from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.initial_set import InitialStates, Unavailable
 from lockstep.lmi.initial_set_design import largest_initial_states
+from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.sampled.synthesis.gains_for_period import StartingGains
 from lockstep.lmi.scope import Scope, scope_of
 from lockstep.lmi.search.stopping import NothingYet, Stop
-from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import bound_of, network_of
 from lockstep.model.bound_search import Bound
 from lockstep.model.network import Network

@@ -12,8 +12,8 @@ from lockstep.check.design_file.content import FORMAT, DesignFile
 from lockstep.check.design_file.messages import MessageClaims
 from lockstep.check.design_file.proofs import BoundProof, Proofs
 from lockstep.check.floor.witness import FloorWitness
+from lockstep.check.sampled.inputs.saturation import ClippedWitness
 from lockstep.check.sampled.modes import SampledModalWitness
-from lockstep.check.sampled.saturation import ClippedWitness
 from lockstep.check.system.loop import Gains
 from lockstep.model.plain_json import plain
 

@@ -12,7 +12,7 @@ from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.numbers import exactly
 from lockstep.check.requirements import shortfalls
 from lockstep.check.sampled.controller import Precision
-from lockstep.check.sampled.input_limits import proves_radius
+from lockstep.check.sampled.inputs.input_limits import proves_radius
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.system.problem import ProblemTables
 from lockstep.codegen.period_redesign import as_shipped

@@ -8,7 +8,7 @@ from lmi_cases import EXAMPLES
 
 from lockstep.lmi.design import design
 from lockstep.lmi.document import file_of
-from lockstep.lmi.threads import one_thread, threads
+from lockstep.lmi.processes.threads import one_thread, threads
 from lockstep.model.problem import load_problem, parse_problem
 
 

@@ -10,10 +10,10 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import as_floats, exactly
 from lockstep.check.sampled.inequality import metric, step_matrix
-from lockstep.check.sampled.input_limits import proves_gain, proves_radius
+from lockstep.check.sampled.inputs.input_limits import proves_gain, proves_radius
+from lockstep.check.sampled.inputs.saturation import ClippedWitness, clipped, proves_clipped_radius
 from lockstep.check.sampled.lifting import copies
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.saturation import ClippedWitness, clipped, proves_clipped_radius
 from lockstep.lmi.sampled import input_limits
 from lockstep.lmi.sampled.input_limits import largest_gain, largest_radius
 from lockstep.lmi.sampled.loop_gain import _step_of_state

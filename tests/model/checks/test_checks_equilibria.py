@@ -5,8 +5,8 @@ import pytest
 from checks_cases import field
 from flint import acb, acb_mat, fmpz_mat
 
-from lockstep.model.checks.proved.eigenvalues import gershgorin
 from lockstep.model.checks.proved.equilibria import equilibria
+from lockstep.model.checks.proved.interval_algebra.eigenvalues import gershgorin
 
 TIED = {"x": "x - y + u", "y": "2*x - 2*y"}
 

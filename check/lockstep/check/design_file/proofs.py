@@ -33,9 +33,9 @@ from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import demand
 from lockstep.check.floor.witness import FloorWitness, Piece
 from lockstep.check.sampled.inequality import NUMBERS, Witness
+from lockstep.check.sampled.inputs.saturation import ClippedWitness
 from lockstep.check.sampled.links import MessageWitness
 from lockstep.check.sampled.modes import SampledModalWitness
-from lockstep.check.sampled.saturation import ClippedWitness
 from lockstep.check.system.agent import Move
 
 _AMOUNT = re.compile("-?[0-9]{1,400}(/[0-9]{1,400})?")

@@ -31,7 +31,7 @@ from lockstep.check.sampled.certificate import lifted_agent, proves
 from lockstep.check.sampled.conjugate_points import no_conjugate_point
 from lockstep.check.sampled.controller import ROW_ERROR, HeldController, Precision
 from lockstep.check.sampled.inequality import Witness
-from lockstep.check.sampled.input_limits import reaches
+from lockstep.check.sampled.inputs.input_limits import reaches
 from lockstep.check.sampled.loop import SampledLoop
 
 SPLIT, LARGEST_X, LARGEST_R = 14, 1 << 28, (1 << 15) - 1

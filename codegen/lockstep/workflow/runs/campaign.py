@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lockstep.check.errors import ProblemError
-from lockstep.lmi.cluster import check_address
+from lockstep.lmi.processes.cluster import check_address
 from lockstep.workflow.design import DESIGN_NAME, Design, as_design
 from lockstep.workflow.generate import generated_files
 from lockstep.workflow.output_files import check_writable, of_file, write_text

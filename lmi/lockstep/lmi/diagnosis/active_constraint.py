@@ -19,10 +19,10 @@ from lockstep.check.continuous.modes import Modes
 from lockstep.check.errors import NotCertified
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.rounding import prove, short_gains
+from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.search.common_gains import loops_at
 from lockstep.lmi.search.random_start import GainSearch, begin, climb
 from lockstep.lmi.search.stabilise import stabilise_mode
-from lockstep.lmi.threads import one_thread
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 

@@ -25,13 +25,13 @@ from lockstep.lmi.analysis.decay import fastest_decay
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.document import Stored
 from lockstep.lmi.methods.certified import rate_of_controllers
+from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.search.barrier import BarrierPoint
 from lockstep.lmi.search.local_search import polished, reached
 from lockstep.lmi.search.random_start import GainSearch
 from lockstep.lmi.search.stabilise import within
 from lockstep.lmi.shapes import GainBlocks
 from lockstep.lmi.stored_bound import bound_again
-from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import network_of
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem

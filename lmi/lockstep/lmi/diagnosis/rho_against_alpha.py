@@ -17,8 +17,8 @@ from lockstep.check.continuous.inequality import Claim
 from lockstep.check.errors import demand
 from lockstep.lmi.analysis.margins import largest_alpha, trade_off
 from lockstep.lmi.document import Stored
+from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.stored_bound import bound_again
-from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import network_of
 
 MARGIN = 1e-3

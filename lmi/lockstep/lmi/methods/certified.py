@@ -24,6 +24,7 @@ from lockstep.lmi.diagnosis.active_constraint import hint, hint_of_stability
 from lockstep.lmi.floor.bisection import proves_that_none_carries
 from lockstep.lmi.initial_set_design import with_larger_set
 from lockstep.lmi.methods.modal import segment_ends
+from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.sampled.synthesis.gains_for_period import StartingGains
 from lockstep.lmi.search import GainSearch, Polished, Score, SearchResult, search_gains
 from lockstep.lmi.search.common_gains import ModalSearch, representative
@@ -31,7 +32,6 @@ from lockstep.lmi.search.fastest_decay import raised_decay
 from lockstep.lmi.search.random_start import Climbed, without_P
 from lockstep.lmi.search.search_time import likely
 from lockstep.lmi.search.stopping import Deadline, NothingYet, Stop
-from lockstep.lmi.threads import one_thread
 from lockstep.model.assembly import exact_network
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem

@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness, metric, multiplier
-from lockstep.check.sampled.input_limits import proves_gain, proves_radius
+from lockstep.check.sampled.inputs.input_limits import proves_gain, proves_radius
 from lockstep.check.sampled.l2_gain import running_cost
 from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop

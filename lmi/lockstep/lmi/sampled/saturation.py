@@ -18,9 +18,14 @@ from jaxtyping import Float
 
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness, metric
+from lockstep.check.sampled.inputs.saturation import (
+    ClippedWitness,
+    clipped,
+    proves_clipped_radius,
+    sector_cost,
+)
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
-from lockstep.check.sampled.saturation import ClippedWitness, clipped, proves_clipped_radius, sector_cost
 from lockstep.lmi.sampled.candidates import SOME_STATES, is_large, priced_anew
 from lockstep.lmi.sampled.input_limits import CLAIMED, KEPT
 from lockstep.lmi.sampled.loop_gain import spectral_radius

@@ -97,7 +97,7 @@ def step_program(
         near: (n_xi, n_xi) a form that P should be near a multiple of, beyond what it sums up to along the loop.
         noise: whether the messages' errors count.
         weight: of the squared disagreement in each step, in multiples of kappa.
-        tau: of the sectors of `lockstep.check.sampled.saturation`, in units of `unit`, the loop being the clipped one.
+        tau: of the sectors of `lockstep.check.sampled.inputs.saturation`, in units of `unit`, the loop being the clipped one.
     """
     import cvxpy as cp
 

@@ -8,13 +8,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P
+from lockstep.lmi.processes.threads import one_thread
+from lockstep.lmi.processes.workers import started_without_interrupts
 from lockstep.lmi.search.hold_delay import hold
 from lockstep.lmi.search.local_search import Polished, polished, reached
 from lockstep.lmi.search.random_start import Climbed, GainSearch, Score, StartResult, begin, climb, go_on
 from lockstep.lmi.search.smoothed_norm import Descended
 from lockstep.lmi.search.stopping import NEVER, Deadline
-from lockstep.lmi.threads import one_thread
-from lockstep.lmi.workers import started_without_interrupts
 
 DRAWN, KEPT, DRAWN_OF_LARGE = 4, 2, 2
 """Starts drawn for each one that is polished, and how many of these are taken further: most of a search is spent on

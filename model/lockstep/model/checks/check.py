@@ -6,7 +6,7 @@ from lockstep.model.assembly import Report, bound_of, network_of
 from lockstep.model.bound_search import BOXES
 from lockstep.model.checks import linear_part, nonlinearity, plausibility
 from lockstep.model.checks.proved.all_checks import prove
-from lockstep.model.checks.proved.definite import BOXES as PROVING_BOXES
+from lockstep.model.checks.proved.interval_algebra.definite import BOXES as PROVING_BOXES
 from lockstep.model.checks.report import CheckReport
 from lockstep.model.problem import Problem
 

@@ -3,13 +3,13 @@
 from collections.abc import Callable
 
 from lockstep.model.checks.proved import equilibria as zeros
-from lockstep.model.checks.proved.definite import BOXES
 from lockstep.model.checks.proved.dimensions import check_units
 from lockstep.model.checks.proved.dissipation import contraction, incremental_gain, passivity
 from lockstep.model.checks.proved.finding import CheckFinding
 from lockstep.model.checks.proved.geometry.lie import Point
 from lockstep.model.checks.proved.geometry.rank import controllability_rank, observability_rank
 from lockstep.model.checks.proved.geometry.relative_degree import relative_degree, zero_dynamics
+from lockstep.model.checks.proved.interval_algebra.definite import BOXES
 from lockstep.model.checks.proved.one_sided_lipschitz import one_sided_lipschitz, quadratic_inner_boundedness
 from lockstep.model.checks.proved.sector import sectors
 from lockstep.model.checks.proved.stiffness import stiffness

@@ -21,9 +21,9 @@ from lockstep.check.bound.regularity import Conditions
 from lockstep.check.expression.node import Node, linear
 from lockstep.check.psd import decide_positive_definite
 from lockstep.check.verdict import Verdict
-from lockstep.model.checks.proved.definite import BOXES, Question
-from lockstep.model.checks.proved.eigenvalues import eigenvalues
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
+from lockstep.model.checks.proved.interval_algebra.definite import BOXES, Question
+from lockstep.model.checks.proved.interval_algebra.eigenvalues import eigenvalues
 from lockstep.model.checks.proved.storage import Rational, Supply, few, propose, rounded
 from lockstep.model.checks.proved.vector_field import Field, as_written, at_points
 

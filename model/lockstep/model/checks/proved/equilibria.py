@@ -16,9 +16,9 @@ import numpy as np
 from lockstep.check.bound import intervals
 from lockstep.check.bound.enclosure import Boxes, Program
 from lockstep.check.expression.node import Node, factors, linear, linear_terms, variable
-from lockstep.model.checks.proved.eigenvalues import stability
 from lockstep.model.checks.proved.elimination import Reduced, reduced
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
+from lockstep.model.checks.proved.interval_algebra.eigenvalues import stability
 from lockstep.model.checks.proved.interval_newton import End, System
 from lockstep.model.checks.proved.vector_field import Field, exactly_at
 

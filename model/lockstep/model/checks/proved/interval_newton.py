@@ -20,7 +20,7 @@ from lockstep.check.bound.enclosure import Boxes, Program
 from lockstep.check.bound.intervals import Interval
 from lockstep.check.expression.node import Node, variable
 from lockstep.check.expression.traversal import substitute
-from lockstep.model.checks.proved.matrices import middle, product, stacked, thin
+from lockstep.model.checks.proved.interval_algebra.matrices import middle, product, stacked, thin
 from lockstep.model.checks.proved.vector_field import jacobian
 
 BATCH = 256

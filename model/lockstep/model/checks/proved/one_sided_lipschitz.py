@@ -17,8 +17,14 @@ import numpy as np
 
 from lockstep.check.bound.regularity import Conditions
 from lockstep.check.expression.node import ONE, ZERO, add, linear, multiply
-from lockstep.model.checks.proved.definite import BOXES, Level, Question, highest, least_level
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
+from lockstep.model.checks.proved.interval_algebra.definite import (
+    BOXES,
+    Level,
+    Question,
+    highest,
+    least_level,
+)
 from lockstep.model.checks.proved.vector_field import Field, Matrix, at_points
 
 SAMPLES = 400

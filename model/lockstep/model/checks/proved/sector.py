@@ -22,8 +22,14 @@ from lockstep.check.expression.node import ZERO, Node, Undefined, divide, linear
 from lockstep.check.expression.traversal import expand, substitute
 from lockstep.model.agents.agent import Agent
 from lockstep.model.agents.arguments import arguments_text
-from lockstep.model.checks.proved.definite import BOXES, TOLERANCES, Question, highest, least_level
 from lockstep.model.checks.proved.finding import CheckFinding
+from lockstep.model.checks.proved.interval_algebra.definite import (
+    BOXES,
+    TOLERANCES,
+    Question,
+    highest,
+    least_level,
+)
 from lockstep.model.checks.proved.vector_field import FAR, Ends, as_written
 
 

@@ -13,9 +13,9 @@ from fractions import Fraction
 import numpy as np
 
 from lockstep.check.expression.node import add, multiply, scale
-from lockstep.model.checks.proved.eigenvalues import eigenvalues
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
 from lockstep.model.checks.proved.geometry.lie import Point
+from lockstep.model.checks.proved.interval_algebra.eigenvalues import eigenvalues
 from lockstep.model.checks.proved.one_sided_lipschitz import SAMPLES, bounded
 from lockstep.model.checks.proved.storage import scales
 from lockstep.model.checks.proved.vector_field import Field, at_points

@@ -18,9 +18,9 @@ from lockstep.check.bound.enclosure import Program
 from lockstep.check.bound.regularity import Conditions
 from lockstep.check.expression.node import ZERO, Node, linear, multiply, number, power, variable
 from lockstep.check.expression.traversal import expand
-from lockstep.model.checks.proved.definite import Question
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
 from lockstep.model.checks.proved.geometry.lie import Point, along, along_inputs, too_long
+from lockstep.model.checks.proved.interval_algebra.definite import Question
 from lockstep.model.checks.proved.vector_field import Field, Nodes, exactly_at, smooth_on
 
 BOXES = 5_000

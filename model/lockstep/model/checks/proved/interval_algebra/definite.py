@@ -19,7 +19,13 @@ from lockstep.check.bound.regularity import Conditions
 from lockstep.check.bound.unbounded.periodicity import reduce_to_period
 from lockstep.check.expression.node import Node
 from lockstep.check.verdict import Verdict
-from lockstep.model.checks.proved.matrices import middle, positive_definite, product, stacked, thin
+from lockstep.model.checks.proved.interval_algebra.matrices import (
+    middle,
+    positive_definite,
+    product,
+    stacked,
+    thin,
+)
 from lockstep.model.checks.proved.vector_field import Ends, Matrix, at_points, jacobian
 
 BOXES = 20_000

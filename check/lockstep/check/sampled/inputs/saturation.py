@@ -29,7 +29,7 @@ from lockstep.check.sampled.certificate import admitted_multiplier, lifted_agent
 from lockstep.check.sampled.conjugate_points import no_conjugate_point
 from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.inequality import W_matrix, Witness
-from lockstep.check.sampled.input_limits import level, reaches
+from lockstep.check.sampled.inputs.input_limits import level, reaches
 from lockstep.check.sampled.lifting import copies
 from lockstep.check.sampled.loop import SampledLoop, spread_of
 

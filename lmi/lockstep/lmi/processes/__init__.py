@@ -1,0 +1,1 @@
+"""How a search runs: threads of linear algebra, processes of one machine, and a cluster."""
