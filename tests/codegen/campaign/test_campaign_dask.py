@@ -12,7 +12,7 @@ from lockstep.campaign.compute import chunks
 from lockstep.campaign.plan import CHUNK
 from lockstep.campaign.store import Store
 from lockstep.check.errors import ClaimError, ProblemError
-from lockstep.lmi import cluster as cluster_of_dask
+from lockstep.lmi.processes import cluster as cluster_of_dask
 from lockstep.workflow.runs.campaign import CampaignOptions, planned
 
 distributed = pytest.importorskip("dask.distributed", exc_type=ImportError)
