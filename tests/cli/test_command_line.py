@@ -6,8 +6,8 @@ import re
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -78,38 +78,43 @@ def interrupts_arrive():
     signal.signal(signal.SIGINT, before)
 
 
-PATIENCE = 10
-"""Seconds within which an interrupt that comes before a search is answered."""
+ENDING = "ending the search"
+"""What is said of the first interrupt of a search."""
 
 HANGS = 600
 """Seconds after which a command is held to hang, on any machine."""
 
 
 def interrupted(words: list[str], ready, times: int = 1) -> tuple[int, str, str]:
-    """Run a command in a group of its own, and interrupt the whole group, as a terminal does, once it is ready."""
-    started = subprocess.Popen(
-        [*LOCKSTEP, *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    try:
-        until = time.monotonic() + HANGS
-        while not ready(started.pid) and time.monotonic() < until:
-            time.sleep(0.02)
-        os.killpg(started.pid, signal.SIGINT)
-        for _ in range(times - 1):
-            # Only one that did not end by the first: it is searching.
-            with suppress(subprocess.TimeoutExpired):
-                started.wait(timeout=PATIENCE)
+    """Run a command in a group of its own, and interrupt the whole group, as a terminal does, once it is ready.
+
+    Once more as soon as it says that it ends its search: what follows the search takes seconds on no machine, and a fixed
+    time is too long on some.
+    """
+    with tempfile.TemporaryFile(mode="w+") as err:
+        started = subprocess.Popen(
+            [*LOCKSTEP, *words], stdout=subprocess.PIPE, stderr=err, text=True, start_new_session=True
+        )
+
+        def said() -> str:
+            return os.pread(err.fileno(), 1 << 20, 0).decode()
+
+        try:
+            until = time.monotonic() + HANGS
+            while not ready(started.pid) and time.monotonic() < until:
+                time.sleep(0.02)
+            os.killpg(started.pid, signal.SIGINT)
+            for _ in range(times - 1):
+                # Only one that did not end by the first: it is searching.
+                while started.poll() is None and ENDING not in said() and time.monotonic() < until:
+                    time.sleep(0.002)
+                if started.poll() is None:
+                    os.killpg(started.pid, signal.SIGINT)
+            out, _ = started.communicate(timeout=HANGS)
+        finally:
             if started.poll() is None:
-                os.killpg(started.pid, signal.SIGINT)
-        out, err = started.communicate(timeout=HANGS)
-    finally:
-        if started.poll() is None:
-            os.killpg(started.pid, signal.SIGKILL)
-    return started.returncode, out, err
+                os.killpg(started.pid, signal.SIGKILL)
+        return started.returncode, out, said()
 
 
 def after(seconds: float):
