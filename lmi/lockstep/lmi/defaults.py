@@ -13,8 +13,8 @@ and, where the states' natural units are further apart than 300 (a resonator in 
 and disturbances of the states in those units, too, so chosen that both are 1 for the state of the smallest unit.
 
 Natural units are those in which the numbers of plant and R are nearest to one (`search.units`). Where no gains are found
-for them, or none with a rho near the floor, the limit is raised, and then stability and decay are not asked for. What was
-taken is written into the problem: a design file names all of it, and nothing is filled in when it is read.
+for them, or none with a rho near the floor, the limit is raised, twice, and then stability and decay are not asked for. What
+was taken is written into the problem: a design file names all of it, and nothing is filled in when it is read.
 """
 
 from collections.abc import Iterator
@@ -31,6 +31,9 @@ from lockstep.model.problem.tables.schema import DisturbancesTable, WeightsTable
 
 GAIN_LIMIT, HIGH_GAIN_LIMIT = 6.4, 50.0
 """Where gains of size one have a norm below `SIZE_ONE`; else as many parts of it as here, times that norm."""
+
+VERY_HIGH = 10.0
+"""Times the high limit, which is a norm that holds A_C in 1/s beside gains from y to u: what fast plants in SI units need."""
 
 SIZE_ONE = 17.0
 """About the norm of order 2 gains of size one of the flexible-joint arms, with which the limits were chosen."""
@@ -77,14 +80,15 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
     for key in ("disturbances", "stable_controllers", "decay", "search_decay"):
         if key in table.model_fields_set:
             said.pop("search_decay" if key == "decay" else key, None)
-    low = said["gain_limit"]
-    yield Wishes(_with(problem, said), "")
-    yield Wishes(_with(problem, said | {"gain_limit": high}), f"none found within gain_limit {low:g}")
+    limits, given_up = (said["gain_limit"], high, VERY_HIGH * high), ""
+    for limit in limits:
+        yield Wishes(_with(problem, said | {"gain_limit": limit}), given_up)
+        given_up = f"none found within gain_limit {limit:g}, or none near the floor"
     if said.pop("stable_controllers", None) or "search_decay" in said:
         said.pop("search_decay", None)
         yield Wishes(
             _with(problem, said | {"gain_limit": high}),
-            f"none found within gain_limit {low:g}; not asked for: stable controllers and a decay (none within {high:g})",
+            f"{given_up}; not asked for: stable controllers and a decay",
         )
 
 
