@@ -14,7 +14,7 @@
 The first claim that fails ends the list: what follows rests on it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -238,25 +238,23 @@ def _limits(
     timely = (
         f"every message in time, {'all agents in their domain, ' if stored.claims.scope != 'global' else ''}"
     )
-    start = f"from |x_d(0)| <= {{:g}}, controllers at rest, {timely}"
-    if (radius := claims.radius) is not None:
-        w = proofs.radius
-        holds = None if w is None else proves_radius(plain, held, w, limits, radius)
-        yield "limits", Verdict.of(f"{start}no input meets its limit".format(radius), holds)
-    if (gain := claims.limits_gain) is not None:
-        w = proofs.limits_gain
-        holds = None if w is None else proves_gain(noisy, held, w, limits, weights, gain)
-        said = (
-            f"under a disturbance of at most {gain:g} in L2, from agreement, {timely}no input meets its limit"
-        )
-        yield "limits_gain", Verdict.of(said, holds)
-    if (radius := claims.clipped_radius) is not None:
-        c = proofs.clipped
-        holds = None if c is None else proves_clipped_radius(plain, held, c, limits, radius)
-        yield (
-            "clipped",
-            Verdict.of(f"{start}the loop converges with its inputs clipped".format(radius), holds),
-        )
+    start, calm = "from |x_d(0)| <= {:g}, controllers at rest", "no input meets its limit"
+    energy, agree = (
+        "under a disturbance of at most {:g} in L2, from agreement",
+        "the loop converges with its inputs clipped",
+    )
+    given = plain, held
+    rows: tuple[tuple[str, float | None, Any, str, str, Callable[[Any, float], bool]], ...] = (
+        ("limits", claims.radius, proofs.radius, start, calm, lambda w, r: proves_radius(*given, w, limits, r)),
+        ("limits_gain", claims.limits_gain, proofs.limits_gain, energy, calm,
+         lambda w, gain: proves_gain(noisy, held, w, limits, weights, gain)),
+        ("clipped", claims.clipped_radius, proofs.clipped, start, agree,
+         lambda w, r: proves_clipped_radius(*given, w, limits, r)),
+    )  # fmt: skip
+    for name, claimed, witness, case, result, prove in rows:
+        if claimed is not None:
+            holds = None if witness is None else prove(witness, claimed)
+            yield name, Verdict.of(f"{case.format(claimed)}, {timely}{result}", holds)
 
 
 def _longest(stored: CheckedFile, network: ExactNetwork, period: float) -> Verdict:

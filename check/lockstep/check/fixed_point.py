@@ -78,10 +78,8 @@ def decide_fixed(
     if claims.radius is not None:
         w = proofs.radius
         holds = None if w is None else proves_range(sampled_loop(at, mine), mine, integers, w, claims.radius)
-        yield (
-            "fixed_radius",
-            Verdict.of(f"from |x_d(0)| <= {claims.radius:g} no integer meets its limit", holds),
-        )
+        said = f"from |x_d(0)| <= {claims.radius:g} no integer meets its limit"
+        yield "fixed_radius", Verdict.of(said, holds)
 
 
 def rho_rounding(witness: Witness, held: tuple[HeldController, ...], period: float) -> float:

@@ -208,7 +208,9 @@ def test_modes_prove_what_the_assembled_loop_has(topology, delay, order):
             blocks[i][j] = blocks[i][j] + np.kron(mean, w.P_mean[rows])
     whole = np.block(blocks)
     t = np.array([w.t["ABCD".index(way.letter)] for way in loop.ways])
-    kappa = 3 * w.kappa + 2 * sum(w.t["ABCD".index(k)] * max(c.deltas[k] for c in held) ** 2 for k in "BD")
+    kappa = 3 * w.kappa + 2 * sum(
+        w.t["ABCD".index(k)] * max(c.errors[k].delta for c in held) ** 2 for k in "BD"
+    )
     m = np.full(6, w.mu / 4)
     assembled = Witness((whole + whole.T) / 2, m, t, w.decay, kappa, w.weight, w.ratio, w.kappa_mu)
     lifted = copies(period_in_doubles(loop), multiplier(loop.network.d, m))

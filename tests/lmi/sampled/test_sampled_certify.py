@@ -312,14 +312,34 @@ def _held_gain(net, ones, slope):
     return worst
 
 
-def test_a_certificate_that_rounding_alone_takes_says_so_and_units_of_one_size_bring_it_back():
-    """The same loop with its speed in units of 1, and of 1e-10: the error of a gain times the angle counts 1e10 times."""
-    A, B, H = [[0.0, 1.0], [-2.0, -0.5]], [[0.0], [1.0]], [[1.0, 0.0]]
-    edges, D = [(1, 2, 1.0), (2, 1, 1.0)], np.array([[-2.0, -1.0]])
-    for unit, certified in ((1.0, True), (1e-10, False)):
-        C = np.diag([1.0, 1 / unit])
-        net = network(A, B, C, B, H, edges, N=2, alpha=1.0, period=0.05)
-        verdict = certify_sampled(net, controllers([D * [1.0, unit]] * 2, 0, edges))
+LOOP = [[0.0, 1.0], [-2.0, -0.5]], [[0.0], [1.0]], [[1.0, 0.0]]
+"""A, B and H of an agent that a proportional-derivative gain of its angle and its speed brings to agreement."""
+
+
+@pytest.mark.parametrize("unit", [1.0, 2.0**-20, 2.0**33])
+@pytest.mark.parametrize("delay", [0, 1])
+def test_units_of_outputs_and_inputs_are_no_matter_of_rounding(unit, delay):
+    """The speed in other units, and two inputs that add up in other units, with powers of two: the same loop to the bit."""
+    A, B, H = LOOP
+    edges, verdicts = [(1, 2, 1.0), (2, 1, 1.0)], []
+    for outputs, inputs in ((1.0, 1.0), (unit, unit)):
+        C, second = np.diag([1.0, 1 / outputs]), np.array([0.0, 1 / inputs])
+        net = network(A, np.c_[B, second].tolist(), C, B, H, edges, N=2, alpha=1.0, period=0.05)
+        D = np.array([[-1.0, -0.5 * outputs], [-1.0 * inputs, -0.5 * outputs * inputs]])
+        verdicts.append(certify_sampled(replace(net, delay=delay), controllers([D] * 2, 0, edges)))
+    plain, scaled = verdicts
+    assert plain.certified
+    assert scaled.certified, scaled.reason
+
+
+def test_a_certificate_that_rounding_alone_takes_says_so():
+    """Two sensors of one angle whose gains cancel but for -2: float32 rounds each by some 2^-23 of 2^20, which is 1/8."""
+    A, B, H = LOOP
+    edges, C = [(1, 2, 1.0), (2, 1, 1.0)], [[1.0, 0.0], [0.0, 1.0], [1.0, 0.0]]
+    net = network(A, B, C, B, H, edges, N=2, alpha=1.0, period=0.05)
+    for large, certified in ((1.0, True), (2.0**20, False)):
+        gains = np.array([[-2.0 - large, -1.0, large]])
+        verdict = certify_sampled(net, controllers([gains] * 2, 0, edges))
         assert verdict.certified is certified
     assert "without rounding there is one" in verdict.reason
-    assert "outputs are of one size" in verdict.reason
+    assert "gain_limit" in verdict.reason

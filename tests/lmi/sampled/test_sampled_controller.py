@@ -36,17 +36,22 @@ def exact_rows(table: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, float]:
     return integers(table) @ integers(z), unit * unit
 
 
-def worst_ratios(steps: int) -> dict[str, float]:
-    """The largest |rounding| seen, as an error of [A B] and [C D], over what the deltas allow."""
-    controller = HeldController.row_by_row(ARM_1.astype(float), 2, (1,), np.ones(1))
+def rounding(table: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Random (x, r), and the rounding of a float32 step from each."""
     rng = np.random.default_rng(0)
     # Multiples of 2^-40 below 8: exact as integers, with 24 bits each.
     z = (rng.standard_normal((4, steps)) * 2.0 ** rng.integers(-6, 2, (4, steps))).astype(np.float32)
     z[np.abs(z) < 2.0**-15] = 0
-    done = rounded_rows(ARM_1, z)
-    exact, unit = exact_rows(ARM_1, z)
+    done = rounded_rows(table, z)
+    exact, unit = exact_rows(table, z)
     integers = np.vectorize(lambda v: int(v / 2.0**-70) << 70, otypes=[object])(done.astype(float))
-    error = (integers - exact).astype(float) * unit
+    return z, (integers - exact).astype(float) * unit
+
+
+def worst_ratios(steps: int) -> dict[str, float]:
+    """The largest |rounding| seen, as an error of [A B] and [C D], over what the deltas allow."""
+    controller = HeldController.row_by_row(ARM_1.astype(float), 2, (1,), np.ones(1))
+    z, error = rounding(ARM_1, steps)
     x, d = (np.linalg.norm(part.astype(float), axis=0) for part in (z[:2], z[2:]))
     deltas = controller.deltas
     allowed = {"state": deltas["A"] * x + deltas["B"] * d, "input": deltas["C"] * x + deltas["D"] * d}
@@ -64,6 +69,29 @@ def test_rounding_stays_within_the_deltas_and_comes_near_them():
 def test_a_million_steps_stay_within_the_deltas_and_come_within_ten_times():
     for ratio in worst_ratios(1_000_000).values():
         assert 0.1 <= ratio <= 1
+
+
+def test_rounding_in_other_units_stays_within_bounds_in_these_units_and_comes_near_them():
+    """An output in units 2^-16 times as large, and an x_2 of the controller in such: each row's error in its own units."""
+    rows, columns = np.array([1.0, 2.0**16, 1.0]), np.array([1.0, 2.0**-16, 1.0, 2.0**-16])
+    table = (ARM_1 * np.outer(rows, columns)).astype(np.float32)
+    controller = HeldController.row_by_row(table.astype(float), 2, (1,), np.ones(1))
+    # The same numbers in other units: rounding is the same, times powers of two.
+    z, error = rounding(ARM_1, 5_000)
+    z, error = z.astype(float) / columns[:, None], error * rows[:, None]
+    allowed = np.zeros_like(error)
+    for letter, part in {"A": z[:2], "B": z[2:], "C": z[:2], "D": z[2:]}.items():
+        bound = controller.errors[letter]
+        into = slice(0, 2) if letter in "AB" else slice(2, 3)
+        length = bound.delta * np.linalg.norm(bound.columns[:, None] * part, axis=0)
+        allowed[into] += bound.rows[:, None] * length
+    # By the norms of the blocks alone, the error of the small row of the controller is allowed 2^16 times as much.
+    plain = controller.deltas["A"] * np.linalg.norm(z[:2], axis=0) + controller.deltas["B"] * np.linalg.norm(
+        z[2:], axis=0
+    )
+    assert (plain > 100 * allowed[0]).all()
+    ratio = (np.abs(error) / np.where(allowed > 0, allowed, 1.0)).max()
+    assert 0.05 <= ratio <= 1
 
 
 def test_deltas_are_higham_s_for_one_row():

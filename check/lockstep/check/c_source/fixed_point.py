@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from lockstep.check.c_source import expected as c
-from lockstep.check.c_source.reader import MAX_NEIGHBOURS
+from lockstep.check.c_source.reader import MAX_NEIGHBOURS, macro, sources
 from lockstep.check.c_source.tokens import CText, tokens_of
 from lockstep.check.sampled.fixed_point import SHIFTS, FixedController
 
@@ -75,10 +75,6 @@ agent_fixed_status_t agent_fixed_step(agent_fixed_state_t *state, const int16_t 
 """
 
 _COUNT, _INTEGER = re.compile("0|[1-9][0-9]?"), re.compile("[1-9][0-9]{0,9}|0")
-_NEIGHBOUR = re.compile(
-    r"^ \* +neighbour ([0-9]+) +([A-Za-z][A-Za-z0-9_]*), weight a = 1\.0, bit 0x[0-9a-f]+ of `received`$",
-    re.MULTILINE,
-)
 
 
 class ReadFixed(NamedTuple):
@@ -116,23 +112,19 @@ def read_fixed(name: str, header: str, source: str, names: Sequence[str]) -> Rea
         NotCertified: the text is not of the form that `lockstep generate` writes.
     """
     top, code = CText(f"fixed/{name}_fixed.h", header), CText(f"fixed/{name}_fixed.c", source)
-    words, prefix = {"agent": name, "AGENT": name.upper()}, f"#define {name.upper()}_FIXED_"
-
-    def macro(key: str, form: re.Pattern[str]) -> str:
-        found = top.take()
-        if not found.startswith(f"{prefix}{key} ") or not form.fullmatch(found[len(prefix + key) + 1 :]):
-            raise top.refusal(f"{key} is not defined in its place, in its form")
-        return found[len(prefix + key) + 1 :]
-
+    words = {"agent": name, "AGENT": name.upper()}
+    prefix = f"{name.upper()}_FIXED_"
     top.expect(c.expected(c.HEADER_TOP.replace("AGENT_H", "AGENT_FIXED_H"), set(), words))
-    n, q, m, nn = (int(macro(key, _COUNT)) for key in ("ORDER", "OUTPUTS", "INPUTS", "NEIGHBOURS"))
+    n, q, m, nn = (
+        int(macro(top, prefix + key, _COUNT)) for key in ("ORDER", "OUTPUTS", "INPUTS", "NEIGHBOURS")
+    )
     if not (q and m and nn <= MAX_NEIGHBOURS):
         raise top.refusal(f"no agent has {q} outputs, {m} inputs, {nn} neighbours")
-    period = float(macro("PERIOD_S", re.compile(r"[0-9.]{1,30}(e-?[0-9]{1,2})?")))
-    macro("DESIGN_WORD", re.compile("0x[0-9a-f]{8}u"))
+    period = float(macro(top, f"{prefix}PERIOD_S", re.compile(r"[0-9.]{1,30}(e-?[0-9]{1,2})?")))
+    macro(top, f"{prefix}DESIGN_WORD", re.compile("0x[0-9a-f]{8}u"))
     exponent = re.compile(r"\((?:0|-?[1-9][0-9]?)\)")
     formats = [
-        tuple(int(macro(f"{letter}{k}_EXPONENT", exponent)[1:-1]) for k in range(count))
+        tuple(int(macro(top, f"{prefix}{letter}{k}_EXPONENT", exponent)[1:-1]) for k in range(count))
         for letter, count in (("X", n), ("Y", q), ("U", m))
     ]
     names_of = "typedef enum { AGENT_FIXED_OK = 0, AGENT_FIXED_NOT_READY = 3, AGENT_FIXED_SATURATED = 8 }"
@@ -161,13 +153,13 @@ def read_fixed(name: str, header: str, source: str, names: Sequence[str]) -> Rea
         code.expect(", &saturated);")
     code.expect(c.expected(SOURCE_END, kinds, words))
     code.end()
-    heard = _NEIGHBOUR.findall(header)
-    if [k for k, _ in heard] != [str(k) for k in range(nn)] or any(one not in names for _, one in heard):
-        raise top.refusal(f"it does not name its {nn} neighbours in order")
+    heard, weights = sources(top, header, names, nn)
+    if {*weights} - {"1.0"}:
+        raise top.refusal("its weights are not 1.0")
     a, h, d, g = zip(*rows, strict=True)
     x, r, u = formats
     integers = FixedController(a, h, d, g, x, r, u, tuple(sides))
-    return ReadFixed(integers, tuple(list(names).index(one) for _, one in heard), period)
+    return ReadFixed(integers, heard, period)
 
 
 _PARTS = (("h", "high"), ("l", "low"))

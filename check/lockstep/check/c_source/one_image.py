@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 
 from lockstep.check.c_source import expected as c
-from lockstep.check.c_source.reader import DOUBLE, MAX_NEIGHBOURS, OF_REAL, SINGLE, ReadController
+from lockstep.check.c_source.reader import DOUBLE, MAX_NEIGHBOURS, OF_REAL, SINGLE, ReadController, macro
 from lockstep.check.c_source.tokens import CText
 
 _COUNT = re.compile("[1-9][0-9]?")
@@ -116,8 +116,8 @@ def read_node(name: str, cores: Sequence[str], one: ReadController, header: str,
     top.expect(c.expected("#ifndef AGENT_H\n#define AGENT_H", set(), words))
     top.expect("".join(f'#include "{core}.h"\n' for core in cores))
     top.expect(c.expected(c.HEADER_TOP.split("#define AGENT_H\n")[1], set(), words))
-    most = top.take().removeprefix(f"#define {name.upper()}_MAX_NEIGHBOURS ")
-    if not _COUNT.fullmatch(most) or int(most) > MAX_NEIGHBOURS:
+    most = macro(top, f"{name.upper()}_MAX_NEIGHBOURS", _COUNT)
+    if int(most) > MAX_NEIGHBOURS:
         raise top.refusal(f"a list of at most `{most}` neighbours")
     known = min(2, int(most))
     words |= {"MOST": most, "MASK": f"uint{32 if int(most) <= 32 else 64}_t"}
@@ -144,9 +144,7 @@ def _words(name: str, cores: Sequence[str], one: ReadController) -> dict[str, st
     OK, CLIPPED, clips = f"{name.upper()}_OK", f"{name.upper()}_CLIPPED", one.limits is not None
     words["FAULTY"] = f"(status != {OK}) && (status != {CLIPPED})" if clips else f"status != {OK}"
     words["KEPT"] = f"(status == {CLIPPED}) ? {OK} : status" if clips else "status"
-    keep = "for (k = 0u; k < INPUTSu; k++) { state->u[k] = state->controller.u[k]; }".replace(
-        "INPUTS", words["INPUTS"]
-    )
+    keep = f"for (k = 0u; k < {words['INPUTS']}u; k++) {{ state->u[k] = state->controller.u[k]; }}"
     if len(cores) == 1:
         (core,) = cores
         return words | {

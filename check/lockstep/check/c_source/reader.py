@@ -86,10 +86,11 @@ def read_controller(name: str, header: str, source: str, names: Sequence[str]) -
     top.expect(agent.expected(c.HEADER))
     top.end()
     table, roundings, weights = agent.read()
-    sources, stated = _sources(top, header, names, shape.neighbours, real)
-    if not np.array_equal(weights, stated):
+    heard, stated = sources(top, header, names, shape.neighbours)
+    suffix = "f" if real == "float32" else ""
+    if weights.tolist() != [top.value("", weight + suffix, real) for weight in stated]:
         raise top.refusal("its weights are not those of the source")
-    controller = HeldController.row_by_row(table, shape.order, sources, weights, PRECISIONS[real])
+    controller = HeldController.row_by_row(table, shape.order, heard, weights, PRECISIONS[real])
     if roundings is not None:
         controller = replace(controller, roundings=roundings)
     return ReadController(
@@ -198,23 +199,27 @@ class _Agent:
 
 def _macro(file: CText, words: dict[str, str], key: str) -> str:
     """Take a definition: the period, a literal above 0; the design's hash; or a dimension."""
-    macro = f"{words['AGENT']}_{key}"
-    name, _, number = file.take().removeprefix("#define ").partition(" ")
-    if name != macro or not _FORMS.get(key, _COUNT).fullmatch(number):
-        raise file.refusal(f"{macro} is not defined in its place, in its form")
+    number = macro(file, f"{words['AGENT']}_{key}", _FORMS.get(key, _COUNT))
     if key == "PERIOD_S" and not 0 < float(number.rstrip("f")) < np.inf:
         raise file.refusal(f"the period is `{number}`")
     return number
 
 
-def _sources(
-    file: CText, header: str, names: Sequence[str], count: int, real: Real
-) -> tuple[tuple[int, ...], Annotated[np.ndarray, " nn"]]:
+def macro(file: CText, name: str, form: re.Pattern[str]) -> str:
+    """Take `#define name value` and return its value."""
+    found, _, value = file.take().removeprefix("#define ").partition(" ")
+    if found != name or not form.fullmatch(value):
+        raise file.refusal(f"{name} is not defined in its place, in its form")
+    return value
+
+
+def sources(
+    file: CText, header: str, names: Sequence[str], count: int
+) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    """Return whom an agent hears, by their places among the names, and the weights, as the header's comment says them."""
     found = _SOURCE.findall(header)
     if [index for index, _, _ in found] != [str(k) for k in range(count)]:
         raise file.refusal(f"it does not name its {count} neighbours in order")
     if unknown := [source for _, source, _ in found if source not in names]:
         raise file.refusal(f"the neighbour `{unknown[0]}` is no agent of this folder")
-    suffix = "f" if real == "float32" else ""
-    weights = np.array([file.value("", weight + suffix, real) for _, _, weight in found], dtype=float)
-    return tuple(names.index(source) for _, source, _ in found), weights
+    return tuple(list(names).index(source) for _, source, _ in found), tuple(weight for _, _, weight in found)

@@ -14,21 +14,8 @@ from lockstep.check.bound.box import Box
 from lockstep.check.bound.slope_bounds import Entry
 from lockstep.check.continuous.inequality import LETTERS
 from lockstep.check.continuous.initial_set import InitialSet
+from lockstep.check.design_file import json_text as read
 from lockstep.check.design_file.fixed_point import FixedClaims, fixed_claims_of
-from lockstep.check.design_file.json_text import (
-    Reader,
-    above_zero,
-    among,
-    each,
-    flag,
-    made,
-    not_negative,
-    number,
-    one_of,
-    or_none,
-    position,
-    record,
-)
 from lockstep.check.design_file.messages import MessageClaims, message_claims_of
 from lockstep.check.errors import demand
 from lockstep.check.sampled.certificate import SampledVerdict
@@ -148,65 +135,69 @@ def claims_of(content: Any) -> Claims:
     Raises:
         ProblemError: a key missing or unknown, or a value that cannot be one of its kind.
     """
-    entry = made(Entry, {"component": position, "argument": position, "bound": not_negative})
-    readers: dict[str, Reader] = {
-        "certified": flag,
-        "rho": or_none(above_zero),
-        "alpha": not_negative,
+    entry = read.made(
+        Entry, {"component": read.position, "argument": read.position, "bound": read.not_negative}
+    )
+    readers: dict[str, read.Reader] = {
+        "certified": read.flag,
+        "rho": read.or_none(read.above_zero),
+        "alpha": read.not_negative,
         "fragility": _by_letter,
-        "scope": or_none(among("global", "local")),
-        "scales": or_none(_scales),
-        "entries": or_none(partial(each, read=entry), ()),
-        "initial_set": or_none(_initial_set),
-        "floor": or_none(above_zero),
-        "decay": or_none(above_zero),
-        "controllers_stable": or_none(flag, otherwise=False),
-        "sampled": or_none(_sampled, SampledClaims()),
-        "messages": or_none(message_claims_of),
-        "fixed": or_none(fixed_claims_of),
-        "proof": among("exact", "none"),
+        "scope": read.or_none(read.among("global", "local")),
+        "scales": read.or_none(_scales),
+        "entries": read.or_none(partial(read.each, read=entry), ()),
+        "initial_set": read.or_none(_initial_set),
+        "floor": read.or_none(read.above_zero),
+        "decay": read.or_none(read.above_zero),
+        "controllers_stable": read.or_none(read.flag, otherwise=False),
+        "sampled": read.or_none(_sampled, SampledClaims()),
+        "messages": read.or_none(message_claims_of),
+        "fixed": read.or_none(fixed_claims_of),
+        "proof": read.among("exact", "none"),
     }
-    *found, proof = record(content, "claims", readers)
-    one_of(proof, ("exact" if found[0] else "none",), "claims, `proof`")
+    *found, proof = read.record(content, "claims", readers)
+    read.one_of(proof, ("exact" if found[0] else "none",), "claims, `proof`")
     return Claims(*found)
 
 
 def _scales(value: Any, where: str) -> Scales:
-    G, H = record(value, where, dict.fromkeys("GH", partial(each, read=above_zero)))
+    G, H = read.record(value, where, dict.fromkeys("GH", partial(read.each, read=read.above_zero)))
     return G, H
 
 
 def _initial_set(value: Any, where: str) -> InitialSet:
-    figures = dict.fromkeys(("level", "radius", "energy"), above_zero)
-    readers = {"leader": position, "box": _box, "inner": _box, **figures}
-    leader, *others = record(value, where, readers)
+    figures = dict.fromkeys(("level", "radius", "energy"), read.above_zero)
+    readers = {"leader": read.position, "box": _box, "inner": _box, **figures}
+    leader, *others = read.record(value, where, readers)
     return InitialSet(leader + 1, *others)
 
 
 def _box(value: Any, where: str) -> Box:
     shaped = isinstance(value, list) and all(isinstance(side, list) and len(side) == 2 for side in value)
     demand(shaped, "it is missing or has another shape", where, "rows of two numbers")
-    low, high = or_none(number, -math.inf), or_none(number, math.inf)
+    low, high = read.or_none(read.number, -math.inf), read.or_none(read.number, math.inf)
     return Box(tuple(low(one, where) for one, _ in value), tuple(high(one, where) for _, one in value))
 
 
 def _sampled(value: Any, where: str) -> SampledClaims:
-    length, size = or_none(above_zero), or_none(not_negative)
-    readers: dict[str, Reader] = {
-        "certified": flag,
+    length, size = read.or_none(read.above_zero), read.or_none(read.not_negative)
+    readers: dict[str, read.Reader] = {
+        "certified": read.flag,
         "period": length,
-        "delay": or_none(among(0, 1)),
+        "delay": read.or_none(read.among(0, 1)),
         "decay": size,
         "rho": length,
         **dict.fromkeys(RESIDUALS.values(), size),
-        "rounding": or_none(partial(each, read=_by_letter, name="agent"), ()),
+        "rounding": read.or_none(partial(read.each, read=_by_letter, name="agent"), ()),
         **dict.fromkeys(("max_period", "radius", "limits_gain", "clipped_radius"), length),
-        "proof": among("ball", "none"),
+        "proof": read.among("ball", "none"),
     }
-    *found, proof = record(value, where, readers)
-    one_of(proof, ("ball" if found[0] else "none",), f"{where}, `proof`")
+    *found, proof = read.record(value, where, readers)
+    read.one_of(proof, ("ball" if found[0] else "none",), f"{where}, `proof`")
     return SampledClaims(*found)
 
 
 def _by_letter(value: Any, where: str) -> dict[str, float]:
-    return dict(zip(LETTERS, record(value, where, dict.fromkeys(LETTERS, not_negative)), strict=True))
+    return dict(
+        zip(LETTERS, read.record(value, where, dict.fromkeys(LETTERS, read.not_negative)), strict=True)
+    )

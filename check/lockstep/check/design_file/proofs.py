@@ -11,22 +11,9 @@ import numpy as np
 
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.continuous.modes import ModalCertificate
+from lockstep.check.design_file import json_text as read
 from lockstep.check.design_file.claims import Claims
 from lockstep.check.design_file.fixed_point import FixedWitness
-from lockstep.check.design_file.json_text import (
-    Reader,
-    above_zero,
-    among,
-    each,
-    made,
-    matrix,
-    number,
-    or_none,
-    position,
-    record,
-    vector,
-    whole,
-)
 from lockstep.check.design_file.messages import message_witness_of
 from lockstep.check.design_file.modal_proof import modal_witness_of, segments
 from lockstep.check.design_file.problem_part import Sizes
@@ -83,26 +70,28 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
     Raises:
         ProblemError: a key missing or unknown, a witness of another shape, or a floor that is claimed without one.
     """
-    rho, maybe = claims.floor, or_none(sampled_witness_of)
-    move = made(Move, {"component": position, "argument": position, "amount": _rational})
-    readers: dict[str, Reader] = {
-        "certificate": or_none(partial(_certificate, claims, sizes, claims.rho)),
-        "decay": or_none(partial(_with_rho, claims, sizes)),
+    rho, maybe = claims.floor, read.or_none(sampled_witness_of)
+    move = read.made(Move, {"component": read.position, "argument": read.position, "amount": _rational})
+    readers: dict[str, read.Reader] = {
+        "certificate": read.or_none(partial(_certificate, claims, sizes, claims.rho)),
+        "decay": read.or_none(partial(_with_rho, claims, sizes)),
         "floor": lambda value, where: None if rho is None else floor_witness_of(rho, value, where),
-        **dict.fromkeys(("sampled", "sampled_rho", "max_period"), or_none(_sampled_witness)),
+        **dict.fromkeys(("sampled", "sampled_rho", "max_period"), read.or_none(_sampled_witness)),
         "radius": maybe,
-        "bound": or_none(
-            made(BoundProof, {"boxes": whole(0), "moves": partial(each, read=move, name="move")})
+        "bound": read.or_none(
+            read.made(
+                BoundProof, {"boxes": read.whole(0), "moves": partial(read.each, read=move, name="move")}
+            )
         ),
-        **dict.fromkeys(("messages", "messages_rho"), or_none(message_witness_of)),
+        **dict.fromkeys(("messages", "messages_rho"), read.or_none(message_witness_of)),
         "limits_gain": maybe,
-        "clipped": or_none(_clipped),
-        "fixed": or_none(
-            made(FixedWitness, {"agreement": sampled_witness_of, "rho": maybe, "radius": maybe})
+        "clipped": read.or_none(_clipped),
+        "fixed": read.or_none(
+            read.made(FixedWitness, {"agreement": sampled_witness_of, "rho": maybe, "radius": maybe})
         ),
-        "initial_set": or_none(partial(_with_rho, claims, sizes)),
+        "initial_set": read.or_none(partial(_with_rho, claims, sizes)),
     }
-    return Proofs(*record(content, "proofs", readers))
+    return Proofs(*read.record(content, "proofs", readers))
 
 
 def _rational(value: Any, where: str) -> Fraction:
@@ -120,15 +109,19 @@ def sampled_witness_of(value: Any, where: str) -> Witness:
     """Read a witness of the sampled loop; whether its sizes fit is decided with the loop."""
     if isinstance(value, dict):  # files written before mu had a number of its own counted it like nu
         value = {"kappa_mu": value.get("kappa"), **value}
-    readers = {"P": matrix(), "m": vector(), "t": vector(), **dict.fromkeys(NUMBERS, number)}
-    return Witness(*record(value, where, readers))
+    readers = {
+        "P": read.matrix(),
+        **dict.fromkeys("mt", read.vector()),
+        **dict.fromkeys(NUMBERS, read.number),
+    }
+    return Witness(*read.record(value, where, readers))
 
 
 def _clipped(value: Any, where: str) -> ClippedWitness:
     demand(isinstance(value, dict), f"a {type(value).__name__}", where, "an object")
     own = {key: value.get(key) for key in ("tau", "H")}
     storage = sampled_witness_of({key: one for key, one in value.items() if key not in own}, where)
-    return ClippedWitness(storage, *record(own, where, {"tau": vector(), "H": matrix()}))
+    return ClippedWitness(storage, *read.record(own, where, {"tau": read.vector(), "H": read.matrix()}))
 
 
 def floor_witness_of(rho: float, value: Any, where: str) -> FloorWitness:
@@ -139,17 +132,17 @@ def floor_witness_of(rho: float, value: Any, where: str) -> FloorWitness:
     Raises:
         ProblemError: it is not one by its form.
     """
-    end = lambda value, where: math.inf if value is None else number(value, where)  # noqa: E731
-    piece = made(Piece, {"upper": end, "Z": _triangle, "Z_dual": _triangle, "k": matrix()})
-    pieces: Reader = partial(each, read=piece, name="piece")
+    end = lambda value, where: math.inf if value is None else read.number(value, where)  # noqa: E731
+    piece = read.made(Piece, {"upper": end, "Z": _triangle, "Z_dual": _triangle, "k": read.matrix()})
+    pieces: read.Reader = partial(read.each, read=piece, name="piece")
     if isinstance(value, list):
         return FloorWitness(rho, pieces(value, where))
-    slopes, found = record(value, where, {"slopes": vector(), "pieces": pieces})
+    slopes, found = read.record(value, where, {"slopes": read.vector(), "pieces": pieces})
     return FloorWitness(rho, found, tuple(slopes.tolist()))
 
 
 def _triangle(value: Any, where: str) -> Any:
-    rows = each(value, where, vector(), "row")
+    rows = read.each(value, where, read.vector(), "row")
     M = np.zeros((len(rows), len(rows)))
     for i, row in enumerate(rows):
         demand(len(row) == i + 1, f"{len(row)} numbers", f"{where}, row {i + 1}", f"{i + 1}")
@@ -160,14 +153,14 @@ def _triangle(value: Any, where: str) -> Any:
 def _with_rho(claims: Claims, sizes: Sizes, stored: Any, where: str) -> Certificate | ModalCertificate:
     """Read a certificate with a rho of its own."""
     demand(isinstance(stored, dict), f"a {type(stored).__name__}", where, "an object")
-    rho = above_zero(stored.get("rho"), f"{where}, `rho`")
+    rho = read.above_zero(stored.get("rho"), f"{where}, `rho`")
     return _certificate(claims, sizes, rho, {key: one for key, one in stored.items() if key != "rho"}, where)
 
 
 def _certificate(
     claims: Claims, sizes: Sizes, rho: float | None, stored: Any, where: str
 ) -> Certificate | ModalCertificate:
-    rho, entries = number(rho, "claims, `rho`"), len(claims.entries)
+    rho, entries = read.number(rho, "claims, `rho`"), len(claims.entries)
     if isinstance(stored, dict) and "kind" in stored:
         return _modal_certificate(rho, sizes, entries, {"mu_entries": [], **stored}, where)
     if isinstance(stored, dict):
@@ -176,18 +169,20 @@ def _certificate(
     n_x, pairs = n * (N - 1) + n_C * N, N * (N - 1) // 2
     blocks = {"A": n_C * n_C, "B": n_C * q, "C": m * n_C, "D": m * q}
     ways = N * sum(1 for letter in "ABCD" if claims.fragility[letter] > 0 and blocks[letter])
-    readers = {"P": matrix(n_x, n_x, symmetric=True), "m": vector(pairs), "t": vector(ways)}
-    return Certificate(rho, *record(stored, where, {**readers, "m_entries": matrix(entries, pairs)}))
+    readers = {"P": read.matrix(n_x, n_x, symmetric=True), "m": read.vector(pairs), "t": read.vector(ways)}
+    return Certificate(
+        rho, *read.record(stored, where, {**readers, "m_entries": read.matrix(entries, pairs)})
+    )
 
 
 def _modal_certificate(rho: float, sizes: Sizes, entries: int, stored: Any, where: str) -> ModalCertificate:
     size, n_C = sizes.n + sizes.n_C, sizes.n_C
-    readers: dict[str, Reader] = {
-        "kind": among("modal"),
-        "lower": number,
+    readers: dict[str, read.Reader] = {
+        "kind": read.among("modal"),
+        "lower": read.number,
         "segments": segments(size),
-        "mu": number,
-        "P_mean": matrix(n_C, n_C, symmetric=True),
-        "mu_entries": lambda value, place: tuple(vector(entries)(value, place).tolist()),
+        "mu": read.number,
+        "P_mean": read.matrix(n_C, n_C, symmetric=True),
+        "mu_entries": lambda value, place: tuple(read.vector(entries)(value, place).tolist()),
     }
-    return ModalCertificate(rho, *record(stored, where, readers)[1:])
+    return ModalCertificate(rho, *read.record(stored, where, readers)[1:])

@@ -8,8 +8,10 @@ gamma_k = k u / (1 - k u) of itself (Higham 2002, lemma 3.1), so the rounded ste
 
     |Delta A| <= |gamma o |A||,  and likewise C;     |Delta B| <= |[gamma_j o |B|]_j|,  and likewise D,
 
-Delta B and Delta D acting on the stacked differences d_j, since each of these is rounded by itself. What underflow adds
-is not relative to anything: it is bounded apart, as is the error of the messages y themselves.
+Delta B and Delta D acting on the stacked differences d_j, since each of these is rounded by itself. A norm adds what has
+different units: m and Pa. So the loop counts Delta = R Delta' S, with powers of two R of the rows and S of the columns that
+make the entries of R^-1 M S^-1 alike, and |Delta'| <= delta. What underflow adds is not relative to anything: it is bounded
+apart, as is the error of the messages y themselves.
 """
 
 import math
@@ -20,8 +22,9 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from flint import fmpq
 
+from lockstep.check.continuous.inequality import LETTERS
 from lockstep.check.errors import demand
-from lockstep.check.numbers import Matrix, as_floats, converter, exact, exactly, is_exact, zeros
+from lockstep.check.numbers import Matrix, Vector, as_floats, converter, exact, exactly, is_exact, zeros
 from lockstep.check.sampled.sector import Sector
 from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.loop import Plant
@@ -41,6 +44,20 @@ PRECISIONS = {
     "float64": Precision("float64", 2.0**-53, 2.0**-1074),
 }
 
+
+class ErrorBound(NamedTuple):
+    """Of the errors of one block of M: Delta = diag(rows) Delta' diag(columns), |Delta'| <= delta.
+
+    rows, columns: powers of two up to 1;  columns of B and D are those of each d_j.
+    """
+
+    rows: Annotated[np.ndarray, " k"]
+    columns: Annotated[np.ndarray, " l"]
+    delta: float
+
+
+ALIKE = 8
+"""Bits of which scales of rows and columns are multiples: what is within a factor of 2^8 stays as it is."""
 
 SMALL = fmpq(1, 2**900)
 """A square below has a root that doubles do not take of it."""
@@ -116,21 +133,29 @@ class HeldController:
 
         B and D act on the stacked differences, so their Delta has as many blocks as there are sources.
         """
-        n = self.order
-        blocks = {"A": (slice(0, n), True), "B": (slice(0, n), False), "C": (slice(n, None), True)}
-        blocks["D"] = (slice(n, None), False)
-        return {letter: spectral_bound(self._errors(rows, state)) for letter, (rows, state) in blocks.items()}
+        return {letter: spectral_bound(self._gamma_times(letter, self._block(letter))) for letter in LETTERS}
 
-    def _errors(self, rows: slice, state: bool) -> Annotated[np.ndarray, "k l"]:
-        """Return gamma o |M| on some rows, as rationals: the states' columns, or the outputs', once per source."""
-        n = self.order
-        if state:
-            return _errors_of(self.table[rows, :n], self.roundings[rows, :n], self.precision.u)
-        parts = [
-            _errors_of(self.table[rows, n:], self.roundings[rows, n:] + int(k), self.precision.u)
-            for k in self.before
-        ]
-        return np.hstack(parts) if parts else np.zeros((len(self.table[rows]), 0), dtype=object)
+    @cached_property
+    def errors(self) -> dict[str, ErrorBound]:
+        """The same, as the loop counts them: in units of the rows and columns of M."""
+        found = {}
+        for letter in LETTERS:
+            rows, columns = _scales(self._block(letter))
+            block = exactly(self._block(letter)) / exactly(rows)[:, None] / exactly(columns)
+            found[letter] = ErrorBound(rows, columns, spectral_bound(self._gamma_times(letter, block)))
+        return found
+
+    def _block(self, letter: str, of: str = "table") -> Annotated[np.ndarray, "k l"]:
+        first, second = slice(0, self.order), slice(self.order, None)
+        rows, columns = first if letter in "AB" else second, first if letter in "AC" else second
+        return np.asarray(getattr(self, of)[rows, columns])
+
+    def _gamma_times(self, letter: str, block: Annotated[np.ndarray, "k l"]) -> Annotated[np.ndarray, "k l"]:
+        """Return gamma o |block|, as rationals; of B and D once per source."""
+        sizes, roundings = abs(exactly(block)), self._block(letter, "roundings")
+        before = [0] if letter in "AC" else self.before
+        parts = [sizes * gamma(roundings + k, self.precision.u) for k in before]
+        return np.hstack([sizes[:, :0], *parts])
 
     def message_noise(self, message_error: float) -> float:
         """Return a bound on the length of all errors of d_j = a_j (y - y_j), every y being off by at most so much.
@@ -201,14 +226,14 @@ def check_period(period: float) -> None:
     demand(holds, f"the period is {period!r}", "period", "a finite number of seconds above 0")
 
 
-def gamma(k: int, u: float) -> fmpq:
-    """Return k u / (1 - k u) as a rational.
+def gamma(k: Annotated[np.ndarray, "..."], u: float) -> Annotated[np.ndarray, "..."]:
+    """Return k u / (1 - k u), as rationals.
 
-    >>> gamma(2, 0.125)
-    1/3
+    >>> gamma(np.array([2]), 0.125).tolist()
+    [1/3]
     """
-    ku = fmpq(int(k)) * fmpq(*u.as_integer_ratio())
-    return ku / (1 - ku)
+    ku = exactly(k) * fmpq(*u.as_integer_ratio())
+    return np.asarray(ku / (1 - ku))
 
 
 def spectral_bound(matrix: Annotated[np.ndarray, "k l"]) -> float:
@@ -233,10 +258,19 @@ def spectral_bound(matrix: Annotated[np.ndarray, "k l"]) -> float:
     return root
 
 
-def _errors_of(
-    block: Annotated[np.ndarray, "k l"], roundings: Annotated[np.ndarray, "k l"], u: float
-) -> Annotated[np.ndarray, "k l"]:
-    out = np.empty(block.shape, dtype=object)
-    for index, value in np.ndenumerate(exactly(block)):
-        out[index] = abs(value) * gamma(int(roundings[index]), u)
-    return out
+def _scales(block: Matrix) -> tuple[Vector, Vector]:
+    """Return scales of the rows of a block, and of the columns of what is left.
+
+    >>> rows, columns = _scales(np.array([[3.0, 1e-4], [1e-6, 0.0]]))
+    >>> np.log2(rows).tolist(), np.log2(columns).tolist()
+    ([0.0, -16.0], [0.0, -8.0])
+    """
+    rows = _powers(abs(block).max(axis=1, initial=0.0))
+    return rows, _powers(abs(block / rows[:, None]).max(axis=0, initial=0.0))
+
+
+def _powers(sizes: Vector) -> Vector:
+    """Return sizes over the largest, up to the next power of 2^ALIKE, so that none grows beyond it."""
+    bits = np.where(sizes > 0, np.frexp(sizes)[1], -2000)
+    steps = (bits.max(initial=-2000) - bits) // ALIKE
+    return np.asarray(np.ldexp(1.0, -ALIKE * np.minimum(steps, 100)))

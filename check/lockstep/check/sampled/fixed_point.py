@@ -27,11 +27,9 @@ from flint import arb
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.numbers import Matrix, exactly
 from lockstep.check.sampled import balls
-from lockstep.check.sampled.certificate import lifted_agent, proves
-from lockstep.check.sampled.conjugate_points import no_conjugate_point
 from lockstep.check.sampled.controller import ROW_ERROR, HeldController, Precision
 from lockstep.check.sampled.inequality import Witness
-from lockstep.check.sampled.inputs.input_limits import reaches
+from lockstep.check.sampled.inputs.input_limits import proves_reach
 from lockstep.check.sampled.loop import SampledLoop
 
 SPLIT, LARGEST_X, LARGEST_R = 14, 1 << 28, (1 << 15) - 1
@@ -157,14 +155,7 @@ def proves_range(
     With `limits`: V <= V_0 + kappa_mu |mu|^2 / (1 - decay) at every sampling instant, and |k xi + e| <= g sqrt(V) + |e|,
     g^2 = k P^-1 k', for the rows k of x_C, of r and of u; only those of u hold a mu.
     """
-    network = loop.network
-    with balls.working_precision():
-        if not no_conjugate_point(network.plant.A, *network.squares, network.period):
-            return False
-        if not (0 < radius < math.inf and proves(loop, lifted_agent(loop), witness)):
-            return False
-        c = range_level(loop, controllers, fixed, witness)
-        return reaches(loop, witness, c, radius)
+    return proves_reach(loop, witness, radius, lambda: range_level(loop, controllers, fixed, witness))
 
 
 def range_level(

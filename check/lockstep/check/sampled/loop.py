@@ -3,13 +3,14 @@
 State xi = (x_d, x_C) at the sampling instants, and with a delay of one period the inputs u computed last. All
 matrices act on z = (xi, e): the state, then the errors
 
-    e_j = Delta_j Y_j z,  |Delta_j| <= delta_j    of the coefficients A, B, C, D of each agent: rounding;
+    e_j = Delta_j Y_j z,  |Delta_j| <= delta_j    of the coefficients A, B, C, D of each agent: rounding, in the units
+                                                  R, S of `controller`: R_j e_j is what enters, S_j is part of Y_j;
     nu_i                                          of the differences d_ij = a_ij (y_i - y_j), from the messages;
     mu_i                                          added to (x_C+, u) of agent i, from underflow, or in counts of integers;
     n_d                                           the disagreement of the outputs' own noise, where rho is a gain from it.
 
     d_i = differences + nu_i,
-    x_C+ = A x_C + B sum_j d_ij + e_A + e_B + mu,   u = C x_C + D sum_j d_ij + e_C + e_D + mu.
+    x_C+ = A x_C + B sum_j d_ij + R_A e_A + R_B e_B + mu,   u = C x_C + D sum_j d_ij + R_C e_C + R_D e_D + mu.
 """
 
 from dataclasses import dataclass
@@ -33,6 +34,13 @@ class Way(NamedTuple):
     place: slice
     Y: Matrix
     delta: float
+
+
+def way_of(controller: HeldController, agent: int, letter: str, place: slice, seen: Matrix) -> Way:
+    """Return the way of one letter's errors, given what its coefficients act on: once for each d_j."""
+    bound = controller.errors[letter]
+    units = converter(is_exact(seen))(np.resize(bound.columns, len(seen)))[:, None]
+    return Way(agent, letter, place, units * seen, bound.delta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +108,7 @@ def sampled_loop(
     n_C = controllers[0].order
     states = np.vstack([row[:n_C] for row in rows])
     u = np.vstack([row[n_C:] for row in rows])
-    into, spread = _inputs(network)
+    into, spread = inputs_of(network)
     applied = layout.last_inputs if network.delay else u
     return SampledLoop(
         network,
@@ -153,7 +161,7 @@ class _Layout:
         self.scales = self.number(np.diag(noise)[:, noisy])
         self.n_z = place + (N - 1) * len(noisy)
         self.ways = tuple(
-            Way(i, k, self.places[i, k], self._seen(i, k), controllers[i].deltas[k]) for (i, k) in sizes
+            way_of(controllers[i], i, k, self.places[i, k], self._seen(i, k)) for (i, k) in sizes
         )
 
     def _used(self, i: int, letter: str) -> bool:
@@ -209,16 +217,12 @@ class _Layout:
         for letter in LETTERS:
             if (i, letter) in self.places:
                 part = slice(0, n_C) if letter in "AB" else slice(n_C, None)
-                rows[part] = rows[part] + self._select(self.places[i, letter])
+                units = self.number(self.controllers[i].errors[letter].rows)[:, None]
+                rows[part] = rows[part] + units * self._select(self.places[i, letter])
         return rows
 
 
-def spread_of(network: SampledNetwork) -> Matrix:
-    """Return the map from the inputs of all agents to v, through which they reach the disagreement."""
-    return _inputs(network)[1]
-
-
-def _inputs(network: SampledNetwork) -> tuple[Matrix, Matrix]:
+def inputs_of(network: SampledNetwork) -> tuple[Matrix, Matrix]:
     """Return B^ = [the different B_i] and the map from all u to v, such that (T (x) I) diag(B_i) u = (I (x) B^) v."""
     different: list[Matrix] = []
     which = []

@@ -13,7 +13,8 @@ For an edge, lambda_N >= (e_i - e_j)' L (e_i - e_j) / 2 >= 2 a_ij, so that a_ij 
 
     sum_ij |d_ij|^2 <= (b / 2) sum_ij a_ij |y_i - y_j|^2 = b sum_k lambda_k |C x_k|^2 <= sum_k b^2 |C x_k|^2:
 
-a gain error sqrt(2) b delta_B of C x_k. nu_i = sum_j nu_ij has |nu_i|^2 <= h sum_j |nu_ij|^2, h being the most neighbours
+a gain error sqrt(2) b delta_B of C x_k; likewise in the units S <= 1 of `controller`, which are those of all agents.
+nu_i = sum_j nu_ij has |nu_i|^2 <= h sum_j |nu_ij|^2, h being the most neighbours
 of an agent: so |nu_ij|^2 counts h kappa + 2 (t_B delta_B^2 + t_D delta_D^2) in all.
 
 W of `inequality` is then one matrix for each lambda, with its own P on each segment of lambda and the same mu, t, kappa and
@@ -51,7 +52,7 @@ from lockstep.check.sampled.conjugate_points import no_conjugate_point
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork, spectral_bound
 from lockstep.check.sampled.inequality import Witness, root
 from lockstep.check.sampled.l2_gain import proves_rho
-from lockstep.check.sampled.loop import NO_NOISE, SampledLoop, Way
+from lockstep.check.sampled.loop import NO_NOISE, SampledLoop, way_of
 from lockstep.check.system.disagreement import single_difference
 from lockstep.check.system.graph import Digraph
 from lockstep.check.system.graph_family import SpectrumRange
@@ -125,7 +126,7 @@ class ModalLoop:
 
     def deltas(self, letter: str) -> float:
         """Return the bound on e of A or C over x_C,k, or of B or D over C x_k: sqrt(2) b delta, rounded up."""
-        most = max(one.deltas[letter] for one in self.controllers)
+        most = max(one.errors[letter].delta for one in self.controllers)
         if letter in "AC":
             return most
         one = exactly(np.array([most]))[0] * exactly(np.array([self.upper]))[0]
@@ -162,12 +163,15 @@ class ModalLoop:
         seen = plant.C @ part("x") + scales @ part("n") if n else zeros(q, at, one)
         received = np.vstack([part("C"), number(np.array([value]))[0] * seen + part("nu")])
         rows = number(first.table) @ received + part("mu")
-        rows[:n_C] = rows[:n_C] + part("e_A") + part("e_B")
-        rows[n_C:] = rows[n_C:] + part("e_C") + part("e_D")
+        for k in LETTERS:
+            into = slice(0, n_C) if k in "AB" else slice(n_C, None)
+            rows[into] = rows[into] + number(first.errors[k].rows)[:, None] * part(f"e_{k}")
         states, u = rows[:n_C], rows[n_C:]
         applied = part("last") if network.delay else u
         ways = tuple(
-            Way(0, k, places[f"e_{k}"], part("C") if k in "AC" else seen, self.deltas(k))
+            way_of(first, 0, k, places[f"e_{k}"], part("C") if k in "AC" else seen)._replace(
+                delta=self.deltas(k)
+            )
             for k in LETTERS
             if places[f"e_{k}"].stop > places[f"e_{k}"].start
         )
@@ -231,7 +235,7 @@ def _accepted(loop: ModalLoop, witness: SampledModalWitness) -> SampledVerdict:
     """State what follows; of one controller that stands for all, for the root of the mean square over the agents."""
     kappa = max(len(one.sources) for one in loop.controllers) * Fraction(witness.kappa)
     for letter in "BD":
-        delta = max(one.deltas[letter] for one in loop.controllers)
+        delta = max(one.errors[letter].delta for one in loop.controllers)
         kappa += 2 * Fraction(float(witness.t[LETTERS.index(letter)])) * Fraction(delta) ** 2
     full = replace(witness, kappa=ROUNDED_UP * -rounded_down(-kappa))
     said = "no conjugate point in the period, P > 0 and W > 0 at the ends of every segment, decided in ball arithmetic"

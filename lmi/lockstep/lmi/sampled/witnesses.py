@@ -27,10 +27,10 @@ TRIES = 3
 """Candidates put to the proof: the first nearly always holds."""
 
 ROUNDED = (
-    "without rounding there is one (computed): take units in which the outputs are of one size, such as mm and MPa for m"
-    ' and Pa, or [controller] real = "float64"'
+    "without rounding there is one (computed): lower the gains, which may be large and cancel (`gain_limit`), or take"
+    ' [controller] real = "float64"'
 )
-"""The errors of D r are bounded by a norm of D times one of r: of outputs in m and Pa, that of a gain per m times pascals."""
+"""Units of outputs and inputs do not matter: the errors are counted in those of the rows and columns of the gains."""
 
 
 def certify_sampled(

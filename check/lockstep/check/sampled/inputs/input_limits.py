@@ -28,6 +28,7 @@ limit.
 """
 
 import math
+from collections.abc import Callable
 from typing import Annotated
 
 import numpy as np
@@ -60,14 +61,22 @@ def proves_radius(
         limits: (m,) of each agent's inputs; infinite where there is none.
         radius: in the metric of the disagreement, above 0.
     """
-    network = exact_loop.network
+    rows = exact_loop.computed[:, _seen(exact_loop)]
+    return proves_reach(
+        exact_loop, witness, radius, lambda: level(exact_loop, controllers, witness, limits, rows)
+    )
+
+
+def proves_reach(loop: SampledLoop, witness: Witness, radius: float, level: Callable[[], arb]) -> bool:
+    """Decide in balls a witness of the sampled loop, and that all disagreements up to a radius have V <= level()."""
+    network = loop.network
     with balls.working_precision():
-        if not no_conjugate_point(network.plant.A, *network.squares, network.period):
-            return False
-        if not (0 < radius < math.inf and proves(exact_loop, lifted_agent(exact_loop), witness)):
-            return False
-        rows = exact_loop.computed[:, _seen(exact_loop)]
-        return reaches(exact_loop, witness, level(exact_loop, controllers, witness, limits, rows), radius)
+        return (
+            0 < radius < math.inf
+            and no_conjugate_point(network.plant.A, *network.squares, network.period)
+            and proves(loop, lifted_agent(loop), witness)
+            and reaches(loop, witness, level(), radius)
+        )
 
 
 def proves_gain(

@@ -31,7 +31,7 @@ from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.inequality import W_matrix, Witness
 from lockstep.check.sampled.inputs.input_limits import level, reaches
 from lockstep.check.sampled.lifting import copies
-from lockstep.check.sampled.loop import SampledLoop, spread_of
+from lockstep.check.sampled.loop import SampledLoop, inputs_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ def clipped(loop: SampledLoop) -> SampledLoop:
     if network.delay:
         advanced[len(advanced) - inputs :] = minus
     else:
-        held = held - spread_of(network)
+        held = held - inputs_of(network)[1]
 
     def wide(matrix: Matrix) -> Matrix:
         return np.hstack([matrix, zeros(len(matrix), inputs, matrix)])
