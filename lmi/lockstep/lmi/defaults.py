@@ -86,10 +86,8 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
         given_up = f"none found within gain_limit {limit:g}, or none near the floor"
     if said.pop("stable_controllers", None) or "search_decay" in said:
         said.pop("search_decay", None)
-        yield Wishes(
-            _with(problem, said | {"gain_limit": high}),
-            f"{given_up}; not asked for: stable controllers and a decay",
-        )
+        given_up += "; not asked for: stable controllers and a decay"
+        yield Wishes(_with(problem, said | {"gain_limit": high}), given_up)
 
 
 def is_far(rho: float, floor: float | None) -> bool:

@@ -171,15 +171,12 @@ def basis_of(N: Float[np.ndarray, "n n"], near: Float[np.ndarray, "n n"]) -> Flo
     from scipy.linalg import matrix_balance, solve_discrete_lyapunov
 
     _, (units, _) = matrix_balance(N, permute=False, separate=True)
-    if units.max() <= FAR_APART * units.min():
-        units = np.ones(len(N))
+    units = units if units.max() > FAR_APART * units.min() else np.ones(len(N))
     scaled = near * np.outer(units, units)
     whole = scaled + 1e-2 * np.linalg.norm(scaled, 2) * np.eye(len(N))
     try:
-        L = (
-            np.linalg.cholesky(solve_discrete_lyapunov((N * units / units[:, None]).T, whole))
-            / units[:, None]
-        )
+        sums = solve_discrete_lyapunov((N * units / units[:, None]).T, whole)
+        L = np.linalg.cholesky(sums) / units[:, None]
     except (np.linalg.LinAlgError, ValueError):
         return None
     inverse = np.linalg.inv(L)
