@@ -3,8 +3,9 @@
 The last third of rho costs large gains, controllers that are unstable by themselves, slow modes and noise. So where [design]
 names neither `weights` nor `gain_limit` (nor a rho to keep), and its method searches,
 
-    gain_limit          6.4, or more where gains of size one, in natural units, are larger
-    weights.input       1e-3, in natural units
+    gain_limit          6.4, or more where gains of size one, in natural units, are larger; of static gains no more than
+                        takes half of [agent.limits] in the initial states of the file, where it names both
+    weights.input       1e-3, in natural units, unless it alone of `weights` is named
     disturbances        noise of 0.03 on the outputs, in natural units, unless `disturbances` are named
     stable_controllers  true, unless it is named
     search_decay        0.037, in natural units of time, and at most 0.01 per period, unless it or `decay` is named
@@ -32,6 +33,9 @@ from lockstep.model.problem.tables.schema import DisturbancesTable, WeightsTable
 GAIN_LIMIT, HIGH_GAIN_LIMIT = 6.4, 50.0
 """Where gains of size one have a norm below `SIZE_ONE`; else as many parts of it as here, times that norm."""
 
+HALF = 0.5
+"""Of what the actuators can, for what r becomes on the way: the initial states say what it is at first."""
+
 VERY_HIGH = 10.0
 """Times the high limit, which is a norm that holds A_C in 1/s beside gains from y to u: what fast plants in SI units need."""
 
@@ -58,10 +62,14 @@ VERY_FAR = 10.0
 
 
 class Wishes(NamedTuple):
-    """A problem that names what it asks for, and what was given up for it, in words; empty at first."""
+    """A problem that names what it asks for, and what was given up for it, in words; empty at first.
+
+    enough: whether gains that are found are taken, however far their rho is from the floor: actuators are the reason.
+    """
 
     problem: Problem
     given_up: str
+    enough: bool = False
 
 
 def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]:
@@ -80,7 +88,14 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
     for key in ("disturbances", "stable_controllers", "decay", "search_decay"):
         if key in table.model_fields_set:
             said.pop("search_decay" if key == "decay" else key, None)
-    limits, given_up = (said["gain_limit"], high, VERY_HIGH * high), ""
+    if table.weights.input is not None:
+        said["weights"] = said["weights"].model_copy(update={"input": table.weights.input})
+    limits, given_up, within = (said["gain_limit"], high, VERY_HIGH * high), "", _within_limits(problem)
+    if within < limits[0]:
+        # How fast actuators can bring agents together is theirs: no decay is searched for.
+        modest = {key: one for key, one in said.items() if key != "search_decay"}
+        yield Wishes(_with(problem, modest | {"gain_limit": within}), "", enough=True)
+        given_up = f"none found within gain_limit {within:g}, half of what the actuators can"
     for limit in limits:
         yield Wishes(_with(problem, said | {"gain_limit": limit}), given_up)
         given_up = f"none found within gain_limit {limit:g}, or none near the floor"
@@ -88,6 +103,20 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
         said.pop("search_decay", None)
         given_up += "; not asked for: stable controllers and a decay"
         yield Wishes(_with(problem, said | {"gain_limit": high}), given_up)
+
+
+def _within_limits(problem: Problem) -> float:
+    """Return the norm up to which static gains take half of what the actuators can in the file's initial states.
+
+    |u| <= |D| |r|, r = L (x - o) C'. Infinite where the file names no such states or no limits, or controllers have states.
+    """
+    initial, limits = problem.simulation.initial, problem.limits
+    if problem.order or isinstance(initial, str) or problem.spectrum or not np.isfinite(limits).any():
+        return np.inf
+    away = np.asarray(initial) - (0.0 if problem.offsets is None else problem.offsets)
+    r = problem.graph().laplacian @ away @ problem.agent().lure.C.T
+    size = float(np.linalg.norm(r, axis=1).max())
+    return _short(HALF * float(limits.min()) / size) if size else np.inf
 
 
 def is_far(rho: float, floor: float | None) -> bool:

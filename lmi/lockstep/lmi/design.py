@@ -150,7 +150,7 @@ def _designed(
         elif best is not None:
             break
         far = is_far(_rho(best), None if best.floor is None else best.floor.rho)
-        if stop.asked or not far or eliminates_P(best.network.loop(problem.order)):
+        if stop.asked or not far or wish.enough or eliminates_P(best.network.loop(problem.order)):
             break  # of many agents with gains of their own, another search takes many minutes
     assert best is not None
     return best

@@ -41,7 +41,7 @@ MISTAKES = {
     ),
     "a logarithm of anything": (
         "sin(theta_l)", "log(theta_l)",
-        "[agent.dynamics] omega_l", "`log` is not defined where its argument is not positive (where theta_l near",
+        "[agent.dynamics] omega_l", "`log` needs a positive argument, which is not proved (where theta_l near",
         "or a domain where it is", "leave that point out with a box in [agent.domain]",
     ),
     "NaN": ("gravity = 3.33", "gravity = nan", "[agent.parameters] gravity", "`gravity` is nan", "a finite number", ""),

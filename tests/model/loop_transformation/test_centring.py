@@ -203,3 +203,30 @@ def test_any_gain_is_moved_exactly_or_not_at_all(a: float, g: float, k: float) -
     moved, plain = cart(force), cart(force, centre=False)
     assert_same_agent(moved, plain)
     assert moved.centring.moves
+
+
+def test_a_domain_in_pascals_is_centred_as_one_in_megapascals() -> None:
+    """A box has no far end, however large its numbers are: valve flow w sqrt(1 - p/ps), with friction on the whole line."""
+    amounts = []
+    for Pa, ps in ((1.0, 21.0), (1e6, 21e6)):
+        agent = Agent.from_expressions(
+            "cylinder",
+            states=["v", "p", "w"],
+            inputs=["u"],
+            outputs={"y": "v"},
+            dynamics={
+                "v": f"p/{Pa} - v - tanh(v)",
+                "p": f"{Pa}*(w*sqrt(1 - p/{ps}) - v)",
+                "w": "u - w",
+            },
+            domain={"p": (-2.0 * Pa, 2.0 * Pa), "w": (-1.0, 1.0)},
+            centre=True,
+        )
+        assert not agent.centring.reason
+        amounts.append({(m.component, m.argument): float(m.amount) for m in agent.centring.moves})
+    small, large = amounts
+    assert small.keys() == large.keys()
+    assert (0, 0) in small
+    assert small[0, 0] == large[0, 0] == -0.5
+    flow = next(key for key in small if key not in ((0, 0),))
+    assert large[flow] == pytest.approx(1e6 * small[flow], rel=0.02)

@@ -53,9 +53,9 @@ HOLDS: Mapping[str, Callable[..., Any]] = {
 
 _TEXT = {
     "nonzero": "divides by something that can be 0",
-    "positive": "is not defined where its argument is not positive",
-    "not negative": "is not defined where its argument is negative",
-    "within one": "is not defined where its argument is outside [-1, 1]",
+    "positive": "needs a positive argument, which is not proved",
+    "not negative": "needs an argument from 0 up, which is not proved",
+    "within one": "needs an argument in [-1, 1], which is not proved",
     "no pole": "has a pole",
     "off the cut": "jumps where the second argument is not positive and the first is 0",
     "decided": "jumps where its condition changes and cannot be shown to be continuous there; "

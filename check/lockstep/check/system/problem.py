@@ -14,17 +14,7 @@ import numpy as np
 
 from lockstep.check.bound.box import Box
 from lockstep.check.continuous.inequality import Performance
-from lockstep.check.design_file.json_text import (
-    above_zero,
-    matrix,
-    not_negative,
-    number,
-    one_of,
-    only,
-    or_none,
-    part,
-    whole,
-)
+from lockstep.check.design_file import json_text as read
 from lockstep.check.design_file.messages import messages_of
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import demand
@@ -84,11 +74,11 @@ class ProblemTables:
     def from_document(cls, tables: Mapping[str, Any]) -> "ProblemTables":
         """Build the problem and look at all of it, so that what is wrong with it is told at once."""
         problem = cls(tables)
-        only(tables, ("title", *KEYS), "problem")
+        read.only(tables, ("title", *KEYS), "problem")
         for name, known in KEYS.items():
-            only(tables.get(name, {}), known.split(), f"[{name}]")
+            read.only(tables.get(name, {}), known.split(), f"[{name}]")
         for key, words in CONTROLLER.items():
-            one_of(problem.controller.get(key), words, f"[controller] {key}")
+            read.one_of(problem.controller.get(key), words, f"[controller] {key}")
         _ = problem.sizes, problem.box, problem.performance, problem.limits
         _ = problem.period, problem.delay, problem.messages, problem.offsets, problem.leader
         return problem
@@ -103,7 +93,7 @@ class ProblemTables:
         return str(self.tables.get("title") or self.agent.name)
 
     def _table(self, name: str) -> Mapping[str, Any]:
-        table: Mapping[str, Any] = part(self.tables, name, dict)
+        table: Mapping[str, Any] = read.part(self.tables, name, dict)
         return table
 
     @property
@@ -123,10 +113,10 @@ class ProblemTables:
 
     def _agent(self, changed: Mapping[str, Any]) -> ExactAgent:
         table = self._table("agent")
-        parameters = part(table, "parameters", dict)
+        parameters = read.part(table, "parameters", dict)
         outputs: dict[str, str] = {}
         where = "[agent.outputs]"
-        for pair in part(table, "outputs", list):
+        for pair in read.part(table, "outputs", list):
             new = len(_texts(pair, where)) == 2 and pair[0] not in outputs
             demand(new, f"{pair!r}", where, "pairs of a new name and a formula")
             outputs[pair[0]] = pair[1]
@@ -136,9 +126,9 @@ class ProblemTables:
             demand(name in parameters, f"`{name}` is no parameter of the agent", where)
         return ExactAgent.from_texts(
             str(table.get("name", "agent")),
-            states=_texts(part(table, "states", list), "[agent] states"),
-            inputs=_texts(part(table, "inputs", list), "[agent] inputs"),
-            dynamics=part(table, "dynamics", dict),
+            states=_texts(read.part(table, "states", list), "[agent] states"),
+            inputs=_texts(read.part(table, "inputs", list), "[agent] inputs"),
+            dynamics=read.part(table, "dynamics", dict),
             outputs=outputs,
             parameters={**parameters, **changed},
         )
@@ -160,17 +150,17 @@ class ProblemTables:
         demand(len(given) == 1, f"{len(given)} of them", "[network]", expected)
         agents: Any = table.get("agents")
         if given == ["laplacian"]:
-            L = matrix()(table["laplacian"], "[network] laplacian")
+            L = read.matrix()(table["laplacian"], "[network] laplacian")
             demand(
                 agents in (None, len(L)), f"{agents!r}", "[network] agents", f"{len(L)}, as of `laplacian`"
             )
             return Digraph.from_laplacian(L)
         if given == ["topology"]:
             return Digraph.topology(table["topology"], agents)
-        edges = part(table, "edges", list)
+        edges = read.part(table, "edges", list)
         for k, edge in enumerate(edges, start=1):
             for end in edge if isinstance(edge, list) else [None]:
-                number(end, f"[network] edges, edge {k}")
+                read.number(end, f"[network] edges, edge {k}")
         return Digraph.from_edges(agents, edges)
 
     @cached_property
@@ -180,8 +170,8 @@ class ProblemTables:
         demand(given is None or not self.spectrum, "they are given", where, "none with `spectrum`")
         if given is None:
             return (self.agent.B,) * self.graph.N
-        whole = isinstance(given, list) and len(given) == self.graph.N
-        demand(whole, "another number of tables", where, "one per agent")
+        fits = isinstance(given, list) and len(given) == self.graph.N
+        demand(fits, "another number of tables", where, "one per agent")
         found = []
         for k, changed in enumerate(given, start=1):
             variant = self.agent if changed == {} else self._agent(changed)
@@ -199,7 +189,7 @@ class ProblemTables:
         if given is None:
             return None
         demand(not self.spectrum, "they are given", WHERE, "none with `spectrum`")
-        offsets: np.ndarray = matrix(self.graph.N, len(self.agent.states))(given, WHERE)
+        offsets: np.ndarray = read.matrix(self.graph.N, len(self.agent.states))(given, WHERE)
         check_formation(self.agent, offsets)
         return offsets
 
@@ -214,9 +204,9 @@ class ProblemTables:
         given = self.design.get("gains")
         if given:
             first = given[0] if isinstance(given, list) and isinstance(given[0], dict) else {}
-            return len(part(first, "A", list))
+            return len(read.part(first, "A", list))
         default = default_order(len(self.agent.states), many_graphs=self.spectrum is not None)
-        return whole(0, MOST_ORDER)(self.design.get("order", default), "[design] order")
+        return read.whole(0, MOST_ORDER)(self.design.get("order", default), "[design] order")
 
     @property
     def sizes(self) -> Sizes:
@@ -228,12 +218,12 @@ class ProblemTables:
     @property
     def period(self) -> float:
         """T of the sampled controllers, in s."""
-        return above_zero(self.controller.get("period"), "[controller] period")
+        return read.above_zero(self.controller.get("period"), "[controller] period")
 
     @property
     def delay(self) -> int:
         """Periods until u acts."""
-        return int(one_of(self.controller.get("delay"), (0, 1), "[controller] delay"))
+        return int(read.one_of(self.controller.get("delay"), (0, 1), "[controller] delay"))
 
     @property
     def messages(self) -> Messages | None:
@@ -262,8 +252,8 @@ class ProblemTables:
     @property
     def performance(self) -> Performance:
         """What rho is a gain to and from; the certificate decides R and Q to be positive definite."""
-        table, sizes = part(self.design, "weights", dict), self.sizes
-        only(table, ("state", "controller", "input"), "[design.weights]")
+        table, sizes = read.part(self.design, "weights", dict), self.sizes
+        read.only(table, ("state", "controller", "input"), "[design.weights]")
         scales = _table(self.design, "disturbances", ("states", "outputs"), "[design.disturbances]")
         given = table.get("input")
         W = _weight(0.0 if given is None else given, sizes.m, "[design.weights] input")
@@ -302,7 +292,9 @@ class ProblemTables:
         G = agent.G * exactly(np.array(D_w)).reshape(1, -1)
         H = agent.H / exactly(np.array(D_v)).reshape(-1, 1)
         plant = Plant(agent.A, self.inputs, agent.C, G, H)
-        coordinates: Coordinates = one_of(self.design.get("coordinates"), COORDINATES, "[design] coordinates")
+        coordinates: Coordinates = read.one_of(
+            self.design.get("coordinates"), COORDINATES, "[design] coordinates"
+        )
         ends = None if self.spectrum is None else (self.spectrum.lower, self.spectrum.upper)
         return ExactNetwork(plant, self.graph, coordinates, spectrum=ends), agent
 
@@ -320,14 +312,14 @@ def _texts(value: Any, where: str) -> list[str]:
 def _table(tables: Mapping[str, Any], key: str, known: Sequence[str], where: str) -> Mapping[str, Any]:
     """Return a table that need not be there, of known keys."""
     table = {} if tables.get(key) is None else tables[key]
-    only(table, known, where)
+    read.only(table, known, where)
     return table
 
 
 def _range(value: Any, where: str) -> tuple[float, float]:
     demand(isinstance(value, list) and len(value) == 2, f"{value!r}", where, "a lower and an upper bound")
     low, high = value
-    return or_none(number, -math.inf)(low, where), or_none(number, math.inf)(high, where)
+    return read.or_none(read.number, -math.inf)(low, where), read.or_none(read.number, math.inf)(high, where)
 
 
 def _scales(value: Any, names: Sequence[str], where: str) -> Annotated[np.ndarray, " k"]:
@@ -335,16 +327,18 @@ def _scales(value: Any, names: Sequence[str], where: str) -> Annotated[np.ndarra
     if value is None:
         return np.zeros(0)
     if not isinstance(value, dict):
-        return np.full(len(names), not_negative(value, where))
-    only(value, names, where)
-    return np.array([not_negative(value.get(name, 0.0), f"{where} {name}") for name in names])
+        return np.full(len(names), read.not_negative(value, where))
+    read.only(value, names, where)
+    return np.array([read.not_negative(value.get(name, 0.0), f"{where} {name}") for name in names])
 
 
 def _weight(value: Any, size: int, where: str) -> Annotated[np.ndarray, "k k"]:
     """Return w I, a diagonal matrix, or a matrix by rows."""
     if not isinstance(value, list):
-        return not_negative(value, where) * np.eye(size)
+        return read.not_negative(value, where) * np.eye(size)
     if not any(isinstance(row, list) for row in value):
-        value = np.diag([number(x, where) for x in value]).tolist()
-    found: Annotated[np.ndarray, "k k"] = matrix(size, size, symmetric=True)(value if size else [], where)
+        value = np.diag([read.number(x, where) for x in value]).tolist()
+    found: Annotated[np.ndarray, "k k"] = read.matrix(size, size, symmetric=True)(
+        value if size else [], where
+    )
     return found

@@ -46,7 +46,7 @@ def read_value(expression: ca.SX, variables: ca.SX, time: ca.SX, algebra: Exact)
     >>> x, t = ca.SX.sym("x"), ca.SX.sym("t")
     >>> value = read_value((x + 3 * x) / 2 - ca.log(t), x, t, Exact(1, RULES))
     >>> value.node.data, [c.text for c in value.conditions]
-    ((Fraction(0, 1), (Fraction(2, 1), Fraction(-1, 1))), ['`log` is not defined where its argument is not positive'])
+    ((Fraction(0, 1), (Fraction(2, 1), Fraction(-1, 1))), ['`log` needs a positive argument, which is not proved'])
     """
     steps, results = _single_assignment(
         ca.Function("expression", [variables, time], [ca.densify(expression)])

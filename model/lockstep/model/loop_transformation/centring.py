@@ -33,7 +33,7 @@ GROWING = "the slopes keep growing with the distance from the origin"
 
 MOST_SAMPLES = 4000
 FAR, FARTHEST = 1e6, 1e12
-"""Slopes that still change between these distances have no range that samples can show."""
+"""Slopes that still change between these distances, along arguments without a domain, have no range that samples can show."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,10 @@ def _slopes(lure: Lure, box: Box) -> tuple[Float[np.ndarray, "samples r v"], Boo
     values = np.asarray(ca.Function("slopes", [v, t], [J])(points, times[None, :]))
     stacked = values.reshape(J.shape[0], points.shape[1], box.size).transpose(1, 0, 2)
     known = ~np.isnan(stacked).any(axis=(1, 2))
-    return stacked[known], (np.abs(points).max(axis=0) > FAR)[known]
+    endless = np.isinf([box.lower, box.upper]).any(
+        axis=0
+    )  # a box in Pa has no far end, however large its numbers
+    return stacked[known], (np.abs(points[endless]).max(axis=0, initial=0.0) > FAR)[known]
 
 
 def _points(box: Box) -> Float[np.ndarray, "v samples"]:

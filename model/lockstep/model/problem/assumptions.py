@@ -69,9 +69,10 @@ def _lost_slopes(agent: Agent, modes: Callable[..., Controllability | Observabil
     That is sqrt(x) or q/h without a domain, whose slopes have no middle to move into A; or sin(x), whose slopes are around
     zero on the whole line, though no mode is lost at the origin.
     """
-    free = ", ".join(x for x, sides in zip(agent.states, agent.box, strict=True) if np.isinf(sides).any())
+    endless = np.isinf(agent.box).any(axis=1) & agent.lure.H.any(axis=0)
+    free = ", ".join(np.array(agent.states)[endless])
     finite = agent.centring.reason not in (NO_SLOPES, GROWING)
-    if finite and not (free and modes(_at_the_origin(agent)).unstable_eigenvalue is None):
+    if not free or (finite and modes(_at_the_origin(agent)).unstable_eigenvalue is not None):
         return "", ""
     where = f" of {free}" if agent.domain else ""
     slopes = "slopes that are not around zero" if finite else "finite slopes"

@@ -163,19 +163,21 @@ class Problem:
         again.
 
         Outputs are pairs in a list, because their order is the order of y and JSON writers may sort keys. Where the
-        file leaves `weights` and `gain_limit` out, more is asked for than their defaults, and they stay out.
+        file leaves `weights`, but for the inputs', and `gain_limit` out, more is asked for than their defaults, and they stay
+        out.
         """
         tables = self.file.model_dump(mode="json", exclude_none=True)
         if self.has_defaults:
-            for key in ASKED_FOR:
-                tables["design"].pop(key)
+            weights, _ = (tables["design"].pop(key) for key in ASKED_FOR)
+            tables["design"] |= {"weights": {"input": weights["input"]}} if "input" in weights else {}
         return tables
 
     @property
     def has_defaults(self) -> bool:
-        """Whether `lockstep.lmi.defaults` says what is asked for: neither `weights` nor `gain_limit` nor a rho is named."""
+        """Whether `lockstep.lmi.defaults` says what is asked for: no `weights` but the input's, no `gain_limit`, no rho."""
         named = self.design.model_fields_set
-        return self.design.method in SEARCHED and not named & {*ASKED_FOR, "rho"}
+        others = "weights" in named and self.design.weights.model_fields_set != {"input"}
+        return self.design.method in SEARCHED and not others and not named & {"gain_limit", "rho"}
 
     @property
     def sizes(self) -> Sizes:
