@@ -221,6 +221,18 @@ def test_coefficients_that_no_double_holds_are_refused():
         read(files, c=files["src/a1.c"].replace(line, doubled))
 
 
+@pytest.mark.parametrize(("comment", "refused"), [("/* " * 100_000, True), ("/*/", True), ("/**/", False)])
+def test_a_comment_that_does_not_end_is_refused_at_once(comment, refused):
+    """Each start of one was searched for its end: of 300 kB, for minutes."""
+    files = emit(spec())
+    header = files["include/a1.h"] + comment
+    if refused:
+        with pytest.raises(NotCertified, match="does not end"):
+            read(files, h=header)
+    else:
+        read(files, h=header)
+
+
 def test_a_name_that_is_no_identifier_is_refused():
     files = emit(spec())
     with pytest.raises(ProblemError, match="identifier"):

@@ -55,6 +55,50 @@ def test_code_that_nothing_reads_is_no_part_of_a_proof(path: str, tmp_path: Path
     assert not found.proved and path in found.reason
 
 
+TABLE = "arm_controllers"
+CODE = "static void run(void) { arm1_init(0); }"
+
+
+@pytest.mark.parametrize(
+    ("end", "more"),
+    [
+        ("h", CODE),
+        ("h", '#include "evil.h"'),
+        ("h", "#include <math.h>"),
+        ("h", "#define float double"),
+        ("h", "#define ARM_CONTROLLERS_BODY {"),
+        ("c", CODE),
+        ("c", "int run(a) int a; { return a; }"),
+        ("c", '__asm__("nop");'),
+        ("c", 'asm("nop");'),
+        ("c", "static __attribute__((constructor)) void run(void);"),
+        ("c", "int run(void) <% return 1; %>"),
+        ("c", "/* open"),
+    ],
+)
+@pytest.mark.parametrize("name", [TABLE, "stdint", "float"])
+def test_the_table_of_the_controllers_is_no_code_whatever_it_is_called(end, more, name, tmp_path) -> None:
+    """Its header is found before one of the compiler's, if it is called so; its source is compiled with the rest."""
+    folder = Path(shutil.copytree(FOLDER, tmp_path / "c"))
+    for path in (f"include/{TABLE}.h", f"src/{TABLE}.c"):
+        text = (folder / path).read_text().replace(TABLE, name).replace(TABLE.upper(), name.upper())
+        (folder / path).unlink()
+        (folder / path.replace(TABLE, name)).write_text(text)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    (folder / "manifest.json").write_text(json.dumps({**manifest, "name": name}))
+    assert certify(folder).verdicts["code"].proved, "declarations and a list"
+    path = folder / {"h": f"include/{name}.h", "c": f"src/{name}.c"}[end]
+    path.write_text(path.read_text() + more.replace("ARM_CONTROLLERS", name.upper()) + "\n")
+    found = certify(folder).verdicts["code"]
+    assert not found.proved and path.name in found.reason
+
+
+def test_a_rho_that_overflows_is_a_claim_that_does_not_hold() -> None:
+    found = verdicts(changed(ARMS, lambda content: content["claims"]["sampled"].update(rho=1e-300)))
+    assert found["sampled"].proved
+    assert found["sampled_rho"].status == "undecided"
+
+
 def test_copies_that_the_manifest_names_do_not_stand_for_the_files_beside_them(tmp_path: Path) -> None:
     folder = Path(shutil.copytree(FOLDER, tmp_path / "c"))
     for path in [*folder.glob("include/arm?.h"), *folder.glob("src/arm?.c")]:
@@ -199,3 +243,9 @@ def test_the_table_of_the_controllers_defines_names_of_its_own(
     header = folder / "include" / "arm_controllers.h"
     header.write_text(header.read_text() + line + "\n")
     assert certify(folder).verdicts["code"].proved is passes
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e200, 1e300])
+def test_a_norm_whose_square_is_no_double_has_a_bound(size: float) -> None:
+    found = spectral_bound(exactly(np.array([[3.0 * size, 4.0 * size]])))
+    assert 5 * size <= found <= 5 * size * (1 + 1e-15)

@@ -22,7 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
     try:
         found = certify(asked.path)
-    except ProblemError as error:
+    except (ProblemError, OSError) as error:
         print(f"lockstep-check: {visible(str(error))}", file=sys.stderr)
         if asked.json:
             print(json.dumps({"certified": False, "error": {"kind": "ProblemError", "message": str(error)}}))

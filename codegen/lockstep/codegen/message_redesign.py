@@ -10,18 +10,9 @@ from typing import Any
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.errors import Infeasible
 from lockstep.check.system.loop import Gains
+from lockstep.codegen import sampled_design as sampled_design
 from lockstep.codegen.message_claims import part_certified
 from lockstep.codegen.period_redesign import obstacle, with_figures, with_gains
-from lockstep.codegen.sampled_design import (
-    FOR_MESSAGES,
-    NOT_FOR_MESSAGES,
-    pair_weights,
-    prove_agreement,
-    prove_design,
-    sampled_controllers,
-    sampled_network,
-    with_sampled,
-)
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.synthesis.gains_for_period import StartingGains
 from lockstep.lmi.search.stopping import Stop
@@ -48,11 +39,11 @@ def for_messages(kept: Stored, tell: Tell, stop: Stop) -> Stored:
         except Infeasible as error:
             found = str(error)
     part = stop.optional(lambda: _part_certified(kept, tell), otherwise=kept.info.get("messages", {}))
-    return replace(kept, info={**kept.info, "messages": {**part, NOT_FOR_MESSAGES: found}})
+    return replace(kept, info={**kept.info, "messages": {**part, sampled_design.NOT_FOR_MESSAGES: found}})
 
 
 def _part_certified(kept: Stored, tell: Tell) -> Mapping[str, Any]:
-    network, controllers, agreed = prove_agreement(kept)
+    network, controllers, agreed = sampled_design.prove_agreement(kept)
     asked, witness = kept.problem.messages, agreed.witness
     if asked is None or witness is None:
         return {}
@@ -75,13 +66,16 @@ def designed_for_messages(stored: Stored, tell: Tell) -> Stored:
     from lockstep.lmi.sampled.messages.witnesses import certify_messages
     from lockstep.lmi.sampled.synthesis.gains_for_period import AtPeriod
 
-    problem, c, m = stored.problem, stored.proofs.certificate, pair_weights(stored)
+    problem, c, m = stored.problem, stored.proofs.certificate, sampled_design.pair_weights(stored)
     asked, limit, period = problem.messages, problem.design.gain_limit, problem.controller.period
     if not isinstance(c, Certificate) or m is None or asked is None:
         raise Infeasible("there is no continuous certificate to start from")
-    network, order = sampled_network(stored), stored.gains.order
+    network, order = sampled_design.sampled_network(stored), stored.gains.order
     at = AtPeriod(network, problem.graph().edges, problem.performance, order, limit)
-    start, held = StartingGains(stored.gains.blocks, m, c.rho), sampled_controllers(stored, period)
+    start, held = (
+        StartingGains(stored.gains.blocks, m, c.rho),
+        sampled_design.sampled_controllers(stored, period),
+    )
     reason = "no gains were brought near it"
 
     def further(part: float) -> None:
@@ -92,7 +86,9 @@ def designed_for_messages(stored: Stored, tell: Tell) -> Stored:
         gains = Gains.from_blocks(short_gains(found.K, limit), order)
         reason = "gains were found for it, but not proved"
         if (
-            certify_messages(network, sampled_controllers(replace(stored, gains=gains), period), asked)
+            certify_messages(
+                network, sampled_design.sampled_controllers(replace(stored, gains=gains), period), asked
+            )
             is None
         ):
             continue
@@ -103,7 +99,9 @@ def designed_for_messages(stored: Stored, tell: Tell) -> Stored:
             reason = str(error)
             continue
         tell(PROVING, 0.25)
-        sampled = prove_design(made, found.m)
+        sampled = sampled_design.prove_design(made, found.m)
         if sampled.verdict.certified and sampled.messages.claims is not None:
-            return with_sampled(with_figures(made, stored), sampled, **{FOR_MESSAGES: True})
+            return sampled_design.with_sampled(
+                with_figures(made, stored), sampled, **{sampled_design.FOR_MESSAGES: True}
+            )
     raise Infeasible(reason)

@@ -102,3 +102,10 @@ def test_the_rank_drops_at_every_zero_of_a_random_system(n: int, m: int, q: int,
         pencil = np.block([[A - s * np.eye(n), B], [C, np.zeros((q, m))]])
         values = np.linalg.svd(pencil, compute_uv=False)
         assert values[-1] < 1e-9 * max(values[0], 1.0)
+
+
+def test_a_rate_of_a_subnormal_number_is_no_mode_and_no_error():
+    from lockstep.model.control.pbh import controllability
+
+    found = controllability(np.array([[1e-320]]), np.array([[1.0]]))
+    assert found.controllable

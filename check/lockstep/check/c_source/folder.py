@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,9 @@ from lockstep.check.sampled_claims import CheckedFile
 from lockstep.check.system.problem import ProblemTables
 from lockstep.check.verdict import Verdict
 from lockstep.check.wording import shorten
+
+_OPENS = ("=", ",", "{", "struct", '"C"')
+"""After these a brace opens a list, a structure or a linkage, and no body of a function."""
 
 
 def manifest_in(folder: Path) -> dict[str, Any]:
@@ -45,10 +49,10 @@ def controllers_in(
     many = stored.problem.spectrum is not None
     if many and not image:
         return held, Verdict("undecided", "`spectrum` names many graphs, and this C the neighbours of one")
-    if extra := _unread(folder, [*cores, f"{base}_node"] if image else cores, str(listed.get("name"))):
-        return held, Verdict("undecided", f"{extra}: a compiler may read it, and nothing here does")
     read: dict[str, ReadController] = {}
     try:
+        if extra := _unread(folder, [*cores, f"{base}_node"] if image else cores, str(listed.get("name"))):
+            return held, Verdict("undecided", f"{extra}: a compiler may read it, and nothing here does")
         for name in cores:
             read[name] = read_controller(name, *_pair(folder, name), [] if image else cores)
         if image:
@@ -58,8 +62,7 @@ def controllers_in(
     found = []
     for i, mine in enumerate(held):
         name = cores[0] if alike else cores[i]
-        one = read[name]
-        theirs = one.controller
+        one, theirs = read[name], read[name].controller
         if image:
             fits = most == len(mine.sources) if many else len(mine.sources) <= most
             rows = theirs.sources == () and fits
@@ -92,32 +95,38 @@ def controllers_in(
 def _unread(folder: Path, names: Sequence[str], table: str) -> str:
     """Return an entry of include/ or src/ that is neither read here nor the table of the controllers, or nothing.
 
-    A header that stands there is found before one of the compiler's: no `stdint.h`, no precompiled `arm1.h.gch`. That of the
-    table, whose name is chosen freely, defines nothing but names of its own.
+    A header that stands there is found before one of the compiler's: no `stdint.h`, no precompiled `arm1.h.gch`. The table,
+    whose name is chosen freely, includes the agents' headers and declares and initialises names of its own: no directive says
+    more, and no function's body begins, so that it is no code whatever it is called. That of a graph is read by nobody here.
     """
+    graph = f"{names[-1]}_table"
     for part, end in (("include", "h"), ("src", "c")):
-        known = {f"{name}.{end}" for name in (*names, table, f"{names[-1]}_table")}
         with named(folder / part, "a folder"):
             there = sorted(one.name for one in (folder / part).iterdir())
         for name in there:
-            if name not in known:
+            if name not in {f"{one}.{end}" for one in (*names, table, graph)}:
                 return f"{part}/{shorten(name)}"
-    header = f"include/{table}.h"
-    own = re.compile(
-        rf"#(ifndef|ifdef|endif|include )|#define {re.escape(table.upper())}[A-Z0-9_]*( |$)|[^#%_]|__cplusplus"
-    )
-    try:
-        tokens = CText(header, text_inside(folder, header)).tokens if (folder / header).exists() else []
-    except NotCertified as error:
-        return str(error)
-    return header if any(not own.match(token) for token in tokens if token) else ""
+        path, known, own_H = (
+            f"{part}/{table}.{end}",
+            "|".join((*names, re.escape(table))),
+            re.escape(table.upper()),
+        )
+        own = re.compile(
+            rf'#include ("({known})\.h"|<stdint\.h>)|#ifdef __cplusplus|#endif|#(ifndef|define) {own_H}_H'
+            rf'|#define {own_H}_[A-Z0-9_]+ [0-9]+|(?!asm$)[A-Za-z]\w*|[0-9]\w*|"[^"]*"|[{{}},;=*()]|\[|\]',
+            re.ASCII,
+        )
+        tokens = CText(path, text_inside(folder, path)).tokens[:-1] if f"{table}.{end}" in there else []
+        opened = all(before in _OPENS for before, token in pairwise(["", *tokens]) if token == "{")
+        if not (opened and all(map(own.fullmatch, tokens))):
+            return path
+    return ""
 
 
 def _same_limits(problem: ProblemTables, read: Any) -> bool:
-    sides = problem.sides
-    if np.isinf(sides).all() or read is None:
-        return bool(np.isinf(sides).all()) and read is None
-    return bool(np.array_equal(read, clipped_at(problem.controller["real"], sides)))
+    if read is None or np.isinf(problem.sides).all():
+        return read is None and bool(np.isinf(problem.sides).all())
+    return bool(np.array_equal(read, clipped_at(problem.controller["real"], problem.sides)))
 
 
 def _same_offsets(problem: ProblemTables, i: int, sources: tuple[int, ...], read: Any) -> bool:
@@ -133,5 +142,4 @@ def _pair(folder: Path, name: str) -> tuple[str, str]:
     for path in paths:
         there, where = (folder / path).is_file(), "manifest.json, `prefix`"
         demand(there, f"there is no {shorten(path)}", where, "what names of files begin with")
-    header, source = (text_inside(folder, path) for path in paths)
-    return header, source
+    return text_inside(folder, paths[0]), text_inside(folder, paths[1])

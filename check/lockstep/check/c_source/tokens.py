@@ -13,7 +13,8 @@ from lockstep.check.sampled.discretise import Real
 
 # Without a point or an exponent it would be an integer, and octal after a leading 0.
 LITERAL = re.compile(r"(?=.{1,99}$)[0-9]+(?:\.[0-9]+(?:e[+-]?[0-9]{1,3})?|e[+-]?[0-9]{1,3})f?")
-_COMMENT_OR_STRING = re.compile(r'/\*.*?\*/|"[^"\n]*"|"', re.DOTALL)
+# What is open to the end is one match: searched for its end at every start, many of them took hours.
+_COMMENT_OR_STRING = re.compile(r'/\*.*?(?:\*/|\Z)|"[^"\n]*"|"', re.DOTALL)
 _CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f]")
 # As long as C takes them (6.4); any other character is a token that is never expected.
 _TOKEN = re.compile(
@@ -55,6 +56,8 @@ class CText:
         # In code that is skipped compilers take an open string for anything, and a comment in it may then be code.
         if found[0] == '"':
             raise self.refusal("a string does not end on its line")
+        if found[0].startswith("/*") and not found[0][2:].endswith("*/"):
+            raise self.refusal("a comment does not end")
         return " " if found[0].startswith("/*") else found[0]
 
     def refusal(self, found: str) -> NotCertified:

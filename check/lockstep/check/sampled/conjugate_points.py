@@ -13,7 +13,7 @@ import math
 import numpy as np
 from flint import arb
 
-from lockstep.check.numbers import Matrix, exactly, eye
+from lockstep.check.numbers import Matrix, as_floats, exactly, eye
 from lockstep.check.sampled.balls import exponential, inverse, midpoints, product
 
 MOST_PIECES = 1024
@@ -37,7 +37,10 @@ def no_conjugate_point(A: Matrix, EE: Matrix, FF: Matrix, period: float) -> bool
     (True, False)
     """
     n = len(A)
-    H = _balanced(np.block([[-A.T, -FF], [EE, A]]))
+    whole = np.block([[-A.T, -FF], [EE, A]])
+    if not np.isfinite(as_floats(whole)).all():
+        return False
+    H = _balanced(whole)
     end = exactly(np.array([period]))[0]
     pieces = [(end * 0, end)]
     for _ in range(MOST_PIECES):

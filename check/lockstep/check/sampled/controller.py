@@ -243,16 +243,13 @@ def spectral_bound(matrix: Annotated[np.ndarray, "k l"]) -> float:
     """
     if not matrix.size:
         return 0.0
-    zero = fmpq(0)
-    columns = max(sum(column, start=zero) for column in matrix.T)
-    rows = max(sum(row, start=zero) for row in matrix)
-    frobenius = sum((entry * entry for entry in matrix.ravel()), start=zero)
-    square = min(columns * rows, frobenius)
+    # The root of |M|_1 |M|_inf, or the Frobenius norm.
+    square = min(max(matrix.sum(axis=0)) * max(matrix.sum(axis=1)), (matrix * matrix).sum())
     if square == 0:
         return 0.0
-    # By a power of two, where the square itself would underflow; then up until the square of the root is no less.
-    shift = 0 if square > SMALL else 1000
-    root = math.ldexp(math.sqrt(as_floats(np.array([square * 4**shift], dtype=object))[0]), -shift)
+    # By a power of two, where the square itself is no double; then up until the square of the root is no less.
+    shift = 1000 if square < SMALL else -500 if square > 1 / SMALL else 0
+    root = math.ldexp(math.sqrt(as_floats(np.array([square * fmpq(4) ** shift], dtype=object))[0]), -shift)
     while exact(root) ** 2 < square:
         root = math.nextafter(root, math.inf)
     return root

@@ -142,7 +142,7 @@ class _Layout:
         N, n_C = len(controllers), controllers[0].order
         self.n_d, self.m, self.q, self.n_C = n * (N - 1), m, q, n_C
         self.n_xi = self.n_d + n_C * N + (m * N if network.delay else 0)
-        sizes = {(i, k): self._width(k) for i in range(N) for k in LETTERS if self._used(i, k)}
+        sizes = {(i, k): self._width(k) for i in range(N) for k in LETTERS if controllers[i].deltas[k] > 0}
         place = self.n_xi
         self.places: dict[tuple[int, str], slice] = {}
         for key, width in sizes.items():
@@ -163,9 +163,6 @@ class _Layout:
         self.ways = tuple(
             way_of(controllers[i], i, k, self.places[i, k], self._seen(i, k)) for (i, k) in sizes
         )
-
-    def _used(self, i: int, letter: str) -> bool:
-        return self.controllers[i].deltas[letter] > 0
 
     def _width(self, letter: str) -> int:
         return self.n_C if letter in "AB" else self.m

@@ -40,14 +40,7 @@ from lockstep.check.continuous.modes import Segment
 from lockstep.check.errors import demand
 from lockstep.check.numbers import Matrix, converter, exactly, eye, rounded_down, zeros
 from lockstep.check.sampled import balls
-from lockstep.check.sampled.certificate import (
-    ROUNDED_UP,
-    SampledVerdict,
-    accepted,
-    lifted_agent,
-    proves,
-    refused,
-)
+from lockstep.check.sampled import certificate as certificate
 from lockstep.check.sampled.conjugate_points import no_conjugate_point
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork, spectral_bound
 from lockstep.check.sampled.inequality import Witness, root
@@ -190,21 +183,23 @@ def _selected(places: dict[str, slice], width: int, like: Matrix, name: str) -> 
     return rows
 
 
-def decide_modal_sampled(loop: ModalLoop, witness: SampledModalWitness | None) -> SampledVerdict:
+def decide_modal_sampled(loop: ModalLoop, witness: SampledModalWitness | None) -> certificate.SampledVerdict:
     """Decide the sampled nonlinear loop, every rounding included, for every lambda in [lower, upper], by a stored witness."""
     network, at = loop.network, f"at {loop.network.period:g} s"
     if witness is None:
-        return refused(network, loop.controllers, f"{at} there is no witness")
+        return certificate.refused(network, loop.controllers, f"{at} there is no witness")
     if not witness.covers(loop.lower, loop.upper):
         said = f"the witness is for eigenvalues from {witness.lower:g} to {witness.ends[-1]:g}"
-        return refused(network, loop.controllers, f"{said}, not from {loop.lower:g} to {loop.upper:g}")
+        return certificate.refused(
+            network, loop.controllers, f"{said}, not from {loop.lower:g} to {loop.upper:g}"
+        )
     with balls.working_precision():
         if not no_conjugate_point(network.plant.A, *network.squares, network.period):
             said = f"{at} the period was not shown to hold no conjugate point"
-            return refused(network, loop.controllers, said)
+            return certificate.refused(network, loop.controllers, said)
         for P, mode in _modes(loop, witness):
-            if not proves(mode, lifted_agent(mode), witness.of(P, mode)):
-                return refused(network, loop.controllers, f"{at} no candidate survived the proof")
+            if not certificate.proves(mode, certificate.lifted_agent(mode), witness.of(P, mode)):
+                return certificate.refused(network, loop.controllers, f"{at} no candidate survived the proof")
     return _accepted(loop, witness)
 
 
@@ -231,16 +226,16 @@ def _modes(
     yield witness.P_mean, loop.at(0.0)
 
 
-def _accepted(loop: ModalLoop, witness: SampledModalWitness) -> SampledVerdict:
+def _accepted(loop: ModalLoop, witness: SampledModalWitness) -> certificate.SampledVerdict:
     """State what follows; of one controller that stands for all, for the root of the mean square over the agents."""
     kappa = max(len(one.sources) for one in loop.controllers) * Fraction(witness.kappa)
     for letter in "BD":
         delta = max(one.errors[letter].delta for one in loop.controllers)
         kappa += 2 * Fraction(float(witness.t[LETTERS.index(letter)])) * Fraction(delta) ** 2
-    full = replace(witness, kappa=ROUNDED_UP * -rounded_down(-kappa))
+    full = replace(witness, kappa=certificate.ROUNDED_UP * -rounded_down(-kappa))
     said = "no conjugate point in the period, P > 0 and W > 0 at the ends of every segment, decided in ball arithmetic"
     bounds = full.of(np.zeros((0, 0)), loop.at(0.0))
-    return accepted(loop.network, loop.controllers, bounds, said, witness)
+    return certificate.accepted(loop.network, loop.controllers, bounds, said, witness)
 
 
 def common_controller(
@@ -252,7 +247,7 @@ def common_controller(
     none of them 1, have the square sum b^2 / 2 or more, and each product is rounded. Fewer neighbours round less.
     """
     neighbours = spectrum.neighbours
-    weight = ROUNDED_UP * spectrum.upper / math.sqrt(2 * neighbours)
+    weight = certificate.ROUNDED_UP * spectrum.upper / math.sqrt(2 * neighbours)
     weight = math.nextafter(weight, math.inf) if weight == 1 else weight
     sources = tuple(range(1, neighbours + 1))
     return HeldController.row_by_row(table, order, sources, np.full(neighbours, weight), PRECISIONS[real])

@@ -188,8 +188,9 @@ def check_count(agents: int) -> None:
     Raises:
         ProblemError: not a whole number, or one outside of 2 to `MOST_AGENTS`.
     """
-    found, where = f"`agents` is {agents!r}", "[network] agents"
     whole = isinstance(agents, int | np.integer) and not isinstance(agents, bool)
+    huge = whole and abs(agents) > 10**20  # Python writes no number of thousands of digits
+    found, where = f"`agents` is {'beyond 10^20' if huge else repr(agents)}", "[network] agents"
     demand(whole, found, where, "a whole number")
     few = "agreement needs two agents at least" if agents < 2 else ""
     demand(2 <= agents <= MOST_AGENTS, found, where, f"from 2 to {MOST_AGENTS}", few)

@@ -12,6 +12,7 @@ import numpy as np
 
 from lockstep.check.c_source.reader import ANSWERS
 from lockstep.check.sampled.discretise import SampledGains, clipped_at, discretise
+from lockstep.codegen import manifest as entries
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.bounds import by_core, integer_budgets
 from lockstep.codegen.budget import state_bytes
@@ -21,24 +22,6 @@ from lockstep.codegen.emission.known_answers import SCALE, known_answers
 from lockstep.codegen.emission.one_image import OneImage, node_bytes, node_view, table_files
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.identity import Identity
-from lockstep.codegen.manifest import (
-    FILE_NAME,
-    FORMAT,
-    AgentEntry,
-    Arithmetic,
-    Coefficients,
-    FixedEntry,
-    GainsEntry,
-    Identification,
-    ImageEntry,
-    Manifest,
-    MessagesEntry,
-    Named,
-    NeighbourEntry,
-    PlantEntry,
-    Rows,
-    sha256,
-)
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Optimize
 
 _RULES = {
@@ -84,7 +67,7 @@ def emit(spec: CodegenSpec) -> dict[str, str]:
     whole |= {"CMakeLists.txt": "CMakeLists.txt", "README.md": "README.md"}
     for path, template in whole.items():
         files[path] = render(f"{template}.j2", **context, agents=views)
-    files[FILE_NAME] = _manifest(spec, agents, real, files).sealed().text()
+    files[entries.FILE_NAME] = _manifest(spec, agents, real, files).sealed().text()
     return files
 
 
@@ -138,7 +121,7 @@ def _figure(value: str | float | bool | None) -> str:
 def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
     identity = Identity.of(spec)
     return {
-        "format": FORMAT,
+        "format": entries.FORMAT,
         "name": spec.name,
         "NAME": spec.name.upper(),
         "title": plain(spec.title),
@@ -185,10 +168,12 @@ def _agent_context(agent: Sampled, real: RealType, optimize: Optimize) -> dict[s
     }
 
 
-def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: Mapping[str, str]) -> Manifest:
+def _manifest(
+    spec: CodegenSpec, agents: list[Sampled], real: RealType, files: Mapping[str, str]
+) -> entries.Manifest:
     identity = Identity.of(spec)
     plants: list[LinearPlant | None] = list(spec.plants) or [None] * len(agents)
-    return Manifest(
+    return entries.Manifest(
         format="lockstep-controllers/2",
         name=spec.name,
         title=spec.title,
@@ -197,25 +182,25 @@ def _manifest(spec: CodegenSpec, agents: list[Sampled], real: RealType, files: M
         discretization=spec.discretization,
         real=spec.real,
         optimize=spec.optimize,
-        arithmetic=Arithmetic(
+        arithmetic=entries.Arithmetic(
             order=ORDER_OF_SUMS,
             zero_terms="skipped" if spec.optimize == "speed" else "kept",
             contraction="off",
         ),
         certificate=dict(spec.certificate),
-        identity=Identification(design=identity.design, claims=identity.claims),
+        identity=entries.Identification(design=identity.design, claims=identity.claims),
         prefix=spec.prefix,
         messages=_messages(spec),
-        fixed=None if spec.fixed is None else FixedEntry(**vars(spec.fixed)),
+        fixed=None if spec.fixed is None else entries.FixedEntry(**vars(spec.fixed)),
         agents=tuple(_agent_record(a, real, p, spec) for a, p in zip(agents, plants, strict=True)),
-        files={path: sha256(text) for path, text in files.items()},
+        files={path: entries.sha256(text) for path, text in files.items()},
         image=None if spec.image is None else _image_record(spec.image, agents, real),
     )
 
 
-def _image_record(image: OneImage, agents: list[Sampled], real: RealType) -> ImageEntry:
+def _image_record(image: OneImage, agents: list[Sampled], real: RealType) -> entries.ImageEntry:
     size = node_bytes(image, agents[0].shape, len(agents), real)
-    return ImageEntry(
+    return entries.ImageEntry(
         name=image.name,
         agents=image.agents,
         largest_in_degree=image.degree,
@@ -225,28 +210,32 @@ def _image_record(image: OneImage, agents: list[Sampled], real: RealType) -> Ima
     )
 
 
-def _messages(spec: CodegenSpec) -> MessagesEntry | None:
+def _messages(spec: CodegenSpec) -> entries.MessagesEntry | None:
     given = spec.messages
     if given is None:
         return None
-    return MessagesEntry(kept=given.kept, limit=given.limit, ranges=dict(given.ranges))
+    return entries.MessagesEntry(kept=given.kept, limit=given.limit, ranges=dict(given.ranges))
 
 
-def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None, spec: CodegenSpec) -> AgentEntry:
+def _agent_record(
+    agent: Sampled, real: RealType, plant: LinearPlant | None, spec: CodegenSpec
+) -> entries.AgentEntry:
     c, n, M, shape = agent.controller, agent.controller.order, agent.table, agent.shape
     most = agent.bounds(real, spec.optimize)
     blocks = {"A": M[:n, :n], "B": M[:n, n:], "C": M[n:, :n], "D": M[n:, n:]}
-    return AgentEntry(
+    return entries.AgentEntry(
         name=c.name,
         order=n,
-        outputs=tuple(Named(name=s.name, unit=s.unit) for s in c.outputs),
-        inputs=tuple(Named(name=s.name, unit=s.unit) for s in c.inputs),
+        outputs=tuple(entries.Named(name=s.name, unit=s.unit) for s in c.outputs),
+        inputs=tuple(entries.Named(name=s.name, unit=s.unit) for s in c.inputs),
         neighbours=tuple(
-            NeighbourEntry(source=s.source, weight=float(real.decimal(w)))
+            entries.NeighbourEntry(source=s.source, weight=float(real.decimal(w)))
             for s, w in zip(c.neighbours, agent.weights, strict=True)
         ),
         continuous={"A": _rows(c.A), "B": _rows(c.B), "C": _rows(c.C), "D": _rows(c.D)},
-        sampled=GainsEntry(**{letter: Coefficients.of(block, real) for letter, block in blocks.items()}),
+        sampled=entries.GainsEntry(
+            **{letter: entries.Coefficients.of(block, real) for letter, block in blocks.items()}
+        ),
         state_bytes=state_bytes(shape, real),
         stack_budget_bytes=most["stack"],
         flash_budget_bytes=most["flash"],
@@ -258,10 +247,10 @@ def _agent_record(agent: Sampled, real: RealType, plant: LinearPlant | None, spe
     )
 
 
-def _plant_record(plant: LinearPlant) -> PlantEntry:
+def _plant_record(plant: LinearPlant) -> entries.PlantEntry:
     x0 = tuple(float(v) for v in plant.x0)
-    return PlantEntry(A=_rows(plant.A), B=_rows(plant.B), C=_rows(plant.C), x0=x0)
+    return entries.PlantEntry(A=_rows(plant.A), B=_rows(plant.B), C=_rows(plant.C), x0=x0)
 
 
-def _rows(M: np.ndarray) -> Rows:
+def _rows(M: np.ndarray) -> entries.Rows:
     return tuple(tuple(float(v) for v in row) for row in M)

@@ -109,7 +109,7 @@ def units(problem: Problem) -> Iterator[CheckRow]:
         try:
             check_units(problem.file.agent)
         except ProblemError as error:
-            yield CheckRow("units", "note", str(error), reason)
+            yield CheckRow("units", "note", f"{error}; `build` and `check --all` refuse it", reason)
 
 
 def initial(problem: Problem) -> Iterator[CheckRow]:

@@ -16,6 +16,9 @@ from dataclasses import astuple, dataclass
 import numpy as np
 from jaxtyping import Float
 
+TINY = 1e-100
+"""A norm of A that B is not counted in: B over a subnormal number overflows."""
+
 DESCENTS = 4
 """Points of the grid that the search for the distance goes on from: the lowest ones."""
 
@@ -98,7 +101,8 @@ def _distance(A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n m"]) -> tuple
 
     Half of the plane is enough, the value at the conjugate of s is the same.
     """
-    size = float(np.linalg.norm(A, 2)) or 1.0
+    norm = float(np.linalg.norm(A, 2))
+    size = norm if norm > TINY else 1.0
     a, b = A / size, B / size
     own = np.linalg.eigvals(a)
     real = np.linspace(own.real.min() - 0.1, own.real.max() + 0.1, 31)
