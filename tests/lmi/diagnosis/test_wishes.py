@@ -9,6 +9,7 @@ from lmi_cases import problem
 import lockstep
 from lockstep.check.errors import Infeasible, NotCertified, ProblemError
 from lockstep.check.system.loop import Gains
+from lockstep.lmi.analysis.decay import fastest_decay
 from lockstep.lmi.defaults import GAIN_LIMIT, wishes
 from lockstep.lmi.design import claim_of, design, proved_bound
 from lockstep.lmi.design_verdict import certify
@@ -261,6 +262,15 @@ def test_the_largest_decay_of_the_scalar_loop_is_its_limit_s() -> None:
     assert kept.certificate.rho <= 0.2
     with pytest.raises(NotCertified, match="rho"):
         design(scalar('order = 0\nstarts = 1\ngain_limit = 4.0\nobjective = "decay"\nrho = 0.14'), jobs=1)
+
+
+def test_a_decay_is_proved_where_the_solver_s_units_let_none_hold(monkeypatch) -> None:
+    """x_d' = -8 x_d + phi_d decays at 7: of 8 halved until a proof holds, 4 is the first."""
+    found = design(scalar("order = 0\nstarts = 1\ngain_limit = 4.0"), jobs=1)
+    monkeypatch.setattr("lockstep.lmi.analysis.decay._holds", lambda *_: False)
+    proved = fastest_decay(found.network, found.gains, found.claim, modal=False)
+    assert proved is not None
+    assert proved[0] == pytest.approx(4.0, rel=0.02)
 
 
 def test_decay_is_an_objective_of_one_method() -> None:

@@ -4,6 +4,8 @@ The loop of e^(sigma t) x_cl has A_0 + sigma I in place of A_0, and a phi with t
 any rho, proves V' < -2 sigma V. Of sigma = 0 the certificate of rho is one; -abscissa of A_cl is beyond.
 """
 
+import contextlib
+
 import numpy as np
 
 from lockstep.check.continuous.inequality import Certificate, Claim
@@ -35,14 +37,13 @@ def fastest_decay(network: Network, gains: Gains, claim: Claim, *, modal: bool) 
     def holds(decay: float) -> bool:
         return _holds(network.decaying(decay), gains, claim, modal)
 
-    low = bisect(holds, 0.0, -abscissa(network, gains, modal=modal), HALVINGS)
-    for part in KEPT:
-        decay = float(f"{part * low:.3g}")
-        if decay > 0:
-            try:
-                return decay, proved_decay(network, gains, claim, decay, modal=modal)
-            except NotCertified:
-                continue
+    linear = -abscissa(network, gains, modal=modal)
+    low = bisect(holds, 0.0, linear, HALVINGS)
+    # Where the solver's units let nothing hold, the proof, whose units are others, is asked itself.
+    tried = [part * low for part in KEPT] if low > 0 else [linear / 2**k for k in range(1, HALVINGS)]
+    for decay in (float(f"{one:.3g}") for one in tried if one > 0):
+        with contextlib.suppress(NotCertified):
+            return decay, proved_decay(network, gains, claim, decay, modal=modal)
     return None
 
 
