@@ -40,7 +40,7 @@ def fastest_decay(network: Network, gains: Gains, claim: Claim, *, modal: bool) 
     linear = -abscissa(network, gains, modal=modal)
     low = bisect(holds, 0.0, linear, HALVINGS)
     # Where the solver's units let nothing hold, the proof, whose units are others, is asked itself.
-    tried = [part * low for part in KEPT] if low > 0 else [linear / 2**k for k in range(1, HALVINGS)]
+    tried = [part * low for part in KEPT] if low > 0 else [linear / 2**k for k in (1, 2, 3, 4)]
     for decay in (float(f"{one:.3g}") for one in tried if one > 0):
         with contextlib.suppress(NotCertified):
             return decay, proved_decay(network, gains, claim, decay, modal=modal)
