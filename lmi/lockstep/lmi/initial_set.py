@@ -63,7 +63,8 @@ class InitialStates(InitialSet):
         return (
             f"agent {self.leader} leads. While it stays in {box_text(self.inner)} ({self.arguments}), every agent stays "
             f"in its domain, and all agree, from |x_d(0)| <= {below(self.radius)} with all controllers at rest "
-            f"(|x_d|^2 = sum |x_i - mean|^2), or from V(0) <= {below(self.level)} with the leader's at rest"
+            f"(|x_d|^2 = sum |x_i - mean|^2), or from V(0) <= {below(self.level)} with the leader's at rest: proved of the "
+            "continuous controllers, not of the sampled ones"
         )
 
     def document(self) -> dict[str, Any]:
