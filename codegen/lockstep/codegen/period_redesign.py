@@ -16,7 +16,17 @@ from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.design_file.proofs import Proofs
 from lockstep.check.errors import ClaimError, Infeasible, NotCertified
 from lockstep.check.system.loop import Gains, build_loop
-from lockstep.codegen import sampled_design as sampled_design
+from lockstep.codegen.sampled_design import (
+    FOR_PERIOD,
+    NOT_FOR_PERIOD,
+    HeldVerdict,
+    PairWeights,
+    pair_weights,
+    prove_design,
+    sampled_network,
+    with_limits,
+    with_sampled,
+)
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.guarantees import Guarantees, guarantees
@@ -64,7 +74,7 @@ def as_shipped(
         shipped = _shipped(stored, tell, others, stop or Stop())
         if np.isfinite(stored.problem.limits).any():
             tell("proving the limits of the inputs", 0.0)
-        return sampled_design.with_limits(shipped, stored)
+        return with_limits(shipped, stored)
 
 
 def _shipped(
@@ -77,8 +87,8 @@ def _shipped(
     if stored.claims.certified and not verdict.certified:
         raise NotCertified(f"the checker refuses the design: {verdict.reason}", **verdict.figures)
     tell("proving the sampled controllers", 0.0)
-    held = sampled_design.prove_design(stored)
-    kept = sampled_design.with_sampled(stored, held)
+    held = prove_design(stored)
+    kept = with_sampled(stored, held)
     if kept.claims.sampled.certified and lacks_messages(kept):
         return for_messages(kept, tell, stop)
     asked = stored.problem.design.for_period or not kept.claims.sampled.certified
@@ -101,9 +111,7 @@ def _shipped(
             found = "interrupted" if made is None else "the gains found do not carry the messages"
         except Infeasible as error:
             found = str(error)
-    return (
-        sampled_design.with_sampled(stored, held, **{sampled_design.NOT_FOR_PERIOD: found}) if asked else kept
-    )
+    return with_sampled(stored, held, **{NOT_FOR_PERIOD: found}) if asked else kept
 
 
 def obstacle(stored: Stored) -> str | None:
@@ -137,7 +145,7 @@ def designed_for_period(stored: Stored, tell: Tell, others: Sequence[StartingGai
         Infeasible: no gains survive the period, or none with both certificates, or none that are better.
     """
     made, held, rho = _proved_for_period(stored, tell, others)
-    for _ in range(SECTORS if sampled_design.sampled_network(stored).sector else 0):
+    for _ in range(SECTORS if sampled_network(stored).sector else 0):
         try:
             again = _proved_for_period(made, tell)
         except Infeasible:
@@ -150,16 +158,16 @@ def designed_for_period(stored: Stored, tell: Tell, others: Sequence[StartingGai
         raise Infeasible(
             f"no gains were found with a smaller rho of the sampled loop than {before.rho:g}", rho=before.rho
         )
-    return sampled_design.with_sampled(with_figures(made, stored), held, **{sampled_design.FOR_PERIOD: True})
+    return with_sampled(with_figures(made, stored), held, **{FOR_PERIOD: True})
 
 
 def _proved_for_period(
     stored: Stored, tell: Tell, others: Sequence[StartingGains] = ()
-) -> tuple[Stored, sampled_design.HeldVerdict, float]:
+) -> tuple[Stored, HeldVerdict, float]:
     """Return a design with gains for its period, what is proved of it sampled, and its sampled rho."""
     found, m = _searched(stored, tell, others)
     made = with_gains(stored, found)
-    held = sampled_design.prove_design(made, m)
+    held = prove_design(made, m)
     if not held.verdict.certified or held.rho is None:
         raise Infeasible(f"gains were found for the period, but not proved: {held.verdict.reason}")
     return made, held, held.rho.rho
@@ -197,20 +205,16 @@ def with_figures(made: Stored, stored: Stored) -> Stored:
     return _placed(replace(made, info={**stored.info, "figures": figures}))
 
 
-def _searched(
-    stored: Stored, tell: Tell, others: Sequence[StartingGains]
-) -> tuple[Gains, sampled_design.PairWeights]:
+def _searched(stored: Stored, tell: Tell, others: Sequence[StartingGains]) -> tuple[Gains, PairWeights]:
     from lockstep.lmi.analysis.rounding import short_gains
     from lockstep.lmi.sampled.synthesis.gains_for_period import AtPeriod, improved
 
     problem, c, order = stored.problem, stored.proofs.certificate, stored.gains.order
-    m = sampled_design.pair_weights(stored)
+    m = pair_weights(stored)
     if not isinstance(c, Certificate) or m is None:
         raise Infeasible("there is no continuous certificate to start from")
     limit, period = problem.design.gain_limit, problem.controller.period
-    at = AtPeriod(
-        sampled_design.sampled_network(stored), problem.graph().edges, problem.performance, order, limit
-    )
+    at = AtPeriod(sampled_network(stored), problem.graph().edges, problem.performance, order, limit)
     starts = [StartingGains(stored.gains.blocks, m, c.rho), *others]
     enough = NEAR * min(one.rho for one in starts)
     found = improved(at, starts, rho_most=problem.design.rho, enough=enough, tell=tell)
@@ -262,5 +266,5 @@ def _posed(stored: Stored) -> tuple[Network, Claim]:
 
 
 def _abscissa(proved: Stored) -> float:
-    loop = build_loop(*plant_in_doubles(sampled_design.sampled_network(proved)), proved.gains.order)
+    loop = build_loop(*plant_in_doubles(sampled_network(proved)), proved.gains.order)
     return float(np.linalg.eigvals(loop.A_cl(proved.gains.blocks)).real.max())
