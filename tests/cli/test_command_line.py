@@ -88,8 +88,8 @@ HANGS = 600
 def interrupted(words: list[str], ready, times: int = 1) -> tuple[int, str, str]:
     """Run a command in a group of its own, and interrupt the whole group, as a terminal does, once it is ready.
 
-    Once more as soon as it says that it ends its search: what follows the search takes seconds on no machine, and a fixed
-    time is too long on some.
+    A second interrupt follows as soon as the command says that it ends its search: after a fixed time a fast machine has
+    written its design.
     """
     with tempfile.TemporaryFile(mode="w+") as err:
         started = subprocess.Popen(

@@ -4,7 +4,7 @@ The last third of rho costs large gains, controllers that are unstable by themse
 names neither `weights` nor `gain_limit` (nor a rho to keep), and its method searches,
 
     gain_limit          6.4, or more where gains of size one, in natural units, are larger; of static gains no more than
-                        takes half of [agent.limits] in the initial states of the file, where it names both
+                        takes about half of [agent.limits] in the initial states of the file, where it names both
     weights.input       1e-3, in natural units, unless it alone of `weights` is named
     disturbances        noise of 0.03 on the outputs, in natural units, unless `disturbances` are named
     stable_controllers  true, unless it is named
@@ -95,7 +95,9 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
         # How fast actuators can bring agents together is theirs: no decay is searched for.
         modest = {key: one for key, one in said.items() if key != "search_decay"}
         yield Wishes(_with(problem, modest | {"gain_limit": within}), "", enough=True)
-        given_up = f"none found within gain_limit {within:g}, half of what the actuators can"
+        given_up = (
+            f"none found within gain_limit {within:g}, with which inputs take about half of [agent.limits]"
+        )
     for limit in limits:
         yield Wishes(_with(problem, said | {"gain_limit": limit}), given_up)
         given_up = f"none found within gain_limit {limit:g}, or none near the floor"
@@ -106,7 +108,7 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
 
 
 def _within_limits(problem: Problem) -> float:
-    """Return the norm up to which static gains take half of what the actuators can in the file's initial states.
+    """Return the norm up to which static gains take about half of what the actuators can in the file's initial states.
 
     |u| <= |D| |r|, r = L (x - o) C'. Infinite where the file names no such states or no limits, or controllers have states.
     """

@@ -106,28 +106,18 @@ def test_the_same_plant_in_other_units_of_its_input_is_asked_for_the_same() -> N
     assert one["disturbances"] == other["disturbances"]
 
 
-SLIDERS = """
-[agent]
-name = "slider"
-states = ["p", "v"]
-inputs = ["u"]
-dynamics = {{ p = "v", v = "u - v - sin(p)" }}
-outputs = {{ y = "p" }}
-limits = {{ u = [-{most}, {most}] }}
-[network]
-agents = 2
-topology = "path"
-[design]
-order = {order}
-starts = 1
-{said}
-[simulation]
-initial = [[1.0, 0.0], [-1.0, 0.0]]
-"""
+def slider(most: float, order: int = 0, said: str = "") -> Problem:
+    """p'' = u - p' - sin p, |u| <= most, from p = 1 and -1."""
+    return problem(
+        dynamics={"p": "v", "v": "u - v - sin(p)"},
+        outputs={"y": "p"},
+        network=PATH_2,
+        agent=f"limits = {{ u = [-{most}, {most}] }}",
+        design=f"order = {order}\nstarts = 1\n{said}\n[simulation]\ninitial = [[1.0, 0.0], [-1.0, 0.0]]",
+    )
 
 
-def limits_asked(most: float, order: int = 0, said: str = "") -> list[float]:
-    posed = parse_problem(SLIDERS.format(most=most, order=order, said=said))
+def limits_asked(posed: Problem) -> list[float]:
     bound = proved_bound(posed)
     found = wishes(posed, network_of(posed, bound), claim_of(posed, bound))
     return [one.problem.document()["design"]["gain_limit"] for one in found]
@@ -135,14 +125,14 @@ def limits_asked(most: float, order: int = 0, said: str = "") -> list[float]:
 
 def test_static_gains_are_first_asked_to_take_half_of_what_the_actuators_can() -> None:
     """From p = 1 and -1 |r| is 2 for both: gains up to 0.5 * 4 / 2 = 1 take half of 4 at the start. Of 80, 6.4 do not."""
-    assert limits_asked(4.0)[:2] == [1.0, GAIN_LIMIT]
-    assert limits_asked(80.0)[0] == GAIN_LIMIT
-    assert limits_asked(4.0, order=1)[0] == GAIN_LIMIT, "controllers with states have other norms"
-    assert limits_asked(4.0, said="gain_limit = 3.0") == [3.0]
+    assert limits_asked(slider(4.0))[:2] == [1.0, GAIN_LIMIT]
+    assert limits_asked(slider(80.0))[0] == GAIN_LIMIT
+    assert limits_asked(slider(4.0, order=1))[0] == GAIN_LIMIT, "controllers with states have other norms"
+    assert limits_asked(slider(4.0, said="gain_limit = 3.0")) == [3.0]
 
 
 def test_gains_within_the_actuators_limits_are_taken_though_larger_ones_have_a_smaller_rho() -> None:
-    found = stored(parse_problem(SLIDERS.format(most=4.0, order=0, said="")))
+    found = stored(slider(4.0))
     assert certify(found).certified
     said = found.info["figures"]["defaults"]
     assert said["gain_limit"] == 1.0

@@ -89,6 +89,7 @@ def controllers_in(
         said += (
             f"; nodes are given their {given} of {of}, of in-degree {degree} at most, a list holding {most}"
         )
+        said += f"; {base}_node_table, a function that fills a list, is not read"
     return tuple(found), Verdict("proved", said)
 
 
@@ -106,19 +107,19 @@ def _unread(folder: Path, names: Sequence[str], table: str) -> str:
         for name in there:
             if name not in {f"{one}.{end}" for one in (*names, table, graph)}:
                 return f"{part}/{shorten(name)}"
-        path, known, own_H = (
+        path, known, own = (
             f"{part}/{table}.{end}",
             "|".join((*names, re.escape(table))),
             re.escape(table.upper()),
         )
-        own = re.compile(
-            rf'#include ("({known})\.h"|<stdint\.h>)|#ifdef __cplusplus|#endif|#(ifndef|define) {own_H}_H'
-            rf'|#define {own_H}_[A-Z0-9_]+ [0-9]+|(?!asm$)[A-Za-z]\w*|[0-9]\w*|"[^"]*"|[{{}},;=*()]|\[|\]',
+        form = re.compile(
+            rf'#include ("({known})\.h"|<stdint\.h>)|#ifdef __cplusplus|#endif|#(ifndef|define) {own}_H'
+            rf'|#define {own}_[A-Z0-9_]+ [0-9]+|(?!asm$)[A-Za-z]\w*|[0-9]\w*|"[^"]*"|[{{}},;=*()]|\[|\]',
             re.ASCII,
         )
         tokens = CText(path, text_inside(folder, path)).tokens[:-1] if f"{table}.{end}" in there else []
         opened = all(before in _OPENS for before, token in pairwise(["", *tokens]) if token == "{")
-        if not (opened and all(map(own.fullmatch, tokens))):
+        if not (opened and all(map(form.fullmatch, tokens))):
             return path
     return ""
 

@@ -13,7 +13,7 @@ from lockstep.check.sampled.discretise import Real
 
 # Without a point or an exponent it would be an integer, and octal after a leading 0.
 LITERAL = re.compile(r"(?=.{1,99}$)[0-9]+(?:\.[0-9]+(?:e[+-]?[0-9]{1,3})?|e[+-]?[0-9]{1,3})f?")
-# What is open to the end is one match: searched for its end at every start, many of them took hours.
+# What is open to the end is one match: searched for its end at every start, 300 kB of them took over 40 s.
 _COMMENT_OR_STRING = re.compile(r'/\*.*?(?:\*/|\Z)|"[^"\n]*"|"', re.DOTALL)
 _CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f]")
 # As long as C takes them (6.4); any other character is a token that is never expected.

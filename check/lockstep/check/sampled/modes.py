@@ -14,8 +14,8 @@ For an edge, lambda_N >= (e_i - e_j)' L (e_i - e_j) / 2 >= 2 a_ij, so that a_ij 
     sum_ij |d_ij|^2 <= (b / 2) sum_ij a_ij |y_i - y_j|^2 = b sum_k lambda_k |C x_k|^2 <= sum_k b^2 |C x_k|^2:
 
 a gain error sqrt(2) b delta_B of C x_k; likewise in the units S <= 1 of `controller`, which are those of all agents.
-nu_i = sum_j nu_ij has |nu_i|^2 <= h sum_j |nu_ij|^2, h being the most neighbours
-of an agent: so |nu_ij|^2 counts h kappa + 2 (t_B delta_B^2 + t_D delta_D^2) in all.
+nu_i = sum_j nu_ij has |nu_i|^2 <= h sum_j |nu_ij|^2, h being the most neighbours of an agent: so |nu_ij|^2 counts
+h kappa + 2 (t_B delta_B^2 + t_D delta_D^2) in all.
 
 W of `inequality` is then one matrix for each lambda, with its own P on each segment of lambda and the same mu, t, kappa and
 weight for all. **Two ends suffice**: start(lambda), N(lambda) and the applied u are affine in lambda and everything else is
@@ -39,8 +39,7 @@ from lockstep.check.continuous.inequality import LETTERS, Performance
 from lockstep.check.continuous.modes import Segment
 from lockstep.check.errors import demand
 from lockstep.check.numbers import Matrix, converter, exactly, eye, rounded_down, zeros
-from lockstep.check.sampled import balls
-from lockstep.check.sampled import certificate as certificate
+from lockstep.check.sampled import balls, certificate
 from lockstep.check.sampled.conjugate_points import no_conjugate_point
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork, spectral_bound
 from lockstep.check.sampled.inequality import Witness, root

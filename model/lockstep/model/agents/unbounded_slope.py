@@ -18,8 +18,8 @@ def no_bound(bound: Bound, agent: Agent) -> ProblemError:
         f"the nonlinearity has no finite bound on its domain: {_in_names(bound.reason, agent)}",
         where=_equation(agent),
         expected="a nonlinearity whose slope is bounded, such as sin or tanh, or a domain where it is",
-        remedy=f"give a box in [agent.domain], such as {state} = [-1.0, 1.0], as far as the agents go"
-        f"{f' in {agent.units[state]}' if state in agent.units else ''}: the certificate is then local"
+        remedy=f"give a box in [agent.domain], such as {state} = [-1.0, 1.0]"
+        f"{f' (in {agent.units[state]})' if state in agent.units else ''}: the certificate is then local"
         if far
         else "leave that point out with a box in [agent.domain] (the certificate is then local), or write a term "
         "whose slope stays finite there",

@@ -112,9 +112,8 @@ def _slopes(lure: Lure, box: Box) -> tuple[Float[np.ndarray, "samples r v"], Boo
     values = np.asarray(ca.Function("slopes", [v, t], [J])(points, times[None, :]))
     stacked = values.reshape(J.shape[0], points.shape[1], box.size).transpose(1, 0, 2)
     known = ~np.isnan(stacked).any(axis=(1, 2))
-    endless = np.isinf([box.lower, box.upper]).any(
-        axis=0
-    )  # a box in Pa has no far end, however large its numbers
+    # A box in Pa has no far end, however large its numbers are.
+    endless = np.isinf([box.lower, box.upper]).any(axis=0)
     return stacked[known], (np.abs(points[endless]).max(axis=0, initial=0.0) > FAR)[known]
 
 
