@@ -12,6 +12,8 @@ MOST_KEYS = 50_000
 DEEPEST_KEY = 16
 """Levels of tables and lists. The deepest of ours is [[design.gains]] A, row, column: 5."""
 
+_LEVELS = f"at most {DEEPEST_KEY} levels"
+
 _JOINERS = "\u200c\u200d\u00ad"
 """Of the invisible characters those that scripts need to be read: they join or part letters, and move nothing."""
 
@@ -29,11 +31,10 @@ def _check_part(value: Any, place: tuple[str | int, ...], left: int) -> int:
     """Check a part and return how many keys may still come; the recursion is as deep as the limit."""
     if isinstance(value, str):
         _check_text(value, place)
-        return left
     if not isinstance(value, dict | list):
         return left
-    levels = f"at most {DEEPEST_KEY} levels"
-    demand(len(place) <= DEEPEST_KEY, "it is nested too deeply", _shown(place), levels)
+    if len(place) > DEEPEST_KEY:  # the place is put into words only where it is told: there may be a million
+        raise ProblemError("it is nested too deeply", where=_shown(place), expected=_LEVELS)
     if isinstance(value, dict):
         left -= len(value)
         demand(left >= 0, "too many keys", _shown(place), f"at most {MOST_KEYS}")

@@ -22,6 +22,12 @@ _LONG_KEY = re.compile(
 _QUOTED = re.compile(r"""\"[^"\n]*+\"|'[^'\n]*+'""")
 _TABLE = re.compile(r"^[ \t]*\[", re.MULTILINE)
 
+MOST_LISTS = 300_000
+"""Lists of one file: each of 2 000 agents hears 64 others, as many as a controller in C, and as many again."""
+
+MOST_DIGITS = 10_000
+_LONG_NUMBER = re.compile(rf"(?<![0-9_])[0-9_]{{{MOST_DIGITS + 1}}}")
+
 
 def read_problem(path: Path) -> str:
     """Return the text of a problem file, without a byte order mark.
@@ -36,14 +42,16 @@ def check_toml(text: str) -> None:
     """Refuse a text in TOML whose tables would fill the memory while it is parsed.
 
     Raises:
-        ProblemError: a key of more than `DEEPEST_KEY` parts, or more than `MOST_KEYS` keys and tables.
+        ProblemError: a key of more than `DEEPEST_KEY` parts, more than `MOST_KEYS` keys and tables, more than
+            `MOST_LISTS` lists, or a number of more than `MOST_DIGITS` digits.
     """
     count = text.count("=") + sum(1 for _ in _TABLE.finditer(text))
     demand(count <= MOST_KEYS, f"some {count} keys and tables", "", f"at most {MOST_KEYS}")
-    if found := _LONG_KEY.search(text):
-        line = text.count("\n", 0, found.start()) + 1
-        said = f"the key `{shorten(found[0], 40)}` has too many parts"
-        raise ProblemError(said, where=f"line {line}", expected=f"at most {DEEPEST_KEY}")
+    demand((lists := text.count("[")) <= MOST_LISTS, f"some {lists} lists", "", f"at most {MOST_LISTS}")
+    for form, parts, most in ((_LONG_NUMBER, "digits", MOST_DIGITS), (_LONG_KEY, "parts", DEEPEST_KEY)):
+        for found in form.finditer(text):
+            line = f"line {text.count(chr(10), 0, found.start()) + 1}"
+            demand(False, f"`{shorten(found[0], 40)}` has too many {parts}", line, f"at most {most}")
 
 
 def parse_toml(text: str) -> dict[str, Any]:
