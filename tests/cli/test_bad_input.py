@@ -127,6 +127,16 @@ def test_what_is_no_problem_file(name, command, tmp_path, run):
     assert [path.name for path in tmp_path.iterdir()] == ["p.toml"]
 
 
+@pytest.mark.parametrize(("command", "place"), [("design", "out.json"), ("build", "out")])
+def test_what_is_there_of_an_earlier_run_is_kept_and_said_to_be(command, place, examples, tmp_path, run):
+    problem = perturbed(examples, tmp_path, "order = 2", "order = -1")
+    (tmp_path / place).write_text("of yesterday")
+    result = run(command, problem, "-o", place)
+    assert result.exit_code == 2
+    assert f"{place} is of an earlier run, and as it was" in result.stderr
+    assert (tmp_path / place).read_text() == "of yesterday"
+
+
 @pytest.mark.parametrize("content", [b"", b"{}", b"[1]", b"\xff\xfe", b'{"a": 1, "a": 2}', b"[" * 100_000])
 @pytest.mark.parametrize("command", ["certify", "generate", "simulate"])
 def test_what_is_no_design_file(command, content, tmp_path, run):

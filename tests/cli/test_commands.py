@@ -44,6 +44,8 @@ def changed(table_1: Path, place: Path, change) -> Path:
 def test_limits_of_which_clipping_alone_is_proved_are_no_radius():
     found = proved_besides({"limits": {"clipped_radius": 1.9}})
     assert found == {"with saturation": "agreement from |x_d(0)| <= 1.9, controllers at rest"}
+    apart = proved_besides({"limits": {"clipped_radius": 1.9, "start": 0.5}})["with saturation"]
+    assert apart == "agreement from |x_d(0)| <= 1.9, 3.8 times the start in the file, controllers at rest"
     assert not proved_besides({"limits": {"clipped_radius": 1.9}}, lambda claim: claim != "clipped")
 
 

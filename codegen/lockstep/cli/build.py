@@ -7,7 +7,7 @@ from rich.console import Group
 from rich.text import Text
 
 from lockstep.cli.check import table_of as check_table
-from lockstep.cli.console import Answer, progress_display, remark
+from lockstep.cli.console import Answer, left_from_before, progress_display, remark
 from lockstep.cli.design import REUSED, summary
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.verify import table_of as verify_table
@@ -17,7 +17,7 @@ def run(path: Path, output: Path, **options: Any) -> Answer:
     """Check, design, certify, generate, verify, report; write the folder last. Options: of `lockstep.build`."""
     import lockstep
 
-    with progress_display() as tell, keeping_the_best(remark) as stop:
+    with left_from_before(output), progress_display() as tell, keeping_the_best(remark) as stop:
         found = lockstep.build(path, output, **options, progress=tell, stop=stop)
     if found.design.reused:
         remark(REUSED)

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn,
 from rich.table import Table
 from rich.text import Text
 
-from lockstep.check.errors import ClaimError, ProblemError
+from lockstep.check.errors import ClaimError, LockstepError, ProblemError
 from lockstep.check.wording import visible
 from lockstep.model.plain_json import to_json
 from lockstep.workflow.waiting.progress_lines import ProgressLines
@@ -71,6 +71,17 @@ def wrote(*places: Path | None) -> None:
     """Say which files and folders were written, on standard error; None stands for one that was not asked for."""
     if said := ", ".join(str(place) for place in places if place is not None):
         remark(f"written: {said}")
+
+
+@contextmanager
+def left_from_before(place: Path | None) -> Iterator[None]:
+    """Say, where a command fails, that what stands where it would have written is of an earlier one."""
+    try:
+        yield
+    except LockstepError:
+        if place is not None and place.exists():
+            remark(f"{place} is of an earlier run, and as it was")
+        raise
 
 
 def misused(message: str) -> int:

@@ -6,7 +6,7 @@ from typing import Any
 
 from rich.console import RenderableType
 
-from lockstep.cli.console import Answer, progress_display, remark, two_columns, wrote
+from lockstep.cli.console import Answer, left_from_before, progress_display, remark, two_columns, wrote
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.messages import messages_row
 
@@ -20,7 +20,7 @@ def run(path: Path, output: Path | None, **options: Any) -> Answer:
     """
     import lockstep
 
-    with progress_display() as tell, keeping_the_best(remark) as stop:
+    with left_from_before(output), progress_display() as tell, keeping_the_best(remark) as stop:
         found = lockstep.design(path, output=output, **options, progress=tell, stop=stop)
     if found.reused:
         remark(REUSED)
@@ -98,7 +98,7 @@ def proved_besides(
     """
     floor, decay = content.get("floor"), content.get("decay")
     limits = content.get("limits") or {}
-    radius, clipped = limits.get("radius"), limits.get("clipped_radius")
+    radius, clipped, start = (limits.get(key) for key in ("radius", "clipped_radius", "start"))
     slopes = [
         f"|d phi{x['component']}/d v{x['argument']}| <= {x['bound']:.6g}" for x in content.get("entries", ())
     ]
@@ -110,13 +110,22 @@ def proved_besides(
             "controllers stable",
             content.get("controllers_stable") and "yes, each by itself",
         ),
-        "limits": ("no saturation", radius and f"from |x_d(0)| <= {radius:.6g}, controllers at rest"),
+        "limits": ("no saturation", radius and f"from |x_d(0)| <= {radius:.6g}{_times(radius, start)}"),
         "clipped": (
             "with saturation",
-            clipped and f"agreement from |x_d(0)| <= {clipped:.6g}, controllers at rest",
+            clipped and f"agreement from |x_d(0)| <= {clipped:.6g}{_times(clipped, start)}",
         ),
     }
     return {name: said for claim, (name, said) in rows.items() if said and proves(claim)}
+
+
+def _times(radius: float, start: float | None) -> str:
+    """Set a distance from agreement, which mixes the units of the states, beside the one that the file starts from."""
+    return (
+        f", {radius / start:.3g} times the start in the file, controllers at rest"
+        if start
+        else ", controllers at rest"
+    )
 
 
 def summary(content: Mapping[str, Any]) -> RenderableType:

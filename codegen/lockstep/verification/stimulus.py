@@ -92,11 +92,8 @@ def closed_loop_calls(manifest: Manifest, outputs: Sequence[Float[np.ndarray, "S
         S, nn = len(y), len(agent.neighbours)
         random = np.random.default_rng(_SEED)
         lost = (random.random((S, nn)) < 0.1) & (np.arange(S)[:, None] >= S - S // 5)
-        zeros = np.zeros_like(y)
-        operation = np.zeros(S, np.uint32)
-        calls[agent.name] = Calls(
-            operation, _mask(~lost), y, _neighbour_rows(manifest, agent, outputs), zeros
-        )
+        operation, r = np.zeros(S, np.uint32), np.zeros_like(y)
+        calls[agent.name] = Calls(operation, _mask(~lost), y, _neighbour_rows(manifest, agent, outputs), r)
     return calls
 
 

@@ -228,10 +228,8 @@ def claim_of(problem: Problem, bound: Bound) -> Claim:
 
 def given_gains(problem: Problem) -> Gains:
     """Return the gains of method "given"."""
-    gains = problem.gains or ()
-    return Gains(
-        *(tuple(np.asarray(getattr(one, letter), dtype=float) for one in gains) for letter in "ABCD")
-    )
+    given = problem.gains or ()
+    return Gains(*(tuple(np.array(getattr(one, letter), dtype=float) for one in given) for letter in "ABCD"))
 
 
 def _searched(problem: Problem, network: Network, bound: Bound, claim: Claim, effort: _Effort) -> Proposal:

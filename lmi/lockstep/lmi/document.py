@@ -26,6 +26,7 @@ from lockstep.lmi.initial_set import InitialStates
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
 from lockstep.model.agents.arguments import arguments_text
 from lockstep.model.bound_search import Bound
+from lockstep.model.checks.plausibility import start_of
 from lockstep.model.plain_json import plain
 from lockstep.model.problem import Problem
 
@@ -124,7 +125,7 @@ def answer(stored: Stored) -> dict[str, Any]:
         },
         "floor_proof": "none" if claims.floor is None else "exact",
         **({"initial_set": initial} if claims.scope == "local" else {}),
-        **({"limits": limits} if (limits := _limits(claims.sampled)) else {}),
+        **({"limits": limits} if (limits := _limits(claims.sampled, stored.problem)) else {}),
         **graph_answer(stored),
         "gains": gains_document(stored.gains),
         "sampled": sampled_answer(stored),
@@ -142,9 +143,11 @@ def graph_answer(stored: Stored) -> dict[str, Any]:
     return said | ({"graph_proof": known["graph_proof"]} if "graph_proof" in known else {})
 
 
-def _limits(claims: SampledClaims) -> dict[str, float]:
+def _limits(claims: SampledClaims, problem: Problem) -> dict[str, float]:
+    """Return what is claimed of limits, and where the run of the file starts, to compare."""
     found = {"radius": claims.radius, "gain": claims.limits_gain, "clipped_radius": claims.clipped_radius}
-    return {key: one for key, one in found.items() if one is not None}
+    start = {"start": start_of(problem)} if set(found.values()) != {None} else {}
+    return {key: one for key, one in (found | start).items() if one is not None}
 
 
 def sampled_answer(stored: Stored) -> dict[str, Any]:

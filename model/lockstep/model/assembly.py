@@ -90,10 +90,7 @@ def bound_of(
 
 
 def bound_with_scales(
-    agent: Agent,
-    alpha: float,
-    scales: tuple[Sequence[float], Sequence[float]],
-    entries: Sequence[Entry] = (),
+    agent: Agent, alpha: float, scales: tuple[Sequence[float], Sequence[float]], entries: Sequence[Entry] = ()
 ) -> Bound:
     """Return alpha as a proved bound with given scales (D_w, D_v), those of a bound that was proved before.
 

@@ -69,6 +69,16 @@ def test_the_disagreement_is_the_orthonormal_x_d(seed, N):
     assert np.isclose(run.disagreement()[0], np.linalg.norm(x_d), rtol=1e-12)
 
 
+def test_the_disagreement_by_state_mixes_no_units():
+    """Two agents 6 m and 8e6 Pa apart: each is half of that from the mean, 3 2^1/2 and 4e6 2^1/2."""
+    x = np.array([[[0.0, 1e6], [6.0, 9e6]]])
+    x, none = np.repeat(x, 2, axis=0), np.zeros((2, 2, 1))
+    run = Trajectory(
+        np.array([0.0, 1.0]), x, none, none, none, np.zeros_like(x), ("p", "F"), ("f",), ("p",), "cart"
+    )
+    assert np.allclose(run.disagreement_by_state(), [3 * 2**0.5, 4e6 * 2**0.5], rtol=1e-15)
+
+
 def weights(N=2, R=1.0, Q=1.0):
     return RhoWeights.of(Graph.topology("path", N), R * np.eye(1), Q * np.eye(1))
 

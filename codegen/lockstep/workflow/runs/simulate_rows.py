@@ -14,10 +14,13 @@ def rows(run: "Simulation") -> dict[str, str]:
     """Return what is to be told of the run, for people, by a word for each."""
     trajectory, found, problem = run.trajectory, run.measured, run.design.problem
     d = trajectory.disagreement()
+    states = zip(problem.agent().states, trajectory.disagreement_by_state().T, strict=True)
+    each = [f"{name} {one[0]:.4g}, {one.max():.4g}, {one[-1]:.4g}" for name, one in states]
     told = {
         "controllers": run.controllers,
         "disturbance": f"{run.disturbance}, |xi_d| = {found.input:.4g} in L2",
         "disagreement": f"{d[0]:.4g} at the start, {d.max():.4g} at most, {d[-1]:.4g} after {trajectory.horizon:g} s",
+        **({"by state": "; ".join(each)} if len(each) > 1 else {}),
         "measured gain" if found.gain else "against rho": found.text,
         **_ranges(run),
     }

@@ -7,12 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.simulation.from_problem import (
-    Changes,
-    channel_of,
-    disturbance_of,
-    step_of,
-)
+from lockstep.model.simulation.from_problem import Changes, channel_of, disturbance_of, step_of
 from lockstep.swarm import NeighbourLists, SwarmLoop, SwarmRun, simulate_swarm, swarm_of_design
 from lockstep.swarm.disturbances import StreamedNoise
 from lockstep.swarm.neighbours import EdgeList

@@ -226,9 +226,7 @@ def _stepped(cones: list[Cone], at: _Point, r_p: Blocks, r_d: Vector) -> _Point:
 
     first = direction(0.0, [np.zeros_like(S) for S in at.S])
     after = at.moved(first, *lengths(first, 1.0)).mu
-    second = [
-        _symmetric(inverse @ dS @ dZ) for inverse, dS, dZ in zip(inverses, first.S, first.Z, strict=True)
-    ]
+    second = [_symmetric(back @ dS @ dZ) for back, dS, dZ in zip(inverses, first.S, first.Z, strict=True)]
     step = direction(at.mu * float(np.clip(after / at.mu, 0.05, 1.0)) ** 3, second)
     return at.moved(step, *lengths(step, BACK))
 

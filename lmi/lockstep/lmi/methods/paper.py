@@ -64,11 +64,8 @@ def solve_as_printed(
     program = _Printed(network, order, R, Q, delta)
     problem = cp.Problem(cp.Minimize(program.r2 + cp.sum(program.gamma)), program.conditions())
     if not run(problem, decompose=program.n > 1) or program.p_s.value is None:
-        raise Infeasible(
-            f"{'(34)' if delta is None else '(19)'} as printed has no solution: the solver says"
-            f" {problem.status}",
-            status=problem.status,
-        )
+        which, status = "(34)" if delta is None else "(19)", problem.status
+        raise Infeasible(f"{which} as printed has no solution: the solver says {status}", status=status)
     return program.audit(float(problem.value))
 
 

@@ -112,6 +112,14 @@ def units(problem: Problem) -> Iterator[CheckRow]:
             yield CheckRow("units", "note", f"{error}; `build` and `check --all` refuse it", reason)
 
 
+def start_of(problem: Problem) -> float | None:
+    """Return |x_d(0)| of the initial states that the file names, less offsets; None where it names none."""
+    if isinstance(problem.simulation.initial, str) or problem.spectrum:
+        return None
+    x = problem.initial_states() - (0.0 if problem.offsets is None else problem.offsets)
+    return float(np.linalg.norm(x - x.mean(axis=0)))
+
+
 def initial(problem: Problem) -> Iterator[CheckRow]:
     """Yield a row where [simulation] starts look like degrees, or are outside of the domain that the bound is proved on."""
     agent, starts = problem.agent(), problem.initial_states()

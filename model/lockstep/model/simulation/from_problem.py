@@ -8,11 +8,7 @@ import numpy as np
 
 from lockstep.check.errors import demand
 from lockstep.model.problem import Problem
-from lockstep.model.problem.tables.schema import (
-    ChannelTable,
-    DisturbanceTable,
-    PerturbationTable,
-)
+from lockstep.model.problem.tables.schema import ChannelTable, DisturbanceTable, PerturbationTable
 from lockstep.model.simulation.disturbance import Disturbance, Driven, Sines, Steps, Sum, noise
 from lockstep.model.simulation.integrate import Method
 from lockstep.model.simulation.message_channel import MessageChannel

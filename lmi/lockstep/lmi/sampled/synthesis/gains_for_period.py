@@ -212,12 +212,10 @@ def _pursued(
     found, _ = _reached(at, start, rho_c, tell)
     if found is not None:
         return found
-    halved = [at.at(at.network.period / 2**k) for k in range(MOST_HALVINGS + 1)]
-    steady = (
-        k for k in range(FEWEST_HALVINGS, MOST_HALVINGS) if halved[k].objective().growth(start.K)[0] < 0
-    )
+    each = [at.at(at.network.period / 2**k) for k in range(MOST_HALVINGS + 1)]
+    steady = (k for k in range(FEWEST_HALVINGS, MOST_HALVINGS) if each[k].objective().growth(start.K)[0] < 0)
     here = start
-    for shorter in halved[next(steady, MOST_HALVINGS) :: -1]:
+    for shorter in each[next(steady, MOST_HALVINGS) :: -1]:
         found, last = _reached(shorter, here, rho_c, tell)
         if last is None:
             return None

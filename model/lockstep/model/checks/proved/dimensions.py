@@ -95,10 +95,7 @@ def _check(
             found = parse(term, symbols, algebra, where=where)
         except ProblemError as error:
             raise ProblemError(
-                error.found,
-                where=error.where,
-                expected="parts whose dimensions fit",
-                remedy=REMEDY,
+                error.found, where=error.where, expected="parts whose dimensions fit", remedy=REMEDY
             ) from None
         if asked is None:
             asked, of = found.powers, f"`{term}`"

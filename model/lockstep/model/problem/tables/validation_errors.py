@@ -29,9 +29,7 @@ def problem_error(error: ValidationError) -> ProblemError:
     if not rest:
         return first
     more = len(details) - 1 - len(rest)
-    others = [
-        f"also {other.where}: {other.found}" if other.where else f"also {other.found}" for other in rest
-    ]
+    others = [f"also {one.where}: {one.found}" if one.where else f"also {one.found}" for one in rest]
     remedy = "; ".join([first.remedy] * bool(first.remedy) + others + [f"and {more} more"] * bool(more))
     return ProblemError(first.found, where=first.where, expected=first.expected, remedy=remedy)
 

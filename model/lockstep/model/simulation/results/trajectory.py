@@ -104,9 +104,13 @@ class Trajectory:
         x = self.less_offsets
         return np.asarray(x - x.mean(axis=1, keepdims=True))
 
+    def disagreement_by_state(self) -> Float[np.ndarray, "K n"]:
+        """Return (sum_i (x_ij - mean)^2)^1/2 of each state j, in its own unit."""
+        return np.asarray(np.linalg.norm(self.errors(), axis=1))
+
     def disagreement(self) -> Float[np.ndarray, " K"]:
         """Return |x_d| = (sum_i |x_i - mean|^2)^1/2, x_d in orthonormal coordinates."""
-        return np.asarray(np.sqrt((self.errors() ** 2).sum(axis=(1, 2))))
+        return np.asarray(np.linalg.norm(self.disagreement_by_state(), axis=1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,31 @@
+"""How far from agreement a run starts."""
+
+import pytest
+
+from lockstep.model.checks.plausibility import start_of
+from lockstep.model.problem import Problem
+
+TEXT = """
+[agent]
+states = ["p", "v"]
+inputs = ["u"]
+dynamics = { p = "v", v = "u - v" }
+outputs = { y = "p" }
+[network]
+agents = 2
+topology = "cycle"
+"""
+STARTS = "[simulation]\ninitial = [[1.0, 0.0], [4.0, -4.0]]\n"
+
+
+def test_two_agents_3_and_4_apart_start_5_over_root_2_from_agreement():
+    assert start_of(Problem.parse(TEXT + STARTS)) == pytest.approx(5 / 2**0.5, rel=1e-15)
+
+
+def test_in_a_formation_offsets_are_taken_off():
+    offsets = TEXT + "offsets = [[0.0, 0.0], [3.0, 0.0]]\n"
+    assert start_of(Problem.parse(offsets + STARTS)) == pytest.approx(4 / 2**0.5, rel=1e-15)
+
+
+def test_drawn_states_are_no_start_of_the_file():
+    assert start_of(Problem.parse(TEXT)) is None
