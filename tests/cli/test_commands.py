@@ -49,6 +49,7 @@ def test_limits_of_which_clipping_alone_is_proved_are_no_radius():
     assert not proved_besides({"limits": {"clipped_radius": 1.9}}, lambda claim: claim != "clipped")
 
 
+@pytest.mark.slow
 def test_the_trade_off_rises_with_alpha(examples, run, tmp_path):
     result = run("design", examples / "table_1.toml", "--trade-off", "curve.csv", "--json")
     assert result.exit_code == 0

@@ -63,6 +63,7 @@ def made() -> Design:
     return lockstep.design(lockstep.Problem.parse(SMALL), jobs=1)
 
 
+@pytest.mark.slow
 def test_an_interrupt_keeps_the_best_certified_gains_so_far(small, made):
     with Stop.ready() as stop:
         found = lockstep.design(small, jobs=1, stop=stop, progress=interrupted_at(0.1, stop))

@@ -171,6 +171,7 @@ def test_a_changed_gain_is_seen_on_the_target(tmp_path):
     assert [a.bitwise for a in report.targets[0].agents] == [False, True, True]
 
 
+@pytest.mark.slow
 @needs_emulator
 def test_more_stack_flash_or_instructions_than_stated_are_a_broken_promise(tmp_path):
     folder = write_folder(emit(one_arm()), tmp_path / "arm")

@@ -103,6 +103,7 @@ def misra_rules(folder):
     return {finding.removeprefix("misra-c2012-") for finding in findings}
 
 
+@pytest.mark.slow
 @needs("cppcheck")
 def test_misra_deviations_are_those_of_the_table(tmp_path, root):
     found = set()

@@ -156,6 +156,7 @@ def test_the_affine_form_is_F() -> None:
     np.testing.assert_allclose(whole, expected, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_nonlinear_program_lowers_rho_with_entries() -> None:
     network, gains, claim = posed(pair())
     loop, K = network.loop(0), gains.blocks
@@ -184,6 +185,7 @@ def test_modes_with_entries_prove_what_the_whole_network_has() -> None:
         decide_modes(network.matrices, gains, claim, replace(modal, mu_entries=()))
 
 
+@pytest.mark.slow
 def test_method_modal_designs_with_entries() -> None:
     table = pair(4, "path").document()
     table["design"] |= {"method": "modal", "gain_limit": 8.0, "starts": 1}
@@ -313,6 +315,7 @@ def test_entries_of_arguments_that_phi_does_not_have_are_refused(file: dict[str,
         certify(parse(changed, "memory"))
 
 
+@pytest.mark.slow
 def test_quadrotors_with_the_thrust_as_a_state() -> None:
     """With alpha alone no controllers of any order carry them; entry by entry three of them are certified."""
     quadrotors = load_problem(EXAMPLES / "quadrotors.toml")

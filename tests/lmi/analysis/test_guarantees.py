@@ -1,6 +1,7 @@
 """What is proved besides rho of the paper: u weighed, noise, decay, stable controllers, limits; each against brute force."""
 
 import dataclasses
+import functools
 import json
 import re
 
@@ -66,6 +67,12 @@ def pendulums(gains: str = STATIC, slope: float = 0.0, period: float = 0.01, ask
 def shipped(problem: Problem) -> Stored:
     """Return the design file, sampled claims included."""
     return as_shipped(file_of(design(problem)))
+
+
+@functools.cache
+def with_springs() -> Stored:
+    """Return dynamic controllers of pendulums that gravity pulls as their springs push, which several tests look at."""
+    return shipped(pendulums(DYNAMIC, slope=1.0))
 
 
 def norm_of_loop(problem: Problem) -> float:
@@ -222,7 +229,7 @@ def test_stability_is_decided_exactly() -> None:
 
 
 def test_a_larger_radius_is_refused() -> None:
-    stored = shipped(pendulums(DYNAMIC, slope=1.0))
+    stored = with_springs()
     radius = stored.claims.sampled.radius
     assert radius is not None
     assert certify(stored).ok
@@ -236,7 +243,7 @@ def test_a_larger_radius_is_refused() -> None:
 @pytest.mark.parametrize("slope", [-1.0, 0.0, 1.0])
 def test_no_input_meets_its_limit_from_within_the_radius(slope: float) -> None:
     """By the worst direction at every step, for phi = slope x, whose bound is that of slope sin; the limit 2 is nearer."""
-    stored = shipped(pendulums(DYNAMIC, slope=1.0))
+    stored = with_springs()
     radius = stored.claims.sampled.radius
     assert radius is not None
     network = sampled_network(stored)
@@ -330,7 +337,7 @@ def test_what_is_asked_for_is_of_its_kind(asked: dict[str, object]) -> None:
 
 
 def test_a_radius_without_limits_is_not_proved() -> None:
-    content = json.loads(json.dumps(shipped(pendulums(DYNAMIC, slope=1.0)).document()))
+    content = json.loads(json.dumps(with_springs().document()))
     del content["problem"]["agent"]["limits"]
     assert not certify(parse(content, "memory")).ok
 

@@ -33,6 +33,7 @@ def softened(design_table: str) -> Problem:
     )
 
 
+@pytest.mark.slow
 def test_the_eigenvalue_of_the_graph_that_is_not_stabilised_is_named() -> None:
     """A path of four: lambda = 2 - sqrt 2, 2, 2 + sqrt 2. Gains of 1 do for the last two only, gains of 10 for all."""
     with pytest.raises(Infeasible, match=r"eigenvalue 0\.5858 of L") as error:
@@ -44,6 +45,7 @@ def test_the_eigenvalue_of_the_graph_that_is_not_stabilised_is_named() -> None:
     assert design(unstable("gain_limit = 10.0"), jobs=1).certified
 
 
+@pytest.mark.slow
 def test_every_eigenvalue_is_named_where_the_gain_does_for_none() -> None:
     with pytest.raises(Infeasible, match="every eigenvalue of L"):
         design(unstable("gain_limit = 0.1"), jobs=1)
@@ -55,6 +57,7 @@ def test_a_gain_limit_that_blocks_is_named_with_one_that_does_not() -> None:
     assert error.value.figures["sufficient_gain_limit"] == pytest.approx(3.0)
 
 
+@pytest.mark.slow
 def test_a_delta_that_blocks_is_named_with_a_part_that_does_not() -> None:
     """Gains of 2 each leave 4 - 1 = 3 to lose, 1.5 each; delta = 4 is beyond that and beyond half of it, 0.8 is not."""
     with pytest.raises(Infeasible, match=r"delta is what blocks.*with 0.2 of it") as error:
@@ -63,6 +66,7 @@ def test_a_delta_that_blocks_is_named_with_a_part_that_does_not() -> None:
     assert error.value.figures["reachable_delta"] == pytest.approx([0.0, 0.0, 0.0, 0.8])
 
 
+@pytest.mark.slow
 def test_where_nothing_blocks_nothing_is_named() -> None:
     """The must-fail: a zero on the right carries no alpha beyond 2, whatever the gain; see `test_limits`."""
     posed = problem(

@@ -171,6 +171,7 @@ period = {period}
 """
 
 
+@pytest.mark.slow
 def test_a_resonator_in_si_units_is_asked_for_what_it_is_asked_for_in_its_own() -> None:
     """The same agents in metres and seconds, and in their own units: the same gains serve, and rho counts time and length."""
     si, own = (
@@ -207,6 +208,7 @@ def test_a_resonator_in_si_units_is_certified_as_it_ships() -> None:
     assert found.rho < found.sampled["rho"] < 1.5 * found.rho
 
 
+@pytest.mark.slow
 def test_where_the_small_limit_is_too_small_the_next_is_taken_and_said() -> None:
     """x' = 20 x + sin x + u: 2 d > 21 is needed, and 6.4 twice is not."""
     unstable = problem(
@@ -241,6 +243,7 @@ def test_a_decay_that_is_asked_for_is_held_in_parts() -> None:
     assert decays_held(scalar("order = 0\ndecay = 2.0\nsearch_decay = 3.0")) == (3.0,)
 
 
+@pytest.mark.slow
 def test_the_largest_decay_of_the_scalar_loop_is_its_limit_s() -> None:
     """sigma = 2 d - alpha at d = 4, alpha = 1: 7. With rho = 1 / (2 d - alpha) at most 0.2 it is no less than 5."""
     free = design(scalar('order = 0\nstarts = 1\ngain_limit = 4.0\nobjective = "decay"'), jobs=1)
@@ -268,6 +271,7 @@ def test_decay_is_an_objective_of_one_method() -> None:
         scalar('order = 0\nmethod = "modal"\nobjective = "decay"')
 
 
+@pytest.mark.slow
 def test_the_figures_of_a_scalar_loop_are_those_of_its_formulas() -> None:
     """With u_i = -d r_i: x_d' = -2 d x_d + phi_d + xi_d, |phi_d| <= |x_d|, so rho = 1 / (2 d - 1), the decay is 2 d - 1,
     |u| = 2 d |x_d|, and noise nu on the outputs comes in as 2 d nu_d."""

@@ -110,6 +110,7 @@ def test_what_is_certified_is_refused_beyond_what_brute_force_allows(messages, d
     assert not proves_messages(loop, messages, replace(found.witness, decay=1.0)), "1 is for rho alone"
 
 
+@pytest.mark.slow
 def test_the_largest_loss_is_below_the_one_that_breaks_the_mean_square():
     """With three seconds' worth of gain the mean square grows from some loss on: the certificate ends before it."""
     net, ones = strong()

@@ -110,6 +110,7 @@ def test_no_probabilities_of_the_box_contradict_any_of_a_hundred_certificates():
     assert any(one is not None for one in found)
 
 
+@pytest.mark.slow
 def test_a_witness_proves_every_smaller_loss_and_none_that_breaks_the_loop():
     net, ones = strong()
     loop = sampled_loop(net, ones)

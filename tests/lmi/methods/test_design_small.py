@@ -81,6 +81,7 @@ def test_the_largest_alpha_is_told_in_the_units_of_the_file() -> None:
     assert 9.9 <= made.claim.alpha <= 10.0
 
 
+@pytest.mark.slow
 def test_a_gain_limit_that_is_too_small_says_how_far_it_reaches() -> None:
     """2 d = 0.6 < 1 = alpha: alpha up to 0.6 is reachable, and no further."""
     with pytest.raises(Infeasible) as error:
@@ -143,6 +144,7 @@ def test_double_integrators_behind_a_leader_with_position_alone() -> None:
     assert made.certificate.rho < 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("limit", "decay"), [(20.0, 3.0), (0.5, None)])
 def test_a_leader_that_hears_no_one_is_in_the_way_of_neither_a_decay_nor_a_small_gain_limit(
     limit: float, decay: float | None
@@ -213,7 +215,7 @@ SHAPES = {
 }
 
 
-QUICK = ("agents with inputs of their own on a weighted digraph", "gains that may be off", "a leader")
+QUICK = ("agents with inputs of their own on a weighted digraph", "a leader")
 
 
 @pytest.mark.parametrize(
@@ -311,10 +313,12 @@ def seeds_searched(monkeypatch: pytest.MonkeyPatch, *, first_finds: bool) -> lis
     return seeds
 
 
+@pytest.mark.slow
 def test_where_no_start_leads_anywhere_as_many_are_drawn_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     assert seeds_searched(monkeypatch, first_finds=False) == [0, certified.DRAWN_ANEW]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("very_far", "more"), [(0.5, [certified.DRAWN_ANEW]), (1e9, [])])
 def test_far_above_the_floor_as_many_are_drawn_anew(
     monkeypatch: pytest.MonkeyPatch, very_far: float, more: list[int]

@@ -260,6 +260,7 @@ def test_a_spectrum_asks_for_a_reduced_observer_and_the_checker_reads_the_same_o
         assert default_order(states, many_graphs=False) == 2
 
 
+@pytest.mark.slow
 def test_too_wide_a_spectrum_names_the_ratio_that_has_one_p():
     with pytest.raises(Infeasible, match="a ratio of") as caught:
         design(posed("spectrum = [2.5e-4, 4.0]", design="gain_limit = 5.0"))

@@ -47,6 +47,7 @@ def proved(at, found):
     return verdict, sampled_rho(at.network, ones, at.weights, found.m)
 
 
+@pytest.mark.slow
 def test_a_design_for_the_period_has_a_smaller_rho_and_is_proved():
     at = pendulums(0.2)
     before, told = measured(at, K, np.ones(1)), list[float]()
@@ -61,6 +62,7 @@ def test_a_design_for_the_period_has_a_smaller_rho_and_is_proved():
     assert np.linalg.norm(found.K, 2, axis=(1, 2)).max() <= GAIN_LIMIT
 
 
+@pytest.mark.slow
 def test_noise_and_inputs_count_in_the_descent_for_the_period():
     """Where they were left to the judge, buck converters with a constant power load ended 13 % above other starts."""
     at = pendulums(0.2, weights=WEIGHED)
@@ -80,6 +82,7 @@ def test_the_best_of_several_starts_is_kept_and_a_start_is_never_made_worse():
     assert again.rho <= once.rho
 
 
+@pytest.mark.slow
 def test_a_period_that_the_start_does_not_survive_is_reached():
     at = pendulums(0.5)
     assert brute_force_radius(at.network, at.controllers(tustin(K, ORDER, 0.5))) > 1
@@ -110,6 +113,7 @@ def test_units_of_the_file_make_no_difference(c):
     assert others.rho * scaled == pytest.approx(least, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("m", [np.zeros(0), np.zeros(1)])
 def test_linear_agents_are_designed_for_their_period_too(m):
     """Their multiplier is idle, and their continuous certificate states none, or 0."""
@@ -124,6 +128,7 @@ def test_linear_agents_are_designed_for_their_period_too(m):
     assert after.rho > 0.1
 
 
+@pytest.mark.slow
 def test_what_no_gains_survive_is_refused():
     """Agents that are unstable: a held input cannot reach them for e^(3 T) = 160 000 times their distance."""
     net = network([[3.0]], [[1.0]], [[1.0]], [[1.0]], [[1.0]], EDGES, N=2, alpha=1.0, period=4.0)

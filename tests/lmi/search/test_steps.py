@@ -118,6 +118,7 @@ def test_the_search_does_not_depend_on_the_number_of_processes() -> None:
     assert told[-1] == 1.0
 
 
+@pytest.mark.slow
 def test_what_comes_first_ships_best() -> None:
     """With a score that prefers the larger rho, the order of the outcomes is turned around."""
     search = GainSearch.of(*pendulums("order = 0\ngain_limit = 10.0"), 10.0)
@@ -129,6 +130,7 @@ def test_what_comes_first_ships_best() -> None:
     assert [one.sampled for one in away] == sorted(one.sampled for one in away)
 
 
+@pytest.mark.slow
 def test_a_history_never_rises() -> None:
     search = GainSearch.of(*pendulums(), 10.0)
     for one in search_gains(search, starts=2, seed=0, jobs=1).outcomes:
