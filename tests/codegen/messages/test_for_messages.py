@@ -53,6 +53,7 @@ def searched():
     return made
 
 
+@pytest.mark.slow
 def test_gains_that_carry_nothing_late_are_moved_until_they_do(searched):
     asked, told = {"loss": 0.5, "delay": [0, 1]}, []
     made = as_shipped(searched(asked), lambda what, part: told.append((what, part)))
@@ -83,6 +84,7 @@ def test_an_interrupt_keeps_the_design_that_there_is(searched):
     assert "no certificate was found" in made.info["messages"]["reason"]
 
 
+@pytest.mark.slow
 def test_what_no_gains_were_found_for_says_what_is_carried(searched):
     """Half a minute without a message: none are found, or none that are proved, and the part that is carried is certified."""
     made = as_shipped(searched({"loss": 0.9, "burst": 300}))

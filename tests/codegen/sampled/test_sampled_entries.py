@@ -91,6 +91,7 @@ def test_witnesses_of_a_file_are_proved_again(stored):
     assert again.rho.rho == held.rho.rho
 
 
+@pytest.mark.slow
 def test_a_modal_certificate_gives_a_sector_too():
     agents = (
         TEXT.replace("agents = 3", "agents = 4")
