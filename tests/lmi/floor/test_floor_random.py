@@ -36,7 +36,9 @@ def test_no_certificate_is_below_the_floor(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", range(20))
+@pytest.mark.parametrize(
+    "part", [part if part < 4 else pytest.param(part, marks=pytest.mark.by_hand) for part in range(20)]
+)
 def test_no_certificate_is_below_the_floor_of_1000_problems(part: int) -> None:
     held = [holds_against_what_is_found(seed) for seed in range(50 * part, 50 * (part + 1))]
     known = [(rho, found) for rho, found in held if rho is not None and found > 0]
