@@ -27,5 +27,11 @@ def test_in_a_formation_offsets_are_taken_off():
     assert start_of(Problem.parse(offsets + STARTS)) == pytest.approx(4 / 2**0.5, rel=1e-15)
 
 
+def test_states_whose_squares_overflow_are_a_start_and_those_beyond_doubles_none():
+    far = TEXT + "[simulation]\ninitial = [[1e200, 0.0], [0.0, 0.0]]\n"
+    assert start_of(Problem.parse(far)) == pytest.approx(1e200 / 2**0.5, rel=1e-15)
+    assert start_of(Problem.parse(far.replace("[1e200", "[1.7e308").replace("[0.0", "[-1.7e308"))) is None
+
+
 def test_drawn_states_are_no_start_of_the_file():
     assert start_of(Problem.parse(TEXT)) is None

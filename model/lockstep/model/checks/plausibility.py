@@ -113,11 +113,13 @@ def units(problem: Problem) -> Iterator[CheckRow]:
 
 
 def start_of(problem: Problem) -> float | None:
-    """Return |x_d(0)| of the initial states that the file names, less offsets; None where it names none."""
+    """Return |x_d(0)| of the initial states that the file names, less offsets; None without such, or beyond doubles."""
     if isinstance(problem.simulation.initial, str) or problem.spectrum:
         return None
-    x = problem.initial_states() - (0.0 if problem.offsets is None else problem.offsets)
-    return float(np.linalg.norm(x - x.mean(axis=0)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        x = problem.initial_states() - (0.0 if problem.offsets is None else problem.offsets)
+        size = math.hypot(*(x - x.mean(axis=0)).ravel())
+    return size if math.isfinite(size) else None
 
 
 def initial(problem: Problem) -> Iterator[CheckRow]:
