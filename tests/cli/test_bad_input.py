@@ -133,7 +133,7 @@ def test_what_is_there_of_an_earlier_run_is_kept_and_said_to_be(command, place, 
     (tmp_path / place).write_text("of yesterday")
     result = run(command, problem, "-o", place)
     assert result.exit_code == 2
-    assert f"{place} is of an earlier run, and as it was" in result.stderr
+    assert f"{place} was there before, and is as it was" in result.stderr
     assert (tmp_path / place).read_text() == "of yesterday"
 
 

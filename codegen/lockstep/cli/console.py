@@ -75,12 +75,12 @@ def wrote(*places: Path | None) -> None:
 
 @contextmanager
 def left_from_before(place: Path | None) -> Iterator[None]:
-    """Say, where a command fails, that what stands where it would have written is of an earlier one."""
+    """Say, where a command fails, that what stands where it would have written is as it was."""
     try:
         yield
     except LockstepError:
         if place is not None and place.exists():
-            remark(f"{place} is of an earlier run, and as it was")
+            remark(f"{place} was there before, and is as it was")
         raise
 
 
