@@ -387,9 +387,7 @@ def _part_only(problem: Problem, network: Network, asked: str, claim: Claim, nea
     return Infeasible(
         f"no gains were found ({asked}) that carry alpha = {claim.alpha:.6g}; {part:.3g} of it{delta} is reachable:"
         f" alpha = {part * claim.alpha:.6g}{relax}",
-        alpha=claim.alpha,
-        fraction=part,
-        reachable_alpha=part * claim.alpha,
-        reachable_delta=(part * claim.delta[0]).tolist(),
-        **why,
+        **{"alpha": claim.alpha, "fraction": part, "reachable_alpha": part * claim.alpha}
+        | {"reachable_delta": (part * claim.delta[0]).tolist()}
+        | why,
     )
