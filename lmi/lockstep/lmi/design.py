@@ -132,12 +132,17 @@ def _designed(
     bound = proved_bound(problem)
     tried = list(wishes(problem, network_of(problem, bound), claim_of(problem, bound)))
     deadline, best = None if time_limit is None else time.monotonic() + time_limit, None
-    for wish in tried:
+    for number, wish in enumerate(tried, start=1):
         left, last = time_limit, wish is tried[-1]
         if deadline is not None and wish is not tried[0]:
             left = max(deadline - time.monotonic(), 1e-3)
+        nth = f"search {number} of at most {len(tried)}: " * (len(tried) > 1)
+
+        def counted(what: str, part: float, nth: str = nth) -> None:
+            tell(nth + what, part)
+
         try:
-            found = _proposed(wish.problem, bound, _Effort(jobs, tell, left, stop, last))
+            found = _proposed(wish.problem, bound, _Effort(jobs, counted, left, stop, last))
         except (Infeasible, NotCertified, OutOfTime, NothingYet):
             out_of_time = deadline is not None and time.monotonic() >= deadline
             if best is None and (last or out_of_time or stop.asked):
