@@ -52,7 +52,7 @@ def interrupted_at(part: float, stop: Stop):
     """Progress that interrupts the search once it has come to a part."""
 
     def tell(what: str, done: float) -> None:
-        if what.startswith("searching") and done >= part and not stop.asked:
+        if "searching" in what and done >= part and not stop.asked:
             assert stop.take()
 
     return tell

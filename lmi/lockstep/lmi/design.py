@@ -136,7 +136,7 @@ def _designed(
         left, last = time_limit, wish is tried[-1]
         if deadline is not None and wish is not tried[0]:
             left = max(deadline - time.monotonic(), 1e-3)
-        nth = f"search {number} of at most {len(tried)}: " * (len(tried) > 1)
+        nth = f"attempt {number} of at most {len(tried)}: " * (len(tried) > 1)
 
         def counted(what: str, part: float, nth: str = nth) -> None:
             tell(nth + what, part)

@@ -109,7 +109,7 @@ def searched(
         decaying = network.decaying(held)
         modes = equal_gains(problem, decaying, claim, rate)
         search = GainSearch.of(decaying.loop(problem.order), claim, table.gain_limit, lag, rate, modes)
-        doing = f"looking for gains up to {table.gain_limit:g}, this search likely {likely(search, table.starts, jobs)}"
+        doing = f"searching for gains up to {table.gain_limit:g}, this search likely {likely(search, table.starts, jobs)}"
         effort: dict[str, Any] = {
             "score": score,
             "rho": rho,
