@@ -230,3 +230,9 @@ def test_a_domain_in_pascals_is_centred_as_one_in_megapascals() -> None:
     assert small[0, 0] == large[0, 0] == -0.5
     flow = next(key for key in small if key not in ((0, 0),))
     assert large[flow] == pytest.approx(1e6 * small[flow], rel=0.02)
+
+
+@pytest.mark.filterwarnings("error")
+def test_slopes_that_no_double_holds_the_range_of_stay() -> None:
+    moved = cart("-1e308*(v + 0.9*sin(v))").lure
+    assert moved.A[1, 1] == -1e308

@@ -120,15 +120,16 @@ def stored_matrix(loop: SampledLoop, witness: Witness, running: Matrix | None = 
     Z = zeros(loop.n_z, loop.n_z, loop.held)
     Z[: loop.n_xi, : loop.n_xi] = decay * P
     Z[: loop.n_d, : loop.n_d] = Z[: loop.n_d, : loop.n_d] - weight * metric(loop)
-    for place, cost in ((loop.messages, kappa), (loop.underflows, kappa_mu)):
+    places = [loop.messages, loop.underflows, *(way.place for way in loop.ways)]
+    for place, cost in zip(places, [kappa, kappa_mu, *t], strict=True):
         for k in range(place.start, place.stop):
-            Z[k, k] = cost
-    for weight, way in zip(t, loop.ways, strict=True):
-        delta = number(np.array([way.delta]))[0]
-        for k in range(way.place.start, way.place.stop):
-            Z[k, k] = Z[k, k] + weight
-        seen = np.flatnonzero(~(way.Y == 0).all(axis=0))  # of balls, too, only zeros themselves are left out
-        Z[np.ix_(seen, seen)] -= weight * delta * delta * (way.Y[:, seen].T @ way.Y[:, seen])
+            Z[k, k] = Z[k, k] + cost
+    for cost, way in zip(t, loop.ways, strict=True):
+        if way.delta:
+            delta = number(np.array([way.delta]))[0]
+            # Of balls, too, only zeros themselves are left out.
+            seen = np.flatnonzero(~(way.Y == 0).all(axis=0))
+            Z[np.ix_(seen, seen)] -= cost * delta * delta * (way.Y[:, seen].T @ way.Y[:, seen])
     return Z if running is None else Z - running
 
 

@@ -5,7 +5,8 @@ finds its stabilising solution quadratically fast:
 
     A <- A (I + G P)^-1 A,   G <- G + A (I + G P)^-1 G A',   P <- P + A' P (I + G P)^-1 A.
 
-It needs S alone and no factor of it. Nothing is believed: what comes back is decided elsewhere.
+It needs S alone and no factor of it. P grows towards the solution, if there is one: P^-1 > S till then, each step is positive
+semidefinite, and one that is not tells that there is none. Nothing is believed: what comes back is decided elsewhere.
 """
 
 import numpy as np
@@ -14,7 +15,9 @@ from jaxtyping import Float
 DOUBLINGS = 60
 """2^60 periods: whatever has not settled by then does not settle."""
 
-SETTLED = 1e-12
+SETTLED, NEGATIVE, TOO_LARGE = 1e-12, 1e-9, 1e200
+"""Of a step against P; of the least entry of its diagonal against the largest, what no rounding is, some 1e-16 times the
+condition of I + G P; and where numbers end."""
 
 
 def smallest_storage(
@@ -34,12 +37,12 @@ def smallest_storage(
         except np.linalg.LinAlgError:
             return None
         step = A.T @ P @ middle[:, : len(A)]
+        largest = np.abs(step).max()
+        if not largest < TOO_LARGE or step.diagonal().min() < -NEGATIVE * largest:
+            return None
         G, A = G + A @ middle[:, len(A) :] @ A.T, A @ middle[:, : len(A)]
         P, G = P + (step + step.T) / 2, (G + G.T) / 2
-        size = np.abs(P).max()
-        if not np.isfinite(size) or size > 1e200:
-            return None
-        if np.abs(step).max() <= SETTLED * size:
+        if largest <= SETTLED * np.abs(P).max():
             return P if _is_storage(P, S) else None
     return None
 
