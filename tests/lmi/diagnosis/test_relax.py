@@ -106,7 +106,7 @@ def test_a_modal_search_cannot_be_cut() -> None:
 @pytest.mark.slow
 def test_a_decay_that_blocks_is_named_and_no_gain_is_promised() -> None:
     """x_d' = -(d_1 + d_2) x_d + phi_d with |d| <= 2 and alpha = 1: a decay of 3 at most, so that 5 is none."""
-    with pytest.raises(Infeasible, match="decay is what blocks: without it there is") as error:
+    with pytest.raises(Infeasible, match="decay is what blocks: without it gains were found") as error:
         design(softened("gain_limit = 2.0\ndecay = 5.0"), jobs=1)
     assert error.value.figures["cause"] == "decay"
     assert "sufficient_gain_limit" not in error.value.figures

@@ -12,7 +12,7 @@ from lockstep.lmi.design import claim_of, proved_bound
 from lockstep.lmi.methods.certified import equal_gains
 from lockstep.lmi.search import GainSearch
 from lockstep.lmi.search.common_gains import ModalSearch, loop_of, representative
-from lockstep.lmi.search.random_start import begin
+from lockstep.lmi.search.random_start import begin, stable_gains
 from lockstep.model.assembly import network_of
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
@@ -90,7 +90,40 @@ def test_a_few_eigenvalues_stand_for_those_of_a_long_cycle():
 
 
 def test_a_small_loop_begins_with_gains_of_its_own():
-    assert begun_with(pendulums(3, 'topology = "cycle"')).modes is None
+    assert not begin(begun_with(pendulums(3, 'topology = "cycle"')), None, 0, 1).equal
+
+
+CARRIERS = """
+[agent]
+states = ["p", "v", "F"]
+inputs = ["u"]
+dynamics = { p = "v", v = "(F - 0.9*v)/60", F = "(u - F)/0.3" }
+outputs = { y1 = "p", y2 = "v" }
+
+[network]
+agents = 4
+topology = "leader_path"
+
+[design]
+order = 0
+gain_limit = 50.0
+decay = 0.08
+"""
+
+
+@pytest.mark.parametrize("index", range(4))
+def test_followers_on_a_path_have_gains_of_any_decay(index):
+    """The modes of all three are those of one, and D = [-8, -25] gives it 18 s^3 + 60.3 s^2 + 25.9 s + 8: -0.22."""
+    posed = parse_problem(CARRIERS)
+    bound = proved_bound(posed)
+    network, asked = network_of(posed, bound).decaying(0.08), claim_of(posed, bound)
+    search = GainSearch.of(
+        network.loop(0), asked, posed.design.gain_limit, modes=equal_gains(posed, network, asked, None)
+    )
+    assert search.abscissa(np.repeat([[[-8.0, -25.0]]], 4, axis=0)) < 0
+    K, abscissa = stable_gains(search, 0, index)
+    assert abscissa < 0
+    assert np.linalg.norm(K, 2, axis=(1, 2)).max() <= 50.0
 
 
 def test_agents_that_differ_have_no_equal_gains():

@@ -78,7 +78,7 @@ def is_designed(problem: Problem, network: Network, claim: Claim, gain_limit: fl
 def _decay(problem: Problem, network: Network, claim: Claim) -> Hint | None:
     if not problem.design.decay or not is_designed(problem, network, claim, problem.design.gain_limit):
         return None
-    said = "; [design] decay is what blocks: without it there is a certified design, which says how fast it is; lower decay"
+    said = "; [design] decay is what blocks: without it gains were found; lower decay, or raise gain_limit or starts"
     return said, {"cause": "decay"}
 
 

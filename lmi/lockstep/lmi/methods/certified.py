@@ -12,7 +12,6 @@ from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.continuous.modes import Modes, check_covered
 from lockstep.check.errors import Infeasible, NotCertified, OutOfTime, ProblemError
 from lockstep.check.system.loop import Gains
-from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.analysis.decay import proved_decay
 from lockstep.lmi.analysis.fundamental_limits import (
     largest_alpha_of_any_controller,
@@ -151,9 +150,9 @@ def searched(
 
 
 def equal_gains(problem: Problem, network: Network, claim: Claim, rate: float | None) -> ModalSearch | None:
-    """Return the search for gains that are equal for all agents, where it is a small part of that for gains of their own."""
+    """Return the search for gains that are equal for all agents; None where the agents differ."""
     plant = network.plant
-    if not eliminates_P(network.loop(problem.order)) or any((plant.B[0] != B).any() for B in plant.B):
+    if any((plant.B[0] != B).any() for B in plant.B):
         return None
     try:
         ends = segment_ends(network, check_covered(network.matrices, claim))
@@ -362,8 +361,8 @@ def _nothing_at_all(
     if abscissa >= 0:
         said, why = hint_of_stability(problem, network, claim)
         return Infeasible(
-            f"no stabilising gains were found ({asked}): the slowest mode of the best loop stays at Re s ="
-            f" {abscissa:.3g}{said or '; raise [design] order or gain_limit, or measure more'}",
+            f"no stabilising gains were found ({asked}): the slowest mode of the best loop is {abscissa:.3g} 1/s too slow"
+            f"{said or '; raise [design] order or gain_limit, or measure more'}",
             abscissa=abscissa,
             **why,
         )

@@ -40,7 +40,7 @@ T = TypeVar("T")
 class SearchResult:
     """What a search found: outcomes from best to worst, or how near the nearest gains came.
 
-    outcomes: with a certificate for the whole claim, in doubles;  abscissa: the least of any start;  nearest: the
+    outcomes: with a certificate for the whole claim, in doubles;  abscissa: the least of any start, in 1/s;  nearest: the
     gains that carry most of the claim, if any carry some of it;  least_rho: the smallest one reached for the whole
     claim;  cut: whether a deadline cut the search;  late: starts whose gains are made for the lag of the period, where
     that left none of them a sampled certificate.
@@ -124,7 +124,7 @@ def search_gains(
     cores.tell(1.0)
     return SearchResult(
         tuple(outcomes),
-        min((one.abscissa for one in drawn), default=np.inf),
+        min((one.abscissa / search.units.time for one in drawn), default=np.inf),
         max((one for one, _ in ends if one), key=lambda one: (one.certified, one.claimed), default=None),
         float(least),
         deadline.over,

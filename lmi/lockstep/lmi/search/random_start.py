@@ -69,7 +69,7 @@ class GainSearch:
 
     gain_limit: on the spectral norm of each agent's gains;  lag: s, by which sampling makes the inputs late;  rate:
     that each A_Ci is to have by itself, Re lambda < -rate, in 1/s; None to ask nothing of them;  modes: the same
-    search for gains that are equal for all agents, which costs little; None where it does not apply.
+    search for gains that are equal for all agents, with which starts of many agents begin; None where it does not apply.
     """
 
     loop: Loop
@@ -111,6 +111,10 @@ class GainSearch:
         """
         degrees = np.diag(self.loop.d.L)
         return bool(np.ptp(degrees) <= 1e-12 * degrees.max())
+
+    def abscissa(self, K: GainBlocks) -> float:
+        """Return that of the loop, and of controllers that are to have a rate, in the unit of time of the search."""
+        return abscissa_of(self.loop, K, rate=self.rate, time=self.units.time)[0]
 
     @cached_property
     def program(self) -> InteriorProgram:
@@ -174,9 +178,9 @@ def begin(
         nowhere = Descended(np.zeros(search.norm.shape), np.ones(0), np.inf, np.inf)
         return StartResult(index, np.inf, nowhere, cut=True)
     equal = search.is_regular or index % 2 == 1
-    if search.modes and equal and (at := _equal(search, search.modes, seed, index)) is not None:
-        abscissa = abscissa_of(search.loop, at.K, rate=search.rate, time=search.units.time)[0]
-        return scored(search, score, StartResult(index, abscissa, at, equal=True))
+    modes = search.modes if equal and eliminates_P(search.loop) else None
+    if modes and (at := _equal(search, modes, seed, index)) is not None:
+        return scored(search, score, StartResult(index, search.abscissa(at.K), at, equal=True))
     K, abscissa = stable_gains(search, seed, index)
     if abscissa >= 0:
         return StartResult(index, abscissa, Descended(K, np.ones(len(search.norm.W)), np.inf, np.inf))
@@ -192,10 +196,7 @@ def _equal(search: GainSearch, modes: ModalSearch, seed: int, index: int) -> Des
         return None
     gains = np.repeat(at.K[:1], len(search.loop.U), axis=0)
     found = with_multipliers(search.shared_norm, gains)
-    if (
-        not np.isfinite(found.rho)
-        and abscissa_of(search.loop, gains, rate=search.rate, time=search.units.time)[0] < 0
-    ):
+    if not np.isfinite(found.rho) and search.abscissa(gains) < 0:
         found = descended(search.shared_norm, gains)  # of a graph whose Laplacian is not normal
     return found if np.isfinite(found.rho) else None
 
@@ -221,8 +222,11 @@ def scored(search: GainSearch, score: Score | None, start: StartResult) -> Start
 
 
 def stable_gains(search: GainSearch, seed: int, index: int) -> tuple[GainBlocks, float]:
-    """Return gains within the limit whose loop is stable, if a descent from random ones finds such, and its
-    abscissa."""
+    """Return gains within the limit whose loop is stable, if a descent from random ones finds such, and its abscissa.
+
+    On a path that all follow, every agent's modes are those of the loop: where the slowest of two are one, their slope says
+    nothing, and such descents end. Gains that are equal for all agents are made stable for each eigenvalue of L apart.
+    """
     generator, limit = np.random.default_rng([seed, index]), search.gain_limit
     shape, units = search.norm.shape, search.units.gains
     best = np.zeros(shape), np.inf
@@ -231,14 +235,15 @@ def stable_gains(search: GainSearch, seed: int, index: int) -> tuple[GainBlocks,
         if index % 2:
             drawn[:] = drawn[0]
         first = within(drawn * units, DRAWN * limit)
-        K = stabilise(
-            search.loop, first, STABLE * limit, units=units, rate=search.rate, time=search.units.time
-        )[0]
-        K = within(K, INSIDE * limit)
-        abscissa = abscissa_of(search.loop, K, rate=search.rate, time=search.units.time)[0]
+        own: dict[str, Any] = {"units": units, "rate": search.rate, "time": search.units.time}
+        K = within(stabilise(search.loop, first, STABLE * limit, **own)[0], INSIDE * limit)
+        abscissa = search.abscissa(K)
         best = min(best, (K, abscissa), key=lambda found: found[1])
         if abscissa < 0:
-            break
+            return best
+    if search.modes and (one := search.modes.stable(generator)) is not None:
+        K = np.repeat(one[None], shape[0], axis=0)
+        best = K, search.abscissa(K)
     return best
 
 
