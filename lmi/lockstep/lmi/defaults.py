@@ -3,7 +3,7 @@
 The last third of rho costs large gains, controllers that are unstable by themselves, slow modes and noise. So where [design]
 names neither `weights` nor `gain_limit` (nor a rho to keep), and its method searches,
 
-    gain_limit          6.4, or more where gains of size one, in natural units, are larger; of static gains no more than
+    gain_limit          6.4, or more where gains of size one, in natural units, are larger; of static gains first what
                         takes about half of [agent.limits] in the initial states of the file, where it names both
     weights.input       1e-3, in natural units, unless it alone of `weights` is named
     disturbances        noise of 0.03 on the outputs, in natural units, unless `disturbances` are named
@@ -13,9 +13,11 @@ names neither `weights` nor `gain_limit` (nor a rho to keep), and its method sea
 and, where the states' natural units are further apart than 300 (a resonator in SI units moves by 1e-6 m at 1 m/s), weights
 and disturbances of the states in those units, too, so chosen that both are 1 for the state of the smallest unit.
 
-Natural units are those in which the numbers of plant and R are nearest to one (`search.units`). Where no gains are found
-for them, or none with a rho near the floor, the limit is raised, twice, and then stability and decay are not asked for. What
-was taken is written into the problem: a design file names all of it, and nothing is filled in when it is read.
+Natural units are those in which the numbers of plant and R are nearest to one (`search.unit_scaling`); of static gains
+within the actuators' limits, with the unit of time in which actuators move the outputs as far as they are apart at first:
+that of a train is otherwise the quarter of an hour in which it rolls to a stop. Where no gains are found for them, or none
+with a rho near the floor, the limit is raised, twice, and then stability and decay are not asked for. What was taken is
+written into the problem: a design file names all of it, and nothing is filled in when it is read.
 """
 
 from collections.abc import Iterator
@@ -23,8 +25,11 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Claim
+from lockstep.check.system.loop import Plant
+from lockstep.lmi.search.unit_scaling import natural
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
@@ -51,6 +56,9 @@ make the natural unit of time far shorter than the period. No example or field t
 
 FAR_APART = 300.0
 """Between natural units of states: beyond, |x|^2 is of one state, and the others are free. Most problems have below 50."""
+
+LONGEST, ROUNDED = 50, 1e-9
+"""Factors of root two of a period, to 2^25 of them; and of a move, so that one that is reached exactly counts."""
 
 KEYS = ("gain_limit", "stable_controllers", "search_decay")
 
@@ -79,24 +87,17 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
         problem: as it was read.
         network, claim: of this problem.
     """
-    table = problem.design
     if not problem.has_defaults:
         yield Wishes(problem, "")
         return
-    said = _in_natural_units(problem, _of_two(problem, network), claim)
-    high = max(HIGH_GAIN_LIMIT, _short(HIGH_GAIN_LIMIT / SIZE_ONE * said.pop("size")))
-    for key in ("disturbances", "stable_controllers", "decay", "search_decay"):
-        if key in table.model_fields_set:
-            said.pop("search_decay" if key == "decay" else key, None)
-    if table.weights.input is not None:
-        said["weights"] = said["weights"].model_copy(update={"input": table.weights.input})
-    limits, given_up, within = (said["gain_limit"], high, VERY_HIGH * high), "", _within_limits(problem)
-    if within < limits[0]:
-        # How fast actuators can bring agents together is theirs: no decay is searched for.
-        modest = {key: one for key, one in said.items() if key != "search_decay"}
-        yield Wishes(_with(problem, modest | {"gain_limit": within}), "", enough=True)
+    said, high = _asked(problem, _of_two(problem, network), claim)
+    limits, given_up = (said["gain_limit"], high, VERY_HIGH * high), ""
+    within = _within_limits(problem, network, claim)
+    if within is not None:
+        yield Wishes(_with(problem, within), "", enough=True)
+        limit = within["gain_limit"]
         given_up = (
-            f"none found within gain_limit {within:g}, with which inputs take about half of [agent.limits]"
+            f"none found within gain_limit {limit:g}, with which inputs take about half of [agent.limits]"
         )
     for limit in limits:
         yield Wishes(_with(problem, said | {"gain_limit": limit}), given_up)
@@ -107,18 +108,49 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
         yield Wishes(_with(problem, said | {"gain_limit": high}), given_up)
 
 
-def _within_limits(problem: Problem) -> float:
-    """Return the norm up to which static gains take about half of what the actuators can in the file's initial states.
+def _within_limits(problem: Problem, network: Network, claim: Claim) -> dict[str, Any] | None:
+    """Return defaults for static gains that take about half of what the actuators can in the file's initial states.
 
-    |u| <= |D| |r|, r = L (x - o) C'. Infinite where the file names no such states or no limits, or controllers have states.
+    The unit of time is that in which the actuators move the outputs as far as they are apart, d are the proportions that
+    gains of size one have then, and |u| <= |D| d'|r|, r = L (x - o) C': of a vehicle's position and speed, from rest, the
+    position counts. How fast actuators can bring agents together is theirs: no decay is searched for. None where the file
+    names no such states or no limits, where actuators do not reach so far, or controllers have states.
     """
-    initial, limits = problem.simulation.initial, problem.limits
-    if problem.order or isinstance(initial, str) or problem.spectrum or not np.isfinite(limits).any():
-        return np.inf
-    away = np.asarray(initial) - (0.0 if problem.offsets is None else problem.offsets)
-    r = problem.graph().laplacian @ away @ problem.agent().lure.C.T
-    size = float(np.linalg.norm(r, axis=1).max())
-    return _short(HALF * float(limits.min()) / size) if size else np.inf
+    initial, limits, plant = problem.simulation.initial, problem.limits, network.plant
+    if problem.order or isinstance(initial, str) or problem.spectrum or not np.isfinite(limits).all():
+        return None
+    away = (np.asarray(initial) - (0.0 if problem.offsets is None else problem.offsets)) @ plant.C.T
+    tau = time_to_move(plant, np.ptp(away, axis=0), limits, problem.controller.period)
+    if tau is None or not away.any():
+        return None
+    S_y = natural(plant, claim.alpha, claim.R, rounded=False, tau=tau)[2]
+    size = float((np.abs(problem.graph().laplacian @ away) @ S_y).max() / np.linalg.norm(S_y))
+    said = _asked(problem, _of_two(problem, network), claim, tau)[0]
+    said.pop("search_decay", None)
+    return said | {"gain_limit": _short(HALF * float(limits.min()) / size)}
+
+
+def time_to_move(
+    plant: Plant, away: Float[np.ndarray, " q"], limits: Float[np.ndarray, " m"], step: float
+) -> float | None:
+    """Return the time in s, within a factor of root two, in which inputs at their limits move each output so far, or None.
+
+    >>> cart = Plant(np.diag([1.0], 1), (np.array([[0.0], [1.0]]),), np.eye(1, 2), np.zeros((2, 0)), np.zeros((0, 2)))
+    >>> time_to_move(cart, np.array([8.0]), np.array([1.0]), 1.0)  # t^2 / 2 = 8
+    4.0
+    """
+    from scipy.linalg import expm
+
+    n, m = plant.B[0].shape
+    held = np.vstack([np.hstack([plant.A, plant.B[0]]), np.zeros((m, n + m))])
+    with np.errstate(all="ignore"):
+        for t in step * 2.0 ** (np.arange(LONGEST) / 2):
+            moved = np.abs(plant.C @ expm(held * t)[:n, n:]) @ limits
+            if not np.isfinite(moved).all():
+                break
+            if (moved >= away * (1 - ROUNDED)).all():
+                return float(t)
+    return None
 
 
 def is_far(rho: float, floor: float | None) -> bool:
@@ -144,11 +176,11 @@ def _of_two(problem: Problem, network: Network) -> Network:
     return replace(network, graph=pair, B=(network.B[0], network.B[0]), spectrum=None)
 
 
-def _in_natural_units(problem: Problem, network: Network, claim: Claim) -> dict[str, Any]:
-    """Return the defaults, and the norm of gains of size one."""
-    from lockstep.lmi.search.unit_scaling import natural
-
-    X, S_u, S_y, time, _ = natural(network.plant, claim.alpha, claim.R, powers_of_two=False)
+def _asked(
+    problem: Problem, network: Network, claim: Claim, tau: float | None = None
+) -> tuple[dict[str, Any], float]:
+    """Return the defaults of what the file does not name, in natural units or those whose time is tau, and the high limit."""
+    X, S_u, S_y, time, _ = natural(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)
     gains = np.outer(
         np.concatenate([np.full(problem.order, 1 / time), S_u]), np.concatenate([np.ones(problem.order), S_y])
     )
@@ -162,8 +194,7 @@ def _in_natural_units(problem: Problem, network: Network, claim: Claim) -> dict[
     noise = [_short(NOISE * disturbance / scale) for scale in S_y]
     names = [name for name, _ in problem.file.agent.outputs]
     late = problem.controller.period * (1 + problem.controller.delay)
-    return {
-        "size": size,
+    said: dict[str, Any] = {
         "gain_limit": max(GAIN_LIMIT, _short(GAIN_LIMIT / SIZE_ONE * size)),
         "weights": WeightsTable(
             state=tuple(map(_short, R)) if apart else 1.0,
@@ -174,6 +205,13 @@ def _in_natural_units(problem: Problem, network: Network, claim: Claim) -> dict[
         "stable_controllers": True,
         "search_decay": float(f"{min(DECAY / time, DECAY_PER_PERIOD / late):.2g}"),
     }
+    table = problem.design
+    for key in ("disturbances", "stable_controllers", "decay", "search_decay"):
+        if key in table.model_fields_set:
+            said.pop("search_decay" if key == "decay" else key, None)
+    if table.weights.input is not None:
+        said["weights"] = said["weights"].model_copy(update={"input": table.weights.input})
+    return said, max(HIGH_GAIN_LIMIT, _short(HIGH_GAIN_LIMIT / SIZE_ONE * size))
 
 
 def _short(value: float) -> float:

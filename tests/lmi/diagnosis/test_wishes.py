@@ -124,11 +124,42 @@ def limits_asked(posed: Problem) -> list[float]:
 
 
 def test_static_gains_are_first_asked_to_take_half_of_what_the_actuators_can() -> None:
-    """From p = 1 and -1 |r| is 2 for both: gains up to 0.5 * 4 / 2 = 1 take half of 4 at the start. Of 80, 6.4 do not."""
+    """From p = 1 and -1 |r| is 2 for both: gains up to 0.5 * 4 / 2 = 1 take half of 4 at the start, of 80 those up to 20."""
     assert limits_asked(slider(4.0))[:2] == [1.0, GAIN_LIMIT]
-    assert limits_asked(slider(80.0))[0] == GAIN_LIMIT
+    assert limits_asked(slider(80.0))[:2] == [20.0, GAIN_LIMIT]
     assert limits_asked(slider(4.0, order=1))[0] == GAIN_LIMIT, "controllers with states have other norms"
     assert limits_asked(slider(4.0, said="gain_limit = 3.0")) == [3.0]
+
+
+def test_what_is_zero_at_the_start_takes_nothing_of_the_actuators() -> None:
+    """x'' = u, |u| <= 1, 8 m apart at rest: t^2 / 2 = 8 after 4 s, position and speed weigh as 1 : 4, and from 8 (1, 0)
+    gains of 0.5 sqrt(17) / 8 = 0.26 take half. 8 m/s take 8 s; from 8 (1, 1), as 1 : 8, it is 0.5 sqrt(65) / 72 = 0.056.
+    """
+
+    def cart(speed: float) -> Problem:
+        return problem(
+            dynamics={"p": "v", "v": "u"},
+            outputs={"y": "p", "w": "v"},
+            network=PATH_2,
+            agent="limits = { u = [-1.0, 1.0] }",
+            design="order = 0\n[controller]\nperiod = 0.25\n"
+            f"[simulation]\ninitial = [[0.0, 0.0], [8.0, {speed}]]",
+        )
+
+    assert limits_asked(cart(0.0))[0] == 0.3
+    assert limits_asked(cart(8.0))[0] == 0.06
+
+
+def test_actuators_that_never_reach_so_far_say_nothing_of_the_gains() -> None:
+    """x' = u - x, |u| <= 0.1, is moved by 0.1 at most, and the agents are 2 apart."""
+    posed = problem(
+        dynamics={"x": "u - x"},
+        outputs={"y": "x"},
+        network=PATH_2,
+        agent="limits = { u = [-0.1, 0.1] }",
+        design="order = 0\n[simulation]\ninitial = [[1.0], [-1.0]]",
+    )
+    assert limits_asked(posed)[0] == GAIN_LIMIT
 
 
 def test_gains_within_the_actuators_limits_are_taken_though_larger_ones_have_a_smaller_rho() -> None:

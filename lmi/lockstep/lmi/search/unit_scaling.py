@@ -131,7 +131,7 @@ def plant_in_units(
 
 
 def natural(
-    plant: Plant, alpha: float, R: Float[np.ndarray, "n n"], *, powers_of_two: bool = True
+    plant: Plant, alpha: float, R: Float[np.ndarray, "n n"], *, rounded: bool = True, tau: float | None = None
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " m"], Float[np.ndarray, " q"], float, float]:
     """Return X, S_u, S_y, tau and g: rounded to powers of two, or as the least squares have them.
 
@@ -139,7 +139,8 @@ def natural(
         plant: in doubles.
         alpha: of its nonlinearity.
         R: (n, n) weight of the disagreement.
-        powers_of_two: whether they are rounded.
+        rounded: whether they are rounded to powers of two.
+        tau: the unit of time, where it is known.
     """
     n, m, q, r, _ = plant.sizes
     state, inputs, outputs = range(n), range(n, n + m), range(n + m, n + m + q)
@@ -167,12 +168,13 @@ def natural(
         for k in range(len(plant.H)):
             near_one(float(plant.H[k, i]), (g, 1), (state[i], -1))
         near_one(float(np.sqrt(R[i, i])), (state[i], -1), weight=WEAK)
+    near_one(0.0 if tau is None else 1 / tau, (time, 1), weight=1 / WEAK**2)
     matrix, wanted = np.zeros((len(rows), g + 1)), np.zeros(len(rows))
     for k, (row, value, weight) in enumerate(rows):
         wanted[k] = weight * value
         for place, sign in row.items():
             matrix[k, place] = weight * sign
     exponents = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
-    found = 2.0 ** (np.round(exponents) if powers_of_two else exponents)
+    found = 2.0 ** (np.round(exponents) if rounded else exponents)
     ends = found[: n + m + q]
     return ends[:n], ends[n : n + m], ends[n + m :], float(found[time]), float(found[g])
