@@ -25,6 +25,24 @@ def test_units_that_fit():
     assert check_units(spring(SPRING, {})).status == "undecided"
 
 
+def test_units_whose_factors_cancel_fit_and_a_unit_of_time_of_its_own_is_told():
+    """1 kN = 1 t m/s^2; a parameter that has a unit may hold a factor; in minutes all of it is in minutes."""
+    in_kN = {**UNITS, "u": "kN", "k": "kN/m", "m": "t", "c": "t/s"}
+    assert check_units(spring(SPRING, in_kN)).status == "proved"
+    mixed = check_units(
+        spring(
+            {**SPRING, "v": "(u*f - k*x - c*v)/m"}, {**UNITS, "u": "kN", "f": "N/kN"}, ("k", "m", "c", "f")
+        )
+    )
+    assert mixed.status == "proved"
+    assert "units of" not in mixed.figure
+    minutes = {**UNITS, "v": "m/min", "u": "kg m/min^2", "k": "kg/min^2", "c": "kg/min"}
+    told = check_units(spring(SPRING, minutes))
+    assert told.status == "proved"
+    assert "with time, and the period, in units of 60 s" in told.figure
+    assert check_units(spring({**SPRING, "v": "u/m"}, {**UNITS, "k": "degC"})).status == "proved"
+
+
 @pytest.mark.parametrize(
     ("dynamics", "units", "told"),
     [
@@ -34,6 +52,14 @@ def test_units_that_fit():
         ({**SPRING, "v": "u/m + k*x/m*sin(x)"}, UNITS, r"`sin\(x\)` is a function of a quantity"),
         ({**SPRING, "v": "u/m + k*x/m*2**x"}, UNITS, r"exponent"),
         (SPRING, {**UNITS, "y1": "s"}, r"\[agent.outputs\] y1"),
+        (SPRING, {**UNITS, "u": "kN"}, r"`u - k\*x` is made of parts of the dimensions 10\^3 \[length\]"),
+        (SPRING, {**UNITS, "v": "km/h"}, r"`u - k\*x - c\*v` is made of parts of .* 10\^-0.556"),
+        (SPRING, {**UNITS, "y1": "mm"}, r"\[agent.outputs\] y1: .* \[length\]; expected 10\^-3 \[length\]"),
+        (
+            {**SPRING, "v": "u/m - k/m*x*sin(c)"},
+            {**UNITS, "c": "deg"},
+            r"`sin\(c\)` is a function of a quantity",
+        ),
         (SPRING, {**UNITS, "k": "furlongs per banana"}, r"\[agent.units\] k: .* is no unit"),
     ],
 )

@@ -1,4 +1,7 @@
-"""Dimensions of every term of every formula, from [agent.units], by pint: terms that are added have one dimension.
+"""Dimensions of every term of every formula, from [agent.units], by pint: terms that are added have one dimension and unit.
+
+N and kN differ by a factor of 10^3, which is carried as one more dimension, a power of ten: added to each other without it
+they would be another plant, and so would the sine of degrees.
 
 d/dt x has the dimension of x over time; sin, exp, tanh and their like take and give pure numbers; a power of a quantity has a
 number as its exponent. Angles are pure numbers (BIPM, The International System of Units, 9th ed., 2019, section 5.4.8).
@@ -9,6 +12,7 @@ for a coefficient of any dimension.
 from __future__ import annotations
 
 import ast
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -23,7 +27,10 @@ from lockstep.model.problem.tables.schema import AgentTable
 REMEDY = "correct the formula, or a unit in [agent.units]; a number has no dimension: make it a parameter that has a unit"
 
 Powers = Mapping[str, float]
-"""Exponents of the base dimensions, none of them 0."""
+"""Exponents of the base dimensions, and of 10 where a unit is no coherent one of the SI; none of them 0."""
+
+NONE = 1e-9
+"""An exponent that is 0 but for rounding: units differ by more than one part in 1e8, or are one."""
 
 SAME = frozenset({"add", "sub", "fmin", "fmax"})
 COMPARED = frozenset({"lt", "le", "atan2"})
@@ -54,11 +61,12 @@ def check_units(table: AgentTable) -> CheckFinding:
     known = {name: Quantity(dimension(text, name)) for name, text in table.units.items()}
     symbols = {name: known.get(name, Quantity(None)) for name in names}
     symbols = {name: Quantity(q.powers, table.parameters.get(name)) for name, q in symbols.items()}
-    symbols["t"] = Quantity({"[time]": 1.0})
     algebra = _Dimensions(pure)
+    time = _unit_of_time(table, symbols, algebra)
+    symbols["t"] = Quantity(time)
     for state, text in table.dynamics.items():
         own = symbols[state].powers
-        rate = None if own is None else combined(own, {"[time]": 1.0}, -1)
+        rate = None if own is None else combined(own, time, -1)
         _check(text, symbols, algebra, f"[agent.dynamics] {state}", rate, f"d/dt {state}")
     for output, text in table.outputs:
         _check(
@@ -74,12 +82,27 @@ def check_units(table: AgentTable) -> CheckFinding:
         figure = f"no contradiction; no unit is given for {', '.join(missing)}"
         return CheckFinding("units", "undecided", figure, None, {"without": missing})
     of = "pure" if pure else "coefficients of any dimension"
+    clock = f", with time, and the period, in units of {10 ** time['10']:g} s" if "10" in time else ""
     return CheckFinding(
         "units",
         "proved",
-        f"every term of {len(table.dynamics)} equations agrees; numbers are {of}",
+        f"every term of {len(table.dynamics)} equations agrees{clock}; numbers are {of}",
         {"pure": pure},
     )
+
+
+def _unit_of_time(table: AgentTable, symbols: dict[str, Quantity], algebra: _Dimensions) -> Powers:
+    """Return that of the first term that has one: an agent may be written in minutes, all of it then."""
+    for state, text in table.dynamics.items():
+        for term in _terms(text):
+            try:
+                found = parse(term, symbols | {"t": Quantity(None)}, algebra, where=state).powers
+            except ProblemError:
+                continue
+            time = combined(symbols[state].powers or {}, found or {}, -1)
+            if time.keys() - {"10"} == {"[time]"} and time["[time]"] == 1:
+                return time
+    return {"[time]": 1.0}
 
 
 def _check(
@@ -99,7 +122,7 @@ def _check(
             ) from None
         if asked is None:
             asked, of = found.powers, f"`{term}`"
-        elif found.powers is not None and found.powers != asked:
+        elif found.powers is not None and combined(found.powers, asked, -1):
             raise ProblemError(
                 f"the term `{term}` has the dimension {shown(found.powers)}",
                 where=where,
@@ -168,7 +191,7 @@ class _Dimensions:
 def _same(a: Quantity, b: Quantity) -> Powers | None:
     if a.powers is None or b.powers is None:
         return a.powers if b.powers is None else b.powers
-    if a.powers != b.powers:
+    if combined(a.powers, b.powers, -1):
         raise Undefined(f"made of parts of the dimensions {shown(a.powers)} and {shown(b.powers)}")
     return a.powers
 
@@ -195,7 +218,7 @@ def _power(base: Quantity, exponent: Quantity) -> Quantity:
 def combined(a: Powers, b: Powers, sign: int) -> Powers:
     """Return the dimension of a product (1) or a quotient (-1)."""
     total = {k: a.get(k, 0.0) + sign * b.get(k, 0.0) for k in (*a, *b)}
-    return {k: p for k, p in total.items() if abs(p) > 1e-12}
+    return {k: p for k, p in total.items() if abs(p) > NONE}
 
 
 def shown(powers: Powers) -> str:
@@ -217,7 +240,10 @@ def dimension(text: str, name: str) -> Powers:
     from pint.errors import PintError
 
     try:
-        powers: dict[str, Any] = dict(getattr(_registry().parse_expression(text), "dimensionality", {}))
+        unit = _registry().parse_expression(text)
+        powers: dict[str, Any] = dict(getattr(unit, "dimensionality", {}))
+        if hasattr(unit, "to_base_units") and not getattr(unit, "_offset_units", lambda: ())():
+            powers["10"] = math.log10(unit.to_base_units().magnitude)
     except (
         PintError,
         ArithmeticError,
@@ -232,7 +258,7 @@ def dimension(text: str, name: str) -> Powers:
             where=f"[agent.units] {name}",
             expected='a unit as pint reads it, such as "rad/s^2" or "N m", or "1" for a pure number',
         ) from None
-    return {k: float(p) for k, p in powers.items() if p}
+    return {k: float(p) for k, p in powers.items() if abs(p) > NONE}
 
 
 @lru_cache(maxsize=1)
