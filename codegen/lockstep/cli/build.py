@@ -28,7 +28,7 @@ def run(path: Path, output: Path, **options: Any) -> Answer:
     parts = [
         check_table(found.checks, "What is to be noted of the model", brief=True),
         summary(document["design"]),
-        verify_table(found.verified),
+        verify_table(found.verified, brief=True),
         Text("\n".join(said), style="bold"),
     ]
     return Answer(document, Group(*parts), found.ok)

@@ -24,8 +24,11 @@ def run(folder: Path, **options: Any) -> Answer:
     return Answer(plain(report.as_dict()), table_of(report), report.ok)
 
 
-def table_of(report: "VerifyReport") -> RenderableType:
-    """Return the targets as a table; a dash is what was not measured. How many steps each took stands below it."""
+def table_of(report: "VerifyReport", *, brief: bool = False) -> RenderableType:
+    """Return the targets as a table; a dash is what was not measured. How many steps each took stands below it.
+
+    Where all is as claimed and it is to be brief, that alone.
+    """
     from lockstep.verification.verify import most_of
 
     headings = ("target", "bitwise", "instr/step", "code B", "RAM B", "stack B")
@@ -36,15 +39,14 @@ def table_of(report: "VerifyReport") -> RenderableType:
         cells = (target.instructions_per_step, target.text_bytes, target.ram_bytes, target.stack_bytes)
         if why := target.skipped or target.error:
             reasons.append(f"{target.name}: {said}, {why}")
-        numbers = ["-" if cell is None else str(cell) for cell in cells]
-        rows.append((Text(target.name), said, *numbers))
+        rows.append((Text(target.name), said, *("-" if cell is None else str(cell) for cell in cells)))
         if fixed := target.fixed:
             most = [most_of(fixed, figure) for figure in ("instructions_per_step", "text_bytes", "ram_bytes")]
             equal = "equal" if all(one.bitwise for one in fixed) else "NO"
             measured = ["-" if cell is None else str(cell) for cell in (*most, None)]
             rows.append((Text("  in integers"), equal, *measured))
-    verdict = (
-        f"every bit is equal: {report.fed}" if report.ok else "NOT as claimed: " + "; ".join(report.problems)
-    )
+    targets = sum(one.bitwise is True for one in report.targets)
+    verdict = f"every bit of the C is equal to its reference on {targets} targets: {report.fed}"
+    verdict = verdict if report.ok else "NOT as claimed: " + "; ".join(report.problems)
     found = table(headings, rows, "The compiled C against its reference")
-    return Group(found, *map(Text, reasons), Text(verdict, style="bold"))
+    return Group(*[found][brief and report.ok :], *map(Text, reasons), Text(verdict, style="bold"))

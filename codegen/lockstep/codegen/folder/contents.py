@@ -32,9 +32,10 @@ _MOST_LINES = 20
 
 
 def not_proved(manifest: Manifest) -> tuple[str, ...]:
-    """Return the files of a folder that a certificate says nothing about: drawings, measurements, compiled units."""
-    others = {*MEASURED, *archives(manifest)}
-    return tuple(sorted(path for path in manifest.files if path in others or _SHOWN.fullmatch(path)))
+    """Return what a certificate says nothing about: drawings and evidence by their folder, measurements, compiled units."""
+    whole = set(manifest.files) & {*MEASURED, *archives(manifest)}
+    drawn = {f"{path.split('/')[0]}/" for path in manifest.files if _SHOWN.fullmatch(path)}
+    return tuple(sorted(whole | drawn))
 
 
 def strangers(folder: Path, manifest: Manifest) -> list[str]:
