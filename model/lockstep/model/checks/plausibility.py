@@ -98,12 +98,13 @@ def _middle(agent: Agent) -> Float[np.ndarray, " n"]:
 def units(problem: Problem) -> Iterator[CheckRow]:
     """Yield a row where [agent.units] contradict the formulas, or name degrees of what sin, cos or tan is taken of."""
     agent, reason = problem.agent(), "a formula whose units do not fit is seldom the plant"
-    for j in sorted(angles(agent)):
-        state = agent.states[j]
-        if agent.units.get(state) in DEGREES:
-            meant = f"sin, cos and tan of {state} take radians, and [agent.units] has {state} in degrees"
-            yield CheckRow("units", "note", f"{meant}: write {state}*pi/180, or give it in rad", reason)
-    if agent.units:
+    in_degrees = [
+        one for j, one in enumerate(agent.states) if j in angles(agent) and agent.units.get(one) in DEGREES
+    ]
+    for state in in_degrees:
+        meant = f"sin, cos and tan of {state} take radians, and [agent.units] has {state} in degrees"
+        yield CheckRow("units", "note", f"{meant}: write {state}*pi/180, or give it in rad", reason)
+    if agent.units and not in_degrees:
         from lockstep.model.checks.proved.dimensions import check_units
 
         try:

@@ -1,7 +1,7 @@
 """Dimensions of every term of every formula, from [agent.units], by pint: terms that are added have one dimension and unit.
 
-N and kN differ by a factor of 10^3, which is carried as one more dimension, a power of ten: added to each other without it
-they would be another plant, and so would the sine of degrees.
+N and kN differ by a factor of 1000, which is carried as one more dimension, a power of ten: added to each other without it
+they would be another plant, and so would the sine of degrees. What a number multiplies may have any factor: pi/180, 3.6.
 
 d/dt x has the dimension of x over time; sin, exp, tanh and their like take and give pure numbers; a power of a quantity has a
 number as its exponent. Angles are pure numbers (BIPM, The International System of Units, 9th ed., 2019, section 5.4.8).
@@ -27,7 +27,7 @@ from lockstep.model.problem.tables.schema import AgentTable
 REMEDY = "correct the formula, or a unit in [agent.units]; a number has no dimension: make it a parameter that has a unit"
 
 Powers = Mapping[str, float]
-"""Exponents of the base dimensions, and of 10 where a unit is no coherent one of the SI; none of them 0."""
+"""Exponents of the base dimensions, and of 10 where a unit is no coherent one of the SI: NaN where not known; none is 0."""
 
 NONE = 1e-9
 """An exponent that is 0 but for rounding: units differ by more than one part in 1e8, or are one."""
@@ -99,7 +99,7 @@ def _unit_of_time(table: AgentTable, symbols: dict[str, Quantity], algebra: _Dim
                 found = parse(term, symbols | {"t": Quantity(None)}, algebra, where=state).powers
             except ProblemError:
                 continue
-            time = combined(symbols[state].powers or {}, found or {}, -1)
+            time = _known(combined(symbols[state].powers or {}, found or {}, -1))
             if time.keys() - {"10"} == {"[time]"} and time["[time]"] == 1:
                 return time
     return {"[time]": 1.0}
@@ -122,7 +122,7 @@ def _check(
             ) from None
         if asked is None:
             asked, of = found.powers, f"`{term}`"
-        elif found.powers is not None and combined(found.powers, asked, -1):
+        elif found.powers is not None and _known(combined(found.powers, asked, -1)):
             raise ProblemError(
                 f"the term `{term}` has the dimension {shown(found.powers)}",
                 where=where,
@@ -181,7 +181,7 @@ class _Dimensions:
             return _power(*values)
         if operation == "sign":
             return Quantity({})
-        if values[0].powers:
+        if values[0].powers and _known(values[0].powers):
             raise Undefined(
                 f"a function of a quantity of the dimension {shown(values[0].powers)}, not of a number"
             )
@@ -191,7 +191,7 @@ class _Dimensions:
 def _same(a: Quantity, b: Quantity) -> Powers | None:
     if a.powers is None or b.powers is None:
         return a.powers if b.powers is None else b.powers
-    if combined(a.powers, b.powers, -1):
+    if _known(combined(a.powers, b.powers, -1)):
         raise Undefined(f"made of parts of the dimensions {shown(a.powers)} and {shown(b.powers)}")
     return a.powers
 
@@ -202,13 +202,14 @@ def _multiplied(a: Quantity, b: Quantity, *, sign: int) -> Quantity:
         value = a.value * b.value if sign > 0 else a.value / b.value
     if a.powers is None or b.powers is None:
         return Quantity(None, value)
-    return Quantity(combined(a.powers, b.powers, sign), value)
+    factor = any(one.value is not None and not one.powers and abs(one.value) != 1 for one in (a, b))
+    return Quantity({**combined(a.powers, b.powers, sign), **({"10": math.nan} if factor else {})}, value)
 
 
 def _power(base: Quantity, exponent: Quantity) -> Quantity:
     if exponent.powers:
         raise Undefined(f"a power whose exponent has the dimension {shown(exponent.powers)}")
-    if not base.powers:
+    if base.powers is None or not _known(base.powers):
         return Quantity(base.powers)
     if exponent.value is None:
         raise Undefined(f"a quantity of the dimension {shown(base.powers)} to a power that varies")
@@ -218,16 +219,22 @@ def _power(base: Quantity, exponent: Quantity) -> Quantity:
 def combined(a: Powers, b: Powers, sign: int) -> Powers:
     """Return the dimension of a product (1) or a quotient (-1)."""
     total = {k: a.get(k, 0.0) + sign * b.get(k, 0.0) for k in (*a, *b)}
-    return {k: p for k, p in total.items() if abs(p) > NONE}
+    return {k: p for k, p in total.items() if not abs(p) <= NONE}
+
+
+def _known(powers: Powers) -> Powers:
+    """Return a dimension without a factor that is not known."""
+    return {k: p for k, p in powers.items() if not math.isnan(p)}
 
 
 def shown(powers: Powers) -> str:
     """Return a dimension as text.
 
-    >>> shown({"[length]": 1.0, "[time]": -2.0}), shown({})
-    ('[length] [time]^-2', 'of a pure number')
+    >>> shown({"[length]": 1.0, "[time]": -2.0, "10": 3.0}), shown({})
+    ('1000 [length] [time]^-2', 'of a pure number')
     """
-    parts = [k if p == 1 else f"{k}^{p:.6g}" for k, p in sorted(powers.items())]
+    factor = [f"{10**p:.6g}" for k, p in _known(powers).items() if k == "10"]
+    parts = factor + [k if p == 1 else f"{k}^{p:.6g}" for k, p in sorted(powers.items()) if k != "10"]
     return " ".join(parts) or "of a pure number"
 
 
