@@ -151,6 +151,7 @@ LATER = {
             ),
             "codegen/lockstep/report/trade_off.py",
             f"{WORKFLOW}/trade_off.py",
+            "model/lockstep/model/checks/actuators.py",
         ],
         850,
     ),

@@ -139,7 +139,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             "rho": f"{content['rho']:.6g}",
             "alpha": f"{content['alpha']:.9g}",
             **proved_besides(content),
-            "gain uncertainty": fragility or "none is asked for",
+            **({"gain uncertainty": fragility} if fragility else {}),
             **_where(content),
             **({"open loop": f"rho {alone:.4g}, with u = 0 (computed)"} if alone else {}),
             "gain norms": ", ".join(f"{norm:.4g}" for norm in figures["gain_norms"]),

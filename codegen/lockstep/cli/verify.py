@@ -27,7 +27,7 @@ def run(folder: Path, **options: Any) -> Answer:
 def table_of(report: "VerifyReport", *, brief: bool = False) -> RenderableType:
     """Return the targets as a table; a dash is what was not measured. How many steps each took stands below it.
 
-    Where all is as claimed and it is to be brief, that alone.
+    Where all is as claimed and it is to be brief, that alone, and what was skipped.
     """
     from lockstep.verification.verify import most_of
 
@@ -38,15 +38,16 @@ def table_of(report: "VerifyReport", *, brief: bool = False) -> RenderableType:
         said = "skipped" if target.skipped else "failed" if target.error else equal
         cells = (target.instructions_per_step, target.text_bytes, target.ram_bytes, target.stack_bytes)
         if why := target.skipped or target.error:
-            reasons.append(f"{target.name}: {said}, {why}")
+            reasons.append(f"{target.name}: {said}" + f", {why}" * (not brief or said != "skipped"))
         rows.append((Text(target.name), said, *("-" if cell is None else str(cell) for cell in cells)))
         if fixed := target.fixed:
             most = [most_of(fixed, figure) for figure in ("instructions_per_step", "text_bytes", "ram_bytes")]
             equal = "equal" if all(one.bitwise for one in fixed) else "NO"
             measured = ["-" if cell is None else str(cell) for cell in (*most, None)]
             rows.append((Text("  in integers"), equal, *measured))
-    targets = sum(one.bitwise is True for one in report.targets)
-    verdict = f"every bit of the C is equal to its reference on {targets} targets: {report.fed}"
+    verdict = (
+        f"every bit is equal on {sum(one.bitwise is True for one in report.targets)} targets: {report.fed}"
+    )
     verdict = verdict if report.ok else "NOT as claimed: " + "; ".join(report.problems)
     found = table(headings, rows, "The compiled C against its reference")
     return Group(*[found][brief and report.ok :], *map(Text, reasons), Text(verdict, style="bold"))

@@ -130,7 +130,7 @@ class VerifyReport:
         calls = f"{ran[0].steps} closed-loop steps and {ran[0].adversarial_steps} adversarial calls per agent"
         if not ran[0].fault_steps:
             return calls
-        return f"{calls}, and every fault once in {ran[0].fault_steps}: NaN, infinity, overflow, no message, no init"
+        return f"{calls}; in one of {ran[0].fault_steps} each a NaN, infinity, overflow, no message, no init"
 
     def require(self) -> "VerifyReport":
         """Return self, or raise `Mismatch` with the figures if a claim does not hold."""

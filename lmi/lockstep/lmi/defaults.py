@@ -25,11 +25,10 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Claim
-from lockstep.check.system.loop import Plant
 from lockstep.lmi.search.unit_scaling import natural
+from lockstep.model.checks.actuators import outputs_apart, time_to_move
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
@@ -56,9 +55,6 @@ make the natural unit of time far shorter than the period. No example or field t
 
 FAR_APART = 300.0
 """Between natural units of states: beyond, |x|^2 is of one state, and the others are free. Most problems have below 50."""
-
-LONGEST, ROUNDED = 50, 1e-9
-"""Factors of root two of a period, to 2^25 of them; and of a move, so that one that is reached exactly counts."""
 
 KEYS = ("gain_limit", "stable_controllers", "search_decay")
 
@@ -116,41 +112,14 @@ def _within_limits(problem: Problem, network: Network, claim: Claim) -> dict[str
     position counts. How fast actuators can bring agents together is theirs: no decay is searched for. None where the file
     names no such states or no limits, where actuators do not reach so far, or controllers have states.
     """
-    initial, limits, plant = problem.simulation.initial, problem.limits, network.plant
-    if problem.order or isinstance(initial, str) or problem.spectrum or not np.isfinite(limits).all():
+    outputs, tau = outputs_apart(problem), time_to_move(problem)
+    if problem.order or outputs is None or tau is None or not outputs.any():
         return None
-    away = (np.asarray(initial) - (0.0 if problem.offsets is None else problem.offsets)) @ plant.C.T
-    tau = time_to_move(plant, np.ptp(away, axis=0), limits, problem.controller.period)
-    if tau is None or not away.any():
-        return None
-    S_y = natural(plant, claim.alpha, claim.R, rounded=False, tau=tau)[2]
-    size = float((np.abs(problem.graph().laplacian @ away) @ S_y).max() / np.linalg.norm(S_y))
+    S_y = natural(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)[2]
+    size = float((np.abs(problem.graph().laplacian @ outputs) @ S_y).max() / np.linalg.norm(S_y))
     said = _asked(problem, _of_two(problem, network), claim, tau)[0]
     said.pop("search_decay", None)
-    return said | {"gain_limit": _short(HALF * float(limits.min()) / size)}
-
-
-def time_to_move(
-    plant: Plant, away: Float[np.ndarray, " q"], limits: Float[np.ndarray, " m"], step: float
-) -> float | None:
-    """Return the time in s, within a factor of root two, in which inputs at their limits move each output so far, or None.
-
-    >>> cart = Plant(np.diag([1.0], 1), (np.array([[0.0], [1.0]]),), np.eye(1, 2), np.zeros((2, 0)), np.zeros((0, 2)))
-    >>> time_to_move(cart, np.array([8.0]), np.array([1.0]), 1.0)  # t^2 / 2 = 8
-    4.0
-    """
-    from scipy.linalg import expm
-
-    n, m = plant.B[0].shape
-    held = np.vstack([np.hstack([plant.A, plant.B[0]]), np.zeros((m, n + m))])
-    with np.errstate(all="ignore"):
-        for t in step * 2.0 ** (np.arange(LONGEST) / 2):
-            moved = np.abs(plant.C @ expm(held * t)[:n, n:]) @ limits
-            if not np.isfinite(moved).all():
-                break
-            if (moved >= away * (1 - ROUNDED)).all():
-                return float(t)
-    return None
+    return said | {"gain_limit": _short(HALF * float(problem.limits.min()) / size)}
 
 
 def is_far(rho: float, floor: float | None) -> bool:

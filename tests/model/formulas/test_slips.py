@@ -8,7 +8,7 @@ import pytest
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.text import SPELLED
 from lockstep.model.assembly import bound_of
-from lockstep.model.checks import nonlinearity, plausibility
+from lockstep.model.checks import actuators, nonlinearity, plausibility
 from lockstep.model.formulas.confusables import keyboard_for
 from lockstep.model.problem import Problem
 
@@ -81,6 +81,44 @@ def test_an_agent_that_settles_between_two_samples_is_noted():
     assert plausibility.period(Problem.parse(lag.replace("period = 0.05", "period = 3.9"))).verdict == "ok"
     row = plausibility.period(Problem.parse(lag.replace("period = 0.05", "period = 10.0")))
     assert (row.verdict, "2.5 times" in row.figure, "0.4 to 1 s" in row.figure) == ("note", True, True)
+
+
+CART = """
+[agent]
+states = ["p", "v"]
+inputs = ["u"]
+dynamics = {{ p = "v", v = "u" }}
+outputs = {{ y = "p" }}
+limits = {{ u = [-1.0, 1.0] }}
+[network]
+agents = 2
+topology = "path"
+[controller]
+period = {period}
+[simulation]
+initial = [[0.0, 0.0], [{apart}, 0.0]]
+"""
+
+
+@pytest.mark.parametrize(
+    ("period", "apart", "time"), [(0.25, 8.0, 4.0), (1.0, 2.0, 2.0), (4.0, 8.0, 4.0), (9.0, 8.0, 9.0)]
+)
+def test_how_long_actuators_take_to_move_the_outputs_so_far(period, apart, time):
+    """t^2 / 2 = 8 after 4 s, 2 after 2 s; a period that is longer is noted, as no mode of an integrator tells of it."""
+    posed = Problem.parse(CART.format(period=period, apart=apart))
+    assert actuators.time_to_move(posed) == time
+    rows = [(row.name, row.verdict) for row in actuators.period(posed)]
+    assert rows == ([("period", "note")] if period >= 4.0 else [])
+    assert plausibility.period(posed).verdict == "ok"
+
+
+def test_without_limits_or_a_start_nothing_is_said_of_actuators():
+    posed = CART.format(period=9.0, apart=8.0)
+    for without in ("limits = { u = [-1.0, 1.0] }\n", "initial = [[0.0, 0.0], [8.0, 0.0]]\n"):
+        assert without in posed
+        assert list(actuators.period(Problem.parse(posed.replace(without, "")))) == []
+    at_rest = Problem.parse(CART.format(period=9.0, apart=0.0))
+    assert list(actuators.period(at_rest)) == []
 
 
 def test_an_agent_that_moves_away_by_itself_is_noted():

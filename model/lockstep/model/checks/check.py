@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from lockstep.model.assembly import Report, bound_of, network_of
 from lockstep.model.bound_search import BOXES
-from lockstep.model.checks import linear_part, nonlinearity, plausibility
+from lockstep.model.checks import actuators, linear_part, nonlinearity, plausibility
 from lockstep.model.checks.proved.all_checks import prove
 from lockstep.model.checks.proved.interval_algebra.definite import BOXES as PROVING_BOXES
 from lockstep.model.checks.report import CheckReport
@@ -70,6 +70,7 @@ def check_problem(
         zeros,
         *plausibility.alone(problem),
         plausibility.period(problem),
+        *actuators.period(problem),
         *plausibility.units(problem),
         *plausibility.initial(problem),
     )

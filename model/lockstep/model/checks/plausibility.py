@@ -44,18 +44,12 @@ def period(problem: Problem) -> CheckRow:
         usual = f"{0.1 / slow:.2g} to {0.25 / slow:.2g} s is usual (Astrom and Wittenmark 1997)"
         moved = f"{T:g} s is {slow * T:.3g} times the longest time constant of the agent by itself, {1 / slow:.3g} s"
         return CheckRow("period", "note", f"{moved}: it has settled between two samples; {usual}", reason)
-    figure = (
-        f"{T:g} s is {w * T:.3g} rad of the agent's fastest mode that swings or grows, {w:.3g} rad/s"
-        if fastest.imag
-        else f"{T:g} s is {w * T:.3g} time constants of the agent's fastest mode that swings or grows, {w:.3g} 1/s"
-    )
+    of, unit = ("rad", "rad/s") if fastest.imag else ("time constants", "1/s")
+    figure = f"{T:g} s is {w * T:.3g} {of} of the agent's fastest mode that swings or grows, {w:.3g} {unit}"
     if w * T <= LONG:
         return CheckRow("period", "ok", figure, reason)
-    unseen = (
-        ", which the samples cannot show at all (Shannon 1949)"
-        if fastest.imag and w * T > math.pi
-        else ": long for that mode"
-    )
+    blind = bool(fastest.imag) and w * T > math.pi
+    unseen = ", which the samples cannot show at all (Shannon 1949)" if blind else ": long for that mode"
     usual = f"{0.2 / w:.2g} to {LONG / w:.2g} s is usual (Astrom and Wittenmark 1997)"
     return CheckRow("period", "note", f"{figure}{unseen}; {usual}", reason)
 

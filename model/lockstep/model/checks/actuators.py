@@ -1,0 +1,52 @@
+"""How fast actuators are beside what the agents are apart at first: a unit of time for gains, and a bound for a period."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.model.checks.report import CheckRow
+from lockstep.model.problem import Problem
+
+LONGEST, ROUNDED = 50, 1e-9
+"""Factors of root two of a period, to 2^25 of them; and of a move, so that one that is reached exactly counts."""
+
+
+def outputs_apart(problem: Problem) -> Float[np.ndarray, "N q"] | None:
+    """Return the outputs of the initial states of the file, less the offsets; None without such, or without limits."""
+    initial = problem.simulation.initial
+    if isinstance(initial, str) or problem.spectrum or not np.isfinite(problem.limits).all():
+        return None
+    away = np.asarray(initial) - (0.0 if problem.offsets is None else problem.offsets)
+    return np.asarray(away @ problem.agent().lure.C.T)
+
+
+def time_to_move(problem: Problem) -> float | None:
+    """Return the time in s, within a factor of root two, in which inputs at their limits move each output so far, or None.
+
+    The linear part, from rest: sum over the inputs l of |C_k (integral of e^(A s) ds from 0 to t) B_l| limit_l. It is the
+    period at least.
+    """
+    from scipy.linalg import expm
+
+    outputs, lure = outputs_apart(problem), problem.agent().lure
+    if outputs is None:
+        return None
+    n, m = lure.B.shape
+    held = np.vstack([np.hstack([lure.A, lure.B]), np.zeros((m, n + m))])
+    with np.errstate(all="ignore"):
+        for t in problem.controller.period * 2.0 ** (np.arange(LONGEST) / 2):
+            moved = np.abs(lure.C @ expm(held * t)[:n, n:]) @ problem.limits
+            if not np.isfinite(moved).all():
+                break
+            if (moved >= np.ptp(outputs, axis=0) * (1 - ROUNDED)).all():
+                return float(t)
+    return None
+
+
+def period(problem: Problem) -> Iterator[CheckRow]:
+    """Yield a row where inputs at their limits move the outputs within one period as far as they are apart at first."""
+    outputs, T = outputs_apart(problem), problem.controller.period
+    if outputs is not None and np.ptp(outputs, axis=0).any() and time_to_move(problem) == T:
+        figure = f"in {T:g} s inputs at [agent.limits] move the outputs as far as [simulation] has them apart, or farther"
+        yield CheckRow("period", "note", figure, "a controller that sees so little of a motion overshoots it")
