@@ -32,22 +32,20 @@ def table_of(report: "VerifyReport", *, brief: bool = False) -> RenderableType:
     from lockstep.verification.verify import most_of
 
     headings = ("target", "bitwise", "instr/step", "code B", "RAM B", "stack B")
-    rows, reasons = list[tuple[str | Text, ...]](), []
+    rows, reasons = list[tuple[str | int | None, ...]](), []
     for target in report.targets:
         equal = "equal" if target.bitwise else "NO"
         said = "skipped" if target.skipped else "failed" if target.error else equal
         cells = (target.instructions_per_step, target.text_bytes, target.ram_bytes, target.stack_bytes)
         if why := target.skipped or target.error:
             reasons.append(f"{target.name}: {said}" + f", {why}" * (not brief or said != "skipped"))
-        rows.append((Text(target.name), said, *("-" if cell is None else str(cell) for cell in cells)))
+        rows.append((target.name, said, *cells))
         if fixed := target.fixed:
             most = [most_of(fixed, figure) for figure in ("instructions_per_step", "text_bytes", "ram_bytes")]
             equal = "equal" if all(one.bitwise for one in fixed) else "NO"
-            measured = ["-" if cell is None else str(cell) for cell in (*most, None)]
-            rows.append((Text("  in integers"), equal, *measured))
-    verdict = (
-        f"every bit is equal on {sum(one.bitwise is True for one in report.targets)} targets: {report.fed}"
-    )
+            rows.append(("  in integers", equal, *most, None))
+    cells_of = [tuple(Text("-" if one is None else str(one)) for one in row) for row in rows]
+    verdict = f"every bit is equal: {report.fed}"
     verdict = verdict if report.ok else "NOT as claimed: " + "; ".join(report.problems)
-    found = table(headings, rows, "The compiled C against its reference")
+    found = table(headings, cells_of, "The compiled C against its reference")
     return Group(*[found][brief and report.ok :], *map(Text, reasons), Text(verdict, style="bold"))

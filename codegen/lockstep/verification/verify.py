@@ -127,7 +127,7 @@ class VerifyReport:
         ran = [target for target in self.targets if target.bitwise is not None]
         if not ran:
             return "nothing was run"
-        calls = f"{ran[0].steps} closed-loop steps and {ran[0].adversarial_steps} adversarial calls per agent"
+        calls = f"{len(ran)} targets, {ran[0].steps} closed-loop and {ran[0].adversarial_steps} adversarial calls per agent"
         if not ran[0].fault_steps:
             return calls
         return f"{calls}; in one of {ran[0].fault_steps} each a NaN, infinity, overflow, no message, no init"
