@@ -131,7 +131,7 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
         yield Statement(
             "lower bound of rho",
             f"{claims.floor:.6g}",
-            f"No controllers, of any order and however connected, can be certified in this way, with these weights, below it{more}.",
+            f"With these weights no controllers, of any order and however connected, can be certified below it{more}.",
         )
     if claims.decay is not None and found.verdict.proves("decay"):
         half = math.log(2) / claims.decay
