@@ -40,7 +40,15 @@ def test_units_whose_factors_cancel_fit_and_a_unit_of_time_of_its_own_is_told():
     told = check_units(spring(SPRING, minutes))
     assert told.status == "proved"
     assert "with time, and the period, in units of 60 s" in told.figure
-    assert check_units(spring({**SPRING, "v": "u/m"}, {**UNITS, "k": "degC"})).status == "proved"
+
+
+def test_degrees_celsius_differ_from_kelvins_by_no_factor():
+    """A difference of 1 degC is one of 1 K; one of 1 degF is 5/9 K."""
+    heated = {"x": "v", "v": "(u - k*(x - c))/m"}
+    units = {"x": "degC", "v": "K/s", "u": "W", "k": "W/K", "c": "K", "m": "J s/K", "y1": "degC"}
+    assert check_units(spring(heated, units)).status == "proved"
+    with pytest.raises(ProblemError, match="made of parts"):
+        check_units(spring(heated, {**units, "c": "degF"}))
 
 
 def test_a_number_may_hold_the_factor_of_a_unit():

@@ -249,8 +249,9 @@ def dimension(text: str, name: str) -> Powers:
     try:
         unit = _registry().parse_expression(text)
         powers: dict[str, Any] = dict(getattr(unit, "dimensionality", {}))
-        if hasattr(unit, "to_base_units") and not getattr(unit, "_offset_units", lambda: ())():
-            powers["10"] = math.log10(unit.to_base_units().magnitude)
+        if hasattr(unit, "units"):  # by a difference: degC and K are one
+            one, two = (_registry().Quantity(k, unit.units).to_base_units().magnitude for k in (1, 2))
+            powers["10"] = math.log10(unit.magnitude * (two - one))
     except (
         PintError,
         ArithmeticError,
