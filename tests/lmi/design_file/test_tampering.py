@@ -50,7 +50,10 @@ def files() -> list[dict[str, Any]]:
     fragile = made[0].document()
     fragile["design"]["fragility"] = {"D": 0.01}
     made.append(Problem.from_document(fragile))
-    return [json.loads(json.dumps(file_of(design(problem)).document())) for problem in made]
+    files = [json.loads(json.dumps(file_of(design(problem)).document())) for problem in made]
+    for file in files:  # the decay is another inequality with a P of its own, which the twin does not decide
+        file["claims"]["decay"] = file["proofs"]["decay"] = None
+    return files
 
 
 def twin_says(file: dict[str, Any]) -> bool:
