@@ -44,8 +44,8 @@ def table_of(report: "VerifyReport", *, brief: bool = False) -> RenderableType:
             most = [most_of(fixed, figure) for figure in ("instructions_per_step", "text_bytes", "ram_bytes")]
             equal = "equal" if all(one.bitwise for one in fixed) else "NO"
             rows.append(("  in integers", equal, *most, None))
-    cells_of = [tuple(Text("-" if one is None else str(one)) for one in row) for row in rows]
+    shown = [tuple(Text("-" if one is None else str(one)) for one in row) for row in rows]
     verdict = f"every bit is equal: {report.fed}"
     verdict = verdict if report.ok else "NOT as claimed: " + "; ".join(report.problems)
-    found = table(headings, cells_of, "The compiled C against its reference")
-    return Group(*[found][brief and report.ok :], *map(Text, reasons), Text(verdict, style="bold"))
+    found = table(headings, shown, "The compiled C against its reference")
+    return Group(*([] if brief and report.ok else [found]), *map(Text, reasons), Text(verdict, style="bold"))

@@ -109,11 +109,11 @@ def _within_limits(problem: Problem, network: Network, claim: Claim) -> dict[str
 
     The unit of time is that in which the actuators move the outputs as far as they are apart, d are the proportions that
     gains of size one have then, and |u| <= |D| d'|r|, r = L (x - o) C': of a vehicle's position and speed, from rest, the
-    position counts. How fast actuators can bring agents together is theirs: no decay is searched for. None where the file
-    names no such states or no limits, where actuators do not reach so far, or controllers have states.
+    position counts. Where they never move them so far, it is the natural one. How fast actuators can bring agents together is
+    theirs: no decay is searched for. None where the file names no such states or no limits, or controllers have states.
     """
     outputs, tau = outputs_apart(problem), time_to_move(problem)
-    if problem.order or outputs is None or tau is None or not outputs.any():
+    if problem.order or outputs is None or not outputs.any():
         return None
     S_y = natural(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)[2]
     size = float((np.abs(problem.graph().laplacian @ outputs) @ S_y).max() / np.linalg.norm(S_y))

@@ -150,16 +150,18 @@ def test_what_is_zero_at_the_start_takes_nothing_of_the_actuators() -> None:
     assert limits_asked(cart(8.0))[0] == 0.06
 
 
-def test_actuators_that_never_reach_so_far_say_nothing_of_the_gains() -> None:
-    """x' = u - x, |u| <= 0.1, is moved by 0.1 at most, and the agents are 2 apart."""
+@pytest.mark.parametrize("inputs", ["u", "u, w"])
+def test_actuators_that_never_reach_so_far_and_inputs_without_a_limit(inputs: str) -> None:
+    """x' = u - x, |u| <= 0.08, is moved by 0.08 at most, the agents are 2 apart: 0.5 * 0.08 / 2. Of w nothing is known."""
     posed = problem(
-        dynamics={"x": "u - x"},
+        dynamics={"x": " + ".join(inputs.split(", ")) + " - x"},
+        inputs=inputs.split(", "),
         outputs={"y": "x"},
         network=PATH_2,
-        agent="limits = { u = [-0.1, 0.1] }",
+        agent="limits = { u = [-0.08, 0.08] }",
         design="order = 0\n[simulation]\ninitial = [[1.0], [-1.0]]",
     )
-    assert limits_asked(posed)[0] == GAIN_LIMIT
+    assert limits_asked(posed)[:2] == [0.02, GAIN_LIMIT]
 
 
 def test_gains_within_the_actuators_limits_are_taken_though_larger_ones_have_a_smaller_rho() -> None:

@@ -112,7 +112,7 @@ decay = 0.08
 
 
 @pytest.mark.parametrize("index", range(4))
-def test_followers_on_a_path_have_gains_of_any_decay(index):
+def test_followers_on_a_path_are_made_stable_though_their_modes_are_one(index):
     """The modes of all three are those of one, and D = [-8, -25] gives it 18 s^3 + 60.3 s^2 + 25.9 s + 8: -0.22."""
     posed = parse_problem(CARRIERS)
     bound = proved_bound(posed)

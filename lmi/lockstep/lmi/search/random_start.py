@@ -229,13 +229,13 @@ def stable_gains(search: GainSearch, seed: int, index: int) -> tuple[GainBlocks,
     """
     generator, limit = np.random.default_rng([seed, index]), search.gain_limit
     shape, units = search.norm.shape, search.units.gains
+    own: dict[str, Any] = {"units": units, "rate": search.rate, "time": search.units.time}
     best = np.zeros(shape), np.inf
     for _ in range(DRAWS):
         drawn = generator.choice(SIZES) * generator.standard_normal(shape)
         if index % 2:
             drawn[:] = drawn[0]
         first = within(drawn * units, DRAWN * limit)
-        own: dict[str, Any] = {"units": units, "rate": search.rate, "time": search.units.time}
         K = within(stabilise(search.loop, first, STABLE * limit, **own)[0], INSIDE * limit)
         abscissa = search.abscissa(K)
         best = min(best, (K, abscissa), key=lambda found: found[1])

@@ -168,6 +168,7 @@ def natural(
         for k in range(len(plant.H)):
             near_one(float(plant.H[k, i]), (g, 1), (state[i], -1))
         near_one(float(np.sqrt(R[i, i])), (state[i], -1), weight=WEAK)
+    # Weighed so that the others do not move it: what is left is a ten-thousandth of their logarithms.
     near_one(0.0 if tau is None else 1 / tau, (time, 1), weight=1 / WEAK**2)
     matrix, wanted = np.zeros((len(rows), g + 1)), np.zeros(len(rows))
     for k, (row, value, weight) in enumerate(rows):

@@ -15,7 +15,7 @@ LONGEST, ROUNDED = 50, 1e-9
 def outputs_apart(problem: Problem) -> Float[np.ndarray, "N q"] | None:
     """Return the outputs of the initial states of the file, less the offsets; None without such, or without limits."""
     initial = problem.simulation.initial
-    if isinstance(initial, str) or problem.spectrum or not np.isfinite(problem.limits).all():
+    if isinstance(initial, str) or problem.spectrum or not problem.has_limits:
         return None
     away = np.asarray(initial) - (0.0 if problem.offsets is None else problem.offsets)
     return np.asarray(away @ problem.agent().lure.C.T)
@@ -24,19 +24,19 @@ def outputs_apart(problem: Problem) -> Float[np.ndarray, "N q"] | None:
 def time_to_move(problem: Problem) -> float | None:
     """Return the time in s, within a factor of root two, in which inputs at their limits move each output so far, or None.
 
-    The linear part, from rest: sum over the inputs l of |C_k (integral of e^(A s) ds from 0 to t) B_l| limit_l. It is the
-    period at least.
+    The linear part, from rest: sum over the inputs l that have a limit of |C_k (integral of e^(A s) ds from 0 to t) B_l|
+    limit_l. It is the period at least.
     """
     from scipy.linalg import expm
 
     outputs, lure = outputs_apart(problem), problem.agent().lure
     if outputs is None:
         return None
-    n, m = lure.B.shape
+    limits, (n, m) = np.where(np.isfinite(problem.limits), problem.limits, 0.0), lure.B.shape
     held = np.vstack([np.hstack([lure.A, lure.B]), np.zeros((m, n + m))])
     with np.errstate(all="ignore"):
         for t in problem.controller.period * 2.0 ** (np.arange(LONGEST) / 2):
-            moved = np.abs(lure.C @ expm(held * t)[:n, n:]) @ problem.limits
+            moved = np.abs(lure.C @ expm(held * t)[:n, n:]) @ limits
             if not np.isfinite(moved).all():
                 break
             if (moved >= np.ptp(outputs, axis=0) * (1 - ROUNDED)).all():
