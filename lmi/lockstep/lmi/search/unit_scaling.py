@@ -21,6 +21,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.system.loop import Loop, Plant
 from lockstep.lmi.analysis.margins import claim_at
+from lockstep.lmi.shapes import Vector
 
 WEAK = 1e-2
 """The weight of the wish that R be near one in the least squares: it decides what the entries leave open."""
@@ -145,15 +146,16 @@ def natural(
     n, m, q, r, _ = plant.sizes
     state, inputs, outputs = range(n), range(n, n + m), range(n + m, n + m + q)
     time, g = n + m + q, n + m + q + 1
-    rows: list[tuple[dict[int, float], float, float]] = []
+    rows: list[Vector] = []
+    wanted: list[float] = []
 
     def near_one(size: float, *signs: tuple[int, int], weight: float = 1.0) -> None:
         """Ask for |size| 2^(sum of sign times exponent) near one."""
         if size:
-            row: dict[int, float] = {}
+            rows.append(np.zeros(g + 1))
+            wanted.append(-weight * float(np.log2(abs(size))))
             for place, sign in signs:
-                row[place] = row.get(place, 0.0) + sign
-            rows.append((row, -float(np.log2(abs(size))), weight))
+                rows[-1][place] += weight * sign
 
     for i in range(n):
         for j in range(n):
@@ -170,12 +172,7 @@ def natural(
         near_one(float(np.sqrt(R[i, i])), (state[i], -1), weight=WEAK)
     # Weighed so that the others do not move it: what is left is a ten-thousandth of their logarithms.
     near_one(0.0 if tau is None else 1 / tau, (time, 1), weight=1 / WEAK**2)
-    matrix, wanted = np.zeros((len(rows), g + 1)), np.zeros(len(rows))
-    for k, (row, value, weight) in enumerate(rows):
-        wanted[k] = weight * value
-        for place, sign in row.items():
-            matrix[k, place] = weight * sign
-    exponents = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
+    exponents: Vector = np.linalg.lstsq(np.array(rows), np.array(wanted), rcond=None)[0]
     found = 2.0 ** (np.round(exponents) if rounded else exponents)
     ends = found[: n + m + q]
     return ends[:n], ends[n : n + m], ends[n + m :], float(found[time]), float(found[g])
