@@ -54,6 +54,7 @@ def test_a_time_limit_that_is_over_at_once_leaves_one_object_and_status_1(exampl
             str(path),
             "--time-limit",
             "0.01",
+            "--fresh",
             "--jobs",
             "1",
             "-o",

@@ -1,6 +1,7 @@
 """The wait for a design: an interrupt keeps the best gains so far, a second run takes what was proved, ranges before it."""
 
 import json
+import shutil
 import signal
 from pathlib import Path
 
@@ -145,6 +146,15 @@ def test_a_second_run_takes_what_was_proved_and_a_fresh_one_does_not(small, tmp_
         other = run.invoke(app, ["design", str(changed), "--json"])
         assert "a search" in json.loads(other.stdout)["error"]["message"]
     assert kept(own_cache) == [file]
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="build compiles the C")
+def test_a_build_says_that_its_design_was_made_before(small, tmp_path, own_cache):
+    lockstep.design(small, jobs=1, reuse=True)
+    assert kept(own_cache)
+    built = CliRunner().invoke(app, ["build", str(small), "-o", str(tmp_path / "c"), "--json"])
+    assert built.exit_code == 0, built.output
+    assert "made before" in built.stderr
 
 
 def test_only_what_a_design_depends_on_is_in_the_key():

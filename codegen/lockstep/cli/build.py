@@ -25,8 +25,9 @@ def run(path: Path, output: Path, **options: Any) -> Answer:
     report = document["report"]
     said = [f"{output / report}: the report" if report else "nothing is written", *found.problems]
     said += [f"note: {one}" for one in found.notes]
+    noted = any(row.verdict != "ok" for row in found.checks.rows)
     parts = [
-        check_table(found.checks, "What is to be noted of the model", brief=True),
+        *([check_table(found.checks, "What is to be noted of the model", brief=True)] if noted else []),
         summary(document["design"]),
         verify_table(found.verified, brief=True),
         Text("\n".join(said), style="bold"),

@@ -37,8 +37,6 @@ def table_of(
     """Return the checks as a table: what was found, and under it, where that is not well or `every` check is asked for, why
     it matters; and, of every check, what was proved. A `brief` one leaves out what is well."""
     rows = [row for row in report.rows if not brief or row.verdict != "ok"]
-    if not rows:
-        return Text(f"{title}: nothing")
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("check", no_wrap=True)
     table.add_column("verdict", no_wrap=True)

@@ -57,14 +57,12 @@ def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
     asked = figures.get("defaults")
     if not asked:
         return {}
-    stable = ", stable controllers" if asked.get("stable_controllers") else ""
-    decay = f", the search at a decay of {asked['search_decay']:g} 1/s" if "search_decay" in asked else ""
     weights, disturbances = asked["weights"], asked["disturbances"]
     sizes = {"weights.input": weights["input"], "noise": disturbances.get("outputs")}
     if isinstance(weights["state"], list):
         sizes |= {"weights.state": weights["state"], "disturbances": disturbances.get("states")}
     listed = "".join(f", {key} {_numbers(value)}" for key, value in sizes.items() if value)
-    said = f"gain_limit {asked['gain_limit']:g}{listed}{stable}{decay}"
+    said = f"gain_limit {asked['gain_limit']:g}{listed}"
     return {"by default": "; ".join(filter(None, [said, asked.get("given_up")]))}
 
 
@@ -142,10 +140,8 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             **({"gain uncertainty": fragility} if fragility else {}),
             **_where(content),
             **({"open loop": f"rho {alone:.4g}, with u = 0 (computed)"} if alone else {}),
-            "gain norms": ", ".join(f"{norm:.4g}" for norm in figures["gain_norms"]),
             "sampled": sampled_text(content["sampled"]),
             **messages_row(content),
-            "slowest pole": f"{figures['abscissa']:.4g} 1/s",
             **_defaults(figures),
             **_cut(figures),
         },

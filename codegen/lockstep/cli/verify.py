@@ -45,7 +45,7 @@ def table_of(report: "VerifyReport", *, brief: bool = False) -> RenderableType:
             equal = "equal" if all(one.bitwise for one in fixed) else "NO"
             rows.append(("  in integers", equal, *most, None))
     shown = [tuple(Text("-" if one is None else str(one)) for one in row) for row in rows]
-    verdict = f"every bit is equal: {report.fed}"
+    verdict = f"every bit is equal: {report.fed.partition(';')[0] if brief else report.fed}"
     verdict = verdict if report.ok else "NOT as claimed: " + "; ".join(report.problems)
     found = table(headings, shown, "The compiled C against its reference")
     return Group(*([] if brief and report.ok else [found]), *map(Text, reasons), Text(verdict, style="bold"))

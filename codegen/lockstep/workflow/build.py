@@ -4,7 +4,7 @@ import json
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -120,7 +120,7 @@ def build(
         designed = design(posed, jobs=jobs, time_limit=time_limit, progress=progress, reuse=reuse, stop=stop)
     files = generated_files(designed)
     # What is reported is what a reader of the file sees.
-    made = Design.of(json.loads(files[DESIGN_NAME]), DESIGN_NAME, folder)
+    made = replace(Design.of(json.loads(files[DESIGN_NAME]), DESIGN_NAME, folder), reused=designed.reused)
     verified = _verified(files, progress)
     wrong, open_claims = [*checks.problems, *verified.problems], unproved(made.sampled)
     written, notes = tuple[str, ...](), tuple[str, ...]()

@@ -10,10 +10,10 @@ from lockstep.workflow.waiting.time_left import TimeLeft
 PATIENCE = 5.0
 """Seconds before the first line: a command that answers at once says nothing else."""
 
-INTERVAL = 10.0
+INTERVAL = 30.0
 """Seconds between two lines while nothing new is being done."""
 
-PAUSE = 3.0
+PAUSE = 10.0
 """Seconds between two lines in any case: a run of short phases is one thing to a reader of a log."""
 
 
@@ -63,7 +63,7 @@ class ProgressLines:
             self._say_if_due()
 
     def _keep_time(self) -> None:
-        while not self._ended.wait(self._interval / 10):
+        while not self._ended.wait(self._interval / 30):
             with self._lock:
                 self._say_if_due()
 
