@@ -5,8 +5,10 @@ controllers are what is designed, and these gains are their image under the inve
 continuous certificate is that of the new gains, and `certify` and `generate` read the file as any other.
 """
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,11 +31,11 @@ from lockstep.codegen.sampled_design import (
 )
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import Stored
-from lockstep.lmi.guarantees import Guarantees, guarantees
+from lockstep.lmi.guarantees import guarantees
 from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.sampled.synthesis.gains_for_period import StartingGains
 from lockstep.lmi.sampled.witnesses import plant_in_doubles
-from lockstep.lmi.search.stopping import Stop
+from lockstep.lmi.search.stopping import NEVER, Deadline, Stop
 from lockstep.model.network import Network
 
 NEAR = 1.05
@@ -46,7 +48,17 @@ change: so often gains are designed with the sector of those before, while rho f
 MOST_STATES = 80
 """Of the sampled loop: a step of the descent grows with the third power of their number, its unknowns with it too."""
 
-Tell = Callable[[float], None]
+
+class Effort(NamedTuple):
+    """What a design for the period is given beside the design file.
+
+    tell: called with the part that is done;  others: gains to start from besides those of the file;  deadline: after which
+    the best gains so far are taken.
+    """
+
+    tell: Callable[[float], None]
+    others: Sequence[StartingGains] = ()
+    deadline: Deadline = NEVER
 
 
 def as_shipped(
@@ -54,6 +66,7 @@ def as_shipped(
     tell: Callable[[str, float], None] = lambda _what, _part: None,
     others: Sequence[StartingGains] = (),
     stop: Stop | None = None,
+    time_limit: float | None = None,
 ) -> Stored:
     """Return a design file with what is proved of its controllers sampled and rounded.
 
@@ -66,20 +79,24 @@ def as_shipped(
         tell: called with what is being done and the part of it that is done.
         others: gains to start a design for the period from, besides those of the file.
         stop: leaves a design for the period out.
+        time_limit: seconds to search for gains for the period; then the best so far, which depend on the machine.
 
     Raises:
         NotCertified: the file says that the design is certified, and the checker refuses it.
     """
     with one_thread():
-        shipped = _shipped(stored, tell, others, stop or Stop())
+        deadline = Deadline(None if time_limit is None else time.monotonic() + time_limit)
+        effort = Effort(lambda part: tell("designing for the period", part), others, deadline)
+        shipped = _shipped(stored, tell, effort, stop or Stop())
+        if deadline.over:
+            figures = {**shipped.info["figures"], "time_limit": time_limit}
+            shipped = replace(shipped, info={**shipped.info, "figures": figures})
         if np.isfinite(stored.problem.limits).any():
             tell("proving the limits of the inputs", 0.0)
         return with_limits(shipped, stored)
 
 
-def _shipped(
-    stored: Stored, tell: Callable[[str, float], None], others: Sequence[StartingGains], stop: Stop
-) -> Stored:
+def _shipped(stored: Stored, tell: Callable[[str, float], None], effort: Effort, stop: Stop) -> Stored:
     """Return what ships, without what is proved of limits."""
     from lockstep.codegen.message_redesign import for_messages, lacks_messages
 
@@ -92,25 +109,20 @@ def _shipped(
     if kept.claims.sampled.certified and lacks_messages(kept):
         return for_messages(kept, tell, stop)
     asked = stored.problem.design.for_period or not kept.claims.sampled.certified
-    enough = NEAR * min([stored.claims.rho or np.inf, *(one.rho for one in others)])
+    enough = NEAR * min([stored.claims.rho or np.inf, *(one.rho for one in effort.others)])
     if not asked and (kept.claims.sampled.rho or np.inf) <= enough:
         return kept
     found = obstacle(stored)
     if found is None:
         try:
-            made = stop.optional(
-                lambda: designed_for_period(
-                    kept, lambda part: tell("designing for the period", part), others
-                ),
-                otherwise=None,
-            )
+            made = stop.optional(lambda: designed_for_period(kept, effort), otherwise=None)
             if made is not None and not lacks_messages(made):
                 return made
             if made is not None and not kept.claims.sampled.certified:
                 return for_messages(made, tell, stop)
             found = "interrupted" if made is None else "the gains found do not carry the messages"
         except Infeasible as error:
-            found = str(error)
+            found = f"the time limit was over; until then: {error}" if effort.deadline.over else str(error)
     return with_sampled(stored, held, **{NOT_FOR_PERIOD: found}) if asked else kept
 
 
@@ -131,26 +143,25 @@ def obstacle(stored: Stored) -> str | None:
     return f"the loop has {states} states, more than {MOST_STATES}" if states > MOST_STATES else None
 
 
-def designed_for_period(stored: Stored, tell: Tell, others: Sequence[StartingGains] = ()) -> Stored:
+def designed_for_period(stored: Stored, effort: Effort) -> Stored:
     """Return the design file with gains made for its period, both certificates proved anew.
 
     The figures of the gains that are replaced are kept among the remarks, under `replaced`.
 
     Args:
         stored: the design file, with what is proved of its sampled controllers.
-        tell: called with the part that is done.
-        others: gains to start from besides those of the file.
+        effort: how, and for how long, gains are searched for.
 
     Raises:
         Infeasible: no gains survive the period, or none with both certificates, or none that are better.
     """
-    made, held, rho = _proved_for_period(stored, tell, others)
+    made, held, rho = _proved_for_period(stored, effort)
     for _ in range(SECTORS if sampled_network(stored).sector else 0):
         try:
-            again = _proved_for_period(made, tell)
+            again = _proved_for_period(made, effort._replace(others=()))
         except Infeasible:
             break
-        if again[2] >= SETTLED * rho:
+        if again[2] >= SETTLED * rho or effort.deadline.over:
             break
         made, held, rho = again
     before = stored.claims.sampled
@@ -161,11 +172,9 @@ def designed_for_period(stored: Stored, tell: Tell, others: Sequence[StartingGai
     return with_sampled(with_figures(made, stored), held, **{FOR_PERIOD: True})
 
 
-def _proved_for_period(
-    stored: Stored, tell: Tell, others: Sequence[StartingGains] = ()
-) -> tuple[Stored, HeldVerdict, float]:
+def _proved_for_period(stored: Stored, effort: Effort) -> tuple[Stored, HeldVerdict, float]:
     """Return a design with gains for its period, what is proved of it sampled, and its sampled rho."""
-    found, m = _searched(stored, tell, others)
+    found, m = _searched(stored, effort)
     made = with_gains(stored, found)
     held = prove_design(made, m)
     if not held.verdict.certified or held.rho is None:
@@ -175,7 +184,14 @@ def _proved_for_period(
 
 def with_gains(stored: Stored, gains: Gains) -> Stored:
     """Return a design file with other gains, their continuous certificate and guarantees proved, nothing else claimed."""
-    c, also = _continuous(stored, gains)
+    from lockstep.lmi.analysis.rounding import prove
+
+    problem, (network, claim) = stored.problem, _posed(stored)
+    try:
+        c = prove(network, gains, claim, rho=problem.design.rho)
+        also = guarantees(problem, network, gains, claim, modal=False)
+    except ClaimError as error:
+        raise Infeasible(f"gains were found, but not certified in continuous time: {error}") from None
     decay, witness = also.decay or (None, None)
     claims = replace(
         stored.claims,
@@ -192,9 +208,10 @@ def with_gains(stored: Stored, gains: Gains) -> Stored:
 def with_figures(made: Stored, stored: Stored) -> Stored:
     """Return a design with the figures of its gains, those of what they replace, and the states from which it holds."""
     before = stored.claims.sampled
+    loop = build_loop(*plant_in_doubles(sampled_network(made)), made.gains.order)
     figures = {
         **stored.info["figures"],
-        "abscissa": _abscissa(made),
+        "abscissa": float(np.linalg.eigvals(loop.A_cl(made.gains.blocks)).real.max()),
         "gain_norms": made.gains.norms,
         "replaced": {
             "rho": stored.claims.rho,
@@ -205,19 +222,21 @@ def with_figures(made: Stored, stored: Stored) -> Stored:
     return _placed(replace(made, info={**stored.info, "figures": figures}))
 
 
-def _searched(stored: Stored, tell: Tell, others: Sequence[StartingGains]) -> tuple[Gains, PairWeights]:
+def _searched(stored: Stored, effort: Effort) -> tuple[Gains, PairWeights]:
     from lockstep.lmi.analysis.rounding import short_gains
     from lockstep.lmi.sampled.synthesis.gains_for_period import AtPeriod, improved
 
-    problem, c, order = stored.problem, stored.proofs.certificate, stored.gains.order
+    problem, table, c = stored.problem, stored.problem.design, stored.proofs.certificate
     m = pair_weights(stored)
     if not isinstance(c, Certificate) or m is None:
         raise Infeasible("there is no continuous certificate to start from")
-    limit, period = problem.design.gain_limit, problem.controller.period
-    at = AtPeriod(sampled_network(stored), problem.graph().edges, problem.performance, order, limit)
-    starts = [StartingGains(stored.gains.blocks, m, c.rho), *others]
+    order, limit, period = stored.gains.order, table.gain_limit, problem.controller.period
+    network, edges = sampled_network(stored), problem.graph().edges
+    decay = min(max(table.decay or 0.0, table.search_decay or 0.0), stored.claims.decay or 0.0)
+    at = AtPeriod(network, edges, problem.performance, order, limit, decay=decay, deadline=effort.deadline)
+    starts = [StartingGains(stored.gains.blocks, m, c.rho), *effort.others]
     enough = NEAR * min(one.rho for one in starts)
-    found = improved(at, starts, rho_most=problem.design.rho, enough=enough, tell=tell)
+    found = improved(at, starts, rho_most=table.rho, enough=enough, tell=effort.tell)
     if found is None:
         raise Infeasible(
             f"no gains were found whose sampled loop is certified at {period:g} s: shorten [controller] period, or lower"
@@ -225,18 +244,6 @@ def _searched(stored: Stored, tell: Tell, others: Sequence[StartingGains]) -> tu
             period=period,
         )
     return Gains.from_blocks(short_gains(found.K, limit), order), found.m
-
-
-def _continuous(stored: Stored, gains: Gains) -> tuple[Certificate, Guarantees]:
-    """Prove the new gains in continuous time, with what else the problem asks for."""
-    from lockstep.lmi.analysis.rounding import prove
-
-    problem, (network, claim) = stored.problem, _posed(stored)
-    try:
-        c = prove(network, gains, claim, rho=problem.design.rho)
-        return c, guarantees(problem, network, gains, claim, modal=False)
-    except ClaimError as error:
-        raise Infeasible(f"gains were found, but not certified in continuous time: {error}") from None
 
 
 def _placed(made: Stored) -> Stored:
@@ -263,8 +270,3 @@ def _posed(stored: Stored) -> tuple[Network, Claim]:
     bound = bound_again(stored).or_raise()
     claim = replace(claim_of(stored.problem, bound), alpha=stored.claims.alpha)
     return network_of(stored.problem, bound), claim
-
-
-def _abscissa(proved: Stored) -> float:
-    loop = build_loop(*plant_in_doubles(sampled_network(proved)), proved.gains.order)
-    return float(np.linalg.eigvals(loop.A_cl(proved.gains.blocks)).real.max())

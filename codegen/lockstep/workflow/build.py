@@ -100,7 +100,8 @@ def build(
         trade_off: whether the report shows what rho costs.
         against: problem files with gains, or design files, of the same agents: shown there.
         jobs: processes to search with; by default one per core.
-        time_limit: seconds to search for gains; then the best certified ones so far, which depend on the machine.
+        time_limit: seconds to search for gains, and as many for those of the period; then the best certified ones so far,
+            which depend on the machine.
         progress: told what is being done and the part of it that is done.
         reuse, stop: see `lockstep.design`.
 

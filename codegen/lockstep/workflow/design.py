@@ -252,7 +252,8 @@ def design(
         against: problem files with gains, or design files, of the same agents: shown in the trade-off.
         jobs: processes to search with; by default one per core.
         scheduler: the address of a Dask scheduler, whose workers search instead; the design is the same.
-        time_limit: seconds to search for gains; then the best certified ones so far, which depend on the machine.
+        time_limit: seconds to search for gains, and as many for those of the period; then the best certified ones so far,
+            which depend on the machine.
         progress: told what is being done and the part of it that is done.
         reuse: take the design that was made before of the same problem, proved again, if there is one in the user's cache
             folder, and keep this one there; see `lockstep.workflow.design_cache`.
@@ -286,7 +287,7 @@ def design(
         else:
             with searching_on(scheduler, time_limit):
                 made = designed(posed, jobs=jobs, progress=progress, time_limit=time_limit, stop=stop)
-            found = Design(as_shipped(file_of(made), progress, made.others, stop))
+            found = Design(as_shipped(file_of(made), progress, made.others, stop, time_limit))
         files = {} if folder is None else trade_off_files(found.stored, others, progress)
     if reuse and before is None:
         from lockstep.workflow.design_cache import keep

@@ -88,12 +88,12 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
         return
     said, high = _asked(problem, _of_two(problem, network), claim)
     limits, given_up = (said["gain_limit"], high, VERY_HIGH * high), ""
-    within = _within_limits(problem, network, claim)
+    within = _within_limits(problem, network, claim, limits[0])
     if within is not None:
         yield Wishes(_with(problem, within), "", enough=True)
         limit = within["gain_limit"]
         given_up = (
-            f"none found within gain_limit {limit:g}, with which inputs take about half of [agent.limits]"
+            f"none near the floor within gain_limit {limit:g}, with which inputs take half of [agent.limits]"
         )
     for limit in limits:
         yield Wishes(_with(problem, said | {"gain_limit": limit}), given_up)
@@ -104,27 +104,28 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
         yield Wishes(_with(problem, said | {"gain_limit": high}), given_up)
 
 
-def _within_limits(problem: Problem, network: Network, claim: Claim) -> dict[str, Any] | None:
-    """Return defaults for static gains that take about half of what the actuators can in the file's initial states.
+def _within_limits(problem: Problem, network: Network, claim: Claim, most: float) -> dict[str, Any] | None:
+    """Return defaults for gains that take about half of what the actuators can in the file's initial states.
 
     The unit of time is that in which the actuators move the outputs as far as they are apart, d are the proportions that
     gains of size one have then, and |u| <= |D| d'|r|, r = L (x - o) C': of a vehicle's position and speed, from rest, the
     position counts. Where they never move them so far, it is the natural one. How fast actuators can bring agents together is
-    theirs: no decay is searched for. None where the file names no such states or no limits, or controllers have states.
+    theirs: no decay is searched for. The rest of a controller has the proportions of gains of size one, too. None where the
+    file names no such states or no limits, or controllers have states and the gain limit `most` is no more than theirs.
     """
     outputs, tau = outputs_apart(problem), time_to_move(problem)
-    if problem.order or outputs is None or not outputs.any():
+    if outputs is None or not outputs.any():
         return None
-    S_y = natural(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)[2]
-    size = float((np.abs(problem.graph().laplacian @ outputs) @ S_y).max() / np.linalg.norm(S_y))
+    _, _, S_y, time, _ = natural(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)
+    into = np.concatenate([np.ones(problem.order), S_y])
+    r = np.abs(problem.graph().laplacian @ outputs) @ S_y
+    out = np.append(np.full(problem.order, 1 / time), HALF * float(problem.limits.min() / r.max()))
+    limit = _short(float(np.linalg.norm(out) * np.linalg.norm(into)))
     said = _asked(problem, _of_two(problem, network), claim, tau)[0]
+    if problem.order and limit >= most:
+        return None
     said.pop("search_decay", None)
-    return said | {"gain_limit": _short(HALF * float(problem.limits.min()) / size)}
-
-
-def is_far(rho: float, floor: float | None) -> bool:
-    """Tell whether a rho is far above what is proved to be impossible; not where nothing is."""
-    return floor is not None and rho > FAR * floor
+    return said | {"gain_limit": limit}
 
 
 def named(problem: Problem) -> dict[str, Any]:
@@ -154,7 +155,7 @@ def _asked(
         np.concatenate([np.full(problem.order, 1 / time), S_u]), np.concatenate([np.ones(problem.order), S_y])
     )
     size = float(np.linalg.norm(gains, 2))
-    apart = X.max() > FAR_APART * X.min()
+    apart = tau is not None or X.max() > FAR_APART * X.min()
     scales = X.max() / X if apart else np.ones_like(X)
     R = 1 / scales**2 if apart else np.diag(claim.R)
     cost = float(np.exp(np.log(R / X**2).mean()))

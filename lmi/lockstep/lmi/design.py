@@ -26,7 +26,7 @@ from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.analysis.margins import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
-from lockstep.lmi.defaults import MUCH, VERY_FAR, Wishes, is_far, named, wishes
+from lockstep.lmi.defaults import FAR, MUCH, VERY_FAR, Wishes, named, wishes
 from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.initial_set import InitialStates, Unavailable
 from lockstep.lmi.initial_set_design import largest_initial_states
@@ -144,18 +144,18 @@ def _designed(
         try:
             found = _proposed(wish.problem, bound, _Effort(jobs, counted, left, stop, last))
         except (Infeasible, NotCertified, OutOfTime, NothingYet):
-            out_of_time = deadline is not None and time.monotonic() >= deadline
-            if best is None and (last or out_of_time or stop.asked):
-                raise
             if best is not None:
                 break
+            if last or stop.asked or (deadline is not None and time.monotonic() >= deadline):
+                raise
             continue
+        if wish.enough and not stop.asked and _is_far(found, VERY_FAR):
+            continue  # actuators that can do hardly anything: what is asked for elsewhere is tried
         if best is None or _rho(found) < MUCH * _rho(best):
             best = found if wish.problem is problem else _with_remark(found, wish)
         elif best is not None:
             break
-        far = is_far(_rho(best), None if best.floor is None else best.floor.rho)
-        if stop.asked or not far or wish.enough or eliminates_P(best.network.loop(problem.order)):
+        if stop.asked or not _is_far(best) or wish.enough or eliminates_P(best.network.loop(problem.order)):
             break  # of many agents with gains of their own, another search takes many minutes
     assert best is not None
     return best
@@ -163,6 +163,10 @@ def _designed(
 
 def _rho(found: Proposal) -> float:
     return np.inf if found.certificate is None else found.certificate.rho
+
+
+def _is_far(found: Proposal, factor: float = FAR) -> bool:
+    return found.floor is not None and _rho(found) > factor * found.floor.rho
 
 
 def _with_remark(found: Proposal, wish: Wishes) -> Proposal:
@@ -263,13 +267,8 @@ def _searched(problem: Problem, network: Network, bound: Bound, claim: Claim, ef
 
     found, floor = found_from(anew=False)
     far = floor is not None and found.certificate.rho > VERY_FAR * floor.rho and not claim.delta.any()
-    if (
-        far
-        and explain
-        and time_limit is None
-        and not stop.asked
-        and not eliminates_P(network.loop(problem.order))
-    ):
+    may = explain and time_limit is None and not stop.asked
+    if far and may and not eliminates_P(network.loop(problem.order)):
         with contextlib.suppress(Infeasible, NotCertified, NothingYet):
             again = found_from(anew=True)
             if again[0].certificate.rho < MUCH * found.certificate.rho:

@@ -97,7 +97,7 @@ def test_gains_are_designed_again_in_the_sector_of_their_own_certificate(monkeyp
     asked, left = [], iter(rhos)
     stored = SimpleNamespace(claims=SimpleNamespace(sampled=SimpleNamespace(rho=10.0)))
 
-    def proved(design, _tell, _others=()):
+    def proved(design, _effort):
         asked.append(design)
         rho = next(left)
         return f"design of {rho}", None, rho
@@ -106,6 +106,7 @@ def test_gains_are_designed_again_in_the_sector_of_their_own_certificate(monkeyp
     monkeypatch.setattr(period_redesign, "sampled_network", lambda _stored: SimpleNamespace(sector=sector))
     monkeypatch.setattr(period_redesign, "with_figures", lambda made, _stored: made)
     monkeypatch.setattr(period_redesign, "with_sampled", lambda made, _held, **_remarks: made)
-    assert period_redesign.designed_for_period(stored, lambda _part: None) == f"design of {kept}"
+    effort = period_redesign.Effort(lambda _part: None)
+    assert period_redesign.designed_for_period(stored, effort) == f"design of {kept}"
     assert asked == [stored, *(f"design of {rho}" for rho in rhos[:-1])]
     assert next(left, None) is None

@@ -127,8 +127,45 @@ def test_static_gains_are_first_asked_to_take_half_of_what_the_actuators_can() -
     """From p = 1 and -1 |r| is 2 for both: gains up to 0.5 * 4 / 2 = 1 take half of 4 at the start, of 80 those up to 20."""
     assert limits_asked(slider(4.0))[:2] == [1.0, GAIN_LIMIT]
     assert limits_asked(slider(80.0))[:2] == [20.0, GAIN_LIMIT]
-    assert limits_asked(slider(4.0, order=1))[0] == GAIN_LIMIT, "controllers with states have other norms"
+    assert 1.0 < limits_asked(slider(4.0, order=1))[0] < GAIN_LIMIT, "the direct gain alone has 1"
+    assert limits_asked(slider(80.0, order=1))[0] == GAIN_LIMIT, "what is asked for anyway is less"
     assert limits_asked(slider(4.0, said="gain_limit = 3.0")) == [3.0]
+
+
+@pytest.mark.parametrize("order", [0, 1])
+def test_in_metres_or_millimetres_the_actuators_are_asked_for_the_same(order) -> None:
+    """q' = u - q, p' = q: weights and noise of one decimal stand to each other as the units do."""
+
+    def asked(mm: float) -> dict:
+        posed = problem(
+            dynamics={"p": f"{mm}*q", "q": f"u - q - sin(p/{mm})"},
+            outputs={"y": "p"},
+            network=PATH_2,
+            agent="limits = { u = [-2.0, 2.0] }",
+            design=f"order = {order}\n[simulation]\ninitial = [[{mm}, 0.0], [{-mm}, 0.0]]",
+        )
+        return first_wishes(posed)
+
+    one, other = asked(1.0), asked(1000.0)
+    ratio = [np.divide(table["weights"]["state"][0], table["weights"]["state"][1]) for table in (one, other)]
+    assert ratio[0] == pytest.approx(1e6 * ratio[1], rel=0.5)
+    noise = [
+        table["disturbances"]["outputs"]["y"] / table["disturbances"]["states"]["p"] for table in (one, other)
+    ]
+    assert noise[0] == pytest.approx(noise[1], rel=0.5)
+    if not order:
+        assert one["gain_limit"] == pytest.approx(1000 * other["gain_limit"], rel=0.01)
+
+
+def test_gains_that_are_far_from_the_floor_within_the_limits_are_not_taken(monkeypatch) -> None:
+    """Where actuators that take half lead to more than ten floors, what is asked for elsewhere is tried."""
+    said = []
+    for far in (1e9, 1e-9):
+        monkeypatch.setattr("lockstep.lmi.design.VERY_FAR", far)
+        said.append(stored(slider(4.0)).info["figures"]["defaults"])
+    assert [one["gain_limit"] for one in said] == [1.0, GAIN_LIMIT]
+    assert "given_up" not in said[0]
+    assert "half of [agent.limits]" in said[1]["given_up"]
 
 
 def test_what_is_zero_at_the_start_takes_nothing_of_the_actuators() -> None:

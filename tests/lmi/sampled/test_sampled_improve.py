@@ -19,6 +19,7 @@ from lockstep.lmi.sampled.synthesis.gains_for_period import (
 )
 from lockstep.lmi.sampled.synthesis.tustin import pulled_back, tustin
 from lockstep.lmi.sampled.witnesses import in_doubles
+from lockstep.lmi.search.stopping import Deadline
 
 EDGES = [(1, 2, 1.0), (2, 1, 1.0)]
 ORDER, GAIN_LIMIT = 1, 20.0
@@ -60,6 +61,23 @@ def test_a_design_for_the_period_has_a_smaller_rho_and_is_proved():
     assert after.rho < 0.9 * before.rho
     assert after.rho == pytest.approx(found.rho, rel=0.02)
     assert np.linalg.norm(found.K, 2, axis=(1, 2)).max() <= GAIN_LIMIT
+
+
+def test_the_decay_that_is_asked_for_is_kept():
+    """The start decays at 1 1/s; a descent that does not know it ends with a slow mode of a controller, at 0.11 1/s."""
+    at = replace(pendulums(0.2), decay=0.5)
+    found = improved(at, [START])
+    A_cl = pendulums(0.2).objective().continuous.A_cl(found.K)
+    assert np.linalg.eigvals(A_cl).real.max() < -0.5
+    assert proved(at, found)[1].rho < 0.9 * measured(at, K, np.ones(1)).rho
+
+
+def test_where_the_time_is_over_one_stage_of_one_start_is_what_there_is():
+    told = list[float]()
+    at = replace(pendulums(0.2), deadline=Deadline(at=0.0))
+    found = improved(at, [START, START], tell=told.append)
+    assert len(told) == 2, "a start that is begun, and its first stage"
+    assert found.rho <= measured(at, K, np.ones(1)).rho
 
 
 @pytest.mark.slow

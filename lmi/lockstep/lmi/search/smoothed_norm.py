@@ -177,8 +177,7 @@ class SmoothedNorm:
             return np.inf, np.zeros_like(x)
         signals = here.signals @ factor
         states = here.X @ signals
-        force = _times(here.W, states)
-        of_K = barrier[1]
+        force, of_K = _times(here.W, states), barrier[1]
         if self.effort.any():
             seen = _times(self.seen, states) + self.noise @ signals
             pushed = self._each(self.effort @ K, seen)

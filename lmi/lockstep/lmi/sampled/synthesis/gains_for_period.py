@@ -24,6 +24,7 @@ from lockstep.lmi.sampled.synthesis.power_means import SampledObjective
 from lockstep.lmi.sampled.synthesis.tustin import tustin
 from lockstep.lmi.sampled.witnesses import in_doubles, plant_in_doubles
 from lockstep.lmi.search.stabilise import within
+from lockstep.lmi.search.stopping import NEVER, Deadline
 from lockstep.lmi.search.unit_scaling import Units, natural, plant_in_units
 from lockstep.lmi.shapes import GainBlocks, PairWeights
 
@@ -65,7 +66,8 @@ class AtPeriod:
     """A network whose controllers are sampled with its period, for gains that may move.
 
     network: agents, coordinates, alpha, period, delay, the matrices exact;  edges: (listener, source, weight), from 1;
-    weights: what rho is a gain to and from;  order: n_C;  gain_limit: of each units * K_i;  units: (n_C + m, n_C + q), or 1.
+    weights: what rho is a gain to and from;  order: n_C;  gain_limit: of each units * K_i;  units: (n_C + m, n_C + q), or 1;
+    decay: 1/s, that the continuous loop is to keep;  deadline: after which a search takes the best so far.
     """
 
     network: SampledNetwork
@@ -74,6 +76,8 @@ class AtPeriod:
     order: int
     gain_limit: float
     units: Float[np.ndarray, "k l"] | float = 1.0
+    decay: float = 0.0
+    deadline: Deadline = NEVER
 
     def at(self, period: float) -> "AtPeriod":
         """Return the same with another period."""
@@ -97,7 +101,7 @@ class AtPeriod:
         _, m, q, _, _ = self.network.plant.sizes
         zero = np.zeros((self.network.d.N, self.order + m, self.order + q))
         loop = in_doubles(self.network, self.controllers(zero), self.weights.outputs)
-        return SampledObjective(loop, self.weights, self.order)
+        return SampledObjective(loop, self.weights, self.order, self.decay)
 
 
 def measured(
@@ -142,7 +146,7 @@ def improved(
         found = _settled(at, start, rho_most, part)
         if found is not None and (best is None or found.rho < best.rho):
             best = found
-        if best is not None and best.rho <= enough:
+        if at.deadline.over or (best is not None and best.rho <= enough):
             break
     return best
 
@@ -166,7 +170,7 @@ def _settled(
         found = min((one for one in (at_start, pursued) if one), key=lambda one: one.rho, default=None)
         if found is None or (best is not None and units.rho * found.rho >= best.rho):
             return best
-        settled = best is not None and units.rho * found.rho > SETTLED * best.rho
+        settled = at.deadline.over or (best is not None and units.rho * found.rho > SETTLED * best.rho)
         best = SampledCandidate(units.gains * found.K, units.pair_weight * found.m, units.rho * found.rho)
         if settled:
             return best
@@ -201,7 +205,7 @@ def in_search_units(at: AtPeriod, K: GainBlocks) -> tuple[AtPeriod, Units]:
         sector=network.sector and Sector(network.sector.Q, network.sector.W / a**2),
     )
     performance = Performance(R / cost, Q / cost, W, disturbed / e, noise)
-    found = replace(at, network=inside, weights=performance, units=gains)
+    found = replace(at, network=inside, weights=performance, units=gains, decay=time * at.decay)
     return found, Units(gains, X, time, (g / a) ** 2, cost, e)
 
 
@@ -237,6 +241,8 @@ def _reached(
         found = measured(at, K, m, NEARBY)
         if found is not None and (best is None or found.rho < best.rho):
             best = found
+        if at.deadline.over:
+            break
     return best, last
 
 

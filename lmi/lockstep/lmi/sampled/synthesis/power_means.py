@@ -9,7 +9,8 @@ The weight W of the inputs adds T u' (I (x) W) u to the cost. Noise n of the out
 `check.sampled.l2_gain`: it enters the state (x_d, n, the rest of xi), one step late, which changes no gain.
 
 The continuous loop has a multiplier of its own, and M^-1 (x) G G' + rho^-2 S^-1 (x) I and M (x) alpha^2 H'H + S (x) R in
-place of S and Q: it only keeps rho below a limit that is a choice, so W and the noise are left out there.
+place of S and Q: it only keeps rho below a limit that is a choice, so W and the noise are left out there. Where the gains
+are to keep a decay sigma it is the loop of e^(sigma t) x_cl.
 `response` makes one number of either, at most 0 where rho is a bound, as far as its points show.
 """
 
@@ -61,11 +62,11 @@ class SampledObjective:
     weight: T (I (x) W).
     """
 
-    def __init__(self, loop: SampledLoop, weights: Performance, order: int) -> None:
-        """Take the sampled loop in doubles with controllers that are zero."""
+    def __init__(self, loop: SampledLoop, weights: Performance, order: int, decay: float = 0.0) -> None:
+        """Take the sampled loop in doubles with controllers that are zero, and the decay of the continuous one."""
         self.loop, self.weights, self.order = loop, weights, order
         plant, d = loop.network.plant, loop.network.d
-        self.continuous = build_loop(plant, d, order)
+        self.continuous = build_loop(plant, d, order, decay)
         self.shape = (d.N, order + plant.sizes[1], order + plant.sizes[2])
         self.period = loop.network.period
         self.has_phi = bool(plant.sizes[3] and plant.sizes[4] and loop.network.alpha > 0)
