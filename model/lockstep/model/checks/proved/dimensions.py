@@ -32,6 +32,9 @@ Powers = Mapping[str, float]
 NONE = 1e-9
 """An exponent that is 0 but for rounding: units differ by more than one part in 1e8, or are one."""
 
+CLOCKS = 1e-9, 1e-6, 1e-3, 1.0, 60.0, 3600.0, 86400.0
+"""Units of time, in s, that an agent may be written in: with z in m and v in km/h, z' = v would be in 3.6 s."""
+
 SAME = frozenset({"add", "sub", "fmin", "fmax"})
 COMPARED = frozenset({"lt", "le", "atan2"})
 KEPT = frozenset({"neg", "fabs"})
@@ -69,14 +72,8 @@ def check_units(table: AgentTable) -> CheckFinding:
         rate = None if own is None else combined(own, time, -1)
         _check(text, symbols, algebra, f"[agent.dynamics] {state}", rate, f"d/dt {state}")
     for output, text in table.outputs:
-        _check(
-            text,
-            symbols,
-            algebra,
-            f"[agent.outputs] {output}",
-            known.get(output, Quantity(None)).powers,
-            output,
-        )
+        asked = known.get(output, Quantity(None)).powers
+        _check(text, symbols, algebra, f"[agent.outputs] {output}", asked, output)
     missing = [name for name in names if name not in table.units]
     if missing:
         figure = f"no contradiction; no unit is given for {', '.join(missing)}"
@@ -100,7 +97,8 @@ def _unit_of_time(table: AgentTable, symbols: dict[str, Quantity], algebra: _Dim
             except ProblemError:
                 continue
             time = _known(combined(symbols[state].powers or {}, found or {}, -1))
-            if time.keys() - {"10"} == {"[time]"} and time["[time]"] == 1:
+            whole = min(abs(time.get("10", 0.0) - math.log10(clock)) for clock in CLOCKS) < NONE
+            if time.keys() - {"10"} == {"[time]"} and time["[time]"] == 1 and whole:
                 return time
     return {"[time]": 1.0}
 
@@ -247,7 +245,8 @@ def dimension(text: str, name: str) -> Powers:
     from pint.errors import PintError
 
     try:
-        unit = _registry().parse_expression(text)
+        # pint's Nm is the count of a yarn, in km/kg.
+        unit = _registry().parse_expression(text.replace("Nm", "N m"))
         powers: dict[str, Any] = dict(getattr(unit, "dimensionality", {}))
         if hasattr(unit, "units"):  # by a difference: degC and K are one
             one, two = (_registry().Quantity(k, unit.units).to_base_units().magnitude for k in (1, 2))
