@@ -1,15 +1,18 @@
 """The commands on the published gains of Table 1: design, certify, generate, verify, and what they refuse."""
 
 import copy
+import io
 import json
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
-from lockstep.cli.design import proved_besides
+import lockstep
+from lockstep.cli.design import HARDLY, proved_besides, summary
 from lockstep.cli.main import app
 from lockstep.lmi.document import answer as said
 from lockstep.lmi.document import read
@@ -199,3 +202,14 @@ def test_certify_prints_the_decay_of_the_worked_example() -> None:
     decay = json.loads((folder / "design.json").read_text())["claims"]["decay"]
     printed = CliRunner().invoke(app, ["certify", str(folder / "design.json")]).stdout
     assert f"every disagreement at {decay:.6g} 1/s or faster" in " ".join(printed.split())
+
+
+@pytest.mark.parametrize(("alone", "idle"), [(None, False), (10.0, False), (5.0, True)])
+def test_controllers_that_do_hardly_anything_are_said_to(alone, idle, root) -> None:
+    content = lockstep.load(root / "generated" / "flexible_joint_arms").document()
+    content = {**content, "rho": 4.6, "figures": {**content["figures"], "rho_alone": alone}}
+    console = Console(width=200, record=True, file=io.StringIO())
+    console.print(summary(content))
+    printed = console.export_text()
+    assert ("open loop" in printed) == (alone is not None)
+    assert (HARDLY in printed) == idle

@@ -112,6 +112,11 @@ def test_where_the_slopes_that_a_mode_needs_have_no_range_a_domain_is_asked_for(
         "check", "problem.toml", problem=text(*TANKS) + "\n[agent.domain]\nh = [0.1, 0.6]\nk = [0.1, 0.6]\n"
     )
     assert status == 0
+    status, answer = run(
+        "check", "problem.toml", problem=text(*TANKS) + "\n[agent.domain]\nh = [0.0, 0.6]\nk = [0.0, 0.6]\n"
+    )
+    assert status == 2
+    assert "give a smaller domain" in answer["error"]["remedy"], "down to h = 0 they have none"
     in_a_sphere = {"h": "(q - 0.2*sqrt(h))/(pi*(2*h - h**2))", "q": "(u - q)/5"}
     boxed = text(in_a_sphere, ("h",), 1) + "\n[agent.domain]\nh = [0.6, 1.4]\n"
     status, answer = run("check", "problem.toml", problem=boxed)

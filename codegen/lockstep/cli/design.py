@@ -11,6 +11,7 @@ from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.messages import messages_row
 
 REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
+HARDLY = ": these controllers do hardly anything; ask for a `decay`"
 
 
 def run(path: Path, output: Path | None, **options: Any) -> Answer:
@@ -129,6 +130,8 @@ def _times(radius: float, start: float | None) -> str:
 def summary(content: Mapping[str, Any]) -> RenderableType:
     """Return what was designed and proved, for people."""
     figures, alone = content["figures"], content["figures"].get("rho_alone")
+    # Nine tenths of what is there without controllers.
+    said = f"rho {alone:.4g}, with u = 0 (computed){HARDLY * (content['rho'] > 0.9 * alone)}" if alone else ""
     fragility = ", ".join(f"{letter} {delta:g}" for letter, delta in content["fragility"].items() if delta)
     return two_columns(
         content["title"],
@@ -139,7 +142,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             **proved_besides(content),
             **({"gain uncertainty": fragility} if fragility else {}),
             **_where(content),
-            **({"open loop": f"rho {alone:.4g}, with u = 0 (computed)"} if alone else {}),
+            **({"open loop": said} if said else {}),
             "sampled": sampled_text(content["sampled"]),
             **messages_row(content),
             **_defaults(figures),

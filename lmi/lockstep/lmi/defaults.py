@@ -3,8 +3,9 @@
 The last third of rho costs large gains, controllers that are unstable by themselves, slow modes and noise. So where [design]
 names neither `weights` nor `gain_limit` (nor a rho to keep), and its method searches,
 
-    gain_limit          6.4, or more where gains of size one, in natural units, are larger; of static gains first what
-                        takes about half of [agent.limits] in the initial states of the file, where it names both
+    gain_limit          6.4, or more where gains of size one, in natural units, are larger; first what takes about half of
+                        [agent.limits] in the initial states of the file, where it names both: of static gains always,
+                        of controllers with states where that is less
     weights.input       1e-3, in natural units, unless it alone of `weights` is named
     disturbances        noise of 0.03 on the outputs, in natural units, unless `disturbances` are named
     stable_controllers  true, unless it is named
@@ -13,8 +14,9 @@ names neither `weights` nor `gain_limit` (nor a rho to keep), and its method sea
 and, where the states' natural units are further apart than 300 (a resonator in SI units moves by 1e-6 m at 1 m/s), weights
 and disturbances of the states in those units, too, so chosen that both are 1 for the state of the smallest unit.
 
-Natural units are those in which the numbers of plant and R are nearest to one (`search.unit_scaling`); of static gains
-within the actuators' limits, with the unit of time in which actuators move the outputs as far as they are apart at first:
+Natural units are those in which the numbers of plant and R are nearest to one (`search.unit_scaling`); of gains within the
+actuators' limits, with the unit of time in which actuators move the outputs as far as they are apart at first, and with
+weights and disturbances of the states in them always, so that an agent in m is given the controllers of one in mm:
 that of a train is otherwise the quarter of an hour in which it rolls to a stop. Where no gains are found for them, or none
 with a rho near the floor, the limit is raised, twice, and then stability and decay are not asked for. What was taken is
 written into the problem: a design file names all of it, and nothing is filled in when it is read.

@@ -248,8 +248,7 @@ def stable_gains(search: GainSearch, seed: int, index: int) -> tuple[GainBlocks,
         if abscissa < 0:
             return best
     if search.modes and (one := _stable_in_modes(search.modes, generator)) is not None:
-        K = np.repeat(one[None], shape[0], axis=0)
-        best = K, search.abscissa(K)
+        return (K := np.repeat(one[None], shape[0], axis=0)), search.abscissa(K)
     return best
 
 

@@ -67,11 +67,16 @@ def _lost_slopes(agent: Agent, modes: Callable[..., Controllability | Observabil
     """Say, before what is lost and as the first remedy, where A may lack what phi does.
 
     That is sqrt(x) or q/h without a domain, whose slopes have no middle to move into A; or sin(x), whose slopes are around
-    zero on the whole line, though no mode is lost at the origin.
+    zero on the whole line, though no mode is lost at the origin; or sqrt(1 + x) on a domain that reaches -1.
     """
     endless = np.isinf(agent.box).any(axis=1) & agent.lure.H.any(axis=0)
     free = ", ".join(np.array(agent.states)[endless])
     finite = agent.centring.reason not in (NO_SLOPES, GROWING)
+    if agent.domain and not free and not finite:
+        return (
+            "the slopes on [agent.domain] have no middle that counts in A, and ",
+            "give a smaller domain; or ",
+        )
     if not free or (finite and modes(_at_the_origin(agent)).unstable_eigenvalue is not None):
         return "", ""
     where = f" of {free}" if agent.domain else ""

@@ -197,13 +197,9 @@ def in_search_units(at: AtPeriod, K: GainBlocks) -> tuple[AtPeriod, Units]:
     W = np.outer(S_u, S_u) * weights.W / cost if len(weights.W) else weights.W
     noise = S_y * weights.outputs / e if len(weights.outputs) else weights.outputs
     gains = np.outer(np.concatenate([1 / (time * S_C), S_u]), np.concatenate([S_C, S_y]))
-    inside = replace(
-        network,
-        plant=scaled.in_numbers(True),
-        alpha=network.alpha / a,
-        period=network.period / time,
-        sector=network.sector and Sector(network.sector.Q, network.sector.W / a**2),
-    )
+    sector = network.sector and Sector(network.sector.Q, network.sector.W / a**2)
+    alpha, period = network.alpha / a, network.period / time
+    inside = replace(network, plant=scaled.in_numbers(True), alpha=alpha, period=period, sector=sector)
     performance = Performance(R / cost, Q / cost, W, disturbed / e, noise)
     found = replace(at, network=inside, weights=performance, units=gains, decay=time * at.decay)
     return found, Units(gains, X, time, (g / a) ** 2, cost, e)
