@@ -146,6 +146,7 @@ def searched(
         raise refused
     tell("looking for what is in the way", 1.0)
     said, why = hint(problem, network, claim)
+    said = said or "; name other weights, or a decay, or take units in which states and gains are nearer to one"
     raise NotCertified(f"{refused}{said}", **refused.figures, **why)
 
 
