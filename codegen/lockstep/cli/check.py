@@ -35,14 +35,14 @@ def table_of(
     report: "CheckReport", title: str, *, every: bool = False, brief: bool = False
 ) -> RenderableType:
     """Return the checks as a table: what was found, and under it, where that is not well or `every` check is asked for, why
-    it matters; and, of every check, what was proved. A `brief` one leaves out what is well."""
+    it matters; and, of every check, what was proved. A `brief` one leaves out what is well, and why notes matter."""
     rows = [row for row in report.rows if not brief or row.verdict != "ok"]
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("check", no_wrap=True)
     table.add_column("verdict", no_wrap=True)
     table.add_column("found", overflow="fold")
     for row in rows:
-        why = f"\n{row.reason}" if every or row.verdict != "ok" else ""
+        why = f"\n{row.reason}" if every or row.verdict not in ("ok", "note" if brief else "ok") else ""
         said = Text(row.figure).append(why, style="dim")
         table.add_row(row.name, Text(row.verdict, style=STYLES[row.verdict]), said)
     for finding in report.findings if every else ():
