@@ -5,7 +5,6 @@ controllers are what is designed, and these gains are their image under the inve
 continuous certificate is that of the new gains, and `certify` and `generate` read the file as any other.
 """
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -85,7 +84,7 @@ def as_shipped(
         NotCertified: the file says that the design is certified, and the checker refuses it.
     """
     with one_thread():
-        deadline = Deadline(None if time_limit is None else time.monotonic() + time_limit)
+        deadline = Deadline.after(time_limit)
         effort = Effort(lambda part: tell("designing for the period", part), others, deadline)
         shipped = _shipped(stored, tell, effort, stop or Stop())
         if deadline.over:

@@ -99,7 +99,7 @@ def test_what_no_gains_were_found_for_says_what_is_carried(searched):
 def test_gains_for_the_period_do_not_take_the_place_of_such_as_carry_the_messages(searched, monkeypatch):
     from lockstep.codegen import period_redesign
 
-    monkeypatch.setattr(period_redesign, "designed_for_period", lambda kept, _tell, _others: without(kept))
+    monkeypatch.setattr(period_redesign, "designed_for_period", lambda kept, _effort: without(kept))
     made = as_shipped(searched({"loss": 0.1}, for_period=True))
     assert made.claims.messages is not None
     assert made.info["sampled"]["not_designed_for_period"] == "the gains found do not carry the messages"

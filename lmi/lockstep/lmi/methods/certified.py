@@ -1,6 +1,5 @@
 """Method "certified": gains by search, in short decimals, and why there are none where there are none."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -97,7 +96,7 @@ def searched(
         NotCertified: gains were found, and their certificate did not survive the exact check.
     """
     stop = stop or Stop()
-    deadline = Deadline(None if time_limit is None else time.monotonic() + time_limit, stop.flag)
+    deadline = Deadline.after(time_limit, stop.flag)
     table = problem.design
     rho = table.rho if table.objective == "alpha" else None
     tell("looking for limits of any controller", 0.0)
@@ -146,7 +145,9 @@ def searched(
         raise refused
     tell("looking for what is in the way", 1.0)
     said, why = hint(problem, network, claim)
-    said = said or "; name other weights, or a decay, or take units in which states and gains are nearer to one"
+    said = (
+        said or "; name other weights, or a decay, or take units in which states and gains are nearer to one"
+    )
     raise NotCertified(f"{refused}{said}", **refused.figures, **why)
 
 

@@ -26,6 +26,11 @@ class Deadline:
     at: float | None = None
     flag: str = ""
 
+    @classmethod
+    def after(cls, seconds: float | None, flag: str = "") -> "Deadline":
+        """Return one so many seconds from now, or none."""
+        return cls(None if seconds is None else time.monotonic() + seconds, flag)
+
     @property
     def over(self) -> bool:
         """Whether the search is to end."""
