@@ -87,7 +87,7 @@ def as_shipped(
         deadline = Deadline.after(time_limit)
         effort = Effort(lambda part: tell("designing for the period", part), others, deadline)
         shipped = _shipped(stored, tell, effort, stop or Stop())
-        if deadline.over:
+        if deadline.over and {FOR_PERIOD, NOT_FOR_PERIOD} & shipped.info["sampled"].keys():
             figures = {**shipped.info["figures"], "time_limit": time_limit}
             shipped = replace(shipped, info={**shipped.info, "figures": figures})
         if np.isfinite(stored.problem.limits).any():
@@ -122,7 +122,8 @@ def _shipped(stored: Stored, tell: Callable[[str, float], None], effort: Effort,
             found = "interrupted" if made is None else "the gains found do not carry the messages"
         except Infeasible as error:
             found = f"the time limit was over; until then: {error}" if effort.deadline.over else str(error)
-    return with_sampled(stored, held, **{NOT_FOR_PERIOD: found}) if asked else kept
+    said = asked or effort.deadline.over
+    return with_sampled(stored, held, **{NOT_FOR_PERIOD: found}) if said else kept
 
 
 def obstacle(stored: Stored) -> str | None:

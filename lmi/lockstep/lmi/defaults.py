@@ -70,7 +70,7 @@ VERY_FAR = 10.0
 class Wishes(NamedTuple):
     """A problem that names what it asks for, and what was given up for it, in words; empty at first.
 
-    enough: whether gains that are found are taken, however far their rho is from the floor: actuators are the reason.
+    enough: whether gains that are found are taken up to `VERY_FAR` from the floor: actuators are the reason.
     """
 
     problem: Problem

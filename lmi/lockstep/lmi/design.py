@@ -149,24 +149,22 @@ def _designed(
             if last or stop.asked or (deadline is not None and time.monotonic() >= deadline):
                 raise
             continue
-        if wish.enough and not stop.asked and _is_far(found, VERY_FAR):
-            continue  # actuators that can do hardly anything: what is asked for elsewhere is tried
-        if best is None or _rho(found) < MUCH * _rho(best):
+        if best is None or _over_floor(found, best) < MUCH * _over_floor(best, best):
             best = found if wish.problem is problem else _with_remark(found, wish)
         elif best is not None:
             break
-        if stop.asked or not _is_far(best) or wish.enough or eliminates_P(best.network.loop(problem.order)):
+        far = best.floor is not None and _over_floor(best, best) > (VERY_FAR if wish.enough else FAR)
+        if stop.asked or not far or eliminates_P(best.network.loop(problem.order)):
             break  # of many agents with gains of their own, another search takes many minutes
     assert best is not None
     return best
 
 
-def _rho(found: Proposal) -> float:
-    return np.inf if found.certificate is None else found.certificate.rho
-
-
-def _is_far(found: Proposal, factor: float = FAR) -> bool:
-    return found.floor is not None and _rho(found) > factor * found.floor.rho
+def _over_floor(found: Proposal, other: Proposal) -> float:
+    """Return rho over its floor, or over that of another one: wishes that differ in weights are told apart by that."""
+    floor = found.floor or other.floor
+    rho = np.inf if found.certificate is None else found.certificate.rho
+    return rho / floor.rho if floor else rho
 
 
 def _with_remark(found: Proposal, wish: Wishes) -> Proposal:
