@@ -126,16 +126,15 @@ def metric_of(loop: SampledLoop) -> Float[np.ndarray, "n_xi n_xi"]:
 
 def padded(loop: SampledLoop, S: Float[np.ndarray, "n_d n_d"]) -> Float[np.ndarray, "n_xi n_xi"]:
     """Return S on x_d, zero elsewhere."""
-    out = np.zeros((loop.n_xi, loop.n_xi))
-    out[: loop.n_d, : loop.n_d] = S
-    return out
+    return np.pad(S, (0, loop.n_xi - loop.n_d))
 
 
 def distance_ratio(loop: SampledLoop, P: Float[np.ndarray, "n_xi n_xi"]) -> float:
-    """Return c with x_d' ((T T')^-1 (x) I) x_d <= c V, a little above the least."""
-    L = np.linalg.cholesky(P)
-    inner = np.linalg.solve(L, np.linalg.solve(L, metric_of(loop)).T)
-    return float(1.001 * np.linalg.eigvalsh((inner + inner.T) / 2)[-1])
+    """Return c with x_d' ((T T')^-1 (x) I) x_d <= c V, a little above the least, as far as doubles show P to be definite."""
+    root = np.sqrt(np.maximum(np.diag(P), 1e-300))[:, None]
+    values, turned = np.linalg.eigh(P / root / root.T)
+    half = turned / np.sqrt(np.maximum(values, 1e-16)) / root
+    return float(1.001 * np.linalg.eigvalsh(half.T @ metric_of(loop) @ half)[-1])
 
 
 def _is_definite(matrix: Float[np.ndarray, "n n"]) -> bool:
