@@ -11,6 +11,10 @@ from amini.claims.example import arm
 from cart import cart
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Gains
+from lockstep.lmi.defaults import wishes
+from lockstep.lmi.design import claim_of, design, proved_bound
+from lockstep.lmi.document import Stored, file_of, parse
+from lockstep.model.assembly import network_of
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem, parse_problem
@@ -132,3 +136,18 @@ def carts(**changes: str) -> str:
         index = next(i for i, line in enumerate(lines) if line.startswith(f"{key} = "))
         lines[index] = f"{key} = {value}"
     return "\n".join(lines)
+
+
+PATH_2 = 'agents = 2\ntopology = "path"'
+
+
+def first_wishes(posed: Problem) -> dict[str, Any]:
+    """Return [design] with the defaults that are tried first."""
+    bound = proved_bound(posed)
+    first, *_ = wishes(posed, network_of(posed, bound), claim_of(posed, bound))
+    return first.problem.document()["design"]
+
+
+def stored(posed: Problem) -> Stored:
+    """Return the design of a problem as its file holds it."""
+    return parse(json.loads(json.dumps(file_of(design(posed, jobs=1)).document())), "memory")

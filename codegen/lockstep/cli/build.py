@@ -1,4 +1,4 @@
-"""`lockstep build`: from a problem file to a folder of proved, compiled and checked C, with a report."""
+"""`lockstep build`: from a problem file to a folder of proved, compiled and checked C, with a report; `generate`: its C."""
 
 from pathlib import Path
 from typing import Any
@@ -7,7 +7,7 @@ from rich.console import Group
 from rich.text import Text
 
 from lockstep.cli.check import table_of as check_table
-from lockstep.cli.console import Answer, left_from_before, progress_display, remark
+from lockstep.cli.console import Answer, left_from_before, progress_display, remark, two_columns
 from lockstep.cli.design import REUSED, summary
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.verify import table_of as verify_table
@@ -33,3 +33,13 @@ def run(path: Path, output: Path, **options: Any) -> Answer:
         Text("\n".join(said), style="bold"),
     ]
     return Answer(document, Group(*parts), found.ok)
+
+
+def generate(path: Path, output: Path, **options: Any) -> Answer:
+    """Generate the folder of a certified design; options: of `lockstep.generate`."""
+    import lockstep
+
+    made = lockstep.generate(path, output, **options)
+    bytes_of = {name: text if isinstance(text, bytes) else text.encode() for name, text in made.files.items()}
+    sizes = {name: f"{len(bytes_of[name])} bytes" for name in sorted(bytes_of)}
+    return Answer(made.document(), two_columns(f"{made.design.title}: {output}", sizes))

@@ -130,8 +130,9 @@ def _times(radius: float, start: float | None) -> str:
 def summary(content: Mapping[str, Any]) -> RenderableType:
     """Return what was designed and proved, for people."""
     figures, alone = content["figures"], content["figures"].get("rho_alone")
-    # Nine tenths of what is there without controllers.
-    said = f"rho {alone:.4g}, with u = 0 (computed){HARDLY * (content['rho'] > 0.9 * alone)}" if alone else ""
+    idle = (
+        HARDLY if alone and content["rho"] > 0.9 * alone else ""
+    )  # nine tenths of what is there without them
     fragility = ", ".join(f"{letter} {delta:g}" for letter, delta in content["fragility"].items() if delta)
     return two_columns(
         content["title"],
@@ -142,7 +143,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             **proved_besides(content),
             **({"gain uncertainty": fragility} if fragility else {}),
             **_where(content),
-            **({"open loop": said} if said else {}),
+            **({"open loop": f"rho {alone:.4g}, with u = 0 (computed){idle}"} if alone else {}),
             "sampled": sampled_text(content["sampled"]),
             **messages_row(content),
             **_defaults(figures),

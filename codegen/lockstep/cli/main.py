@@ -227,7 +227,7 @@ def generate(
     json: Json = False,
 ) -> None:
     """Emit C for each agent's controller."""
-    from lockstep.cli.generate import run
+    from lockstep.cli.build import generate as run
 
     wanted = (pil, fmu, rust, arduino, messages, dbc, fixed)
     exports = [*compress(("pil", "fmu", "rust", "arduino", "messages", "dbc", "fixed"), wanted)]

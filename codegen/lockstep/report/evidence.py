@@ -7,9 +7,9 @@ from importlib.metadata import PackageNotFoundError, version
 
 from lockstep.check.continuous.inequality import LETTERS
 from lockstep.codegen.emission.rendering import render
+from lockstep.codegen.folder.guarantee_lines import lines_of
 from lockstep.codegen.manifest import AgentEntry
 from lockstep.model.problem.tables.key_lines import lines_of_keys
-from lockstep.report.guarantee_lines import lines_of
 from lockstep.report.report_data import Facts
 
 TOOLS = ("lockstep-control", "casadi", "cvxpy", "clarabel", "python-flint", "numpy", "scipy")

@@ -9,12 +9,12 @@ from markupsafe import Markup
 
 from lockstep.codegen.cores import CORES
 from lockstep.codegen.emission.rendering import templates
+from lockstep.codegen.folder.guarantee_lines import lines_of
 from lockstep.lmi.document import answer
 from lockstep.model.simulation import effort_indices, indices
 from lockstep.report import formula
 from lockstep.report.certificate_terms import terms_of, up
 from lockstep.report.drawings import Drawings
-from lockstep.report.guarantee_lines import lines_of
 from lockstep.report.poles import Spectrum
 from lockstep.report.report_data import Facts
 from lockstep.report.style import DARK, LIGHT, shades

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from lockstep.codegen.emission.rendering import render
+from lockstep.codegen.folder.guarantee_lines import lines_of
 from lockstep.lmi.diagnosis.pareto import ParetoPoint
 from lockstep.lmi.document import Stored, answer
 from lockstep.model.checks import CheckReport
 from lockstep.report.drawings import draw
 from lockstep.report.evidence import pages
-from lockstep.report.guarantee_lines import lines_of
 from lockstep.report.page import html
 from lockstep.report.poles import spectrum_of
 from lockstep.report.report_data import gather

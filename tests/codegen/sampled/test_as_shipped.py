@@ -8,6 +8,9 @@ from typer.testing import CliRunner
 
 from lockstep.cli.main import app
 from lockstep.codegen import period_redesign
+from lockstep.lmi.design import design
+from lockstep.lmi.document import file_of
+from lockstep.model.problem import Problem
 
 LINEAR = """
 title = "Two carts, linear"
@@ -73,6 +76,21 @@ def test_the_same_gains_at_a_short_period_exit_0(tmp_path, monkeypatch):
     code, answer = designed(tmp_path, monkeypatch, problem("given", "0.005", FAST))
     assert (code, answer["sampled"]["certified"]) == (0, True)
     assert answer["sampled"]["rho"] > 0
+
+
+@pytest.mark.parametrize(("period", "redesigned"), [("0.5", True), ("0.005", False)])
+def test_a_time_limit_ends_a_design_for_the_period_and_is_told_where_there_was_one(period, redesigned):
+    stored = file_of(design(Problem.parse(problem("certified", period))))
+    made = period_redesign.as_shipped(stored, time_limit=1e-9)
+    assert (made.info["figures"].get("time_limit") == 1e-9) == redesigned
+    said = made.info["sampled"]
+    assert (
+        bool(
+            said.get("designed_for_period")
+            or "the time limit was over" in said.get("not_designed_for_period", "")
+        )
+        == redesigned
+    )
 
 
 @pytest.mark.slow

@@ -17,11 +17,11 @@ from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.bounds import by_core, integer_budgets
 from lockstep.codegen.budget import state_bytes
 from lockstep.codegen.emission.agent_view import Sampled, agent_view
+from lockstep.codegen.emission.identity import Identity
 from lockstep.codegen.emission.kernel import straight_line
 from lockstep.codegen.emission.known_answers import SCALE, known_answers
 from lockstep.codegen.emission.one_image import OneImage, node_bytes, node_view, table_files
 from lockstep.codegen.emission.rendering import render
-from lockstep.codegen.identity import Identity
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Optimize
 
 _RULES = {

@@ -202,7 +202,7 @@ def _equal(search: GainSearch, modes: ModalSearch, seed: int, index: int) -> Des
 def _stable_in_modes(modes: ModalSearch, generator: np.random.Generator) -> Float[np.ndarray, "k l"] | None:
     """Return gains of one agent that make all modes stable, or None.
 
-    A descent of a follower with two gains ends where two real poles meet, one time in four: a few draws do not do.
+    A descent of a follower with two gains ends where two real poles meet, three times in ten: a few draws do not do.
     """
     return next((K for _ in range(3 * DRAWS) if (K := modes.stable(generator)) is not None), None)
 
@@ -248,7 +248,8 @@ def stable_gains(search: GainSearch, seed: int, index: int) -> tuple[GainBlocks,
         if abscissa < 0:
             return best
     if search.modes and (one := _stable_in_modes(search.modes, generator)) is not None:
-        return (K := np.repeat(one[None], shape[0], axis=0)), search.abscissa(K)
+        K = np.repeat(one[None], shape[0], axis=0)
+        return K, search.abscissa(K)
     return best
 
 

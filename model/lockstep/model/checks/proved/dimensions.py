@@ -97,8 +97,8 @@ def _unit_of_time(table: AgentTable, symbols: dict[str, Quantity], algebra: _Dim
             except ProblemError:
                 continue
             time = _known(combined(symbols[state].powers or {}, found or {}, -1))
-            whole = min(abs(time.get("10", 0.0) - math.log10(clock)) for clock in CLOCKS) < NONE
-            if time.keys() - {"10"} == {"[time]"} and time["[time]"] == 1 and whole:
+            is_clock = min(abs(time.get("10", 0.0) - math.log10(clock)) for clock in CLOCKS) < NONE
+            if time.keys() - {"10"} == {"[time]"} and time["[time]"] == 1 and is_clock:
                 return time
     return {"[time]": 1.0}
 

@@ -1,0 +1,118 @@
+"""Defaults that actuators size: gains that take about half of [agent.limits] in the initial states, whatever the units."""
+
+import numpy as np
+import pytest
+from lmi_cases import PATH_2, first_wishes, problem, stored
+
+from lockstep.lmi.defaults import GAIN_LIMIT, wishes
+from lockstep.lmi.design import claim_of, proved_bound
+from lockstep.lmi.design_verdict import certify
+from lockstep.model.assembly import network_of
+from lockstep.model.problem import Problem
+
+
+def slider(most: float, order: int = 0, said: str = "") -> Problem:
+    """p'' = u - p' - sin p, |u| <= most, from p = 1 and -1."""
+    return problem(
+        dynamics={"p": "v", "v": "u - v - sin(p)"},
+        outputs={"y": "p"},
+        network=PATH_2,
+        agent=f"limits = {{ u = [-{most}, {most}] }}",
+        design=f"order = {order}\nstarts = 1\n{said}\n[simulation]\ninitial = [[1.0, 0.0], [-1.0, 0.0]]",
+    )
+
+
+def limits_asked(posed: Problem) -> list[float]:
+    bound = proved_bound(posed)
+    found = wishes(posed, network_of(posed, bound), claim_of(posed, bound))
+    return [one.problem.document()["design"]["gain_limit"] for one in found]
+
+
+def test_static_gains_are_first_asked_to_take_half_of_what_the_actuators_can() -> None:
+    """From p = 1 and -1 |r| is 2 for both: gains up to 0.5 * 4 / 2 = 1 take half of 4 at the start, of 80 those up to 20."""
+    assert limits_asked(slider(4.0))[:2] == [1.0, GAIN_LIMIT]
+    assert limits_asked(slider(80.0))[:2] == [20.0, GAIN_LIMIT]
+    assert 1.0 < limits_asked(slider(4.0, order=1))[0] < GAIN_LIMIT, "the direct gain alone has 1"
+    assert limits_asked(slider(80.0, order=1))[0] == GAIN_LIMIT, "what is asked for anyway is less"
+    assert limits_asked(slider(4.0, said="gain_limit = 3.0")) == [3.0]
+
+
+@pytest.mark.parametrize("order", [0, 1])
+def test_in_metres_or_millimetres_the_actuators_are_asked_for_the_same(order) -> None:
+    """q' = u - q, p' = q: weights and noise of one decimal stand to each other as the units do."""
+
+    def asked(mm: float) -> dict:
+        posed = problem(
+            dynamics={"p": f"{mm}*q", "q": f"u - q - sin(p/{mm})"},
+            outputs={"y": "p"},
+            network=PATH_2,
+            agent="limits = { u = [-2.0, 2.0] }",
+            design=f"order = {order}\n[simulation]\ninitial = [[{mm}, 0.0], [{-mm}, 0.0]]",
+        )
+        return first_wishes(posed)
+
+    one, other = asked(1.0), asked(1000.0)
+    ratio = [np.divide(table["weights"]["state"][0], table["weights"]["state"][1]) for table in (one, other)]
+    assert ratio[0] == pytest.approx(1e6 * ratio[1], rel=0.5)
+    noise = [
+        table["disturbances"]["outputs"]["y"] / table["disturbances"]["states"]["p"] for table in (one, other)
+    ]
+    assert noise[0] == pytest.approx(noise[1], rel=0.5)
+    if not order:
+        assert one["gain_limit"] == pytest.approx(1000 * other["gain_limit"], rel=0.01)
+
+
+def test_gains_that_are_far_from_the_floor_within_the_limits_are_not_taken(monkeypatch) -> None:
+    """Where actuators that take half lead to more than ten floors, what is asked for elsewhere is tried, taken if better."""
+    said = []
+    monkeypatch.setattr("lockstep.lmi.design.MUCH", 1e9)
+    monkeypatch.setattr("lockstep.lmi.design.FAR", 1e9)
+    for far in (1e9, 1e-9):
+        monkeypatch.setattr("lockstep.lmi.design.VERY_FAR", far)
+        said.append(stored(slider(4.0)).info["figures"]["defaults"])
+    assert [one["gain_limit"] for one in said] == [1.0, GAIN_LIMIT]
+    assert "given_up" not in said[0]
+    assert "half of [agent.limits]" in said[1]["given_up"]
+
+
+def test_what_is_zero_at_the_start_takes_nothing_of_the_actuators() -> None:
+    """x'' = u, |u| <= 1, 8 m apart at rest: t^2 / 2 = 8 after 4 s, position and speed weigh as 1 : 4, and from 8 (1, 0)
+    gains of 0.5 sqrt(17) / 8 = 0.26 take half. 8 m/s take 8 s; from 8 (1, 1), as 1 : 8, it is 0.5 sqrt(65) / 72 = 0.056.
+    """
+
+    def cart(speed: float) -> Problem:
+        return problem(
+            dynamics={"p": "v", "v": "u"},
+            outputs={"y": "p", "w": "v"},
+            network=PATH_2,
+            agent="limits = { u = [-1.0, 1.0] }",
+            design="order = 0\n[controller]\nperiod = 0.25\n"
+            f"[simulation]\ninitial = [[0.0, 0.0], [8.0, {speed}]]",
+        )
+
+    assert limits_asked(cart(0.0))[0] == 0.3
+    assert limits_asked(cart(8.0))[0] == 0.06
+
+
+@pytest.mark.parametrize("inputs", ["u", "u, w"])
+def test_actuators_that_never_reach_so_far_and_inputs_without_a_limit(inputs: str) -> None:
+    """x' = u - x, |u| <= 0.08, is moved by 0.08 at most, the agents are 2 apart: 0.5 * 0.08 / 2. Of w nothing is known."""
+    posed = problem(
+        dynamics={"x": " + ".join(inputs.split(", ")) + " - x"},
+        inputs=inputs.split(", "),
+        outputs={"y": "x"},
+        network=PATH_2,
+        agent="limits = { u = [-0.08, 0.08] }",
+        design="order = 0\n[simulation]\ninitial = [[1.0], [-1.0]]",
+    )
+    assert limits_asked(posed)[:2] == [0.02, GAIN_LIMIT]
+
+
+def test_gains_within_the_actuators_limits_are_taken_though_larger_ones_have_a_smaller_rho() -> None:
+    found = stored(slider(4.0))
+    assert certify(found).certified
+    said = found.info["figures"]["defaults"]
+    assert said["gain_limit"] == 1.0
+    assert "given_up" not in said
+    assert "search_decay" not in said
+    assert max(np.linalg.norm(K, 2) for K in found.gains.blocks) <= 1.0
