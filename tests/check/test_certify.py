@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -185,6 +186,41 @@ def test_a_limit_that_is_not_written_is_the_default() -> None:
     large = replace(stored.gains, D=tuple(D * 1e3 for D in stored.gains.D))
     assert list(shortfalls(design, stored.claims, stored.gains)) == []
     assert any("`gain_limit` is 50" in line for line in shortfalls(design, stored.claims, large))
+
+
+def test_a_limit_in_units_is_of_the_gains_in_them() -> None:
+    """In times of 0.5 s, u in 4 V: A counts half, C a quarter; y in 2 m: B and D twice."""
+    asked = {"time": 0.5, "inputs": {"u": 4.0}, "outputs": {"y1": 2.0, "y2": 2.0}}
+    tables = deepcopy(DESIGN["problem"])
+    tables["design"] |= {"gain_units": asked, "gain_limit": 1.0}
+    stored = parse(DESIGN, "memory", ProblemTables.from_document)
+    problem = replace(stored.problem, tables=tables)
+    left, right = np.diag([0.5, 0.5, 0.25]), np.diag([1.0, 1.0, 2.0, 2.0])
+    norms = [float(np.linalg.norm(left @ K @ right, 2)) for K in stored.gains.blocks]
+    for limit, fits in ((max(norms) * (1 + 1e-9), True), (max(norms) * (1 - 1e-9), False)):
+        asked = tables["design"] | {"gain_limit": limit}
+        said = list(shortfalls(asked, stored.claims, stored.gains, problem.gain_units))
+        assert (not said) is fits
+        assert fits or f"the norm {max(norms):.6g}"[:15] in said[0]
+
+
+@pytest.mark.parametrize(
+    "units",
+    [
+        {"time": 0.0},
+        {"time": "x"},
+        {"inputs": {"w": 1.0}},
+        {"outputs": {"y1": -1.0}},
+        {"u": 1.0},
+        {"inputs": "x"},
+        [1],
+    ],
+)
+def test_units_of_gains_that_are_none_are_refused(units: Any, tmp_path: Path) -> None:
+    content = deepcopy(DESIGN)
+    content["problem"]["design"]["gain_units"] = units
+    with pytest.raises(ProblemError, match="gain_units"):
+        certify(written(tmp_path, content))
 
 
 @pytest.mark.parametrize("edge", [-1, 1.5, None, "1, 2", {}, [], [1], [[1], 2]])

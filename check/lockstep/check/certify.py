@@ -119,7 +119,7 @@ def decide(stored: CheckedFile, folder: Path | None = None) -> Iterator[tuple[st
     delta = np.tile([claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
     claim = Claim.of(claims.alpha, problem.performance, delta, claims.entries)
     yield "certificate", decide_certificate(network, stored.gains, claim, proofs.certificate)
-    short = "; ".join(shortfalls(problem.design, claims, stored.gains))
+    short = "; ".join(shortfalls(problem.design, claims, stored.gains, problem.gain_units))
     said = f"less is claimed than is asked for: {short}"
     enough = Verdict("proved", "no less is claimed than the problem asks for")
     yield "asked", Verdict("refuted", said) if short else enough

@@ -14,23 +14,30 @@ import numpy as np
 from lockstep.check.continuous.inequality import LETTERS
 from lockstep.check.design_file.claims import Claims
 from lockstep.check.design_file.json_text import above_zero, flag, matrix, number, one_of, only, optional
-from lockstep.check.numbers import exactly, eye
+from lockstep.check.numbers import as_floats, exactly, eye
 from lockstep.check.psd import decide_positive_definite
 from lockstep.check.system.loop import Gains
 
 DESIGN, GAINS = "[design]", "[[design.gains]]"
+GainUnits = tuple[Annotated[np.ndarray, " k"], Annotated[np.ndarray, " l"]]
+ONES: GainUnits = exactly(np.ones(1)), exactly(np.ones(1))
+"""Of gains in the units of the file."""
+
 LIMITED = ("certified", "modal", "lipschitz")
 """Methods whose gains keep to `gain_limit`; those printed in the paper and those given are what they are."""
 
 UNLIMITED = ("given", "theorem1", "corollary1")
 
 
-def shortfalls(asked: Mapping[str, Any], claims: Claims, gains: Gains) -> Iterator[str]:
+def shortfalls(
+    asked: Mapping[str, Any], claims: Claims, gains: Gains, units: GainUnits = ONES
+) -> Iterator[str]:
     """Yield in words whatever a file claims less of than its problem asks for; nothing where it claims enough.
 
     Args:
         asked: the table [design] of the problem.
         claims, gains: of the file.
+        units: `ProblemTables.gain_units`, in which the limit of the gains is.
 
     Raises:
         ProblemError: a value of the table that cannot be one of its kind.
@@ -58,7 +65,7 @@ def shortfalls(asked: Mapping[str, Any], claims: Claims, gains: Gains) -> Iterat
     if stable and not claims.controllers_stable:
         yield "`controllers_stable` is not claimed, but [design] stable_controllers asks for it"
     yield from _other_gains(asked.get("gains") or (), gains)
-    yield from _large_gains(asked, gains)
+    yield from _large_gains(asked, gains, units)
 
 
 def _other_gains(given: Any, gains: Gains) -> Iterator[str]:
@@ -74,13 +81,13 @@ def _other_gains(given: Any, gains: Gains) -> Iterator[str]:
                 yield f"`{letter}` of agent {i + 1} is not the one that [[design.gains]] gives"
 
 
-def _large_gains(asked: Mapping[str, Any], gains: Gains) -> Iterator[str]:
+def _large_gains(asked: Mapping[str, Any], gains: Gains, units: GainUnits) -> Iterator[str]:
     if one_of(asked.get("method", "certified"), (*LIMITED, *UNLIMITED), f"{DESIGN} method") not in LIMITED:
         return
     limit = above_zero(asked.get("gain_limit", 50.0), f"{DESIGN} gain_limit")
-    for i, K in enumerate(gains.blocks):
+    for i, K in enumerate(units[0][:, None] * exactly(gains.blocks) * units[1]):
         if not norm_is_at_most(K, limit):
-            norm = float(np.linalg.norm(K, 2))
+            norm = float(np.linalg.norm(as_floats(K), 2))
             yield f"the gains of agent {i + 1} have the norm {norm:.10g}, but `gain_limit` is {limit:.10g}"
 
 

@@ -94,9 +94,8 @@ def with_fixed(stored: Stored) -> Stored:
         inputs,
         states,
     )
-    witness = FixedWitness(
-        agreement, None if rho is None else rho.witness, None if radius is None else radius[1]
-    )
+    of_rho, of_radius = None if rho is None else rho.witness, None if radius is None else radius[1]
+    witness = FixedWitness(agreement, of_rho, of_radius)
     return replace(
         stored, claims=replace(stored.claims, fixed=claims), proofs=replace(stored.proofs, fixed=witness)
     )

@@ -67,7 +67,7 @@ def designed_for_messages(stored: Stored, tell: Tell) -> Stored:
     from lockstep.lmi.sampled.synthesis.gains_for_period import AtPeriod
 
     problem, c, m = stored.problem, stored.proofs.certificate, sampled_design.pair_weights(stored)
-    asked, limit, period = problem.messages, problem.design.gain_limit, problem.controller.period
+    asked, limit, period = problem.messages, problem.gain_limit, problem.controller.period
     if not isinstance(c, Certificate) or m is None or asked is None:
         raise Infeasible("there is no continuous certificate to start from")
     network, order = sampled_design.sampled_network(stored), stored.gains.order

@@ -44,6 +44,9 @@ SECTORS, SETTLED = 3, 0.99
 """With slopes of their own the sector of the sampled loop is made of the continuous certificate's weights, which new gains
 change: so often gains are designed with the sector of those before, while rho falls to less than this part of it."""
 
+KEPT_OF_FASTEST = 0.5
+"""Of the decay of gains that were made for it, what a design for the period holds in continuous time."""
+
 MOST_STATES = 80
 """Of the sampled loop: a step of the descent grows with the third power of their number, its unknowns with it too."""
 
@@ -109,7 +112,8 @@ def _shipped(stored: Stored, tell: Callable[[str, float], None], effort: Effort,
         return for_messages(kept, tell, stop)
     asked = stored.problem.design.for_period or not kept.claims.sampled.certified
     enough = NEAR * min([stored.claims.rho or np.inf, *(one.rho for one in effort.others)])
-    if not asked and (kept.claims.sampled.rho or np.inf) <= enough:
+    faster = stored.problem.design.objective == "decay"
+    if not asked and (faster or (kept.claims.sampled.rho or np.inf) <= enough):
         return kept
     found = obstacle(stored)
     if found is None:
@@ -131,8 +135,8 @@ def obstacle(stored: Stored) -> str | None:
     problem = stored.problem
     if problem.design.method != "certified":
         return f'the gains of method "{problem.design.method}" are not designed for a period'
-    if problem.design.objective in ("decay", "initial_set"):
-        return f'objective is "{problem.design.objective}", which a descent on rho would spend'
+    if problem.design.objective == "initial_set":
+        return 'objective is "initial_set", which a descent on rho would spend'
     if not isinstance(stored.proofs.certificate, Certificate):
         return "there is no continuous certificate to start from"
     if any(problem.fragility.values()):
@@ -230,9 +234,11 @@ def _searched(stored: Stored, effort: Effort) -> tuple[Gains, PairWeights]:
     m = pair_weights(stored)
     if not isinstance(c, Certificate) or m is None:
         raise Infeasible("there is no continuous certificate to start from")
-    order, limit, period = stored.gains.order, table.gain_limit, problem.controller.period
+    order, limit, period = stored.gains.order, problem.gain_limit, problem.controller.period
     network, edges = sampled_network(stored), problem.graph().edges
     decay = min(max(table.decay or 0.0, table.search_decay or 0.0), stored.claims.decay or 0.0)
+    if table.objective == "decay":
+        decay = max(decay, KEPT_OF_FASTEST * (stored.claims.decay or 0.0))
     at = AtPeriod(network, edges, problem.performance, order, limit, decay=decay, deadline=effort.deadline)
     starts = [StartingGains(stored.gains.blocks, m, c.rho), *effort.others]
     enough = NEAR * min(one.rho for one in starts)

@@ -166,12 +166,7 @@ def _math(content: Markup) -> Markup:
 
 def _op(sign: str) -> Markup:
     """An operator: fences as tall as a letter, and room before a sign that begins a term."""
-    form = {
-        "(": ' stretchy="false"',
-        ")": ' stretchy="false"',
-        "|": ' stretchy="false"',
-        "+": ' form="infix"',
-    }
+    form = dict.fromkeys("()|", ' stretchy="false"') | {"+": ' form="infix"'}
     return Markup("<mo{}>{}</mo>").format(Markup(form.get(sign, "")), sign)
 
 

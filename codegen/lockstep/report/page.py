@@ -193,9 +193,8 @@ def _pole_texts(poles: Complex[np.ndarray, " k"]) -> list[str]:
     >>> _pole_texts(np.array([-3.0 + 0j, -1.0 + 2.0j, -1.0 - 2.0j]))
     ['−1 ± 2i', '−3']
     """
-    return list(_each_pole(sorted(poles, key=lambda p: (-round(p.real, 9), abs(p.imag), p.imag))))[
-        :MOST_POLES
-    ]
+    rising = sorted(poles, key=lambda p: (-round(p.real, 9), abs(p.imag), p.imag))
+    return list(_each_pole(rising))[:MOST_POLES]
 
 
 def _each_pole(poles: Sequence[complex]) -> Iterator[str]:

@@ -74,9 +74,8 @@ class NeighbourLists:
         twice = np.flatnonzero((np.diff(source) == 0) & (np.diff(listener) == 0))
         if twice.size:
             i, j = int(listener[twice[0]]) + 1, int(source[twice[0]]) + 1
-            raise ProblemError(
-                f"the edge [{i}, {j}] is there twice", where=_WHERE, remedy="add the weights up"
-            )
+            found = f"the edge [{i}, {j}] is there twice"
+            raise ProblemError(found, where=_WHERE, remedy="add the weights up")
         for name, value in (("first", first), ("source", source), ("weight", weight)):
             value.flags.writeable = False
             object.__setattr__(self, name, value)

@@ -6,10 +6,12 @@ names neither `weights` nor `gain_limit` (nor a rho to keep), and its method sea
     gain_limit          6.4, or more where gains of size one, in natural units, are larger; first what takes about half of
                         [agent.limits] in the initial states of the file, where it names both: of static gains always,
                         of controllers with states where that is less
+    gain_units          natural units, where gains of size one are further apart than 300: `gain_limit` counts in them
     weights.input       1e-3, in natural units, unless it alone of `weights` is named
     disturbances        noise of 0.03 on the outputs, in natural units, unless `disturbances` are named
     stable_controllers  true, unless it is named
-    search_decay        0.037, in natural units of time, and at most 0.01 per period, unless it or `decay` is named
+    search_decay        0.037, in natural units of time, and at most 0.01 per period, unless it or `decay` is named; of gains
+                        within the actuators' limits the fastest decay with a rho near the least (`objective`) instead
 
 and, where the states' natural units are further apart than 300 (a resonator in SI units moves by 1e-6 m at 1 m/s), weights
 and disturbances of the states in those units, too, so chosen that both are 1 for the state of the smallest unit.
@@ -27,14 +29,16 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.lmi.search.unit_scaling import natural
+from lockstep.lmi.shapes import Vector
 from lockstep.model.checks.actuators import outputs_apart, time_to_move
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
-from lockstep.model.problem.tables.schema import DisturbancesTable, WeightsTable
+from lockstep.model.problem.tables.schema import DisturbancesTable, GainUnitsTable, WeightsTable
 
 GAIN_LIMIT, HIGH_GAIN_LIMIT = 6.4, 50.0
 """Where gains of size one have a norm below `SIZE_ONE`; else as many parts of it as here, times that norm."""
@@ -58,7 +62,7 @@ make the natural unit of time far shorter than the period. No example or field t
 FAR_APART = 300.0
 """Between natural units of states: beyond, |x|^2 is of one state, and the others are free. Most problems have below 50."""
 
-KEYS = ("gain_limit", "stable_controllers", "search_decay")
+KEYS = ("gain_limit", "gain_units", "stable_controllers", "search_decay", "objective")
 
 FAR, MUCH = 4.0, 0.5
 """A rho above so many floors is far: gains within the next limit are taken if theirs is less than this part of it."""
@@ -88,8 +92,7 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
     if not problem.has_defaults:
         yield Wishes(problem, "")
         return
-    said, high = _asked(problem, _of_two(problem, network), claim)
-    limits, given_up = (said["gain_limit"], high, VERY_HIGH * high), ""
+    (said, limits), given_up = _asked(problem, _of_two(problem, network), claim), ""
     within = _within_limits(problem, network, claim, limits[0])
     if within is not None:
         yield Wishes(_with(problem, within), "", enough=True)
@@ -98,36 +101,73 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
             f"none near the floor within gain_limit {limit:g}, with which inputs take half of [agent.limits]"
         )
     for limit in limits:
-        yield Wishes(_with(problem, said | {"gain_limit": limit}), given_up)
-        given_up = f"none found within gain_limit {limit:g}, or none near the floor"
+        yield Wishes(_with(problem, said | limit), given_up)
+        given_up = f"none found within gain_limit {limit['gain_limit']:g}, or none near the floor"
     if said.pop("stable_controllers", None) or "search_decay" in said:
         said.pop("search_decay", None)
         given_up += "; not asked for: stable controllers and a decay"
-        yield Wishes(_with(problem, said | {"gain_limit": high}), given_up)
+        yield Wishes(_with(problem, said | limits[1]), given_up)
 
 
-def _within_limits(problem: Problem, network: Network, claim: Claim, most: float) -> dict[str, Any] | None:
+def _within_limits(
+    problem: Problem, network: Network, claim: Claim, most: dict[str, Any]
+) -> dict[str, Any] | None:
     """Return defaults for gains that take about half of what the actuators can in the file's initial states.
 
     The unit of time is that in which the actuators move the outputs as far as they are apart, d are the proportions that
     gains of size one have then, and |u| <= |D| d'|r|, r = L (x - o) C': of a vehicle's position and speed, from rest, the
     position counts. Where they never move them so far, it is the natural one. How fast actuators can bring agents together is
-    theirs: no decay is searched for. The rest of a controller has the proportions of gains of size one, too. None where the
-    file names no such states or no limits, or controllers have states and the gain limit `most` is no more than theirs.
+    theirs: the fastest decay is asked for, at a rho near the least. The rest of a controller has the proportions of gains of
+    size one, too. None where the file names no such states or no limits, or controllers have states and the gain limit
+    `most`, in the same units, is no more than theirs.
     """
     outputs, tau = outputs_apart(problem), time_to_move(problem)
     if outputs is None or not outputs.any():
         return None
     _, _, S_y, time, _ = natural(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)
-    into = np.concatenate([np.ones(problem.order), S_y])
     r = np.abs(problem.graph().laplacian @ outputs) @ S_y
-    out = np.append(np.full(problem.order, 1 / time), HALF * float(problem.limits.min() / r.max()))
-    limit = _short(float(np.linalg.norm(out) * np.linalg.norm(into)))
+    u = HALF * np.where(np.isinf(problem.limits), problem.limits.min(), problem.limits) / r.max()
     said = _asked(problem, _of_two(problem, network), claim, tau)[0]
-    if problem.order and limit >= most:
+    limit = _limit(problem, u, S_y, time, 1.0)
+    if "gain_units" not in limit:
+        limit = _limit(problem, u[[u.argmin()]], S_y, time, 1.0)
+    if problem.order and "gain_units" not in most | limit and limit["gain_limit"] >= most["gain_limit"]:
         return None
     said.pop("search_decay", None)
-    return said | {"gain_limit": limit}
+    faster = (
+        problem.design.method == "certified"
+        and not {"decay", "search_decay", "objective"} & problem.design.model_fields_set
+    )
+    return said | limit | ({"objective": "decay"} if faster else {})
+
+
+def _sizes(order: int, S_u: Vector, S_y: Vector, time: float) -> Float[np.ndarray, "k l"]:
+    """Return gains of size one in natural units, [A B; C D], in those of the file."""
+    return np.outer(np.append(np.full(order, 1 / time), S_u), np.append(np.ones(order), S_y))
+
+
+def _limit(
+    problem: Problem, S_u: Vector, S_y: Vector, time: float, part: float, least: float = 0.0
+) -> dict[str, Any]:
+    """Return a limit of the gains: parts of a norm of numbers in the units of the file, or in natural ones if far apart.
+
+    Beside a D of 1e5 N/m a norm holds neither A nor B nor C, and B C is the gain at high frequencies.
+
+    Args:
+        problem, S_u, S_y, time: natural units.
+        part: of the norm of gains of size one.
+        least: of the norm of numbers in the units of the file.
+    """
+    sizes = _sizes(problem.order, S_u, S_y, time)
+    if sizes.max() <= FAR_APART * sizes.min():
+        return {"gain_limit": max(least, _short(part * float(np.linalg.norm(sizes, 2))))}
+    outputs = [name for name, _ in problem.file.agent.outputs]
+    units = GainUnitsTable(
+        time=_short(time),
+        inputs=dict(zip(problem.file.agent.inputs, map(_short, S_u), strict=True)),
+        outputs=dict(zip(outputs, map(_short, 1 / S_y), strict=True)),
+    )
+    return {"gain_limit": _short(part * float(np.sqrt(sizes.size))), "gain_units": units}
 
 
 def named(problem: Problem) -> dict[str, Any]:
@@ -150,13 +190,9 @@ def _of_two(problem: Problem, network: Network) -> Network:
 
 def _asked(
     problem: Problem, network: Network, claim: Claim, tau: float | None = None
-) -> tuple[dict[str, Any], float]:
-    """Return the defaults of what the file does not name, in natural units or those whose time is tau, and the high limit."""
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Return the defaults of what the file does not name, in natural units or those whose time is tau, and gain limits."""
     X, S_u, S_y, time, _ = natural(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)
-    gains = np.outer(
-        np.concatenate([np.full(problem.order, 1 / time), S_u]), np.concatenate([np.ones(problem.order), S_y])
-    )
-    size = float(np.linalg.norm(gains, 2))
     apart = tau is not None or X.max() > FAR_APART * X.min()
     scales = X.max() / X if apart else np.ones_like(X)
     R = 1 / scales**2 if apart else np.diag(claim.R)
@@ -167,7 +203,6 @@ def _asked(
     names = [name for name, _ in problem.file.agent.outputs]
     late = problem.controller.period * (1 + problem.controller.delay)
     said: dict[str, Any] = {
-        "gain_limit": max(GAIN_LIMIT, _short(GAIN_LIMIT / SIZE_ONE * size)),
         "weights": WeightsTable(
             state=tuple(map(_short, R)) if apart else 1.0,
             controller=1.0,
@@ -183,7 +218,8 @@ def _asked(
             said.pop("search_decay" if key == "decay" else key, None)
     if table.weights.input is not None:
         said["weights"] = said["weights"].model_copy(update={"input": table.weights.input})
-    return said, max(HIGH_GAIN_LIMIT, _short(HIGH_GAIN_LIMIT / SIZE_ONE * size))
+    limits = (GAIN_LIMIT, HIGH_GAIN_LIMIT, VERY_HIGH * HIGH_GAIN_LIMIT)
+    return said, [_limit(problem, S_u, S_y, time, one / SIZE_ONE, one) for one in limits]
 
 
 def _short(value: float) -> float:

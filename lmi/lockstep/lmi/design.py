@@ -301,10 +301,9 @@ def _not_carried(network: Network, gains: Gains, claim: Claim, error: NotCertifi
         )
         return NotCertified(f"{error}: {said}", **error.figures)
     part = largest_fraction(network.loop(gains.order), gains.blocks, claim, 0.0)
-    said = f"{part:.3g} of it is carried, alpha = {part * claim.alpha:.6g}"
-    return NotCertified(
-        f"{error}; {said}", **error.figures, fraction=part, reachable_alpha=part * claim.alpha
-    )
+    alpha = part * claim.alpha
+    said = f"{part:.3g} of it is carried, alpha = {alpha:.6g}"
+    return NotCertified(f"{error}; {said}", **error.figures, fraction=part, reachable_alpha=alpha)
 
 
 def _as_printed(problem: Problem, network: Network, bound: Bound, claim: Claim, tell: Progress) -> Proposal:
@@ -369,7 +368,7 @@ def _modal(problem: Problem, network: Network, bound: Bound, claim: Claim, tell:
         decaying,
         claim,
         problem.order,
-        table.gain_limit,
+        problem.gain_limit,
         starts=table.starts,
         seed=table.seed,
         rate=rate_of_controllers(problem),

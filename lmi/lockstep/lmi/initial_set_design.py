@@ -87,7 +87,7 @@ def with_larger_set(
     plain = initial_states(network, certificate, inner=problem.leader)
     if isinstance(plain, Unavailable):
         raise NotCertified(f"[design] objective asks for an initial set, but {plain.text()}")
-    rho, limit = problem.design.rho or RHO_OF_SET * certificate.rho, problem.design.gain_limit
+    rho, limit = problem.design.rho or RHO_OF_SET * certificate.rho, problem.gain_limit
     rate = None if rate is None else rate / 2  # rounding has taken some of it
     domain = domain_of(network.agent)
     program = SetProgram.of(network, gains.order, claim, domain, plain.inner, gain_limit=limit, rate=rate)

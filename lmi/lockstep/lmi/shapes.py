@@ -12,5 +12,8 @@ PairWeights = Float[np.ndarray, " pairs"]
 Multipliers = Float[np.ndarray, " w"]
 """w: of all sectors and gain errors, and of rho where it is one more."""
 
+GainLimit = Float[np.ndarray, "k l"] | float
+"""L of |K_i / L| <= 1, entry by entry and in the spectral norm: one number for all entries, or one for each."""
+
 Vector = Float[np.ndarray, " x"]
 """x: the unknowns of a search."""

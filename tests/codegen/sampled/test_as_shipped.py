@@ -93,6 +93,26 @@ def test_a_time_limit_ends_a_design_for_the_period_and_is_told_where_there_was_o
     )
 
 
+@pytest.mark.parametrize(
+    ("objective", "period", "held"), [("rho", "0.005", 0.0), ("decay", "0.005", None), ("decay", "0.5", 0.5)]
+)
+def test_gains_with_the_fastest_decay_are_designed_for_the_period_only_where_it_breaks_them(
+    objective, period, held, monkeypatch
+):
+    """Where any rho of the sampled loop is too large: a descent on rho would spend the decay, so half of it is held."""
+    asked = problem("certified", period).replace("starts = 1", f'starts = 1\nobjective = "{objective}"')
+    stored = file_of(design(Problem.parse(asked)))
+    searched = []
+
+    def improved(at, *_args, **_options):
+        searched.append(at.decay)
+
+    monkeypatch.setattr("lockstep.lmi.sampled.synthesis.gains_for_period.improved", improved)
+    monkeypatch.setattr(period_redesign, "NEAR", 0.0)
+    period_redesign.as_shipped(stored)
+    assert searched == ([] if held is None else [held * stored.claims.decay])
+
+
 @pytest.mark.slow
 def test_a_linear_agent_is_designed_for_its_period(tmp_path, monkeypatch):
     code, answer = designed(tmp_path, monkeypatch, problem("certified", "0.5"))

@@ -7,9 +7,10 @@ import pytest
 from sampled_cases import brute_force_radius, controllers, network
 
 from lockstep.check.continuous.inequality import Performance
+from lockstep.lmi.analysis.gain_limit import limit_barrier
 from lockstep.lmi.sampled import certify_sampled, sampled_rho
 from lockstep.lmi.sampled.messages.descent import AgedObjective
-from lockstep.lmi.sampled.synthesis.descent import Descent, DescentPoint, limit_barrier
+from lockstep.lmi.sampled.synthesis.descent import Descent, DescentPoint
 from lockstep.lmi.sampled.synthesis.gains_for_period import (
     AtPeriod,
     StartingGains,

@@ -85,3 +85,18 @@ def test_agents_may_not_differ_in_h(nonlinearity: str, parameter: str) -> None:
     parse_problem(with_own.replace("g = 2.0", "g = 1.0"))
     with pytest.raises(ProblemError, match=r"entry 2: h differs in d/dt v: .* one h for all"):
         parse_problem(with_own)
+
+
+def test_units_of_gains_scale_the_limit_entry_by_entry(examples: Path) -> None:
+    """x_C' = A x_C + B r, u = C x_C + D r: A in 1/s, B in 1/s per y, C in u, D in u per y."""
+    text = (examples / "flexible_joint_arms.toml").read_text()
+    named = "[design]\ngain_limit = 3.0\ngain_units = { time = 0.5, inputs = 10.0, outputs = { y1 = 0.02 } }"
+    problem = parse_problem(text.replace("[design]", named, 1))
+    A, B1, B2, C, D1, D2 = 1 / 0.5, 1 / 0.5 / 0.02, 1 / 0.5, 10.0, 10.0 / 0.02, 10.0
+    np.testing.assert_allclose(
+        problem.gain_limit, 3 * np.array([[A, A, B1, B2], [A, A, B1, B2], [C, C, D1, D2]])
+    )
+    assert not problem.has_defaults
+    again = parse_problem(problem.toml())
+    np.testing.assert_array_equal(again.gain_limit, problem.gain_limit)
+    assert parse_problem(text.replace("[design]", "[design]\ngain_limit = 3.0", 1)).gain_limit == 3.0

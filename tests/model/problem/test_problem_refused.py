@@ -104,6 +104,17 @@ from lockstep.model import ProblemError, load_problem, parse_problem
         ("order = 1", 'method = "given"', ["[design]", "no gains"]),
         ("order = 1", "gain_limit = 0", ["[design] gain_limit", "`gain_limit` is 0", "above 0"]),
         ("order = 1", "gain_limit = inf", ["[design] gain_limit", "inf"]),
+        (
+            "order = 1",
+            "gain_units = { time = 0 }",
+            ["[design.gain_units] time", "`time` is 0", "seconds above 0"],
+        ),
+        (
+            "order = 1",
+            "gain_units = { inputs = { nu = 2 } }",
+            ["[design.gain_units] inputs", "`nu` is no input"],
+        ),
+        ("order = 1", "gain_units = { outputs = -1 }", ["[design.gain_units] outputs", "-1", "above 0"]),
         ("order = 1", "alpha = -1", ["[design] alpha", "-1"]),
         ("order = 1", "alpha = nan", ["[design] alpha", "nan"]),
         ("order = 1", 'objective = "alpha"', ["[design]", "`rho` is missing"]),

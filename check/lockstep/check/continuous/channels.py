@@ -100,9 +100,7 @@ class Inequality:
 
     def slopes(self, K: Stack) -> Annotated[np.ndarray, "lambda n_F n_F"]:
         """Return every F_ck, one channel after the other: with Z and F_0, all that a program in P and lambda needs."""
-        found = [
-            self._sum(K, [(self._one, place, term)]) for place, one in self._placed() for term in one.cone
-        ]
+        found = [self._sum(K, [(self._one, at, term)]) for at, one in self._placed() for term in one.cone]
         return np.stack(found) if found else np.zeros((0, self.size, self.size))
 
     @property

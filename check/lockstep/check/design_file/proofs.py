@@ -109,11 +109,7 @@ def sampled_witness_of(value: Any, where: str) -> Witness:
     """Read a witness of the sampled loop; whether its sizes fit is decided with the loop."""
     if isinstance(value, dict):  # files written before mu had a number of its own counted it like nu
         value = {"kappa_mu": value.get("kappa"), **value}
-    readers = {
-        "P": read.matrix(),
-        **dict.fromkeys("mt", read.vector()),
-        **dict.fromkeys(NUMBERS, read.number),
-    }
+    readers = {"P": read.matrix()} | dict.fromkeys("mt", read.vector()) | dict.fromkeys(NUMBERS, read.number)
     return Witness(*read.record(value, where, readers))
 
 

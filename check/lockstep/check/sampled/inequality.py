@@ -71,11 +71,8 @@ class Witness:
 
     def fits(self, loop: SampledLoop) -> bool:
         """Tell whether the sizes are those of a loop."""
-        return (len(self.P), len(self.m), len(self.t)) == (
-            loop.n_xi,
-            len(loop.network.d.pairs()),
-            len(loop.ways),
-        )
+        sizes = len(self.P), len(self.m), len(self.t)
+        return sizes == (loop.n_xi, len(loop.network.d.pairs()), len(loop.ways))
 
 
 def root(square: float) -> float:

@@ -160,9 +160,7 @@ class _Layout:
         self.first_output, noisy = place, np.flatnonzero(noise)
         self.scales = self.number(np.diag(noise)[:, noisy])
         self.n_z = place + (N - 1) * len(noisy)
-        self.ways = tuple(
-            way_of(controllers[i], i, k, self.places[i, k], self._seen(i, k)) for (i, k) in sizes
-        )
+        self.ways = tuple(way_of(controllers[i], i, k, self.places[i, k], self._seen(i, k)) for i, k in sizes)
 
     def _width(self, letter: str) -> int:
         return self.n_C if letter in "AB" else self.m

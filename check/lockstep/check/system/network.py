@@ -35,16 +35,11 @@ class ExactNetwork:
     def __post_init__(self) -> None:
         self.graph.check_spanning_tree()
         plant, N = self.plant, self.graph.N
-        demand(
-            len(plant.B) == N, f"{len(plant.B)} input matrices for {N} agents", "network", "one B per agent"
-        )
+        found = f"{len(plant.B)} input matrices for {N} agents"
+        demand(len(plant.B) == N, found, "network", "one B per agent")
         n, m, q, r, v = plant.sizes
-        fits = {
-            "A": (plant.A, (n, n)),
-            "C": (plant.C, (q, n)),
-            "G": (plant.G, (n, r)),
-            "H": (plant.H, (v, n)),
-        }
+        sizes = (n, n), (q, n), (n, r), (v, n)
+        fits = dict(zip("ACGH", zip((plant.A, plant.C, plant.G, plant.H), sizes, strict=True), strict=True))
         fits |= {f"B_{i}": (B, (n, m)) for i, B in enumerate(plant.B, start=1)}
         for name, (matrix, shape) in fits.items():
             found = f"`{name}` is {' x '.join(map(str, matrix.shape))}"

@@ -45,8 +45,8 @@ CONTROLLER = {"discretization": ("tustin", "zoh", "euler"), "real": ("float32", 
 KEYS = {
     "agent": "name states inputs parameters dynamics outputs limits output_range domain units split centre",
     "network": "agents edges laplacian topology file spectrum max_degree leader parameters offsets messages",
-    "design": "method order weights disturbances decay search_decay stable_controllers gain_limit fragility alpha objective"
-    " rho coordinates for_period starts seed gains",
+    "design": "method order weights disturbances decay search_decay stable_controllers gain_limit gain_units fragility"
+    " alpha objective rho coordinates for_period starts seed gains",
     "controller": "period discretization real delay",
     "simulation": "initial spread horizon seed disturbance perturbation channel reference",
 }
@@ -266,6 +266,18 @@ class ProblemTables:
         )
 
     @property
+    def gain_units(self) -> tuple[Annotated[np.ndarray, " k"], Annotated[np.ndarray, " l"]]:
+        """l and r, exact: `gain_limit` is of diag(l) [A B; C D] diag(r), in the units of [design.gain_units]."""
+        where, agent = "[design.gain_units]", self.agent
+        table = _table(self.design, "gain_units", ("time", "inputs", "outputs"), where)
+        u, y = (
+            _scales(table.get(key) or {}, names, f"{where} {key}", read.above_zero, 1.0)
+            for key, names in (("inputs", agent.inputs), ("outputs", agent.outputs))
+        )
+        A = np.full(self.sizes.n_C, read.above_zero(table.get("time", 1.0), f"{where} time"))
+        return np.append(exactly(A), 1 / exactly(u)), exactly(np.append(np.ones_like(A), y))
+
+    @property
     def sides(self) -> Annotated[np.ndarray, "m 2"]:
         """The lowest and the highest value of each input, infinite where there is none."""
         table = _table(self._table("agent"), "limits", self.agent.inputs, "[agent.limits]")
@@ -322,14 +334,16 @@ def _range(value: Any, where: str) -> tuple[float, float]:
     return read.or_none(read.number, -math.inf)(low, where), read.or_none(read.number, math.inf)(high, where)
 
 
-def _scales(value: Any, names: Sequence[str], where: str) -> Annotated[np.ndarray, " k"]:
-    """Return a scale for each name, 0 for those not named; nothing where there are none at all."""
+def _scales(
+    value: Any, names: Sequence[str], where: str, one: read.Reader = read.not_negative, otherwise: float = 0.0
+) -> Annotated[np.ndarray, " k"]:
+    """Return a scale for each name, another one for those not named; nothing where there are none at all."""
     if value is None:
         return np.zeros(0)
     if not isinstance(value, dict):
-        return np.full(len(names), read.not_negative(value, where))
+        return np.full(len(names), one(value, where))
     read.only(value, names, where)
-    return np.array([read.not_negative(value.get(name, 0.0), f"{where} {name}") for name in names])
+    return np.array([one(value.get(name, otherwise), f"{where} {name}") for name in names])
 
 
 def _weight(value: Any, size: int, where: str) -> Annotated[np.ndarray, "k k"]:

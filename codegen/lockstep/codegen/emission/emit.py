@@ -76,9 +76,7 @@ def _sample(agent: Controller, spec: CodegenSpec, real: RealType) -> Sampled:
     where = f"controller `{agent.name}`"
     gains: SampledGains = discretise(agent.A, agent.B, agent.C, agent.D, spec.period, spec.discretization)
     table = real.round(gains.stacked(), where)
-    weights = real.round(
-        np.array([n.weight for n in agent.neighbours], dtype=np.float64), f"{where}, weights"
-    )
+    weights = real.round(np.array([n.weight for n in agent.neighbours], dtype=float), f"{where}, weights")
     limits = clipped_at(spec.real, agent.limits)
     offsets = None if agent.offsets is None else real.round(agent.offsets, f"{where}, offsets")
     return Sampled(agent, table, weights, straight_line(table, agent.order, real), limits, offsets)

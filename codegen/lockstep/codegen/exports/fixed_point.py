@@ -39,9 +39,8 @@ def controller_of(agent: AgentEntry, manifest: Manifest) -> FixedController:
     """Return the integers of an agent."""
     formats = manifest.fixed
     if formats is None:
-        raise ProblemError(
-            "the design claims nothing of integers", where="--fixed", expected="a certified one"
-        )
+        found = "the design claims nothing of integers"
+        raise ProblemError(found, where="--fixed", expected="a certified one")
     place = [one.name for one in manifest.agents].index(agent.name)
     limits = np.array(agent.limits or [[-np.inf, np.inf]] * len(agent.inputs))
     own = formats.states[place], formats.outputs, formats.inputs

@@ -97,10 +97,8 @@ def run_node(agent: AgentEntry, manifest: Manifest, events: Events) -> NodeTrace
         for j, one in enumerate(node.neighbours):
             trace.held[k, j], trace.age[k, j] = one.held, one.age
         words = [sum(1 << j for j, on in enumerate(mask) if on) for mask in masks]
-        trace.words[k] = [
-            *(half for word in words for half in (word & 0xFFFFFFFF, word >> 32)),
-            *node.refused,
-        ]
+        halves = (half for word in words for half in (word & 0xFFFFFFFF, word >> 32))
+        trace.words[k] = [*halves, *node.refused]
     return trace
 
 

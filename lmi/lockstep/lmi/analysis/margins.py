@@ -55,9 +55,8 @@ def largest_fraction(loop: Loop, K: GainBlocks, claim: Claim, known: float) -> f
     """Return the largest part of alpha and delta, both scaled alike, that has a certificate, from a known one up."""
 
     def carried(part: float) -> bool:
-        return (
-            least_rho(loop, K, claim_at(claim, alpha=part * claim.alpha, fraction_of_delta=part)) is not None
-        )
+        some = claim_at(claim, alpha=part * claim.alpha, fraction_of_delta=part)
+        return least_rho(loop, K, some) is not None
 
     return 1.0 if carried(1.0) else bisect(carried, known, 1.0, HALVINGS - 4)
 

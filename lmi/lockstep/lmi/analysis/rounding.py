@@ -17,8 +17,9 @@ from lockstep.check.errors import NotCertified
 from lockstep.check.system.loop import Gains, Loop
 from lockstep.lmi.analysis.certificate_sdp import MOST_OF_GIVEN, eliminates_P, least_rho, tight
 from lockstep.lmi.analysis.decimals import round_up, rounded_storage, significant
+from lockstep.lmi.analysis.gain_limit import within
 from lockstep.lmi.search.unit_scaling import Units, scaled
-from lockstep.lmi.shapes import GainBlocks
+from lockstep.lmi.shapes import GainBlocks, GainLimit
 from lockstep.model.network import Network
 
 SLACKS = (5e-4, 2e-3, 1e-2, 2e-2, 5e-2)
@@ -47,8 +48,8 @@ def rounded(certificate: Certificate, digits: int) -> Certificate:
     return Certificate(certificate.rho, rounded_storage(certificate.P, digits), *weights)
 
 
-def short_gains(K: GainBlocks, gain_limit: float) -> GainBlocks:
-    """Round each gain to so many significant decimals, staying within the limit on each block's spectral norm.
+def short_gains(K: GainBlocks, gain_limit: GainLimit) -> GainBlocks:
+    """Round each gain to so many significant decimals, staying within the limit of each block.
 
     Entry by entry: B_C and C_C of a controller whose A_C is fast may be a thousandth of it, and decide as much.
     """
@@ -56,13 +57,11 @@ def short_gains(K: GainBlocks, gain_limit: float) -> GainBlocks:
     return np.stack([_short_block(np.where(np.abs(block) > least, block, 0.0), gain_limit) for block in K])
 
 
-def _short_block(K: Float[np.ndarray, "k l"], limit: float) -> Float[np.ndarray, "k l"]:
+def _short_block(K: Float[np.ndarray, "k l"], limit: GainLimit) -> Float[np.ndarray, "k l"]:
     """Round one agent's gains; where rounding takes them beyond the limit, they are made smaller first."""
-    norm = float(np.linalg.norm(K, 2))
     for part in ROOM_FOR_ROUNDING:
-        scale = min(1.0, limit * (1 - part) / norm) if norm else 1.0
-        short = significant(K * scale, GAIN_DIGITS)
-        if np.linalg.norm(short, 2) <= limit * (1 - NORM_ERROR):
+        short = significant(within(K[None], (1 - part) * limit)[0], GAIN_DIGITS)
+        if np.linalg.norm(short / limit, 2) <= 1 - NORM_ERROR:
             return np.asarray(short)
     return np.zeros_like(K)
 

@@ -23,6 +23,7 @@ from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.search.common_gains import loops_at
 from lockstep.lmi.search.random_start import GainSearch, begin, climb
 from lockstep.lmi.search.stabilise import stabilise_mode
+from lockstep.lmi.shapes import GainLimit
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 
@@ -58,7 +59,7 @@ def hint_of_stability(problem: Problem, network: Network, claim: Claim) -> Hint:
     return said + more, figures | found
 
 
-def is_designed(problem: Problem, network: Network, claim: Claim, gain_limit: float) -> bool:
+def is_designed(problem: Problem, network: Network, claim: Claim, gain_limit: GainLimit) -> bool:
     """Tell whether a short search finds gains for the whole claim and their certificate is proved."""
     search = GainSearch.of(network.loop(problem.order), claim, gain_limit)
     for index in range(STARTS):
@@ -76,7 +77,7 @@ def is_designed(problem: Problem, network: Network, claim: Claim, gain_limit: fl
 
 
 def _decay(problem: Problem, network: Network, claim: Claim) -> Hint | None:
-    if not problem.design.decay or not is_designed(problem, network, claim, problem.design.gain_limit):
+    if not problem.design.decay or not is_designed(problem, network, claim, problem.gain_limit):
         return None
     said = "; [design] decay is what blocks: without it gains were found; lower decay, or raise gain_limit or starts"
     return said, {"cause": "decay"}
@@ -85,7 +86,7 @@ def _decay(problem: Problem, network: Network, claim: Claim) -> Hint | None:
 def _delta(problem: Problem, network: Network, claim: Claim) -> Hint | None:
     def with_part(part: float) -> bool:
         easier = replace(claim, delta=part * claim.delta)
-        return is_designed(problem, network, easier, problem.design.gain_limit)
+        return is_designed(problem, network, easier, problem.gain_limit)
 
     if not claim.delta.any() or not with_part(0.0):
         return None
@@ -100,7 +101,7 @@ def _delta(problem: Problem, network: Network, claim: Claim) -> Hint | None:
 
 def _gain_limit(problem: Problem, network: Network, claim: Claim) -> Hint | None:
     limit = problem.design.gain_limit
-    enough = _first(FACTORS, lambda factor: is_designed(problem, network, claim, factor * limit))
+    enough = _first(FACTORS, lambda factor: is_designed(problem, network, claim, factor * problem.gain_limit))
     if enough is None:
         return None
     smaller = ", or make [agent.domain] smaller, which asks for less" if problem.agent().domain else ""
@@ -122,7 +123,7 @@ def _modes(problem: Problem, network: Network) -> Hint:
         if value.imag < 0:
             continue
         mode = loops_at(Modes(plant, problem.order), np.array([value]))[0]
-        worst = stabilise_mode(mode, limit, seed=problem.design.seed, starts=STARTS)
+        worst = stabilise_mode(mode, problem.gain_limit, seed=problem.design.seed, starts=STARTS)
         if worst >= 0:
             blocking.append((complex(value), worst))
     if not blocking:

@@ -22,6 +22,7 @@ from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.analysis.decay import fastest_decay
+from lockstep.lmi.analysis.gain_limit import within
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.document import Stored
 from lockstep.lmi.methods.certified import rate_of_controllers
@@ -29,8 +30,7 @@ from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.search.barrier import BarrierPoint
 from lockstep.lmi.search.local_search import polished, reached
 from lockstep.lmi.search.random_start import GainSearch
-from lockstep.lmi.search.stabilise import within
-from lockstep.lmi.shapes import GainBlocks
+from lockstep.lmi.shapes import GainBlocks, GainLimit
 from lockstep.lmi.stored_bound import bound_again
 from lockstep.model.assembly import network_of
 from lockstep.model.network import Network
@@ -152,9 +152,8 @@ def _effort(network: Network, gains: Gains, claim: Claim, rho: float) -> float:
             break
         least = min(least, found.rho / weight**0.5)
         weight = float(f"{MOSTLY * (rho / least) ** 2:.3g}")
-    return float(
-        f"{prove(network, gains, replace(claim, W=weight * unit)).rho / weight**0.5 * (1 + 5e-5):.5g}"
-    )
+    proved = prove(network, gains, replace(claim, W=weight * unit)).rho / weight**0.5
+    return float(f"{proved * (1 + 5e-5):.5g}")
 
 
 class _Step(NamedTuple):
@@ -162,14 +161,15 @@ class _Step(NamedTuple):
 
     name: str
     claim: Claim
-    gain_limit: float
+    gain_limit: GainLimit
     decay: float
 
 
 def _steps(problem: Problem, claim: Claim, decay: float) -> Iterator[tuple[str, list[_Step]]]:
     table = problem.design
-    limit, held = table.gain_limit, max(table.search_decay or 0.0, 0.4 * (table.decay or 0.0))
-    yield "gain limit", [_Step(f"gain_limit {k * limit:g}", claim, k * limit, held) for k in LIMITS]
+    limit, held = problem.gain_limit, max(table.search_decay or 0.0, 0.4 * (table.decay or 0.0))
+    named = ((k, f"gain_limit {k * table.gain_limit:g}") for k in LIMITS)
+    yield "gain limit", [_Step(name, claim, k * limit, held) for k, name in named]
     W = (
         claim.W
         if len(claim.W)

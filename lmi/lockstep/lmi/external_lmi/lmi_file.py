@@ -149,9 +149,8 @@ def number(value: Any, where: str) -> fmpq:
     elif _DECIMAL.fullmatch(text) and text.isascii():
         mantissa, _, exponent = text.lower().partition("e")
         if len(exponent) > 6 or abs(int(exponent or 0)) > LARGEST_EXPONENT:
-            raise ProblemError(
-                f"the exponent {exponent}", where=where, expected=f"at most {LARGEST_EXPONENT}"
-            )
+            expected = f"at most {LARGEST_EXPONENT}"
+            raise ProblemError(f"the exponent {exponent}", where=where, expected=expected)
         whole, _, fraction = mantissa.partition(".")
         shift = int(exponent or 0) - len(fraction)
         return fmpq(int(whole + fraction)) * fmpq(10) ** shift

@@ -42,6 +42,9 @@ DRAWN_ANEW = 1_000_003
 """Added to the seed where no start of the first ones led anywhere, or none near the floor: one of twenty each on three
 quadrotors (order 0)."""
 
+RHO_OF_DECAY = 1.25
+"""Of the least rho found: what a faster decay may cost where the problem names no rho."""
+
 IDLE = 2.0
 """Over the period: how fast the state of an idle controller decays where the gain limit allows it; by Tustin's rule that is 0
 after one period."""
@@ -106,15 +109,10 @@ def searched(
     for held in decays_held(problem):
         decaying = network.decaying(held)
         modes = equal_gains(problem, decaying, claim, rate)
-        search = GainSearch.of(decaying.loop(problem.order), claim, table.gain_limit, lag, rate, modes)
+        search = GainSearch.of(decaying.loop(problem.order), claim, problem.gain_limit, lag, rate, modes)
         doing = f"searching for gains up to {table.gain_limit:g}, this search likely {likely(search, table.starts, jobs)}"
-        effort: dict[str, Any] = {
-            "score": score,
-            "rho": rho,
-            "jobs": jobs,
-            "tell": partial(tell, doing),
-            "deadline": deadline,
-        }
+        told = {"tell": partial(tell, doing), "deadline": deadline}
+        effort: dict[str, Any] = {"score": score, "rho": rho, "jobs": jobs, **told}
         with stop.searching():
             found = search_gains(search, starts=table.starts, seed=table.seed + anew * DRAWN_ANEW, **effort)
             if explain and not anew and not found.outcomes and not found.cut:
@@ -128,14 +126,16 @@ def searched(
             tell("estimating what is reachable", 1.0)
             raise _nothing(problem, network, claim, found, explain=explain)
         tell("proving the certificate", 0.0)
-        limit: dict[str, Any] = {}
-        if found.cut:
-            limit = {"interrupted": True} if stop.asked else {"time_limit": time_limit}
+        cut: dict[str, Any] = {"interrupted": True} if stop.asked else {"time_limit": time_limit}
         for one in found.outcomes:
             try:
-                proved = _proved(problem, network, claim, one, search, limit)
+                proved = _proved(problem, network, claim, one, search, cut if found.cut else {})
                 if table.objective in ("decay", "initial_set"):
-                    proved = _improved(problem, network, proved, search, score, deadline)
+                    with stop.searching():
+                        proved = _improved(problem, network, proved, search, score, deadline)
+                    if deadline.over and not found.cut:
+                        cut = {"interrupted": True} if stop.asked else cut
+                        proved = replace(proved, figures={**proved.figures, **cut})
                 refuse_a_slow_one(problem, network, proved)
             except NotCertified as error:
                 refused = error
@@ -161,7 +161,7 @@ def equal_gains(problem: Problem, network: Network, claim: Claim, rate: float | 
     except ProblemError:
         ends = representative(np.linalg.eigvals(network.graph.laplacian))
     modes = Modes(plant, problem.order, network.decay)
-    return ModalSearch.of(modes, claim, ends, problem.design.gain_limit, rate)
+    return ModalSearch.of(modes, claim, ends, problem.gain_limit, rate)
 
 
 def decays_held(problem: Problem) -> tuple[float, ...]:
@@ -207,7 +207,7 @@ def _improved(
     score: Score | None,
     deadline: Deadline,
 ) -> CertifiedGains:
-    """Return gains with a larger decay or initial set than those found, rho within the one given if one is; or those found.
+    """Return gains with a larger decay or initial set, rho within the one given or near that of those found; or those found.
 
     Raises:
         NotCertified: the rho given is not reached, or there is no initial set.
@@ -219,14 +219,15 @@ def _improved(
 
     def at(decay: float) -> GainSearch:
         loop = network.decaying(decay).loop(problem.order)
-        return GainSearch.of(loop, claim, table.gain_limit, search.lag, search.rate)
+        return GainSearch.of(loop, claim, problem.gain_limit, search.lag, search.rate)
 
     if table.objective == "decay":
-        K = raised_decay(at, gains.blocks, rho=rho, score=score)
+        most = RHO_OF_DECAY * c.rho if table.rho is None else rho
+        K = raised_decay(at, gains.blocks, rho=most, score=score, deadline=deadline)
     else:
         limits: dict[str, Any] = {"rate": search.rate, "score": score, "deadline": deadline}
         K = with_larger_set(problem, network, gains, claim, c, **limits)
-    gains = Gains.from_blocks(short_gains(K, table.gain_limit), problem.order)
+    gains = Gains.from_blocks(short_gains(K, problem.gain_limit), problem.order)
     try:
         certificate = prove(network, gains, claim)
         if certificate.rho > rho:
@@ -264,10 +265,10 @@ def _proved(
     if rho is not None:
         # 0.01 % is left to rounding; the proved alpha of the agent itself stays below.
         claim = replace(claim, alpha=max(claim.alpha, float(f"{claim.alpha * one.alpha * (1 - 1e-4):.6g}")))
-    gains = Gains.from_blocks(short_gains(one.K, table.gain_limit), problem.order)
+    gains = Gains.from_blocks(short_gains(one.K, problem.gain_limit), problem.order)
     figures: dict[str, Any] = {"history": list(one.history), **limit}
     near = search.units.certificate(one.certificate)
-    fastest = float(f"{0.99 * min(table.gain_limit, IDLE / problem.controller.period):.3g}")
+    fastest = float(f"{0.99 * min(np.ravel(problem.gain_limit)[0], IDLE / problem.controller.period):.3g}")
     muted = without_idle_parts(gains, network, fastest)
     if muted is not gains:
         try:

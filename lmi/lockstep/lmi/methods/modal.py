@@ -27,6 +27,7 @@ from lockstep.lmi.methods.modal_interval import CommonSearch
 from lockstep.lmi.methods.modal_search import ModalCandidate, drawn, from_start
 from lockstep.lmi.methods.modal_witness import HALVINGS, ModalWitness, fine_witness, witness
 from lockstep.lmi.search.common_gains import ModalSearch
+from lockstep.lmi.shapes import GainLimit
 from lockstep.model.network import Network
 
 OUTSIDE = 1e-9
@@ -56,7 +57,7 @@ def design_modes(
     network: Network,
     claim: Claim,
     order: int,
-    gain_limit: float,
+    gain_limit: GainLimit,
     *,
     starts: int,
     seed: int,
@@ -109,9 +110,8 @@ def largest_ratio(search: ModalSearch, seed: int, rate: float | None, *, common:
         ends = np.geomspace(upper / ratio, upper, count + 1)
         part = ModalSearch.of(search.modes, search.claim, ends, search.gain_limit, rate)
         if common:
-            one = CommonSearch(
-                search.modes, search.claim, (upper / ratio, upper), search.gain_limit, rate or 0.0
-            )
+            ends_of = upper / ratio, upper
+            one = CommonSearch(search.modes, search.claim, ends_of, search.gain_limit, rate or 0.0)
             holds = any(one.has_one_P(K) for K in drawn(part, seed, 0))
         else:
             holds = from_start(part, seed, 0).K is not None

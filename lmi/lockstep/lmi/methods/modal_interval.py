@@ -21,10 +21,11 @@ from jaxtyping import Float
 from lockstep.check.continuous.channels import Inequality
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import Modes
+from lockstep.lmi.analysis.gain_limit import limit_barrier, within
 from lockstep.lmi.analysis.semidefinite import Block, Solved, least, symmetric_basis
 from lockstep.lmi.methods.modal_newton import Together
 from lockstep.lmi.search.stabilise import descend
-from lockstep.lmi.shapes import Vector
+from lockstep.lmi.shapes import GainLimit, Vector
 
 Gain = Float[np.ndarray, "a b"]
 Valued = tuple[float, Gain]
@@ -36,7 +37,7 @@ LARGEST = 1e3
 """P <= LARGEST I in the first phase: where there is one P, it could be scaled up without end."""
 
 BARRIER = 3e-3
-"""Of -log det(I - K K' / gain_limit^2), beside log sigma."""
+"""Of that of the gain limit, beside log sigma."""
 
 STEPS_INSIDE, STEPS_DOWN = 150, 400
 """Steps of BFGS for either phase: the second where no barrier can be put up."""
@@ -52,7 +53,7 @@ class CommonSearch:
     modes: Modes
     claim: Claim
     ends: tuple[float, float]
-    gain_limit: float
+    gain_limit: GainLimit
     rate: float = 0.0
 
     def improved(self, K: Gain, rounds: int = ROUNDS) -> tuple[float, Gain]:
@@ -157,19 +158,16 @@ class CommonSearch:
 
     def _descended(self, objective: Callable[[Gain], Valued], K: Gain, steps: int) -> Gain:
         """Lower an objective, the norm of K being held below the limit by a small barrier."""
-        limit = self.gain_limit
 
         def of_flat(flat: Vector) -> tuple[float, Vector]:
             gains = flat.reshape(K.shape)
-            rest = np.eye(len(gains)) - gains @ gains.T / limit**2
-            if np.linalg.eigvalsh(rest)[0] <= 0:
+            room = limit_barrier(gains[None], self.gain_limit)
+            if room is None:
                 return np.inf, flat
             value, slope = objective(gains)
-            inward = 2 * BARRIER / limit**2 * np.linalg.solve(rest, gains)
-            return value - BARRIER * float(np.linalg.slogdet(rest)[1]), (slope + inward).ravel()
+            return value + BARRIER * room[0], (slope + BARRIER * room[1][0]).ravel()
 
-        K = K * min(1.0, 0.95 * limit / float(np.linalg.norm(K, 2)))
-        return descend(of_flat, K.ravel(), steps).reshape(K.shape)
+        return descend(of_flat, within(K[None], 0.95 * self.gain_limit).ravel(), steps).reshape(K.shape)
 
     def _mean_is_stable(self, K: Gain) -> bool:
         n_C = self.modes.order

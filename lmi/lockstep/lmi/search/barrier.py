@@ -26,9 +26,10 @@ from jaxtyping import Float, Int
 
 from lockstep.check.continuous.inequality import Certificate, Claim, gain_errors
 from lockstep.check.system.loop import Loop
+from lockstep.lmi.analysis.gain_limit import within
 from lockstep.lmi.search.logdet import BalancedF
 from lockstep.lmi.search.stopping import NEVER, Deadline
-from lockstep.lmi.shapes import GainBlocks, Vector
+from lockstep.lmi.shapes import GainBlocks, GainLimit, Vector
 
 WEIGHTS = (6e-3, 2e-3, 5e-4)
 """mu, one after the other. F has a few dozen rows, and a goal of log rho^2 outweighs what -log det(-F) gains by scaling P
@@ -114,7 +115,7 @@ class Task:
 class InteriorProgram:
     """The barrier problem for one loop, claim and gain limit."""
 
-    def __init__(self, loop: Loop, claim: Claim, gain_limit: float, *, rate: float | None = None) -> None:
+    def __init__(self, loop: Loop, claim: Claim, gain_limit: GainLimit, *, rate: float | None = None) -> None:
         self.loop, self.claim, self.gain_limit = loop, claim, gain_limit
         self.rate, self.order_kept = rate or 0.0, loop.order if rate is not None else 0
         self.ways = gain_errors(loop, claim.delta)
@@ -148,8 +149,7 @@ class InteriorProgram:
 
     def _inside(self, F: BalancedF, start: BarrierPoint, aim: Aim) -> Vector | None:
         """Return x with F < 0 near the start."""
-        largest = max(float(np.linalg.norm(block, 2)) for block in start.K)
-        K = start.K * min(1.0, (1 - 1e-6) * self.gain_limit / max(largest, 1e-300))
+        K = within(start.K, (1 - 1e-6) * self.gain_limit)
         f_a = start.alpha_fraction if self.loop.plant.G.shape[1] else 1.0
         x = F.pack(K, start.certificate, f_a, start.delta_fraction if self.ways else 1.0)
         if aim == "alpha":
@@ -182,12 +182,11 @@ class InteriorProgram:
         )
         fixed = [i for i in (f_a, f_d) if i not in moving] + ([r2] if aim == "alpha" else [])
         free = np.setdiff1d(np.arange(F.size), fixed)
-        return Task(
-            _logarithms(weights),
-            bounds,
-            free,
-            lambda x: aim == "claim" and all(x[i] >= 1.0 for i in (f_a, f_d)),
-        )
+
+        def done(x: Vector) -> bool:
+            return aim == "claim" and all(x[i] >= 1.0 for i in (f_a, f_d))
+
+        return Task(_logarithms(weights), bounds, free, done)
 
     def _storages(self, K: GainBlocks) -> tuple[Float[np.ndarray, "n_C n_C"], ...]:
         """Return P_i with He(P_i (A_Ci + rate I)) = -I of each controller that is to be stable by itself."""
@@ -247,9 +246,9 @@ class InteriorProgram:
         )
 
     def _limit(self, K: Float[np.ndarray, "k l"]) -> Float[np.ndarray, "s s"]:
-        """Return [l I, K; K', l I], positive definite where |K| < l."""
+        """Return [I, K / L; (K / L)', I], positive definite where |K / L| < 1."""
         k, l = K.shape
-        return np.block([[self.gain_limit * np.eye(k), K], [K.T, self.gain_limit * np.eye(l)]])
+        return np.block([[np.eye(k), K / self.gain_limit], [(K / self.gain_limit).T, np.eye(l)]])
 
     def _settled(self, F: BalancedF, x: Vector, task: Task, mu: float, limits: NewtonLimits) -> Vector:
         """Take Newton steps until the decrement is small."""
@@ -281,13 +280,14 @@ class InteriorProgram:
         slope, square, rest = F.slopes(x)
         _, k, l = F.shape_K
         row, column = (index.ravel() for index in np.indices((k, l)))
-        column = column + k
+        column, part = column + k, 1 / np.broadcast_to(self.gain_limit, (k, l)).ravel()
         for i, block in enumerate(F.K(x)):
             S = np.linalg.inv(self._limit(block))
             place = slice(F.place["K"].start + i * k * l, F.place["K"].start + (i + 1) * k * l)
             across = S[np.ix_(row, column)]
-            slope[place] -= 2 * S[row, column]
-            square[place, place] += 2 * (S[np.ix_(row, row)] * S[np.ix_(column, column)] + across * across.T)
+            slope[place] -= 2 * part * S[row, column]
+            both = S[np.ix_(row, row)] * S[np.ix_(column, column)] + across * across.T
+            square[place, place] += 2 * part[:, None] * both * part
         for i, P in enumerate(task.storages):
             place = F.place["K"].start + i * k * l + np.add.outer(l * np.arange(len(P)), np.arange(len(P)))
             self._add_own(slope, square, place.ravel(), P, F.K(x)[i])

@@ -15,10 +15,11 @@ from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import Modes
 from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.loop import Loop, build_loop
+from lockstep.lmi.analysis.gain_limit import entries_within, within
 from lockstep.lmi.search.smoothed_norm import Descended, SmoothedNorm, descended, refined
 from lockstep.lmi.search.stabilise import OutputFeedback, descend, real_part
 from lockstep.lmi.search.unit_scaling import scaled
-from lockstep.lmi.shapes import Vector
+from lockstep.lmi.shapes import GainLimit, Vector
 
 GAIN_WEIGHTS = (1e-3, 1e-5, 0.0)
 """Weights of the mean square of the gains while the abscissa is lowered, tried until the loop is stable. Small gains
@@ -38,7 +39,7 @@ class ModalSearch:
     modes: Modes
     claim: Claim
     ends: Shaped[np.ndarray, " s"]
-    gain_limit: float
+    gain_limit: GainLimit
     norm: SmoothedNorm
 
     @classmethod
@@ -47,7 +48,7 @@ class ModalSearch:
         modes: Modes,
         claim: Claim,
         ends: Shaped[np.ndarray, " s"],
-        gain_limit: float,
+        gain_limit: GainLimit,
         rate: float | None = None,
     ) -> "ModalSearch":
         """Return the search over the modes of a plant at the ends of segments; A_C is to have a rate of its own if given."""
@@ -59,10 +60,10 @@ class ModalSearch:
 
     def stable(self, generator: np.random.Generator) -> Float[np.ndarray, "a b"] | None:
         """Return random gains made stable at every end, or None."""
-        ends, limit = self.ends, self.gain_limit
+        ends, L = self.ends, self.gain_limit
         size = generator.choice([0.5, 1.0, 2.0]) / np.abs(ends[0] * ends[-1]) ** 0.25
-        K = stabilised(self, size * generator.standard_normal(self.norm.shape[1:]))
-        K = K * min(1.0, 0.9 * limit / max(float(np.linalg.norm(K, 2)), 1e-300))
+        drawn = L / entries_within(L) * size * generator.standard_normal(self.norm.shape[1:])
+        K = within(stabilised(self, drawn)[None], 0.9 * L)[0]
         return None if _worst(_ways(self), K)[0] >= 0 else K
 
     def down(self, K: Float[np.ndarray, "a b"], *, far: bool = True) -> Descended:
@@ -100,9 +101,8 @@ def representative(eigenvalues: Shaped[np.ndarray, " N"]) -> Complex[np.ndarray,
     [(1+0j), (2+0j)]
     """
     rising = eigenvalues[np.argsort(np.abs(eigenvalues), kind="stable")][1:]
-    values = np.where(
-        np.abs(rising.imag) > ONE * np.abs(rising), rising.real + 1j * np.abs(rising.imag), rising.real
-    )
+    turn = np.abs(rising.imag)
+    values = np.where(turn > ONE * np.abs(rising), rising.real + 1j * turn, rising.real)
     found = [values[0]]
     while len(found) < FEW:
         apart = np.abs(np.log(values[:, None] / np.array(found))).min(axis=1)
@@ -113,32 +113,34 @@ def representative(eigenvalues: Shaped[np.ndarray, " N"]) -> Complex[np.ndarray,
 
 
 def stabilised(search: ModalSearch, K: Float[np.ndarray, "a b"]) -> Float[np.ndarray, "a b"]:
-    """Lower the largest abscissa over the ends of the segments, and over A_C + rate I, within the gain limit.
+    """Lower the largest abscissa over the ends of the segments, and over A_C + rate I, within the gain limit, in its units.
 
-    The gains are gain_limit Z / sqrt(1 + |Z|^2), so that every Z is allowed.
+    The gains are L Z / sqrt(1 + |Z|^2), entry by entry, so that every Z is allowed.
     """
-    ways, gain_limit = _ways(search), search.gain_limit
+    ways, L = _ways(search), search.gain_limit
     for weight in GAIN_WEIGHTS:
-        K = _lowered(ways, K * min(1.0, 0.9 * gain_limit / float(np.linalg.norm(K))), gain_limit, weight)
+        size = max(0.9, float(np.linalg.norm(K / L)))
+        K = _lowered(ways, 0.9 / size * K, L, weight * entries_within(L) ** 2)
         if _worst(ways, K)[0] < 0:
             break
     return K
 
 
 def _lowered(
-    ways: list[OutputFeedback], K: Float[np.ndarray, "a b"], gain_limit: float, weight: float
+    ways: list[OutputFeedback], K: Float[np.ndarray, "a b"], L: GainLimit, weight: float
 ) -> Float[np.ndarray, "a b"]:
+    each = np.broadcast_to(L, K.shape).ravel()
+
     def objective(flat: Vector) -> tuple[float, Vector]:
         root = float(np.sqrt(1 + flat @ flat))
-        gains = gain_limit * flat / root
-        worst, slope = _worst(ways, gains.reshape(K.shape))
-        total = slope.ravel() + 2 * weight * gains / flat.size
-        return worst + weight * float(np.mean(gains**2)), gain_limit / root * (
-            total - flat * (flat @ total) / root**2
-        )
+        part = flat / root
+        worst, slope = _worst(ways, (each * part).reshape(K.shape))
+        total = each * slope.ravel() + 2 * weight * part / flat.size
+        return worst + weight * float(np.mean(part**2)), (total - part * (part @ total)) / root
 
-    Z = descend(objective, K.ravel() / np.sqrt(gain_limit**2 - float(np.sum(K**2))), 100)
-    return np.asarray(gain_limit * Z / np.sqrt(1 + Z @ Z)).reshape(K.shape)
+    first = (K / L).ravel()
+    Z = descend(objective, first / np.sqrt(1 - first @ first), 100)
+    return np.asarray(each * Z / np.sqrt(1 + Z @ Z)).reshape(K.shape)
 
 
 def loops_at(modes: Modes, values: Shaped[np.ndarray, " s"]) -> list[OutputFeedback]:

@@ -15,6 +15,7 @@ import numpy as np
 from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.search.barrier import BarrierPoint, NewtonLimits
 from lockstep.lmi.search.random_start import GainSearch, Score
+from lockstep.lmi.search.stopping import NEVER, Deadline
 from lockstep.lmi.shapes import GainBlocks
 
 RUNS = 8
@@ -39,7 +40,9 @@ Decaying = Callable[[float], GainSearch]
 """The search for the loop of e^(sigma t) x_cl."""
 
 
-def raised_decay(at: Decaying, K: GainBlocks, *, rho: float, score: Score | None) -> GainBlocks:
+def raised_decay(
+    at: Decaying, K: GainBlocks, *, rho: float, score: Score | None, deadline: Deadline = NEVER
+) -> GainBlocks:
     """Return gains with a larger sigma, or K.
 
     Args:
@@ -47,14 +50,16 @@ def raised_decay(at: Decaying, K: GainBlocks, *, rho: float, score: Score | None
         K: gains with a certificate, in the units of the file.
         rho: the largest one allowed, in these units.
         score: of the sampled loop: gains without a finite one are passed over.
+        deadline: after which no run is begun.
     """
     sigma = largest_decay(at, K)
     for _ in range(RUNS):
         search = at(HELD * sigma)
         start = least_rho(search.loop, K, search.claim)
-        if start is None:
+        if start is None or deadline.over:
             break
-        trial = search.program.improve(BarrierPoint(K, start), "rho", NewtonLimits(NEWTON_STEPS)).K
+        steps = NewtonLimits(NEWTON_STEPS, deadline=deadline)
+        trial = search.program.improve(BarrierPoint(K, start), "rho", steps).K
         before = sigma
         for part in PARTS:
             new = K + part * (trial - K)

@@ -15,9 +15,10 @@ import numpy as np
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Loop, Plant, build_loop
+from lockstep.lmi.analysis.gain_limit import within
 from lockstep.lmi.search.random_start import INSIDE, STABLE, GainSearch, Score, StartResult, scored
 from lockstep.lmi.search.smoothed_norm import SmoothedNorm, descended, refined
-from lockstep.lmi.search.stabilise import abscissa, stabilise, within
+from lockstep.lmi.search.stabilise import abscissa, stabilise
 from lockstep.lmi.search.stopping import NEVER, Deadline
 
 LATER = (1.0, 2.0, 4.0, 8.0)

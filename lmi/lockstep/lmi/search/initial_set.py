@@ -28,7 +28,7 @@ from lockstep.check.numbers import as_floats
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.certificate_sdp import AffineF, run
 from lockstep.lmi.search.stopping import NEVER, Deadline
-from lockstep.lmi.shapes import GainBlocks, Multipliers
+from lockstep.lmi.shapes import GainBlocks, GainLimit, Multipliers
 from lockstep.model.network import Network
 
 ROOM = 1e-5
@@ -74,7 +74,7 @@ class SetProgram:
     """The programs of one loop.
 
     loop, claim: in the units of the file;  rows: w_ij / d_j;  kept: x_cl without the leader's controller;  D: of |x_d|^2;
-     moving: agents whose gains may move;  gain_limit: on the spectral norm of each;  rate: that each A_Ci
+     moving: agents whose gains may move;  gain_limit: of each;  rate: that each A_Ci
     is to have by itself, or None.
     """
 
@@ -84,7 +84,7 @@ class SetProgram:
     kept: Int[np.ndarray, " n_0"]
     D: Float[np.ndarray, "n_d n_d"]
     moving: tuple[int, ...] = ()
-    gain_limit: float = np.inf
+    gain_limit: GainLimit = np.inf
     rate: float | None = None
 
     @classmethod
@@ -96,7 +96,7 @@ class SetProgram:
         domain: Domain,
         inner: Box,
         *,
-        gain_limit: float = np.inf,
+        gain_limit: GainLimit = np.inf,
         rate: float | None = None,
     ) -> "SetProgram":
         """Return the programs of a network behind a single leader.
@@ -221,8 +221,9 @@ class SetProgram:
         import cvxpy as cp
 
         found, n_C = [], self.loop.order
-        if np.isfinite(self.gain_limit):
-            found.append(cp.sigma_max(K + move) <= self.gain_limit)
+        if np.isfinite(self.gain_limit).all():
+            unit = np.broadcast_to(self.gain_limit, K.shape)
+            found.append(cp.sigma_max(cp.multiply(1 / unit, K + move)) <= 1)
         if self.rate is not None and n_C:
             own = K[:n_C, :n_C] + self.rate * np.eye(n_C)
             L = np.linalg.cholesky(_storage(own))

@@ -18,6 +18,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.certificate_sdp import AffineF, eliminates_P, least_rho
+from lockstep.lmi.analysis.gain_limit import within
 from lockstep.lmi.analysis.margins import claim_at
 from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram, NewtonLimits
 from lockstep.lmi.search.common_gains import ModalSearch
@@ -31,10 +32,10 @@ from lockstep.lmi.search.smoothed_norm import (
     with_multipliers,
 )
 from lockstep.lmi.search.stabilise import abscissa as abscissa_of
-from lockstep.lmi.search.stabilise import stabilise, within
+from lockstep.lmi.search.stabilise import stabilise
 from lockstep.lmi.search.stopping import NEVER, Deadline
 from lockstep.lmi.search.unit_scaling import Units, scaled
-from lockstep.lmi.shapes import GainBlocks
+from lockstep.lmi.shapes import GainBlocks, GainLimit
 
 SIZES = (0.3, 1.0, 3.0)
 """Standard deviations of the gains drawn, in the units of the search."""
@@ -67,7 +68,7 @@ UNPROVED = 1 - 1e-9
 class GainSearch:
     """What is searched: loop and claim in the units of the search, the gains in those of the file.
 
-    gain_limit: on the spectral norm of each agent's gains;  lag: s, by which sampling makes the inputs late;  rate:
+    gain_limit: of each agent's gains;  lag: s, by which sampling makes the inputs late;  rate:
     that each A_Ci is to have by itself, Re lambda < -rate, in 1/s; None to ask nothing of them;  modes: the same
     search for gains that are equal for all agents, with which starts of many agents begin; None where it does not apply.
     """
@@ -75,7 +76,7 @@ class GainSearch:
     loop: Loop
     claim: Claim
     units: Units
-    gain_limit: float
+    gain_limit: GainLimit
     lag: float = 0.0
     rate: float | None = None
     modes: ModalSearch | None = None
@@ -85,7 +86,7 @@ class GainSearch:
         cls,
         loop: Loop,
         claim: Claim,
-        gain_limit: float,
+        gain_limit: GainLimit,
         lag: float = 0.0,
         rate: float | None = None,
         modes: ModalSearch | None = None,

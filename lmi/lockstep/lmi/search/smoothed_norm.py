@@ -32,10 +32,11 @@ from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.certificate_sdp import AffineF, eliminates_P
 from lockstep.lmi.analysis.frequency_multipliers import Form
+from lockstep.lmi.analysis.gain_limit import limit_barrier
 from lockstep.lmi.analysis.p_norm import counted, frequencies_of, gram, p_norm, thinned
 from lockstep.lmi.sampled.synthesis.response import Poles
 from lockstep.lmi.search.stabilise import descend
-from lockstep.lmi.shapes import GainBlocks, Multipliers, Vector
+from lockstep.lmi.shapes import GainBlocks, GainLimit, Multipliers, Vector
 
 Stages = tuple[tuple[int, int], ...]
 """p and the number of steps of each stage; the frequencies are chosen anew before each."""
@@ -107,7 +108,7 @@ class SmoothedNorm:
     Args:
         loop: in units in which its numbers are near one.
         claim: alpha, R, Q and delta.
-        gain_limit: on the spectral norm of each agent's gains.
+        gain_limit: of each agent's gains.
         units: the size of an entry of the gains.
         shared: whether all agents have the same gains, and all pairs the same weights: x then holds each once. The fragility
             multipliers stay apart.
@@ -118,7 +119,7 @@ class SmoothedNorm:
         self,
         loop: Loop,
         claim: Claim,
-        gain_limit: float,
+        gain_limit: GainLimit,
         units: Float[np.ndarray, "k l"],
         *,
         shared: bool = False,
@@ -277,16 +278,11 @@ class SmoothedNorm:
         return root.T @ Psi @ root, np.broadcast_to(root, Psi.shape)
 
     def _barrier(self, K: GainBlocks, weight: float) -> tuple[float, GainBlocks] | None:
-        """Return -weight sum_i log det(I - K_i K_i' / l^2), with the Gramians', and its slope; None outside."""
-        limit = self.gain_limit**2
-        room = np.eye(K.shape[1]) - K @ K.swapaxes(1, 2) / limit
-        try:
-            root = np.linalg.cholesky(room)
-        except np.linalg.LinAlgError:
+        """Return the barrier of the limit, with the Gramians', and its slope; None outside."""
+        room = limit_barrier(K, self.gain_limit)
+        if room is None:
             return None
-        value = -2 * weight * float(np.log(np.diagonal(root, axis1=1, axis2=2)).sum())
-        slope = 2 * weight / limit * np.linalg.solve(room, K)
-        n_C = self.order_kept
+        value, slope, n_C = weight * room[0], weight * room[1], self.order_kept
         for i in range(len(K) if n_C else 0):
             poles = Poles(K[i, :n_C, :n_C] + self.rate * np.eye(n_C), continuous=True)
             if not poles.stable:

@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Complex, Float, Shaped
 
 from lockstep.check.system.loop import Loop
-from lockstep.lmi.shapes import GainBlocks, Vector
+from lockstep.lmi.analysis.gain_limit import within
+from lockstep.lmi.shapes import GainBlocks, GainLimit, Vector
 
 OutputFeedback = tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _"], Shaped[np.ndarray, "_ _"]]
 """A_0, U and Y of A_0 + U K Y; Y is complex for the mode of an eigenvalue that is."""
@@ -31,19 +32,19 @@ DEFECTIVE = 1e-8
 def stabilise(
     loop: Loop,
     K: GainBlocks,
-    limit: float = np.inf,
+    limit: GainLimit = np.inf,
     iterations: int = 100,
     *,
     units: Float[np.ndarray, "k l"] | float = 1.0,
     rate: float | None = None,
     time: float = 1.0,
 ) -> tuple[GainBlocks, float]:
-    """Return gains with a smaller abscissa than K's and norms of about `limit` at most, and that abscissa.
+    """Return gains with a smaller abscissa than K's and gains of about `limit` at most, and that abscissa.
 
     Args:
         loop: in doubles.
         K: where the descent starts.
-        limit: on the spectral norm of each agent's gains.
+        limit: of each agent's gains.
         iterations: of the quasi-Newton method.
         units: the size of an entry of the gains: the descent moves K / units.
         rate: that each A_Ci is to have by itself, in 1/s; None to ask nothing of them.
@@ -62,14 +63,15 @@ def stabilise(
     return found, abscissa(loop, found, rate=rate, time=time)[0]
 
 
-def _excess(K: GainBlocks, limit: float) -> tuple[float, GainBlocks]:
-    """Return sum_i max(0, |K_i| / limit - 1) and its slope in K."""
+def _excess(K: GainBlocks, limit: GainLimit) -> tuple[float, GainBlocks]:
+    """Return sum_i max(0, |K_i / limit| - 1) and its slope in K."""
     total, slope = 0.0, np.zeros_like(K)
     for i, block in enumerate(K):
-        norm = float(np.linalg.norm(block, 2))
-        if norm > limit:
-            left, _, right = np.linalg.svd(block)
-            total += norm / limit - 1
+        part = block / limit
+        norm = float(np.linalg.norm(part, 2))
+        if norm > 1:
+            left, _, right = np.linalg.svd(part)
+            total += norm - 1
             slope[i] = np.outer(left[:, 0], right[0]) / limit
     return total, slope
 
@@ -111,12 +113,12 @@ def real_part(
     return float(values[worst].real), slope
 
 
-def stabilise_mode(mode: OutputFeedback, limit: float, *, seed: int, starts: int) -> float:
+def stabilise_mode(mode: OutputFeedback, limit: GainLimit, *, seed: int, starts: int) -> float:
     """Return the least abscissa found of one mode of the graph with the same controller for all agents.
 
     Args:
         mode: its A_0, U and Y (`modes.loops_at`).
-        limit: of the norm of the controller's gains.
+        limit: of the controller's gains.
         seed, starts: of the random starts.
     """
     A_0, U, Y = mode
@@ -132,8 +134,7 @@ def stabilise_mode(mode: OutputFeedback, limit: float, *, seed: int, starts: int
     for index in range(starts):
         first = np.random.default_rng([seed, index]).standard_normal(shape)
         first *= 0.5 * limit / max(float(np.linalg.norm(first[0], 2)), 1e-300)
-        K = descend(objective, first.ravel(), 100).reshape(shape)
-        K *= min(1.0, limit / max(float(np.linalg.norm(K[0], 2)), 1e-300))
+        K = within(descend(objective, first.ravel(), 100).reshape(shape), limit)
         least = min(least, real_part(A_0 + U @ K[0] @ Y, [U], [Y])[0])
     return least
 
@@ -184,9 +185,3 @@ def _weak_wolfe(
             low = t
         t = (low + high) / 2 if np.isfinite(high) else 2 * t
     return best
-
-
-def within(K: GainBlocks, limit: float) -> GainBlocks:
-    """Return gains of which those of agents that exceed a spectral norm are scaled down to it."""
-    norms = np.linalg.norm(K, 2, axis=(1, 2))
-    return np.asarray(K * np.minimum(1.0, limit / np.maximum(norms, 1e-300))[:, None, None])

@@ -140,10 +140,8 @@ class Agent:
         check_formulas(states, dynamics)
         check_parameters(parameters)
         symbols = {key: ca.SX.sym(key) for key in (*states, *inputs, "t")}
-        known: dict[str, ca.SX | float] = {
-            **symbols,
-            **{key: float(value) for key, value in parameters.items()},
-        }
+        numbers = {key: float(value) for key, value in parameters.items()}
+        known: dict[str, ca.SX | float] = {**symbols, **numbers}
         rhs = [parse_expression(dynamics[key], known, where=f"[agent.dynamics] {key}") for key in states]
         y = [parse_expression(text, known, where=f"[agent.outputs] {key}") for key, text in outputs.items()]
         as_written = ExactAgent.from_texts(

@@ -48,9 +48,8 @@ def read_value(expression: ca.SX, variables: ca.SX, time: ca.SX, algebra: Exact)
     >>> value.node.data, [c.text for c in value.conditions]
     ((Fraction(0, 1), (Fraction(2, 1), Fraction(-1, 1))), ['`log` needs a positive argument, which is not proved'])
     """
-    steps, results = _single_assignment(
-        ca.Function("expression", [variables, time], [ca.densify(expression)])
-    )
+    function = ca.Function("expression", [variables, time], [ca.densify(expression)])
+    steps, results = _single_assignment(function)
     values: list[Node] = []
     found: list[tuple[int, Condition]] = []
     for step in steps:

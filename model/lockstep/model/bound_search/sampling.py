@@ -87,10 +87,8 @@ def _polished(
         moved = [best + reach * local * generator.standard_normal(best.shape) for _ in range(16)]
         # Half of the moves change one variable only.
         mask = [generator.random(best.shape) < 0.5 for _ in moved]
-        tried = np.concatenate(
-            [best, *(np.where(m, x, best) for m, x in zip(mask, moved, strict=True))], axis=1
-        )
-        tried = np.clip(tried, lower[:, None], upper[:, None])
+        some = (np.where(m, x, best) for m, x in zip(mask, moved, strict=True))
+        tried = np.clip(np.concatenate([best, *some], axis=1), lower[:, None], upper[:, None])
         best = tried[:, np.argsort(-slopes.estimate(tried), kind="stable")[:8]]
         reach *= 0.6
     return best

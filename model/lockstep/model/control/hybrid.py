@@ -76,9 +76,8 @@ class Hybrid:
             )
         given = [name for part in self.parts for name in part.output_labels]
         if twice := {name for name in given if given.count(name) > 1}:
-            raise ProblemError(
-                f"{sorted(twice)} given by two parts", where="hybrid loop", expected="one each"
-            )
+            found = f"{sorted(twice)} given by two parts"
+            raise ProblemError(found, where="hybrid loop", expected="one each")
         free = dict.fromkeys(s for part in self.parts for s in part.input_labels if s not in given)
         for what, named, known in (("inputs", self.inputs, free), ("outputs", self.outputs, given)):
             if unknown := [name for name in named if name not in known]:
@@ -270,9 +269,8 @@ class Hybrid:
         shape = (len(self.inputs), len(t))
         z = np.zeros(n_z)
         try:
-            w = np.broadcast_to(
-                np.reshape(w, (-1, 1)) if np.ndim(w) == 1 else np.asarray(w, dtype=float), shape
-            )
+            held = np.reshape(w, (-1, 1)) if np.ndim(w) == 1 else np.asarray(w, dtype=float)
+            w = np.broadcast_to(held, shape)
             z[: self.held.start] = start
         except ValueError:
             found = f"`w` of the shape {np.shape(w)}, `start` of the shape {np.shape(start)}"

@@ -88,9 +88,8 @@ def centred(lure: Lure, box: Box) -> tuple[Lure, Centring]:
     if not far.all() and not _settled(slopes[~far], lowest, highest):
         return lure, Centring(reason=GROWING)
     # |middle| below 2 % of the largest slope: centring that entry gains less than 2 %.
-    wanted = np.argwhere(
-        np.abs(lowest + highest) > LEAST_GAIN * (highest - lowest + np.abs(lowest + highest))
-    )
+    twice = np.abs(lowest + highest)
+    wanted = np.argwhere(twice > LEAST_GAIN * (highest - lowest + twice))
     if not len(wanted):
         return lure, Centring(reason="the slopes are around zero already")
     result, moves = lure, list[CentringMove]()

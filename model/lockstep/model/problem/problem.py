@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -71,7 +71,7 @@ class Problem:
     def __post_init__(self) -> None:
         check_tables(self.file)
         _ = self._agent, self._graph, self._variants, self.gains
-        _ = self.performance, self.sides, self.messages, self.output_range
+        _ = self.performance, self.gain_limit, self.sides, self.messages, self.output_range
         _ = self.offsets, self.reference, self.leader
         self.initial_states()
 
@@ -177,18 +177,14 @@ class Problem:
         """Whether `lockstep.lmi.defaults` says what is asked for: no `weights` but the input's, no `gain_limit`, no rho."""
         named = self.design.model_fields_set
         others = "weights" in named and self.design.weights.model_fields_set != {"input"}
-        return self.design.method in SEARCHED and not others and not named & {"gain_limit", "rho"}
+        named = named & {"gain_limit", "gain_units", "rho"}
+        return self.design.method in SEARCHED and not others and not named
 
     @property
     def sizes(self) -> Sizes:
         """N, n, m, q and n_C."""
-        return Sizes(
-            1 if self.spectrum else self._graph.agents,
-            self._agent.n,
-            self._agent.m,
-            self._agent.q,
-            self.order,
-        )
+        agent, N = self._agent, 1 if self.spectrum else self._graph.agents
+        return Sizes(N, agent.n, agent.m, agent.q, self.order)
 
     @property
     def title(self) -> str:
@@ -286,6 +282,19 @@ class Problem:
         demand(some, "every scale is 0", where, "one above 0: rho is a gain from it")
         W = input_weight(self.design.weights.input or 0.0, m)
         return Performance(self.state_weight(n), self.controller_weight(self.order), W, states, outputs)
+
+    @cached_property
+    def gain_limit(self) -> Float[np.ndarray, "k l"] | float:
+        """L of |[A B; C D] / L| <= 1, entry by entry and in the spectral norm: `gain_limit` in the units that are named."""
+        units, agent, where = self.design.gain_units, self.file.agent, "[design.gain_units]"
+        if units is None:
+            return self.design.gain_limit
+        outputs = [name for name, _ in agent.outputs]
+        each = partial(scale_of_each, rest=1.0)
+        S_u = each(units.inputs or {}, agent.inputs, where=f"{where} inputs", per="input")
+        S_y = each(units.outputs or {}, outputs, where=f"{where} outputs", per="output")
+        rows, columns = np.full(self.order, 1 / units.time), np.ones(self.order)
+        return self.design.gain_limit * np.outer(np.append(rows, S_u), np.append(columns, 1 / S_y))
 
     @cached_property
     def sides(self) -> Float[np.ndarray, "m 2"]:

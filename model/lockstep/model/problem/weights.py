@@ -64,9 +64,14 @@ def input_weight(weight: Weight, m: int) -> Float[np.ndarray, "m m"]:
 
 
 def scale_of_each(
-    scales: float | Mapping[str, float] | None, names: Sequence[str], *, where: str, per: str
+    scales: float | Mapping[str, float] | None,
+    names: Sequence[str],
+    *,
+    where: str,
+    per: str,
+    rest: float = 0.0,
 ) -> Float[np.ndarray, " k"]:
-    """Return a scale for each name, 0 for those not named; nothing where there are none at all.
+    """Return a scale for each name, another one for those not named; nothing where there are none at all.
 
     Raises:
         ProblemError: a name that is not one of these.
@@ -82,4 +87,4 @@ def scale_of_each(
         if name not in names:
             known = ", ".join(f"`{one}`" for one in names)
             raise ProblemError(f"`{name}` is no {per}", where=where, expected=f"one of {known}")
-    return np.array([float(scales.get(name, 0.0)) for name in names])
+    return np.array([float(scales.get(name, rest)) for name in names])

@@ -17,12 +17,12 @@ from jaxtyping import Float
 
 from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.links import Messages, MessageWitness
+from lockstep.lmi.analysis.gain_limit import within
 from lockstep.lmi.sampled.messages.descent import AgedObjective
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
 from lockstep.lmi.sampled.synthesis.descent import Descent, DescentPoint, Stage
 from lockstep.lmi.sampled.synthesis.gains_for_period import ROOM, AtPeriod, StartingGains, usable
 from lockstep.lmi.sampled.witnesses import in_doubles
-from lockstep.lmi.search.stabilise import within
 from lockstep.lmi.shapes import GainBlocks, PairWeights
 
 PARTS = (0.8, 1.0, 1.1)

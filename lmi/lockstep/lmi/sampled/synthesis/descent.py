@@ -16,11 +16,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex
 
+from lockstep.lmi.analysis.gain_limit import limit_barrier, within
 from lockstep.lmi.sampled.synthesis.power_means import SampledObjective, ValueAndSlopes
-from lockstep.lmi.search.stabilise import abscissa, descend, within
-from lockstep.lmi.shapes import GainBlocks, PairWeights, Vector
+from lockstep.lmi.search.stabilise import abscissa, descend
+from lockstep.lmi.shapes import GainBlocks, GainLimit, PairWeights, Vector
 
 
 class Stage(NamedTuple):
@@ -80,24 +81,16 @@ Value = Callable[[DescentPoint], ValueAndSlopes | None]
 class Descent:
     """Descents for one problem.
 
-    objective: its loops;  limit: of the spectral norm of each units * K_i;  rho_c: the largest rho of the continuous loop;
-    units: (n_C + m, n_C + q), or 1.
+    objective: its loops;  limit: of the gains;  rho_c: the largest rho of the continuous loop.
     """
 
-    def __init__(
-        self,
-        objective: SampledObjective,
-        limit: float,
-        rho_c: float,
-        units: Float[np.ndarray, "k l"] | float = 1.0,
-    ) -> None:
+    def __init__(self, objective: SampledObjective, limit: GainLimit, rho_c: float) -> None:
         self.objective, self.limit, self.log_rho_c = objective, limit, float(np.log(rho_c))
-        self.units = units
         self.most = self.log_rho_c + float(np.log(LARGE_RHO))
 
     def stages(self, point: DescentPoint) -> Iterator[DescentPoint]:
         """Yield the point after each stage; nothing where the start is not brought back."""
-        within_limit = within(self.units * point.K, FIRST * self.limit) / self.units
+        within_limit = within(point.K, FIRST * self.limit)
         found = self._recovered(DescentPoint(within_limit, point.logs, point.logs_c))
         if found is None:
             return
@@ -139,7 +132,7 @@ class Descent:
 
         def value(flat: Vector) -> tuple[float, Vector]:
             K = flat.reshape(shape)
-            room = self._room(K)
+            room = limit_barrier(K, self.limit)
             try:
                 worst = growth(K)
             except np.linalg.LinAlgError:
@@ -155,11 +148,6 @@ class Descent:
             K = descend(value, point.K.ravel(), FEW).reshape(shape)
             point = DescentPoint(K, point.logs, point.logs_c)
         return None
-
-    def _room(self, K: GainBlocks) -> tuple[float, GainBlocks] | None:
-        """Return the barrier of the limit and its slope in K; None outside."""
-        room = limit_barrier(self.units * K, self.limit)
-        return None if room is None else (room[0], self.units * room[1])
 
     def _descended(self, start: DescentPoint, value: Value, weight: float, iterations: int) -> DescentPoint:
         frequencies = self.objective.frequencies(start.K)
@@ -177,7 +165,7 @@ class Descent:
     def _total(
         self, at: DescentPoint, value: Value, weight: float, frequencies: Complex[np.ndarray, " s"]
     ) -> tuple[float, Vector] | None:
-        room = self._room(at.K)
+        room = limit_barrier(at.K, self.limit)
         if room is None:
             return None
         continuous = self.objective.in_continuous_time(
@@ -216,15 +204,3 @@ class _Root:
             step = 0.7 if g is None or not g.log_rho < 0 else float(np.clip(-g.value / g.log_rho, -0.5, 1.0))
             s = s + step if low < s + step < high else (max(low, high - 2) + min(high, low + 2)) / 2
         return None
-
-
-def limit_barrier(K: GainBlocks, limit: float) -> tuple[float, GainBlocks] | None:
-    """Return - sum_i log det (I - K_i K_i' / limit^2) and its slope; None outside."""
-    scaled = K / limit
-    room = np.eye(K.shape[1]) - scaled @ scaled.swapaxes(1, 2)
-    try:
-        L = np.linalg.cholesky(room)
-    except np.linalg.LinAlgError:
-        return None
-    value = -2 * float(np.log(np.diagonal(L, axis1=1, axis2=2)).sum())
-    return value, 2 * np.linalg.solve(room, scaled) / limit

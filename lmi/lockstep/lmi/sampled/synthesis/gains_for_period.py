@@ -18,15 +18,15 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork
 from lockstep.check.sampled.sector import Sector
+from lockstep.lmi.analysis.gain_limit import within
 from lockstep.lmi.sampled.l2_gain import least_rho
 from lockstep.lmi.sampled.synthesis.descent import STAGES, Descent, DescentPoint
 from lockstep.lmi.sampled.synthesis.power_means import SampledObjective
 from lockstep.lmi.sampled.synthesis.tustin import tustin
 from lockstep.lmi.sampled.witnesses import in_doubles, plant_in_doubles
-from lockstep.lmi.search.stabilise import within
 from lockstep.lmi.search.stopping import NEVER, Deadline
 from lockstep.lmi.search.unit_scaling import Units, natural, plant_in_units
-from lockstep.lmi.shapes import GainBlocks, PairWeights
+from lockstep.lmi.shapes import GainBlocks, GainLimit, PairWeights
 
 RHO_KEPT = (1.5, 5.0)
 """The continuous rho may grow by about so much: what ships is the sampled loop. The second where the first is too little."""
@@ -66,7 +66,7 @@ class AtPeriod:
     """A network whose controllers are sampled with its period, for gains that may move.
 
     network: agents, coordinates, alpha, period, delay, the matrices exact;  edges: (listener, source, weight), from 1;
-    weights: what rho is a gain to and from;  order: n_C;  gain_limit: of each units * K_i;  units: (n_C + m, n_C + q), or 1;
+    weights: what rho is a gain to and from;  order: n_C;  gain_limit: of each K_i;
     decay: 1/s, that the continuous loop is to keep;  deadline: after which a search takes the best so far.
     """
 
@@ -74,8 +74,7 @@ class AtPeriod:
     edges: Sequence[tuple[int, int, float]]
     weights: Performance
     order: int
-    gain_limit: float
-    units: Float[np.ndarray, "k l"] | float = 1.0
+    gain_limit: GainLimit
     decay: float = 0.0
     deadline: Deadline = NEVER
 
@@ -201,7 +200,8 @@ def in_search_units(at: AtPeriod, K: GainBlocks) -> tuple[AtPeriod, Units]:
     alpha, period = network.alpha / a, network.period / time
     inside = replace(network, plant=scaled.in_numbers(True), alpha=alpha, period=period, sector=sector)
     performance = Performance(R / cost, Q / cost, W, disturbed / e, noise)
-    found = replace(at, network=inside, weights=performance, units=gains, decay=time * at.decay)
+    limit = at.gain_limit / gains
+    found = replace(at, network=inside, weights=performance, gain_limit=limit, decay=time * at.decay)
     return found, Units(gains, X, time, (g / a) ** 2, cost, e)
 
 
@@ -229,11 +229,11 @@ def _reached(
     objective, known = at.objective(), usable(start.m, len(at.network.d.pairs()))
     logs = np.log(known) if objective.has_phi else np.zeros(0)
     best, last = None, None
-    stages = Descent(objective, at.gain_limit, rho_c, at.units).stages(DescentPoint(start.K, logs, logs))
+    stages = Descent(objective, at.gain_limit, rho_c).stages(DescentPoint(start.K, logs, logs))
     for number, last in enumerate(stages, start=1):
         tell(number / (len(STAGES) + 1))
         m = np.exp(last.logs) if objective.has_phi else known
-        K = within(at.units * last.K, (1 - ROOM) * at.gain_limit) / at.units
+        K = within(last.K, (1 - ROOM) * at.gain_limit)
         found = measured(at, K, m, NEARBY)
         if found is not None and (best is None or found.rho < best.rho):
             best = found

@@ -104,6 +104,11 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
         "states": ("Scale of the disturbance of each state", "unit of the state per second"),
         "outputs": ("Scale of the noise of each output", "unit of the output"),
     },
+    "GainUnitsTable": {
+        "time": ("The time in which A and B of a controller are counted", "s"),
+        "inputs": ("How much of each input counts as one", "unit of the input"),
+        "outputs": ("How much of each output counts as one", "unit of the output"),
+    },
     "FragilityTable": {
         letter: (f"By how much {letter} of each continuous controller may be off, as a spectral norm", "")
         for letter in "ABCD"
@@ -127,6 +132,7 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
         "search_decay": ("A decay that the search keeps to beside rho, and nobody is promised", "1/s"),
         "stable_controllers": ("Whether each controller is to be stable by itself, proved", ""),
         "gain_limit": ("The largest spectral norm of [A B; C D] of each controller", ""),
+        "gain_units": ("The units in which `gain_limit` is meant; absent: those of the file, s", ""),
         "fragility": ("By how much gains may be off", ""),
         "alpha": (
             "The slope of the nonlinearity to design for; absent: the smallest one proved",

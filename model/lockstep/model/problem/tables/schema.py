@@ -84,6 +84,7 @@ Edge = Annotated[Numbers, PlainSerializer(_edge_out)]
 Interval = Annotated[tuple[float | None, float | None], BeforeValidator(_interval)]
 Weight = Annotated[Any, BeforeValidator(_weight)]
 Scales = NotNegative | dict[str, NotNegative] | None
+Units = Positive | dict[str, Positive] | None
 Outputs = Annotated[Many[Annotated[tuple[str, str], Strict(False)]], BeforeValidator(_pairs)]
 
 
@@ -203,6 +204,14 @@ class DisturbancesTable(ProblemTable):
     )
 
 
+class GainUnitsTable(ProblemTable):
+    """[design.gain_units]: what the gains are counted in for `gain_limit`; 1 where nothing is said."""
+
+    time: Positive = Field(default=1.0, description="a number of seconds above 0")
+    inputs: Units = _optional("a number above 0 for all inputs or by input, in the units of the file")
+    outputs: Units = _optional("a number above 0 for all outputs or by output, in the units of the file")
+
+
 class FragilityTable(ProblemTable):
     """[design.fragility]: the bounds delta of (11), as spectral norms; 0 is certain."""
 
@@ -243,6 +252,7 @@ class DesignTable(ProblemTable):
         "true or false: whether each controller is to be stable by itself"
     )
     gain_limit: Positive = Field(default=50.0, description="a finite number above 0")
+    gain_units: GainUnitsTable | None = _optional("a table, such as { inputs = { u = 4000.0 } }")
     fragility: FragilityTable | None = _optional("a table, such as { A = 0.5 }")
     alpha: Positive | None = _optional("a finite number above 0")
     objective: Literal["rho", "alpha", "decay", "initial_set"] = Field(
