@@ -43,6 +43,9 @@ NAMES = ["x", "v_1", "theta", "omega_dot", "E1", "int_", "q", "I", "phi", "Re"]
 HALVINGS = 8
 """Of a horizon, at most."""
 
+MOST_STEPS = 100_000
+"""Of a run: a slow plant drawn with a fast one's period takes millions, an hour of them."""
+
 PARTS_OF_A_PERIOD = 0.02, 0.3
 """The period times the fastest rate of the plant."""
 
@@ -230,6 +233,7 @@ def simulated(
 
     A loop whose agents do not agree shows in the shorter run as well: what is left of their disagreement is bounded there.
     """
+    horizon = min(horizon, MOST_STEPS * design.sampled["period"])
     for _ in range(HALVINGS):
         try:
             return lockstep.simulate(design, horizon=horizon, **options), horizon
