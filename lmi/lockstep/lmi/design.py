@@ -142,7 +142,7 @@ def _designed(
             tell(nth + what, part)
 
         try:
-            found = _proposed(wish.problem, bound, _Effort(jobs, counted, left, stop, last))
+            found = _proposed(wish.problem, bound, _Attempt(jobs, counted, left, stop, last))
         except (Infeasible, NotCertified, OutOfTime, NothingYet):
             if best is not None:
                 break
@@ -173,7 +173,7 @@ def _with_remark(found: Proposal, wish: Wishes) -> Proposal:
     return replace(found, figures=found.figures | {"defaults": {**named(wish.problem), **given_up}})
 
 
-class _Effort(NamedTuple):
+class _Attempt(NamedTuple):
     """What `design` is given beside the problem, and whether to look for what is in the way where no gains are found."""
 
     jobs: int | None
@@ -183,21 +183,21 @@ class _Effort(NamedTuple):
     explain: bool
 
 
-def _proposed(problem: Problem, bound: Bound, effort: _Effort) -> Proposal:
+def _proposed(problem: Problem, bound: Bound, attempt: _Attempt) -> Proposal:
     """Design what a problem asks for, and prove it.
 
     Args:
         problem: that names all it asks for.
         bound: of its nonlinearity.
-        effort: processes, progress, time and what ends the search.
+        attempt: processes, progress, time and what ends the search.
 
     Raises:
         Infeasible, NotCertified, OutOfTime: see `design`.
     """
-    network, claim, tell = network_of(problem, bound), claim_of(problem, bound), effort.tell
+    network, claim, tell = network_of(problem, bound), claim_of(problem, bound), attempt.tell
     match problem.design.method:
         case "certified":
-            found = _searched(problem, network, bound, claim, effort)
+            found = _searched(problem, network, bound, claim, attempt)
         case "given":
             found = _given(problem, network, bound, claim, tell)
         case "theorem1" | "corollary1":
@@ -239,12 +239,12 @@ def given_gains(problem: Problem) -> Gains:
     return Gains(*(tuple(np.array(getattr(one, letter), dtype=float) for one in given) for letter in "ABCD"))
 
 
-def _searched(problem: Problem, network: Network, bound: Bound, claim: Claim, effort: _Effort) -> Proposal:
+def _searched(problem: Problem, network: Network, bound: Bound, claim: Claim, attempt: _Attempt) -> Proposal:
     from lockstep.lmi.diagnosis.open_loop import rho_alone
     from lockstep.lmi.methods.certified import CertifiedGains, searched
     from lockstep.lmi.sampled.synthesis.score import SampledScore
 
-    jobs, tell, time_limit, stop, explain = effort
+    jobs, tell, time_limit, stop, explain = attempt
     score = SampledScore.of(problem, network, claim)
 
     def found_from(*, anew: bool) -> tuple[CertifiedGains, FloorWitness | None]:

@@ -1,5 +1,7 @@
 """Limits of the gains in units of their own: the barriers and their slopes, searches within them, the same in any units."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from lmi_cases import ALPHA, PATH_2, arms, claim, first_wishes, problem, published
@@ -163,3 +165,19 @@ def test_defaults_of_units_far_apart_are_a_limit_in_natural_units(newton: float)
     again = posed.from_document(posed.document() | {"design": asked})
     assert again.gain_limit[1, 1] == pytest.approx(2.0 * units["inputs"]["u"] / units["outputs"]["y"])
     assert again.gain_limit[0, 0] == pytest.approx(2.0 / units["time"])
+
+
+def test_equal_gains_are_drawn_and_made_stable_in_the_units_of_the_limit() -> None:
+    """u in units 1024 times as large, y in units 64 times as small: powers of two change no digit."""
+    network = arms()
+    few, ends, rate = claim(network, 2, ALPHA), np.array([1.0, 3.0]), 0.1
+    limit = 4.0 * np.ones((3, 4))
+    u, y = np.array([1.0, 1.0, 2.0**10]), np.array([1.0, 1.0, 2.0**6, 2.0**6])
+    other = replace(network.plant, B=tuple(B / 2**10 for B in network.plant.B), C=network.plant.C / 2**6)
+    first = ModalSearch.of(Modes(network.plant, 2), few, ends, limit, rate).stable(np.random.default_rng(5))
+    second = ModalSearch.of(Modes(other, 2), few, ends, limit * np.outer(u, y), rate).stable(
+        np.random.default_rng(5)
+    )
+    assert first is not None
+    assert second is not None
+    np.testing.assert_allclose(second, first * np.outer(u, y), rtol=1e-6)
