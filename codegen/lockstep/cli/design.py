@@ -66,8 +66,7 @@ def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
     units = {key: value for key, value in asked.get("gain_units", {}).items() if value}
     meant = "".join(f" {key} {_numbers(value)}" for key, value in units.items())
     said = f"gain_limit {asked['gain_limit']:g}{' in' * bool(meant)}{meant}{listed}"
-    faster = "the fastest decay near the least rho" * (asked.get("objective") == "decay")
-    return {"by default": "; ".join(filter(None, [said, faster, asked.get("given_up")]))}
+    return {"by default": "; ".join(filter(None, [said, asked.get("given_up")]))}
 
 
 def _numbers(value: Any) -> str:

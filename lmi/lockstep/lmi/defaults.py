@@ -10,8 +10,7 @@ names neither `weights` nor `gain_limit` (nor a rho to keep), and its method sea
     weights.input       1e-3, in natural units, unless it alone of `weights` is named
     disturbances        noise of 0.03 on the outputs, in natural units, unless `disturbances` are named
     stable_controllers  true, unless it is named
-    search_decay        0.037, in natural units of time, and at most 0.01 per period, unless it or `decay` is named; of gains
-                        within the actuators' limits the fastest decay with a rho near the least (`objective`) instead
+    search_decay        0.037, in natural units of time, and at most 0.01 per period, unless it or `decay` is named
 
 and, where the states' natural units are further apart than 300 (a resonator in SI units moves by 1e-6 m at 1 m/s), weights
 and disturbances of the states in those units, too, so chosen that both are 1 for the state of the smallest unit.
@@ -62,7 +61,7 @@ make the natural unit of time far shorter than the period. No example or field t
 FAR_APART = 300.0
 """Between natural units of states: beyond, |x|^2 is of one state, and the others are free. Most problems have below 50."""
 
-KEYS = ("gain_limit", "gain_units", "stable_controllers", "search_decay", "objective")
+KEYS = ("gain_limit", "gain_units", "stable_controllers", "search_decay")
 
 FAR, MUCH = 4.0, 0.5
 """A rho above so many floors is far: gains within the next limit are taken if theirs is less than this part of it."""
@@ -117,9 +116,9 @@ def _within_limits(
     The unit of time is that in which the actuators move the outputs as far as they are apart, d are the proportions that
     gains of size one have then, and |u| <= |D| d'|r|, r = L (x - o) C': of a vehicle's position and speed, from rest, the
     position counts. Where they never move them so far, it is the natural one. How fast actuators can bring agents together is
-    theirs: the fastest decay is asked for, at a rho near the least. The rest of a controller has the proportions of gains of
-    size one, too. None where the file names no such states or no limits, or controllers have states and the gain limit
-    `most`, in the same units, is no more than theirs.
+    theirs: no decay is searched for. The rest of a controller has the proportions of gains of size one, too. None where the
+    file names no such states or no limits, or controllers have states and the gain limit `most`, in the same units, is no
+    more than theirs.
     """
     outputs, tau = outputs_apart(problem), time_to_move(problem)
     if outputs is None or not outputs.any():
@@ -134,11 +133,7 @@ def _within_limits(
     if problem.order and "gain_units" not in most | limit and limit["gain_limit"] >= most["gain_limit"]:
         return None
     said.pop("search_decay", None)
-    faster = (
-        problem.design.method == "certified"
-        and not {"decay", "search_decay", "objective"} & problem.design.model_fields_set
-    )
-    return said | limit | ({"objective": "decay"} if faster else {})
+    return said | limit
 
 
 def _sizes(order: int, S_u: Vector, S_y: Vector, time: float) -> Float[np.ndarray, "k l"]:

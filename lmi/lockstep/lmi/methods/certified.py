@@ -42,9 +42,6 @@ DRAWN_ANEW = 1_000_003
 """Added to the seed where no start of the first ones led anywhere, or none near the floor: one of twenty each on three
 quadrotors (order 0)."""
 
-RHO_OF_DECAY = 1.25
-"""Of the least rho found: what a faster decay may cost where the problem names no rho."""
-
 IDLE = 2.0
 """Over the period: how fast the state of an idle controller decays where the gain limit allows it; by Tustin's rule that is 0
 after one period."""
@@ -207,7 +204,7 @@ def _improved(
     score: Score | None,
     deadline: Deadline,
 ) -> CertifiedGains:
-    """Return gains with a larger decay or initial set, rho within the one given or near that of those found; or those found.
+    """Return gains with a larger decay or initial set than those found, rho within the one given if one is; or those found.
 
     Raises:
         NotCertified: the rho given is not reached, or there is no initial set.
@@ -222,8 +219,7 @@ def _improved(
         return GainSearch.of(loop, claim, problem.gain_limit, search.lag, search.rate)
 
     if table.objective == "decay":
-        most = RHO_OF_DECAY * c.rho if table.rho is None else rho
-        K = raised_decay(at, gains.blocks, rho=most, score=score, deadline=deadline)
+        K = raised_decay(at, gains.blocks, rho=rho, score=score, deadline=deadline)
     else:
         limits: dict[str, Any] = {"rate": search.rate, "score": score, "deadline": deadline}
         K = with_larger_set(problem, network, gains, claim, c, **limits)
