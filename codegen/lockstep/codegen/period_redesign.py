@@ -45,7 +45,7 @@ SECTORS, SETTLED = 3, 0.99
 change: so often gains are designed with the sector of those before, while rho falls to less than this part of it."""
 
 KEPT_OF_DECAY = 0.5
-"""What a design for the period holds, in continuous time, of a decay that an objective asked for, or of gains by default."""
+"""What a design for the period holds, in continuous time, of the decay that an objective asked for."""
 
 MOST_STATES = 80
 """Of the sampled loop: a step of the descent grows with the third power of their number, its unknowns with it too."""
@@ -237,7 +237,7 @@ def _searched(stored: Stored, effort: Effort) -> tuple[Gains, PairWeights]:
     order, limit, period = stored.gains.order, problem.gain_limit, problem.controller.period
     network, edges = sampled_network(stored), problem.graph().edges
     decay = min(max(table.decay or 0.0, table.search_decay or 0.0), stored.claims.decay or 0.0)
-    if table.objective == "decay" or stored.info["figures"].get("defaults"):
+    if table.objective == "decay":
         decay = max(decay, KEPT_OF_DECAY * (stored.claims.decay or 0.0))
     at = AtPeriod(network, edges, problem.performance, order, limit, decay=decay, deadline=effort.deadline)
     starts = [StartingGains(stored.gains.blocks, m, c.rho), *effort.others]

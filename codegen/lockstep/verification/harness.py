@@ -98,9 +98,8 @@ def run_on_host(
     )
     driver = compile_objects(compiler, flags, harness, folder / "include", directory)
     given = [(len(calls[agent.name]), inputs(calls[agent.name])) for agent in manifest.agents]
-    blobs = drive(
-        product + driver, given, [agent.name for agent in manifest.agents], compiler, flags, directory
-    )
+    names = [agent.name for agent in manifest.agents]
+    blobs = drive(product + driver, given, names, compiler, flags, directory)
     for agent, (blob, state_bytes) in zip(manifest.agents, blobs, strict=True):
         trace = outputs(agent, manifest, len(calls[agent.name]), blob)
         yield agent, Run(trace, state_bytes, text_bytes(directory / f"{unit_of(agent)}.o"))

@@ -1,16 +1,17 @@
 """What a problem asks for where it says nothing: controllers that an engineer would deploy, not the least rho alone.
 
 The last third of rho costs large gains, controllers that are unstable by themselves, slow modes and noise. So where [design]
-names neither `weights` nor `gain_limit` (nor a rho to keep), and its method searches,
+names neither `weights` nor `gain_limit` or its units (nor a rho to keep), and its method searches,
 
     gain_limit          6.4, or more where gains of size one, in natural units, are larger; first what takes about half of
                         [agent.limits] in the initial states of the file, where it names both: of static gains always,
-                        of controllers with states where that is less
+                        of controllers with states where that is less for some entry, or in natural units
     gain_units          natural units, where gains of size one are further apart than 300: `gain_limit` counts in them
     weights.input       1e-3, in natural units, unless it alone of `weights` is named
     disturbances        noise of 0.03 on the outputs, in natural units, unless `disturbances` are named
     stable_controllers  true, unless it is named
-    search_decay        0.037, in natural units of time, and at most 0.01 per period, unless it or `decay` is named
+    search_decay        0.037, in natural units of time, and at most 0.01 per period, unless it or `decay` is named; of gains
+                        within the actuators' limits half of the decay that was proved, for their period
 
 and, where the states' natural units are further apart than 300 (a resonator in SI units moves by 1e-6 m at 1 m/s), weights
 and disturbances of the states in those units, too, so chosen that both are 1 for the state of the smallest unit.
@@ -42,6 +43,9 @@ from lockstep.model.problem.tables.schema import DisturbancesTable, GainUnitsTab
 GAIN_LIMIT, HIGH_GAIN_LIMIT = 6.4, 50.0
 """Where gains of size one have a norm below `SIZE_ONE`; else as many parts of it as here, times that norm."""
 
+KEPT = 0.5
+"""Of the decay of gains within the actuators' limits: what a design for the period keeps to."""
+
 HALF = 0.5
 """Of what the actuators can, for what r becomes on the way: the initial states say what it is at first."""
 
@@ -59,7 +63,8 @@ DECAY_PER_PERIOD = 0.01
 make the natural unit of time far shorter than the period. No example or field that takes the defaults is above 0.0015."""
 
 FAR_APART = 300.0
-"""Between natural units of states: beyond, |x|^2 is of one state, and the others are free. Most problems have below 50."""
+"""Between natural units of states: beyond, |x|^2 is of one state, and the others are free. Most problems have below 50. And
+between gains of size one: beyond, the norm of [A B; C D] is that of the largest entry."""
 
 KEYS = ("gain_limit", "gain_units", "stable_controllers", "search_decay")
 
@@ -117,21 +122,21 @@ def _within_limits(
     gains of size one have then, and |u| <= |D| d'|r|, r = L (x - o) C': of a vehicle's position and speed, from rest, the
     position counts. Where they never move them so far, it is the natural one. How fast actuators can bring agents together is
     theirs: no decay is searched for. The rest of a controller has the proportions of gains of size one, too. None where the
-    file names no such states or no limits, or controllers have states and the gain limit `most`, in the same units, is no
-    more than theirs.
+    file names no such states or no limits, or controllers have states and the gain limit `most`, in the units of the
+    file, is no more than theirs, entry by entry.
     """
     outputs, tau = outputs_apart(problem), time_to_move(problem)
-    if outputs is None or not outputs.any():
+    if outputs is None or not (heard := np.abs(problem.graph().laplacian @ outputs)).any():
         return None
-    _, _, S_y, time, _ = natural(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)
-    r = np.abs(problem.graph().laplacian @ outputs) @ S_y
-    u = HALF * np.where(np.isinf(problem.limits), problem.limits.min(), problem.limits) / r.max()
-    said = _asked(problem, _of_two(problem, network), claim, tau)[0]
-    limit = _limit(problem, u, S_y, time, 1.0)
+    _, S_u, S_y, time, _ = natural(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)
+    u = HALF * problem.limits / float((heard @ S_y).max())
+    limit = _limit(problem, np.where(np.isinf(u), S_u, u), S_y, time, 1.0)
     if "gain_units" not in limit:
         limit = _limit(problem, u[[u.argmin()]], S_y, time, 1.0)
-    if problem.order and "gain_units" not in most | limit and limit["gain_limit"] >= most["gain_limit"]:
+    ours, theirs = (np.asarray(_with(problem, one).gain_limit) for one in (limit, most))
+    if problem.order and "gain_units" not in most and (ours >= theirs).all():
         return None
+    said = _asked(problem, _of_two(problem, network), claim, tau)[0]
     said.pop("search_decay", None)
     return said | limit
 
@@ -163,6 +168,12 @@ def _limit(
         outputs=dict(zip(outputs, map(_short, 1 / S_y), strict=True)),
     )
     return {"gain_limit": _short(part * float(np.sqrt(sizes.size))), "gain_units": units}
+
+
+def keeping(problem: Problem, decay: float) -> Problem:
+    """Return the problem with half of the decay that its gains are proved to have as that to keep to, if none is named."""
+    named = problem.design.model_fields_set & {"decay", "search_decay"}
+    return problem if named else _with(problem, {"search_decay": float(f"{KEPT * decay:.2g}")})
 
 
 def named(problem: Problem) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.analysis.margins import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
-from lockstep.lmi.defaults import FAR, MUCH, VERY_FAR, Wishes, named, wishes
+from lockstep.lmi.defaults import FAR, MUCH, VERY_FAR, Wishes, keeping, named, wishes
 from lockstep.lmi.guarantees import Guarantees, guarantees
 from lockstep.lmi.initial_set import InitialStates, Unavailable
 from lockstep.lmi.initial_set_design import largest_initial_states
@@ -169,8 +169,11 @@ def _over_floor(found: Proposal, other: Proposal) -> float:
 
 def _with_remark(found: Proposal, wish: Wishes) -> Proposal:
     """Return a proposal that says what was asked for by default."""
-    given_up = {"given_up": wish.given_up} if wish.given_up else {}
-    return replace(found, figures=found.figures | {"defaults": {**named(wish.problem), **given_up}})
+    problem, given_up = wish.problem, {"given_up": wish.given_up} if wish.given_up else {}
+    if wish.enough and found.guarantees.decay is not None:
+        problem = keeping(problem, found.guarantees.decay[0])
+    figures = found.figures | {"defaults": {**named(problem), **given_up}}
+    return replace(found, problem=problem, figures=figures)
 
 
 class _Attempt(NamedTuple):
@@ -340,9 +343,9 @@ def _protocol(problem: Problem, network: Network, bound: Bound, claim: Claim, te
     found = f"`order` is {problem.order}"
     demand(not problem.order, found, "[design]", 'order = 0: the protocol of method "lipschitz" is static')
     tell("solving step 1 of the protocol", 0.0)
-    protocol = design_protocol(network, claim, problem.design.gain_limit)
+    protocol = design_protocol(network, claim, problem.gain_limit)
     gains = protocol_gains(network, protocol)
-    gains = Gains.from_blocks(short_gains(gains.blocks, problem.design.gain_limit), 0)
+    gains = Gains.from_blocks(short_gains(gains.blocks, problem.gain_limit), 0)
     certificate = prove(network, gains, claim)
     figures = _figures(network, gains) | {
         "protocol": {

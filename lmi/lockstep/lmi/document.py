@@ -112,10 +112,8 @@ def answer(stored: Stored) -> dict[str, Any]:
     claims, info, design = stored.claims, stored.info, stored.problem.design
     initial = {"available": False, **_table(info, "initial_set")}
     if claims.initial_set is not None:
-        named = InitialStates(
-            **vars(claims.initial_set) | {"arguments": arguments_text(stored.problem.agent())}
-        )
-        initial |= named.document()
+        text = {"arguments": arguments_text(stored.problem.agent())}
+        initial |= InitialStates(**vars(claims.initial_set) | text).document()
     return {
         "title": stored.problem.title,
         "method": design.method,

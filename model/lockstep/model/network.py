@@ -66,9 +66,8 @@ class Network:
         """The matrices of (2), G and H scaled as the bound was proved."""
         lure = self.agent.lure
         D_w, D_v = self.scales or ((1.0,) * lure.G.shape[1], (1.0,) * lure.H.shape[0])
-        return Plant(
-            lure.A, tuple(self.B), lure.C, lure.G * np.array(D_w), lure.H / np.array(D_v).reshape(-1, 1)
-        )
+        H = lure.H / np.array(D_v).reshape(-1, 1)
+        return Plant(lure.A, tuple(self.B), lure.C, lure.G * np.array(D_w), H)
 
     @cached_property
     def matrices(self) -> ExactNetwork:

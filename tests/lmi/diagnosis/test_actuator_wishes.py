@@ -114,5 +114,42 @@ def test_gains_within_the_actuators_limits_are_taken_though_larger_ones_have_a_s
     said = found.info["figures"]["defaults"]
     assert said["gain_limit"] == 1.0
     assert "given_up" not in said
-    assert "search_decay" not in said
+    assert found.claims.decay is not None
+    assert said["search_decay"] == pytest.approx(0.5 * found.claims.decay, rel=0.01), (
+        "what it keeps to at its period"
+    )
+    assert found.problem.design.search_decay == said["search_decay"]
     assert max(np.linalg.norm(K, 2) for K in found.gains.blocks) <= 1.0
+
+
+def test_agents_that_start_alike_say_nothing_of_the_size_of_gains() -> None:
+    posed = slider(4.0, order=1)
+    document = posed.document()
+    document["simulation"]["initial"] = [[1.0, 0.0], [1.0, 0.0]]
+    assert limits_asked(Problem.from_document(document))[0] == GAIN_LIMIT
+
+
+def test_gains_within_the_actuators_limits_are_not_asked_for_where_these_allow_more_of_every_entry() -> None:
+    """A stage of 1 kg, 100 N and 10 um: half of that is 5e6 N/m, and in a time of 0.4 ms."""
+    posed = problem(
+        dynamics={"p": "v", "v": "u - v - sin(p)"},
+        outputs={"y": "p"},
+        network=PATH_2,
+        agent="limits = { u = [-100.0, 100.0] }",
+        design="order = 1\n[simulation]\ninitial = [[1e-5, 0.0], [0.0, 0.0]]",
+    )
+    assert limits_asked(posed)[0] == GAIN_LIMIT
+
+
+def test_an_input_without_a_limit_has_its_own_unit() -> None:
+    """p'' = f / 2000, q'' = g: 4000 N at 30 mm are 67 kN/m; of g nothing is said, and its unit is that of the plant."""
+    posed = problem(
+        dynamics={"p": "v", "v": "f/2000 - v", "q": "w", "w": "g - w - q"},
+        inputs=["f", "g"],
+        outputs={"y": "p", "z": "q"},
+        network=PATH_2,
+        agent="limits = { f = [-4000.0, 4000.0] }",
+        design="order = 1\n[simulation]\ninitial = [[0.0, 0.0, 0.0, 0.0], [0.03, 0.0, 0.0, 0.0]]",
+    )
+    units = first_wishes(posed)["gain_units"]["inputs"]
+    assert units["f"] > 300 * units["g"]

@@ -4,19 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lmi_cases import ALPHA, PATH_2, arms, claim, first_wishes, problem, published
+from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, PATH_2, arms, claim, first_wishes, problem, published
 
 from lockstep.check.continuous.modes import Modes
+from lockstep.check.errors import Infeasible
 from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.analysis.gain_limit import limit_barrier, within
 from lockstep.lmi.analysis.rounding import short_gains
-from lockstep.lmi.design import design
+from lockstep.lmi.design import claim_of, design, proved_bound
+from lockstep.lmi.design_verdict import certify
+from lockstep.lmi.document import file_of
+from lockstep.lmi.methods.modal import design_modes
 from lockstep.lmi.methods.modal_newton import Together
 from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram
 from lockstep.lmi.search.common_gains import ModalSearch, stabilised
 from lockstep.lmi.search.logdet import BalancedF
 from lockstep.lmi.search.smoothed_norm import SmoothedNorm
 from lockstep.lmi.search.stabilise import _excess, stabilise
+from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem
 
 L = np.array([[30.0, 9.0, 5.0, 40.0], [20.0, 30.0, 8.0, 50.0], [2.0, 3.0, 4.0, 5.0]])
@@ -71,7 +76,8 @@ def test_equal_gains_keep_to_the_limit_while_they_are_made_stable() -> None:
     K = stabilised(search, start)
     assert np.linalg.norm(K / L) < 1
     drawn = search.stable(np.random.default_rng(0))
-    assert drawn is None or np.linalg.norm(drawn / L, 2) <= 0.9 + 1e-12
+    assert drawn is not None
+    assert np.linalg.norm(drawn / L, 2) <= 0.9 + 1e-12
 
 
 def test_the_slope_of_the_smoothed_norm_holds_the_barrier_of_the_limit() -> None:
@@ -181,3 +187,43 @@ def test_equal_gains_are_drawn_and_made_stable_in_the_units_of_the_limit() -> No
     assert first is not None
     assert second is not None
     np.testing.assert_allclose(second, first * np.outer(u, y), rtol=1e-6)
+
+
+def test_no_entry_is_taken_for_a_rounding_error_because_another_has_a_large_unit() -> None:
+    """What is 1e-13 of another in the numbers of the file may be a third of its own limit."""
+    K, limit = np.array([[[0.3, 1e-14], [1.0, 1e12]]]), np.array([[1.0, 1.0], [1e6, 1e13]])
+    short = short_gains(K, limit)
+    assert short[0, 0, 0] == 0.3
+    assert short[0, 0, 1] == 0.0
+
+
+def test_a_modal_search_that_finds_nothing_says_so_in_units_too() -> None:
+    """Position of x'' = u without damping: no static gain makes it stable."""
+    posed = problem(
+        dynamics=DOUBLE_INTEGRATOR,
+        outputs={"y": "p"},
+        design='method = "modal"\norder = 0\nstarts = 1\ngain_units = { inputs = 0.5 }',
+        network='agents = 4\ntopology = "path"',
+    )
+    bound = proved_bound(posed)
+    units = 50.0 * np.array([[0.5]]) * np.ones((1, 1))
+    with pytest.raises(Infeasible, match=r"within gain_limit, in \[design.gain_units\], were found"):
+        design_modes(network_of(posed, bound), claim_of(posed, bound), 0, units, starts=1, seed=0)
+
+
+@pytest.mark.parametrize(("said", "found"), [("gain_limit = 50.0", True), ("gain_limit = 5e-4", False)])
+def test_the_protocol_of_the_literature_keeps_to_a_limit_in_units(said: str, found: bool) -> None:
+    """u in units of 1000: 50 of them are 50 000, and 5e-4 are half of the least gain that carries sin(p) / 3."""
+    posed = problem(
+        dynamics={"p": "v", "v": "u - 0.3*sin(p)"},
+        outputs={"y": "p", "w": "v"},
+        design=f'method = "lipschitz"\norder = 0\n{said}\ngain_units = {{ inputs = 1000.0, outputs = {{ y = 0.5 }} }}',
+        network='agents = 4\ntopology = "path"',
+    )
+    if not found:
+        with pytest.raises(Infeasible, match="gain_units"):
+            design(posed, jobs=1)
+        return
+    made = design(posed, jobs=1)
+    assert max(np.linalg.norm(K / posed.gain_limit, 2) for K in made.gains.blocks) <= 1
+    assert certify(file_of(made)).certified

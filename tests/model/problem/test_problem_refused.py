@@ -115,6 +115,12 @@ from lockstep.model import ProblemError, load_problem, parse_problem
             ["[design.gain_units] inputs", "`nu` is no input"],
         ),
         ("order = 1", "gain_units = { outputs = -1 }", ["[design.gain_units] outputs", "-1", "above 0"]),
+        (
+            "order = 1",
+            "gain_units = { time = 1e300, outputs = 1e300 }",
+            ["[design.gain_units]", "units nearer to 1"],
+        ),
+        ("order = 1", "gain_units = { inputs = 1e308 }", ["[design.gain_units]", "no finite number above 0"]),
         ("order = 1", "alpha = -1", ["[design] alpha", "-1"]),
         ("order = 1", "alpha = nan", ["[design] alpha", "nan"]),
         ("order = 1", 'objective = "alpha"', ["[design]", "`rho` is missing"]),

@@ -79,7 +79,7 @@ class ProblemTables:
             read.only(tables.get(name, {}), known.split(), f"[{name}]")
         for key, words in CONTROLLER.items():
             read.one_of(problem.controller.get(key), words, f"[controller] {key}")
-        _ = problem.sizes, problem.box, problem.performance, problem.limits
+        _ = problem.sizes, problem.box, problem.performance, problem.limits, problem.gain_units
         _ = problem.period, problem.delay, problem.messages, problem.offsets, problem.leader
         return problem
 
@@ -271,7 +271,7 @@ class ProblemTables:
         where, agent = "[design.gain_units]", self.agent
         table = _table(self.design, "gain_units", ("time", "inputs", "outputs"), where)
         u, y = (
-            _scales(table.get(key) or {}, names, f"{where} {key}", read.above_zero, 1.0)
+            _scales(table.get(key), names, f"{where} {key}", read.above_zero, 1.0)
             for key, names in (("inputs", agent.inputs), ("outputs", agent.outputs))
         )
         A = np.full(self.sizes.n_C, read.above_zero(table.get("time", 1.0), f"{where} time"))
@@ -337,9 +337,9 @@ def _range(value: Any, where: str) -> tuple[float, float]:
 def _scales(
     value: Any, names: Sequence[str], where: str, one: read.Reader = read.not_negative, otherwise: float = 0.0
 ) -> Annotated[np.ndarray, " k"]:
-    """Return a scale for each name, another one for those not named; nothing where there are none at all."""
+    """Return a scale for each name, another one for those not named; nothing where there are none and that is 0."""
     if value is None:
-        return np.zeros(0)
+        return np.full(len(names) if otherwise else 0, otherwise)
     if not isinstance(value, dict):
         return np.full(len(names), one(value, where))
     read.only(value, names, where)

@@ -14,6 +14,11 @@ def entries_within(limit: GainLimit) -> float:
     return float(limit) if np.ndim(limit) == 0 else float(np.sqrt(np.size(limit)))
 
 
+def said_of(limit: GainLimit) -> str:
+    """Return what a limit is, for people."""
+    return f"gain_limit {limit:g}" if np.ndim(limit) == 0 else "gain_limit, in [design.gain_units],"
+
+
 def within(K: GainBlocks, limit: GainLimit) -> GainBlocks:
     """Return gains of which those of agents that exceed the limit are scaled down to it."""
     norms = np.linalg.norm(K / limit, 2, axis=(1, 2))

@@ -53,8 +53,10 @@ def short_gains(K: GainBlocks, gain_limit: GainLimit) -> GainBlocks:
 
     Entry by entry: B_C and C_C of a controller whose A_C is fast may be a thousandth of it, and decide as much.
     """
-    least = NO_GAIN * float(np.abs(K).max())
-    return np.stack([_short_block(np.where(np.abs(block) > least, block, 0.0), gain_limit) for block in K])
+    size = np.abs(K / gain_limit)
+    return np.stack(
+        [_short_block(block, gain_limit) for block in np.where(size > NO_GAIN * size.max(), K, 0.0)]
+    )
 
 
 def _short_block(K: Float[np.ndarray, "k l"], limit: GainLimit) -> Float[np.ndarray, "k l"]:
@@ -138,10 +140,8 @@ def _in_all_units(loop: Loop, claim: Claim, near: Certificate | None) -> list[_A
     serve, its rho may be far off, so each is tried at its own. Where P is eliminated anyway, one suffices.
     """
     ones = np.ones((loop.U[0].shape[1], loop.Y[0].shape[0]))
-    asked = [
-        _Asked(loop, claim, Units(ones, np.ones(loop.n_x), 1.0, 1.0, 1.0, 1.0)),
-        _Asked(*scaled(loop, claim)),
-    ]
+    plain = Units(ones, np.ones(loop.n_x), 1.0, 1.0, 1.0, 1.0)
+    asked = [_Asked(loop, claim, plain), _Asked(*scaled(loop, claim))]
     if near is not None:
         asked.append(asked[1]._replace(near=asked[1].units.scaled(near)))
     return asked[-1:] if eliminates_P(loop, MOST_OF_GIVEN) else [*asked, asked[1]._replace(most=0)]

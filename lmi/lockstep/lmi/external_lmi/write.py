@@ -78,9 +78,7 @@ def rounded_gram(
         ProblemError: a coefficient of p that no product of monomials has.
     """
     doubles = np.asarray(Q, dtype=float)
-    exact = [
-        [Fraction(f"{value:.{digits}f}") for value in row] for row in ((doubles + doubles.T) / 2).tolist()
-    ]
+    exact = [[Fraction(f"{x:.{digits}f}") for x in row] for row in ((doubles + doubles.T) / 2).tolist()]
     entries = _products(monomials)
     for exponents, wanted in polynomial.items():
         if tuple(exponents) not in entries and Fraction(_text(wanted)) != 0:

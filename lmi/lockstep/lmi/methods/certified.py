@@ -128,6 +128,7 @@ def searched(
             try:
                 proved = _proved(problem, network, claim, one, search, cut if found.cut else {})
                 if table.objective in ("decay", "initial_set"):
+                    tell(f'raising what objective = "{table.objective}" asks for', 0.0)
                     with stop.searching():
                         proved = _improved(problem, network, proved, search, score, deadline)
                     if deadline.over and not found.cut:
@@ -142,9 +143,7 @@ def searched(
         raise refused
     tell("looking for what is in the way", 1.0)
     said, why = hint(problem, network, claim)
-    said = (
-        said or "; name other weights, or a decay, or take units in which states and gains are nearer to one"
-    )
+    said = said or "; name other weights, or a decay, or take units in which states and gains are near one"
     raise NotCertified(f"{refused}{said}", **refused.figures, **why)
 
 
@@ -224,6 +223,8 @@ def _improved(
         limits: dict[str, Any] = {"rate": search.rate, "score": score, "deadline": deadline}
         K = with_larger_set(problem, network, gains, claim, c, **limits)
     gains = Gains.from_blocks(short_gains(K, problem.gain_limit), problem.order)
+    if np.array_equal(gains.blocks, found.gains.blocks):
+        return found
     try:
         certificate = prove(network, gains, claim)
         if certificate.rho > rho:

@@ -28,6 +28,8 @@ from lockstep.check.errors import Infeasible, demand
 from lockstep.check.system.loop import Gains, Plant
 from lockstep.lmi.analysis.certificate_sdp import least_rho, run
 from lockstep.lmi.analysis.connectivity import connectivity
+from lockstep.lmi.analysis.gain_limit import said_of
+from lockstep.lmi.shapes import GainLimit
 from lockstep.model.network import Network
 
 DECAYS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
@@ -106,13 +108,13 @@ def protocol_gains(network: Network, protocol: Protocol) -> Gains:
     return Gains((np.zeros((0, 0)),) * N, (np.zeros((0, n)),) * N, (np.zeros((m, 0)),) * N, (D,) * N)
 
 
-def design_protocol(network: Network, claim: Claim, gain_limit: float) -> Protocol:
+def design_protocol(network: Network, claim: Claim, gain_limit: GainLimit) -> Protocol:
     """Design the protocol whose certified rho is least, within the gain limit.
 
     Args:
         network: agents with one B that measure their whole state (C square and invertible).
         claim: alpha and the weights that rho is measured with.
-        gain_limit: bound on |c K C^-1|.
+        gain_limit: on c K C^-1.
 
     Raises:
         ProblemError: part of the state is not measured, the agents' B differ, or the graph is not covered.
@@ -131,7 +133,7 @@ def design_protocol(network: Network, claim: Claim, gain_limit: float) -> Protoc
     for protocol in protocols:
         gains = protocol_gains(network, protocol)
         norms.append(max(gains.norms))
-        if norms[-1] > gain_limit:
+        if np.linalg.norm(gains.blocks[0] / gain_limit, 2) > 1:
             continue
         certificate = least_rho(network.loop(0), gains.blocks, claim)
         if certificate is not None and (best is None or certificate.rho < best[0]):
@@ -139,9 +141,8 @@ def design_protocol(network: Network, claim: Claim, gain_limit: float) -> Protoc
     if best is None:
         raise Infeasible(
             f"the protocols that step 1 gives have gains of {min(norms):.4g} to {max(norms):.4g}, and none"
-            f" within the gain_limit {gain_limit:g} is certified",
+            f" within {said_of(gain_limit)} is certified",
             least_gain=min(norms),
-            gain_limit=gain_limit,
         )
     return best[1]
 

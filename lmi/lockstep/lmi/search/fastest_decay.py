@@ -52,18 +52,20 @@ def raised_decay(
         score: of the sampled loop: gains without a finite one are passed over.
         deadline: after which no run is begun.
     """
-    sigma = largest_decay(at, K)
+    sigma = largest_decay(at, K, deadline=deadline)
     for _ in range(RUNS):
         search = at(HELD * sigma)
-        start = least_rho(search.loop, K, search.claim)
-        if start is None or deadline.over:
+        start = None if deadline.over else least_rho(search.loop, K, search.claim)
+        if start is None:
             break
         steps = NewtonLimits(NEWTON_STEPS, deadline=deadline)
         trial = search.program.improve(BarrierPoint(K, start), "rho", steps).K
         before = sigma
         for part in PARTS:
             new = K + part * (trial - K)
-            if _ships(at(0.0), new, rho, score) and (faster := largest_decay(at, new, least=sigma)) > sigma:
+            if deadline.over or not _ships(at(0.0), new, rho, score):
+                continue
+            if (faster := largest_decay(at, new, least=sigma, deadline=deadline)) > sigma:
                 K, sigma = new, faster
                 break
         if sigma < (1 + WORTHWHILE) * before:
@@ -71,11 +73,13 @@ def raised_decay(
     return K
 
 
-def largest_decay(at: Decaying, K: GainBlocks, *, least: float = 0.0) -> float:
+def largest_decay(at: Decaying, K: GainBlocks, *, least: float = 0.0, deadline: Deadline = NEVER) -> float:
     """Return sigma(K), by bisection between `least` and what the linear loop has; `least` where not even that holds."""
     search = at(0.0)
     low, high = least, -float(np.linalg.eigvals(search.loop.A_cl(K)).real.max()) / search.units.time
     for _ in range(HALVINGS if high > low else 0):
+        if deadline.over:
+            break
         middle = (low + high) / 2
         one = at(middle)
         low, high = (middle, high) if least_rho(one.loop, K, one.claim) is not None else (low, middle)

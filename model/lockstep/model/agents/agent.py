@@ -232,9 +232,8 @@ class Agent:
     @cached_property
     def dynamics(self) -> ca.Function:
         """The right-hand side as a function (x, u, t) -> (dx)."""
-        return ca.Function(
-            "dynamics", [self.x, self.u, self.t], [ca.densify(self.rhs)], ["x", "u", "t"], ["dx"]
-        )
+        rhs = ca.densify(self.rhs)
+        return ca.Function("dynamics", [self.x, self.u, self.t], [rhs], ["x", "u", "t"], ["dx"])
 
     @property
     def box(self) -> Float[np.ndarray, "n 2"]:

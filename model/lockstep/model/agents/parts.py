@@ -19,9 +19,8 @@ def column_of(value: ca.SX, what: str) -> ca.SX:
     try:
         column = ca.densify(ca.SX(value))
     except (NotImplementedError, TypeError):
-        raise ProblemError(
-            f"the {what}s are a {type(value).__name__}", expected="a casadi.SX column"
-        ) from None
+        found = f"the {what}s are a {type(value).__name__}"
+        raise ProblemError(found, expected="a casadi.SX column") from None
     found = f"the {what}s have shape {column.shape[0]} x {column.shape[1]}"
     expected = f"a column with at least one {what}"
     demand(column.shape[1] == 1 and column.shape[0] != 0, found, "", expected=expected)

@@ -72,9 +72,8 @@ def _value(step: _Step, values: Sequence[Node], algebra: Exact) -> Value:
         name, given = NAMES[step.op], tuple(Value(values[i]) for i in step.reads)
         return algebra.apply("div", Value(ONE), *given) if name == "inv" else algebra.apply(name, *given)
     except Undefined as error:
-        raise ProblemError(
-            f"`{NAMES[step.op]}` of constants is {error}", expected="a finite number"
-        ) from None
+        wrong = f"`{NAMES[step.op]}` of constants is {error}"
+        raise ProblemError(wrong, expected="a finite number") from None
 
 
 def read(phi: ca.Function) -> ExactPhi:

@@ -24,9 +24,8 @@ def bound(agent: Agent, proved: Bound) -> CheckRow:
     head = f"alpha = {proved.alpha:.10g}"
     where = arguments_text(agent)
     if proved.asked is not None:
-        return CheckRow(
-            name, "ok", f"{head} as asked, proved; {proved.lower:.10g} is reached ({where})", reason
-        )
+        figure = f"{head} as asked, proved; {proved.lower:.10g} is reached ({where})"
+        return CheckRow(name, "ok", figure, reason)
     if not proved.converged:
         figure = f"{head} proved, but not shown to be the smallest: {proved.lower:.10g} is reached ({where})"
         return CheckRow(name, "note", figure, reason)
@@ -86,9 +85,8 @@ def reach(agent: Agent, graph: Graph, *, everywhere: bool) -> CheckRow:
     reason = "a bound on a box says nothing about trajectories that leave it"
     if everywhere:
         aside = "; the box of [agent.domain] is not needed for it" if agent.domain else ""
-        return CheckRow(
-            "where the bound holds", "ok", f"everywhere: the certificate is global{aside}", reason
-        )
+        figure = f"everywhere: the certificate is global{aside}"
+        return CheckRow("where the bound holds", "ok", figure, reason)
     box = agent.argument_box
     sides = ", ".join(
         f"{low:.4g} <= v{k} <= {high:.4g}"

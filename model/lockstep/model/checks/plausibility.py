@@ -127,17 +127,11 @@ def initial(problem: Problem) -> Iterator[CheckRow]:
         i, state = int(np.abs(starts[:, j]).argmax()), agent.states[j]
         value = float(starts[i, j])
         if abs(value) > TURN:
-            found = (
-                f"`spread` is {problem.simulation.spread:g}"
-                if drawn
-                else f"{state} of agent {i + 1} is {value:g}"
-            )
             meant = problem.simulation.spread if drawn else value
-            why = (
-                f"[agent.units] has {state} in rad"
-                if j in in_radians
-                else f"sin, cos and tan of {state} take radians"
-            )
+            found = f"`spread` is {meant:g}" if drawn else f"{state} of agent {i + 1} is {value:g}"
+            why = f"[agent.units] has {state} in rad"
+            if j not in in_radians:
+                why = f"sin, cos and tan of {state} take radians"
             yield CheckRow(
                 name, "note", f"{found}, and {why}: {meant:g} degrees are {math.radians(meant):.4g}", reason
             )

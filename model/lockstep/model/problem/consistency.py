@@ -31,9 +31,8 @@ def input_sides(agent: AgentTable) -> Float[np.ndarray, "m 2"]:
         remedy = f"count {name} from its value at rest: `{name}_0 + {name}` in [agent.dynamics], limits less {name}_0"
         demand(around, f"[{low}, {high}]", f"{where} {name}", "a range around 0", remedy)
     sides = [known.get(name, (None, None)) for name in agent.inputs]
-    return np.array(
-        [(-np.inf if low is None else low, np.inf if high is None else high) for low, high in sides]
-    )
+    ends = ((-np.inf if low is None else low, np.inf if high is None else high) for low, high in sides)
+    return np.array(list(ends))
 
 
 def output_ranges(agent: AgentTable) -> dict[str, tuple[float | None, float | None]]:

@@ -294,7 +294,11 @@ class Problem:
         S_u = each(units.inputs or {}, agent.inputs, where=f"{where} inputs", per="input")
         S_y = each(units.outputs or {}, outputs, where=f"{where} outputs", per="output")
         rows, columns = np.full(self.order, 1 / units.time), np.ones(self.order)
-        return self.design.gain_limit * np.outer(np.append(rows, S_u), np.append(columns, 1 / S_y))
+        with np.errstate(over="ignore", under="ignore"):
+            found = self.design.gain_limit * np.outer(np.append(rows, S_u), np.append(columns, 1 / S_y))
+        sized = np.isfinite(found).all() and found.min() > 0
+        demand(sized, "a limit that is no finite number above 0", where, "units nearer to 1")
+        return float(found[0, 0]) if np.ptp(found) == 0 else found
 
     @cached_property
     def sides(self) -> Float[np.ndarray, "m 2"]:
