@@ -160,9 +160,8 @@ def phase_figure(trajectory: "Trajectory", units: Mapping[str, str] | None = Non
     figure, (axes,) = panels(1, 2.6, rows=_rows(trajectory))
     first, second = (trajectory.x[:, :, trajectory.state_names.index(name)] for name in names)
     for i in range(trajectory.N):
-        drawn = axes.plot(
-            first[:, i], second[:, i], label=f"{trajectory.agent}{i + 1}", **line(i % MOST_NAMED)
-        )
+        name = f"{trajectory.agent}{i + 1}"
+        drawn = axes.plot(first[:, i], second[:, i], label=name, **line(i % MOST_NAMED))
         axes.plot(first[:1, i], second[:1, i], "o", color=drawn[0].get_color(), markersize=4)
     axes.set_xlabel(_with_unit(names[0], units))
     axes.set_title(f"{_with_unit(names[1], units)} against {names[0]}")

@@ -66,6 +66,14 @@ def test_a_mode_that_dies_out_by_itself_asks_for_no_short_period():
     assert "4 time constants of the agent's fastest mode that swings or grows, 4 1/s" in row.figure
 
 
+def test_a_resonance_beside_a_number_in_another_unit_is_seen():
+    """The pendulum's rate in a unit of 1e-10 rad/s: 4 rad/s beside slopes of 1.6e11, which hid it as a rounding."""
+    odd = PENDULUM.replace('theta = "omega"', 'theta = "1e-10*omega"')
+    odd = odd.replace("u - w2*sin(theta) - 0.1*omega", "1e10*u - 1e10*w2*sin(theta) - 0.1*omega")
+    row = plausibility.period(Problem.parse(odd.replace("period = 0.05", "period = 10.0")))
+    assert (row.verdict, "fastest mode that swings or grows, 4 rad/s" in row.figure) == ("note", True)
+
+
 def test_an_origin_where_h_is_not_defined_is_said_to_be_none():
     tank = PENDULUM.replace("u - w2*sin(theta)", "u - 1/theta").replace(
         'inputs = ["u"]', 'inputs = ["u"]\ndomain = { theta = [1.0, 2.0] }'
