@@ -227,3 +227,10 @@ def test_the_protocol_of_the_literature_keeps_to_a_limit_in_units(said: str, fou
     made = design(posed, jobs=1)
     assert max(np.linalg.norm(K / posed.gain_limit, 2) for K in made.gains.blocks) <= 1
     assert certify(file_of(made)).certified
+
+
+def test_a_limit_whose_square_is_no_double_is_none() -> None:
+    """A random problem with gain_limit = 1e300 ended in an OverflowError."""
+    network = arms()
+    search = ModalSearch.of(Modes(network.plant, 2), claim(network, 2, ALPHA), np.array([1.0, 3.0]), 1e300)
+    assert search.stable(np.random.default_rng(5)) is not None

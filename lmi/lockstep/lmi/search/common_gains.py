@@ -28,6 +28,9 @@ make the better starts; a long path, whose slowest mode needs all the gain there
 ONE = 1e-6
 """Eigenvalues this close to each other, relatively, are one mode of the search."""
 
+SQUARED = 1e100
+"""A limit beyond is none, and its square is no double."""
+
 FEW = 4
 """Eigenvalues of a directed graph that stand for all."""
 
@@ -117,7 +120,7 @@ def stabilised(search: ModalSearch, K: Float[np.ndarray, "a b"]) -> Float[np.nda
 
     The gains are L Z / sqrt(1 + |Z|^2), entry by entry, so that every Z is allowed.
     """
-    ways, L = _ways(search), search.gain_limit
+    ways, L = _ways(search), np.minimum(search.gain_limit, SQUARED)
     for weight in GAIN_WEIGHTS:
         size = max(0.9, float(np.linalg.norm(K / L)))
         K = _lowered(ways, 0.9 / size * K, L, weight * entries_within(L) ** 2)
