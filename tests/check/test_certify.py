@@ -171,10 +171,10 @@ def test_what_is_asked_for_may_be_anything_and_is_an_answer(key: str, value: Any
     design = {**stored.problem.design, key: value}
     if key == "fragility" and value in ([], {}):
         design[key] = {}
-        assert list(shortfalls(design, stored.claims, stored.gains)) == []
+        assert list(shortfalls(design, stored.claims, stored.gains, stored.problem.gain_units)) == []
         return
     with pytest.raises(ProblemError, match=key):
-        list(shortfalls(design, stored.claims, stored.gains))
+        list(shortfalls(design, stored.claims, stored.gains, stored.problem.gain_units))
 
 
 def test_a_limit_that_is_not_written_is_the_default() -> None:
@@ -184,8 +184,11 @@ def test_a_limit_that_is_not_written_is_the_default() -> None:
         key: value for key, value in stored.problem.design.items() if key not in ("gain_limit", "method")
     }
     large = replace(stored.gains, D=tuple(D * 1e3 for D in stored.gains.D))
-    assert list(shortfalls(design, stored.claims, stored.gains)) == []
-    assert any("`gain_limit` is 50" in line for line in shortfalls(design, stored.claims, large))
+    assert list(shortfalls(design, stored.claims, stored.gains, stored.problem.gain_units)) == []
+    assert any(
+        "`gain_limit` is 50" in line
+        for line in shortfalls(design, stored.claims, large, stored.problem.gain_units)
+    )
 
 
 def test_a_limit_in_units_is_of_the_gains_in_them() -> None:

@@ -20,18 +20,13 @@ from lockstep.check.system.loop import Gains
 
 DESIGN, GAINS = "[design]", "[[design.gains]]"
 GainUnits = tuple[Annotated[np.ndarray, " k"], Annotated[np.ndarray, " l"]]
-ONES: GainUnits = exactly(np.ones(1)), exactly(np.ones(1))
-"""Of gains in the units of the file."""
-
 LIMITED = ("certified", "modal", "lipschitz")
 """Methods whose gains keep to `gain_limit`; those printed in the paper and those given are what they are."""
 
 UNLIMITED = ("given", "theorem1", "corollary1")
 
 
-def shortfalls(
-    asked: Mapping[str, Any], claims: Claims, gains: Gains, units: GainUnits = ONES
-) -> Iterator[str]:
+def shortfalls(asked: Mapping[str, Any], claims: Claims, gains: Gains, units: GainUnits) -> Iterator[str]:
     """Yield in words whatever a file claims less of than its problem asks for; nothing where it claims enough.
 
     Args:
@@ -87,8 +82,8 @@ def _large_gains(asked: Mapping[str, Any], gains: Gains, units: GainUnits) -> It
     limit = above_zero(asked.get("gain_limit", 50.0), f"{DESIGN} gain_limit")
     for i, K in enumerate(units[0][:, None] * exactly(gains.blocks) * units[1]):
         if not norm_is_at_most(K, limit):
-            norm = float(np.linalg.norm(as_floats(K), 2))
-            yield f"the gains of agent {i + 1} have the norm {norm:.10g}, but `gain_limit` is {limit:.10g}"
+            norm, named = float(np.linalg.norm(as_floats(K), 2)), " in `gain_units`" * ("gain_units" in asked)
+            yield f"the gains of agent {i + 1} have the norm {norm:.10g}{named}, but `gain_limit` is {limit:.10g}"
 
 
 def norm_is_at_most(K: Annotated[np.ndarray, "k l"], limit: float) -> bool:

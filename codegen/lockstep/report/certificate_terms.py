@@ -4,8 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, Context
 
-import numpy as np
-
 from lockstep.lmi.document import sampled_answer
 from lockstep.report.report_data import Facts
 
@@ -128,16 +126,13 @@ def _sampled(facts: Facts) -> Iterator[DatasheetTerm]:
 
 def _gains(facts: Facts) -> Iterator[DatasheetTerm]:
     figures = facts.stored.info["figures"]
-    asked, norms = facts.problem.design, figures["gain_norms"]
-    if asked.gain_units is not None:
-        parts = np.linalg.norm(facts.stored.gains.blocks / facts.problem.gain_limit, 2, axis=(1, 2))
-        norms = (asked.gain_limit * parts).tolist()
+    asked, norms = facts.problem.design, facts.problem.gain_norms(facts.stored.gains.blocks)
     said = ", ".join(f"{norm:.4g}" for norm in norms[:12]) + (", ..." if len(norms) > 12 else "")
     yield DatasheetTerm(
         "gain norms",
         said,
         DOUBLES,
-        f"spectral norm of each [A B; C D]{' in [design] gain_units' * (asked.gain_units is not None)}; the limit asked for"
+        f"spectral norm of each [A B; C D]{' in [design.gain_units]' * (asked.gain_units is not None)}; the limit asked for"
         f" is {asked.gain_limit:g}",
     )
     yield DatasheetTerm(

@@ -168,7 +168,7 @@ def _over_floor(found: Proposal, other: Proposal) -> float:
 
 
 def _with_remark(found: Proposal, wish: Wishes) -> Proposal:
-    """Return a proposal that says what was asked for by default."""
+    """Return a proposal that says what was asked for by default, and the decay that a design for the period keeps to."""
     problem, given_up = wish.problem, {"given_up": wish.given_up} if wish.given_up else {}
     if wish.enough and found.guarantees.decay is not None:
         problem = keeping(problem, found.guarantees.decay[0])

@@ -333,7 +333,7 @@ def test_what_the_checker_reads_of_limits_weights_and_disturbances() -> None:
 def test_what_is_asked_for_is_of_its_kind(asked: dict[str, object]) -> None:
     stored = file_of(design(pendulums(DYNAMIC)))
     with pytest.raises(ProblemError, match=next(iter(asked))):
-        list(shortfalls(asked, stored.claims, stored.gains))
+        list(shortfalls(asked, stored.claims, stored.gains, stored.problem.gain_units))
 
 
 def test_a_radius_without_limits_is_not_proved() -> None:

@@ -97,6 +97,9 @@ def test_units_of_gains_scale_the_limit_entry_by_entry(examples: Path) -> None:
         problem.gain_limit, 3 * np.array([[A, A, B1, B2], [A, A, B1, B2], [C, C, D1, D2]])
     )
     assert not problem.has_defaults
+    one = np.zeros((2, 3, 4))
+    one[0, 0, 0], one[1, 2, 2] = A, 2 * D1
+    assert problem.gain_norms(one) == pytest.approx([1.0, 2.0])
     again = parse_problem(problem.toml())
     np.testing.assert_array_equal(again.gain_limit, problem.gain_limit)
     assert parse_problem(text.replace("[design]", "[design]\ngain_limit = 3.0", 1)).gain_limit == 3.0

@@ -38,8 +38,8 @@ class ExactNetwork:
         found = f"{len(plant.B)} input matrices for {N} agents"
         demand(len(plant.B) == N, found, "network", "one B per agent")
         n, m, q, r, v = plant.sizes
-        sizes = (n, n), (q, n), (n, r), (v, n)
-        fits = dict(zip("ACGH", zip((plant.A, plant.C, plant.G, plant.H), sizes, strict=True), strict=True))
+        fits = {"A": (plant.A, (n, n)), "C": (plant.C, (q, n))}
+        fits |= {"G": (plant.G, (n, r)), "H": (plant.H, (v, n))}
         fits |= {f"B_{i}": (B, (n, m)) for i, B in enumerate(plant.B, start=1)}
         for name, (matrix, shape) in fits.items():
             found = f"`{name}` is {' x '.join(map(str, matrix.shape))}"

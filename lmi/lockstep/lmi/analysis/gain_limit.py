@@ -9,8 +9,8 @@ import numpy as np
 from lockstep.lmi.shapes import GainBlocks, GainLimit
 
 
-def entries_within(limit: GainLimit) -> float:
-    """Return how many units a limit is: of one for each entry, the norm of a gain whose entries are all one."""
+def units_in(limit: GainLimit) -> float:
+    """Return how many units a limit is: its number; where each entry has its own, the norm of gains that are all one."""
     return float(limit) if np.ndim(limit) == 0 else float(np.sqrt(np.size(limit)))
 
 

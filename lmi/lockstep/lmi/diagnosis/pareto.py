@@ -168,8 +168,8 @@ class _Step(NamedTuple):
 def _steps(problem: Problem, claim: Claim, decay: float) -> Iterator[tuple[str, list[_Step]]]:
     table = problem.design
     limit, held = problem.gain_limit, max(table.search_decay or 0.0, 0.4 * (table.decay or 0.0))
-    named = ((k, f"gain_limit {k * table.gain_limit:g}") for k in LIMITS)
-    yield "gain limit", [_Step(name, claim, k * limit, held) for k, name in named]
+    number = table.gain_limit
+    yield "gain limit", [_Step(f"gain_limit {k * number:g}", claim, k * limit, held) for k in LIMITS]
     W = (
         claim.W
         if len(claim.W)

@@ -15,7 +15,7 @@ from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import Modes
 from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.loop import Loop, build_loop
-from lockstep.lmi.analysis.gain_limit import entries_within, within
+from lockstep.lmi.analysis.gain_limit import units_in, within
 from lockstep.lmi.search.smoothed_norm import Descended, SmoothedNorm, descended, refined
 from lockstep.lmi.search.stabilise import OutputFeedback, descend, real_part
 from lockstep.lmi.search.unit_scaling import scaled
@@ -29,7 +29,7 @@ ONE = 1e-6
 """Eigenvalues this close to each other, relatively, are one mode of the search."""
 
 SQUARED = 1e100
-"""A limit beyond is none, and its square is no double."""
+"""The largest limit that is squared, as doubles go: a larger one limits nothing."""
 
 FEW = 4
 """Eigenvalues of a directed graph that stand for all."""
@@ -65,7 +65,7 @@ class ModalSearch:
         """Return random gains made stable at every end, or None."""
         ends, L = self.ends, self.gain_limit
         size = generator.choice([0.5, 1.0, 2.0]) / np.abs(ends[0] * ends[-1]) ** 0.25
-        drawn = L / entries_within(L) * size * generator.standard_normal(self.norm.shape[1:])
+        drawn = L / units_in(L) * size * generator.standard_normal(self.norm.shape[1:])
         K = within(stabilised(self, drawn)[None], 0.9 * L)[0]
         return None if _worst(_ways(self), K)[0] >= 0 else K
 
@@ -123,7 +123,7 @@ def stabilised(search: ModalSearch, K: Float[np.ndarray, "a b"]) -> Float[np.nda
     ways, L = _ways(search), np.minimum(search.gain_limit, SQUARED)
     for weight in GAIN_WEIGHTS:
         size = max(0.9, float(np.linalg.norm(K / L)))
-        K = _lowered(ways, 0.9 / size * K, L, weight * entries_within(L) ** 2)
+        K = _lowered(ways, 0.9 / size * K, L, weight * units_in(L) ** 2)
         if _worst(ways, K)[0] < 0:
             break
     return K

@@ -50,7 +50,7 @@ def raised_decay(
         K: gains with a certificate, in the units of the file.
         rho: the largest one allowed, in these units.
         score: of the sampled loop: gains without a finite one are passed over.
-        deadline: after which no run is begun.
+        deadline: after which the best so far is returned.
     """
     sigma = largest_decay(at, K, deadline=deadline)
     for _ in range(RUNS):

@@ -300,6 +300,10 @@ class Problem:
         demand(sized, "a limit that is no finite number above 0", where, "units nearer to 1")
         return float(found[0, 0]) if np.ptp(found) == 0 else found
 
+    def gain_norms(self, K: Float[np.ndarray, "N k l"]) -> list[float]:
+        """Return the norm of each agent's [A B; C D] in the units of `gain_limit`."""
+        return [self.design.gain_limit * float(np.linalg.norm(one / self.gain_limit, 2)) for one in K]
+
     @cached_property
     def sides(self) -> Float[np.ndarray, "m 2"]:
         """The lowest and the highest value of each input, infinite where there is none."""
