@@ -332,8 +332,9 @@ def test_what_the_checker_reads_of_limits_weights_and_disturbances() -> None:
 )
 def test_what_is_asked_for_is_of_its_kind(asked: dict[str, object]) -> None:
     stored = file_of(design(pendulums(DYNAMIC)))
+    units = ProblemTables.from_document(stored.problem.document()).gain_units
     with pytest.raises(ProblemError, match=next(iter(asked))):
-        list(shortfalls(asked, stored.claims, stored.gains, stored.problem.gain_units))
+        list(shortfalls(asked, stored.claims, stored.gains, units))
 
 
 def test_a_radius_without_limits_is_not_proved() -> None:
