@@ -160,11 +160,11 @@ def test_gain_errors_beyond_delta_are_not_covered(folder, run, tmp_path):
 def test_the_plot_is_text(folder, run):
     result = run(folder, "--horizon", 1, "--plot")
     assert result.exit_code == 0
-    assert "disagreement |x_d|" in result.stdout
+    assert "log10 of the disagreement of each state" in result.stdout
     assert "\x1b" not in result.stdout, "no colours where there is no terminal"
     beside = run(folder, "--horizon", 1, "--plot", "--json")
     assert answer(beside)["ok"]
-    assert "disagreement |x_d|" in beside.stderr
+    assert "log10 of the disagreement of each state" in beside.stderr
 
 
 TOGETHER = [

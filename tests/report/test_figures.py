@@ -77,18 +77,31 @@ def test_held_inputs_are_steps():
 
 def test_disagreement_is_the_distance_from_the_mean_on_a_logarithmic_axis():
     trajectory = run()
-    axes = disagreement_figure({"one": trajectory}).axes[0]
-    x = trajectory.x
-    expected = np.sqrt(((x - x.mean(axis=1)[:, None]) ** 2).sum(axis=(1, 2)))
-    np.testing.assert_allclose(axes.lines[0].get_ydata(), expected, rtol=1e-12)
+    figure = disagreement_figure(trajectory, {"s0": "Pa"})
+    axes, x = figure.axes[0], trajectory.x
+    expected = np.sqrt(((x - x.mean(axis=1)[:, None]) ** 2).sum(axis=1))
+    for drawn, state in zip(
+        axes.lines, expected.T, strict=True
+    ):  # a line for each state: nothing adds Pa to m
+        np.testing.assert_allclose(drawn.get_ydata(), state, rtol=1e-12)
     assert axes.get_yscale() == "log"
-    assert not disagreement_figure({"one": trajectory}).legends
-    assert disagreement_figure({"one": trajectory, "two": trajectory}).legends
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["s0 in Pa", "s1"]
+
+
+@pytest.mark.parametrize(
+    ("size", "title", "tick"), [(2e6, "s0 in 10⁶ Pa", "−1"), (3e-3, "s0 in 10⁻³ Pa", "−1")]
+)
+def test_ticks_never_need_more_than_their_room(size, title, tick):
+    axes = states_figure(
+        run(x=size * np.sin(np.arange(1800.0)).reshape(300, 3, 2)), ["s0"], {"s0": "Pa"}
+    ).axes[0]
+    assert axes.get_title(loc="left") == title
+    assert axes.yaxis.get_major_formatter()(-(1e6 if size > 1 else 1e-3)) == tick
 
 
 def test_agreement_from_the_start_is_drawn_without_a_logarithm_of_zero():
     # warnings are errors here: log 0 would be one
-    axes = disagreement_figure({"one": run(x=np.ones((300, 3, 2)))}).axes[0]
+    axes = disagreement_figure(run(x=np.ones((300, 3, 2)))).axes[0]
     assert axes.get_yscale() == "linear"
 
 

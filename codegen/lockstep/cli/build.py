@@ -6,6 +6,7 @@ from typing import Any
 from rich.console import Group
 from rich.text import Text
 
+from lockstep.cli.check import is_noted
 from lockstep.cli.check import table_of as check_table
 from lockstep.cli.console import Answer, left_from_before, progress_display, remark, two_columns
 from lockstep.cli.design import REUSED, summary
@@ -18,14 +19,14 @@ def run(path: Path, output: Path, **options: Any) -> Answer:
     import lockstep
 
     with left_from_before(output), progress_display() as tell, keeping_the_best(remark) as stop:
-        found = lockstep.build(path, output, **options, progress=tell, stop=stop)
+        found = lockstep.build(path, output, **options, progress=tell, remark=remark, stop=stop)
     if found.design.reused:
         remark(REUSED)
     document = found.document()
     report = document["report"]
     said = [f"{output / report}: the report" if report else "nothing is written", *found.problems]
     said += [f"note: {one}" for one in found.notes]
-    noted = any(row.verdict != "ok" for row in found.checks.rows)
+    noted = any(map(is_noted, found.checks.rows))
     parts = [
         *([check_table(found.checks, "What is to be noted of the model", brief=True)] if noted else []),
         summary(document["design"]),

@@ -12,6 +12,10 @@ from lockstep.cli.messages import messages_row
 
 REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
 HARDLY = ": these controllers do hardly anything; ask for a `decay`"
+STATIC, STATIC_SAID = (
+    0.01,
+    "the states of the controllers make up at most {:.2g} of u: order = 0 does the same",
+)
 
 
 def run(path: Path, output: Path | None, **options: Any) -> Answer:
@@ -22,13 +26,23 @@ def run(path: Path, output: Path | None, **options: Any) -> Answer:
     import lockstep
 
     with left_from_before(output), progress_display() as tell, keeping_the_best(remark) as stop:
-        found = lockstep.design(path, output=output, **options, progress=tell, stop=stop)
+        found = lockstep.design(path, output=output, **options, progress=tell, remark=remark, stop=stop)
     if found.reused:
         remark(REUSED)
     wrote(output, options.get("trade_off"))
     said = found.document()
     survived = said.get("messages", {"certified": True})["certified"]
     return Answer(said, summary(said), found.sampled["certified"] is True and survived)
+
+
+def _certified(content: Mapping[str, Any]) -> str:
+    """Tell the certificate, and not without what it leaves out: people read the first line."""
+    ships = (
+        "yes"
+        if content["sampled"]["certified"]
+        else "the continuous controllers only, NOT those that ship (below)"
+    )
+    return f"{ships}, proof: {content['proof']}" if content["certified"] else "no"
 
 
 def sampled_text(sampled: Mapping[str, Any]) -> str:
@@ -65,7 +79,7 @@ def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
     listed = "".join(f", {key} {_numbers(value)}" for key, value in sizes.items() if value)
     units = {key: value for key, value in asked.get("gain_units", {}).items() if value}
     meant = "".join(f" {key} {_numbers(value)}" for key, value in units.items())
-    said = f"gain_limit {asked['gain_limit']:g}{' in' * bool(meant)}{meant}{listed}"
+    said = f"gains up to {asked['gain_limit']:g}{' in units of' * bool(meant)}{meant}{listed}"
     return {"by default": "; ".join(filter(None, [said, asked.get("given_up")]))}
 
 
@@ -132,20 +146,21 @@ def _times(radius: float, start: float | None) -> str:
 def summary(content: Mapping[str, Any]) -> RenderableType:
     """Return what was designed and proved, for people."""
     figures, alone = content["figures"], content["figures"].get("rho_alone")
-    idle = (
-        HARDLY if alone and content["rho"] > 0.9 * alone else ""
-    )  # nine tenths of what is there without them
+    idle = HARDLY if alone and content["rho"] > 0.9 * alone else ""  # nine tenths of what is there without
+    part = figures["part_of_states"]
+    static = {} if part is None or part > STATIC else {"order": STATIC_SAID.format(part)}
     fragility = ", ".join(f"{letter} {delta:g}" for letter, delta in content["fragility"].items() if delta)
     return two_columns(
         content["title"],
         {
-            "certified": f"yes, proof: {content['proof']}" if content["certified"] else "no",
+            "certified": _certified(content),
             "rho": f"{content['rho']:.6g}",
             "alpha": f"{content['alpha']:.9g}",
             **proved_besides(content),
             **({"gain uncertainty": fragility} if fragility else {}),
             **_where(content),
             **({"open loop": f"rho {alone:.4g}, with u = 0 (computed){idle}"} if alone else {}),
+            **static,
             "sampled": sampled_text(content["sampled"]),
             **messages_row(content),
             **_defaults(figures),

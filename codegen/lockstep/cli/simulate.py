@@ -5,15 +5,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.console import Group, RenderableType
+from rich.console import Group
 from rich.text import Text
 
-from lockstep.cli.console import Answer, errors, progress_display, table, two_columns, wrote
+from lockstep.cli.console import Answer, errors, progress_display, two_columns, wrote
 from lockstep.workflow.runs.simulate_options import Many, Options, conflict
 
 if TYPE_CHECKING:
     from lockstep.model.simulation import Trajectory
-    from lockstep.workflow.runs.simulate import Simulation
 
 
 def run(path: Path, options: Options, many: Many, *, as_json: bool) -> Answer:
@@ -39,14 +38,17 @@ def run(path: Path, options: Options, many: Many, *, as_json: bool) -> Answer:
 
 def _simulate(path: Path, output: Path | None, options: Options, *, as_json: bool) -> Answer:
     import lockstep
+    from lockstep.workflow.runs.simulate_rows import rows
 
     asked = asdict(options)
     plotted = asked.pop("plot")
     with progress_display() as tell:
         found = lockstep.simulate(path, **asked, output=output, progress=tell)
     wrote(output, options.figures)
-    plot = _plotted(found.trajectory, as_json) if plotted else ""
-    return Answer(found.document(), _tables(found, plot), found.ok)
+    told = two_columns(found.design.title, rows(found))
+    if plotted:
+        told = Group(told, Text.from_ansi(_plotted(found.trajectory, as_json)))
+    return Answer(found.document(), told, found.ok)
 
 
 def _plotted(trajectory: "Trajectory", as_json: bool) -> str:
@@ -58,28 +60,3 @@ def _plotted(trajectory: "Trajectory", as_json: bool) -> str:
         errors.print(text, markup=False)
         return ""
     return text
-
-
-def _tables(found: "Simulation", plot: str) -> RenderableType:
-    from lockstep.model.simulation import effort_indices, indices
-    from lockstep.workflow.runs.simulate_rows import rows
-
-    trajectory = found.trajectory
-    # Two tables of three digits: in 80 columns a figure that is cut says nothing.
-    headings, style = ("agent", "ISE", "IAE", "ITSE", "ITAE"), {"pad_edge": False, "collapse_padding": True}
-    parts: list[RenderableType] = [two_columns(found.design.title, rows(found))]
-    for title, each in (("disagreement", indices(trajectory)), ("inputs", effort_indices(trajectory))):
-        figures = [map(_short, one.document().values()) for one in each]
-        cells = [(f"{trajectory.agent}{i}", *some) for i, some in enumerate(figures, start=1)]
-        parts.append(table(headings, cells, title, **style))
-    return Group(*parts, *([Text.from_ansi(plot)] if plot else []))
-
-
-def _short(value: float) -> str:
-    """Return three digits, and an exponent without a sign and a zero that say nothing.
-
-    >>> _short(6661.0), _short(1.5e-12), _short(0.25)
-    ('6.66e3', '1.5e-12', '0.25')
-    """
-    mantissa, _, exponent = f"{value:.3g}".partition("e")
-    return f"{mantissa}e{int(exponent)}" if exponent else mantissa

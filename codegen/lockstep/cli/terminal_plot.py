@@ -19,9 +19,6 @@ POINTS = 600
 MARKERS = "123456789"
 """What the agents' curves are drawn with: legible without colour; more agents than these are not drawn."""
 
-SMALLEST = 1e-16
-"""What is below this part of the largest is drawn there: a logarithm has no zero."""
-
 
 def terminal_plot(trajectory: "Trajectory", *, colour: bool) -> str:
     """Return two plots, one above the other.
@@ -33,9 +30,12 @@ def terminal_plot(trajectory: "Trajectory", *, colour: bool) -> str:
     import numpy as np
 
     few = slice(None, None, max(1, len(trajectory.t) // POINTS))
-    t, d = trajectory.t[few], trajectory.disagreement()[few]
-    powers = np.log10(np.maximum(d, max(float(d.max()), 1e-300) * SMALLEST))
-    upper = _plot("log10 of the disagreement |x_d|", t, {"braille": powers}, colour)
+    t, d = trajectory.t[few], trajectory.disagreement_by_state()[few]
+    least = np.where(d > 0, d, max(float(d.max()), 1e-300)).min(axis=0)  # a logarithm has no zero
+    powers = np.log10(np.maximum(d, least))
+    names = ", ".join(f"{mark} {name}" for name, mark in zip(trajectory.state_names, MARKERS, strict=False))
+    curves = dict(zip(MARKERS, powers.T, strict=False))
+    upper = _plot("log10 of the disagreement of each state over t in s", t, curves, colour) + names + "\n"
     lower = [
         _plot(
             f"{name} of {trajectory.agent}1 (drawn with 1), {trajectory.agent}2 (with 2), ... over t in s",

@@ -104,13 +104,13 @@ def _run(run: Trajectory, units: dict[str, str]) -> Iterator[Drawing]:
             f" At the start they lie up to {_spread(run.less_offsets[0, :, columns]):.3g} apart, at the end up to"
             f" {_spread(run.less_offsets[-1, :, columns]):.3g}.",
         )
-    distance = run.disagreement()
+    each = zip(names, run.disagreement_by_state().T, strict=True)
     yield _drawing(
         "disagreement",
-        figures.disagreement_figure({"this run": run}),
-        "Distance from agreement, |x_d| = (Σ |x_i − mean|²)^½, on a logarithmic axis.",
-        f"The distance from agreement falls from {distance[0]:.3g} to {distance[-1]:.3g} in {run.t[-1]:.4g} s;"
-        f" its largest value is {distance.max():.3g}.",
+        figures.disagreement_figure(run, units),
+        "Distance from agreement, (Σ (x_i − mean)²)^½ of each state in its own unit, on a logarithmic axis.",
+        f"The distance from agreement, at the start, at most, and after {run.t[-1]:.4g} s: "
+        + "; ".join(f"{name} {d[0]:.3g}, {d.max():.3g}, {d[-1]:.3g}" for name, d in each),
     )
     yield _drawing(
         "effort",

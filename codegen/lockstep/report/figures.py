@@ -4,6 +4,7 @@ All of them are drawn for the width of a telephone; agents differ by colour and 
 imported when something is drawn.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ from jaxtyping import Float
 
 from lockstep.check.errors import demand
 from lockstep.model.graphs.graph import Graph
-from lockstep.report.canvas import legend, logarithmic, panels, rows_of
+from lockstep.report.canvas import legend, logarithmic, panels, power_of_ten, rows_of
 from lockstep.report.style import LIGHT, WIDTH, line, styled
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def states_figure(
     for axes, name in zip(stack, chosen, strict=True):
         signals = trajectory.x[:, :, trajectory.state_names.index(name)]
         _draw_agents(axes, trajectory, signals)
-        axes.set_title(_with_unit(name, units))
+        _entitle(axes, signals, name, units)
     _finish(figure, stack, trajectory)
     return figure
 
@@ -108,36 +109,30 @@ def effort_figure(trajectory: "Trajectory", units: Mapping[str, str] | None = No
     figure, stack = panels(len(inputs), 1.8 if len(inputs) == 1 else 1.15, rows=_rows(trajectory))
     for k, (axes, name) in enumerate(zip(stack, inputs, strict=True)):
         _draw_agents(axes, trajectory, trajectory.u[:, :, k], held=trajectory.u_hold == "held")
-        axes.set_title(_with_unit(name, units))
+        _entitle(axes, trajectory.u[:, :, k], name, units)
     _finish(figure, stack, trajectory)
     return figure
 
 
 @styled
-def disagreement_figure(runs: Mapping[str, "Trajectory"]) -> "Figure":
-    """Draw |x_d| = (sum_i |x_i - mean|^2)^1/2 of one run or several against time, on a logarithmic axis."""
-    columns = min(len(runs), 3)
-    figure, (axes,) = panels(1, 1.8, rows=rows_of(len(runs), columns) if len(runs) > 1 else 0)
-    apart = False
-    for k, (name, run) in enumerate(runs.items()):
-        distance = run.disagreement()
-        apart = apart or bool((distance > 0).any())
-        t, values = thinned(run.t, np.where(distance > 0, distance, np.nan))
-        axes.plot(t, values, label=name, **line(k))
-    if apart:
+def disagreement_figure(run: "Trajectory", units: Mapping[str, str] | None = None) -> "Figure":
+    """Draw (sum_i (x_ij - mean)^2)^1/2 of each state j, in its own unit, against time on a logarithmic axis."""
+    distances, names = run.disagreement_by_state(), run.state_names[:MOST_NAMED]
+    figure, (axes,) = panels(1, 1.8, rows=rows_of(len(names), LEGEND_COLUMNS))
+    for k, name in enumerate(names):
+        t, values = thinned(run.t, np.where(distances[:, k] > 0, distances[:, k], np.nan))
+        axes.plot(t, values, label=_with_unit(name, units), **line(k))
+    if (distances > 0).any():
         axes.set_yscale("log")
         logarithmic(axes.yaxis)
-    axes.set_title("|x_d|, distance from agreement")
+    axes.set_title("distance from agreement")
     axes.set_xlabel("t in s")
     axes.margins(x=0)
-    if len(runs) > 1:
-        legend(figure, axes, columns)
+    legend(figure, axes, LEGEND_COLUMNS)
     return figure
 
 
-def run_figure(
-    trajectory: "Trajectory", what: str, title: str = "", units: Mapping[str, str] | None = None
-) -> "Figure":
+def run_figure(trajectory: "Trajectory", what: str, units: Mapping[str, str] | None = None) -> "Figure":
     """Draw one of the figures of a run: "states", "disagreement", "effort" or "phase".
 
     Raises:
@@ -146,7 +141,7 @@ def run_figure(
     if what == "phase":
         return phase_figure(trajectory, units=units)
     if what == "disagreement":
-        return disagreement_figure({title: trajectory})
+        return disagreement_figure(trajectory, units)
     if what == "effort":
         return effort_figure(trajectory, units=units)
     demand(what == "states", f"`{what}`", "plot", '"states", "disagreement", "effort" or "phase"')
@@ -208,6 +203,21 @@ def _finish(figure: "Figure", stack: "list[Axes]", trajectory: "Trajectory") -> 
 
 def _rows(trajectory: "Trajectory") -> int:
     return rows_of(trajectory.N, LEGEND_COLUMNS) if trajectory.N <= MOST_NAMED else 0
+
+
+def _entitle(
+    axes: "Axes", signals: Float[np.ndarray, "K N"], name: str, units: Mapping[str, str] | None
+) -> None:
+    """Name a panel, with a power of a thousand where ticks would be too wide for their room."""
+    from matplotlib.ticker import FuncFormatter
+
+    most, unit = float(np.abs(signals).max()), (units or {}).get(name, "")
+    if most > 0 and not 0.01 <= most < 1e4:
+        scale = 1000.0 ** math.floor(math.log10(most) / 3)
+        shown = FuncFormatter(lambda value, _: f"{value / scale:.4g}".replace("-", "−"))
+        axes.yaxis.set_major_formatter(shown)
+        unit = f"{power_of_ten(scale)} {unit}"
+    axes.set_title(_with_unit(name, {name: unit.strip()}))
 
 
 def _with_unit(name: str, units: Mapping[str, str] | None) -> str:

@@ -2,7 +2,7 @@
 
 import json
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from lockstep.model.plain_json import plain
 from lockstep.model.problem import Problem
 from lockstep.model.problem.tables.load import read_problem
 from lockstep.workflow.check import check
-from lockstep.workflow.design import DESIGN_NAME, Design, design
+from lockstep.workflow.design import DESIGN_NAME, Design, design, doubts
 from lockstep.workflow.generate import generated_files
 from lockstep.workflow.output_files import of_file
 from lockstep.workflow.output_folders import check_generated
@@ -86,6 +86,7 @@ def build(
     jobs: int | None = None,
     time_limit: float | None = None,
     progress: Progress = silent,
+    remark: Callable[[str], None] = silent,
     reuse: bool = False,
     stop: "Stop | None" = None,
 ) -> Build:
@@ -103,7 +104,7 @@ def build(
         time_limit: seconds to search for gains, and as many for those of the period; then the best certified ones so far,
             which depend on the machine.
         progress: told what is being done and the part of it that is done.
-        reuse, stop: see `lockstep.design`.
+        remark, reuse, stop: see `lockstep.design`.
 
     Raises:
         ProblemError: bad input, or a folder that cannot be written.
@@ -118,7 +119,8 @@ def build(
     source = "" if isinstance(problem, Problem) else read_problem(Path(problem))
     posed, checks = check(problem, every=True, progress=progress)
     with of_file(None if isinstance(problem, Problem) else Path(problem)), _with_notes_of(posed):
-        designed = design(posed, jobs=jobs, time_limit=time_limit, progress=progress, reuse=reuse, stop=stop)
+        options: dict[str, Any] = {"jobs": jobs, "time_limit": time_limit, "reuse": reuse, "stop": stop}
+        designed = design(posed, progress=progress, remark=remark, **options)
     files = generated_files(designed)
     # What is reported is what a reader of the file sees.
     made = replace(Design.of(json.loads(files[DESIGN_NAME]), DESIGN_NAME, folder), reused=designed.reused)
@@ -139,13 +141,9 @@ def _with_notes_of(problem: Problem) -> Iterator[None]:
     try:
         yield
     except ClaimError as error:
-        from lockstep.model.checks.plausibility import initial, period, units
-
-        rows = (period(problem), *units(problem), *initial(problem))
-        notes = "; ".join(f"{row.name}: {row.figure}" for row in rows if row.verdict == "note")
-        if not notes:
-            raise
-        raise type(error)(f"{error}; to be noted: {notes}", **error.figures) from None
+        if notes := "; ".join(doubts(problem)):
+            raise type(error)(f"{error}; to be noted: {notes}", **error.figures) from None
+        raise
 
 
 def unproved(sampled: Mapping[str, Any]) -> list[str]:

@@ -1,6 +1,6 @@
 """A design: made of a problem, or read from a design file; the same object either way."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -226,6 +226,14 @@ def as_design(design: Design | Path | str) -> tuple[Design, Path | None]:
     return load(design), Path(design)
 
 
+def doubts(problem: Problem) -> list[str]:
+    """Return what `check` notes of the period, the units and the start of a problem: each is seldom meant."""
+    from lockstep.model.checks.plausibility import initial, period, units
+
+    rows = (period(problem), *units(problem), *initial(problem))
+    return [f"{row.name}: {row.figure}" for row in rows if row.verdict == "note"]
+
+
 def design(
     problem: Problem | Path | str,
     *,
@@ -236,6 +244,7 @@ def design(
     scheduler: str | None = None,
     time_limit: float | None = None,
     progress: Progress = silent,
+    remark: Callable[[str], None] = silent,
     reuse: bool = False,
     stop: "Stop | None" = None,
 ) -> Design:
@@ -255,6 +264,7 @@ def design(
         time_limit: seconds to search for gains, and as many for those of the period; then the best certified ones so far,
             which depend on the machine.
         progress: told what is being done and the part of it that is done.
+        remark: told, before the search begins, what is seldom meant of the period, the units and the start.
         reuse: take the design that was made before of the same problem, proved again, if there is one in the user's cache
             folder, and keep this one there; see `lockstep.workflow.design_cache`.
         stop: ends the search early, and the best certified gains so far are kept; see `lockstep.lmi.search.stopping`.
@@ -281,6 +291,8 @@ def design(
     others = gains_by_name(against)
     posed, place = problem_of(problem)
     with of_file(place):
+        for doubt in doubts(posed):
+            remark(f"to be noted: {doubt}")
         before = _made_before(posed, progress) if reuse else None
         if before is not None:
             found = before

@@ -163,9 +163,7 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
 
 
 def _meaning_of_rho(problem: Any, rho: float) -> str:
-    scales = problem.performance.states
-    states = [x for k, x in enumerate(problem.agent().states) if not len(scales) or scales[k]]
-    units = {str(problem.agent().units.get(name, "")) for name in states}
+    states = _disturbed(problem)
     weight = problem.design.weights.state
     plain = "" if weight == 1.0 else ", each state by its weight of [design.weights]"
     if problem.design.disturbances is not None:
@@ -174,16 +172,23 @@ def _meaning_of_rho(problem: Any, rho: float) -> str:
         )
     if problem.design.coordinates != "orthonormal":
         plain += ", both as differences by the rows of L"
-    mixed = (
-        f" It mixes {', '.join(sorted(filter(None, units)))}: which states count how much is up to [design.weights]."
-        if len(units - {""}) > 1
-        else ""
-    )
+    mixed = _mixed(problem, "which states count how much is up to [design.weights]")
     return (
         f"Disturbances that differ between the agents, of root mean square 0.1 (of {', '.join(states[:4])}"
         f"{', ...' if len(states) > 4 else ''}, per second), keep them apart by at most {0.1 * rho:.3g} in root mean"
         f" square once the start is forgotten{plain}. Common-mode disturbances do not count.{mixed}"
     )
+
+
+def _disturbed(problem: Any) -> list[str]:
+    scales = problem.performance.states
+    return [x for k, x in enumerate(problem.agent().states) if not len(scales) or scales[k]]
+
+
+def _mixed(problem: Any, so: str) -> str:
+    """Say which units a figure adds, and what follows; nothing where it adds one."""
+    units = {problem.agent().units.get(name, "") for name in problem.agent().states} - {""}
+    return f" It adds {', '.join(sorted(units))}: {so}." if len(units) > 1 else ""
 
 
 def _sampled(found: DesignVerdict) -> Iterator[Statement]:
@@ -223,7 +228,7 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
             "ultimate bound",
             f"{residual:.3g} e",
             "Errors e of messages and readings keep the agents apart by at most this, in root mean square: a bound that is"
-            " not tight.",
+            f" not tight.{_mixed(found.design.problem, 'it says something where states are of size one')}",
         )
     radius = sampled.get("radius")
     if radius is not None:
@@ -317,7 +322,8 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
         yield Statement(
             "saturation",
             "not claimed",
-            "Nothing is proved of when an actuator saturates: a smaller gain_limit may change that.",
+            "Nothing is proved of when an actuator saturates: smaller gains (a larger `weights.input`, a lower `gain_limit`),"
+            " or states counted in units in which they are of size one, may change that.",
         )
     moving = "".join(f"; {row.figure}, a leader too" for row in alone(problem))
     yield Statement(

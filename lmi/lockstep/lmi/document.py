@@ -22,6 +22,7 @@ from lockstep.lmi.design_json import (
     message_claims_document,
     sampled_document,
 )
+from lockstep.lmi.diagnosis.open_loop import part_of_states
 from lockstep.lmi.initial_set import InitialStates
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
 from lockstep.model.agents.arguments import arguments_text
@@ -128,7 +129,7 @@ def answer(stored: Stored) -> dict[str, Any]:
         "gains": gains_document(stored.gains),
         "sampled": sampled_answer(stored),
         **messages_answer(stored, certified=claims.messages is not None),
-        "figures": _table(info, "figures"),
+        "figures": {**_table(info, "figures"), "part_of_states": part_of_states(stored.gains)},
     }
 
 

@@ -141,6 +141,8 @@ def test_units_that_contradict_the_formulas_are_noted_without_all_checks():
     assert list(plausibility.units(Problem.parse(PENDULUM + units.format("rad", "rad/s")))) == []
     (row,) = plausibility.units(Problem.parse(PENDULUM + units.format("rad", "rad")))
     assert (row.verdict, "[agent.dynamics] theta" in row.figure) == ("note", True)
+    (row,) = plausibility.units(Problem.parse(PENDULUM + units.format("rad", "rad/s2")))
+    assert "a power is written with ^: `rad/s^2`" in row.figure
     (row,) = plausibility.units(Problem.parse(PENDULUM + units.format("deg", "deg/s")))
     assert (row.verdict, "theta*pi/180" in row.figure) == ("note", True)
 

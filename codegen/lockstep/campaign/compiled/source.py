@@ -31,9 +31,7 @@ from lockstep.check.system.loop import Gains
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.model.network import Network
-
-DIVERGED = 1e6
-"""A disagreement above this, in units of the states, counts as divergence even while it is finite."""
+from lockstep.model.simulation.divergence import BEYOND
 
 
 @dataclass(frozen=True)
@@ -156,7 +154,7 @@ def _source(
         places={name: place.start for name, place in layout.places.items()},
         functions=[*functions, *monitors(network)],
         domain=bool(np.isfinite(network.agent.box).any()),
-        diverged=repr(DIVERGED),
+        diverged=repr(BEYOND),
         cost=cost_expression(weights.Q) if layout.order else "0.0",
         **{name: getattr(layout.features, name) for name in layout.features.__dataclass_fields__},
     )

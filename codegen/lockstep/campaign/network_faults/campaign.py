@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float
 from lockstep.campaign.network_faults.faults import NetworkFaults
 from lockstep.campaign.network_faults.loop import COLUMNS, NetworkLoop
 from lockstep.campaign.peaks import Peak
+from lockstep.model.simulation.divergence import BEYOND
 
 CHUNK = 64
 NOISE = 1.0
@@ -26,8 +27,6 @@ AMPLITUDE = 0.05
 """Of the sines: small, so that the loop stays near the operating point where it is weakest."""
 ROUNDED = 1e-9
 """By so much two chances together may come out above what is proved."""
-DIVERGED = 1e8
-"""A disagreement beyond it."""
 
 
 class MessagesProved(Protocol):
@@ -112,7 +111,7 @@ class NetworkCampaign:
     @property
     def diverged(self) -> int:
         """Number of runs that left all bounds."""
-        return int((~(self["disagreement_largest"] < DIVERGED)).sum())
+        return int((~(self["disagreement_largest"] < BEYOND)).sum())
 
     @property
     def gain(self) -> float:

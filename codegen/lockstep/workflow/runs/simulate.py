@@ -134,7 +134,7 @@ class Simulation:
         """
         from lockstep.report.figures import run_figure
 
-        return run_figure(self.trajectory, what, self.design.title, dict(self.design.problem.agent().units))
+        return run_figure(self.trajectory, what, dict(self.design.problem.agent().units))
 
     def __repr__(self) -> str:
         """Say how far apart the agents were and are, and what the run is held against."""
@@ -253,7 +253,7 @@ def _drawn(trajectory: "Trajectory", stored: "Stored") -> dict[str, bytes]:
     units = dict(stored.problem.agent().units)
     figures = {
         "states": states_figure(trajectory, units=units),
-        "disagreement": disagreement_figure({stored.problem.title: trajectory}),
+        "disagreement": disagreement_figure(trajectory, units),
         "effort": effort_figure(trajectory, units=units),
     }
     ways = (("png", png), ("pdf", pdf))

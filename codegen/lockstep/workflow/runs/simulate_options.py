@@ -1,5 +1,6 @@
 """What `lockstep simulate` is asked for, and which of it does not go together: nothing is passed over in silence."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,60 +44,56 @@ def conflict(options: Options, many: Many) -> ProblemError | None:
     >>> print(conflict(Options(plot=True), Many(campaign=5, output=Path("there"))))
     lockstep simulate: `--plot` with `--campaign`; expected one or the other: `--plot` is for a single run
     """
-    if many.campaign is not None and many.replay is not None:
-        return _both("--replay", "--campaign", "a replay is one run of a campaign again")
-    return _about_faults(options, many) or _about_workers(many) or _about_runs(options, many)
+    rules = (*_of_faults(options, many), *_of_workers(many), *_of_runs(options, many))
+    return next((error for holds, error in rules if holds), None)
 
 
-def _about_faults(options: Options, many: Many) -> ProblemError | None:
+Rules = Iterator[tuple[bool, ProblemError]]
+"""Whether something is wrong, and what."""
+
+
+def _of_faults(options: Options, many: Many) -> Rules:
     """Faults are of a campaign of the C that ships, on this machine."""
-    if many.faults is None:
-        return None
-    if many.campaign is None:
-        return _without_campaign("--faults")
-    if many.scheduler is not None:
-        return _both("--scheduler", "--faults", "a campaign of faults runs on this machine")
-    if options.controllers == "continuous":
-        return _both("--controllers continuous", "--faults", "messages are between sampled controllers")
-    return None
+    both = many.replay is not None and many.campaign is not None
+    yield both, _both("--replay", "--campaign", "a replay is one run of a campaign again")
+    faults = many.faults is not None
+    yield faults and many.campaign is None, _without_campaign("--faults")
+    reason = "a campaign of faults runs on this machine"
+    yield faults and many.scheduler is not None, _both("--scheduler", "--faults", reason)
+    reason, continuous = "messages are between sampled controllers", options.controllers == "continuous"
+    yield faults and continuous, _both("--controllers continuous", "--faults", reason)
 
 
-def _about_workers(many: Many) -> ProblemError | None:
+def _of_workers(many: Many) -> Rules:
     """What says where a campaign is computed has no meaning without one, and may not say so twice."""
     for name, value in (("--jobs", many.jobs), ("--scheduler", many.scheduler)):
-        if value is None or many.campaign is not None:
-            continue
-        if many.replay is not None:
-            return _both(name, "--replay", "a replay is one run, in one process")
-        return _without_campaign(name, ": a single run is in one process")
-    if many.jobs is not None and many.scheduler is not None:
-        return _both("--jobs", "--scheduler", "the scheduler's workers have threads of their own")
-    return None
+        alone = value is not None and many.campaign is None
+        yield (
+            alone and many.replay is not None,
+            _both(name, "--replay", "a replay is one run, in one process"),
+        )
+        yield alone, _without_campaign(name, ": a single run is in one process")
+    twice = many.jobs is not None and many.scheduler is not None
+    yield twice, _both("--jobs", "--scheduler", "the scheduler's workers have threads of their own")
 
 
-def _about_runs(options: Options, many: Many) -> ProblemError | None:
+def _of_runs(options: Options, many: Many) -> Rules:
     """What is for a run of its own has no meaning in a campaign, nor in one of its runs again."""
-    if many.campaign is None and many.replay is None:
-        return None
     mode = "--replay" if many.campaign is None else "--campaign"
-    single = {
-        "--disturbance": options.disturbance is not None,
-        "--perturbation": options.perturbation is not None,
-        "--plot": options.plot,
-        "--figures": options.figures is not None,
-        "--integrator": options.integrator != "rk4",
-        "--send-on-change": options.send_on_change is not None,
-    }
-    for name, given in single.items():
-        if given:
-            return _both(name, mode, f"`{name}` is for a single run")
-    if options.controllers not in (None, "continuous", "sampled"):
-        found = f"`--controllers {options.controllers}` with `{mode}`"
-        return ProblemError(found, where=COMMAND, expected="continuous or sampled in a campaign")
-    if many.campaign is not None and many.output is None:
-        expected = "`-o FOLDER`, which keeps the results"
-        return ProblemError("`--campaign` without `-o`", where=COMMAND, expected=expected)
-    return None
+    some = many.campaign is not None or many.replay is not None
+    for name in ("disturbance", "perturbation", "plot", "figures", "integrator", "send_on_change"):
+        option = f"--{name.replace('_', '-')}"
+        given = getattr(options, name) != getattr(Options(), name)
+        yield some and given, _both(option, mode, f"`{option}` is for a single run")
+    found, expected = (
+        f"`--controllers {options.controllers}` with `{mode}`",
+        "continuous or sampled in a campaign",
+    )
+    other = options.controllers not in (None, "continuous", "sampled")
+    yield some and other, ProblemError(found, where=COMMAND, expected=expected)
+    found, expected = "`--campaign` without `-o`", "`-o FOLDER`, which keeps the results"
+    nowhere = many.campaign is not None and many.output is None
+    yield nowhere, ProblemError(found, where=COMMAND, expected=expected)
 
 
 def _without_campaign(name: str, reason: str = "") -> ProblemError:

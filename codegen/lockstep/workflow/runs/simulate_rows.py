@@ -3,31 +3,38 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
 from lockstep.lmi.initial_set import below
 
 if TYPE_CHECKING:
     from lockstep.workflow.runs.simulate import Simulation
 
+SETTLED = 0.02
+"""The settling time of a response is usually that to 2 %."""
+
 
 def rows(run: "Simulation") -> dict[str, str]:
     """Return what is to be told of the run, for people, by a word for each."""
     trajectory, found, problem = run.trajectory, run.measured, run.design.problem
-    d = trajectory.disagreement()
-    states = zip(problem.agent().states, trajectory.disagreement_by_state().T, strict=True)
-    each = [f"{name} {one[0]:.4g}, {one.max():.4g}, {one[-1]:.4g}" for name, one in states]
+    agent, start = problem.agent(), float(trajectory.disagreement()[0])
+    table, searched = problem.simulation.disturbance, run.disturbance == "worst"
+    size = "" if searched or table.intensity is not None else f" of amplitude {table.amplitude:g}"
+    disturbed = f"{size} on every state, in its unit per second: |xi_d| = {found.input:.4g} in L2"
     told = {
         "controllers": run.controllers,
-        "disturbance": f"{run.disturbance}, |xi_d| = {found.input:.4g} in L2",
-        "disagreement": f"{d[0]:.4g} at the start, {d.max():.4g} at most, {d[-1]:.4g} after {trajectory.horizon:g} s",
-        **({"by state": "; ".join(each)} if len(each) > 1 else {}),
+        "disturbance": f"{run.disturbance}{disturbed if found.input else ''}",
+        **{
+            f"disagreement, {name}": _course(trajectory.t, d, agent.units.get(name, ""), found.input == 0)
+            for name, d in zip(agent.states, trajectory.disagreement_by_state().T, strict=True)
+        },
         "measured gain" if found.gain else "against rho": found.text,
         **_ranges(run),
     }
     claimed = run.design.stored.claims.initial_set
-    if claimed is not None and d[0] > claimed.radius:
+    if claimed is not None and start > claimed.radius:
         told["initial states"] = (
-            f"{d[0]:.4g} from agreement; that all agents stay in their domain is proved from {below(claimed.radius)},"
+            f"{start:.4g} from agreement; that all agents stay in their domain is proved from {below(claimed.radius)},"
             " of the continuous controllers"
         )
     if problem.reference is not None:
@@ -37,7 +44,8 @@ def rows(run: "Simulation") -> dict[str, str]:
     if trajectory.faults:
         told["faults"] = f"{trajectory.faults} steps with a status other than OK or CLIPPED"
     if trajectory.clipped:
-        told["clipped"] = f"{trajectory.clipped} controller steps met a limit of an input"
+        steps = trajectory.N * round(trajectory.horizon / problem.controller.period)
+        told["clipped"] = f"{trajectory.clipped} of {steps} controller steps met a limit of an input"
     if of := run.messages:
         besides = {"disturbances": trajectory.xi.any(), "clipped inputs": trajectory.clipped}
         without = " and ".join(what for what, there in besides.items() if there)
@@ -47,17 +55,31 @@ def rows(run: "Simulation") -> dict[str, str]:
     return told
 
 
+def _course(t: Float[np.ndarray, " K"], d: Float[np.ndarray, " K"], unit: str, undisturbed: bool) -> str:
+    """Return where a distance began, where it ended, and from when on it kept within `SETTLED` of its largest.
+
+    >>> _course(np.arange(4.0), np.array([0.0, 5.0, 0.2, 0.05]), "m", True)
+    '0 m at the start, 5 m at most, 0.05 m after 3 s; within 2 % of its largest from 3 s on'
+    """
+    most, above = d.max(), np.flatnonzero(d > SETTLED * d.max())
+    known = undisturbed and most > 0 and above[-1] + 1 < len(d)
+    settled = f"; within 2 % of its largest from {t[above[-1] + 1]:.4g} s on" if known else ""
+    shown = [f"{value:.4g}{f' {unit}' if unit else ''}" for value in (d[0], most, d[-1])]
+    return f"{shown[0]} at the start, {shown[1]} at most, {shown[2]} after {t[-1] - t[0]:g} s{settled}"
+
+
 def _ranges(run: "Simulation") -> dict[str, str]:
-    """Return over what the states of the domain, and the limited inputs, went: all agents, all instants."""
+    """Return over what the inputs, and the states of the domain, went: all agents, all instants."""
     problem, x, u = run.design.problem, run.trajectory.x, run.trajectory.u
     agent = problem.agent()
-    ranges = (("domain", agent.states, x, agent.box), ("limits", agent.inputs, u, problem.sides))
+    ranges = (("domain", agent.states, x, agent.box), ("inputs", agent.inputs, u, problem.sides))
     return {
         row: ", ".join(
-            f"{name} from {values[..., j].min():.4g} to {values[..., j].max():.4g} within {low:g} to {high:g}"
+            f"{name} from {values[..., j].min():.4g} to {values[..., j].max():.4g}"
+            + f" within {low:g} to {high:g}" * bool(np.isfinite((low, high)).any())
             for j, (name, (low, high)) in enumerate(zip(names, sides, strict=True))
-            if np.isfinite((low, high)).any()
+            if row == "inputs" or np.isfinite((low, high)).any()
         )
         for row, names, values, sides in ranges
-        if np.isfinite(sides).any()
+        if row == "inputs" or np.isfinite(sides).any()
     }

@@ -1,10 +1,11 @@
-"""What the agents do without any controllers: a design that hardly betters it hardly does anything."""
+"""What agents do without controllers, and controllers without their states: a design that hardly betters it is idle."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from lockstep.check.continuous.inequality import Claim
+from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.search.unit_scaling import scaled
 from lockstep.model.network import Network
@@ -24,3 +25,19 @@ def rho_alone(network: Network, claim: Claim) -> float | None:
         return None
     found = least_rho(loop, K, scaled_claim)
     return None if found is None else units.rho * found.rho
+
+
+def part_of_states(gains: Gains) -> float | None:
+    """Return the largest M / (M + |D_C|), entry by entry, of all controllers, M = |C_C (j w - A_C)^-1 B_C|; None for order 0.
+
+    Over w = 0 and around each pole of a controller, in doubles. Where it is small, static gains do the same.
+    """
+    if gains.order == 0:
+        return None
+    worst, eye = 0.0, np.eye(gains.order)
+    for A, B, C, D in zip(gains.A, gains.B, gains.C, gains.D, strict=True):
+        poles = np.abs(np.linalg.eigvals(A))
+        for w in (0.0, *poles, *(poles / 10), *(poles * 10)):
+            moved = np.abs(C @ np.linalg.lstsq(1j * w * eye - A, B)[0])
+            worst = max(worst, float((moved / np.maximum(moved + np.abs(D), np.finfo(float).tiny)).max()))
+    return worst

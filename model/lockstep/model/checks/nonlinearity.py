@@ -113,15 +113,11 @@ def _staying(graph: Graph) -> str:
 def numbers(agent: Agent) -> CheckRow:
     """Whether A, B, C, G, H and phi hold the file's numbers exactly, as doubles, or some of them rounded once."""
     reason = "the search takes coefficients rounded to doubles; what is proved is proved of the exact ones"
-    rounded = agent.lure.rounded
-    if not rounded:
-        return CheckRow(
-            "numbers", "ok", "none is rounded: the matrices are the terms of the file, as doubles", reason
-        )
-    shown = ", ".join(rounded[:8]) + (", ..." if len(rounded) > 8 else "")
-    return CheckRow(
-        "numbers", "note", f"rounded once, as no double holds the sum of their terms: {shown}", reason
-    )
+    rounded, said = agent.lure.rounded, "none is rounded: the matrices are the terms of the file, as doubles"
+    if rounded:
+        shown = ", ".join(rounded[:8]) + (", ..." if len(rounded) > 8 else "")
+        said = f"rounded once, as no double holds the sum of their terms: {shown}"
+    return CheckRow("numbers", "note" if rounded else "ok", said, reason)
 
 
 def centring(agent: Agent) -> CheckRow:

@@ -22,6 +22,9 @@ from lockstep.model.problem import Problem
 LONG = 0.6
 """Rad of the fastest oscillation in a period: the long end of the rule."""
 
+FAR = 1e6
+"""Sizes of states further apart than this are seldom meant to weigh alike: by time alone, 1e5 rad/s are 1e5 apart."""
+
 TURN = 2 * math.pi
 
 RADIANS, DEGREES = ("rad", "radian", "radians"), ("deg", "degree", "degrees", "\N{DEGREE SIGN}")
@@ -94,7 +97,8 @@ def _middle(agent: Agent) -> Float[np.ndarray, " n"]:
 
 
 def units(problem: Problem) -> Iterator[CheckRow]:
-    """Yield a row where [agent.units] contradict the formulas, or name degrees of what sin, cos or tan is taken of."""
+    """Yield a row where [agent.units] contradict the formulas, or name degrees of what sin, cos or tan is taken of, or where
+    states count in units far apart."""
     agent, reason = problem.agent(), "a formula whose units do not fit is seldom the plant"
     in_degrees = [
         one for j, one in enumerate(agent.states) if j in angles(agent) and agent.units.get(one) in DEGREES
@@ -109,6 +113,24 @@ def units(problem: Problem) -> Iterator[CheckRow]:
             check_units(problem.file.agent)
         except ProblemError as error:
             yield CheckRow("units", "note", f"{error}; `build` and `check --all` refuse it", reason)
+    sizes = _sizes(agent)
+    if sizes.max() > FAR * sizes.min() and problem.design.weights.state == 1.0:
+        pairs = zip(agent.states, sizes / sizes.min(), strict=True)
+        shown = ", ".join(f"{name} {size:.1g}" for name, size in pairs)
+        moved = f"states move by sizes far apart ({shown}): rho, |x_d| and a radius add their squares"
+        yield CheckRow(
+            "units", "note", f"{moved}; count them in units in which they are alike (mm, bar)", reason
+        )
+
+
+def _sizes(agent: Agent) -> Float[np.ndarray, " n"]:
+    """Return sizes of the states at which the slopes of an agent are alike, in powers of two: those that balance df/dx."""
+    from scipy.linalg import matrix_balance
+
+    J = ca.Function("J", [agent.x, agent.u, agent.t], [ca.jacobian(agent.rhs, agent.x)])
+    slopes = np.asarray(J(_middle(agent), np.zeros(agent.m), 0.0))
+    sizes = matrix_balance(slopes, separate=True)[1][0] if np.isfinite(slopes).all() else np.ones(agent.n)
+    return np.asarray(sizes)
 
 
 def start_of(problem: Problem) -> float | None:

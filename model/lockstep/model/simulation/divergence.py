@@ -6,8 +6,8 @@ from jaxtyping import Float
 from lockstep.check.errors import ClaimError
 from lockstep.model.agents.agent import Agent
 
-BEYOND = 1e9
-"""A state past this, in its own unit, counts as gone; infinite and NaN do so too."""
+BEYOND = 1e20
+"""A state past this counts as gone, and so do infinite ones and NaN: a pressure in Pa is past 1e9 with nothing wrong."""
 
 
 class Diverged(ClaimError):

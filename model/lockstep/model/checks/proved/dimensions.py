@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import ast
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -260,10 +261,12 @@ def dimension(text: str, name: str) -> Powers:
         ValueError,
         KeyError,
     ) as error:
+        power = re.sub(r"(?<=[A-Za-z])(?=\d)", "^", text)
         raise ProblemError(
             f"`{text}` is no unit: {error}",
             where=f"[agent.units] {name}",
             expected='a unit as pint reads it, such as "rad/s^2" or "N m", or "1" for a pure number',
+            remedy=f"a power is written with ^: `{power}`" if power != text else "",
         ) from None
     return {k: float(p) for k, p in powers.items() if abs(p) > NONE}
 
