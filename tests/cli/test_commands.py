@@ -12,7 +12,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import lockstep
-from lockstep.cli.design import HARDLY, proved_besides, summary
+from lockstep.cli.design import HARDLY, STATIC_SAID, proved_besides, summary
 from lockstep.cli.main import app
 from lockstep.lmi.document import answer as said
 from lockstep.lmi.document import read
@@ -213,3 +213,34 @@ def test_controllers_that_do_hardly_anything_are_said_to(alone, idle, root) -> N
     printed = console.export_text()
     assert ("open loop" in printed) == (alone is not None)
     assert (HARDLY in printed) == idle
+
+
+def printed_summary(root, **changed: object) -> str:
+    content = lockstep.load(root / "generated" / "flexible_joint_arms").document()
+    console = Console(width=200, record=True, file=io.StringIO())
+    console.print(summary(content | changed))
+    return console.export_text()
+
+
+def test_the_first_line_of_a_design_says_what_its_certificate_leaves_out(root) -> None:
+    """People read the first line: of controllers that ship without a certificate it does not say yes."""
+    sampled = {"certified": False, "period": 0.5, "reason": "0.5 s is too long"}
+    first = next(line for line in printed_summary(root, sampled=sampled).splitlines() if "certified" in line)
+    assert "NOT those that ship" in first
+    assert "yes, proof: exact" in printed_summary(root)
+
+
+def test_controllers_whose_states_do_nothing_are_said_to_be_static(root) -> None:
+    figures = lockstep.load(root / "generated" / "flexible_joint_arms").document()["figures"]
+    assert STATIC_SAID.format(0.001) in printed_summary(root, figures=figures | {"part_of_states": 0.001})
+    assert "order = 0" not in printed_summary(root)
+
+
+def test_a_period_that_is_seldom_meant_is_said_before_the_search(tmp_path, examples, run) -> None:
+    """A wrong period took the whole build to be told. The search is cut short: the remark is before it."""
+    slow = tmp_path / "slow.toml"
+    text = (examples / "flexible_joint_arms.toml").read_text(encoding="utf-8")
+    slow.write_text(text.replace("period = 0.005", "period = 30.0"), encoding="utf-8")
+    for command in ("design", "build"):
+        result = run(command, slow, "-o", tmp_path / command, "--time-limit", 0.01)
+        assert "to be noted: period: 30 s is" in result.stderr.splitlines()[0]

@@ -14,7 +14,7 @@ REUSED = "the design was made before, of the same problem, and is proved again; 
 HARDLY = ": these controllers do hardly anything; ask for a `decay`"
 STATIC, STATIC_SAID = (
     0.01,
-    "the states of the controllers make up at most {:.2g} of u: order = 0 does the same",
+    "the states of the controllers make up at most {:.2g} of u: their D alone (order = 0) do the same",
 )
 
 

@@ -1,10 +1,12 @@
 """Agents without controllers, beside the design for them."""
 
+import numpy as np
 import pytest
 from lmi_cases import problem
 
+from lockstep.check.system.loop import Gains
 from lockstep.lmi.design import claim_of, proved_bound
-from lockstep.lmi.diagnosis.open_loop import rho_alone
+from lockstep.lmi.diagnosis.open_loop import part_of_states, rho_alone
 from lockstep.model.assembly import network_of
 
 
@@ -32,3 +34,15 @@ def test_a_gain_of_agents_near_the_edge_does_not_depend_on_units() -> None:
     """x_d' = -1000.5 x_d + phi_d + xi_d with |phi_d| <= 1000 |x_d|: rho = 2, and 2e6 where the same is told in 1e6 s."""
     assert alone("-1000.5*x + 1000*sin(x) + u", 0) == pytest.approx(2.0, rel=1e-3)
     assert alone("-1000.5e-6*x + 1000e-6*sin(x) + 1e-6*u", 0) == pytest.approx(2e6, rel=1e-3)
+
+
+@pytest.mark.parametrize(("C", "part"), [(0.0, 0.0), (0.01, 0.01 / 2.01), (2.0, 0.5)])
+def test_the_part_of_u_that_is_made_of_the_states_of_the_controllers(C: float, part: float) -> None:
+    """C (j w + 1)^-1 beside D = -2: |C| at most, at w = 0."""
+    one = [np.array([[value]]) for value in (-1.0, 1.0, C, -2.0)]
+    gains = Gains(*((block,) * 2 for block in one))
+    assert part_of_states(gains) == pytest.approx(part, abs=1e-12)
+
+
+def test_static_gains_have_no_such_part() -> None:
+    assert part_of_states(Gains(*((np.zeros(s),) * 2 for s in ((0, 0), (0, 1), (1, 0), (1, 1))))) is None

@@ -135,6 +135,24 @@ def test_an_agent_that_moves_away_by_itself_is_noted():
     assert (row.verdict, "0.05 1/s" in row.figure) == ("note", True)  # s^2 - 0.1 s + 16 = 0: Re s = 0.05
 
 
+@pytest.mark.parametrize(("stiffness", "noted"), [(1.0, False), (1e14, True)])
+def test_states_that_move_by_sizes_far_apart_are_noted(stiffness, noted):
+    """v' = -p, p' = s v: p moves by s^1/2 of what v does, here to a power of two."""
+    oscillator = f"""
+    [agent]
+    states = ["v", "p"]
+    inputs = ["u"]
+    dynamics = {{ v = "-p + u", p = "{stiffness!r}*v" }}
+    outputs = {{ y = "v" }}
+    [network]
+    agents = 2
+    topology = "path"
+    """
+    rows = list(plausibility.units(Problem.parse(oscillator)))
+    assert bool(rows) == noted
+    assert not rows or "v 1, p 8e+06" in rows[0].figure
+
+
 def test_units_that_contradict_the_formulas_are_noted_without_all_checks():
     units = '[agent.units]\ntheta = "{}"\nomega = "{}"\n'
     assert list(plausibility.units(Problem.parse(PENDULUM))) == []

@@ -167,6 +167,17 @@ def test_a_pinned_mean_stays_where_it_is():
     assert np.abs(free.x.mean(axis=1) - mean).max() > 1.0, "motors at 0 and links upright do not rest"
 
 
+def test_a_state_beyond_1e9_in_its_unit_has_not_diverged():
+    """x' = -x + u from 3e10, a pressure in Pa: exp(-t) of it."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    agent = Agent(name="a", x=x, u=u, rhs=-x + u, y=x, states=("p",))
+    none = Gains(*((np.zeros(shape),) * 2 for shape in ((0, 0), (0, 1), (1, 0), (1, 1))))
+    found = simulate(
+        Network(agent, Graph.topology("path", 2)), none, Scenario(np.array([[0.0], [3e10]]), 1.0, 1e-3)
+    )
+    assert found.x[-1, 1, 0] == pytest.approx(3e10 * np.exp(-1.0), rel=1e-9)
+
+
 def test_what_diverges_is_said_with_time_and_agent():
     wrong = Gains(COROLLARY_1.A, COROLLARY_1.B, COROLLARY_1.C, tuple(-D for D in COROLLARY_1.D))
     with pytest.raises(Diverged) as caught:

@@ -10,9 +10,6 @@ from lockstep.lmi.initial_set import below
 if TYPE_CHECKING:
     from lockstep.workflow.runs.simulate import Simulation
 
-SETTLED = 0.02
-"""The settling time of a response is usually that to 2 %."""
-
 
 def rows(run: "Simulation") -> dict[str, str]:
     """Return what is to be told of the run, for people, by a word for each."""
@@ -56,12 +53,12 @@ def rows(run: "Simulation") -> dict[str, str]:
 
 
 def _course(t: Float[np.ndarray, " K"], d: Float[np.ndarray, " K"], unit: str, undisturbed: bool) -> str:
-    """Return where a distance began, where it ended, and from when on it kept within `SETTLED` of its largest.
+    """Return where a distance began, where it ended, and its settling time, to 2 % of its largest.
 
     >>> _course(np.arange(4.0), np.array([0.0, 5.0, 0.2, 0.05]), "m", True)
     '0 m at the start, 5 m at most, 0.05 m after 3 s; within 2 % of its largest from 3 s on'
     """
-    most, above = d.max(), np.flatnonzero(d > SETTLED * d.max())
+    most, above = d.max(), np.flatnonzero(d > 0.02 * d.max())
     known = undisturbed and most > 0 and above[-1] + 1 < len(d)
     settled = f"; within 2 % of its largest from {t[above[-1] + 1]:.4g} s on" if known else ""
     shown = [f"{value:.4g}{f' {unit}' if unit else ''}" for value in (d[0], most, d[-1])]

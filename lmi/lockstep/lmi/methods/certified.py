@@ -107,7 +107,8 @@ def searched(
         decaying = network.decaying(held)
         modes = equal_gains(problem, decaying, claim, rate)
         search = GainSearch.of(decaying.loop(problem.order), claim, problem.gain_limit, lag, rate, modes)
-        doing = f"searching for gains up to {table.gain_limit:g}, this search likely {likely(search, table.starts, jobs)}"
+        of = f"{table.gain_limit:g}{' in [design.gain_units]' if table.gain_units else ''}"
+        doing = f"searching for gains up to {of}, this search likely {likely(search, table.starts, jobs)}"
         told = {"tell": partial(tell, doing), "deadline": deadline}
         effort: dict[str, Any] = {"score": score, "rho": rho, "jobs": jobs, **told}
         with stop.searching():
