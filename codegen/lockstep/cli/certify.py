@@ -32,7 +32,7 @@ def run(path: Path | None, lmi: Path | None) -> Answer:
 
 def _table(found: "DesignVerdict") -> RenderableType:
     verdict = found.verdict
-    rows = {"certified": "yes" if verdict.certified else "NO", "because": verdict.reason}
+    rows = {"certified": "yes" if found.ok else "NO", "because": found.reason}
     if found.design.rho is not None:
         rows["rho"] = f"{found.design.rho:.6g}"
     rows["alpha"] = f"{found.design.alpha:.9g}"
@@ -46,8 +46,6 @@ def _table(found: "DesignVerdict") -> RenderableType:
     if (fixed := found.answer.get("fixed")) is not None and verdict.proves("fixed"):
         rho, radius = (fixed[key] or "not proved" for key in ("rho", "radius"))
         rows["in integers"] = f"yes, while none saturates: rho {rho}, radius {radius}"
-    if verdict.certified and not verdict.ok:
-        rows["refused"] = verdict.reason
     if of_c:
         rows["as generated"] = "; ".join(found.differences) or "yes"
     if found.not_proved:

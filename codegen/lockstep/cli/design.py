@@ -120,7 +120,10 @@ def proved_besides(
     rows = {
         "certificate": ("slope bounds", ", ".join(slopes)),
         "floor": ("lower bound", floor and f"rho >= {floor:.10g}: no controllers can certify less (proved)"),
-        "decay": ("convergence", decay and f"every disagreement at {decay:.6g} 1/s or faster"),
+        "decay": (
+            "convergence",
+            decay and f"every disagreement at {decay:.6g} 1/s or faster, of the continuous controllers",
+        ),
         "controllers_stable": (
             "controllers stable",
             content.get("controllers_stable") and "yes, each by itself",

@@ -193,7 +193,9 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         **({"rho_sampled": sampled.rho or "not proved"} if covered else {}),
         "alpha": claims.alpha,
         **delta,
-        "decay": None if claims.decay is None else f"{claims.decay:g} 1/s, of every disagreement",
+        "decay": None
+        if claims.decay is None
+        else f"{claims.decay:g} 1/s, of every disagreement, with the gains as they were designed, continuous",
         **({continuous: "of the continuous controllers (proof: exact)"} if covered else {}),
         **_limits(stored),
         **said_of_messages(stored),

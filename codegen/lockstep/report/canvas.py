@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LEFT, RIGHT, TITLE, AXIS, ROW = 0.6, 0.16, 0.29, 0.48, 0.21
+LEFT, RIGHT, TITLE, AXIS, ROW = 0.6, 0.2, 0.29, 0.48, 0.21
 """Inches: for tick labels, for half a tick label, above a panel, below the last one, and for a row of the legend."""
 
 _BELOW: dict[str, Any] = {

@@ -5,7 +5,7 @@ imported when something is drawn.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -93,25 +93,16 @@ def states_figure(
         units: unit by state.
     """
     chosen = tuple(states) or trajectory.state_names
-    figure, stack = panels(len(chosen), 1.15, rows=_rows(trajectory))
-    for axes, name in zip(stack, chosen, strict=True):
-        signals = trajectory.x[:, :, trajectory.state_names.index(name)]
-        _draw_agents(axes, trajectory, signals)
-        _entitle(axes, signals, name, units)
-    _finish(figure, stack, trajectory)
-    return figure
+    signals = {name: trajectory.x[:, :, trajectory.state_names.index(name)] for name in chosen}
+    return _stack(trajectory, signals, 1.15, units)
 
 
 @styled
 def effort_figure(trajectory: "Trajectory", units: Mapping[str, str] | None = None) -> "Figure":
     """Draw what each controller asks for, u_i, against time, one panel per input; held values as steps."""
-    inputs = trajectory.input_names
-    figure, stack = panels(len(inputs), 1.8 if len(inputs) == 1 else 1.15, rows=_rows(trajectory))
-    for k, (axes, name) in enumerate(zip(stack, inputs, strict=True)):
-        _draw_agents(axes, trajectory, trajectory.u[:, :, k], held=trajectory.u_hold == "held")
-        _entitle(axes, trajectory.u[:, :, k], name, units)
-    _finish(figure, stack, trajectory)
-    return figure
+    signals = {name: trajectory.u[:, :, k] for k, name in enumerate(trajectory.input_names)}
+    drawstyle = "steps-post" if trajectory.u_hold == "held" else "default"
+    return _stack(trajectory, signals, 1.8 if len(signals) == 1 else 1.15, units, drawstyle)
 
 
 @styled
@@ -125,6 +116,8 @@ def disagreement_figure(run: "Trajectory", units: Mapping[str, str] | None = Non
     if (distances > 0).any():
         axes.set_yscale("log")
         logarithmic(axes.yaxis)
+        largest = distances.max(axis=0)
+        axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-9 * largest[largest > 0].min()))
     axes.set_title("distance from agreement")
     axes.set_xlabel("t in s")
     axes.margins(x=0)
@@ -138,14 +131,10 @@ def run_figure(trajectory: "Trajectory", what: str, units: Mapping[str, str] | N
     Raises:
         ProblemError: another word.
     """
-    if what == "phase":
-        return phase_figure(trajectory, units=units)
-    if what == "disagreement":
-        return disagreement_figure(trajectory, units)
-    if what == "effort":
-        return effort_figure(trajectory, units=units)
-    demand(what == "states", f"`{what}`", "plot", '"states", "disagreement", "effort" or "phase"')
-    return states_figure(trajectory, units=units)
+    draws: dict[str, Callable[..., Figure]] = {"phase": phase_figure, "disagreement": disagreement_figure}
+    draws |= {"states": states_figure, "effort": effort_figure}
+    demand(what in draws, f"`{what}`", "plot", '"states", "disagreement", "effort" or "phase"')
+    return draws[what](trajectory, units=units)
 
 
 @styled
@@ -183,22 +172,27 @@ def thinned(t: Float[np.ndarray, " K"], values: Float[np.ndarray, " K"]) -> tupl
     return t[chosen], values[chosen]
 
 
-def _draw_agents(
-    axes: "Axes", trajectory: "Trajectory", signals: Float[np.ndarray, "K N"], *, held: bool = False
-) -> None:
-    named = trajectory.N <= MOST_NAMED
-    for i in range(trajectory.N):
-        look = line(i) if named else {"color": LIGHT["series-1"], "linewidth": 0.6, "alpha": 0.6}
-        label = f"{trajectory.agent}{i + 1}" if named else ""
-        t, values = thinned(trajectory.t, signals[:, i])
-        axes.plot(t, values, label=label, drawstyle="steps-post" if held else "default", **look)
-    axes.margins(x=0)
-
-
-def _finish(figure: "Figure", stack: "list[Axes]", trajectory: "Trajectory") -> None:
+def _stack(
+    run: "Trajectory",
+    signals: Mapping[str, Float[np.ndarray, "K N"]],
+    height: float,
+    units: Mapping[str, str] | None,
+    drawstyle: str = "default",
+) -> "Figure":
+    """Draw signals of all agents against time, one panel for each by its name."""
+    figure, stack = panels(len(signals), height, rows=_rows(run))
+    named = run.N <= MOST_NAMED
+    for axes, (name, signal) in zip(stack, signals.items(), strict=True):
+        for i in range(run.N):
+            look = line(i) if named else {"color": LIGHT["series-1"], "linewidth": 0.6, "alpha": 0.6}
+            t, values = thinned(run.t, signal[:, i])
+            axes.plot(t, values, label=f"{run.agent}{i + 1}" * named, drawstyle=drawstyle, **look)
+        axes.margins(x=0)
+        _entitle(axes, signal, name, units)
     stack[-1].set_xlabel("t in s")
-    if trajectory.N <= MOST_NAMED:
+    if named:
         legend(figure, stack[0], LEGEND_COLUMNS)
+    return figure
 
 
 def _rows(trajectory: "Trajectory") -> int:

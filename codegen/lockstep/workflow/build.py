@@ -119,8 +119,8 @@ def build(
     source = "" if isinstance(problem, Problem) else read_problem(Path(problem))
     posed, checks = check(problem, every=True, progress=progress)
     with of_file(None if isinstance(problem, Problem) else Path(problem)), _with_notes_of(posed):
-        options: dict[str, Any] = {"jobs": jobs, "time_limit": time_limit, "reuse": reuse, "stop": stop}
-        designed = design(posed, progress=progress, remark=remark, **options)
+        options: dict[str, Any] = {"progress": progress, "remark": remark, "reuse": reuse, "stop": stop}
+        designed = design(posed, jobs=jobs, time_limit=time_limit, **options)
     files = generated_files(designed)
     # What is reported is what a reader of the file sees.
     made = replace(Design.of(json.loads(files[DESIGN_NAME]), DESIGN_NAME, folder), reused=designed.reused)

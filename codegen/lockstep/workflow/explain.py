@@ -140,7 +140,7 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
             f"{claims.decay:.4g} 1/s",
             f"Without disturbances every disagreement shrinks at least as exp(-{claims.decay:.4g} t) in the long run: by half"
             f" every {half:.3g} s, to a hundredth in {math.log(100) / claims.decay:.3g} s, after an initial transient that"
-            " may oscillate.",
+            " may oscillate; with the continuous controllers.",
         )
     if claims.controllers_stable and found.verdict.proves("controllers_stable"):
         yield Statement(
@@ -204,6 +204,13 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
         f"The controllers that ship agree too: {table.real}, stepped {1 / table.period:.6g} times a second, their output held"
         f" and applied {delay}; between the samples as well.{degree} Decided in ball arithmetic.",
     )
+    if decay := sampled.get("decay"):
+        rate = -math.log(decay) / (2 * table.period)
+        yield Statement(
+            "convergence rate, sampled",
+            f"{below(rate)} 1/s",
+            "The same at the sampling instants, of the loop that ships, but for the rounding of messages.",
+        )
     longest = sampled.get("max_period")
     if longest and longest > table.period:
         yield Statement(

@@ -29,7 +29,7 @@
  *   rho = 4.648
  *   rho_sampled = 4.713
  *   alpha = 3.33
- *   decay = 0.324 1/s, of every disagreement
+ *   decay = 0.324 1/s, of every disagreement, with the gains as they were designed, continuous
  *   rho and decay are = of the continuous controllers (proof: exact)
  *   limits = |u| < 10 for ever from a disagreement of at most 1.648, controllers at rest, no disturbance
  *   limits_gain = |u| < 10 for ever from agreement, under a disturbance of at most 4.958 in L2

@@ -22,8 +22,8 @@ def rows(run: "Simulation") -> dict[str, str]:
         "controllers": run.controllers,
         "disturbance": f"{run.disturbance}{disturbed if found.input else ''}",
         **{
-            f"disagreement, {name}": _course(trajectory.t, d, agent.units.get(name, ""), found.input == 0)
-            for name, d in zip(agent.states, trajectory.disagreement_by_state().T, strict=True)
+            f"{name} apart by": _course(trajectory.t, d, agent.units.get(name, ""), found.input == 0)
+            for name, d in zip(agent.states, np.ptp(trajectory.less_offsets, axis=1).T, strict=True)
         },
         "measured gain" if found.gain else "against rho": found.text,
         **_ranges(run),
