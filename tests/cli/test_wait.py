@@ -168,6 +168,39 @@ def test_only_what_a_design_depends_on_is_in_the_key():
     assert len({key(), key(complete="ring"), key(sin="tanh"), key(starts="seed")}) == 4
 
 
+def test_initial_states_are_in_the_key_where_they_size_the_gains():
+    """A file whose start alone had changed was given the gains of the start before."""
+
+    def key(start: str, limits: str = "", wishes: str = "") -> str:
+        return design_cache.key(
+            lockstep.Problem.parse(
+                f"""
+                [agent]
+                states = ["x"]
+                inputs = ["u"]
+                dynamics = {{ x = "u" }}
+                outputs = {{ y = "x" }}
+                {limits}
+                [network]
+                agents = 2
+                topology = "complete"
+                [design]
+                order = 0
+                {wishes}
+                [simulation]
+                initial = [[{start}], [0.0]]
+                """
+            )
+        )
+
+    limits = "limits = { u = [-1.0, 1.0] }"
+    assert key("1.0", limits) != key("2.0", limits)
+    assert key("1.0") == key("2.0"), "no actuator is limited"
+    assert key("1.0", limits, "gain_limit = 2.0") == key("2.0", limits, "gain_limit = 2.0"), (
+        "nothing is by default"
+    )
+
+
 def test_the_key_holds_the_sources_of_all_that_searches(root):
     held = {path.resolve() for path in design_cache._modules()}
     for part in ("check", "model", "lmi", "codegen"):

@@ -80,8 +80,9 @@ def _parameters(
         omega = peak.omega * np.exp(JITTER * random.normal())
         direction = peak.direction
     else:
-        fastest = 10 * max(one.omega for one in plan.peaks)
-        omega = _log_uniform(random, 2 * np.pi / plan.horizon, fastest)
+        slowest = 2 * np.pi / plan.horizon
+        fastest = 10 * max(slowest, *(one.omega for one in plan.peaks))
+        omega = _log_uniform(random, slowest, fastest)
         direction = _direction(plan, random) + 1j * _direction(plan, random)
     # Re((a - j b) e^(j omega t)) = a cos omega t + b sin omega t
     wave = {"cosine": size * direction.real, "sine": -size * direction.imag, "omega": omega}

@@ -1,12 +1,14 @@
 """Designs that were made before: kept in the user's cache folder, and proved again before they are used.
 
-The key is the problem, without its title and its [simulation], which no design depends on, with the versions of what
-searches: Lockstep's own sources and the packages that compute. A file that is damaged, or that the checker refuses for the
+The key is the problem, without its title and its [simulation], which no design depends on, but for the initial states, which
+by default size the gains of limited actuators; with the versions of what searches: Lockstep's own sources and the packages
+that compute. A file that is damaged, or that the checker refuses for the
 problem at hand, is ignored: nothing of what is kept is believed.
 """
 
 import hashlib
 import json
+import math
 import sys
 from collections.abc import Iterator
 from functools import cache
@@ -78,8 +80,11 @@ def _place(problem: Problem) -> Path:
 
 
 def key(problem: Problem) -> str:
-    """Return what a design is kept under: the same for files that differ in comments, order, title or simulation only."""
+    """Return what a design is kept under: the same for files that differ in comments, order, title or simulation only, but
+    for the initial states where they size the gains."""
     posed = {name: part for name, part in problem.document().items() if name not in ("title", "simulation")}
+    if problem.has_defaults and any(map(math.isfinite, problem.limits)):
+        posed["initial"] = problem.document().get("simulation", {}).get("initial")
     content = {"problem": posed, "sources": sources(), "packages": {one: version(one) for one in PACKAGES}}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 

@@ -171,6 +171,17 @@ def test_a_run_is_fixed_by_its_index(plan, whole):
     assert compute(replace(plan, seed=6), 0, 1).tobytes() != whole.table.values[:1].tobytes()
 
 
+def test_a_loop_that_is_slower_than_its_runs_is_drawn_too(plan):
+    """The sines are of at least one turn in a run: four pumps whose largest gain is at standstill ended with a ValueError."""
+    slow = replace(plan, peaks=tuple(replace(one, omega=1e-9) for one in plan.peaks))
+    drawn = draw(slow, 0, 64)
+    omega = drawn.batch.rows[:64, slow.source.layout.places["omega"]].ravel()
+    turn = 2 * np.pi / plan.horizon
+    sines = omega[drawn.family == FAMILIES.index("sine")]
+    assert len(sines)
+    assert ((sines >= turn * (1 - 1e-12)) & (sines <= 10 * turn * (1 + 1e-12))).all()
+
+
 def test_the_worst_can_be_replayed(plan, made, whole):
     worst = json.loads((whole.folder / "worst.json").read_text())["runs"]
     assert [one["run"] for one in worst] == whole.table.worst(10)
