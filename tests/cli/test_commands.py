@@ -12,7 +12,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import lockstep
-from lockstep.cli.design import HARDLY, STATIC_SAID, proved_besides, summary
+from lockstep.cli.design import HARDLY, STATIC_SAID, WORSE, proved_besides, summary
 from lockstep.cli.main import app
 from lockstep.lmi.document import answer as said
 from lockstep.lmi.document import read
@@ -228,6 +228,13 @@ def test_the_first_line_of_a_design_says_what_its_certificate_leaves_out(root) -
     first = next(line for line in printed_summary(root, sampled=sampled).splitlines() if "certified" in line)
     assert "NOT those that ship" in first
     assert "yes, proof: exact" in printed_summary(root)
+
+
+def test_a_sampled_rho_above_that_without_control_is_said_to_be_worse(root) -> None:
+    content = lockstep.load(root / "generated" / "flexible_joint_arms").document()
+    figures, sampled = content["figures"] | {"rho_alone": 5.0}, content["sampled"] | {"rho": 5.1}
+    assert WORSE in printed_summary(root, figures=figures, sampled=sampled)
+    assert WORSE not in printed_summary(root, figures=figures)
 
 
 def test_controllers_whose_states_do_nothing_are_said_to_be_static(root) -> None:

@@ -12,6 +12,8 @@ from lockstep.cli.messages import messages_row
 
 REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
 HARDLY = ": these controllers do hardly anything; ask for a `decay`"
+WORSE = ": these controllers make it worse; is the period too long?"
+ONLY = "the continuous controllers only, NOT those that ship (below)"
 STATIC, STATIC_SAID = (
     0.01,
     "the states of the controllers make up at most {:.2g} of u: their D alone (order = 0) do the same",
@@ -33,16 +35,6 @@ def run(path: Path, output: Path | None, **options: Any) -> Answer:
     said = found.document()
     survived = said.get("messages", {"certified": True})["certified"]
     return Answer(said, summary(said), found.sampled["certified"] is True and survived)
-
-
-def _certified(content: Mapping[str, Any]) -> str:
-    """Tell the certificate, and not without what it leaves out: people read the first line."""
-    ships = (
-        "yes"
-        if content["sampled"]["certified"]
-        else "the continuous controllers only, NOT those that ship (below)"
-    )
-    return f"{ships}, proof: {content['proof']}" if content["certified"] else "no"
 
 
 def sampled_text(sampled: Mapping[str, Any]) -> str:
@@ -149,14 +141,18 @@ def _times(radius: float, start: float | None) -> str:
 def summary(content: Mapping[str, Any]) -> RenderableType:
     """Return what was designed and proved, for people."""
     figures, alone = content["figures"], content["figures"].get("rho_alone")
-    idle = HARDLY if alone and content["rho"] > 0.9 * alone else ""  # nine tenths of what is there without
+    ships, rho = content["sampled"]["certified"], max(content["rho"], content["sampled"].get("rho") or 0.0)
+    idle = (WORSE if rho > alone else HARDLY) if alone and rho > 0.9 * alone else ""
     part = figures["part_of_states"]
     static = {} if part is None or part > STATIC else {"order": STATIC_SAID.format(part)}
     fragility = ", ".join(f"{letter} {delta:g}" for letter, delta in content["fragility"].items() if delta)
     return two_columns(
         content["title"],
         {
-            "certified": _certified(content),
+            # People read the first line: it does not leave out what is not certified.
+            "certified": f"{'yes' if ships else ONLY}, proof: {content['proof']}"
+            if content["certified"]
+            else "no",
             "rho": f"{content['rho']:.6g}",
             "alpha": f"{content['alpha']:.9g}",
             **proved_besides(content),
