@@ -167,6 +167,16 @@ def test_the_plot_is_text(folder, run):
     assert "log10 of the disagreement of each state" in beside.stderr
 
 
+def test_without_control_agents_do_what_they_do_alone_and_nothing_is_claimed(folder, run):
+    found = answer(run(folder, "--horizon", 2, "--controllers", "none", "--json"))
+    assert found["ok"]
+    assert found["largest_input"] == [0.0, 0.0, 0.0]
+    assert (found["l2"]["covered"], found["l2"]["rho"]) == (False, None)
+    assert "u = 0" in found["l2"]["reason"]
+    with_control = answer(run(folder, "--horizon", 2, "--json"))
+    assert found["disagreement_final"] > with_control["disagreement_final"]
+
+
 TOGETHER = [
     (["--jobs", "2"], ["`--jobs`", "`--campaign`"]),
     (["--scheduler", "tcp://host:1"], ["`--scheduler`", "`--campaign`"]),

@@ -85,7 +85,8 @@ class RunTable:
 
 
 def excused(plan: Plan, figures: "RunTable | Replay") -> np.ndarray:
-    """Which runs clipped where nothing is proved of it: disturbed, with lost messages, or from beyond `clipped_radius`."""
-    inside = figures["disagreement_initial"] <= (plan.clipped_radius or 0.0)
+    """Which runs clipped where nothing is proved of it: disturbed, with lost messages, out of the domain, or from beyond
+    `clipped_radius`."""
+    inside = (figures["disagreement_initial"] <= (plan.clipped_radius or 0.0)) & (figures["outside"] == 0)
     inside &= (figures["w_squared"] == 0) & (figures["family"] != FAMILIES.index("drops"))
     return np.asarray((figures["clipped"] > 0) & ~np.asarray(inside))

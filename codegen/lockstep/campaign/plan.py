@@ -114,8 +114,14 @@ def plan_of(
         held_to,
         problem.title,
         kind,
-        stored.claims.sampled.clipped_radius if kind == "sampled" else None,
+        _clipped_radius(stored) if kind == "sampled" else None,
     )
+
+
+def _clipped_radius(stored: Stored) -> float | None:
+    """Return how far apart runs that clip may begin: as far as is claimed, within the domain that the claim is of."""
+    radius, box = stored.claims.sampled.clipped_radius, stored.problem.agent().box
+    return None if radius is None else min(radius, float(np.ptp(box, axis=1).min()) / 2)
 
 
 def _sampled(

@@ -61,7 +61,7 @@ def table_of(found: "Campaign") -> RenderableType:
         "linear loop": f"{document['linear_gain']:.4f} is the largest gain of the linearised loop found",
         "diverged": f"{document['diverged']} runs, {document['faults']} faulty controller steps",
         "clipped": f"{document['clipped_runs']} runs met a limit of an input, in {document['clipped']} controller steps;"
-        f" {document['clipped_inside']} of them began where they are proved to converge",
+        f" {document['clipped_inside']} of them where they are proved to converge",
         "speed": f"{document['computed']} runs in {document['seconds']:.1f} s, {speed}",
         "results": document["results"],
     }

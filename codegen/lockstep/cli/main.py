@@ -268,7 +268,7 @@ def simulate(
     controllers: Annotated[
         str | None,
         typer.Option(
-            help='"continuous", "sampled" (the arithmetic that ships), or "compiled" (a generated folder).',
+            help='"continuous", "sampled" (the arithmetic that ships), "compiled" (a generated folder), or "none" (u = 0).',
             show_default="sampled",
         ),
     ] = None,

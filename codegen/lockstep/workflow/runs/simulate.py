@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from lockstep.swarm.neighbours import EdgeList, NeighbourLists
     from lockstep.verification.closed_loop.measured_gain import Kind, Measured
 
-KINDS = ("continuous", "sampled", "compiled")
+SAMPLED = "sampled", "compiled"
+KINDS = ("continuous", *SAMPLED, "none")
 
 WORST_SAMPLES = 500
 """Samples of a disturbance that is searched for, at most about: enough for loops of some rad/s over tens of seconds."""
@@ -41,7 +42,7 @@ class Simulation:
         design: what was run.
         trajectory: t, x, x_C, u, y, xi of all agents.
         measured: |z|, |xi_d|, and the rho they are held against.
-        controllers: "continuous", "sampled" or "compiled".
+        controllers: "continuous", "sampled", "compiled" or "none".
         disturbance, seed, step, integrator: of the run.
         on_change: its threshold and what is proved of it, None where every period is sent.
     """
@@ -175,7 +176,8 @@ def simulate(
 
     Args:
         design: itself, its file, or a folder that holds one.
-        controllers: "continuous", "sampled" (the arithmetic that ships: the default), or "compiled" (the C of a folder).
+        controllers: "continuous", "sampled" (the arithmetic that ships: the default), "compiled" (the C of a folder), or
+            "none", u = 0, to compare with.
         horizon: s; by default the problem's, as are seed, disturbance and perturbation.
         seed: of all that is random.
         disturbance: "none", "noise", "sine", "step" or "worst" (searched for).
@@ -278,8 +280,8 @@ def _scenario(stored: "Stored", network: "Network", kind: "Kind", changes: "Chan
 
     asked = changes.disturbance or stored.problem.simulation.disturbance.kind
     if asked != "worst":
-        return scenario_of(stored.problem, changes, sampled=kind != "continuous")
-    quiet = scenario_of(stored.problem, replace(changes, disturbance="none"), sampled=kind != "continuous")
+        return scenario_of(stored.problem, changes, sampled=kind in SAMPLED)
+    quiet = scenario_of(stored.problem, replace(changes, disturbance="none"), sampled=kind in SAMPLED)
     return _worst(stored, network, quiet, changes)
 
 
@@ -321,8 +323,9 @@ def _controllers(path: Path | None, stored: "Stored", kind: "Kind") -> "Iterator
         reference_controllers,
     )
 
-    if kind == "continuous":
-        yield stored.gains
+    if kind in ("continuous", "none"):
+        gains = stored.gains
+        yield gains if kind == "continuous" else gains.from_blocks(0 * gains.blocks, gains.order)
         return
     delay = stored.problem.controller.delay
     if path is None or not is_generated(path):
