@@ -179,15 +179,21 @@ LATER = {
             ),
             *(
                 f"model/lockstep/model/{name}.py"
-                for name in ("formulas/confusables", "checks/plausibility", "problem/tables/key_meanings")
+                for name in (
+                    "formulas/confusables",
+                    "checks/plausibility",
+                    "agents/state_sizes",
+                    "problem/tables/key_meanings",
+                )
             ),
             *(
                 f"lmi/lockstep/lmi/{one}.py"
                 for one in ("search/stopping", "search/search_time", "diagnosis/open_loop")
             ),
         ],
-        # 950 before what says that controllers, or their states, are idle moved in, out of the roots.
-        990,
+        # 950 before what says that controllers, or their states, are idle moved in, out of the roots; 990 before the sizes
+        # of states beside each other, which notes, plots and divergence ask for.
+        1000,
     ),
 }
 """Rooms for later duties: folders and files, and the most code lines."""

@@ -32,7 +32,8 @@ def run(path: Path | None, lmi: Path | None) -> Answer:
 
 def _table(found: "DesignVerdict") -> RenderableType:
     verdict = found.verdict
-    rows = {"certified": "yes" if found.ok else "NO", "because": found.reason}
+    because = "the folder is not as generated (below)" if verdict.ok and found.differences else found.reason
+    rows = {"certified": "yes" if found.ok else "NO", "because": because}
     if found.design.rho is not None:
         rows["rho"] = f"{found.design.rho:.6g}"
     rows["alpha"] = f"{found.design.alpha:.9g}"

@@ -33,8 +33,9 @@ def terminal_plot(trajectory: "Trajectory", *, colour: bool) -> str:
     t, d = trajectory.t[few], trajectory.disagreement_by_state()[few]
     least = np.where(d > 0, d, max(float(d.max()), 1e-300)).min(axis=0)  # a logarithm has no zero
     powers = np.log10(np.maximum(d, least))
-    names = ", ".join(f"{mark} {name}" for name, mark in zip(trajectory.state_names, MARKERS, strict=False))
-    curves = dict(zip(MARKERS, powers.T, strict=False))
+    marks = {MARKERS[j]: j for j in range(min(d.shape[1], 9)) if d[:, j].any()} or {"1": 0}
+    names = ", ".join(f"{mark} {trajectory.state_names[j]}" for mark, j in marks.items())
+    curves = {mark: powers[:, j] for mark, j in marks.items()}
     upper = _plot("log10 of the disagreement of each state over t in s", t, curves, colour) + names + "\n"
     lower = [
         _plot(

@@ -108,11 +108,11 @@ def effort_figure(trajectory: "Trajectory", units: Mapping[str, str] | None = No
 @styled
 def disagreement_figure(run: "Trajectory", units: Mapping[str, str] | None = None) -> "Figure":
     """Draw (sum_i (x_ij - mean)^2)^1/2 of each state j, in its own unit, against time on a logarithmic axis."""
-    distances, names = run.disagreement_by_state(), run.state_names[:MOST_NAMED]
-    figure, (axes,) = panels(1, 1.8, rows=rows_of(len(names), LEGEND_COLUMNS))
+    distances, names = run.disagreement_by_state(), run.state_names
+    figure, (axes,) = panels(1, 1.8, rows=rows_of(min(len(names), MOST_NAMED), LEGEND_COLUMNS))
     for k, name in enumerate(names):
         t, values = thinned(run.t, np.where(distances[:, k] > 0, distances[:, k], np.nan))
-        axes.plot(t, values, label=_with_unit(name, units), **line(k))
+        axes.plot(t, values, label=_with_unit(name, units) * (k < MOST_NAMED), **line(k))
     if (distances > 0).any():
         axes.set_yscale("log")
         logarithmic(axes.yaxis)
@@ -206,7 +206,7 @@ def _entitle(
     from matplotlib.ticker import FuncFormatter
 
     most, unit = float(np.abs(signals).max()), (units or {}).get(name, "")
-    if most > 0 and not 0.01 <= most < 1e4:
+    if np.ptp(signals) > 0.01 * most and not 0.01 <= most < 1e4:
         scale = 1000.0 ** math.floor(math.log10(most) / 3)
         shown = FuncFormatter(lambda value, _: f"{value / scale:.4g}".replace("-", "−"))
         axes.yaxis.set_major_formatter(shown)

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.simulation.divergence import BEYOND
+from lockstep.model.simulation.divergence import beyond
 from lockstep.swarm.disturbances import Fields, Pace
 from lockstep.swarm.loop import SwarmLoop
 
@@ -21,7 +21,7 @@ class PlainSwarm:
         self._loop, self._fields, self._per, self._substeps = loop, fields, pace.per, pace.substeps
         self._instant, self._real = pace.instant, np.dtype(loop.real)
         N, agent = loop.N, loop.agent
-        self._x = start.T.copy()
+        self._x, self._beyond = start.T.copy(), beyond(agent)
         self._u, self._late = np.zeros((2, N, agent.m))
         self._memory = np.zeros((N, loop.order), self._real)
         self._drift = _drift(loop)
@@ -48,7 +48,7 @@ class PlainSwarm:
             self._count(since, (k + self._per) * T)
         if not last:
             self._integrate(since)
-        strays = float((~(np.abs(self._x) <= BEYOND)).sum())
+        strays = float((~(np.abs(self._x) <= self._beyond)).sum())
         sums = (self._x.T - mean).sum(axis=0)
         return np.array([*sums, square.sum(), weighed, cost, faults, strays, self._clipped])
 

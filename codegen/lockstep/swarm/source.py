@@ -11,7 +11,7 @@ from lockstep.campaign.compiled.statements import DOUBLE, LaneFunction, lane_fun
 from lockstep.codegen.arithmetic import RealType
 from lockstep.codegen.emission.kernel import straight_line
 from lockstep.codegen.emission.rendering import render
-from lockstep.model.simulation.divergence import BEYOND
+from lockstep.model.simulation.divergence import beyond
 from lockstep.swarm.disturbances import Pace
 from lockstep.swarm.loop import SwarmLoop
 
@@ -69,7 +69,7 @@ def swarm_source(loop: SwarmLoop, pace: Pace, *, held: bool, waves: bool) -> CFi
         cost=_cost(loop.Q),
         lower=[real.literal(low) for low, _ in loop.limits],
         upper=[real.literal(high) for _, high in loop.limits],
-        beyond=DOUBLE.literal(BEYOND),
+        beyond=DOUBLE.literal(beyond(loop.agent)),
     )
     return CFiles((("campaign-lanes.h", lanes_header()), ("swarm-loop.c", text)))
 

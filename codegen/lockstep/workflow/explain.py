@@ -188,7 +188,7 @@ def _disturbed(problem: Any) -> list[str]:
 def _mixed(problem: Any, so: str) -> str:
     """Say which units a figure adds, and what follows; nothing where it adds one."""
     units = {problem.agent().units.get(name, "") for name in problem.agent().states} - {""}
-    return f" It adds {', '.join(sorted(units))}: {so}." if len(units) > 1 else ""
+    return f" This figure adds {', '.join(sorted(units))}: {so}." if len(units) > 1 else ""
 
 
 def _sampled(found: DesignVerdict) -> Iterator[Statement]:
@@ -209,7 +209,8 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
         yield Statement(
             "convergence rate, sampled",
             f"{below(rate)} 1/s",
-            "The same at the sampling instants, of the loop that ships, but for the rounding of messages.",
+            "Every disagreement shrinks so from sample to sample in the long run, of the loop that ships, while no input"
+            " meets its limit, and but for the rounding of messages.",
         )
     longest = sampled.get("max_period")
     if longest and longest > table.period:

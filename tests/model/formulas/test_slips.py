@@ -140,9 +140,9 @@ def test_states_that_move_by_sizes_far_apart_are_noted(stiffness, noted):
     """v' = -p, p' = s v: p moves by s^1/2 of what v does, here to a power of two."""
     oscillator = f"""
     [agent]
-    states = ["v", "p"]
+    states = ["alone", "v", "p"]
     inputs = ["u"]
-    dynamics = {{ v = "-p + u", p = "{stiffness!r}*v" }}
+    dynamics = {{ alone = "-alone", v = "-p + u", p = "{stiffness!r}*v" }}
     outputs = {{ y = "v" }}
     [network]
     agents = 2
@@ -150,7 +150,7 @@ def test_states_that_move_by_sizes_far_apart_are_noted(stiffness, noted):
     """
     rows = list(plausibility.units(Problem.parse(oscillator)))
     assert bool(rows) == noted
-    assert not rows or "v 1, p 8e+06" in rows[0].figure
+    assert not rows or "alone 1, v 1, p 8e+06" in rows[0].figure
 
 
 def test_units_that_contradict_the_formulas_are_noted_without_all_checks():

@@ -31,7 +31,10 @@ from lockstep.check.system.loop import Gains
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.model.network import Network
-from lockstep.model.simulation.divergence import BEYOND
+from lockstep.model.simulation.divergence import beyond
+
+DIVERGED = 1e-3
+"""A disagreement above this part of what a state is `beyond` counts as divergence even while it is finite."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +157,7 @@ def _source(
         places={name: place.start for name, place in layout.places.items()},
         functions=[*functions, *monitors(network)],
         domain=bool(np.isfinite(network.agent.box).any()),
-        diverged=repr(BEYOND),
+        diverged=repr(DIVERGED * beyond(network.agent)),
         cost=cost_expression(weights.Q) if layout.order else "0.0",
         **{name: getattr(layout.features, name) for name in layout.features.__dataclass_fields__},
     )

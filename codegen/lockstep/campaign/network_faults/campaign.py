@@ -91,6 +91,8 @@ class NetworkCampaign:
     seed: int
     horizon: float
     values: Float[np.ndarray, "runs columns"]
+    most: float = BEYOND
+    """A larger disagreement counts as divergence."""
 
     def __getitem__(self, name: str) -> Float[np.ndarray, " runs"]:
         """Return one column."""
@@ -111,7 +113,7 @@ class NetworkCampaign:
     @property
     def diverged(self) -> int:
         """Number of runs that left all bounds."""
-        return int((~(self["disagreement_largest"] < BEYOND)).sum())
+        return int((~(self["disagreement_largest"] < self.most)).sum())
 
     @property
     def gain(self) -> float:
@@ -175,6 +177,7 @@ def run_network(
     horizon: float = 10.0,
     spread: float = 1.0,
     jobs: int = 1,
+    most: float = BEYOND,
 ) -> NetworkCampaign:
     """Run a campaign: a run is fixed by the seed and its index.
 
@@ -188,6 +191,7 @@ def run_network(
         horizon: of each run, in s.
         spread: random initial states are within +-spread.
         jobs: threads.
+        most: a larger disagreement counts as divergence.
     """
 
     def chunk(begin: int) -> np.ndarray:
@@ -198,7 +202,7 @@ def run_network(
 
     with ThreadPoolExecutor(max(jobs, 1)) as pool:
         values = np.vstack(list(pool.map(chunk, range(0, runs, CHUNK))))
-    return NetworkCampaign(faults, guarantee, seed, horizon, values)
+    return NetworkCampaign(faults, guarantee, seed, horizon, values, most)
 
 
 def _draw(

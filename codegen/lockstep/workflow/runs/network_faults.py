@@ -74,6 +74,7 @@ def network_campaign(
     from lockstep.codegen.sampled_design import sampled_controllers
     from lockstep.lmi.document import parse
     from lockstep.model.network import Network
+    from lockstep.model.simulation.divergence import beyond
 
     network_faults, folder = NetworkFaults.parse(faults), Path(output)
     demand(runs >= 2, f"{runs} run", "campaign", "2 or more: every other one is disturbed")
@@ -110,6 +111,7 @@ def network_campaign(
         seed=given_seed,
         horizon=time,
         spread=problem.simulation.spread,
+        most=0.1 * beyond(network.agent),
         jobs=jobs or cpu_count(),
     )
     write_files(folder, {"runs.csv": campaign.csv().encode(), "summary.json": campaign.summary().encode()})

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from lockstep.swarm.neighbours import EdgeList, NeighbourLists
     from lockstep.verification.closed_loop.measured_gain import Kind, Measured
 
-SAMPLED = "sampled", "compiled"
-KINDS = ("continuous", *SAMPLED, "none")
+KINDS = ("continuous", "sampled", "compiled", "none")
 
 WORST_SAMPLES = 500
 """Samples of a disturbance that is searched for, at most about: enough for loops of some rad/s over tens of seconds."""
@@ -66,19 +65,13 @@ class Simulation:
         """Return the contract's keys."""
         trajectory, found = self.trajectory, self.measured
         d = trajectory.disagreement()
+        same = ("gain", "rho", "ratio", "covered", "reason")
         l2 = {
             "output": found.output,
             "disturbance": found.input,
-            "gain": found.gain,
-            "rho": found.rho,
-            "ratio": found.ratio,
-            "covered": found.covered,
-            "reason": found.reason,
+            **{one: getattr(found, one) for one in same},
         }
-        error: dict[str, Any] = {}
-        if not found.holds:
-            said = {"kind": "ClaimError", "message": found.excess, "figures": {"ratio": found.ratio}}
-            error = {"error": said}
+        error = {"kind": "ClaimError", "figures": {"ratio": found.ratio}}
         return {
             "ok": found.holds,
             "controllers": self.controllers,
@@ -95,7 +88,7 @@ class Simulation:
             "clipped": trajectory.clipped,
             **({"messages": self.messages} if self.messages else {}),
             "l2": l2,
-            **error,
+            **({} if found.holds else {"error": {**error, "message": found.excess}}),
         }
 
     @property
@@ -103,6 +96,10 @@ class Simulation:
         """What send on change saved, and the residual that it costs; nothing without it."""
         on = self.on_change
         return {} if on is None else on.cost(self.trajectory, self.design.problem.controller.real)
+
+    def remarks(self) -> dict[str, str]:
+        """Tell what is to be known of the figures; of few agents nothing."""
+        return {}
 
     def of_each(self) -> dict[str, Any]:
         """Return the figures of each agent: `indices`, `effort`, `largest_input`."""
@@ -199,6 +196,10 @@ def simulate(
     from lockstep.workflow.runs.swarm import is_large, simulate_large
 
     kind, method = _checked(controllers or "sampled", integrator)
+    if kind == "none":
+        known = perturbation in (None, "none") and send_on_change is None
+        demand(known, "`none`, which has no gains and no messages", "--controllers", "no errors of them")
+        perturbation = "none"
     changes = Changes(horizon, seed, disturbance, method, perturbation, send_on_change)
     written, drawn = (None if one is None else Path(one) for one in (output, figures))
     check_writable(written, None if isinstance(design, Design) else Path(design))
@@ -250,15 +251,10 @@ def _kept(made: Simulation, drawn: Path | None, written: Path | None) -> Simulat
 def _drawn(trajectory: "Trajectory", stored: "Stored") -> dict[str, bytes]:
     """Return the states, the disagreement and the effort as PNG and PDF."""
     from lockstep.report.export import pdf, png
-    from lockstep.report.figures import disagreement_figure, effort_figure, states_figure
+    from lockstep.report.figures import run_figure
 
-    units = dict(stored.problem.agent().units)
-    figures = {
-        "states": states_figure(trajectory, units=units),
-        "disagreement": disagreement_figure(trajectory, units),
-        "effort": effort_figure(trajectory, units=units),
-    }
-    ways = (("png", png), ("pdf", pdf))
+    units, ways = dict(stored.problem.agent().units), (("png", png), ("pdf", pdf))
+    figures = {what: run_figure(trajectory, what, units) for what in ("states", "disagreement", "effort")}
     return {f"{name}.{end}": way(figure, name) for name, figure in figures.items() for end, way in ways}
 
 
@@ -277,11 +273,13 @@ def _scenario(stored: "Stored", network: "Network", kind: "Kind", changes: "Chan
     proved of a domain, so small that the loop is linear. A run beyond would be held against nothing.
     """
     from lockstep.model.simulation.from_problem import scenario_of
+    from lockstep.model.simulation.message_channel import MessageChannel
 
     asked = changes.disturbance or stored.problem.simulation.disturbance.kind
     if asked != "worst":
-        return scenario_of(stored.problem, changes, sampled=kind in SAMPLED)
-    quiet = scenario_of(stored.problem, replace(changes, disturbance="none"), sampled=kind in SAMPLED)
+        made = scenario_of(stored.problem, changes, sampled=kind != "continuous")
+        return replace(made, channel=MessageChannel()) if kind == "none" else made
+    quiet = scenario_of(stored.problem, replace(changes, disturbance="none"), sampled=kind != "continuous")
     return _worst(stored, network, quiet, changes)
 
 

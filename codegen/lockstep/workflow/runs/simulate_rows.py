@@ -15,11 +15,13 @@ def rows(run: "Simulation") -> dict[str, str]:
     """Return what is to be told of the run, for people, by a word for each."""
     trajectory, found, problem = run.trajectory, run.measured, run.design.problem
     agent, start = problem.agent(), float(trajectory.disagreement()[0])
-    table, searched = problem.simulation.disturbance, run.disturbance == "worst"
-    size = "" if searched or table.intensity is not None else f" of amplitude {table.amplitude:g}"
-    disturbed = f"{size} on every state, in its unit per second: |xi_d| = {found.input:.4g} in L2"
+    table, N = problem.simulation.disturbance, getattr(run, "swarm", trajectory).N
+    drawn = run.disturbance in ("noise", "sine", "step")
+    size = f" of amplitude {table.amplitude:g} on every state, in its unit per second" * drawn
+    disturbed = f"{size if table.intensity is None else ''}, |xi_d| = {found.input:.4g} in L2"
     told = {
         "controllers": run.controllers,
+        **run.remarks(),
         "disturbance": f"{run.disturbance}{disturbed if found.input else ''}",
         **{
             f"{name} apart by": _course(trajectory.t, d, agent.units.get(name, ""), found.input == 0)
@@ -41,7 +43,7 @@ def rows(run: "Simulation") -> dict[str, str]:
     if trajectory.faults:
         told["faults"] = f"{trajectory.faults} steps with a status other than OK or CLIPPED"
     if trajectory.clipped:
-        steps = trajectory.N * round(trajectory.horizon / problem.controller.period)
+        steps = N * round(trajectory.horizon / problem.controller.period)
         told["clipped"] = f"{trajectory.clipped} of {steps} controller steps met a limit of an input"
     if of := run.messages:
         besides = {"disturbances": trajectory.xi.any(), "clipped inputs": trajectory.clipped}

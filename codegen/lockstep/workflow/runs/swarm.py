@@ -55,7 +55,9 @@ class LargeSimulation(Simulation):
 
     def remarks(self) -> dict[str, str]:
         """Tell how many agents there are, and what ran them."""
-        return {"agents": f"{self.swarm.N}, {self.engine}; below the first {self.trajectory.N}"}
+        d = self.swarm.disagreement
+        all_of = f"|x_d| of all {d[0]:.4g} at the start, {d[-1]:.4g} at the end; below the first {self.trajectory.N}"
+        return {"agents": f"{self.swarm.N}, {self.engine}; {all_of}"}
 
     def of_each(self) -> dict[str, Any]:
         """Return the figures of each agent, or the mean, the largest and whose it is."""

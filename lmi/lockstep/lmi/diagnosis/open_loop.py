@@ -30,7 +30,8 @@ def rho_alone(network: Network, claim: Claim) -> float | None:
 def part_of_states(gains: Gains) -> float | None:
     """Return the largest M / (M + |D_C|), entry by entry, of all controllers, M = |C_C (j w - A_C)^-1 B_C|; None for order 0.
 
-    Over w = 0 and around each pole of a controller, in doubles. Where it is small, static gains do the same.
+    Over w = 0 and around each pole of a controller, in doubles. Where it is small, static gains do the same. Poles are
+    moved by 1e-9 of |A_C|: one at 0 integrates, and makes all of u in the end.
     """
     if gains.order == 0:
         return None
@@ -38,6 +39,6 @@ def part_of_states(gains: Gains) -> float | None:
     for A, B, C, D in zip(gains.A, gains.B, gains.C, gains.D, strict=True):
         poles = np.abs(np.linalg.eigvals(A))
         for w in (0.0, *poles, *(poles / 10), *(poles * 10)):
-            moved = np.abs(C @ np.linalg.lstsq(1j * w * eye - A, B)[0])
+            moved = np.abs(C @ np.linalg.solve((1j * w + 1e-9 * (1 + np.linalg.norm(A))) * eye - A, B))
             worst = max(worst, float((moved / np.maximum(moved + np.abs(D), np.finfo(float).tiny)).max()))
     return worst

@@ -137,19 +137,14 @@ def centring(agent: Agent) -> CheckRow:
 def origin(agent: Agent) -> CheckRow:
     """h(t, 0) = 0, which (3) of the paper contains and consensus does not need."""
     reason = "agreement does not need it: what all agents share cancels in the disagreement"
-    size, exact = _offset(agent)
-    if size <= 1e-12:  # what rounding leaves of terms that cancel, as 80**2 - 80**2 does of a trim
+    name, (size, exact) = "h(t, 0) = 0", _offset(agent)
+    if size <= 1e-14:  # what rounding leaves of terms that cancel, as 80**2 - 80**2 does of a trim
         figure = ("0" if exact else "0 at every t looked at") + ", to rounding" * (size > 0)
-        return CheckRow("h(t, 0) = 0", "ok", figure, reason)
+        return CheckRow(name, "ok", figure, reason)
     if not np.isfinite(size):
-        return CheckRow(
-            "h(t, 0) = 0", "note", "h(t, 0) is not defined: the agents never are at the origin", reason
-        )
-    figure = (
-        f"|h(t, 0)| {'=' if exact else 'reaches'} {size:.4g}: the origin is no equilibrium; "
-        "the offset cancels, and the incremental bound carries the proof"
-    )
-    return CheckRow("h(t, 0) = 0", "note", figure, reason)
+        return CheckRow(name, "note", "h(t, 0) is not defined: the agents never are at the origin", reason)
+    figure = f"|h(t, 0)| {'=' if exact else 'reaches'} {size:.4g}: the origin is no equilibrium; the offset"
+    return CheckRow(name, "note", f"{figure} cancels, and the incremental bound carries the proof", reason)
 
 
 def _offset(agent: Agent) -> tuple[float, bool]:

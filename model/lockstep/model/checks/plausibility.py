@@ -12,10 +12,10 @@ from collections.abc import Iterator
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.model.agents.agent import Agent
+from lockstep.model.agents.state_sizes import middle, state_sizes
 from lockstep.model.checks.report import CheckRow
 from lockstep.model.problem import Problem
 
@@ -75,7 +75,7 @@ def _modes(problem: Problem) -> list[complex]:
 
     agent, found = problem.agent(), list[complex]()
     J = ca.Function("J", [agent.x, agent.u, agent.t], [ca.jacobian(agent.rhs, agent.x)])
-    for x in (_middle(agent), *np.clip(problem.initial_states(), agent.box[:, 0], agent.box[:, 1])):
+    for x in (middle(agent), *np.clip(problem.initial_states(), agent.box[:, 0], agent.box[:, 1])):
         slopes = np.asarray(J(x, np.zeros(agent.m), 0.0))
         if np.isfinite(slopes).all():
             # A multiple eigenvalue 0 is off by the root of a rounding: no oscillation. What integrates never settles.
@@ -84,16 +84,6 @@ def _modes(problem: Problem) -> list[complex]:
             noise = 1e-6 * max(1.0, float(np.abs(slopes).max()))
             found += [complex(s) if abs(s) > noise else 0j for s in np.linalg.eigvals(slopes)]
     return found
-
-
-def _middle(agent: Agent) -> Float[np.ndarray, " n"]:
-    """Return 0, or for a state whose domain does not hold it, the middle of its domain or its finite side."""
-    low, high = agent.box[:, 0], agent.box[:, 1]
-    with np.errstate(invalid="ignore"):
-        middle = np.where(
-            np.isfinite(low) & np.isfinite(high), (low + high) / 2, np.where(np.isfinite(low), low, high)
-        )
-    return np.where((low <= 0) & (high >= 0), 0.0, middle)
 
 
 def units(problem: Problem) -> Iterator[CheckRow]:
@@ -113,24 +103,14 @@ def units(problem: Problem) -> Iterator[CheckRow]:
             check_units(problem.file.agent)
         except ProblemError as error:
             yield CheckRow("units", "note", f"{error}; `build` and `check --all` refuse it", reason)
-    sizes = _sizes(agent)
+    sizes = state_sizes(agent)
     if sizes.max() > FAR * sizes.min() and problem.design.weights.state == 1.0:
         pairs = zip(agent.states, sizes / sizes.min(), strict=True)
         shown = ", ".join(f"{name} {size:.1g}" for name, size in pairs)
-        moved = f"states move by sizes far apart ({shown}): rho, |x_d| and a radius add their squares"
+        moved = f"states move by sizes far apart ({shown}): |x_d|, a radius, and a rho without weights add their squares"
         yield CheckRow(
             "units", "note", f"{moved}; count them in units in which they are alike (mm, bar)", reason
         )
-
-
-def _sizes(agent: Agent) -> Float[np.ndarray, " n"]:
-    """Return sizes of the states at which the slopes of an agent are alike, in powers of two: those that balance df/dx."""
-    from scipy.linalg import matrix_balance
-
-    J = ca.Function("J", [agent.x, agent.u, agent.t], [ca.jacobian(agent.rhs, agent.x)])
-    slopes = np.asarray(J(_middle(agent), np.zeros(agent.m), 0.0))
-    sizes = matrix_balance(slopes, separate=True)[1][0] if np.isfinite(slopes).all() else np.ones(agent.n)
-    return np.asarray(sizes)
 
 
 def start_of(problem: Problem) -> float | None:

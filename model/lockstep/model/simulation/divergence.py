@@ -5,19 +5,27 @@ from jaxtyping import Float
 
 from lockstep.check.errors import ClaimError
 from lockstep.model.agents.agent import Agent
+from lockstep.model.agents.state_sizes import state_sizes
 
-BEYOND = 1e20
-"""A state past this counts as gone, and so do infinite ones and NaN: a pressure in Pa is past 1e9 with nothing wrong."""
+BEYOND = 1e9
+"""A state past this counts as gone, where all states are of one size; infinite ones and NaN do so too."""
 
 
 class Diverged(ClaimError):
     """The loop diverged; the figures have `time` in s, `agent` counted from 1, and `state` by name."""
 
 
+def beyond(agent: Agent) -> float:
+    """Return what no state is past that is still there: `BEYOND` for the smallest, in a pressure's Pa as much more as Pa are
+    less than m."""
+    sizes = state_sizes(agent)
+    return float(BEYOND * sizes.max() / sizes.min())
+
+
 def check_bounded(
     t: Float[np.ndarray, " K"], x: Float[np.ndarray, "K N n"], agent: Agent, last: int | None = None
 ) -> None:
-    """Refuse a record in which a state is not finite or beyond `BEYOND`.
+    """Refuse a record in which a state is not finite or `beyond` all that it means.
 
     Args:
         t, x: the record;  agent: whose states they are.
@@ -27,14 +35,14 @@ def check_bounded(
         Diverged: at the first instant and of the first agent where one is.
     """
     with np.errstate(invalid="ignore"):
-        gone = ~(np.abs(x if last is None else x[-last:]) <= BEYOND)
+        gone = ~(np.abs(x if last is None else x[-last:]) <= beyond(agent))
     if not gone.any():
         return
     k, i, j = (int(index) for index in np.argwhere(gone)[0])
     k += len(t) - len(gone)
     left = left_domain(t[:k], x[:k], agent)
     raise Diverged(
-        f"the loop diverges: {agent.states[j]} of {agent.name}{i + 1} is beyond {BEYOND:g} at t = {t[k]:.6g} s"
+        f"the loop diverges: {agent.states[j]} of {agent.name}{i + 1} is beyond {beyond(agent):.1g} at t = {t[k]:.6g} s"
         + (f"; {left}" if left else ""),
         time=float(t[k]),
         agent=i + 1,

@@ -261,7 +261,7 @@ def dimension(text: str, name: str) -> Powers:
         ValueError,
         KeyError,
     ) as error:
-        power = re.sub(r"(?<=[A-Za-z])(?=\d)", "^", text)
+        power = re.sub(r"(?<![\w.])([A-Za-z]+)(\d)", r"\1^\2", text)
         raise ProblemError(
             f"`{text}` is no unit: {error}",
             where=f"[agent.units] {name}",

@@ -1,0 +1,36 @@
+"""How large the states of an agent are beside each other: m beside Pa, of which no sum and no single bound says anything."""
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from lockstep.model.agents.agent import Agent
+
+
+def state_sizes(agent: Agent) -> Float[np.ndarray, " n"]:
+    """Return sizes of the states at which the slopes of an agent are alike, in powers of two: those that balance df/dx.
+
+    Of a state that others do not act on, and that acts on none, it is 1, as where slopes are not finite.
+
+    >>> x, u = ca.SX.sym("x", 3), ca.SX.sym("u")
+    >>> rhs = ca.vertcat(-x[0], -x[2] + u, 1e8 * x[1])
+    >>> state_sizes(Agent(name="a", x=x, u=u, rhs=rhs, y=x[1])).tolist()
+    [1.0, 1.0, 8192.0]
+    """
+    from scipy.linalg import matrix_balance
+
+    J = ca.Function("J", [agent.x, agent.u, agent.t], [ca.jacobian(agent.rhs, agent.x)])
+    slopes = np.asarray(J(middle(agent), np.zeros(agent.m), 0.0))
+    if not np.isfinite(slopes).all():
+        return np.ones(agent.n)
+    return np.asarray(matrix_balance(slopes)[1].sum(axis=1))  # a diagonal matrix, its columns permuted
+
+
+def middle(agent: Agent) -> Float[np.ndarray, " n"]:
+    """Return 0, or for a state whose domain does not hold it, the middle of its domain or its finite side."""
+    low, high = agent.box[:, 0], agent.box[:, 1]
+    with np.errstate(invalid="ignore"):
+        inside = np.where(
+            np.isfinite(low) & np.isfinite(high), (low + high) / 2, np.where(np.isfinite(low), low, high)
+        )
+    return np.where((low <= 0) & (high >= 0), 0.0, inside)
