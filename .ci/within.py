@@ -41,8 +41,8 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> Iterator[None]:
-    """Name what was left out."""
+def pytest_terminal_summary(terminalreporter: "pytest.TerminalReporter") -> Iterator[None]:
+    """Name what was left out. (pytest 8.2, the lowest, has no public name for a reporter.)"""
     skipped = terminalreporter.stats.get("skipped", [])
     out = [report.nodeid for report in skipped if LEFT_OUT in str(report.longrepr)]
     if out:
