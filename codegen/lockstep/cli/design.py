@@ -16,7 +16,7 @@ WORSE = ": these controllers make it worse; is the period too long?"
 ONLY = "the continuous controllers only, NOT those that ship (below)"
 STATIC, STATIC_SAID = (
     0.01,
-    "the states of the controllers add hardly {:.2g} of what their D do: order = 0 is simpler",
+    "the controllers' states add less than {:.0%} to what their D do: order = 0 gives the same",
 )
 
 
@@ -144,7 +144,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
     ships, rho = content["sampled"]["certified"], max(content["rho"], content["sampled"].get("rho") or 0.0)
     idle = (WORSE if rho > alone >= content["rho"] else HARDLY) if alone and rho > 0.9 * alone else ""
     part = figures["part_of_states"]
-    static = {} if part is None or part > STATIC else {"order": STATIC_SAID.format(part)}
+    static = {} if part is None or part > STATIC else {"order": STATIC_SAID.format(STATIC)}
     fragility = ", ".join(f"{letter} {delta:g}" for letter, delta in content["fragility"].items() if delta)
     return two_columns(
         content["title"],

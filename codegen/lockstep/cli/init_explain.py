@@ -13,7 +13,7 @@ def run_init(field: str, output: Path | None) -> Answer:
     from lockstep.workflow.init import init
 
     begun = init(field, output=output)
-    said = f"{output}: now `lockstep check {output}`, then `lockstep build {output} -o out`"
+    said = f"{output}: fill it in, then `lockstep build {output} -o out`"
     return Answer(begun.document(), said if output else begun.text.rstrip())
 
 

@@ -45,10 +45,8 @@ def _simulate(path: Path, output: Path | None, options: Options, *, as_json: boo
     with progress_display() as tell:
         found = lockstep.simulate(path, **asked, output=output, progress=tell)
     wrote(output, options.figures)
-    told = two_columns(found.design.title, rows(found))
-    if plotted:
-        told = Group(told, Text.from_ansi(_plotted(found.trajectory, as_json)))
-    return Answer(found.document(), told, found.ok)
+    plot = [Text.from_ansi(_plotted(found.trajectory, as_json))] if plotted else []
+    return Answer(found.document(), Group(two_columns(found.design.title, rows(found)), *plot), found.ok)
 
 
 def _plotted(trajectory: "Trajectory", as_json: bool) -> str:

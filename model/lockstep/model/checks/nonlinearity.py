@@ -138,8 +138,8 @@ def origin(agent: Agent) -> CheckRow:
     """h(t, 0) = 0, which (3) of the paper contains and consensus does not need."""
     reason = "agreement does not need it: what all agents share cancels in the disagreement"
     name, (size, exact) = "h(t, 0) = 0", _offset(agent)
-    if size <= 1e-14:  # what rounding leaves of terms that cancel, as 80**2 - 80**2 does of a trim
-        figure = ("0" if exact else "0 at every t looked at") + ", to rounding" * (size > 0)
+    if size <= 1e-12:  # what rounding leaves of terms that cancel, as 80**2 - 80**2 does of a trim
+        figure = ("0" if exact else "0 at every t looked at") + ", to 1e-12" * (size > 0)
         return CheckRow(name, "ok", figure, reason)
     if not np.isfinite(size):
         return CheckRow(name, "note", "h(t, 0) is not defined: the agents never are at the origin", reason)
