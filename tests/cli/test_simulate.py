@@ -168,12 +168,12 @@ def test_the_plot_is_text(folder, run):
 
 
 def test_without_control_agents_do_what_they_do_alone_and_nothing_is_claimed(folder, run):
-    found = answer(run(folder, "--horizon", 2, "--controllers", "none", "--json"))
+    found = answer(run(folder, "--horizon", 2, "--controllers", "off", "--json"))
     assert found["ok"]
     assert found["largest_input"] == [0.0, 0.0, 0.0]
     assert (found["l2"]["covered"], found["l2"]["rho"]) == (False, None)
     assert "u = 0" in found["l2"]["reason"]
-    noisy = run(folder, "--horizon", 2, "--controllers", "none", "--perturbation", "paper", "--json")
+    noisy = run(folder, "--horizon", 2, "--controllers", "off", "--perturbation", "paper", "--json")
     assert noisy.exit_code == 2, "gain errors of gains that are not there"
     with_control = answer(run(folder, "--horizon", 2, "--json"))
     assert found["disagreement_final"] > with_control["disagreement_final"]

@@ -268,7 +268,7 @@ def simulate(
     controllers: Annotated[
         str | None,
         typer.Option(
-            help='"continuous", "sampled" (the arithmetic that ships), "compiled" (a generated folder), or "none" (u = 0).',
+            help='"continuous", "sampled" (the arithmetic that ships), "compiled" (a generated folder), or "off" (u = 0).',
             show_default="sampled",
         ),
     ] = None,

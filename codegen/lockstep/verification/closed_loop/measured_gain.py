@@ -26,7 +26,7 @@ from lockstep.model.simulation.results.trajectory import RhoWeights, Trajectory,
 from lockstep.model.simulation.run import rates
 from lockstep.model.simulation.scenario import Scenario
 
-Kind = Literal["continuous", "sampled", "compiled", "none"]
+Kind = Literal["continuous", "sampled", "compiled", "off"]
 
 QUADRATURE = 1e-3
 """Part by which the integrals of a record may be off: a ratio above 1 by less is no contradiction. Where inputs and noise
@@ -88,7 +88,7 @@ class Measured:
 
 def promise(stored: Stored, kind: Kind) -> Promise:
     """Return what is proved of a design's loop, by the checker, not by what the file says of itself; nothing of u = 0."""
-    if kind == "none":
+    if kind == "off":
         return Promise(kind, None, None, None, "u = 0, of which nothing is claimed")
     verdict = certify(stored)
     if not verdict.certified:

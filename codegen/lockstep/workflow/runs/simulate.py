@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from lockstep.swarm.neighbours import EdgeList, NeighbourLists
     from lockstep.verification.closed_loop.measured_gain import Kind, Measured
 
-KINDS = ("continuous", "sampled", "compiled", "none")
+KINDS = ("continuous", "sampled", "compiled", "off")
 
 WORST_SAMPLES = 500
 """Samples of a disturbance that is searched for, at most about: enough for loops of some rad/s over tens of seconds."""
@@ -41,7 +41,7 @@ class Simulation:
         design: what was run.
         trajectory: t, x, x_C, u, y, xi of all agents.
         measured: |z|, |xi_d|, and the rho they are held against.
-        controllers: "continuous", "sampled", "compiled" or "none".
+        controllers: "continuous", "sampled", "compiled" or "off".
         disturbance, seed, step, integrator: of the run.
         on_change: its threshold and what is proved of it, None where every period is sent.
     """
@@ -174,7 +174,7 @@ def simulate(
     Args:
         design: itself, its file, or a folder that holds one.
         controllers: "continuous", "sampled" (the arithmetic that ships: the default), "compiled" (the C of a folder), or
-            "none", u = 0, to compare with.
+            "off", u = 0, to compare with.
         horizon: s; by default the problem's, as are seed, disturbance and perturbation.
         seed: of all that is random.
         disturbance: "none", "noise", "sine", "step" or "worst" (searched for).
@@ -196,9 +196,9 @@ def simulate(
     from lockstep.workflow.runs.swarm import is_large, simulate_large
 
     kind, method = _checked(controllers or "sampled", integrator)
-    if kind == "none":
+    if kind == "off":
         known = perturbation in (None, "none") and send_on_change is None
-        demand(known, "`none`, which has no gains and no messages", "--controllers", "no errors of them")
+        demand(known, "`off`, which has no gains and no messages", "--controllers", "no errors of them")
         perturbation = "none"
     changes = Changes(horizon, seed, disturbance, method, perturbation, send_on_change)
     written, drawn = (None if one is None else Path(one) for one in (output, figures))
@@ -278,7 +278,7 @@ def _scenario(stored: "Stored", network: "Network", kind: "Kind", changes: "Chan
     asked = changes.disturbance or stored.problem.simulation.disturbance.kind
     if asked != "worst":
         made = scenario_of(stored.problem, changes, sampled=kind != "continuous")
-        return replace(made, channel=MessageChannel()) if kind == "none" else made
+        return replace(made, channel=MessageChannel()) if kind == "off" else made
     quiet = scenario_of(stored.problem, replace(changes, disturbance="none"), sampled=kind != "continuous")
     return _worst(stored, network, quiet, changes)
 
@@ -321,7 +321,7 @@ def _controllers(path: Path | None, stored: "Stored", kind: "Kind") -> "Iterator
         reference_controllers,
     )
 
-    if kind in ("continuous", "none"):
+    if kind in ("continuous", "off"):
         gains = stored.gains
         yield gains if kind == "continuous" else gains.from_blocks(0 * gains.blocks, gains.order)
         return
