@@ -192,8 +192,8 @@ LATER = {
             ),
         ],
         # 950 before what says that controllers, or their states, are idle moved in, out of the roots; 990 before the sizes
-        # of states beside each other, which notes, plots and divergence ask for.
-        1000,
+        # of states beside each other, which notes and divergence ask for, were told of any numbers that a file may hold.
+        1010,
     ),
 }
 """Rooms for later duties: folders and files, and the most code lines."""

@@ -83,6 +83,9 @@ def test_a_sign_flipped_is_refused(folder, agent):
     assert not answer["certified"]
     assert answer["proof"] == "none"
     assert answer["error"]["message"] == f"arm{agent}: not the design's gains"
+    printed = CliRunner().invoke(app, ["certify", str(folder)]).stdout
+    first = next(line for line in printed.splitlines() if line.startswith("certified"))
+    assert first.split() == ["certified", "NO"], "not the continuous controllers' yes"
 
 
 def test_a_period_twenty_times_longer_is_refused(folder):

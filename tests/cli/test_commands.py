@@ -250,4 +250,6 @@ def test_a_period_that_is_seldom_meant_is_said_before_the_search(tmp_path, examp
     slow.write_text(text.replace("period = 0.005", "period = 30.0"), encoding="utf-8")
     for command in ("design", "build"):
         result = run(command, slow, "-o", tmp_path / command, "--time-limit", 0.01)
-        assert "to be noted: period: 30 s is" in result.stderr
+        assert "lockstep: to be noted: period: 30 s is" in result.stderr, (
+            "a line of its own, not the error's last words"
+        )

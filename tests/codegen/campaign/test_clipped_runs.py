@@ -177,3 +177,14 @@ def levels(stored: Stored, engine: Engine, start: np.ndarray, horizon: float) ->
     x_d = np.einsum("ij,rjk->rik", T, x).reshape(len(x), -1)
     xi = np.hstack([x_d, before.reshape(len(x), -1)])
     return np.einsum("ri,ij,rj->r", xi, P, xi)
+
+
+def test_a_run_that_left_its_domain_is_no_run_that_is_proved_to_converge(pendulums):
+    """With inputs clipped agreement is proved while every agent stays in its domain."""
+    plan = plan_of(pendulums, emit(specification(pendulums)), horizon=1.0)
+    columns = columns_of(plan)
+    row = dict.fromkeys(columns, 0.0) | {"family": FAMILIES.index("start"), "clipped": 3.0}
+    table = RunTable(
+        columns, np.array([[(row | {"outside": left})[name] for name in columns] for left in (0.0, 5.0)])
+    )
+    assert excused(plan, table).tolist() == [False, True]

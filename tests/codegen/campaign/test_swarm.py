@@ -22,6 +22,7 @@ from lockstep.verification.closed_loop.software_in_the_loop import ReferenceStep
 from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.verification.reference import Reference
 from lockstep.workflow.runs import swarm
+from lockstep.workflow.runs.simulate_rows import rows
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
 ENGINES = [pytest.param(True, marks=needs_compiler, id="compiled"), pytest.param(False, id="numpy")]
@@ -217,6 +218,8 @@ def test_a_design_runs_on_another_graph(alike, monkeypatch, engine):
     assert said["l2"]["covered"] is False and "another graph" in said["l2"]["reason"]
     assert run.trajectory.disagreement()[0] == pytest.approx(said["disagreement_initial"])
     assert len(repr(run)) < 300
+    assert run.agents == 1200
+    assert "below the first 12" in rows(run)["agents"], "what is told state by state is not of all"
 
 
 def test_own_gains_have_no_other_graph(unclipped):

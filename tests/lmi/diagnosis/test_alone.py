@@ -50,5 +50,13 @@ def test_a_controller_that_integrates_makes_all_of_u_in_the_end() -> None:
     assert part_of_states(Gains(*((block,) * 2 for block in one))) > 0.999
 
 
+@pytest.mark.parametrize("entry", [1e300, 1e-9 / (1 - 1e-9), 5e-324])
+def test_the_part_is_a_number_of_any_controller_that_a_file_may_hold(entry: float) -> None:
+    """The answer of every command has it: overflow, or a pole where poles are moved to, is no error there, and no NaN."""
+    one = [np.array([[value]]) for value in (entry, entry, 1.0, -2.0)]
+    part = part_of_states(Gains(*((block,) * 2 for block in one)))
+    assert 0.0 <= part <= 1.0
+
+
 def test_static_gains_have_no_such_part() -> None:
     assert part_of_states(Gains(*((np.zeros(s),) * 2 for s in ((0, 0), (0, 1), (1, 0), (1, 1))))) is None

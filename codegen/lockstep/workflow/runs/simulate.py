@@ -97,6 +97,11 @@ class Simulation:
         on = self.on_change
         return {} if on is None else on.cost(self.trajectory, self.design.problem.controller.real)
 
+    @property
+    def agents(self) -> int:
+        """How many agents ran."""
+        return self.trajectory.N
+
     def remarks(self) -> dict[str, str]:
         """Tell what is to be known of the figures; of few agents nothing."""
         return {}
@@ -276,11 +281,10 @@ def _scenario(stored: "Stored", network: "Network", kind: "Kind", changes: "Chan
     from lockstep.model.simulation.message_channel import MessageChannel
 
     asked = changes.disturbance or stored.problem.simulation.disturbance.kind
-    if asked != "worst":
-        made = scenario_of(stored.problem, changes, sampled=kind != "continuous")
-        return replace(made, channel=MessageChannel()) if kind == "off" else made
-    quiet = scenario_of(stored.problem, replace(changes, disturbance="none"), sampled=kind != "continuous")
-    return _worst(stored, network, quiet, changes)
+    drawn = changes if asked != "worst" else replace(changes, disturbance="none")
+    made = scenario_of(stored.problem, drawn, sampled=kind != "continuous")
+    made = replace(made, channel=MessageChannel()) if kind == "off" else made
+    return made if asked != "worst" else _worst(stored, network, made, changes)
 
 
 def _worst(stored: "Stored", network: "Network", quiet: "Scenario", changes: "Changes") -> "Scenario":

@@ -15,7 +15,7 @@ def rows(run: "Simulation") -> dict[str, str]:
     """Return what is to be told of the run, for people, by a word for each."""
     trajectory, found, problem = run.trajectory, run.measured, run.design.problem
     agent, start = problem.agent(), float(trajectory.disagreement()[0])
-    table, N = problem.simulation.disturbance, getattr(run, "swarm", trajectory).N
+    table = problem.simulation.disturbance
     drawn = run.disturbance in ("noise", "sine", "step")
     size = f" of amplitude {table.amplitude:g} on every state, in its unit per second" * drawn
     disturbed = f"{size if table.intensity is None else ''}, |xi_d| = {found.input:.4g} in L2"
@@ -43,7 +43,7 @@ def rows(run: "Simulation") -> dict[str, str]:
     if trajectory.faults:
         told["faults"] = f"{trajectory.faults} steps with a status other than OK or CLIPPED"
     if trajectory.clipped:
-        steps = N * round(trajectory.horizon / problem.controller.period)
+        steps = run.agents * round(trajectory.horizon / problem.controller.period)
         told["clipped"] = f"{trajectory.clipped} of {steps} controller steps met a limit of an input"
     if of := run.messages:
         besides = {"disturbances": trajectory.xi.any(), "clipped inputs": trajectory.clipped}

@@ -49,6 +49,11 @@ class LargeSimulation(Simulation):
     swarm: SwarmRun
     engine: str
 
+    @property
+    def agents(self) -> int:
+        """How many agents ran."""
+        return self.swarm.N
+
     def document(self) -> dict[str, Any]:
         """Return the contract's keys; above `LISTED` agents those of each agent are summed up."""
         return {**super().document(), "agents": self.swarm.N, "engine": self.engine}

@@ -37,8 +37,17 @@ def part_of_states(gains: Gains) -> float | None:
         return None
     worst, eye = 0.0, np.eye(gains.order)
     for A, B, C, D in zip(gains.A, gains.B, gains.C, gains.D, strict=True):
-        poles = np.abs(np.linalg.eigvals(A))
-        for w in (0.0, *poles, *(poles / 10), *(poles * 10)):
-            moved = np.abs(C @ np.linalg.solve((1j * w + 1e-9 * (1 + np.linalg.norm(A))) * eye - A, B))
-            worst = max(worst, float((moved / np.maximum(moved + np.abs(D), np.finfo(float).tiny)).max()))
+        try:
+            poles = np.abs(np.linalg.eigvals(A))
+            with np.errstate(
+                all="ignore"
+            ):  # entries of 1e300 are numbers, too: what is not known to be small is not
+                for w in (0.0, *poles, *(poles / 10), *(poles * 10)):
+                    moved = np.abs(
+                        C @ np.linalg.solve((1j * w + 1e-9 * (1 + np.linalg.norm(A))) * eye - A, B)
+                    )
+                    part = moved / np.maximum(moved + np.abs(D), np.finfo(float).tiny)
+                    worst = max(worst, float(np.nan_to_num(part, nan=1.0).max()))
+        except np.linalg.LinAlgError:
+            return 1.0
     return worst

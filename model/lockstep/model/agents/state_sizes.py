@@ -1,5 +1,7 @@
 """How large the states of an agent are beside each other: m beside Pa, of which no sum and no single bound says anything."""
 
+from functools import lru_cache
+
 import casadi as ca
 import numpy as np
 from jaxtyping import Float
@@ -7,6 +9,7 @@ from jaxtyping import Float
 from lockstep.model.agents.agent import Agent
 
 
+@lru_cache(maxsize=64)  # a run asks at each of its steps
 def state_sizes(agent: Agent) -> Float[np.ndarray, " n"]:
     """Return sizes of the states at which the slopes of an agent are alike, in powers of two: those that balance df/dx.
 
@@ -21,9 +24,12 @@ def state_sizes(agent: Agent) -> Float[np.ndarray, " n"]:
 
     J = ca.Function("J", [agent.x, agent.u, agent.t], [ca.jacobian(agent.rhs, agent.x)])
     slopes = np.asarray(J(middle(agent), np.zeros(agent.m), 0.0))
-    if not np.isfinite(slopes).all():
-        return np.ones(agent.n)
-    return np.asarray(matrix_balance(slopes)[1].sum(axis=1))  # a diagonal matrix, its columns permuted
+    finite = np.isfinite(slopes).all()
+    sizes = (
+        matrix_balance(slopes)[1].sum(axis=1) if finite else np.ones(agent.n)
+    )  # diagonal, its columns permuted
+    sizes.flags.writeable = False
+    return np.asarray(sizes)
 
 
 def middle(agent: Agent) -> Float[np.ndarray, " n"]:
