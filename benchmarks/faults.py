@@ -19,7 +19,7 @@ from typing import Any
 
 from lockstep.codegen.sampled_design import prove_design, with_sampled
 from lockstep.lmi.document import parse
-from lockstep.workflow.design import Design
+from lockstep.workflow.design_file import Design
 from lockstep.workflow.runs.network_faults import network_campaign
 
 ROOT = Path(__file__).parents[1]
@@ -55,7 +55,9 @@ def measured(name: str, runs: int, seed: int, jobs: int | None) -> dict[str, Any
     faults, design = NETWORKS[name][1], asked(name)
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
-        document = network_campaign(design, faults, runs, folder, seed=seed, jobs=jobs).document()
+        document = network_campaign(
+            design, faults, runs, folder, seed=seed, horizon=10.0, jobs=jobs
+        ).document()
     wanted = (
         "ok",
         "runs",

@@ -44,7 +44,7 @@ say(found.rho)
 """
 
 PROBLEM = """
-from lockstep.lmi.design import claim_of, given_gains, proved_bound
+from lockstep.lmi.proposal import claim_of, given_gains, proved_bound
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import load_problem
 problem = load_problem(sys.argv[1])

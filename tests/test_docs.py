@@ -16,7 +16,7 @@ from pydantic import BaseModel
 
 from lockstep.model.problem import Problem, load_problem
 from lockstep.model.problem.tables.schema import ProblemFile
-from lockstep.workflow.design import Design, load
+from lockstep.workflow.design_file import Design, load
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

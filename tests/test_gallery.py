@@ -54,7 +54,10 @@ def test_what_is_committed_is_small():
 @pytest.mark.parametrize("field", DESIGNED)
 def test_the_design_is_of_the_fields_file(field):
     posed, design = Problem.parse(init(field).text), lockstep.load(measure.design_path(field))
-    for part in ("agent", "network", "controller"):
+    own, agent = design.problem.file.agent, posed.file.agent
+    assert own.units.items() <= agent.units.items(), "units of parameters came after some of the designs"
+    assert own.model_copy(update={"units": agent.units}) == agent
+    for part in ("network", "controller"):
         assert getattr(design.problem.file, part) == getattr(posed.file, part)
     for key in posed.design.model_fields_set - {"gains"}:
         assert getattr(design.problem.design, key) == getattr(posed.design, key)

@@ -8,7 +8,7 @@ from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.from_design import specification
 from lockstep.lmi.document import parse
-from lockstep.workflow.design import Design, load
+from lockstep.workflow.design_file import Design, load
 from lockstep.workflow.generate import generated_files
 
 
@@ -69,7 +69,7 @@ def test_the_header_prints_both_rhos(root):
     folder = root / "generated" / "flexible_joint_arms"
     design = json.loads((folder / "design.json").read_text())["claims"]
     header = (folder / "include" / "arm1.h").read_text()
-    assert f"rho = {design['rho']!r}\n" in header
-    assert f"rho_sampled = {design['sampled']['rho']!r}\n" in header
+    assert f"rho: {design['rho']!r}\n" in header
+    assert f"rho_sampled: {design['sampled']['rho']!r}\n" in header
     certificate = json.loads((folder / "manifest.json").read_text())["certificate"]
     assert (certificate["rho"], certificate["rho_sampled"]) == (design["rho"], design["sampled"]["rho"])

@@ -97,7 +97,10 @@ def test_a_loaded_design_is_what_its_file_says(arms):
     assert arms.title == content["problem"]["title"]
     assert (arms.rho, arms.alpha, arms.floor) == tuple(claims[key] for key in ("rho", "alpha", "floor"))
     assert arms.certified is claims["certified"]
-    assert arms.sampled == claims["sampled"] | content["info"]["sampled"]
+    rate = arms.sampled["rate"]
+    assert arms.sampled == claims["sampled"] | content["info"]["sampled"] | {"rate": rate}
+    # V falls by the claimed factor from one sample to the next, |x_d| by its root: e^(-rate T), rounded to a slower one.
+    assert claims["sampled"]["decay"] < np.exp(-2 * rate * 0.005) < claims["sampled"]["decay"] * (1 + 1e-6)
     for letter in "ABCD":
         for matrix, said in zip(getattr(arms.gains, letter), content["gains"], strict=True):
             assert matrix.tolist() == said[letter]
@@ -139,7 +142,7 @@ def test_from_a_problem_to_c_that_is_equal_to_the_last_bit():
     assert verdict.document() == lockstep.certify("design.json").document()
     # x_d' = -cos(.) x_d - 4 x_d + xi_d, -1 <= cos <= 1: at worst a gain of 1/3, and no certificate can say less.
     assert found.rho >= 1 / 3
-    made = found.generate("c")
+    made = lockstep.generate(found, "c")
     assert sorted(p.relative_to("c").as_posix() for p in Path("c").rglob("*") if p.is_file()) == sorted(
         made.files
     )
@@ -169,7 +172,7 @@ def test_what_does_not_hold_is_raised_and_nothing_is_written(place):
 
 
 def test_c_changed_by_one_literal_is_not_certified(place):
-    lockstep.design("pair.toml").generate("c")
+    lockstep.generate(lockstep.design("pair.toml"), "c")
     source = place / "c" / "src" / "one1.c"
     text = source.read_text(encoding="utf-8")
     assert "2.0f" in text
@@ -214,7 +217,7 @@ def test_a_design_that_is_no_folder_has_no_c_to_run():
     found = lockstep.design("pair.toml")
     with pytest.raises(lockstep.ProblemError, match="no C to compile"):
         lockstep.simulate(found, controllers="compiled", horizon=0.1)
-    found.generate("c")
+    lockstep.generate(found, "c")
     assert lockstep.simulate(lockstep.load("c"), controllers="compiled", horizon=0.1).ok
 
 

@@ -1,4 +1,4 @@
-"""What the README shows runs, and its figures are those that appear."""
+"""What the README and the page of the functions show runs, and the figures are those that appear."""
 
 import json
 import re
@@ -7,23 +7,24 @@ import pytest
 from typer.testing import CliRunner
 
 from lockstep.cli.main import app
-from lockstep.lmi.design import proved_bound
+from lockstep.lmi.proposal import proved_bound
 from lockstep.model.problem import parse_problem
 
 
 def test_the_python_examples_run(root, tmp_path, monkeypatch):
     (tmp_path / "generated").symlink_to(root / "generated")
     monkeypatch.chdir(tmp_path)
-    steps, agent = re.findall(r"```python\n(.*?)```", (root / "README.md").read_text(), flags=re.DOTALL)
+    page = (root / "docs" / "api.md").read_text(encoding="utf-8")
+    steps, agent = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
     names: dict[str, object] = {}
-    exec(compile(steps, "README.md", "exec"), names)
+    exec(compile(steps, "api.md", "exec"), names)
     saved = json.loads((tmp_path / "design.json").read_text(encoding="utf-8"))
     assert names["rho"] == saved["claims"]["sampled"]["rho"]
     assert names["A_1"].tolist() == saved["gains"][0]["A"]
     assert names["run"].ok
     assert names["loop"].ninputs == 3 * 4, "a disturbance on every state of three arms"
     names = {}
-    exec(compile(agent, "README.md", "exec"), names)
+    exec(compile(agent, "api.md", "exec"), names)
     assert names["loop"].A_0.shape == (2 * 3 + 2 * 4,) * 2
 
 

@@ -27,14 +27,15 @@ import numpy as np
 from elftools.elf.elffile import ELFFile
 
 from lockstep.check.c_source.kernel import Shape
-from lockstep.codegen.cores import CORES, emulated, registers_of
+from lockstep.codegen.cost.cores import CORES, emulated, registers_of
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.exports import with_exports
-from lockstep.codegen.spec import CodegenSpec, Controller, FixedFormats, Neighbour
+from lockstep.codegen.manifest import FixedEntry
+from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.verification.harness import compile_objects, text_bytes
 from lockstep.verification.machines.image import link_image, load_image, machine_flags
-from lockstep.verification.machines.toolchain import arm_gcc, zig
+from lockstep.verification.toolchain import arm_gcc, zig
 
 RETURN, DATA, STACK, STACK_BYTES = 0x1000, 0x2100_0000, 0x3000_0000, 0x1_0000
 STATE, OWN, OTHERS, RESULT = DATA + 64, DATA + 0x8000, DATA + 0x9000, DATA + 0x1_8000
@@ -213,7 +214,8 @@ def measure(seed, count, *, integers=False):
         if integers:
             m, q, n = shape.inputs, shape.outputs, shape.order
             agent = controller("zz", random, shape, limited=True, shifted=False, unit=True)
-            formats = FixedFormats((11,) * q, (10,) * m, ((22,) * n,), ("nothing",))
+            claimed = {"states": ((22,) * n,), "claims": ("nothing",)}
+            formats = FixedEntry(outputs=(11,) * q, inputs=(10,) * m, **claimed)
             agent = replace(agent, limits=np.tile([-9.0, 7.0], (m, 1)))
             spec = CodegenSpec((agent,), period=0.01, name="one", fixed=formats)
             made = {

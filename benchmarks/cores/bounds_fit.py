@@ -1,4 +1,4 @@
-"""Fit the coefficients of `codegen/bound_coefficients.py` to what `bounds.py` measured, and hold measurements to the bounds.
+"""Fit the coefficients of `codegen/cost/bound_coefficients.py` to what `bounds.py` measured; hold measurements to the bounds.
 
     python benchmarks/cores/bounds_fit.py fit FILE.jsonl...     prints the tables
     python benchmarks/cores/bounds_fit.py hold FILE.jsonl...    measured over bound; exits with 1 above a bound
@@ -17,8 +17,8 @@ from scipy.optimize import linprog
 
 from lockstep.check.c_source.kernel import Shape
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.bounds import INTEGER_PARTS, OWN_PARTS, bounds, integer_budgets, operations
-from lockstep.codegen.budget import (
+from lockstep.codegen.cost.bounds import INTEGER_PARTS, OWN_PARTS, bounds, integer_budgets, operations
+from lockstep.codegen.cost.budget import (
     ALIKE,
     FLASH_PARTS,
     SOFT_ALIKE,

@@ -28,7 +28,7 @@ import casadi as ca
 import numpy as np
 
 from lockstep.check.c_source.kernel import Shape
-from lockstep.codegen.cores import CORES
+from lockstep.codegen.cost.cores import CORES
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.emission.kernel import kernel_function
 from lockstep.codegen.emission.known_answers import SCALE, known_answers
@@ -37,9 +37,9 @@ from lockstep.codegen.manifest import AgentEntry, Manifest, load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.verification.comparison import compare
 from lockstep.verification.machines.emulator import run_on_core
-from lockstep.verification.machines.toolchain import Compiler, arm_gcc, zig
 from lockstep.verification.reference import Reference
 from lockstep.verification.stimulus import closed_loop_calls, recorded_outputs, run_reference
+from lockstep.verification.toolchain import Compiler, arm_gcc, zig
 
 VARIANTS = ("speed", "size", "hand", "loop", "casadi", "data")
 BY_HAND = ("hand", "loop")

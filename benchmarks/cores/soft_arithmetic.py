@@ -14,7 +14,7 @@ import numpy as np
 from bounds import Machine, targets
 
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.cores import CORES
+from lockstep.codegen.cost.cores import CORES
 from lockstep.verification.harness import compile_objects
 from lockstep.verification.machines.image import link_image, machine_flags
 

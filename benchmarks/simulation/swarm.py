@@ -23,7 +23,7 @@ from lockstep.check.sampled.discretise import discretise
 from lockstep.model.problem import load_problem
 from lockstep.swarm import NeighbourLists, SwarmLoop, simulate_swarm
 from lockstep.swarm.engine import processors
-from lockstep.verification.machines.toolchain import first_compiler
+from lockstep.verification.toolchain import first_compiler
 
 HERE = Path(__file__).parent
 ARMS = HERE.parents[1] / "examples" / "flexible_joint_arms.toml"
@@ -42,7 +42,7 @@ def swarm(agents: int) -> SwarmLoop:
     lists = NeighbourLists.random_regular(agents, DEGREE, seed=1)
     lists = NeighbourLists(lists.first, lists.source, np.full(len(lists.source), 1 / DEGREE))
     problem = load_problem(ARMS)
-    table = discretise(*(np.array(M) for M in GAINS), PERIOD, "tustin").stacked().astype(np.float32)
+    table = discretise(*(np.array(M) for M in GAINS), PERIOD, "tustin").astype(np.float32)
     agent = problem.agent()
     return SwarmLoop(
         agent, lists, 2, table[None], agent.lure.B[None], PERIOD, "float32", np.eye(4), 2 * np.eye(2)

@@ -27,7 +27,7 @@ from scipy.integrate import solve_ivp
 from lockstep.campaign import Batch, Engine, Features, Performance, continuous_source, sampled_source
 from lockstep.campaign.compiled.library import load
 from lockstep.model.network import Network
-from lockstep.workflow.design import load as load_design
+from lockstep.workflow.design_file import load as load_design
 
 DESIGN = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
 HORIZON, STEP = 10.0, 1e-3

@@ -27,9 +27,11 @@ if TYPE_CHECKING:
     from lockstep.model.problem import Problem
     from lockstep.workflow.build import Build, build
     from lockstep.workflow.certify import DesignVerdict, certify
-    from lockstep.workflow.design import Design, design, load
+    from lockstep.workflow.design import design
+    from lockstep.workflow.design_file import Design, load
     from lockstep.workflow.generate import Generated, generate
-    from lockstep.workflow.runs.simulate import Simulation, simulate
+    from lockstep.workflow.runs.simulate import simulate
+    from lockstep.workflow.runs.simulation import Simulation
     from lockstep.workflow.verify import verify
 
 # The other roots hold portions of this package: this is the only `__init__` among them.
@@ -58,15 +60,15 @@ __all__ = [
 
 _HOMES = {
     "Build": "lockstep.workflow.build",
-    "Design": "lockstep.workflow.design",
+    "Design": "lockstep.workflow.design_file",
     "DesignVerdict": "lockstep.workflow.certify",
     "Generated": "lockstep.workflow.generate",
     "LmiVerdict": "lockstep.lmi.external_lmi",
     "Problem": "lockstep.model.problem",
-    "Simulation": "lockstep.workflow.runs.simulate",
+    "Simulation": "lockstep.workflow.runs.simulation",
     "decide_lmi": "lockstep.lmi.external_lmi",
     "simulate": "lockstep.workflow.runs.simulate",
-    "load": "lockstep.workflow.design",
+    "load": "lockstep.workflow.design_file",
 }
 
 

@@ -162,7 +162,7 @@ def _proved(design: lockstep.Design) -> str:
         (
             "rho",
             f"{design.rho:.4g}",
-            "gain from the disagreement of the disturbances to that of the states, in L2",
+            "gain from the disagreement of the disturbances and noise to what is weighed (states, controllers, u), in L2",
         )
     ]
     if claims.floor is not None:

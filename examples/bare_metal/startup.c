@@ -37,6 +37,7 @@ void Reset_Handler(void)
 
 void Stop_Handler(void)
 {
+    BOARD->command = 0.0f; /* the motor is let go; the watchdog is not fed and resets */
     for (;;) {
     }
 }

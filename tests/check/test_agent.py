@@ -10,8 +10,9 @@ from flint import fmpq
 from text_cases import plant
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.expression.exact import Exact, Value, read_text
+from lockstep.check.expression.exact import Exact, Value
 from lockstep.check.expression.node import Node, linear, variable
+from lockstep.check.expression.text import parse
 from lockstep.check.expression.traversal import expand, substitute
 from lockstep.check.system.agent import ExactAgent, Move
 
@@ -23,7 +24,7 @@ def values(dynamics: dict, symbols: list[str], parameters: dict) -> list[Node]:
     """Each right-hand side as the exact node of its text, over (x, u, t)."""
     known: dict[str, Value | float] = {key: Value(variable(k)) for k, key in enumerate(symbols)}
     known |= parameters
-    return [read_text(text, known, Exact(len(symbols) - 1)).node for text in dynamics.values()]
+    return [parse(text, known, Exact(len(symbols) - 1)).node for text in dynamics.values()]
 
 
 def added_up(agent: ExactAgent) -> list[Node]:

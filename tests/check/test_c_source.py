@@ -45,7 +45,7 @@ def test_what_is_printed_is_read(optimize, real, weights):
         np.testing.assert_array_equal(one.controller.table, agent.table(manifest.real_type).astype(float))
         np.testing.assert_array_equal(one.controller.weights, agent.weights(manifest.real_type).astype(float))
         assert [NAMES[j] for j in one.controller.sources] == [s.source for s in agent.neighbours]
-        assert one.period == 0.01
+        assert one.period == np.dtype(real).type(0.01)
         assert one.real == real
 
 
@@ -95,6 +95,15 @@ def test_another_coefficient_is_read_as_such():
         ("#include <float.h>", "// \n#include <float.h>"),
         ("const float x0 = x[0];", "const float x0 = '/*' + x[0]; /*'*/"),
         ("    return status;", "    return status;;"),
+        # A self-check that asks for less.
+        ("    differs |= (a1_step_relative(&state, bad, u) == A1_NOT_FINITE) ? 0u : 1u;\n", ""),
+        ("bits[k] = (uint8_t)~first;", "bits[k] = (uint8_t)first;"),
+        ("    differs |= (state.age[0] == 1u) ? 0u : 1u;\n", ""),
+        ("bad, 1u, u) == A1_OK", "bad, 0u, u) == A1_OK"),
+        # A row that is not finite.
+        ("neighbour_y, usable, r);", "neighbour_y, received, r);"),
+        ("neighbour_y, usable, status);", "neighbour_y, received, status);"),
+        ("            usable |= bit;", "            usable |= received;"),
     ],
 )
 def test_c_of_another_form_is_refused(old, new):
@@ -160,6 +169,9 @@ def test_an_octal_index_is_refused():
     [
         ("#define A1_PERIOD_S 0.01f", "#define A1_PERIOD_S -0.01f"),
         ("#define A1_ORDER 2", "#define A1_ORDER 3"),
+        ("#define A1_ORDER 2u", "#define A1_ORDER 2"),
+        ("#define A1_PERIOD_US 10000u", "#define A1_PERIOD_US 1000u"),
+        ("#define A1_PERIOD_US 10000u\n", ""),
         ("a2, weight", "stranger, weight"),
         ("weight a = 1.0", "weight a = 2.0"),
         ("#include <stdint.h>", "#include <stdint.h>\n#define float double"),

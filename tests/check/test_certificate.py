@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from lockstep.check.bound.slope_bounds import Entry
-from lockstep.check.continuous.certificate import decide_certificate, decide_floor
 from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.continuous.modes import ModalCertificate, Segment
+from lockstep.check.continuous_claims import decide_certificate, decide_floor
 from lockstep.check.errors import ProblemError
 from lockstep.check.floor.witness import FloorWitness, Piece
 from lockstep.check.system.graph import Digraph

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from lockstep.check.__main__ import main
 from lockstep.check.certify import Certified, certify
 from lockstep.check.design_file.content import parse
+from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.errors import LockstepError, ProblemError
 from lockstep.check.requirements import shortfalls
-from lockstep.check.system.problem import ProblemTables
 from lockstep.check.verdict import Verdict
 
 FOLDER = Path(__file__).parents[2] / "generated" / "flexible_joint_arms"
@@ -72,6 +72,82 @@ def test_fewer_boxes_than_the_proof_takes_decide_nothing(tmp_path: Path) -> None
     assert certify(written(tmp_path, content)).verdicts["bound"].status == "undecided"
     content["proofs"]["bound"] = None
     assert not certify(written(tmp_path, content)).proved
+
+
+TYPES = "typedef short int32_t;\ntypedef unsigned int uint32_t;\nstatic const uint32_t UINT32_MAX = 4294967295u;\n"
+
+
+@pytest.mark.parametrize(
+    ("manifest", "files", "found"),
+    [
+        ({"name": "stdint"}, {"include/stdint.h": TYPES}, "include/stdint.h"),
+        ({"name": "("}, {"src/(.c": "int one = 1;\n"}, "src/(.c"),
+        ({"name": "float"}, {"src/float.c": "int one = 1;\n"}, "src/float.c"),
+        ({}, {"src/arm3_table.c": "void evil(void) { for (;;) { } }\n"}, "src/arm3_table.c"),
+        ({}, {"include/arm3_table.h": "#define float double\n"}, "include/arm3_table.h"),
+    ],
+    ids=str,
+)
+def test_no_file_of_another_name_is_read_by_a_compiler_alone(
+    manifest: dict[str, str], files: dict[str, str], found: str, tmp_path: Path
+) -> None:
+    """Names come from a manifest of which nothing is believed: a table that shadows a compiler's header is none."""
+    folder = Path(shutil.copytree(FOLDER, tmp_path / "c"))
+    named = json.loads((folder / "manifest.json").read_text()) | manifest
+    (folder / "manifest.json").write_text(json.dumps(named))
+    if manifest:
+        for part in ("include/arm_controllers.h", "src/arm_controllers.c"):
+            (folder / part).unlink()
+    for path, text in files.items():
+        (folder / path).write_text(text)
+    verdict = certify(folder).verdicts["code"]
+    assert verdict.status == "undecided"
+    assert verdict.reason == f"{found}: a compiler may read it, and nothing here does"
+
+
+@pytest.mark.parametrize("prefix", ["(", "((a|a)*)*!", "a.b", "é", "x" * 60])
+def test_a_prefix_is_part_of_a_name(prefix: str, tmp_path: Path) -> None:
+    """Of `((a|a)*)*!` a pattern would be made whose match takes exponential time."""
+    folder = Path(shutil.copytree(FOLDER, tmp_path / "c"))
+    (folder / "include" / "tab.h").write_text(f'#include "{"a" * 40}.h"\n')
+    (folder / "manifest.json").write_text(json.dumps({"prefix": prefix, "name": "tab"}))
+    with pytest.raises(ProblemError, match="begins no C identifier"):
+        certify(folder)
+
+
+@pytest.mark.parametrize("name", ["(", "[", "a|b", "*_controllers"])
+def test_a_folder_without_the_table_that_it_names_is_proved(name: str, tmp_path: Path) -> None:
+    """What a manifest names is no pattern; the controllers need no table."""
+    folder = Path(shutil.copytree(FOLDER, tmp_path / "c"))
+    for part in ("include/arm_controllers.h", "src/arm_controllers.c"):
+        (folder / part).unlink()
+    (folder / "manifest.json").write_text(json.dumps({"name": name}))
+    assert certify(folder).verdicts["code"].proved
+
+
+def test_a_longest_period_below_the_period_is_decided_too(tmp_path: Path) -> None:
+    content = deepcopy(DESIGN)
+    content["claims"]["sampled"]["max_period"] = 1e-300
+    content["proofs"]["max_period"] = None
+    found = certify(written(tmp_path, content))
+    assert found.verdicts["max_period"].status == "undecided"
+    assert not found.proved
+
+
+def test_across_a_domain_without_width_no_slope_refutes(tmp_path: Path) -> None:
+    """phi(a) = phi(b) where a = b is all there is: the slope 3.33 cos(0.5) of the arm is none of its differences."""
+    content = deepcopy(DESIGN)
+    content["problem"]["agent"]["domain"] = {"theta_l": [0.5, 0.5]}
+    content["claims"] |= {"scope": "local", "alpha": 0.0, "initial_set": None}
+    assert certify(written(tmp_path, content)).verdicts["bound"].status == "undecided"
+
+
+def test_a_product_of_many_factors_is_refused_before_it_is_differentiated(tmp_path: Path) -> None:
+    content = deepcopy(DESIGN)
+    factors = "*".join(f"(theta_l+{i})" for i in range(1, 80))
+    content["problem"]["agent"]["dynamics"]["omega_l"] = factors
+    with pytest.raises(ProblemError, match="a product of more than 12 different factors"):
+        certify(written(tmp_path, content))
 
 
 def test_a_figure_that_overflows_proves_no_residual(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ added to u_i (e_i and mu_i) or to r_i (nu_i),
 
     x_d+ = x_d / 2 + (e_1 - e_2 - nu_1 + nu_2 + mu_1 - mu_2) / 4.
 
-With P = 1 and all of t, kappa, kappa_mu = 100, Schur's complement of W > 0 reads 1 - 1 / (4 decay) - 6 / 1600 > 0 (the
+With P = 1 and all of t, kappa, kappa_mu = 100, Schur's complement of Omega > 0 reads 1 - 1 / (4 decay) - 6 / 1600 > 0 (the
 rounding of D adds some 1e-10): decay > 0.25 / (1 - 0.00375) = 0.25094. The squared distance from consensus is x_d^2 / 2.
 """
 
@@ -91,8 +91,8 @@ def test_nothing_is_searched_for(network, controllers):
 
 def test_another_period_is_another_loop(network, controllers):
     """At 1 s the loop is x_d+ = -x_d: on the edge; at 0.3 s it is 0.4 x_d, and the noise of 0.3 fits too."""
-    assert not decide_sampled(network.at(1.0), controllers, [WITNESS]).certified
-    assert decide_sampled(network.at(0.3), controllers, [WITNESS]).certified
+    assert not decide_sampled(replace(network, period=1.0), controllers, [WITNESS]).certified
+    assert decide_sampled(replace(network, period=0.3), controllers, [WITNESS]).certified
 
 
 def test_rho_below_the_gain_that_exists_is_never_proved(network, controllers):

@@ -49,7 +49,7 @@ def test_one_step_is_the_largest_value_over_all_inputs(seed):
     root = 0.3 * rng.standard_normal((3, 3))
     P = root @ root.T + 0.1 * np.eye(3)
     step = one.A_d @ a
-    value = step @ np.linalg.solve(np.linalg.inv(P) - one.S, step) + a @ one.Q @ a
+    value = step @ np.linalg.solve(np.linalg.inv(P) - one.BB_d, step) + a @ one.CC_d @ a
     coarse, fine = (largest_value(A, B, E, F, T, a, P, pieces) for pieces in (100, 200))
     # Fewer inputs can only lose, and the loss shrinks with the square of the grid.
     assert value == pytest.approx(fine + (fine - coarse) / 3, rel=1e-5)
@@ -61,7 +61,7 @@ def test_without_ways_in_it_is_the_zero_order_hold():
     one = lift(A, B, np.zeros((3, 3)), np.zeros((3, 3)), 0.3, expm)
     hold = expm(0.3 * np.block([[A, B], [np.zeros((1, 4))]]))[:3]
     np.testing.assert_allclose(one.A_d, hold, atol=1e-13)
-    assert not one.S.any()
+    assert not one.BB_d.any()
 
 
 def test_balls_hold_what_doubles_compute_and_are_narrow():
@@ -70,9 +70,9 @@ def test_balls_hold_what_doubles_compute_and_are_narrow():
     with balls.working_precision():
         A_, B_, E_, F_ = (exactly(M) for M in (A, B, E, F))
         enclosed = lift(A_, B_, E_ @ E_.T, F_.T @ F_, 0.2)
-        assert max(float(arb(v).rad()) for v in enclosed.Q.ravel()) < 1e-60
-    np.testing.assert_allclose(balls.midpoints(enclosed.Q), doubles.Q, atol=1e-12)
-    np.testing.assert_allclose(balls.midpoints(enclosed.S), doubles.S, atol=1e-12)
+        assert max(float(arb(v).rad()) for v in enclosed.CC_d.ravel()) < 1e-60
+    np.testing.assert_allclose(balls.midpoints(enclosed.CC_d), doubles.CC_d, atol=1e-12)
+    np.testing.assert_allclose(balls.midpoints(enclosed.BB_d), doubles.BB_d, atol=1e-12)
 
 
 def test_a_multiplier_couples_copies_as_one_big_period_would():
@@ -84,7 +84,7 @@ def test_a_multiplier_couples_copies_as_one_big_period_would():
         np.kron(unit, A), np.kron(unit, B), np.kron(np.linalg.inv(M), E @ E.T), np.kron(M, F.T @ F), 0.3, expm
     )
     apart = copies(lift(A, B, E @ E.T, F.T @ F, 0.3, expm), M)
-    for name in ("A_d", "S", "Q"):
+    for name in ("A_d", "BB_d", "CC_d"):
         np.testing.assert_allclose(getattr(apart, name), getattr(together, name), atol=1e-12)
 
 

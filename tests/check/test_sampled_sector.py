@@ -25,7 +25,7 @@ def test_it_holds_for_all_admitted_differences_and_for_no_smaller_one() -> None:
     v = generator.standard_normal((2000, 2)) * generator.choice([1.0, 30.0], (2000, 2))
     v[0] = 1 / (3.0 * 2.0), 1 / (50.0 * 0.02)
     phi = np.abs(v) @ [2.0, 0.02]
-    ratios = found.Q[0] * phi**2 / (v**2 @ found.W)
+    ratios = found.Pi_w[0] * phi**2 / (v**2 @ found.Pi_z)
     assert ratios.max() == pytest.approx(1.0)
     assert ratios.max() == ratios[0]
 
@@ -33,15 +33,15 @@ def test_it_holds_for_all_admitted_differences_and_for_no_smaller_one() -> None:
 def test_components_have_weights_of_their_own() -> None:
     found = common_sector(9.0, ENTRIES, *weights([0.0], [[3.0], [50.0], [7.0]]), 2, 2)
     assert found is not None
-    np.testing.assert_allclose(found.Q, np.array([150 / 53, 7.0]) / 7.0)
-    np.testing.assert_allclose(found.W, np.array([3.0 * 4.0, 50.0 * 0.0004 + 7.0 * 0.25]) / 7.0)
+    np.testing.assert_allclose(found.Pi_w, np.array([150 / 53, 7.0]) / 7.0)
+    np.testing.assert_allclose(found.Pi_z, np.array([3.0 * 4.0, 50.0 * 0.0004 + 7.0 * 0.25]) / 7.0)
 
 
 def test_alpha_is_added_with_its_own_weights() -> None:
     found = common_sector(4.0, ENTRIES, *weights([1.0, 2.0], [[0.0, 0.0]] * 3), 2, 2)
     assert found is not None
-    assert found.Q.tolist() == [1.0, 1.0]
-    assert found.W.tolist() == [16.0, 16.0]
+    assert found.Pi_w.tolist() == [1.0, 1.0]
+    assert found.Pi_z.tolist() == [16.0, 16.0]
 
 
 def test_a_component_without_weights_has_no_sector() -> None:
@@ -65,8 +65,8 @@ def test_numbers_are_rounded_to_the_safe_side() -> None:
                 for one, r in zip(mu, (2.0, 0.02), strict=True)
             ],
         )
-        for above, exact in zip(found.W, W, strict=True):
-            assert Fraction(float(found.Q[0])) * exact <= Q * Fraction(float(above))
+        for above, exact in zip(found.Pi_z, W, strict=True):
+            assert Fraction(float(found.Pi_w[0])) * exact <= Q * Fraction(float(above))
 
 
 def test_the_first_guess_has_the_ratios_of_the_pairs() -> None:
@@ -76,4 +76,4 @@ def test_the_first_guess_has_the_ratios_of_the_pairs() -> None:
     c = Certificate(1.0, np.zeros((1, 1)), m, np.zeros(0), m_entries)
     guess = common_pair_weights(ENTRIES, c, found)
     assert guess[1] == pytest.approx(4 * guess[0])
-    assert guess[0] * found.Q == pytest.approx([2 / 3, 3.0])
+    assert guess[0] * found.Pi_w == pytest.approx([2 / 3, 3.0])

@@ -10,15 +10,16 @@ from hypothesis import strategies as st
 from text_cases import BAD
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.expression.exact import LONGEST_CONSTANT, Exact, Value, read_text
+from lockstep.check.expression.exact import LONGEST_CONSTANT, Exact, Value
 from lockstep.check.expression.node import ONE, ZERO, add, linear, multiply, number, power, variable
+from lockstep.check.expression.text import parse
 
 X, Y, T = (variable(k) for k in range(3))
 SYMBOLS = {"x": Value(X), "y": Value(Y), "t": Value(T), "k": 2.5}
 
 
 def read(text: str) -> Value:
-    return read_text(text, SYMBOLS, Exact(2), where="[agent.dynamics] x")
+    return parse(text, SYMBOLS, Exact(2), where="[agent.dynamics] x")
 
 
 @pytest.mark.parametrize(

@@ -19,9 +19,9 @@ from test_fuzz import DESIGN, FORMULA, HEADER, PLACES, SOURCE, TOML, VALUES, edi
 from lockstep.check.c_source.reader import read_controller
 from lockstep.check.certify import decide
 from lockstep.check.design_file.content import parse
-from lockstep.check.design_file.json_text import parse_json
+from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.errors import LockstepError
-from lockstep.check.system.problem import ProblemTables
+from lockstep.check.json_text import parse_json
 from lockstep.lmi.document import parse as parse_design
 from lockstep.model.problem import Problem, parse_problem
 

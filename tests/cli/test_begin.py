@@ -12,10 +12,15 @@ import pytest
 from typer.testing import CliRunner
 
 import lockstep
+from lockstep.check.expression.text import FUNCTIONS
 from lockstep.cli.main import app
-from lockstep.workflow.design import Design
+from lockstep.model.checks.proved.dimensions import check_units
+from lockstep.model.problem.tables.key_meanings import MEANINGS
+from lockstep.workflow.design_file import Design
 from lockstep.workflow.explain import Explanation, explain
 from lockstep.workflow.init import SCHEMA_NAME, fields
+
+FIELDS = (*fields(), "blank")
 
 
 @pytest.fixture
@@ -24,7 +29,7 @@ def run(tmp_path, monkeypatch):
     return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
 
 
-@pytest.mark.parametrize("field", [*fields(), "blank"])
+@pytest.mark.parametrize("field", FIELDS)
 def test_a_begun_file_is_written_with_its_schema_and_obeys_it(field, run, tmp_path):
     result = run("init", *([] if field == "blank" else [field]), "-o", "mine.toml", "--json")
     assert result.exit_code == 0, result.output
@@ -40,6 +45,28 @@ def test_a_begun_file_is_written_with_its_schema_and_obeys_it(field, run, tmp_pa
 
 def test_the_file_to_fill_in_leaves_the_gains_to_the_defaults():
     assert lockstep.Problem.parse(lockstep.workflow.init.init().text).has_defaults
+
+
+def test_the_lists_of_functions_name_every_function(root):
+    page = (root / "docs" / "problem.md").read_text(encoding="utf-8")
+    (told,) = re.findall(r"^A formula holds .*?^$", page, re.MULTILINE | re.DOTALL)
+    lists = [lockstep.workflow.init.init().text, MEANINGS["AgentTable"]["dynamics"][0], told]
+    assert all(set(FUNCTIONS) <= set(re.findall(r"\w+", text)) for text in lists)
+
+
+def test_every_parameter_of_a_field_that_has_units_has_its_own_and_they_fit():
+    """But for the arms', which are those of the paper: most of their coefficients are numbers."""
+    tables = {
+        field: lockstep.Problem.parse(lockstep.workflow.init.init(field).text).file.agent for field in FIELDS
+    }
+    without = {
+        field
+        for field, agent in tables.items()
+        if agent.parameters and not agent.units.keys() >= agent.parameters.keys()
+    }
+    assert without == {"arms"}
+    fit = {field for field, agent in tables.items() if agent.units and check_units(agent).status == "proved"}
+    assert fit == set(FIELDS) - {"arms", "chua", "neurons"}, "two are dimensionless, without parameters"
 
 
 def test_what_is_printed_is_the_file_however_narrow_the_terminal_is(run):

@@ -1,12 +1,14 @@
 """`lockstep check --all`: verdicts in the table and in JSON, and units that are refused."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from lockstep.cli.main import app
+from lockstep.model.checks import CheckRow
 
 PENDULUM = Path(__file__).parents[1] / "models" / "pendulum.toml"
 
@@ -60,7 +62,19 @@ def test_what_is_well_is_said_in_a_line(tmp_path):
 def test_units_that_contradict_each_other_are_bad_input(tmp_path):
     wrong = tmp_path / "wrong.toml"
     wrong.write_text(PENDULUM.read_text(encoding="utf-8").replace("k/m*omega", "k*omega"), encoding="utf-8")
-    status, said = run(wrong, "--all", "--json")
-    assert status == 2
-    assert "the term `k*omega`" in json.dumps(json.loads(said))
-    assert run(wrong, "--json")[0] == 0
+    for every in ((), ("--all",)):
+        status, said = run(wrong, *every, "--json")
+        assert status == 2
+        assert "the term `k*omega`" in json.dumps(json.loads(said))
+
+
+def test_the_text_leaves_out_what_is_so_by_construction():
+    """Nobody can act on it; it stays in `--json` and in `--all`, and is said where it is not so."""
+    quiet, said = ("numbers", "L 1 = 0", "h(t, 0) = 0"), run(PENDULUM)[1]
+    assert not any(name in said for name in quiet)
+    names = {one["name"]: one["verdict"] for one in json.loads(run(PENDULUM, "--json")[1])["checks"]}
+    assert [names[name] for name in quiet] == ["ok", "ok", "ok"]
+    every = run(PENDULUM, "--all", "--boxes", "10")[1]
+    assert all(name in every for name in quiet)
+    lit = CheckRow("h(t, 0) = 0", "note", "|h(t, 0)| = 1", "why")
+    assert (lit.is_telling, replace(lit, verdict="ok").is_telling) == (True, False)

@@ -12,7 +12,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import lockstep
-from lockstep.cli.design import HARDLY, STATIC_SAID, WORSE, proved_besides, summary
+from lockstep.cli.design import HARDLY, STATIC_SAID, WORSE, proved_besides, sampled_text, summary
 from lockstep.cli.main import app
 from lockstep.lmi.document import answer as said
 from lockstep.lmi.document import read
@@ -253,3 +253,11 @@ def test_a_period_that_is_seldom_meant_is_said_before_the_search(tmp_path, examp
         assert "lockstep: to be noted: period: 30 s is" in result.stderr, (
             "a line of its own, not the error's last words"
         )
+
+
+def test_another_period_is_told_as_one_that_is_certified():
+    """Beside a NO it is the period at which the gains are certified, none at which they fail as well."""
+    refused = {"certified": False, "reason": "the gain is 1.3", "period": 0.2, "max_period": 0.03}
+    assert sampled_text(refused) == "NO: the gain is 1.3; certified at 0.03 s"
+    proved = {"certified": True, "proof": "ball", "period": 0.2, "max_period": 0.3}
+    assert sampled_text(proved).endswith("proof: ball; certified at 0.3 s")

@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lockstep.check.c_source.reader import read_controller
-from lockstep.check.design_file.json_text import parse_json
 from lockstep.check.errors import LockstepError
+from lockstep.check.json_text import parse_json
 from lockstep.codegen.from_design import fingerprint, specification
 from lockstep.lmi.document import parse
 from lockstep.model.problem import Problem, parse_problem

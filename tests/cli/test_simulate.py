@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from lockstep.cli.main import app
-from lockstep.verification.machines.toolchain import host_compilers
+from lockstep.verification.toolchain import host_compilers
 from lockstep.workflow.runs.simulate_options import Many, Options, conflict
 
 KEYS = {"ISE", "IAE", "ITSE", "ITAE"}
@@ -364,11 +364,12 @@ def test_a_problem_file_is_told_from_a_design(examples, run):
     assert "a problem file; expected a file written by `lockstep design`" in result.stderr
 
 
-def test_scales_of_a_disturbance_matter_where_something_disturbs(folder, run, tmp_path):
-    """Half of every disturbance is less than all of it, so that the proof holds; a run says nothing of halves."""
+@pytest.mark.parametrize("states", [1.0, 0.5, {"omega_l": 0.5}])
+def test_a_run_is_held_against_rho_in_its_scales(folder, run, tmp_path, states):
+    """Part of every disturbance is less than all of it: the proof holds; rho says nothing of states without a scale."""
 
     def change(content):
-        content["problem"]["design"]["disturbances"]["states"] = 0.5
+        content["problem"]["design"]["disturbances"]["states"] = states
         content["claims"]["floor"] = content["proofs"]["floor"] = None  # of whole disturbances
 
     path = changed(folder, tmp_path, change)
@@ -376,5 +377,20 @@ def test_scales_of_a_disturbance_matter_where_something_disturbs(folder, run, tm
     still, moved = (answer(run(path, *words, kind))["l2"] for kind in ("none", "noise"))
     assert still["covered"]
     assert 0 < still["ratio"] < 1
-    assert not moved["covered"]
-    assert "as scaled there" in moved["reason"]
+    if isinstance(states, dict):
+        assert not moved["covered"]
+        assert "the run disturbs others" in moved["reason"]
+    else:
+        assert moved["covered"]
+        assert 0 < moved["ratio"] < 1
+        whole = answer(run(changed(folder, tmp_path, dict), *words, "noise"))["l2"]
+        assert moved["disturbance"] == pytest.approx(whole["disturbance"] / states, rel=1e-9)
+
+
+def test_a_run_without_faults_says_what_runs_those_of_the_file(folder, run, tmp_path):
+    def change(content):
+        content["problem"]["network"]["messages"] = {"loss": 0.05, "delay": [0, 2]}
+
+    said = " ".join(run(changed(folder, tmp_path, change), "--horizon", 0.1).stdout.split())
+    assert "each arrives in time in this run" in said
+    assert "--campaign 100 --faults loss=0.05,delay=0:2 -o DIR" in said

@@ -14,7 +14,7 @@ from lockstep.cli.main import app
 from lockstep.lmi.search.search_time import rough, seconds
 from lockstep.lmi.search.stopping import Stop, Stopped
 from lockstep.workflow import design_cache
-from lockstep.workflow.design import Design
+from lockstep.workflow.design_file import Design
 from lockstep.workflow.waiting.time_left import TimeLeft
 
 SMALL = """
@@ -256,7 +256,7 @@ def test_a_folder_that_takes_no_files_is_no_error(made, own_cache):
 
 
 def test_the_range_grows_with_what_is_searched():
-    from lockstep.lmi.design import claim_of, proved_bound
+    from lockstep.lmi.proposal import claim_of, proved_bound
     from lockstep.lmi.search import GainSearch
     from lockstep.model.assembly import network_of
 

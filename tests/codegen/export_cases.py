@@ -10,7 +10,7 @@ from lockstep.cli.main import app
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.exports import with_exports
 from lockstep.codegen.folder import write_folder
-from lockstep.verification.machines.toolchain import WARNINGS, host_compilers
+from lockstep.verification.toolchain import WARNINGS, host_compilers
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
 

@@ -7,10 +7,10 @@ from export_cases import folder_of
 from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.spec import MessageLimits
 from lockstep.verification.comparison import compare
-from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.verification.messages.events import EXTRA, Events, run_node
 from lockstep.verification.messages.network_node import Message, Wire
 from lockstep.verification.messages.run import run_nodes_on_host
+from lockstep.verification.toolchain import host_compilers
 
 RANGES = {"theta_m": (-7.0, 7.0), "omega_m": (None, 100.0)}
 

@@ -12,8 +12,9 @@ from cart import cart
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.defaults import wishes
-from lockstep.lmi.design import claim_of, design, proved_bound
+from lockstep.lmi.design import design
 from lockstep.lmi.document import Stored, file_of, parse
+from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.model.assembly import network_of
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network

@@ -1,6 +1,7 @@
 """Brute force for messages that are lost or late: full coordinates, plain expm, every link and outcome by itself."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 from sampled_cases import controllers, network, random_problem
@@ -211,7 +212,7 @@ def drawn(seed):
     loss = float(rng.choice([0.1, 0.4, 0.7, 0.9])) if seed % 3 != 1 else 0.0
     age = int(rng.integers(1, 4)) if seed % 3 != 0 else 0
     burst = int(rng.integers(0, age + 1))
-    return net.at(min(net.period, 0.2)), ones, Messages(loss, burst, (0, age - burst)), rng
+    return replace(net, period=min(net.period, 0.2)), ones, Messages(loss, burst, (0, age - burst)), rng
 
 
 def strong():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from lockstep.check.numbers import as_floats, exactly
 from lockstep.check.system.disagreement import Disagreement, disagreement
 from lockstep.model.graphs.graph import Graph
-from lockstep.model.network import orthonormal_factor
+from lockstep.model.graphs.orthonormal import orthonormal_factor
 
 COORDINATES = ("orthonormal", "laplacian_rows")
 

@@ -37,9 +37,11 @@ def test_build_exits_1_where_the_sampled_controllers_are_not_proved(examples, qu
     assert not answer["design"]["sampled"]["certified"]
     (problem,) = answer["problems"]
     assert "sampled controllers are not certified" in problem
-    assert "up to a period of" in problem
+    assert "at a period of" in problem
     header = (tmp_path / "out" / "include" / "arm1.h").read_text()
-    assert "not covered" in " ".join(header.lower().replace("\n *", " ").split())
+    said = " ".join(header.replace("\n *", " ").split())
+    assert "the continuous controllers are certified (proof: exact); THE C OF THIS FOLDER IS NOT" in said
+    assert "nothing is proved of the sampled, rounded one here" in said
     page = (tmp_path / "out" / answer["report"]).read_text()
     assert "not certified" in page
 

@@ -3,8 +3,8 @@
 import pytest
 
 from lockstep.check.errors import ProblemError
+from lockstep.codegen.bundle import bundle
 from lockstep.codegen.folder import write_folder
-from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.manifest import changed_files, load_manifest, manifest_is_intact
 
 FIGURES = {"figures/a.png": b"\x89PNG\xff\x00", "figures/a.pdf": b"%PDF"}

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 import lockstep
 from lockstep.check.errors import ProblemError
+from lockstep.model.checks import check_problem
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "analysis.md").read_text(encoding="utf-8")
@@ -61,7 +62,7 @@ def test_a_report_of_checks_is_a_table():
     text = 'dynamics = { x = "u - x - x**3" }\noutputs = { y = "x" }\ndomain = { x = [-1.0, 1.0] }'
     agent = f'[agent]\nstates = ["x"]\ninputs = ["u"]\n{text}\n'
     network = '[network]\nagents = 2\ntopology = "path"\n'
-    shown = lockstep.Problem.parse(agent + network).check(all=True)._repr_html_()
+    shown = check_problem(lockstep.Problem.parse(agent + network), every=True)._repr_html_()
     assert "<th>contraction</th><td>proved</td>" in shown
     assert shown.count("<tr>") == shown.count("</tr>") > 15
 

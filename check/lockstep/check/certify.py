@@ -23,19 +23,20 @@ import numpy as np
 
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound, decide_offset
 from lockstep.check.c_source.folder import controllers_in
-from lockstep.check.continuous.certificate import (
+from lockstep.check.continuous.inequality import Claim
+from lockstep.check.continuous.initial_set import Domain, box_text, contains
+from lockstep.check.continuous_claims import (
     decide_certificate,
     decide_floor,
     decide_initial_set,
     decide_stable_controllers,
 )
-from lockstep.check.continuous.inequality import Claim
-from lockstep.check.continuous.initial_set import Domain, box_text, contains
 from lockstep.check.design_file import content
 from lockstep.check.design_file.claims import SampledClaims
-from lockstep.check.design_file.json_text import A_DESIGN, load_json, parse_json
+from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.files import text_inside
 from lockstep.check.fixed_point import decide_fixed
+from lockstep.check.json_text import A_DESIGN, load_json, parse_json
 from lockstep.check.messages import decide_messages
 from lockstep.check.requirements import shortfalls
 from lockstep.check.sampled.certificate import SampledVerdict
@@ -55,7 +56,6 @@ from lockstep.check.sampled_claims import (
 from lockstep.check.system.agent import ExactAgent
 from lockstep.check.system.domain import claimed_box
 from lockstep.check.system.network import ExactNetwork
-from lockstep.check.system.problem import ProblemTables
 from lockstep.check.verdict import Verdict
 
 DESIGN_NAME = "design.json"
@@ -117,7 +117,7 @@ def decide(stored: CheckedFile, folder: Path | None = None) -> Iterator[tuple[st
         yield "offset", decide_offset(agent.offset_needs)
     yield "bound", _bound(stored, agent)
     delta = np.tile([claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
-    claim = Claim.of(claims.alpha, problem.performance, delta, claims.entries)
+    claim = Claim(claims.alpha, delta=delta, entries=claims.entries, **problem.performance._asdict())
     yield "certificate", decide_certificate(network, stored.gains, claim, proofs.certificate)
     short = "; ".join(shortfalls(problem.design, claims, stored.gains, problem.gain_units))
     said = f"less is claimed than is asked for: {short}"
@@ -186,7 +186,7 @@ def _sampled(
         yield "sampled", _as_claimed(claims, found)
     if claims.rho is not None:
         yield "sampled_rho", _rho(stored, network, held)
-    if claims.max_period is not None and not (claims.certified and claims.max_period <= problem.period):
+    if claims.max_period is not None and not (claims.certified and claims.max_period == problem.period):
         yield "max_period", _longest(stored, network, claims.max_period)
     yield from _limits(stored, network, held)
     if stored.claims.fixed is not None:
@@ -240,7 +240,7 @@ def _limits(
     )
     start, calm = "from |x_d(0)| <= {:g}, controllers at rest", "no input meets its limit"
     energy, agree = (
-        "under a disturbance of at most {:g} in L2, from agreement",
+        "under a disturbance of at most {:g} in L2, counted as [design] does, from agreement",
         "the loop converges with its inputs clipped",
     )
     given = plain, held

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lockstep.check.c_source.fixed_point import read_fixed
 from lockstep.check.c_source.folder import manifest_in
-from lockstep.check.continuous.certificate import decide_stable_controllers
+from lockstep.check.continuous_claims import decide_stable_controllers
 from lockstep.check.design_file.claims import SURE
 from lockstep.check.errors import NotCertified, demand
 from lockstep.check.files import named, text_inside

@@ -39,16 +39,15 @@ def as_floats(array: Annotated[np.ndarray, "..."]) -> Annotated[np.ndarray, "...
     """Return the nearest doubles of an array of either kind."""
     if not is_exact(array):
         return np.asarray(array, dtype=float)
-    return np.array([_nearest(value) for value in array.ravel()], dtype=float).reshape(array.shape)
+    return np.array([as_float(value) for value in array.ravel()], dtype=float).reshape(array.shape)
 
 
-def _nearest(value: Any) -> float:
-    if not isinstance(value, fmpq):
-        return float(value)
+def as_float(value: Any) -> float:
+    """Return the double nearest to a `Fraction`, an `fmpq` or the middle of a ball, infinite beyond all doubles."""
     try:
-        return int(value.p) / int(value.q)
+        return int(value.p) / int(value.q) if isinstance(value, fmpq) else float(value)
     except OverflowError:
-        return float("inf") if value > 0 else float("-inf")
+        return inf if value > 0 else -inf
 
 
 def as_fraction(value: Any) -> Fraction:
@@ -108,17 +107,14 @@ def eye(size: int, like: Matrix) -> Matrix:
 
 
 def product(first: Matrix, second: Matrix) -> Matrix:
-    """Return first @ second; rationals are multiplied by FLINT, other exact numbers one by one.
+    """Return first @ second; rationals are multiplied by FLINT.
 
     >>> product(exactly(np.eye(2)), exactly(np.array([[0.5], [2.0]]))).tolist()
     [[1/2], [2]]
     """
     if not (is_exact(first) and is_exact(second)) or 0 in (*first.shape, *second.shape):
         return first @ second if first.shape[1] else zeros(len(first), second.shape[1], first)
-    try:
-        found = fmpq_mat(first.tolist()) * fmpq_mat(second.tolist())
-    except TypeError:  # balls
-        return np.asarray(first @ second)
+    found = fmpq_mat(first.tolist()) * fmpq_mat(second.tolist())
     return np.array(found.tolist(), dtype=object)
 
 

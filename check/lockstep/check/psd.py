@@ -7,13 +7,14 @@ whose exact quadratic form is not positive, which refutes. Where neither settles
 exact L D L' over the rationals does.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from lockstep.check.numbers import as_floats, exact, exactly
+from lockstep.check.numbers import as_float, as_floats, exact, exactly
 
 EDGE = 1e-10
 """What the first stage takes off a matrix scaled to a unit diagonal: far above the 1e-14 of a double Cholesky
@@ -28,6 +29,9 @@ MOST_BITS = 2_000
 """Of a numerator or denominator, after scaling: the cost of exact arithmetic grows with it. A double has 53 bits at one of
 2 000 binary places, and an entry is a sum of products of a few; those of the worked example have 260 bits at most."""
 
+MOST_ROWS = 700
+"""Of a matrix: its entries are Python's objects, 1 GB of them at 1 000 rows, which took 15 s."""
+
 MOST_WORK = 5_000_000_000
 """Rows^4 x bits of the exact stage, in which numbers grow with each row: 120 rows of 54 bits, twice that, took 9 s."""
 
@@ -37,10 +41,9 @@ class Definiteness:
     """The answer, and what shows it.
 
     positive: whether the matrix is positive definite;  method: which exact argument decided;  vector: z with
-    z' M z <= 0 where it is not, z' z = 1 to rounding;  value: z' M z;  margin: the smallest eigenvalue of the
-    matrix scaled
-    to a unit diagonal, in doubles, for information;  decided: false where the numbers are too long for an exact
-    answer, and then `positive` is false as well and `method` says why.
+    z' M z <= 0 where it is not, z' z = 1 to rounding;  value: z' M z;  margin: the smallest eigenvalue of the matrix scaled
+    to a unit diagonal, in doubles, for information;  decided: false where the numbers are too long for an exact answer, and
+    then `positive` is false as well and `method` says why.
     """
 
     positive: bool
@@ -49,6 +52,14 @@ class Definiteness:
     vector: Annotated[np.ndarray, " n"] | None = None
     value: float = 0.0
     decided: bool = True
+
+
+def too_many(rows: int) -> Definiteness | None:
+    """Return that a matrix of so many rows is not decided, or None."""
+    if rows <= MOST_ROWS:
+        return None
+    said = f"not decided, {rows} rows of rationals, at most {MOST_ROWS}"
+    return Definiteness(False, said, np.nan, decided=False)
 
 
 def decide_positive_definite(matrix: Annotated[np.ndarray, "n n"]) -> Definiteness:
@@ -61,10 +72,12 @@ def decide_positive_definite(matrix: Annotated[np.ndarray, "n n"]) -> Definitene
     """
     if not len(matrix):
         return Definiteness(True, "no rows", np.inf)
+    if beyond := too_many(len(matrix)):
+        return beyond
     for i in range(len(matrix)):
         if matrix[i, i] <= 0:
             unit = np.eye(len(matrix))[i]
-            return Definiteness(False, "diagonal", -np.inf, unit, as_floats(matrix[i : i + 1, i])[0])
+            return Definiteness(False, "diagonal", -np.inf, unit, as_float(matrix[i, i]))
     scale = np.array([fmpq(2) ** -k for k in _halvings(matrix)], dtype=object)
     scaled = matrix * np.outer(scale, scale)
     bits = max(max(int(entry.p).bit_length(), int(entry.q).bit_length()) for entry in scaled.flat)
@@ -86,10 +99,10 @@ def decide_positive_definite(matrix: Annotated[np.ndarray, "n n"]) -> Definitene
     if len(matrix) ** 4 * bits > MOST_WORK:
         said = f"too near the edge for {len(matrix)} rows of rationals of {bits} bits: the exact factor takes too long"
         return Definiteness(False, f"not decided, {said}", margin, decided=False)
-    violation = _ldl_violation(scaled)
-    if violation is None:
+    k = failing_pivot(scaled)
+    if k is None:
         return Definiteness(True, "exact LDL'", margin)
-    return _refuted("exact LDL'", margin, violation * scale, matrix)
+    return _refuted("exact LDL'", margin, _pivot_vector(scaled, k) * scale, matrix)
 
 
 def _refuted(
@@ -98,9 +111,7 @@ def _refuted(
     """Report a vector of rationals with z' M z <= 0: z as doubles of length 1, and z' M z / z' z, exact until rounded."""
     value = (vector @ (matrix @ vector)) / (vector @ vector)
     z = as_floats(vector / max(abs(entry) for entry in vector))
-    return Definiteness(
-        False, method, margin, z / np.linalg.norm(z), float(as_floats(np.array([value], dtype=object))[0])
-    )
+    return Definiteness(False, method, margin, z / np.linalg.norm(z), as_float(value))
 
 
 def _halvings(matrix: Annotated[np.ndarray, "n n"]) -> list[int]:
@@ -123,25 +134,22 @@ def _residual_dominates(scaled: Annotated[np.ndarray, "n n"], doubles: Annotated
     )
 
 
-def _ldl_violation(matrix: Annotated[np.ndarray, "n n"]) -> Annotated[np.ndarray, " n"] | None:
-    """Run L D L' over the rationals; return None if every pivot is positive, else z with z' M z = the first
-    that is not.
+def failing_pivot(matrix: Iterable[Sequence[Any]]) -> int | None:
+    """Run L D L' on the lower triangle of a matrix of rationals or balls; return the first pivot not above 0, or None.
 
-    At pivot k, M = L D L' with the Schur complement d_k at (k, k), so z = L^-T e_k restricted to the first k
-    + 1 rows has
-    z' M z = d_k.
+    A pivot of balls is above 0 where all of the ball is, which encloses the pivot of every matrix in the balls.
     """
-    n = len(matrix)
-    work: list[list[Any]] = [list(row) for row in matrix]
-    for k in range(n):
+    work = [[*row[: i + 1]] for i, row in enumerate(matrix)]
+    for k in range(len(work)):
         pivot = work[k][k]
-        if pivot <= 0:
-            return _pivot_vector(matrix, k)
-        for i in range(k + 1, n):
-            ratio = work[i][k] / pivot
-            if ratio:
-                for j in range(i, n):
-                    work[j][i] -= ratio * work[j][k]
+        if not pivot > 0:
+            return k
+        for i, row in enumerate(work[k + 1 :], start=k + 1):
+            ratio = row[k] / pivot
+            if ratio == 0:  # of balls, too, zeros themselves alone are left out
+                continue
+            for j in range(k + 1, i + 1):
+                row[j] -= ratio * work[j][k]
     return None
 
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from lockstep.check.continuous.inequality import LETTERS
 from lockstep.check.design_file.claims import Claims
-from lockstep.check.design_file.json_text import above_zero, flag, matrix, number, one_of, only, optional
-from lockstep.check.numbers import as_floats, exactly, eye
+from lockstep.check.json_text import above_zero, flag, matrix, number, one_of, only, or_none
+from lockstep.check.numbers import as_floats, exact, exactly, eye
 from lockstep.check.psd import decide_positive_definite
 from lockstep.check.system.loop import Gains
 
@@ -37,8 +37,10 @@ def shortfalls(asked: Mapping[str, Any], claims: Claims, gains: Gains, units: Ga
     Raises:
         ProblemError: a value of the table that cannot be one of its kind.
     """
-    alpha, rho, decay = (optional(asked, key, number, DESIGN) for key in ("alpha", "rho", "decay"))
-    stable = optional(asked, "stable_controllers", flag, DESIGN)
+    wishes = {"alpha": number, "rho": number, "decay": number, "stable_controllers": flag}
+    alpha, rho, decay, stable = (
+        or_none(read)(asked.get(key), f"{DESIGN}, `{key}`") for key, read in wishes.items()
+    )
     fragility = asked.get("fragility") or {}
     only(fragility, LETTERS, "[design.fragility]")
     if alpha is not None and claims.alpha < alpha:
@@ -95,5 +97,5 @@ def norm_is_at_most(K: Annotated[np.ndarray, "k l"], limit: float) -> bool:
     (True, False)
     """
     rows = exactly(K if K.shape[0] <= K.shape[1] else K.T)
-    square = exactly(np.array([math.nextafter(limit, math.inf)]))[0] ** 2
+    square = exact(math.nextafter(limit, math.inf)) ** 2
     return decide_positive_definite(square * eye(len(rows), rows) - rows @ rows.T).positive

@@ -4,8 +4,10 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.design_file.content import DesignFile
+from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.sampled.certificate import SampledVerdict, decide_sampled
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers, sampled_table
@@ -18,9 +20,9 @@ from lockstep.check.sampled.modes import (
     modal_loop,
 )
 from lockstep.check.sampled.sector import Sector, common_sector
-from lockstep.check.system.disagreement import single_difference
+from lockstep.check.system.disagreement import Disagreement, single_difference
+from lockstep.check.system.loop import Plant
 from lockstep.check.system.network import ExactNetwork
-from lockstep.check.system.problem import ProblemTables
 
 CheckedFile = DesignFile[ProblemTables]
 
@@ -49,11 +51,8 @@ def modal_loop_of(
     Raises:
         ProblemError: agents or a graph that do not split into modes once the weights are rounded.
     """
-    problem, c = stored.problem, stored.proofs.certificate
-    plant = network.plant.in_numbers(True)
-    at = SampledNetwork(
-        plant, single_difference(plant.A), stored.claims.alpha, period, problem.delay, sector(stored, plant)
-    )
+    c, plant = stored.proofs.certificate, network.plant.in_numbers(True)
+    at = _sampled(stored, plant, single_difference(plant.A), period)
     ends = None if not isinstance(c, ModalCertificate) else (c.lower, c.ends[-1])
     return modal_loop(at, held, network.spectrum, ends, network.graph)
 
@@ -65,16 +64,17 @@ def held_controllers(stored: CheckedFile, period: float) -> tuple[HeldController
         common = sampled_table(gains, 0, period, table["discretization"], table["real"])
         return (common_controller(common, gains.order, spectrum, table["real"]),)
     edges = stored.problem.graph.edges
-    return sampled_controllers(stored.gains, edges, period, table["discretization"], table["real"])
+    return sampled_controllers(gains, edges, period, table["discretization"], table["real"])
 
 
 def sampled_network(stored: CheckedFile, network: ExactNetwork, period: float) -> SampledNetwork:
     """Return the agents and the coordinates of the assembled loop, in rationals."""
     loop = network.loop(stored.gains.order, exact_arithmetic=True)
-    problem = stored.problem
-    return SampledNetwork(
-        loop.plant, loop.d, stored.claims.alpha, period, problem.delay, sector(stored, loop.plant)
-    )
+    return _sampled(stored, loop.plant, loop.d, period)
+
+
+def _sampled(stored: CheckedFile, plant: Plant, d: Disagreement, period: float) -> SampledNetwork:
+    return SampledNetwork(plant, d, stored.claims.alpha, period, stored.problem.delay, sector(stored, plant))
 
 
 def sector(stored: DesignFile[Any], plant: Any) -> Sector | None:
@@ -82,8 +82,9 @@ def sector(stored: DesignFile[Any], plant: Any) -> Sector | None:
     c, claims = stored.proofs.certificate, stored.claims
     if not claims.entries or c is None:
         return None
-    if isinstance(c, ModalCertificate):
-        m, m_entries = np.array([c.mu]), np.array(c.mu_entries)[:, None]
-    else:
-        m, m_entries = c.m, c.m_entries
-    return common_sector(claims.alpha, claims.entries, m, m_entries, plant.G.shape[1], plant.H.shape[0])
+    m = (
+        (c.m, c.m_entries)
+        if isinstance(c, Certificate)
+        else (np.array([c.mu]), np.array(c.mu_entries)[:, None])
+    )
+    return common_sector(claims.alpha, claims.entries, *m, plant.G.shape[1], plant.H.shape[0])

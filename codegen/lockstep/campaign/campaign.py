@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.campaign.compiled.library import load
-from lockstep.campaign.compute import RunTable, chunks, compute, excused
+from lockstep.campaign.compute import Keep, RunTable, chunks, compute, excused
 from lockstep.campaign.draw import FAMILIES, draw
 from lockstep.campaign.plan import FORMAT, Plan
+from lockstep.campaign.scheduler import over_dask
 from lockstep.campaign.store import Store
 from lockstep.check.errors import ProblemError
 
@@ -21,7 +22,6 @@ QUANTILES = (0.5, 0.9, 0.99, 1.0)
 WORST = 10
 
 Report = Callable[[str, float], None]
-Keep = Callable[[int, int, Float[np.ndarray, "runs columns"]], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +41,12 @@ class Campaign:
 
     @property
     def ok(self) -> bool:
-        """Whether no covered run is above the bound, and none diverged but for those `excused`."""
+        """Whether no covered run is above the bound, none diverged but for those `excused`, and no finite one had a fault."""
+        diverged, faulty = self.table["diverged"] == 1, self.table["faults"] > 0
         above = self.table["ratio"][self.table.covered] > 1
-        return not above.any() and not ((self.table["diverged"] == 1) & ~excused(self.plan, self.table)).any()
+        return not (
+            above.any() or (diverged & ~excused(self.plan, self.table)).any() or (faulty & ~diverged).any()
+        )
 
     def document(self) -> dict[str, Any]:
         """Return the result as plain JSON types: the same for the same runs, but for `computed` and the speed."""
@@ -97,8 +100,6 @@ def run_campaign(
     if scheduler is None:
         _on_this_machine(plan, todo, max(jobs, 1), keep)
     else:
-        from lockstep.campaign.scheduler import over_dask
-
         over_dask(plan, todo, scheduler, keep)
     seconds = time.perf_counter() - start
     table = store.table(runs)

@@ -1,7 +1,7 @@
 """A part of a campaign computed: the table of its runs. This is what is sent to other machines."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -10,12 +10,12 @@ from lockstep.campaign.compiled.engine import Engine, RunFigures
 from lockstep.campaign.draw import FAMILIES, draw
 from lockstep.campaign.plan import CHUNK, Plan
 
-if TYPE_CHECKING:
-    from lockstep.campaign.replay import Replay
-
 OWN_COLUMNS = ("run", "family", "covered", "diverged", "ratio", "gain", "stored")
 """Before the engine's: index, row of FAMILIES, whether the certificate covers the run, whether it diverged, the ratio to
 the bound of `plan`, |z| / |xi_d| (NaN without disturbance), V of the initial disagreement."""
+
+Keep = Callable[[int, int, Float[np.ndarray, "runs columns"]], None]
+"""Called with each chunk: the first run, the one after the last, and the table of those between."""
 
 
 def columns_of(plan: Plan) -> tuple[str, ...]:
@@ -38,7 +38,11 @@ def compute(plan: Plan, begin: int, end: int) -> Float[np.ndarray, "runs columns
     outcome = Engine(plan.source).run(drawn.batch, plan.horizon)
     stored = plan.guarantee.stored(drawn.batch.rows[:, plan.source.layout.places["x"]])
     covered = (drawn.family != FAMILIES.index("drops")) & (outcome["outside"] == 0) & ~np.isnan(stored)
-    covered &= (outcome["clipped"] == 0) & ~(outcome["effort_peak"] > plan.guarantee.limit)
+    covered &= (
+        (outcome["clipped"] == 0)
+        & ~(outcome["effort_peak"] > plan.guarantee.limit)
+        & (outcome["faults"] == 0)
+    )
     own = np.column_stack(
         [
             drawn.index,
@@ -84,7 +88,7 @@ class RunTable:
         return [int(run) for run in self["run"][order[np.isfinite(ratio[order]) | (ratio[order] > 0)]]]
 
 
-def excused(plan: Plan, figures: "RunTable | Replay") -> np.ndarray:
+def excused(plan: Plan, figures: RunTable) -> np.ndarray:
     """Which runs clipped where nothing is proved of it: disturbed, with lost messages, out of the domain, or from beyond
     `clipped_radius`."""
     inside = (figures["disagreement_initial"] <= (plan.clipped_radius or 0.0)) & (figures["outside"] == 0)

@@ -14,8 +14,10 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from lockstep.campaign.frequency_response import Response
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import as_floats
-from lockstep.model.network import Network, orthonormal_factor
+from lockstep.model.graphs.orthonormal import orthonormal_factor
+from lockstep.model.network import Network
 
 REACH = np.pi
 """Operating points are within this of 0 in every state, and in the domain: all slopes of a sine are met."""
@@ -30,7 +32,7 @@ class Peak:
     """One operating point: the common state c (n,), the disturbance -drift(c) that holds it, and the peak there.
 
     gain: the largest singular value;  omega: at which frequency, in rad/s;  direction: (N, n), complex, of unit length
-    in xi_d: xi(t) = Re(direction exp(j omega t)).
+    in xi_d, in the scales of rho: xi(t) = Re(direction exp(j omega t)).
     """
 
     point: Float[np.ndarray, " n"]
@@ -40,7 +42,9 @@ class Peak:
     direction: Complex[np.ndarray, "N n"]
 
 
-def peaks(network: Network, response: Response, *, count: int, seed: int = 0) -> tuple[Peak, ...]:
+def peaks(
+    network: Network, response: Response, weights: Performance, *, count: int, seed: int = 0
+) -> tuple[Peak, ...]:
     """Return the peaks at the point of the domain nearest to 0 and at random operating points: `count` in all."""
     agent = network.agent
     x, t = ca.SX.sym("x", agent.n), ca.SX.sym("t")
@@ -49,10 +53,17 @@ def peaks(network: Network, response: Response, *, count: int, seed: int = 0) ->
     low, high = np.clip(agent.box.T, -REACH, REACH)
     random = np.random.default_rng(seed)
     points = [np.clip(np.zeros(agent.n), low, high), *random.uniform(low, high, (max(count - 1, 0), agent.n))]
-    return tuple(_peak(network, response, slope, np.round(point, DIGITS)) for point in points[:count])
+    scales = weights.states if len(weights.states) else np.ones(agent.n)
+    return tuple(_peak(network, response, slope, np.round(point, DIGITS), scales) for point in points[:count])
 
 
-def _peak(network: Network, response: Response, slope: ca.Function, point: Float[np.ndarray, " n"]) -> Peak:
+def _peak(
+    network: Network,
+    response: Response,
+    slope: ca.Function,
+    point: Float[np.ndarray, " n"],
+    scales: Float[np.ndarray, " n"],
+) -> Peak:
     A, rate = (np.array(value) for value in slope(point, 0.0))
     transfer = response(A)
 
@@ -61,7 +72,7 @@ def _peak(network: Network, response: Response, slope: ca.Function, point: Float
 
     omega = _best_frequency(gain, float(np.abs(np.linalg.eigvals(A)).max()))
     _, values, right = np.linalg.svd(transfer(omega))
-    direction = _on_agents(network, right[0].conj())
+    direction = scales * _on_agents(network, right[0].conj())
     return Peak(point, np.round(-rate.ravel(), DIGITS), round(float(values[0]), DIGITS), omega, direction)
 
 

@@ -19,18 +19,20 @@ from lockstep.campaign.frequency_response import Response, continuous_response, 
 from lockstep.campaign.guarantee import Controllers, Guarantee, guarantee_of
 from lockstep.campaign.peaks import Peak, peaks
 from lockstep.check.continuous.inequality import LETTERS, Performance
-from lockstep.check.errors import ProblemError
-from lockstep.codegen.sampled_design import sampled_controllers
+from lockstep.check.errors import ProblemError, demand
+from lockstep.codegen.sampled_modes import sampled_controllers
 from lockstep.lmi.document import Stored
 from lockstep.model.network import Network
+from lockstep.model.simulation.from_problem import rate_of
 
 FORMAT = "lockstep-campaign/1"
 CHUNK = 256
 """Runs that are computed, kept and sent as one: about a second's work."""
 
 POINTS = 12
-STEP = 1e-3
-"""Longest step of the integration, in s."""
+PARTS, TURN = 5, 0.1
+"""Steps of the integration in a period at least; and what agents by themselves, and a linear loop of continuous controllers,
+turn by in one at most, in rad: Runge-Kutta's error is some 1e-7 of a turn then."""
 
 Deltas = tuple[tuple[str, float, tuple[int, int]], ...]
 
@@ -73,8 +75,8 @@ def plan_of(
     *,
     controllers: Controllers | None = None,
     seed: int = 0,
-    horizon: float = 10.0,
-    step: float = STEP,
+    horizon: float | None = None,
+    step: float | None = None,
     guarantee: Guarantee | None = None,
 ) -> Plan:
     """Return the campaign of a design; its certificate is proved here.
@@ -85,37 +87,45 @@ def plan_of(
         controllers: "sampled", the C that ships, or "continuous", the gains (9) with Delta at the bound of (11). By
             default the ones that the design's fragility is about: continuous if there is one.
         seed: of all draws.
-        horizon: in s, of each run.
-        step: the longest step of the integration, in s.
+        horizon: in s, of each run; by default the problem's.
+        step: the longest of the integration, in s; by default as `PARTS` and `TURN` say.
         guarantee: what the runs are held against, if it is to be something else than what is proved here.
 
     Raises:
         NotCertified: there is no proof of a rho to hold the runs against.
         ProblemError: a horizon that is not above 0.
     """
-    if not horizon > 0:
-        raise ProblemError(f"the horizon is {horizon!r}", where="campaign", expected="seconds above 0")
     problem = stored.problem
+    time = problem.simulation.horizon if horizon is None else horizon
+    demand(time > 0, f"the horizon is {horizon!r}", "campaign", "seconds above 0")
     kind = controllers or ("continuous" if any(stored.claims.fragility.values()) else "sampled")
     network = Network(problem.agent(), problem.graph(), problem.agents_B(), problem.design.coordinates)
-    weights = Performance(
-        problem.state_weight(network.agent.n), problem.controller_weight(stored.gains.order)
-    )
-    made = _sampled(stored, network, weights, files, step) if kind == "sampled" else None
-    source, response, deltas = made or _continuous(stored, network, weights, step)
+    weights, longest = problem.performance, _step(stored, network, kind) if step is None else step
+    made = _sampled(stored, network, weights, files, longest) if kind == "sampled" else None
+    source, response, deltas = made or _continuous(stored, network, weights, longest)
     held_to = guarantee or guarantee_of(stored, files, kind)
     return Plan(
         source,
         seed,
-        float(horizon),
+        float(time),
         problem.simulation.spread,
         deltas,
-        peaks(network, response, count=POINTS, seed=seed),
+        peaks(network, response, weights, count=POINTS, seed=seed),
         held_to,
         problem.title,
         kind,
         _clipped_radius(stored) if kind == "sampled" else None,
     )
+
+
+def _step(stored: Stored, network: Network, kind: Controllers) -> float:
+    """Return the longest step of the integration in s."""
+    period, rates = stored.problem.controller.period, [rate_of(stored.problem)]
+    if kind == "continuous":
+        A_cl = network.loop(stored.gains.order).A_cl(stored.gains.blocks)
+        rates.append(float(np.abs(np.linalg.eigvals(A_cl)).max()))
+    turned = max((one for one in rates if np.isfinite(one)), default=0.0) * period
+    return period / max(PARTS, int(np.ceil(turned / TURN)))
 
 
 def _clipped_radius(stored: Stored) -> float | None:
@@ -132,10 +142,9 @@ def _sampled(
         raise ProblemError(
             "no emitted C", where="campaign", expected="that of the design, for sampled controllers"
         )
-    delay = stored.problem.controller.delay
+    period, delay = stored.problem.controller.period, stored.problem.controller.delay
     features = Features(waves=True, noise=True, drops=True)
     source = sampled_source(network, files, weights, step=step, delay=delay, features=features)
-    period = source.layout.period
     held = sampled_controllers(stored, period)
     return source, sampled_response(network, held, weights, period, delay), ()
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.campaign.compiled.engine import Engine
-from lockstep.campaign.compute import columns_of, compute, excused
+from lockstep.campaign.compute import RunTable, columns_of, compute, excused
 from lockstep.campaign.disturbance import disturbance
 from lockstep.campaign.draw import FAMILIES, draw
 from lockstep.campaign.plan import Plan
@@ -32,10 +32,10 @@ class Replay:
 
     @property
     def ok(self) -> bool:
-        """Whether the run is finite, and below the bound if the certificate covers it."""
-        return not (self["diverged"] and not excused(self.plan, self)) and not (
-            self["covered"] and self["ratio"] > 1
-        )
+        """Whether the run is finite, without a fault, and below the bound if the certificate covers it; see `Campaign.ok`."""
+        own = RunTable(self.columns, self.row[None])
+        failed = not excused(self.plan, own).any() if self["diverged"] else self["faults"] > 0
+        return not failed and not (self["covered"] and self["ratio"] > 1)
 
     def document(self) -> dict[str, Any]:
         """Return the run's figures as plain JSON types."""

@@ -6,8 +6,7 @@ written once more over itself. Files are written here, by one process, so nothin
 
 from typing import Any
 
-from lockstep.campaign.campaign import Keep
-from lockstep.campaign.compute import compute
+from lockstep.campaign.compute import Keep, compute
 from lockstep.campaign.plan import Plan
 from lockstep.check.errors import ClaimError, LockstepError
 from lockstep.lmi.processes.cluster import connected

@@ -14,7 +14,7 @@ from lockstep.cli.messages import limits_answer
 if TYPE_CHECKING:
     from lockstep.model.checks import CheckReport, CheckRow
 
-DESIGN_SAYS = ("numbers", "loop transformation", "where the bound holds", "h(t, 0) = 0")
+DESIGN_SAYS = ("loop transformation", "where the bound holds", "h(t, 0) = 0", "units of parameters")
 STYLES = {
     **{"ok": "green", "note": "yellow", "fails": "bold red"},
     **{"proved": "green", "refuted": "cyan", "undecided": "yellow"},
@@ -41,8 +41,9 @@ def table_of(
     report: "CheckReport", title: str, *, every: bool = False, brief: bool = False
 ) -> RenderableType:
     """Return the checks as a table: what was found, and under it, where that is not well or `every` check is asked for, why
-    it matters; and, of every check, what was proved. A `brief` one leaves out what is well, and why notes matter."""
-    rows = [row for row in report.rows if not brief or is_noted(row)]
+    it matters; and, of every check, what was proved; without it, not what is always so by construction. A `brief` one
+    leaves out what is well, and why notes matter."""
+    rows = [row for row in report.rows if every or (is_noted(row) if brief else row.is_telling)]
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("check", no_wrap=True)
     table.add_column("verdict", no_wrap=True)

@@ -11,12 +11,12 @@ from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.messages import messages_row
 
 REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
-HARDLY = ": these controllers do hardly anything; ask for a `decay`"
+HARDLY = ": these controllers do hardly anything; ask for a `decay`, or a faster one"
 WORSE = ": these controllers make it worse; is the period too long?"
 ONLY = "the continuous controllers only, NOT those that ship (below)"
 STATIC, STATIC_SAID = (
     0.01,
-    "the controllers' states add less than {:.0%} to what their D do: order = 0 gives the same",
+    "the controllers' states add less than {:.0%} to what their D do: order = 0, for which D is sized anew, spares them",
 )
 
 
@@ -39,12 +39,14 @@ def run(path: Path, output: Path | None, **options: Any) -> Answer:
 
 def sampled_text(sampled: Mapping[str, Any]) -> str:
     """Return in a line what is proved of the sampled controllers."""
-    longest = sampled.get("max_period")
-    reach = f"; certified up to {longest:g} s" if longest else ""
-    failed = sampled.get("not_designed_for_period")
-    reach += f"; not designed for the period: {failed}" if failed else ""
+    reach = f"; certified at {sampled['max_period']:g} s" if sampled.get("max_period") else ""
+    if failed := sampled.get("not_designed_for_period"):
+        reach += f"; not designed for the period: {failed}"
     if sampled["certified"]:
         gain = f", rho {sampled['rho']:.6g}" if sampled.get("rho") else ""
+        if rate := sampled.get("rate"):
+            asked = sampled.get("rate_asked") or 0.0
+            gain += f", {rate:g} 1/s" + f" of the {asked:g} 1/s asked for" * (rate < asked)
         made = ", designed for it" if sampled.get("designed_for_period") else ""
         return f"yes, every {sampled['period']:g} s{made}{gain}, rounding included, proof: {sampled['proof']}{reach}"
     return f"NO: {sampled.get('reason') or 'not looked at'}{reach}"

@@ -272,9 +272,7 @@ def simulate(
             show_default="sampled",
         ),
     ] = None,
-    horizon: Annotated[
-        float | None, typer.Option(help="Seconds.", show_default="the problem's; of a campaign 10")
-    ] = None,
+    horizon: Annotated[float | None, typer.Option(help="Seconds.", show_default="the problem's")] = None,
     seed: Annotated[
         int | None,
         typer.Option(min=0, max=LARGEST_SEED, help="Of all that is random.", show_default="the problem's"),

@@ -38,7 +38,6 @@ def run(path: Path, options: Options, many: Many, *, as_json: bool) -> Answer:
 
 def _simulate(path: Path, output: Path | None, options: Options, *, as_json: bool) -> Answer:
     import lockstep
-    from lockstep.workflow.runs.simulate_rows import rows
 
     asked = asdict(options)
     plotted = asked.pop("plot")
@@ -46,7 +45,7 @@ def _simulate(path: Path, output: Path | None, options: Options, *, as_json: boo
         found = lockstep.simulate(path, **asked, output=output, progress=tell)
     wrote(output, options.figures)
     plot = [Text.from_ansi(_plotted(found.trajectory, as_json))] if plotted else []
-    return Answer(found.document(), Group(two_columns(found.design.title, rows(found)), *plot), found.ok)
+    return Answer(found.document(), Group(two_columns(found.design.title, found.rows()), *plot), found.ok)
 
 
 def _plotted(trajectory: "Trajectory", as_json: bool) -> str:

@@ -38,7 +38,8 @@ def table_of(report: "VerifyReport", *, brief: bool = False) -> RenderableType:
         said = "skipped" if target.skipped else "failed" if target.error else equal
         cells = (target.instructions_per_step, target.text_bytes, target.ram_bytes, target.stack_bytes)
         if why := target.skipped or target.error:
-            reasons.append(f"{target.name}: {said}" + f", {why}" * (not brief or said != "skipped"))
+            why = why.partition(" (")[0] if brief and target.skipped else why
+            reasons.append(f"{target.name}: {said}, {why}")
         rows.append((target.name, said, *cells))
         if fixed := target.fixed:
             most = [most_of(fixed, figure) for figure in ("instructions_per_step", "text_bytes", "ram_bytes")]

@@ -12,7 +12,8 @@ from lockstep.check.sampled.certificate import decide_sampled
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled.fixed_point import LARGEST_R, LARGEST_X, integers_of
 from lockstep.check.sampled.inequality import Witness
-from lockstep.codegen.sampled_design import sampled_controllers, sampled_network
+from lockstep.codegen.sampled_design import sampled_network
+from lockstep.codegen.sampled_modes import sampled_controllers
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import fixed_point
 from lockstep.lmi.sampled.l2_gain import SampledRho

@@ -1,53 +1,44 @@
 """From a design file to the specification of the C: controllers, Laplacian rows, and the datasheet's figures."""
 
 import math
+from dataclasses import dataclass
+from decimal import ROUND_FLOOR, Context
 
 import numpy as np
 
 from lockstep.check.design_file.fixed_point import FixedClaims
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.sampled.controller import PRECISIONS
-from lockstep.check.system.formation import measured_offsets
-from lockstep.codegen.emission.one_image import OneImage, Table
-from lockstep.codegen.manifest import digest_of
+from lockstep.check.sampled.discretise import measured_offsets
+from lockstep.codegen.cost.bound_coefficients import Optimize
+from lockstep.codegen.emission.formation_claims import said_of_formation, said_of_leader, two_digits
+from lockstep.codegen.manifest import FixedEntry, digest_of
 from lockstep.codegen.message_claims import said_of_messages
-from lockstep.codegen.sampled_design import sampled_controllers
-from lockstep.codegen.spec import (
-    CodegenSpec,
-    Controller,
-    FixedFormats,
-    LinearPlant,
-    MessageLimits,
-    Neighbour,
-    Optimize,
-    Signal,
-)
+from lockstep.codegen.one_image import OneImage, Table
+from lockstep.codegen.sampled_modes import sampled_controllers
+from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, MessageLimits, Neighbour, Signal
 from lockstep.lmi.document import Stored
+from lockstep.lmi.initial_set import sampled_rate
+
+NAMED = "_controllers"
+"""What the name of a folder ends with, which is that of its umbrella header: `lockstep-check` reads no other."""
 
 MANY = 17
 """Agents from which controllers that are all the same are described once."""
 
 CONTINUOUS_ONLY = (
-    "the continuous controller in real arithmetic; the sampled, rounded one of this folder is not covered yet"
+    "the continuous controller in real arithmetic alone: nothing is proved of the sampled, rounded one here"
 )
 
-WHERE = "not proved; in consensus all agents move as one of them does with u = 0, behind a leader as it does"
+WHERE = "not proved; in consensus all agents move as one of them does with u = 0"
+MOVED = '; until then a load on one moves all: gains that differ leave a sum of inputs (method = "modal" has equal ones)'
 
 
-def specification(
-    stored: Stored,
-    *,
-    optimize: Optimize = "speed",
-    name: str = "",
-    prefix: str = "",
-    one_image: bool = False,
-    max_neighbours: int | None = None,
-    table: Table = "none",
-) -> CodegenSpec:
-    """Return what to generate for a stored design. Its datasheet prints what the design claims: decide that first.
+@dataclass(frozen=True)
+class CodeOptions:
+    """What a caller chooses of the C, beside the design.
 
     Args:
-        stored: the design.
         optimize: "speed" or "size".
         name: of the folder's target and umbrella header; "": the agent's, and `_controllers`.
         prefix: put before the agent's name in all that is generated.
@@ -56,21 +47,37 @@ def specification(
         max_neighbours: of a node of one image; by default the largest in-degree of the design's graph.
         table: of whom each node hears: "none", "csv" or "c".
     """
+
+    optimize: Optimize = "speed"
+    name: str = ""
+    prefix: str = ""
+    one_image: bool = False
+    max_neighbours: int | None = None
+    table: Table = "none"
+
+
+BY_DEFAULT = CodeOptions()
+
+
+def specification(stored: Stored, options: CodeOptions = BY_DEFAULT) -> CodegenSpec:
+    """Return what to generate for a stored design. Its datasheet prints what the design claims: decide that first."""
     problem, agent = stored.problem, stored.problem.agent()
+    name, one_image = options.name, options.one_image
     if not one_image:
         problem.demand_one_graph("for C that names the neighbours of each agent")
     found = "offsets in one image for all nodes"
     expected = "the C of each agent, which holds its own and its neighbours': --per-agent"
     demand(not one_image or problem.offsets is None, found, "[network] offsets, --one-image", expected)
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
-    base, units, gains = f"{prefix}{agent.name}", agent.units, stored.gains
+    demand(name.endswith(NAMED) or not name, f"`{name}`", "folder", f"a name that ends in {NAMED}")
+    base, units, gains = f"{options.prefix}{agent.name}", agent.units, stored.gains
     names = [f"{base}{i}" for i in range(1, graph.N + 1)]
     sources: list[list[tuple[int, float]]] = [[] for _ in names]
     for listener, source, weight in graph.edges:
         sources[listener - 1].append((source - 1, weight))
-    outputs, inputs = (
-        tuple(Signal(name, units.get(name, "")) for name in names) for names in (agent.outputs, agent.inputs)
-    )
+    # An output that is a state as it is has the unit of the state.
+    measured = [Signal(y, units.get(y) or units.get(text, "")) for y, text in problem.file.agent.outputs]
+    outputs, inputs = tuple(measured), tuple(Signal(name, units.get(name, "")) for name in agent.inputs)
     heard = [() if one_image else tuple(Neighbour(names[j], a) for j, a in row) for row in sources]
     alike = one_image and has_one_controller(stored)
     seen = measured_offsets(agent.exact, problem.offsets, problem.controller.real)
@@ -90,7 +97,7 @@ def specification(
     )
     image = None
     if one_image:
-        image = _image(stored, f"{base}_node", sources, max_neighbours, table)
+        image = _image(stored, f"{base}_node", sources, options)
     controller = problem.controller
     return CodegenSpec(
         agents=controllers,
@@ -98,44 +105,53 @@ def specification(
         delay=controller.delay,
         discretization=controller.discretization,
         real=controller.real,
-        optimize=optimize,
-        name=name or f"{base}_controllers",
-        prefix=prefix,
+        optimize=options.optimize,
+        name=name or f"{base}{NAMED}",
+        prefix=options.prefix,
         title=problem.title,
         certificate=_datasheet(stored),
         design_hash=fingerprint(stored),
         plants=plants,
         image=image,
         messages=_messages(stored),
-        fixed=None if stored.claims.fixed is None else formats_of(stored.claims.fixed),
+        fixed=None if stored.claims.fixed is None else formats_of(stored.claims.fixed, stored),
     )
 
 
-def formats_of(claims: FixedClaims) -> FixedFormats:
+def formats_of(claims: FixedClaims, stored: Stored) -> FixedEntry:
     """Return the formats of the controllers in integers, and what is claimed of them in words."""
     rho = "not proved"
     if claims.rho:
-        rho = f"{claims.rho:g}, and {_two_digits(claims.rho_rounding)} from rounding"
+        rho = f"{claims.rho:g}, and {two_digits(claims.rho_rounding)} from rounding"
     radius = "not proved" if claims.radius is None else f"{claims.radius:g}"
-    residual, per_error = (
-        _two_digits(one) for one in (claims.residual_from_rounding, claims.residual_per_message_error)
+    count = 2.0 ** -min(claims.outputs)
+    read = claims.residual_from_rounding + claims.residual_per_message_error * count / 2
+    residual, per_error, rounded = map(
+        two_digits, (claims.residual_from_rounding, claims.residual_per_message_error, read)
     )
+    more: tuple[str, ...] = (f"disturbances: {said}",) if (said := _counted(stored)) else ()
+    more += (f"assumes: {_domain(stored)}",) if stored.claims.scope != "global" else ()
     lines = (
-        "all agents come to agree, between the samples too, while no step is SATURATED",
+        "assumes: the agents obey their model; synchronous sampling; every message arrives in time",
+        *more,
+        "all agents come to agree, between the samples too, while no step is CLIPPED or SATURATED",
         f"residual_from_rounding = {residual}: the distance of the states from agreement in the end, readings exact",
         f"residual_per_message_error = {per_error}: times the largest error of a reading, besides",
+        f"residual with readings rounded to counts = {rounded}: if that is too much, `output_range` makes counts smaller",
         f"rho = {rho}: the square of what is weighed, integrated up to a sample at t, is at most",
         "    V_0 + rho^2 times the energy of the disturbance + t times the square of the part from rounding, readings exact",
-        f"radius = {radius}: from disagreements up to it, at rest, undisturbed, readings exact, no step is SATURATED",
+        f"radius = {radius}: from disagreements up to it, at rest, undisturbed, readings exact, "
+        "no step is CLIPPED or SATURATED",
     )
-    return FixedFormats(claims.outputs, claims.inputs, claims.states, lines)
+    return FixedEntry(outputs=claims.outputs, inputs=claims.inputs, states=claims.states, claims=lines)
 
 
 def _image(
-    stored: Stored, name: str, sources: list[list[tuple[int, float]]], most: int | None, table: Table
+    stored: Stored, name: str, sources: list[list[tuple[int, float]]], options: CodeOptions
 ) -> OneImage:
     """Return what one image is made for: the design's graph, or any with its spectrum, whose lists hold what is proved."""
     spectrum, degree = stored.problem.spectrum, max(map(len, sources))
+    most, table = options.max_neighbours, options.table
     if spectrum is None:
         lists = () if table == "none" else tuple(map(tuple, sources))
         return OneImage(name, len(sources), degree, degree if most is None else most, table, lists)
@@ -152,6 +168,18 @@ def has_one_controller(stored: Stored) -> bool:
     """Tell whether all agents have the same gains."""
     blocks = stored.gains.blocks
     return bool((blocks == blocks[0]).all())
+
+
+def moves_all(stored: Stored) -> bool:
+    """Tell whether controllers move the consensus: sum_i p_i B_i u_i is not always 0, p'L = 0, p_i > 0 for roots alone.
+
+    Equal gains and B_i of the roots make it B (C sum p_i x_Ci + D C p'L x) = 0 from rest; a leader's u is 0.
+    """
+    if has_one_controller(stored) and len(set(map(bytes, stored.problem.agents_B()))) == 1:
+        return False
+    roots = [one - 1 for one in stored.problem.graph().roots]
+    of_roots = stored.gains.blocks[roots], np.array(stored.problem.agents_B())[roots]
+    return any(len(np.unique(one, axis=0)) > 1 for one in of_roots)
 
 
 def _messages(stored: Stored) -> MessageLimits | None:
@@ -178,7 +206,8 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         return {"certified": False}
     delta = {f"delta_{letter}": value for letter, value in claims.fragility.items() if value}
     covered, scope = sampled.certified, claims.scope or "local"
-    continuous = "rho, delta and decay are" if delta else "rho and decay are"
+    rate = sampled_rate(sampled.decay, stored.problem.controller.period) if covered else None
+    continuous = "rho, delta and decay" if delta else "rho and decay"
     lines = signed_lines(stored) if covered else {"covers": CONTINUOUS_ONLY}
     if scope == "local":
         said = "assumes" if covered else "covers"
@@ -187,29 +216,48 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         "certified": True,
         "proof": "ball" if covered else "exact",
         **lines,
-        "where": WHERE,
+        "where": WHERE + MOVED * moves_all(stored),
+        "distance, disagreement": "the root of the sum over agents and states of (x - mean)^2, in the units of the states",
         "scope": scope,
+        **({"disturbances": said} if (said := _counted(stored)) else {}),
         "rho": claims.rho,
         **({"rho_sampled": sampled.rho or "not proved"} if covered else {}),
-        "alpha": claims.alpha,
+        "alpha": _rounded_down(claims.alpha),
         **delta,
         "decay": None
         if claims.decay is None
         else f"{claims.decay:g} 1/s, of every disagreement, with the gains as they were designed, continuous",
+        **(
+            {"decay_sampled": f"{rate:g} 1/s, of these controllers, but for rounded messages"} if rate else {}
+        ),
         **({continuous: "of the continuous controllers (proof: exact)"} if covered else {}),
         **_limits(stored),
         **said_of_messages(stored),
         "controllers": _alone(stored),
-        **_formation(stored),
-        **_leader(stored),
+        **said_of_formation(stored),
+        **said_of_leader(stored),
     }
+
+
+def _rounded_down(value: float) -> float:
+    """Return four figures of a bound of which less is less: the last bits of a search say nothing.
+
+    >>> _rounded_down(0.8774999999999995), _rounded_down(3.33)
+    (0.8774, 3.33)
+    """
+    return float(Context(prec=4, rounding=ROUND_FLOOR).create_decimal(repr(float(value))))
 
 
 def _limits(stored: Stored) -> dict[str, str | None]:
     """Return from where no input meets its limit, and from where the clipped loop converges, as far as it is claimed."""
     claims, problem = stored.claims.sampled, stored.problem
-    names = zip(problem.agent().inputs, problem.limits, strict=True)
-    sides = ", ".join(f"|{name}| < {limit:g}" for name, limit in names if math.isfinite(limit))
+    agent = problem.agent()
+    names = zip(agent.inputs, problem.limits, strict=True)
+    sides = ", ".join(
+        f"|{name}| < {limit:g} {agent.units.get(name, '')}".rstrip()
+        for name, limit in names
+        if math.isfinite(limit)
+    )
     timely = ", every message in time" if problem.messages is not None else ""
     timely += ", while every agent stays in its domain" if stored.claims.scope != "global" else ""
     rest = f"controllers at rest, no disturbance{timely}"
@@ -217,7 +265,8 @@ def _limits(stored: Stored) -> dict[str, str | None]:
     if claims.radius is not None:
         found["limits"] = f"{sides} for ever from a disagreement of at most {claims.radius:g}, {rest}"
     if claims.limits_gain is not None:
-        pushed = f"under a disturbance of at most {claims.limits_gain:g} in L2"
+        counted = " as it is counted (`disturbances`)" if _counted(stored) else ""
+        pushed = f"under a disturbance of at most {claims.limits_gain:g} in L2{counted}"
         found["limits_gain"] = f"{sides} for ever from agreement, {pushed}{timely}"
     if claims.clipped_radius is not None:
         reach = f"from a disagreement of at most {claims.clipped_radius:g}"
@@ -225,34 +274,17 @@ def _limits(stored: Stored) -> dict[str, str | None]:
     return found
 
 
-def _formation(stored: Stored) -> dict[str, str]:
-    """Return what agrees where there are offsets: all that is proved of x is proved of x less them."""
-    if stored.problem.offsets is None:
-        return {}
-    real = stored.problem.controller.real
-    said = (
-        "what agrees is each agent's x less its offset o: so are all distances above to be read, from the formation; outputs"
-        f" are taken less C o, rounded to {real}, which errs by {PRECISIONS[real].u:.1e} of it: an error of a reading"
-    )
-    return {"formation": said}
-
-
-def _leader(stored: Stored) -> dict[str, str]:
-    """Return what is proved of agents behind a leader with inputs v of its own: they are its disturbance xi = B v.
-
-    With the orthonormal T the disagreement of a disturbance of one agent is |xi_d|^2 = (1 - 1/N) |xi|^2; |B| is at most its
-    Frobenius norm. Two digits, rounded up, cover the rounding of both.
-    """
-    problem, claims = stored.problem, stored.claims
-    if problem.reference is None:
-        return {}
-    leader, N = problem.reference.leader, problem.sizes.N
-    said = f"an input v of {problem.agent().name}{leader + 1}, which leads, is its disturbance B v"
-    rho = claims.sampled.rho if claims.sampled.certified else claims.rho
-    if rho is not None and problem.performance.covers_xi and problem.design.coordinates == "orthonormal":
-        gain = rho * math.sqrt(1 - 1 / N) * float(np.linalg.norm(problem.agents_B()[leader])) * (1 + 1e-9)
-        said += f": from agreement |z| <= {_two_digits(gain)} |v| in L2 is proved"
-    return {"leader": f"{said}; not proved: that followers come to agree with it while v lasts"}
+def _counted(stored: Stored) -> str:
+    """Say in which scales and coordinates rho and the others count disturbances; nothing where they are plain."""
+    problem, said = stored.problem, []
+    scales = problem.performance.states
+    if (scales != 1).any():
+        rates = (f"{name} {scale:g}" for name, scale in zip(problem.agent().states, scales, strict=True))
+        none = " (0: not at all)" if (scales == 0).any() else ""
+        said.append(f"each state's counted in its scale, in its unit per second: {', '.join(rates)}{none}")
+    if problem.design.coordinates != "orthonormal":
+        said.append("as differences by the rows of L")
+    return "; ".join(said)
 
 
 def _alone(stored: Stored) -> str | None:
@@ -291,32 +323,19 @@ def signed_lines(stored: Stored) -> dict[str, str]:
     )
     arrives = "every message arrives"
     if stored.claims.messages is not None:
-        arrives += ", or as `messages` says"
-    residual, rms = (_two_digits(one) for one in (sampled.residual, sampled.residual_rms))
+        arrives += " in time (of those that do not, `messages` alone says what is proved)"
+    residual, rms = (two_digits(one) for one in (sampled.residual, sampled.residual_rms))
     return {
         "proved": f"all agents come to agree, between the samples too, under these {table.real} controllers stepped every"
         f" {table.period!r} s with u held, every rounding of a step counted",
         "assumes": f"the agents obey their model with slopes up to {_slopes(stored)}; synchronous sampling;"
         f" {arrives}; u acts {applied} and {unclipped}; no step overflows",
         "remains": "at the sampling instants, in the end, a distance of the states from agreement of up to"
-        f" {residual} times the largest error of a message or of an own reading (root mean square: {rms} times);"
+        f" {residual} times the largest error of a message or of an own reading (root mean square: {rms} times), a bound"
+        " that is not tight;"
         f" rounding a message to {table.real} errs by {PRECISIONS[table.real].u:.1e} of its size",
     }
 
 
 def _slopes(stored: Stored) -> str:
     return "alpha, and each single slope up to its bound" if stored.claims.entries else "alpha"
-
-
-def _two_digits(value: float | None) -> str:
-    """Round up to two digits, so that the last bits of a machine's arithmetic do not show.
-
-    >>> _two_digits(4177144.9)
-    '4.2e+06'
-    """
-    if value is None:
-        return "an unclaimed number of"
-    if value <= 0 or not math.isfinite(value):
-        return f"{value:g}"
-    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return f"{math.ceil(value / unit) * unit:.1e}"

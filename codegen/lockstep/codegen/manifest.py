@@ -30,10 +30,14 @@ from lockstep.check.errors import ProblemError, demand
 from lockstep.check.files import as_text, inside, read_inside
 from lockstep.check.sampled.discretise import Discretization, Real
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.spec import MOST_KEPT, Optimize, check_identifier
+from lockstep.codegen.cost.bound_coefficients import Optimize
+from lockstep.codegen.identifiers import check_identifier
 
 FORMAT = "lockstep-controllers/2"
 FILE_NAME = "manifest.json"
+
+MOST_KEPT = 4096
+"""Own readings that a node keeps, at the most: a slip of the pen beyond."""
 
 _INNERMOST_LIST = re.compile(r'\[(?:\s*(?:-?[\d.eE+-]+|"[-+0-9a-fx.p]+"),?)+\s*\]')
 """A list of numbers or hexadecimal floats as `json` spreads it; a matrix row reads better on one line."""

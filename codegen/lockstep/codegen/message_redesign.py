@@ -10,9 +10,10 @@ from typing import Any
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.errors import Infeasible
 from lockstep.check.system.loop import Gains
-from lockstep.codegen import sampled_design as sampled_design
+from lockstep.codegen import sampled_design
 from lockstep.codegen.message_claims import part_certified
-from lockstep.codegen.period_redesign import obstacle, with_figures, with_gains
+from lockstep.codegen.other_gains import obstacle, with_figures, with_gains
+from lockstep.codegen.sampled_modes import sampled_controllers
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.synthesis.gains_for_period import StartingGains
 from lockstep.lmi.search.stopping import Stop
@@ -74,7 +75,7 @@ def designed_for_messages(stored: Stored, tell: Tell) -> Stored:
     at = AtPeriod(network, problem.graph().edges, problem.performance, order, limit)
     start, held = (
         StartingGains(stored.gains.blocks, m, c.rho),
-        sampled_design.sampled_controllers(stored, period),
+        sampled_controllers(stored, period),
     )
     reason = "no gains were brought near it"
 
@@ -86,9 +87,7 @@ def designed_for_messages(stored: Stored, tell: Tell) -> Stored:
         gains = Gains.from_blocks(short_gains(found.K, limit), order)
         reason = "gains were found for it, but not proved"
         if (
-            certify_messages(
-                network, sampled_design.sampled_controllers(replace(stored, gains=gains), period), asked
-            )
+            certify_messages(network, sampled_controllers(replace(stored, gains=gains), period), asked)
             is None
         ):
             continue

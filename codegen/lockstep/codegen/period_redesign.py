@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lockstep.check.continuous.inequality import Certificate, Claim
-from lockstep.check.continuous.initial_set import InitialSet
-from lockstep.check.design_file.claims import SampledClaims
-from lockstep.check.design_file.proofs import Proofs
-from lockstep.check.errors import ClaimError, Infeasible, NotCertified
-from lockstep.check.system.loop import Gains, build_loop
+from lockstep.check.continuous.inequality import Certificate
+from lockstep.check.errors import Infeasible, NotCertified
+from lockstep.check.system.loop import Gains
+from lockstep.codegen.message_redesign import for_messages, lacks_messages
+from lockstep.codegen.other_gains import obstacle, with_figures, with_gains
 from lockstep.codegen.sampled_design import (
     FOR_PERIOD,
     NOT_FOR_PERIOD,
@@ -30,12 +29,9 @@ from lockstep.codegen.sampled_design import (
 )
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import Stored
-from lockstep.lmi.guarantees import guarantees
 from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.sampled.synthesis.gains_for_period import StartingGains
-from lockstep.lmi.sampled.witnesses import plant_in_doubles
 from lockstep.lmi.search.stopping import NEVER, Deadline, Stop
-from lockstep.model.network import Network
 
 NEAR = 1.05
 """A sampled loop whose rho is above the continuous one by more is designed for its period."""
@@ -46,9 +42,6 @@ change: so often gains are designed with the sector of those before, while rho f
 
 KEPT_OF_DECAY = 0.5
 """What a design for the period holds, in continuous time, of the decay that an objective asked for."""
-
-MOST_STATES = 80
-"""Of the sampled loop: a step of the descent grows with the third power of their number, its unknowns with it too."""
 
 
 class Effort(NamedTuple):
@@ -100,8 +93,6 @@ def as_shipped(
 
 def _shipped(stored: Stored, tell: Callable[[str, float], None], effort: Effort, stop: Stop) -> Stored:
     """Return what ships, without what is proved of limits."""
-    from lockstep.codegen.message_redesign import for_messages, lacks_messages
-
     verdict = certify(stored)
     if stored.claims.certified and not verdict.certified:
         raise NotCertified(f"the checker refuses the design: {verdict.reason}", **verdict.figures)
@@ -128,23 +119,6 @@ def _shipped(stored: Stored, tell: Callable[[str, float], None], effort: Effort,
             found = f"the time limit was over; until then: {error}" if effort.deadline.over else str(error)
     said = asked or effort.deadline.over
     return with_sampled(stored, held, **{NOT_FOR_PERIOD: found}) if said else kept
-
-
-def obstacle(stored: Stored) -> str | None:
-    """Say why a design cannot be made for its period, or None."""
-    problem = stored.problem
-    if problem.design.method != "certified":
-        return f'the gains of method "{problem.design.method}" are not designed for a period'
-    if problem.design.objective == "initial_set":
-        return 'objective is "initial_set", which a descent on rho would spend'
-    if not isinstance(stored.proofs.certificate, Certificate):
-        return "there is no continuous certificate to start from"
-    if any(problem.fragility.values()):
-        return "[design.fragility] is about continuous gains"
-    if problem.controller.discretization != "tustin":
-        return f'discretization is "{problem.controller.discretization}", not "tustin"'
-    states = problem.agent().n * (stored.gains.N - 1) + stored.gains.order * stored.gains.N
-    return f"the loop has {states} states, more than {MOST_STATES}" if states > MOST_STATES else None
 
 
 def designed_for_period(stored: Stored, effort: Effort) -> Stored:
@@ -186,46 +160,6 @@ def _proved_for_period(stored: Stored, effort: Effort) -> tuple[Stored, HeldVerd
     return made, held, held.rho.rho
 
 
-def with_gains(stored: Stored, gains: Gains) -> Stored:
-    """Return a design file with other gains, their continuous certificate and guarantees proved, nothing else claimed."""
-    from lockstep.lmi.analysis.rounding import prove
-
-    problem, (network, claim) = stored.problem, _posed(stored)
-    try:
-        c = prove(network, gains, claim, rho=problem.design.rho)
-        also = guarantees(problem, network, gains, claim, modal=False)
-    except ClaimError as error:
-        raise Infeasible(f"gains were found, but not certified in continuous time: {error}") from None
-    decay, witness = also.decay or (None, None)
-    claims = replace(
-        stored.claims,
-        rho=c.rho,
-        decay=decay,
-        controllers_stable=also.stable,
-        sampled=SampledClaims(),
-        messages=None,
-    )
-    proofs = Proofs(c, witness, stored.proofs.floor, bound=stored.proofs.bound)
-    return replace(stored, gains=gains, claims=claims, proofs=proofs)
-
-
-def with_figures(made: Stored, stored: Stored) -> Stored:
-    """Return a design with the figures of its gains, those of what they replace, and the states from which it holds."""
-    before = stored.claims.sampled
-    loop = build_loop(*plant_in_doubles(sampled_network(made)), made.gains.order)
-    figures = {
-        **stored.info["figures"],
-        "abscissa": float(np.linalg.eigvals(loop.A_cl(made.gains.blocks)).real.max()),
-        "gain_norms": made.gains.norms,
-        "replaced": {
-            "rho": stored.claims.rho,
-            "sampled_rho": before.rho,
-            "sampled_max_period": before.max_period,
-        },
-    }
-    return _placed(replace(made, info={**stored.info, "figures": figures}))
-
-
 def _searched(stored: Stored, effort: Effort) -> tuple[Gains, PairWeights]:
     from lockstep.lmi.analysis.rounding import short_gains
     from lockstep.lmi.sampled.synthesis.gains_for_period import AtPeriod, improved
@@ -250,29 +184,3 @@ def _searched(stored: Stored, effort: Effort) -> tuple[Gains, PairWeights]:
             period=period,
         )
     return Gains.from_blocks(short_gains(found.K, limit), order), found.m
-
-
-def _placed(made: Stored) -> Stored:
-    """Return a design file with the initial states that its own certificate proves; those of another say nothing."""
-    from lockstep.lmi.initial_set_design import largest_initial_states
-
-    certificate = made.proofs.certificate
-    if made.claims.scope != "local" or certificate is None:
-        return replace(made, claims=replace(made.claims, initial_set=None))
-    network, claim = _posed(made)
-    initial, own = largest_initial_states(network, made.gains, claim, certificate, made.problem.leader)
-    proved = initial if isinstance(initial, InitialSet) else None
-    proofs = replace(made.proofs, initial_set=own)
-    remarks = {**made.info, "initial_set": initial.remarks()}
-    return replace(made, claims=replace(made.claims, initial_set=proved), proofs=proofs, info=remarks)
-
-
-def _posed(stored: Stored) -> tuple[Network, Claim]:
-    """Return the network of a design and what is claimed of it, its bound proved anew."""
-    from lockstep.lmi.design import claim_of
-    from lockstep.lmi.stored_bound import bound_again
-    from lockstep.model.assembly import network_of
-
-    bound = bound_again(stored).or_raise()
-    claim = replace(claim_of(stored.problem, bound), alpha=stored.claims.alpha)
-    return network_of(stored.problem, bound), claim

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.certify import DESIGN_NAME
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.errors import BoundNotProved, ProblemError
@@ -21,11 +22,9 @@ from lockstep.check.sampled.inputs.input_limits import proves_gain, proves_radiu
 from lockstep.check.sampled.inputs.saturation import ClippedWitness, proves_clipped_radius
 from lockstep.check.sampled.l2_gain import proves_rho
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.sector import Sector
 from lockstep.check.sampled_claims import sector
-from lockstep.codegen.folder.contents import DESIGN_NAME
 from lockstep.codegen.message_claims import MessageProof, prove_messages
-from lockstep.codegen.sampled_modes import ModalRho, held_controllers, prove_modes_of, splits
+from lockstep.codegen.sampled_modes import ModalRho, prove_modes_of, sampled_controllers, splits
 from lockstep.lmi.design_verdict import Decided, certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import (
@@ -106,7 +105,7 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     period, delay = stored.problem.controller.period, stored.problem.controller.delay
     try:
         if splits(stored) and (stored.problem.messages is None or stored.problem.spectrum is not None):
-            modes = prove_modes_of(stored, _sector(stored))
+            modes = prove_modes_of(stored, sector(stored, stored.problem.agent().lure))
             return HeldVerdict(modes.verdict, modes.longest, modes.rho)
         network = sampled_network(stored)
         controllers = sampled_controllers(stored, period)
@@ -115,7 +114,9 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     if guess is None:
         guess = _guess(stored)
     known = stored.proofs.sampled if isinstance(stored.proofs.sampled, Witness) else None
-    verdict = certify_sampled(network, controllers, guess, witness=known)
+    verdict = certify_sampled(
+        network, controllers, guess, witness=known, rate=stored.problem.design.decay or 0.0
+    )
     rho = None
     if verdict.certified:
         weights = stored.problem.performance
@@ -172,7 +173,8 @@ def prove_agreement(stored: Stored) -> tuple[SampledNetwork, tuple[HeldControlle
     network = sampled_network(stored)
     controllers = sampled_controllers(stored, stored.problem.controller.period)
     known = stored.proofs.sampled if isinstance(stored.proofs.sampled, Witness) else None
-    return network, controllers, certify_sampled(network, controllers, _guess(stored), witness=known)
+    asked, guess = stored.problem.design.decay or 0.0, _guess(stored)
+    return network, controllers, certify_sampled(network, controllers, guess, witness=known, rate=asked)
 
 
 def _radius(
@@ -277,21 +279,8 @@ def sampled_network(stored: Stored) -> SampledNetwork:
         stored.claims.alpha,
         problem.controller.period,
         problem.controller.delay,
-        _sector(stored),
+        sector(stored, stored.problem.agent().lure),
     )
-
-
-def _sector(stored: Stored) -> Sector | None:
-    return sector(stored, stored.problem.agent().lure)
-
-
-def sampled_controllers(stored: Stored, period: float) -> tuple[HeldController, ...]:
-    """Return a design's gains sampled with a period and rounded to the target type, as `emit` does.
-
-    Raises:
-        ProblemError: a gain has no value in the target type.
-    """
-    return held_controllers(stored, period)
 
 
 def _stated_rho(
@@ -317,13 +306,13 @@ def _longest_stated(stored: Stored, network: SampledNetwork) -> SampledVerdict |
         controllers = sampled_controllers(stored, period)
     except ProblemError:
         return None
-    verdict = decide_sampled(network.at(period), controllers, [witness])
+    verdict = decide_sampled(replace(network, period=period), controllers, [witness])
     return verdict if verdict.certified else None
 
 
 def pair_weights(stored: Stored) -> PairWeights | None:
     """Return those of the continuous certificate, as far as one weight for each pair can stand for them."""
-    c, known = stored.proofs.certificate, _sector(stored)
+    c, known = stored.proofs.certificate, sector(stored, stored.problem.agent().lure)
     if not isinstance(c, Certificate):
         return None
     return c.m if known is None else common_pair_weights(stored.claims.entries, c, known)

@@ -4,17 +4,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from lockstep.check.continuous.modes import ModalCertificate
-from lockstep.check.errors import demand
+from lockstep.check.sampled import discretise
 from lockstep.check.sampled.certificate import SampledVerdict
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
-from lockstep.check.sampled.discretise import sampled_controllers, sampled_table
 from lockstep.check.sampled.modes import (
     ModalLoop,
     SampledModalWitness,
-    are_rounded,
     common_controller,
+    modal_loop,
     proves_modal_rho,
-    widened,
 )
 from lockstep.check.sampled.sector import Sector
 from lockstep.check.system.disagreement import single_difference
@@ -90,23 +88,18 @@ def _stated(stored: Stored, loop: ModalLoop) -> ModalRho | None:
 def _loops(stored: Stored, c: ModalCertificate, sector: Sector | None) -> Callable[[float], ModalLoop]:
     """Return the modes of the sampled loop by their period, as the checker assembles them."""
     problem, claims = stored.problem, stored.claims
-    network, spectrum = network_of(problem, bound_again(stored).or_raise()), problem.spectrum
+    network = network_of(problem, bound_again(stored).or_raise())
     plant, delay = network.plant.in_numbers(True), problem.controller.delay
-    edges = problem.graph().edges if spectrum is None else []
 
     def loop_at(period: float) -> ModalLoop:
         at = SampledNetwork(plant, single_difference(plant.A), claims.alpha, period, delay, sector)
-        held = held_controllers(stored, period)
-        if spectrum is not None:
-            return ModalLoop(at, held, spectrum.lower, spectrum.upper)
-        found = "weights are lost by rounding"
-        demand(are_rounded(held, edges), found, "[network]", "ones in the target type")
-        return ModalLoop(at, held, *widened(c.lower, c.ends[-1]))
+        held = sampled_controllers(stored, period)
+        return modal_loop(at, held, network.spectrum, (c.lower, c.ends[-1]), network.graph)
 
     return loop_at
 
 
-def held_controllers(stored: Stored, period: float) -> tuple[HeldController, ...]:
+def sampled_controllers(stored: Stored, period: float) -> tuple[HeldController, ...]:
     """Return a design's gains sampled with a period and rounded: one for each agent, or one for all of many graphs.
 
     Raises:
@@ -115,6 +108,6 @@ def held_controllers(stored: Stored, period: float) -> tuple[HeldController, ...
     table, spectrum, gains = stored.problem.controller, stored.problem.spectrum, stored.gains
     if spectrum is None:
         edges = stored.problem.graph().edges
-        return sampled_controllers(gains, edges, period, table.discretization, table.real)
-    common = sampled_table(gains, 0, period, table.discretization, table.real)
+        return discretise.sampled_controllers(gains, edges, period, table.discretization, table.real)
+    common = discretise.sampled_table(gains, 0, period, table.discretization, table.real)
     return (common_controller(common, gains.order, spectrum, table.real),)

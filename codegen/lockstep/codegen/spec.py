@@ -4,10 +4,8 @@ One agent's controller, paper (9):  x_C' = A x_C + B r,  u = C x_C + D r,  r = s
 """
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -17,38 +15,13 @@ from lockstep.check.c_source.reader import MAX_NEIGHBOURS
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.sampled.controller import check_period
 from lockstep.check.sampled.discretise import Discretization, Real
-
-if TYPE_CHECKING:
-    from lockstep.codegen.emission.one_image import OneImage
-
-Optimize = Literal["speed", "size"]
-MOST_KEPT = 4096
-"""Own readings that a node keeps, at the most: a slip of the pen beyond."""
-
-_KEYWORDS = frozenset(
-    """auto break case char const continue default do double else enum extern float for goto if inline int
-    long register restrict return short signed sizeof static struct switch typedef union unsigned void
-    volatile while main asm fortran typeof bool true false class namespace template this new delete operator
-    private public protected virtual try catch throw using""".split()  # noqa: SIM905
-)
-_IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
-
+from lockstep.codegen.cost.bound_coefficients import Optimize
+from lockstep.codegen.identifiers import check_identifier
+from lockstep.codegen.manifest import MOST_KEPT, FixedEntry
+from lockstep.codegen.one_image import OneImage
 
 LEAST = 1e-20
 """The nearest to 0 that an input may be clipped: its known answers have all their bits below it."""
-
-
-def check_identifier(name: str, where: str) -> None:
-    """Refuse a name that cannot prefix C identifiers and file names (C99 6.4.2; C++ keywords too).
-
-    >>> check_identifier("arm 1", "agent")
-    Traceback (most recent call last):
-    lockstep.check.errors.ProblemError: agent: `arm 1` is no C identifier; expected a letter, then ...
-    """
-    found = f"`{name}` is no C identifier"
-    expected = "a letter, then at most 39 letters, digits or underscores, and no keyword"
-    remedy = "rename it: the name prefixes the generated functions"
-    demand(_IDENTIFIER.fullmatch(name) and name not in _KEYWORDS, found, where, expected, remedy)
 
 
 def matrix(value: ArrayLike, shape: tuple[int, int], where: str) -> Float[np.ndarray, "rows cols"]:
@@ -173,16 +146,6 @@ class LinearPlant:
 
 
 @dataclass(frozen=True)
-class FixedFormats:
-    """Exponents e of the counts, worth 2^-e each, of outputs, inputs and states by agent; and what is claimed, in words."""
-
-    outputs: tuple[int, ...]
-    inputs: tuple[int, ...]
-    states: tuple[tuple[int, ...], ...]
-    claims: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class MessageLimits:
     """What the message layer in C is told of a network.
 
@@ -238,9 +201,9 @@ class CodegenSpec:
     plants: tuple[LinearPlant, ...] = ()
     delay: int = 0
     prefix: str = ""
-    image: "OneImage | None" = None
+    image: OneImage | None = None
     messages: MessageLimits | None = None
-    fixed: "FixedFormats | None" = None
+    fixed: FixedEntry | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "agents", tuple(self.agents))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
-from lockstep.lmi.diagnosis.pareto import ParetoPoint
+from lockstep.lmi.trade_off.pareto import ParetoPoint
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.simulation import Trajectory
 from lockstep.report import figures

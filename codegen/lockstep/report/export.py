@@ -33,9 +33,7 @@ def inline_svg(figure: "Figure", name: str, description: str) -> Markup:
         name: of the figure, a word for ids.
         description: read out in its place to those who cannot see it.
     """
-    root = ElementTree.fromstring(
-        _saved(figure, name, "svg", dict.fromkeys(("Date", "Creator", "Format", "Type")))
-    )
+    root = ElementTree.fromstring(svg(figure, name))
     for parent in root.iter():
         for child in [c for c in parent if c.tag == f"{{{SVG}}}metadata" or _is_style(c)]:
             parent.remove(child)

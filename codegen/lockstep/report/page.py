@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Complex
 from markupsafe import Markup
 
-from lockstep.codegen.cores import CORES
+from lockstep.codegen.cost.cores import CORES
 from lockstep.codegen.emission.rendering import templates
 from lockstep.codegen.folder.guarantee_lines import lines_of
 from lockstep.lmi.document import answer
@@ -125,10 +125,7 @@ def _disturbance(facts: Facts) -> str:
         return (
             "The leader follows its reference." if facts.problem.reference else "No disturbance is applied."
         )
-    size = (
-        f"intensity {table.intensity:g}" if table.intensity is not None else f"amplitude {table.amplitude:g}"
-    )
-    return f"Disturbed by {table.kind} on every state, {size}."
+    return f"Disturbed by {table.kind}, {table.size}."
 
 
 def _target(target: Any) -> dict[str, Any]:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.folder.guarantee_lines import lines_of
-from lockstep.lmi.diagnosis.pareto import ParetoPoint
 from lockstep.lmi.document import Stored, answer
+from lockstep.lmi.trade_off.pareto import ParetoPoint
 from lockstep.model.checks import CheckReport
 from lockstep.report.drawings import draw
 from lockstep.report.evidence import pages

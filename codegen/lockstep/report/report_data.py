@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from lockstep.codegen.manifest import FILE_NAME, Manifest
-from lockstep.lmi.diagnosis.pareto import ParetoPoint
 from lockstep.lmi.document import Stored
 from lockstep.lmi.initial_set import below
+from lockstep.lmi.trade_off.pareto import ParetoPoint
 from lockstep.model.checks import CheckReport
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
@@ -15,8 +15,6 @@ from lockstep.model.simulation.divergence import left_domain
 from lockstep.model.simulation.from_problem import FINEST, Changes, scenario_of, step_of
 from lockstep.verification.closed_loop.software_in_the_loop import reference_controllers
 from lockstep.verification.verify import VerifyReport
-
-DESIGN_NAME = "design.json"
 
 MOST_STEPS = 20_000
 """Of all controllers together in the run: some three seconds of work. The three arms take 12 000 in 20 s."""
@@ -78,7 +76,7 @@ class Facts:
             f"it starts {start:.3g} from agreement; that no input saturates is proved"
             f" {f'up to {below(without)}' if without else 'for no distance'}"
             f"{f', that agents agree all the same up to {below(clipped)}' if clipped else ''}: smaller gains raise that"
-            " (a larger `weights.input`, a lower `gain_limit`, order 0)"
+            " (`order = 0` where it is higher, a lower `gain_limit`)"
         )
 
     @property

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from lockstep.lmi.diagnosis.pareto import ParetoPoint, front
+from lockstep.lmi.trade_off.pareto import ParetoPoint, front
 from lockstep.report.canvas import legend, panels, rows_of
 from lockstep.report.style import LIGHT, colour, styled
 

@@ -29,12 +29,13 @@ class Pace:
 class StreamedNoise:
     """Independent Gaussian noise on every state, held for `interval` s, drawn as the run goes on.
 
-    N, n: agents and states;  sigma: standard deviation of a sample;  interval, start, stop: in s;  seed: of the numbers.
+    N, n: agents and states;  sigma: standard deviation of a sample, one or (N, n);  interval, start, stop: in s;  seed: of
+    the numbers.
     """
 
     N: int
     n: int
-    sigma: float
+    sigma: float | Float[np.ndarray, "N n"]
     interval: float
     seed: int
     start: float = 0.0

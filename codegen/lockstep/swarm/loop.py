@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.sampled.discretise import Real, clipped_at, discretise, rounded_to
+from lockstep.check.sampled.discretise import Real, clipped_at, rounded_to, sampled_table
 from lockstep.model.agents.agent import Agent
 from lockstep.swarm.neighbours import NeighbourLists
 
@@ -97,17 +97,13 @@ def swarm_of_design(stored: "Stored", neighbours: NeighbourLists | None = None) 
             expected="a design whose agents all have the same gains and the same B",
             remedy='use method = "modal"',
         )
-    tables = []
-    for i in range(1 if alike else len(blocks)):
-        sampled = discretise(
-            gains.A[i], gains.B[i], gains.C[i], gains.D[i], table.period, table.discretization
-        )
-        tables.append(rounded_to(table.real, sampled.stacked(), f"controller {i + 1}"))
+    many = range(1 if alike else len(blocks))
+    tables = [sampled_table(gains, i, table.period, table.discretization, table.real) for i in many]
     return SwarmLoop(
         problem.agent(),
         neighbours,
         gains.order,
-        np.array(tables),
+        np.array(tables, dtype=table.real),
         B[:1] if one_B else B,
         table.period,
         table.real,

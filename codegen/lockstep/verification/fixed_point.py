@@ -11,7 +11,7 @@ import numpy as np
 
 from lockstep.check.errors import ClaimError
 from lockstep.check.sampled.fixed_point import LARGEST_R, LARGEST_X, SPLIT, FixedController
-from lockstep.codegen.cores import Core, registers_of
+from lockstep.codegen.cost.cores import Core, registers_of
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.exports import exports_of
 from lockstep.codegen.exports.fixed_point import controller_of
@@ -20,11 +20,11 @@ from lockstep.verification.comparison import compare
 from lockstep.verification.harness import compile_objects, drive, text_bytes
 from lockstep.verification.machines.emulator import Machine, Watch
 from lockstep.verification.machines.image import link_image, load_image, machine_flags, undefined_symbols
-from lockstep.verification.machines.targets import Target
-from lockstep.verification.machines.toolchain import Compiler
 from lockstep.verification.stimulus import Trace, recorded_outputs
+from lockstep.verification.targets import Target
+from lockstep.verification.toolchain import Compiler
 
-OK, NOT_READY, SATURATED = 0, 3, 8
+OK, NOT_READY, CLIPPED, SATURATED = 0, 3, 8, 16
 STEP, RESET, UNREADY = 0, 2, 4
 """Operations: a step; one after a reset; one of a state that is marked as never initialised, which is then initialised."""
 
@@ -71,8 +71,8 @@ def scaled(value: int, bits: int) -> int:
     return (value + (1 << (bits - 1))) >> bits
 
 
-def step_of(one: FixedController, x: list[int], total: list[int]) -> tuple[list[int], list[int], bool]:
-    """Return x+, u and whether something met its limit, of states x and the sums of differences of counts."""
+def step_of(one: FixedController, x: list[int], total: list[int]) -> tuple[list[int], list[int], int]:
+    """Return x+, u and the status, of states x and the sums of differences of counts."""
     r = [min(max(v, -LARGEST_R), LARGEST_R) for v in total]
     saturated, n, found = r != total, len(x), []
     high, low = [v >> SPLIT for v in x], [v & ((1 << SPLIT) - 1) for v in x]
@@ -83,7 +83,8 @@ def step_of(one: FixedController, x: list[int], total: list[int]) -> tuple[list[
     raw = [v + w for v, w in zip(x, found, strict=False)] + found[n:]
     sides = [(-LARGEST_X, LARGEST_X)] * n + list(one.sides)
     held = [min(max(v, low), high) for v, (low, high) in zip(raw, sides, strict=True)]
-    return held[:n], held[n:], saturated or held != raw
+    clipped = CLIPPED if held[n:] != raw[n:] else OK
+    return held[:n], held[n:], SATURATED if saturated or held[:n] != raw[:n] else clipped
 
 
 def run_reference(agent: AgentEntry, one: FixedController, calls: Counts) -> Trace:
@@ -106,8 +107,7 @@ def run_reference(agent: AgentEntry, one: FixedController, calls: Counts) -> Tra
                     misses[j], age[j] = min(misses[j] + 1, most), min(age[j] + 1, most)
                 if heard[j]:
                     total += y - held[j]
-            x, u, saturated = step_of(one, x, total.tolist())
-            status = SATURATED if saturated else OK
+            x, u, status = step_of(one, x, total.tolist())
         out.u[k] = u
         if calls.operation[k] == UNREADY:
             misses = [0] * nn

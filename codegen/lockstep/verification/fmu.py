@@ -9,7 +9,7 @@ from pathlib import Path
 from lockstep.codegen.exports.fmu import archives, packed
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.verification.machines.shared_library import build_library
-from lockstep.verification.machines.toolchain import host_compilers
+from lockstep.verification.toolchain import host_compilers
 
 _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden")
 _SYSTEMS = {"linux": ("linux", "so"), "darwin": ("darwin", "dylib")}

@@ -14,9 +14,9 @@ from lockstep.check.errors import ClaimError
 from lockstep.codegen.emission.calls import Calls
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import AgentEntry, Manifest
-from lockstep.verification.machines.toolchain import COMPILE_SECONDS, RUN_SECONDS, WARNINGS, Compiler, run
 from lockstep.verification.one_image import node_layout, unit_of
 from lockstep.verification.stimulus import Trace
+from lockstep.verification.toolchain import COMPILE_SECONDS, RUN_SECONDS, WARNINGS, Compiler, run
 
 
 @dataclass(frozen=True, eq=False)

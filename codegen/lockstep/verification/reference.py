@@ -8,15 +8,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Float32, Float64
+from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.manifest import AgentEntry, Manifest
 
 OK, NOT_FINITE, OVERFLOW, NOT_READY, CLIPPED = 0, 1, 2, 3, 8
 _SATURATED = 2**32 - 1
-
-Reals = Float32[np.ndarray, "..."] | Float64[np.ndarray, "..."]
 
 
 @dataclass(eq=False)
@@ -63,6 +61,11 @@ class Reference:
         return cls(agent.table(real), agent.weights(real), agent.order, skip, limits, offsets)
 
     @property
+    def memory(self) -> Float[np.ndarray, " nc"]:
+        """The controller's state before the next step, in doubles."""
+        return self.state.x.astype(float)
+
+    @property
     def outputs(self) -> int:
         """The number q of measured outputs."""
         return int(self.M.shape[1]) - self.order
@@ -105,13 +108,15 @@ class Reference:
     def step(
         self, y: Float[np.ndarray, " q"], neighbour_y: Float[np.ndarray, "nn q"], received: int
     ) -> tuple[int, Float[np.ndarray, " m"]]:
-        """One step with own and neighbours' outputs; bit j of `received` says that row j arrived."""
+        """One step with own and neighbours' outputs; bit j of `received` says that row j arrived; not finite, it did not."""
         arrived = [bool(received >> j & 1) for j in range(len(self.weights))]
         if self.offsets is not None and arrived:
             with np.errstate(all="ignore"):
                 y, neighbour_y = y - self.offsets[0], neighbour_y - self.offsets[1:]
-        finite = bool(np.isfinite(y).all() and np.isfinite(neighbour_y[arrived]).all())
-        status = self._advance(self._relative(y, neighbour_y, arrived), finite)
+        arrived = [
+            here and bool(np.isfinite(row).all()) for here, row in zip(arrived, neighbour_y, strict=True)
+        ]
+        status = self._advance(self._relative(y, neighbour_y, arrived), bool(np.isfinite(y).all()))
         self._remember(neighbour_y, arrived, status)
         return self._clip(status), self.state.u.copy()
 

@@ -22,8 +22,7 @@ from lockstep.codegen.manifest import AgentEntry, Manifest, changed_files, load_
 from lockstep.verification.comparison import Difference, compare
 from lockstep.verification.fixed_point import FixedResult, compare_fixed
 from lockstep.verification.harness import Run
-from lockstep.verification.machines.targets import GROUPS, Target, targets_of
-from lockstep.verification.messages.compare import NodeResult, compare_nodes
+from lockstep.verification.message_nodes import NodeResult, compare_nodes
 from lockstep.verification.one_image import reference_of, with_nodes
 from lockstep.verification.pil_log import runs
 from lockstep.verification.reference import Reference
@@ -37,6 +36,7 @@ from lockstep.verification.stimulus import (
     recorded_outputs,
     run_reference,
 )
+from lockstep.verification.targets import GROUPS, Target, targets_of
 
 FIGURES = (
     *("max_abs_error", "instructions_per_step", "text_bytes", "ram_bytes"),
@@ -171,7 +171,7 @@ def verify_folder(
             "nothing was compiled: `--run-changed` runs changed files all the same, with all that they may do"
         )
         return VerifyReport(False, (), changed, (*refused, said))
-    chosen, generated = targets_of(targets or GROUPS, manifest), manifest
+    chosen, generated = targets_of(targets or GROUPS), manifest
     manifest = with_nodes(manifest)
     tell = _Teller(progress, len(manifest.agents) * (1 + len(chosen)))
     calls = _calls(manifest, steps, adversarial_steps, stimulus)
@@ -258,22 +258,14 @@ def _run_target(
         return TargetResult(target.name, None, skipped=target.skipped)
     results = []
     with tempfile.TemporaryDirectory(prefix="lockstep-") as temporary:
+        place = Path(temporary).resolve()
         try:
-            runs: Iterator[tuple[AgentEntry, Run]] = target.run(
-                manifest, folder, calls, Path(temporary).resolve()
-            )
-            for agent, run in runs:
+            for agent, run in target.run(manifest, folder, calls, place):
                 tell(f"{target.name}: {agent.name}")
                 results.append(_agent_result(agent, run, compare(run.trace, expected[agent.name])))
-            nodes = compare_nodes(target, manifest, folder, Path(temporary).resolve(), adversarial=steps[1])
-            fixed = compare_fixed(
-                target,
-                manifest,
-                folder,
-                Path(temporary).resolve(),
-                steps=min(steps[0], INTEGERS),
-                adversarial=min(steps[1], INTEGERS),
-            )
+            nodes = compare_nodes(target, manifest, folder, place, adversarial=steps[1])
+            few, odd = (min(count, INTEGERS) for count in steps[:2])
+            fixed = compare_fixed(target, manifest, folder, place, steps=few, adversarial=odd)
         except ClaimError as error:
             return TargetResult(
                 target.name, False, *steps, error=str(error), core=target.core, agents=tuple(results)

@@ -13,7 +13,8 @@ from lockstep.model.plain_json import plain
 from lockstep.model.problem import Problem
 from lockstep.model.problem.tables.load import read_problem
 from lockstep.workflow.check import check
-from lockstep.workflow.design import DESIGN_NAME, Design, design, doubts
+from lockstep.workflow.design import design, doubts
+from lockstep.workflow.design_file import DESIGN_NAME, Design
 from lockstep.workflow.generate import generated_files
 from lockstep.workflow.output_files import of_file
 from lockstep.workflow.output_folders import check_generated
@@ -137,7 +138,7 @@ def build(
 
 @contextmanager
 def _with_notes_of(problem: Problem) -> Iterator[None]:
-    """Say with a design that fails what is seldom meant of its period, its units and its start: that may be why."""
+    """Say with a design that fails what is seldom meant of its signs, period, units and start: that may be why."""
     try:
         yield
     except ClaimError as error:
@@ -152,14 +153,14 @@ def unproved(sampled: Mapping[str, Any]) -> list[str]:
     >>> unproved({"certified": True})
     []
     >>> unproved({"certified": False, "reason": "at 0.2 s the gain is 1.3", "max_period": 0.03})
-    ['the sampled controllers are not certified: at 0.2 s the gain is 1.3; they are up to a period of 0.03 s']
+    ['the sampled controllers are not certified: at 0.2 s the gain is 1.3; they are at a period of 0.03 s']
     """
     from lockstep.codegen.sampled_design import NOT_FOR_PERIOD
 
     if sampled.get("certified") is True:
         return []
     longest, failed = sampled.get("max_period"), sampled.get(NOT_FOR_PERIOD)
-    reach = f"; they are up to a period of {longest:g} s" if longest else ""
+    reach = f"; they are at a period of {longest:g} s" if longest else ""
     reach += f"; no gains were designed for the period: {failed}" if failed else ""
     return [f"the sampled controllers are not certified: {sampled.get('reason') or 'not looked at'}{reach}"]
 
@@ -174,8 +175,8 @@ def _verified(files: dict[str, str], progress: Progress) -> "VerifyReport":
 
 def _written(files: dict[str, str], report: "Report", folder: Path) -> tuple[str, ...]:
     """Write everything, and return the names of the files."""
+    from lockstep.codegen.bundle import bundle
     from lockstep.codegen.folder import write_folder
-    from lockstep.codegen.folder.bundle import bundle
 
     extras: dict[str, str | bytes] = {**report.texts, **report.figures}
     whole = bundle(files, extras)

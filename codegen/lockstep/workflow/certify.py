@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lockstep.model.html_table import html_table
-from lockstep.workflow.design import DESIGN_NAME, Design, as_design
+from lockstep.workflow.design_file import DESIGN_NAME, Design, as_design
 from lockstep.workflow.output_files import of_file
 from lockstep.workflow.output_folders import is_generated
 
@@ -163,6 +163,7 @@ def _sampled(design: Design, verdict: "Decided") -> dict[str, Any]:
     """Return what is proved of the controllers as they ship; what is not, or is not claimed, is None."""
     from lockstep.check.design_file.claims import SampledClaims
     from lockstep.lmi.design_json import sampled_document
+    from lockstep.lmi.initial_set import sampled_rate
 
     claims, table = design.stored.claims.sampled, design.problem.controller
     certified = verdict.proves("sampled")
@@ -173,4 +174,5 @@ def _sampled(design: Design, verdict: "Decided") -> dict[str, Any]:
         shown = replace(claims, certified=True, rho=rho, max_period=longest or table.period)
     made = verdict.verdicts.get("sampled") or verdict.verdicts.get("code")
     reason = made.reason if made else UNDECIDED if claims.certified else UNCLAIMED
-    return {"reason": reason, **sampled_document(shown), "period": table.period, "delay": table.delay}
+    rate, of = sampled_rate(shown.decay, table.period), {"period": table.period, "delay": table.delay}
+    return {"reason": reason, **sampled_document(shown), "rate": rate, **of}

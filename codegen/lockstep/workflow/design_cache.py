@@ -20,7 +20,7 @@ from lockstep.check.errors import LockstepError
 from lockstep.lmi.defaults import KEYS
 from lockstep.model.problem import Problem
 from lockstep.workflow.certify import certify
-from lockstep.workflow.design import Design
+from lockstep.workflow.design_file import Design
 from lockstep.workflow.output_files import write_text
 
 SEARCHED = ("certified", "modal")

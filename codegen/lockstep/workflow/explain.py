@@ -10,10 +10,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from lockstep.lmi.initial_set import below
+from lockstep.lmi.initial_set import below, sampled_rate
 from lockstep.model.checks.plausibility import alone
 from lockstep.workflow.certify import DesignVerdict, certify
-from lockstep.workflow.design import Design
+from lockstep.workflow.design_file import Design
 
 TOLD = frozenset(
     [
@@ -143,16 +143,15 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
             " may oscillate; with the continuous controllers.",
         )
     if claims.controllers_stable and found.verdict.proves("controllers_stable"):
-        yield Statement(
-            "controllers in open loop", "stable", "A controller whose messages stop comes to rest."
-        )
+        alone = "comes to rest" if found.design.gains.order else "has no states, and holds its last command"
+        yield Statement("controllers in open loop", "stable", f"A controller whose messages stop {alone}.")
     delta = {letter: value for letter, value in claims.fragility.items() if value}
     if delta:
         shown = ", ".join(f"{letter} {value:g}" for letter, value in delta.items())
         yield Statement(
             "gain uncertainty",
             shown,
-            "Spectral norm of the error of each matrix of each controller that is covered.",
+            "Spectral norm of the error of each matrix of each controller that is covered, of the continuous controllers.",
         )
     if claims.initial_set is not None and found.verdict.proves("initial_set"):
         yield Statement(
@@ -163,19 +162,19 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
 
 
 def _meaning_of_rho(problem: Any, rho: float) -> str:
-    states = _disturbed(problem)
+    states, scales = _disturbed(problem), problem.performance.states
+    counted = ", ".join(f"{one:g}" for one in scales[scales > 0][:4])
+    scaled = f", each in its scale {counted}" * bool((scales != 1).any())
     weight = problem.design.weights.state
     plain = "" if weight == 1.0 else ", each state by its weight of [design.weights]"
-    if problem.design.disturbances is not None:
-        plain += (
-            ", disturbances and noise in the scales that the design file names (problem.design.disturbances)"
-        )
+    if problem.performance.outputs.any():
+        plain += ", noise of the outputs counted in the scales of [design.disturbances]"
     if problem.design.coordinates != "orthonormal":
         plain += ", both as differences by the rows of L"
     mixed = _mixed(problem, "which states count how much is up to [design.weights]")
     return (
         f"Disturbances that differ between the agents, of root mean square 0.1 (of {', '.join(states[:4])}"
-        f"{', ...' if len(states) > 4 else ''}, per second), keep them apart by at most {0.1 * rho:.3g} in root mean"
+        f"{', ...' if len(states) > 4 else ''}, per second{scaled}), keep them apart by at most {0.1 * rho:.3g} in root mean"
         f" square once the start is forgotten{plain}. Common-mode disturbances do not count.{mixed}"
     )
 
@@ -204,11 +203,10 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
         f"The controllers that ship agree too: {table.real}, stepped {1 / table.period:.6g} times a second, their output held"
         f" and applied {delay}; between the samples as well.{degree} Decided in ball arithmetic.",
     )
-    if decay := sampled.get("decay"):
-        rate = -math.log(decay) / (2 * table.period)
+    if rate := sampled_rate(sampled.get("decay"), table.period):
         yield Statement(
             "convergence rate, sampled",
-            f"{below(rate)} 1/s",
+            f"{rate:g} 1/s",
             "Every disagreement shrinks so from sample to sample in the long run, of the loop that ships, while no input"
             " meets its limit, and but for the rounding of messages.",
         )
@@ -330,8 +328,8 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
         yield Statement(
             "saturation",
             "not claimed",
-            "Nothing is proved of when an actuator saturates: smaller gains (a larger `weights.input`, a lower `gain_limit`),"
-            " or states counted in units in which they are of size one, may change that.",
+            "Nothing is proved of when an actuator saturates: smaller gains (`order = 0` where it is higher, a lower"
+            " `gain_limit`), or states counted in units in which they are of size one, may change that.",
         )
     moving = "".join(f"; {row.figure}, a leader too" for row in alone(problem))
     yield Statement(

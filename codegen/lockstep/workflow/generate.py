@@ -4,12 +4,15 @@ import json
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lockstep.check.errors import NotCertified, ProblemError, demand
 from lockstep.model.plain_json import to_json
-from lockstep.workflow.design import DESIGN_NAME, Design, as_design
+from lockstep.workflow.design_file import DESIGN_NAME, Design, as_design
 from lockstep.workflow.output_folders import check_generated
+
+if TYPE_CHECKING:
+    from lockstep.codegen.from_design import CodeOptions
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +70,9 @@ def generate(
         ProblemError: no design, a name that is no C identifier, or a folder that cannot be written.
         NotCertified: the checker refuses the design: C is generated from certified designs only.
     """
+    from lockstep.codegen.bundle import bundle
     from lockstep.codegen.folder import write_folder
-    from lockstep.codegen.folder.bundle import bundle
+    from lockstep.codegen.from_design import CodeOptions
     from lockstep.verification.fmu import units
 
     folder = Path(folder)
@@ -77,16 +81,8 @@ def generate(
     if one_image is None:
         asked = max_neighbours is not None or table != "none"
         one_image = asked or (not exports and _is_swarm(found))
-    texts = generated_files(
-        found,
-        optimize,
-        exports,
-        name=name,
-        prefix=prefix,
-        one_image=one_image,
-        max_neighbours=max_neighbours,
-        table=table,
-    )
+    options = CodeOptions(optimize, name, prefix, one_image, max_neighbours, table)  # type: ignore[arg-type]
+    texts = generated_files(found, exports, options)
     files: dict[str, str | bytes] = bundle(texts, units(texts)) if "fmu" in exports else {**texts}
     write_folder(files, folder)
     return Generated(Design.of(json.loads(texts[DESIGN_NAME]), DESIGN_NAME, folder), folder, files)
@@ -94,8 +90,8 @@ def generate(
 
 def _is_swarm(design: Design) -> bool:
     """Tell whether a design is of many agents with the same gains, and no offsets."""
-    from lockstep.codegen.emission.one_image import ONE_IMAGE_FROM
     from lockstep.codegen.from_design import has_one_controller
+    from lockstep.codegen.one_image import ONE_IMAGE_FROM
 
     stored = design.stored
     many = stored.gains.N >= ONE_IMAGE_FROM or stored.problem.spectrum is not None
@@ -103,15 +99,7 @@ def _is_swarm(design: Design) -> bool:
 
 
 def generated_files(
-    design: Design,
-    optimize: str = "speed",
-    exports: Collection[str] = (),
-    *,
-    name: str = "",
-    prefix: str = "",
-    one_image: bool = False,
-    max_neighbours: int | None = None,
-    table: str = "none",
+    design: Design, exports: Collection[str] = (), options: "CodeOptions | None" = None
 ) -> dict[str, str]:
     """Certify a design, and return the files generated from it: relative path -> text.
 
@@ -121,21 +109,24 @@ def generated_files(
     Raises:
         NotCertified: the checker refuses the design: C is generated from certified designs only.
     """
+    from lockstep.codegen.bundle import bundle
     from lockstep.codegen.emission.emit import emit
     from lockstep.codegen.exports import with_exports
     from lockstep.codegen.fixed_point import with_fixed, without_fixed
-    from lockstep.codegen.folder.bundle import bundle
-    from lockstep.codegen.from_design import specification
+    from lockstep.codegen.from_design import BY_DEFAULT, specification
     from lockstep.codegen.sampled_design import certify_files, prove_design, with_limits, with_sampled
     from lockstep.lmi.design_verdict import certify
     from lockstep.lmi.document import with_bound_proof
 
-    demand(optimize in ("speed", "size"), f"`--optimize` is {optimize!r}", "", '"speed" or "size"')
-    if one_image and exports:
+    asked = options or BY_DEFAULT
+    found = f"`--optimize` is {asked.optimize!r}"
+    demand(asked.optimize in ("speed", "size"), found, "", '"speed" or "size"')
+    if asked.one_image and exports:
         expected = "one or the other: the exports are for agents with neighbours of their own"
         raise ProblemError(f"one image, and `--{min(exports)}`", where="lockstep generate", expected=expected)
-    for option, given in (("--max-neighbours", max_neighbours is not None), ("--table", table != "none")):
-        if given and not one_image:
+    of_nodes = {"--max-neighbours": asked.max_neighbours is not None, "--table": asked.table != "none"}
+    for option, given in of_nodes.items():
+        if given and not asked.one_image:
             raise ProblemError(f"`{option}` with `--per-agent`", where="lockstep generate")
     stored = with_bound_proof(design.stored)
     verdict = certify(stored)
@@ -148,16 +139,7 @@ def generated_files(
         stored = with_limits(with_sampled(stored, prove_design(stored)), stored)
     stored = with_fixed(stored) if "fixed" in exports else without_fixed(stored)
     stored = replace(stored, claims=replace(stored.claims, scope=verdict.scope))
-    spec = specification(
-        stored,
-        optimize=optimize,  # type: ignore[arg-type]
-        name=name,
-        prefix=prefix,
-        one_image=one_image,
-        max_neighbours=max_neighbours,
-        table=table,  # type: ignore[arg-type]
-    )
-    files = with_exports(emit(spec), exports)
+    files = with_exports(emit(specification(stored, asked)), exports)
     decided = certify_files(files, stored)
     if stored.claims.sampled.certified and not decided.ok:
         raise NotCertified(f"the C does not hold what its design claims: {decided.reason}", **decided.figures)

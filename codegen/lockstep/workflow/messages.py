@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lockstep.check.errors import NotCertified
-from lockstep.workflow.design import Design, as_design
+from lockstep.workflow.design_file import Design, as_design
 from lockstep.workflow.output_files import of_file
 from lockstep.workflow.waiting.progress import Progress, silent
 

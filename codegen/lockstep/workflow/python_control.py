@@ -89,7 +89,7 @@ class Analysis:
             sampled: with the controllers as they ship, or the continuous ones.
             period: in s, of sampled controllers; by default that of the problem.
         """
-        from lockstep.codegen.sampled_design import sampled_controllers
+        from lockstep.codegen.sampled_modes import sampled_controllers
         from lockstep.model.control.ports import PortedLoop
 
         if not sampled:
@@ -150,7 +150,7 @@ class Analysis:
             step: the longest step of the integration, in s.
         """
         from lockstep.model.simulation.results.exchange import to_time_response
-        from lockstep.workflow.runs.time_response import compiled_run
+        from lockstep.workflow.time_response import compiled_run
 
         return to_time_response(compiled_run(self.stored, self.network, horizon, start, xi, step))
 

@@ -13,7 +13,7 @@ from lockstep.workflow.waiting.progress import Progress
 
 if TYPE_CHECKING:
     from lockstep.check.system.loop import Gains
-    from lockstep.lmi.diagnosis.pareto import ParetoPoint
+    from lockstep.lmi.trade_off.pareto import ParetoPoint
 
 STEM = "trade_off"
 
@@ -48,7 +48,7 @@ def gains_by_name(paths: Sequence[Path | str]) -> dict[str, "Gains"]:
     Raises:
         ProblemError: a file that is neither.
     """
-    from lockstep.lmi.design import given_gains
+    from lockstep.lmi.proposal import given_gains
 
     found: dict[str, Gains] = {}
     for path in map(Path, paths):
@@ -67,15 +67,15 @@ def gains_by_name(paths: Sequence[Path | str]) -> dict[str, "Gains"]:
 def trade_off_points(
     stored: Stored, others: Mapping[str, "Gains"], progress: Progress
 ) -> tuple["ParetoPoint", ...]:
-    """Return gains around a design, and others, each proved: see `lockstep.lmi.diagnosis.pareto`."""
-    from lockstep.lmi.diagnosis.pareto import pareto
+    """Return gains around a design, and others, each proved: see `lockstep.lmi.trade_off.pareto`."""
+    from lockstep.lmi.trade_off.pareto import pareto
 
     return pareto(stored, others, lambda part: progress("what rho costs", part))
 
 
 def trade_off_files(stored: Stored, others: Mapping[str, "Gains"], progress: Progress) -> dict[str, bytes]:
     """Return the files of a trade-off by name."""
-    from lockstep.lmi.diagnosis.pareto import pareto_csv
+    from lockstep.lmi.trade_off.pareto import pareto_csv
     from lockstep.report.export import png, svg
     from lockstep.report.trade_off import trade_off_figure
 
@@ -88,19 +88,3 @@ def trade_off_files(stored: Stored, others: Mapping[str, "Gains"], progress: Pro
         f"{STEM}.png": png(figure, STEM),
         f"{STEM}.svg": svg(figure, STEM),
     }
-
-
-def write_folder_of(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write files into a folder, each as a whole.
-
-    Raises:
-        ProblemError: one cannot be written.
-    """
-    try:
-        folder.mkdir(exist_ok=True)
-        for name, content in files.items():
-            temporary = folder / f".{name}.part"
-            temporary.write_bytes(content)
-            temporary.replace(folder / name)
-    except OSError as error:
-        raise ProblemError(f"it cannot be written ({error.strerror})", where=str(folder)) from None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lockstep.check.errors import demand
-from lockstep.workflow.design import DESIGN_NAME, Design, load
+from lockstep.workflow.design_file import DESIGN_NAME, Design, load
 from lockstep.workflow.output_files import seen
 from lockstep.workflow.waiting.progress import Progress, silent
 
@@ -83,8 +83,8 @@ def _closed_loop(folder: Path, steps: int) -> list[np.ndarray] | None:
 def _nodes(design: Design, manifest: "Manifest", steps: int) -> list[np.ndarray]:
     """Return outputs of the loop of all nodes, some agent's for each controller and each node of one image."""
     from lockstep.swarm import simulate_swarm, swarm_of_design
-    from lockstep.verification.machines.toolchain import host_compilers
     from lockstep.verification.one_image import with_nodes
+    from lockstep.verification.toolchain import host_compilers
 
     loop, compiled = swarm_of_design(design.stored), bool(host_compilers())
     start, horizon = design.problem.initial_states(), steps * manifest.period

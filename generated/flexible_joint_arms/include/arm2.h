@@ -7,53 +7,56 @@
  *   x+ = A x + B r,  u = C x + D r,  r = sum over neighbours j of a_j (y - y_j)
  *   tustin of the continuous controller, sampled every 0.005 s
  *   order (states)   2
- *   output y[0]      y1 in rad
- *   output y[1]      y2 in rad/s
- *   input  u[0]      u in V, clipped to [-10.0f, 10.0f]
+ *   measured y[0]    y1 in rad
+ *   measured y[1]    y2 in rad/s
+ *   command  u[0]    u in V, clipped to [-10.0f, 10.0f]
  *   neighbour 0      arm3, weight a = 1.0, bit 0x1 of `received`
  *   arithmetic       float32 (float), round to nearest, subnormals kept, no contraction
  *   design           601e8ae764752687dbcb2e699a9be18637122a0fc360d298c0afca58782f9c3c
  *
  * WHAT IS CLAIMED
  *   certified (proof: ball)
- *   proved = all agents come to agree, between the samples too, under these float32 controllers stepped
+ *   proved: all agents come to agree, between the samples too, under these float32 controllers stepped
  *     every 0.005 s with u held, every rounding of a step counted
- *   assumes = the agents obey their model with slopes up to alpha; synchronous sampling; every message
+ *   assumes: the agents obey their model with slopes up to alpha; synchronous sampling; every message
  *     arrives; u acts at once and does not saturate (where that is proved, `limits` says); no step overflows
- *   remains = at the sampling instants, in the end, a distance of the states from agreement of up to
- *     9.6e+01 times the largest error of a message or of an own reading (root mean square: 9.6e+01 times);
- *     rounding a message to float32 errs by 6.0e-08 of its size
- *   where = not proved; in consensus all agents move as one of them does with u = 0, behind a leader as it
- *     does
- *   scope = global
- *   rho = 4.648
- *   rho_sampled = 4.713
- *   alpha = 3.33
- *   decay = 0.324 1/s, of every disagreement, with the gains as they were designed, continuous
- *   rho and decay are = of the continuous controllers (proof: exact)
- *   limits = |u| < 10 for ever from a disagreement of at most 1.648, controllers at rest, no disturbance
- *   limits_gain = |u| < 10 for ever from agreement, under a disturbance of at most 4.958 in L2
- *   clipped = from a disagreement of at most 5.969 all come to agree with u clipped, controllers at rest,
- *     no disturbance
- *   controllers = each is stable by itself, which is proved; largest |eigenvalue| per step, by agent:
- *     0.989, 0.990, 0.983
+ *   remains: at the sampling instants, in the end, a distance of the states from agreement of up to 96
+ *     times the largest error of a message or of an own reading (root mean square: 96 times), a bound that is
+ *     not tight; rounding a message to float32 errs by 6.0e-08 of its size
+ *   where: not proved; in consensus all agents move as one of them does with u = 0; until then a load on
+ *     one moves all: gains that differ leave a sum of inputs (method = "modal" has equal ones)
+ *   distance, disagreement: the root of the sum over agents and states of (x - mean)^2, in the units of the
+ *     states
+ *   scope: global
+ *   rho: 4.648
+ *   rho_sampled: 4.713
+ *   alpha: 3.33
+ *   decay: 0.324 1/s, of every disagreement, with the gains as they were designed, continuous
+ *   decay_sampled: 0.2437 1/s, of these controllers, but for rounded messages
+ *   rho and decay: of the continuous controllers (proof: exact)
+ *   limits: |u| < 10 V for ever from a disagreement of at most 1.648, controllers at rest, no disturbance
+ *   limits_gain: |u| < 10 V for ever from agreement, under a disturbance of at most 4.958 in L2
+ *   clipped: from a disagreement of at most 5.969 all come to agree with u clipped, controllers at rest, no
+ *     disturbance
+ *   controllers: each is stable by itself, which is proved; largest |eigenvalue| per step, by agent: 0.989,
+ *     0.990, 0.983
  *
  * WHAT IT COSTS
  *   RAM              36 bytes per instance (sizeof(arm2_state_t), natural alignment)
- *   at -O2 and -Os, by zig's clang and GCC: bounds above measurements of many shapes, with head room; `lockstep verify`
- *   holds what it measures of this code on its emulated cores to them:
- *   stack            at most 208 bytes on RV32IMAFC; interrupt frame not counted
- *   stack            at most 240 bytes on Cortex-M4F, Cortex-M7; interrupt frame not counted
- *   stack            at most 272 bytes on RV32IMAC; interrupt frame not counted
- *   stack            at most 384 bytes on Cortex-M0; interrupt frame not counted
- *   flash            at most 2416 bytes on Cortex-M4F, Cortex-M7
- *   flash            at most 2756 bytes on Cortex-M0
- *   flash            at most 3356 bytes on RV32IMAFC
+ *   at -O2 and -Os, by zig's clang and GCC: bounds above measurements of many shapes, with head room. `lockstep verify`
+ *   measures this code on emulated cores and fails above these bounds:
+ *   stack            at most 400 bytes on Cortex-M0; interrupt frame not counted
+ *   stack            at most 248 bytes on Cortex-M4F, Cortex-M7; interrupt frame not counted
+ *   stack            at most 280 bytes on RV32IMAC; interrupt frame not counted
+ *   stack            at most 216 bytes on RV32IMAFC; interrupt frame not counted
+ *   flash            at most 2784 bytes on Cortex-M0
+ *   flash            at most 2996 bytes on Cortex-M4F, Cortex-M7
  *   flash            at most 3868 bytes on RV32IMAC
+ *   flash            at most 3468 bytes on RV32IMAFC
+ *   instructions     at most 8057 a step on Cortex-M0
  *   instructions     at most 211 a step on Cortex-M4F, Cortex-M7
+ *   instructions     at most 7305 a step on RV32IMAC
  *   instructions     at most 252 a step on RV32IMAFC
- *   instructions     at most 7270 a step on RV32IMAC
- *   instructions     at most 8009 a step on Cortex-M0
  *   arithmetic       12 multiplications and 9 additions in the controller itself
  *   no heap, no recursion, no loop without a constant bound, and the source calls no library function.
  *   The compiler may still call memcpy or memset for a copy, and on a core without single-precision hardware its
@@ -62,15 +65,25 @@
  *   software at the worst operands that were found (subnormal ones: ordinary data takes less, another library may take more).
  *
  * WHAT THE CALLER DOES
- *   once             enable the floating-point unit, leave its defaults (round to nearest, no flush to zero),
- *                    call arm2_init and look at its status: UNFIT says that this build computes otherwise, and no
- *                    step will be taken; arm2_self_check repeats that question at any time
- *   every 0.005 s   sample y, take the neighbours' latest outputs, call arm2_step, apply u at once
- *   at every call    look at the status; on a fault u repeats the last good value: decide what is safe for the plant.
- *                    A fault of the inputs ends with the inputs. An OVERFLOW that the state itself causes stays, since
- *                    the state is held: then call arm2_reset
- *   CLIPPED          is no fault: the step was taken, and u is the limit that it would pass. x+ depends on r alone, so clipping winds
- *                    nothing up; no anti-windup gain is designed. Where less than u acts, tell arm2_applied
+ *   once             enable the floating-point unit, leave its defaults (round to nearest, no flush to zero; on Cortex-M in
+ *                    FPDSCR too, from which an interrupt's FPSCR comes), call arm2_init and look at its status: UNFIT says
+ *                    that this build computes otherwise, and no step will be taken. arm2_self_check asks again: call it
+ *                    once from the context that steps, it takes as long as a few steps
+ *   every period     (0.005 s) sample y, call arm2_step, apply u at once. A neighbour's row is received only if
+ *                    it was measured at the same instant as y: nothing is claimed of older ones. Over a bus use
+ *                    `lockstep generate --messages`, which pairs the instants
+ *   what u is        counted from u = 0 of the model, as y from y = 0: what holds all agents at their operating point (a hover, a
+ *                    feed-forward) is yours to add, to all alike. 0 is not by itself a safe command
+ *   at every call    look at the status; on a fault u repeats the last good command, for as long as the fault lasts: count
+ *                    faults in a row, stop the plant safely after a few, and let it stay so until it is started anew. Feed the
+ *                    watchdog after a good step only. A fault of the measurements ends with them. An OVERFLOW that the
+ *                    state itself causes stays, since the state is held: then call arm2_reset
+ *   missing rows     and those that are NaN or infinite: the last message is used until a new one arrives. Watch `age`: nothing
+ *                    is claimed of an old one
+ *   CLIPPED          is no fault: the step was taken, and u is at its limit. x+ does not know that u was clipped (no anti-windup):
+ *                    after a long clip u leaves its limit as fast as the controller's own poles let it. What is proved of
+ *                    clipped inputs is `clipped` above, and nothing else. A controller that is not proved stable by itself:
+ *                    reset it if CLIPPED lasts. Where less than u acts, tell arm2_applied
  *   after a stop     call arm2_reset
  *   a first message  moves u by D a_j (y - y_j) and nothing else: before it the neighbour's term is 0, and no message
  *                    from before a reset is used; with the neighbour in agreement u does not move (u before it is clipped)
@@ -86,33 +99,34 @@
 extern "C" {
 #endif
 
-#define ARM2_ORDER 2
-#define ARM2_OUTPUTS 2
-#define ARM2_INPUTS 1
-#define ARM2_NEIGHBOURS 1
+#define ARM2_ORDER 2u
+#define ARM2_OUTPUTS 2u
+#define ARM2_INPUTS 1u
+#define ARM2_NEIGHBOURS 1u
 #define ARM2_PERIOD_S 0.005f
+#define ARM2_PERIOD_US 5000u
 /* The SHA-256 of the design that the gains come from; its first 32 bits, the last of them set, mark a ready state. */
 #define ARM2_DESIGN_ID "601e8ae764752687dbcb2e699a9be18637122a0fc360d298c0afca58782f9c3c"
 #define ARM2_DESIGN_WORD 0x601e8ae7u
 #define ARM2_ALL_RECEIVED 0x1u
 
-/* One bit per neighbour: set if its message arrived since the last step. Bits beyond the neighbours are ignored. */
+/* One bit per neighbour: set if its row of this instant is there. Bits beyond the neighbours are ignored. */
 typedef uint32_t arm2_mask_t;
 
 typedef enum {
     ARM2_OK = 0,
     /*
-     * An input that was read is NaN or infinite. u is the last good output; in *state only `age` and `misses` went on.
+     * Own y, or r, is NaN or infinite. u is the last good command; in *state only `age` and `misses` went on.
      */
     ARM2_NOT_FINITE = 1,
     /*
-     * The inputs are finite, but r, x+ or u is not; else as before. If it comes from the state alone, every further
+     * y is finite, but r, x+ or u is not; else as before. If it comes from the state alone, every further
      * step gives it again until a reset.
      */
     ARM2_OVERFLOW = 2,
     /* *state was never initialised, by another design, or init found the build unfit. u is 0. */
     ARM2_NOT_READY = 3,
-    /* Of init and self_check: known answers came out otherwise (contraction, flush to zero, another rounding, ...). */
+    /* Of init and self_check: known answers came out otherwise (contraction, flush to zero, another rounding, NaN taken for a number, ...). */
     ARM2_UNFIT = 4,
     /* A good step that asked for an entry of u beyond its limit: *state and u hold the limit. A bit that no other status has. */
     ARM2_CLIPPED = 8
@@ -120,30 +134,32 @@ typedef enum {
 
 typedef struct {
     float x[2]; /* controller state, Tustin's: (I - A T/2) x_C - (T/2) B r */
-    float u[1]; /* last good output within its limits, or what was said to be applied */
+    float u[1]; /* last good command within its limits, or what was said to be applied */
     float held[1][2]; /* last message of each neighbour */
     arm2_mask_t heard; /* neighbours that have been heard at least once */
     uint32_t age[1]; /* steps since the message in `held`, faults among them, or since init or reset; saturates */
-    uint32_t misses[1]; /* steps without a message since init; saturates */
+    uint32_t misses[1]; /* steps without a finite message since init; saturates */
     uint32_t ready; /* ARM2_DESIGN_WORD from init on */
 } arm2_state_t;
 
 /*
  * Step an instance of its own through known answers and compare every bit: OK or UNFIT. It sees contraction, another
- * order of sums, flush to zero, another rounding: of this compiler, with these flags, on this machine in its present mode.
+ * order of sums, flush to zero, another rounding, NaN that is not honoured: of this compiler, with these flags, on this
+ * machine in its present mode.
  */
 arm2_status_t arm2_self_check(void);
 
 /* Set everything to the state before the first step and return what the self-check says; unfit, *state stays refused. */
 arm2_status_t arm2_init(arm2_state_t *state);
 
-/* Go back to rest: states and held output 0, neighbours not yet heard. The counts of misses stay. */
+/* Go back to rest: states and held command 0, neighbours not yet heard. The counts of misses stay. */
 void arm2_reset(arm2_state_t *state);
 
 /*
- * One step with own output y and the neighbours' outputs, one row of 2 after the other.
- * A neighbour whose bit in `received` is clear: its row is not read, its last message is used again, and the miss is
- * counted. Until its first message ever, its term of r is zero.
+ * One step with own y and the neighbours', one row of 2 after the other.
+ * A neighbour whose bit in `received` is clear (its row is not read), or whose row is NaN or infinite: its last message is
+ * used again, and the miss is counted. After a good step, a bit that was set and an age[j] above 0 say that the row was not
+ * finite. Until its first message ever, its term of r is zero.
  */
 arm2_status_t arm2_step(arm2_state_t *state, const float y[2],
     const float neighbour_y[2],

@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-#define ARM_CONTROLLERS_AGENTS 3
+#define ARM_CONTROLLERS_AGENTS 3u
 
 /* What an agent's controller is: for a log, a start-up check, a message to others. */
 typedef struct {

@@ -6,7 +6,8 @@ names neither `weights` nor `gain_limit` or its units (nor a rho to keep), and i
     gain_limit          6.4, or more where gains of size one, in natural units, are larger; first what takes about half of
                         [agent.limits] in the initial states of the file, where it names both: of static gains always,
                         of controllers with states where that is less for some entry, or in natural units
-    gain_units          natural units, where gains of size one are further apart than 300: `gain_limit` counts in them
+    gain_units          natural units, where gains of size one are further apart than 300, or a norm would leave C and D more
+                        than ten times what actuators can: `gain_limit` counts in them
     weights.input       1e-3, in natural units, unless it alone of `weights` is named
     disturbances        noise of 0.03 on the outputs, in natural units, unless `disturbances` are named
     stable_controllers  true, unless it is named
@@ -17,11 +18,12 @@ and, where the states' natural units are further apart than 300 (a resonator in 
 and disturbances of the states in those units, too, so chosen that both are 1 for the state of the smallest unit.
 
 Natural units are those in which the numbers of plant and R are nearest to one (`search.unit_scaling`); of gains within the
-actuators' limits, with the unit of time in which actuators move the outputs as far as they are apart at first, and with
-weights and disturbances of the states in them always, so that an agent in m is given the controllers of one in mm:
-that of a train is otherwise the quarter of an hour in which it rolls to a stop. Where no gains are found for them, or none
-with a rho near the floor, the limit is raised, twice, and then stability and decay are not asked for. What was taken is
-written into the problem: a design file names all of it, and nothing is filled in when it is read.
+actuators' limits, with the unit of time in which actuators move the outputs as far as they are apart at first, with that of
+u which moves a state by one in it, and with weights and disturbances of the states in them always, so that an agent in m is
+given the controllers of one in mm: that of a train is otherwise the quarter of an hour in which it rolls to a stop. Where no
+gains are found for them, or none with a rho near the floor, the limit is raised, twice (thrice where a decay is asked for
+that half of the actuators may not reach), and then stability and decay are not asked for. What was taken is written into the
+problem: a design file names all of it, and nothing is filled in when it is read.
 """
 
 from collections.abc import Iterator
@@ -32,10 +34,10 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Claim
-from lockstep.lmi.search.unit_scaling import natural
 from lockstep.lmi.shapes import Vector
 from lockstep.model.checks.actuators import outputs_apart, time_to_move
 from lockstep.model.graphs.graph import Graph
+from lockstep.model.loop_transformation.natural_units import natural
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 from lockstep.model.problem.tables.schema import DisturbancesTable, GainUnitsTable, WeightsTable
@@ -48,6 +50,9 @@ KEPT = 0.5
 
 HALF = 0.5
 """Of what the actuators can, for what r becomes on the way: the initial states say what it is at first."""
+
+FASTER = 3.0
+"""Times gains within half of the actuators' limits: tried next where a decay is asked for, which may be all they lack."""
 
 VERY_HIGH = 10.0
 """Times the high limit, which is a norm that holds A_C in 1/s beside gains from y to u: what fast plants in SI units need."""
@@ -65,6 +70,9 @@ make the natural unit of time far shorter than the period. No example or field t
 FAR_APART = 300.0
 """Between natural units of states: beyond, |x|^2 is of one state, and the others are free. Most problems have below 50. And
 between gains of size one: beyond, the norm of [A B; C D] is that of the largest entry."""
+
+OF_U = 10.0
+"""Times what actuators can, to which a norm with A_C in 1/s may let C and D grow: beyond, each entry has its own size."""
 
 KEYS = ("gain_limit", "gain_units", "stable_controllers", "search_decay")
 
@@ -99,11 +107,10 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
     (said, limits), given_up = _asked(problem, _of_two(problem, network), claim), ""
     within = _within_limits(problem, network, claim, limits[0])
     if within is not None:
-        yield Wishes(_with(problem, within), "", enough=True)
-        limit = within["gain_limit"]
-        given_up = (
-            f"none near the floor within gain_limit {limit:g}, with which inputs take half of [agent.limits]"
-        )
+        for more, part in ((1.0, "half of"), (FASTER, "1.5 times"))[: 1 + bool(problem.design.decay)]:
+            limit = more * within["gain_limit"]
+            yield Wishes(_with(problem, within | {"gain_limit": limit}), given_up, enough=True)
+            given_up = f"none near the floor within gain_limit {limit:g}, which {part} [agent.limits] sized"
     for limit in limits:
         yield Wishes(_with(problem, said | limit), given_up)
         given_up = f"none found within gain_limit {limit['gain_limit']:g}, or none near the floor"
@@ -130,13 +137,17 @@ def _within_limits(
         return None
     _, S_u, S_y, time, _ = natural(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)
     u = HALF * problem.limits / float((heard @ S_y).max())
-    limit = _limit(problem, np.where(np.isinf(u), S_u, u), S_y, time, 1.0)
+    sizes = _sizes(problem.order, np.where(np.isinf(u), S_u, u), S_y, time)
+    of_u = np.linalg.norm(sizes, 2) / np.linalg.norm(sizes[problem.order :], 2)
+    limit = _limit(
+        problem, np.where(np.isinf(u), S_u, u), S_y, time, 1.0, apart=FAR_APART if of_u <= OF_U else 0.0
+    )
     if "gain_units" not in limit:
         limit = _limit(problem, u[[u.argmin()]], S_y, time, 1.0)
     ours, theirs = (np.asarray(_with(problem, one).gain_limit) for one in (limit, most))
     if problem.order and "gain_units" not in most and (ours >= theirs).all():
         return None
-    said = _asked(problem, _of_two(problem, network), claim, tau)[0]
+    said = _asked(problem, _of_two(problem, network), claim, tau, within=True)[0]
     said.pop("search_decay", None)
     return said | limit
 
@@ -147,7 +158,13 @@ def _sizes(order: int, S_u: Vector, S_y: Vector, time: float) -> Float[np.ndarra
 
 
 def _limit(
-    problem: Problem, S_u: Vector, S_y: Vector, time: float, part: float, least: float = 0.0
+    problem: Problem,
+    S_u: Vector,
+    S_y: Vector,
+    time: float,
+    part: float,
+    least: float = 0.0,
+    apart: float = FAR_APART,
 ) -> dict[str, Any]:
     """Return a limit of the gains: parts of a norm of numbers in the units of the file, or in natural ones if far apart.
 
@@ -157,9 +174,10 @@ def _limit(
         problem, S_u, S_y, time: natural units.
         part: of the norm of gains of size one.
         least: of the norm of numbers in the units of the file.
+        apart: from where on gains of size one are far apart.
     """
     sizes = _sizes(problem.order, S_u, S_y, time)
-    if sizes.max() <= FAR_APART * sizes.min():
+    if sizes.max() <= apart * sizes.min():
         return {"gain_limit": max(least, _short(part * float(np.linalg.norm(sizes, 2))))}
     outputs = [name for name, _ in problem.file.agent.outputs]
     units = GainUnitsTable(
@@ -195,11 +213,14 @@ def _of_two(problem: Problem, network: Network) -> Network:
 
 
 def _asked(
-    problem: Problem, network: Network, claim: Claim, tau: float | None = None
+    problem: Problem, network: Network, claim: Claim, tau: float | None = None, *, within: bool = False
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return the defaults of what the file does not name, in natural units or those whose time is tau, and gain limits."""
+    """Return the defaults of what the file does not name, in natural units or those whose time is tau, and gain limits.
+
+    States are weighed in natural units where these are far apart, or gains are to be `within` the actuators' limits.
+    """
     X, S_u, S_y, time, _ = natural(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)
-    apart = tau is not None or X.max() > FAR_APART * X.min()
+    apart = within or X.max() > FAR_APART * X.min()
     scales = X.max() / X if apart else np.ones_like(X)
     R = 1 / scales**2 if apart else np.diag(claim.R)
     cost = float(np.exp(np.log(R / X**2).mean()))

@@ -100,7 +100,7 @@ def _sides(box: Box) -> list[list[float | None]]:
 def witness_document(witness: Any) -> dict[str, Any]:
     """Return a witness of the sampled loop: its fields by their names."""
     if isinstance(witness, ClippedWitness):
-        return {**plain(witness.storage), "tau": plain(witness.tau), "H": plain(witness.H)}
+        return {**plain(witness.storage), "tau": plain(witness.tau), "H": plain(witness.h)}
     kind = {"kind": "modal"} if isinstance(witness, SampledModalWitness) else {}
     return {**kind, **plain(witness)}
 

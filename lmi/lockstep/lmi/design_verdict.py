@@ -11,8 +11,8 @@ from typing import Any
 
 from lockstep.check import certify as checker
 from lockstep.check.design_file.content import parse
+from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.system.domain import Scope
-from lockstep.check.system.problem import ProblemTables
 from lockstep.check.verdict import Verdict
 from lockstep.lmi.document import Stored, with_bound_proof
 from lockstep.model.plain_json import plain

@@ -5,16 +5,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound
+from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.initial_set import InitialSet
 from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.design_file import content as design_file
 from lockstep.check.design_file.claims import Claims, SampledClaims, Scales
 from lockstep.check.design_file.content import DesignFile
-from lockstep.check.design_file.json_text import load_json
 from lockstep.check.design_file.proofs import BoundProof, Proofs
+from lockstep.check.json_text import load_json
 from lockstep.check.system.domain import claimed_box
-from lockstep.lmi.design import Proposal
 from lockstep.lmi.design_json import (
     claims_document,
     file_document,
@@ -23,7 +25,8 @@ from lockstep.lmi.design_json import (
     sampled_document,
 )
 from lockstep.lmi.diagnosis.open_loop import part_of_states
-from lockstep.lmi.initial_set import InitialStates
+from lockstep.lmi.initial_set import InitialStates, sampled_rate
+from lockstep.lmi.proposal import Proposal
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
 from lockstep.model.agents.arguments import arguments_text
 from lockstep.model.bound_search import Bound
@@ -41,6 +44,13 @@ class Stored(DesignFile[Problem]):
     def document(self) -> dict[str, Any]:
         """Return the file as plain JSON types."""
         return file_document(self)
+
+    @property
+    def claim(self) -> Claim:
+        """What its certificate claims, besides rho."""
+        claims = self.claims
+        delta = np.tile([claims.fragility[letter] for letter in "ABCD"], (self.gains.N, 1))
+        return Claim(claims.alpha, delta=delta, entries=claims.entries, **self.problem.performance._asdict())
 
 
 def file_of(design: Proposal) -> Stored:
@@ -153,7 +163,16 @@ def sampled_answer(stored: Stored) -> dict[str, Any]:
     """Return what is claimed of the sampled controllers, and remarks of them."""
     claims = sampled_document(stored.claims.sampled)
     period, delay = stored.problem.controller.period, stored.problem.controller.delay
-    return {**_table(stored.info, "sampled"), **claims, "period": period, "delay": delay}
+    rate = sampled_rate(stored.claims.sampled.decay, period)
+    asked = {} if (decay := stored.problem.design.decay) is None else {"rate_asked": decay}
+    return {
+        **_table(stored.info, "sampled"),
+        **claims,
+        "rate": rate,
+        **asked,
+        "period": period,
+        "delay": delay,
+    }
 
 
 def messages_answer(stored: Stored, *, certified: bool) -> dict[str, Any]:

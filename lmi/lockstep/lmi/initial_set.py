@@ -1,6 +1,7 @@
 """The largest set of initial disagreements from which agents stay in their domain, by the checker."""
 
 import math
+import re
 from dataclasses import dataclass
 from decimal import ROUND_FLOOR, Context
 from fractions import Fraction
@@ -60,9 +61,13 @@ class InitialStates(InitialSet):
 
     def text(self) -> str:
         """Return what this says to people."""
+        known = (one.split(" = ") for one in self.arguments.split(", "))
+        names = {one[0]: one[1] for one in known if len(one) == 2 and "..." not in one[1]}
+        inside = re.sub(r"\bv\d+\b", lambda found: names.get(found[0], found[0]), box_text(self.inner))
         return (
-            f"agent {self.leader} leads. While it stays in {box_text(self.inner)} ({self.arguments}), every agent stays "
-            f"in its domain, and all agree, from |x_d(0)| <= {below(self.radius)} with all controllers at rest "
+            f"agent {self.leader} leads. While it moves by itself, with no command of its own, and stays in {inside}, every "
+            f"agent stays in its domain, and all agree, "
+            f"from |x_d(0)| <= {below(self.radius)} with all controllers at rest "
             f"(|x_d|^2 = sum |x_i - mean|^2), or from V(0) <= {below(self.level)} with the leader's at rest: proved of the "
             "continuous controllers, not of the sampled ones"
         )
@@ -144,3 +149,8 @@ def _root_below(square: Fraction) -> float:
 def below(value: float) -> str:
     """Return a number to four digits, not above itself."""
     return f"{float(Context(prec=4, rounding=ROUND_FLOOR).create_decimal_from_float(value)):.4g}"
+
+
+def sampled_rate(decay: float | None, period: float) -> float | None:
+    """Return the rate in 1/s of a disagreement whose V falls by a factor a sample, rounded down; None without one."""
+    return float(below(-math.log(decay) / (2 * period))) if decay and decay < 1 else None

@@ -15,8 +15,6 @@ from lockstep.model.bound_search import Bound
 from lockstep.model.checks.nonlinearity import holds_everywhere
 from lockstep.model.network import Network
 
-__all__ = ["Scope", "scope_of"]
-
 HALF = 0.5
 """The part of the box left to the leader where nothing else is asked for."""
 

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     )
     from lockstep.check.system.loop import Gains
     from lockstep.model.agents.agent import Agent
-    from lockstep.model.agents.lure import Lure
     from lockstep.model.assembly import bound_of, network_of
     from lockstep.model.checks import CheckReport, check_problem
     from lockstep.model.graphs.graph import Graph
+    from lockstep.model.loop_transformation.lure import Lure
     from lockstep.model.network import Network
     from lockstep.model.problem import Problem, load_problem, parse_problem
 
@@ -47,7 +47,7 @@ _HOMES = {
     "CheckReport": "lockstep.model.checks",
     "Gains": "lockstep.check.system.loop",
     "Graph": "lockstep.model.graphs.graph",
-    "Lure": "lockstep.model.agents.lure",
+    "Lure": "lockstep.model.loop_transformation.lure",
     "Network": "lockstep.model.network",
     "Problem": "lockstep.model.problem",
     "bound_of": "lockstep.model.assembly",

@@ -16,12 +16,12 @@ from jaxtyping import Float
 
 from lockstep.check.bound.decide import MOST_BOXES, Budget, decide_entries
 from lockstep.check.bound.slopes import SlopeProblem
+from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.errors import BoundNotProved
 from lockstep.check.numbers import is_double
+from lockstep.check.system.loop import Plant
 from lockstep.check.system.network import ExactNetwork
-from lockstep.check.system.problem import ProblemTables
 from lockstep.model.agents.agent import Agent
-from lockstep.model.agents.lure import Lure
 from lockstep.model.agents.unbounded_slope import no_bound
 from lockstep.model.bound_search import (
     BOXES,
@@ -34,6 +34,8 @@ from lockstep.model.bound_search import (
     search_bound,
     with_entries,
 )
+from lockstep.model.loop_transformation.lure import Lure
+from lockstep.model.loop_transformation.natural_units import natural
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 
@@ -78,7 +80,7 @@ def bound_of(
         if found.reason == UNFINISHED:
             raise _undecided(found)
         raise no_bound(found, agent)
-    exact = _with_exact_scales(found, agent.lure)
+    exact = _with_exact_scales(_in_natural_units(found, agent, problem.places), agent.lure)
     if exact.alpha > ALLOWED_GAP * exact.lower:
         exact = _tightened(exact, agent, boxes)
     if alpha is not None:
@@ -146,6 +148,32 @@ def network_of(problem: Problem, bound: Bound) -> Network:
 def exact_network(problem: Problem, network: Network) -> ExactNetwork:
     """Return the network of a problem in rationals, as the checker reads it from the problem's text."""
     return ProblemTables(problem.document()).network(network.agent.moves, network.scales)[0]
+
+
+def _in_natural_units(bound: Bound, agent: Agent, places: Sequence[tuple[int, int]]) -> Bound:
+    """Scale each block of phi, which shares no argument with another, to arguments of size one in natural units.
+
+    Nothing else says how m/s of one block compare with Pa of another, and a common factor of its D_w and D_v leaves every
+    slope as it is.
+    """
+    from scipy.sparse.csgraph import connected_components
+
+    lure, (D_w, D_v) = agent.lure, (np.array(bound.output_scale), np.array(bound.input_scale))
+    joined = np.zeros((len(D_w) + len(D_v),) * 2)
+    for k, l in places:
+        joined[k, len(D_w) + l] = 1
+    _, block_of = connected_components(joined, directed=False)
+    blocks = np.unique(block_of[len(D_w) :])
+    if len(blocks) < 2:
+        return bound
+    linear = Plant(lure.A, (lure.B,), lure.C, lure.G[:, :0], lure.H[:0])
+    sizes = np.abs(lure.H) @ (1 / natural(linear, 0.0, np.eye(len(lure.A)))[0])
+    for block in blocks:
+        w, v = block_of[: len(D_w)] == block, block_of[len(D_w) :] == block
+        factor = 2.0 ** np.round(np.log2(sizes[v] / D_v[v]).mean())
+        D_v[v] *= factor
+        D_w[w] *= factor
+    return replace(bound, input_scale=tuple(D_v.tolist()), output_scale=tuple(D_w.tolist()))
 
 
 def _with_exact_scales(bound: Bound, lure: Lure) -> Bound:

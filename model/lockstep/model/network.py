@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import demand
-from lockstep.check.numbers import as_floats, exactly
-from lockstep.check.system.disagreement import Coordinates, Disagreement
+from lockstep.check.numbers import exactly
+from lockstep.check.system.disagreement import Coordinates
 from lockstep.check.system.loop import Gains, Loop, Plant
 from lockstep.check.system.network import ExactNetwork
 from lockstep.model.agents.agent import Agent
@@ -32,7 +32,7 @@ class Network:
         B: the input matrix (n, m) of each agent; by default the agent's own for all.
         coordinates: "orthonormal" (default) or "laplacian_rows" (the paper's (14)).
         spectrum: [a, b] where every undirected graph with its nonzero eigenvalues there is meant, `graph` being one.
-        decay: of e^(decay t) x_cl, whose loop it is; see `lockstep.check.system.network.Network`.
+        decay: of e^(decay t) x_cl, whose loop it is; see `lockstep.check.system.network.ExactNetwork`.
         scales: (D_w, D_v), the diagonals with which the bound on phi was proved: |D_w^-1 J D_v| <= alpha,
             such that G D_w and D_v^-1 H are exact in doubles (`lockstep.model.assembly.bound_of` gives such ones).
     """
@@ -104,6 +104,19 @@ class Network:
             ["dx", "dx_C", "u"],
         )
 
+    def agents_alone(self, *, pinned: bool = False) -> ca.Function:
+        """Return (X, t, p) -> dX of x_i' = A x_i + B_i u_i + G phi(H x_i, t) + offset(t) + xi_i, p = (u, xi), all stacked.
+
+        pinned: with a disturbance common to all agents that keeps their mean where it is: see `Scenario`.
+        """
+        n, m, N = self.agent.n, self.agent.m, self.N
+        x, u, xi, t = ca.SX.sym("x", n, N), ca.SX.sym("u", m, N), ca.SX.sym("xi", n, N), ca.SX.sym("t")
+        drift = self.drift()
+        dx = [drift(x[:, i], t) + ca.DM(self.B[i]) @ u[:, i] + xi[:, i] for i in range(N)]
+        dx = pinned_at_mean(dx) if pinned else dx
+        p = ca.vertcat(ca.vec(u), ca.vec(xi))
+        return ca.Function("agents", [ca.vec(x), t, p], [ca.vertcat(*dx)], ["X", "t", "p"], ["dX"])
+
     def to_control(
         self, gains: Gains | None = None, *, linear: bool = False, period: float | None = None
     ) -> Any:
@@ -139,6 +152,7 @@ class Network:
         return ca.Function("drift", [x, t], [value], ["x", "t"], ["dx"])
 
 
-def orthonormal_factor(d: Disagreement) -> Float[np.ndarray, "k k"]:
-    """Return F with F'F = S: F x_d are orthonormal coordinates when S = (T T')^-1."""
-    return np.linalg.cholesky(as_floats(d.S)).T
+def pinned_at_mean(dx: list[ca.SX]) -> list[ca.SX]:
+    """Return the derivatives less their mean, which then stays where it is."""
+    mean = sum(dx[1:], start=dx[0]) / len(dx)
+    return [one - mean for one in dx]

@@ -46,7 +46,8 @@ def _sufficient() -> Finding:
     condition = 1.0 * gamma_bar <= gamma * 1.0
     return Finding(
         f"one scalar agent, gamma_bar = {gamma_bar:g}, gamma = {gamma:g}, H = 1: (7) holds, and (5) asks"
-        f" {x / gamma_bar:g} <= {x / gamma:g}; max and min change places in a condition that suffices",
+        f" {x / gamma_bar:g} <= {x / gamma:g}; what suffices is lambda_max(H_bar'H_bar) max gamma <= min gamma_bar min"
+        " lambda_min(H_i'H_i)",
         condition and x / gamma_bar > x / gamma,
     )
 

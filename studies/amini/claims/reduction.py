@@ -42,7 +42,8 @@ def _reduction() -> Finding:
     left, right = lift @ _full_matrix(K), exact_loop.A_cl(K) @ lift
     return Finding(
         "with the gains of Table 1, diag(L_hat (x) I, I) times the matrix of (12) is A_cl times"
-        " diag(L_hat (x) I, I), over the rationals",
+        " diag(L_hat (x) I, I), over the rationals; both are affine in the gains, so with errors too, and L_hat_n takes"
+        " h and xi to h_r and xi_r",
         bool((left == right).all()),
     )
 

@@ -76,6 +76,6 @@ def runs_of(one: Contestant) -> Runs:
     noisy = Scenario(START, HORIZON, STEP, shaking, one.perturbation)
     rest = Scenario(np.zeros((N, n)), HORIZON, STEP, shaking, one.perturbation)
     asked = claim(order=one.gains.order)
-    weights = RhoWeights.of(one.network.graph, asked.R, asked.Q, COORDINATES)
+    weights = RhoWeights.of(one.network.graph, asked.performance, COORDINATES)
     gain = energies(simulate(one.network, one.gains, rest), weights).gain
     return Runs(one, simulate(one.network, one.gains, quiet), simulate(one.network, one.gains, noisy), gain)

@@ -12,7 +12,7 @@ from lockstep.campaign.compiled.lanes import LANES, lanes_header
 from lockstep.campaign.compiled.statements import lane_function
 from lockstep.check.errors import ProblemError
 from lockstep.verification.machines.shared_library import build_library
-from lockstep.verification.machines.toolchain import first_compiler
+from lockstep.verification.toolchain import first_compiler
 
 TRY = """
 #include "campaign-lanes.h"

@@ -6,8 +6,8 @@ from campaign_cases import HORIZON, STEP, continuous_loop, some_runs
 from lockstep.campaign.compiled import library
 from lockstep.campaign.compiled.lanes import LANES
 from lockstep.check.errors import ProblemError
-from lockstep.verification.machines import toolchain
-from lockstep.verification.machines.toolchain import host_compilers
+from lockstep.verification import toolchain
+from lockstep.verification.toolchain import host_compilers
 
 
 def test_every_compiler_gives_the_same_bits(sampled, monkeypatch):

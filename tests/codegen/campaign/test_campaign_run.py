@@ -10,18 +10,21 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import lockstep
 from lockstep.campaign import Guarantee, RunTable, compute, run_campaign
 from lockstep.campaign import campaign as running
+from lockstep.campaign.campaign import Campaign
 from lockstep.campaign.compute import chunks, columns_of
 from lockstep.campaign.draw import FAMILIES, draw
 from lockstep.campaign.plan import CHUNK, plan_of
 from lockstep.campaign.replay import replay
 from lockstep.campaign.store import Store
-from lockstep.check.design_file.json_text import load_json
 from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.check.json_text import load_json
 from lockstep.cli.main import app
 from lockstep.lmi.document import parse
 from lockstep.model.simulation.results.indices import indices
+from lockstep.verification.closed_loop.measured_gain import network_of_design
 from lockstep.workflow.runs.campaign import CampaignOptions, planned
 
 DESIGN = Path("generated") / "flexible_joint_arms"
@@ -31,6 +34,31 @@ RUNS = 2 * CHUNK + 88
 @pytest.fixture(scope="module")
 def made(root):
     return planned(root / DESIGN, CampaignOptions(horizon=1.0, seed=5))
+
+
+@pytest.mark.parametrize("period", [0.02, 0.5, 50.0])
+def test_a_campaign_is_as_long_and_as_fine_as_its_plant(root, period):
+    content = load_json(root / DESIGN / "design.json")
+    content["problem"]["controller"]["period"], content["problem"]["simulation"]["horizon"] = period, 7.5
+    stored = parse(content, "design")
+    plan = plan_of(stored, None, controllers="continuous")
+    A_cl = network_of_design(stored).loop(2).A_cl(stored.gains.blocks)
+    hanging = [[0, 1, 0, 0], [-48.6, -1.25, 48.6, 0], [0, 0, 0, 1], [19.5, 0, -22.83, 0]]  # (38)
+    fastest = max(np.abs(np.linalg.eigvals(one)).max() for one in (hanging, A_cl))
+    step = plan.source.layout.step
+    assert plan.horizon == 7.5
+    assert step <= period / 5 * (1 + 1e-12)
+    assert step * fastest <= 0.1 * (1 + 1e-12)
+
+
+def test_a_long_period_beside_fast_poles_does_not_make_a_run_diverge(root):
+    """Poles of 11 rad/s and a period of 50 s: steps of a hundredth of it were above what Runge-Kutta bears."""
+    content = load_json(root / DESIGN / "design.json")
+    content["problem"]["controller"]["period"], content["problem"]["simulation"]["horizon"] = 50.0, 100.0
+    plan = plan_of(parse(content, "design"), None, controllers="continuous")
+    found = dict(zip(columns_of(plan), compute(plan, 0, 16).T, strict=True))
+    assert not found["diverged"].any()
+    assert found["ratio"][found["covered"] > 0].max() <= 1 + 1e-6  # Runge-Kutta's own error
 
 
 @pytest.fixture(scope="module")
@@ -347,3 +375,54 @@ def test_the_command_interrupted(invoke, monkeypatch):
     result = invoke("campaign", 8)
     assert result.exit_code == 130
     assert "are kept" in result.stderr
+
+
+def test_a_run_with_a_fault_is_not_covered_and_not_as_certified(made, tmp_path):
+    """Controllers that refuse their compiler return their resting u: what ran was another loop."""
+    plan = made[0]
+    found = compute(plan, 0, 4)
+    columns = columns_of(plan)
+    table = found.copy()
+    table[1, columns.index("faults")] = 200.0
+    for values, ok in ((found, True), (table, False)):
+        runs = RunTable(columns, values)
+        assert Campaign(plan, runs, tmp_path, tmp_path, 4, 1.0).ok is ok
+
+
+UNIT = """
+[agent]
+name = "cart"
+states = ["p", "v"]
+inputs = ["u"]
+dynamics = { p = "v", v = "u" }
+outputs = { y1 = "p", y2 = "v" }
+[network]
+agents = 2
+topology = "path"
+[design]
+method = "given"
+order = 1
+gains = [{ A = [[-4.0]], B = [[0.5, 0.5]], C = [[-0.4]], D = [[-1.0, -1.5]] },
+         { A = [[-4.0]], B = [[0.5, 0.5]], C = [[-0.4]], D = [[-1.0, -1.5]] }]
+[controller]
+period = 0.01
+real = "float64"
+discretization = "zoh"
+"""
+
+
+def test_a_compiler_that_fuses_neighbours_makes_no_other_loop(tmp_path):
+    """GCC 12 for processors that fuse: a x + b r beside c x - r became one fused instruction, whatever -ffp-contract says."""
+    lockstep.design(lockstep.Problem.parse(UNIT), output=tmp_path / "d.json")
+    plan, _ = planned(tmp_path / "d.json", CampaignOptions(horizon=1.0))
+    found = dict(zip(columns_of(plan), compute(plan, 0, 24).T, strict=True))
+    assert not found["faults"].any()
+    assert found["covered"].any()
+    assert found["ratio"][found["covered"] > 0].max() <= 1 + 1e-6  # Runge-Kutta's own error
+
+
+def test_a_campaign_of_a_design_whose_rho_is_no_gain_from_some_state_is_bad_input(tmp_path):
+    text = UNIT.replace("order = 1\n", "order = 1\ndisturbances = { states = { v = 1.0 } }\n")
+    lockstep.design(lockstep.Problem.parse(text), output=tmp_path / "d.json")
+    with pytest.raises(ProblemError, match="a scale above 0 for every state"):
+        planned(tmp_path / "d.json", CampaignOptions(horizon=1.0))

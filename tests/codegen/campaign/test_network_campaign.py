@@ -29,7 +29,7 @@ from lockstep.model.simulation.disturbance import Sines
 from lockstep.model.simulation.message_channel import MessageChannel
 from lockstep.model.simulation.scenario import Scenario
 from lockstep.verification.closed_loop.software_in_the_loop import design_controllers
-from lockstep.verification.machines.toolchain import host_compilers
+from lockstep.verification.toolchain import host_compilers
 
 pytestmark = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import lockstep
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.system.loop import Gains
@@ -15,14 +16,12 @@ from lockstep.model.simulation import SampledControllers, Scenario, effort_indic
 from lockstep.model.simulation.disturbance import Samples, Sines, Steps, noise
 from lockstep.model.simulation.divergence import Diverged
 from lockstep.model.simulation.results.trajectory import RhoWeights, energies
-from lockstep.model.simulation.sampled_controllers import sources_of
 from lockstep.swarm import NeighbourLists, SwarmLoop, simulate_swarm, swarm_of_design
 from lockstep.swarm.disturbances import StreamedNoise
-from lockstep.verification.closed_loop.software_in_the_loop import ReferenceStepper
-from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.verification.reference import Reference
+from lockstep.verification.toolchain import host_compilers
 from lockstep.workflow.runs import swarm
-from lockstep.workflow.runs.simulate_rows import rows
+from stepped import sources_of
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
 ENGINES = [pytest.param(True, marks=needs_compiler, id="compiled"), pytest.param(False, id="numpy")]
@@ -60,21 +59,19 @@ def recorded(loop, graph, start, disturbance):
     dtype = np.dtype(loop.real)
     heard = sources_of(graph)
     steppers = [
-        ReferenceStepper(
-            Reference(
-                loop.tables[i if len(loop.tables) > 1 else 0],
-                graph.adjacency[i, list(heard[i])].astype(dtype),
-                loop.order,
-                True,
-                loop.limits.astype(dtype) if len(loop.limits) else None,
-            )
+        Reference(
+            loop.tables[i if len(loop.tables) > 1 else 0],
+            graph.adjacency[i, list(heard[i])].astype(dtype),
+            loop.order,
+            True,
+            loop.limits.astype(dtype) if len(loop.limits) else None,
         )
         for i in range(N)
     ]
     controllers = SampledControllers(steppers, heard, PERIOD, loop.delay, loop.real)
     network = Network(loop.agent, graph, tuple(np.broadcast_to(loop.B, (N, 4, 1))))
     trajectory = simulate(network, controllers, Scenario(start, HORIZON, PERIOD / 2, disturbance))
-    return trajectory, energies(trajectory, RhoWeights.of(graph, loop.R, loop.Q))
+    return trajectory, energies(trajectory, RhoWeights.of(graph, Performance(loop.R, loop.Q)))
 
 
 START = np.random.default_rng(0).uniform(-1, 1, (N, 4))
@@ -219,7 +216,7 @@ def test_a_design_runs_on_another_graph(alike, monkeypatch, engine):
     assert run.trajectory.disagreement()[0] == pytest.approx(said["disagreement_initial"])
     assert len(repr(run)) < 300
     assert run.agents == 1200
-    assert "below the first 12" in rows(run)["agents"], "what is told state by state is not of all"
+    assert "below the first 12" in run.rows()["agents"], "what is told state by state is not of all"
 
 
 def test_own_gains_have_no_other_graph(unclipped):

@@ -10,15 +10,15 @@ from test_fixed import one_agent
 
 from lockstep.check.c_source.kernel import Shape
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.bounds import bounds, integer_budgets, operations
-from lockstep.codegen.budget import Extent, state_bytes
-from lockstep.codegen.cores import CORES
+from lockstep.codegen.cost.bounds import bounds, integer_budgets, operations
+from lockstep.codegen.cost.budget import Extent, state_bytes
+from lockstep.codegen.cost.cores import CORES
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.spec import CodegenSpec
-from lockstep.verification.machines import targets
+from lockstep.verification import targets
 from lockstep.verification.machines.emulator import missing_packages
-from lockstep.verification.machines.toolchain import zig
+from lockstep.verification.toolchain import zig
 from lockstep.verification.verify import verify_folder
 
 needs_emulator = pytest.mark.skipif(
@@ -64,7 +64,7 @@ def test_operations_are_those_of_the_c():
     """Two products and a sum in each of two rows, two more of each with offsets; r by hand, and what is checked."""
     # x+ = a x + b r, u = c x + d r; r = 0 + w (y - z): a difference, a product, a sum
     sums, itself, _, products, compared = operations(Extent(Shape(1, 1, 1, 1)))
-    assert (products, sums, itself, compared) == (4 + 1, 4 + 2, 2 + 1 + 1, 2)
+    assert (products, sums, itself, compared) == (4 + 1, 4 + 2, 2 + 1 + 1, 2 + 1)
     more = operations(Extent(Shape(1, 1, 1, 1), True, True))
     assert (more[0] - sums, more[4] - compared) == (2, 2)
 

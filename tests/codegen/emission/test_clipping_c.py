@@ -13,9 +13,9 @@ from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.manifest import Manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.verification.harness import run_on_host
-from lockstep.verification.machines.toolchain import first_compiler
 from lockstep.verification.reference import CLIPPED, NOT_FINITE, OK, Reference
 from lockstep.verification.stimulus import STEP_RELATIVE, Calls, adversarial_calls, limit_calls, run_reference
+from lockstep.verification.toolchain import first_compiler
 
 A = [[-3.0, 1.0], [0.0, -2.0]]
 B = [[1.0, 0.5], [0.2, -1.0]]

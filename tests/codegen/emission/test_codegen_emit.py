@@ -114,7 +114,7 @@ def test_the_manifest_holds_the_rounded_gains_exactly():
 def test_claims_are_as_strong_as_the_certificate_and_no_stronger():
     header = "include/arm1.h"
     proved = emit(arms(certificate={"certified": True, "proof": "exact", "rho": 6.5}))[header]
-    assert "certified (proof: exact)" in proved and "rho = 6.5\n" in proved and "NOT CERTIFIED" not in proved
+    assert "certified (proof: exact)" in proved and "rho: 6.5\n" in proved and "NOT CERTIFIED" not in proved
     for weak in ({}, {"certified": False, "rho": 6.5}, {"certified": "yes"}, {"proof": "exact"}):
         text = emit(arms(certificate=weak))[header]
         assert "NOT CERTIFIED" in text and "certified (proof" not in text
@@ -180,6 +180,7 @@ def test_a_bad_weight_is_refused(weight):
         ({"optimize": "fun"}, "speed or size"),
         ({"discretization": "heun"}, "tustin or zoh or euler"),
         ({"name": "a b"}, "no C identifier"),
+        ({"name": "stdint"}, "no name of a C header"),
         ({"agents": ()}, "no agent"),
         ({"agents": (controller(), controller(name="A"))}, "one name"),
         ({"plants": (LinearPlant(ONE, ONE, ONE, [1.0]),) * 2}, "2 plants"),

@@ -60,7 +60,7 @@ def test_whatever_is_printed_is_read_back(name, optimize, real):
         np.testing.assert_array_equal(found.weights, agent.weights(manifest.real_type).astype(float))
         assert [names[j] for j in found.sources] == [source.source for source in agent.neighbours]
         assert (one.real, found.order) == (real, agent.order)
-        assert one.period == manifest.period
+        assert one.period == np.dtype(real).type(manifest.period)
         full = HeldController.row_by_row(
             found.table, found.order, found.sources, found.weights, found.precision
         )

@@ -11,7 +11,8 @@ from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import load_manifest
 from lockstep.verification.harness import run_on_host
-from lockstep.verification.machines.toolchain import host_compilers
+from lockstep.verification.reference import NOT_READY
+from lockstep.verification.toolchain import host_compilers
 
 STEPS, FIRST = 12, 8
 EARLY, LATE = 0b01, 0b10
@@ -87,8 +88,11 @@ def test_a_neighbour_taken_for_zero_before_it_is_heard_is_seen(folder):
     text = source.read_text()
     unheard = "} else if ((state->heard & bit) != 0u) {"
     assert unheard in text
-    # the self-check hears all its neighbours at once, so it cannot tell
-    source.write_text(text.replace(unheard, "} else if (state->heard <= bit) {"))
+    wrong = text.replace(unheard, "} else if (state->heard <= bit) {")
+    source.write_text(wrong)
     calls = heard_late(None)
+    # the self-check tries a message that is NaN before any was heard
+    assert (trace_of(folder, calls).status == NOT_READY).all()
+    source.write_text(wrong.replace("state->ready = 0u;", "(void)status;"))
     agreed = trace_of(folder, heard_late(calls.y[FIRST]))
     assert agreed.u[FIRST].tobytes() != trace_of(folder, calls).u[FIRST].tobytes()

@@ -15,20 +15,21 @@ from scipy.integrate import solve_ivp
 from lockstep.check.c_source.fixed_point import read_fixed
 from lockstep.check.certify import certified
 from lockstep.check.design_file.content import parse
+from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.sampled.fixed_point import LARGEST_R, LARGEST_X, MOST_A, MOST_D, SPLIT, FixedController
-from lockstep.check.system.problem import ProblemTables
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.exports import with_exports
 from lockstep.codegen.exports.fixed_point import controller_of
-from lockstep.codegen.manifest import load_manifest
-from lockstep.codegen.spec import CodegenSpec, FixedFormats, Neighbour
+from lockstep.codegen.manifest import FixedEntry, load_manifest
+from lockstep.codegen.spec import CodegenSpec, Neighbour
 from lockstep.verification.fixed_point import step_of
 from lockstep.verification.verify import verify_folder
 
 
 def formats(order, outputs, inputs, agents=1):
-    return FixedFormats((11,) * outputs, (10,) * inputs, ((22,) * order,) * agents, ("nothing",))
+    states = ((22,) * order,) * agents
+    return FixedEntry(outputs=(11,) * outputs, inputs=(10,) * inputs, states=states, claims=("nothing",))
 
 
 def one_agent(order, outputs, inputs, neighbours):
@@ -125,6 +126,7 @@ def test_the_c_has_the_bits_of_the_reference(tmp_path, shape):
 
 
 CHANGES = [
+    ("c", " && defined(__OPTIMIZE__)", ""),
     ("c", "14u), ", "13u), "),
     ("c", "0x3fffu", "0x1fffu"),
     ("c", "- 131072", "- 131071"),
@@ -135,10 +137,15 @@ CHANGES = [
     ("c", "* h0", "* l0"),
     ("c", "= 1u;\n    } else if", "= 0u;\n    } else if"),
     ("h", "EXPONENT (22)", "EXPONENT (0x22)"),
-    ("h", "SATURATED = 8", "SATURATED = 0"),
+    ("h", "SATURATED = 16", "SATURATED = 0"),
+    ("h", "CLIPPED = 8", "CLIPPED = 16"),
+    ("c", ", &clipped);", ", &saturated);"),
+    ("c", "status = ARM1_FIXED_SATURATED;", "status = ARM1_FIXED_CLIPPED;"),
     ("h", "int32_t x[", "int16_t x["),
     ("h", "neighbour 0 arm2", "neighbour 0 arm9"),
     ("h", "FIXED_PERIOD_S 0.005", "FIXED_PERIOD_S 5e999"),
+    ("h", "FIXED_PERIOD_S 0.005", "FIXED_PERIOD_S 0.0.5"),
+    ("h", "FIXED_PERIOD_US 5000u", "FIXED_PERIOD_US 500u"),
 ]
 
 

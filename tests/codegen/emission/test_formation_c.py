@@ -14,11 +14,12 @@ from lockstep.check.c_source.reader import read_controller
 from lockstep.check.certify import certify
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.codegen.bundle import bundle
 from lockstep.codegen.emission.emit import emit
+from lockstep.codegen.emission.formation_claims import said_of_leader
 from lockstep.codegen.exports import with_exports
 from lockstep.codegen.folder import write_folder
-from lockstep.codegen.folder.bundle import bundle
-from lockstep.codegen.from_design import specification
+from lockstep.codegen.from_design import CodeOptions, specification
 from lockstep.codegen.manifest import Manifest
 from lockstep.codegen.period_redesign import as_shipped
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
@@ -28,12 +29,12 @@ from lockstep.model.plain_json import to_json
 from lockstep.model.problem import Problem
 from lockstep.model.simulation import simulate
 from lockstep.model.simulation.from_problem import scenario_of
+from lockstep.verification import targets
 from lockstep.verification.closed_loop.measured_gain import measured, network_of_design, promise
 from lockstep.verification.closed_loop.software_in_the_loop import design_controllers
-from lockstep.verification.machines import targets
-from lockstep.verification.machines.toolchain import host_compilers
+from lockstep.verification.toolchain import host_compilers
 from lockstep.verification.verify import verify_folder
-from lockstep.workflow.design import Design
+from lockstep.workflow.design_file import Design, load
 from lockstep.workflow.generate import generated_files
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
@@ -264,7 +265,9 @@ def test_a_reference_is_held_against_what_is_proved_and_said(formation):
     found = measured(run, scenario, stored, network, promise(stored, "sampled"))
     assert found.covered and found.holds and found.ratio > 0.05
     line = specification(stored).certificate["leader"]
-    assert line.startswith("an input v of cart1, which leads, is its disturbance B v: from agreement |z| <= ")
+    assert line.startswith(
+        "a command v to cart1 alone, which leads, is its disturbance B v: from agreement |z| <= "
+    )
     gain = float(line.split("<= ")[1].split()[0])
     squared = 0.25 * np.trapezoid(np.sin(0.4 * run.t) ** 2, run.t)
     assert 0.1 * gain * np.sqrt(squared) < found.output < gain * np.sqrt(squared)
@@ -276,6 +279,27 @@ def test_a_reference_is_held_against_what_is_proved_and_said(formation):
     assert held[0] == (float(np.float32(-15.2)), 0.0)
 
 
+def test_who_leads_is_said_to_be_no_one_to_command_alone(formation, root):
+    """Also of a file that names no reference: whoever drives the leader is told by the header. A cycle has none."""
+    led = specification(replace(formation, problem=carts())).certificate["leader"]
+    assert led.endswith("not proved: that followers come to agree with it while v lasts")
+    cycle = load(root / "generated" / "flexible_joint_arms").stored
+    assert "leader" not in specification(cycle).certificate
+
+
+def test_what_is_said_of_a_leader_is_in_the_scales_of_rho(formation):
+    """B = (0, b)': with a scale of 4 for the speed, v is a disturbance of a quarter; with none, rho says nothing of it."""
+    said = [
+        said_of_leader(replace(formation, problem=carts(f"[design.disturbances]\nstates = {states}\n")))[
+            "leader"
+        ]
+        for states in ("{ p = 1.0, v = 1.0 }", "{ p = 1.0, v = 4.0 }", "{ p = 1.0 }")
+    ]
+    whole, quarter = (float(one.split("<= ")[1].split()[0]) for one in said[:2])
+    assert quarter == pytest.approx(whole / 4, rel=0.1)  # two digits
+    assert "<=" not in said[2]
+
+
 def test_one_image_holds_no_offsets(formation):
     with pytest.raises(ProblemError, match="offsets in one image for all nodes"):
-        generated_files(Design.of(formation.document(), "formation"), one_image=True)
+        generated_files(Design.of(formation.document(), "formation"), options=CodeOptions(one_image=True))

@@ -16,15 +16,15 @@ from lockstep.check.certify import certify
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.codegen.emission.calls import APPLIED, STEP, STEP_RELATIVE
 from lockstep.codegen.emission.emit import emit
-from lockstep.codegen.emission.one_image import OneImage
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import Manifest
+from lockstep.codegen.one_image import OneImage
 from lockstep.codegen.spec import CodegenSpec
-from lockstep.verification.machines import targets
-from lockstep.verification.machines.toolchain import WARNINGS, first_compiler, host_compilers
+from lockstep.verification import targets
 from lockstep.verification.one_image import NodeEntry, reference_of, with_nodes
 from lockstep.verification.reference import CLIPPED
 from lockstep.verification.stimulus import adversarial_calls, limit_calls, run_reference
+from lockstep.verification.toolchain import WARNINGS, first_compiler, host_compilers
 from lockstep.verification.verify import verify_folder
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
@@ -245,7 +245,9 @@ def test_nodes_clip_as_their_controllers_do(tmp_path, shape):
     ("ours", "theirs"),
     [
         ("(status == C_NODE_CLIPPED) ? C_NODE_OK : status", "status"),
-        ("&& (status != C_NODE_CLIPPED)", ""),
+        ("|| (status == C_NODE_OVERFLOW)", "|| (status == C_NODE_CLIPPED)"),
+        ("(status == C_NODE_NOT_FINITE) || ", "(status != C_NODE_OK) || "),
+        ("list, y, neighbour_y, usable, r)", "list, y, neighbour_y, received, r)"),
         ("c_applied(&state->controller, u)", "c_step_relative(&state->controller, u, state->u)"),
     ],
 )

@@ -18,7 +18,7 @@ from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.exports import with_exports
 from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.spec import CodegenSpec, Signal
-from lockstep.verification.machines.toolchain import host_compilers
+from lockstep.verification.toolchain import host_compilers
 
 EXPORTS = ("messages", "dbc")
 LENGTHS = (8, 12, 16, 20, 24, 32, 48, 64)

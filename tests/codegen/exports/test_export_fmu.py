@@ -14,10 +14,10 @@ from typer.testing import CliRunner
 
 import lockstep
 from lockstep.cli.main import app
+from lockstep.codegen.bundle import bundle
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.exports import with_exports
 from lockstep.codegen.folder import write_folder
-from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.spec import Neighbour, Signal
 from lockstep.verification import fmu as compiled

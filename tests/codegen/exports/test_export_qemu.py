@@ -6,8 +6,9 @@ from export_cases import needs
 
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
-from lockstep.verification.machines import qemu, targets
-from lockstep.verification.machines.toolchain import arm_gcc, zig
+from lockstep.verification import targets
+from lockstep.verification.machines import qemu
+from lockstep.verification.toolchain import arm_gcc, zig
 from lockstep.verification.verify import verify_folder
 
 pytestmark = pytest.mark.skipif(not (zig() or arm_gcc()), reason="no compiler for Cortex-M")

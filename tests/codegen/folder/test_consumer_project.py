@@ -12,7 +12,7 @@ import lockstep
 from lockstep.check.certify import certify as certify_alone
 from lockstep.check.errors import ProblemError
 from lockstep.cli.main import app
-from lockstep.verification.machines.toolchain import host_compilers
+from lockstep.verification.toolchain import host_compilers
 
 GENERATED = Path(__file__).parents[3] / "generated" / "flexible_joint_arms"
 needs_cmake = pytest.mark.skipif(
@@ -22,7 +22,7 @@ needs_cmake = pytest.mark.skipif(
 
 MAIN = """
 #include "left_arm_controllers.h"
-#include "fallback.h"
+#include "fallback_controllers.h"
 #include <stdio.h>
 int main(void)
 {
@@ -36,7 +36,7 @@ int main(void)
         printf("%s %s %s ", d->name, d->design, d->claims);
         printf("%g %u %u\\n", (double)d->period, (unsigned)d->order, (unsigned)d->state_bytes);
     }
-    printf("%s %s\\n", fallback_descriptors[0].name, fallback_descriptors[0].design);
+    printf("%s %s\\n", fallback_controllers_descriptors[0].name, fallback_controllers_descriptors[0].design);
     return 0;
 }
 """
@@ -46,7 +46,7 @@ project(firmware C)
 add_subdirectory(left)
 add_subdirectory(spare)
 add_executable(firmware main.c)
-target_link_libraries(firmware PRIVATE lockstep::left_arm_controllers lockstep::fallback)
+target_link_libraries(firmware PRIVATE lockstep::left_arm_controllers lockstep::fallback_controllers)
 """
 PACKAGE = """
 cmake_minimum_required(VERSION 3.13)
@@ -54,7 +54,7 @@ project(firmware C)
 find_package(left_arm_controllers CONFIG REQUIRED)
 add_subdirectory(spare)
 add_executable(firmware main.c)
-target_link_libraries(firmware PRIVATE lockstep::left_arm_controllers fallback)
+target_link_libraries(firmware PRIVATE lockstep::left_arm_controllers fallback_controllers)
 """
 
 
@@ -64,10 +64,21 @@ def place(tmp_path_factory):
     place = tmp_path_factory.mktemp("consumer")
     lockstep.generate(GENERATED / "design.json", place / "left", prefix="left_")
     lockstep.generate(
-        GENERATED / "design.json", place / "spare", optimize="size", name="fallback", prefix="spare_"
+        GENERATED / "design.json",
+        place / "spare",
+        optimize="size",
+        name="fallback_controllers",
+        prefix="spare_",
     )
     (place / "main.c").write_text(MAIN)
     return place
+
+
+def test_a_folder_is_not_named_as_a_header_of_a_compiler_may_be(tmp_path):
+    """`include/features.h` would stand in the place of the one that the compiler's own stdint.h includes."""
+    with pytest.raises(ProblemError, match="a name that ends in _controllers"):
+        lockstep.generate(GENERATED / "design.json", tmp_path / "out", name="features_of_mine")
+    assert not (tmp_path / "out").exists()
 
 
 def cmake(place, *arguments):

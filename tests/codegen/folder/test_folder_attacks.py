@@ -12,13 +12,13 @@ import pytest
 from typer.testing import CliRunner
 
 from lockstep.cli.main import app
+from lockstep.codegen.bundle import bundle
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
-from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.from_design import specification
 from lockstep.codegen.manifest import load_manifest, sha256
 from lockstep.lmi.document import parse
-from lockstep.verification.machines.toolchain import host_compilers
+from lockstep.verification.toolchain import host_compilers
 from lockstep.verification.verify import verify_folder
 
 GENERATED = Path(__file__).parents[3] / "generated" / "flexible_joint_arms"
@@ -109,7 +109,7 @@ def signed_title(folder: Path) -> None:
 
 
 ATTACKS = {
-    "a header that claims a smaller rho": (replaced("include/arm1.h", "   rho = ", "   rho = 0."), "include/arm1.h"),
+    "a header that claims a smaller rho": (replaced("include/arm1.h", "   rho: ", "   rho: 0."), "include/arm1.h"),
     "flags that change the arithmetic": (
         replaced("CMakeLists.txt", "project(", "add_compile_options(-ffast-math -Dfloat=double)\nproject("),
         "CMakeLists.txt",
@@ -205,9 +205,15 @@ MUTATIONS = {
     ),
     "messages kept in faults": (replaced("src/arm1.c", " && (status == ARM1_OK)) {", ") {"), "src/arm1.c"),
     "misses that are not counted": (replaced("src/arm1.c", "state->misses[j] += ", "state->misses[j] = "), "src/arm1.c"),
+    "a neighbour's NaN let in": (
+        replaced("src/arm1.c", "neighbour_y, usable, r)", "neighbour_y, received, r)"), "src/arm1.c",
+    ),
+    "a self-check without NaN": (
+        replaced("src/arm1.c", "    differs |= (state.age[0] == 1u) ? 0u : 1u;\n", ""), "src/arm1.c",
+    ),
     "copies of a step": (replaced("src/arm1.c", "noinline, noclone", "always_inline"), "src/arm1.c"),
     "contraction let in": (replaced("src/arm1.c", '"fp-contract=off"', '"fp-contract=fast"'), "src/arm1.c"),
-    "excess precision let in": (replaced("src/arm1.c", "FLT_EVAL_METHOD != 0", "FLT_EVAL_METHOD > 2"), "src/arm1.c"),
+    "excess precision let in": (replaced("src/arm1.c", "FLT_EVAL_METHOD != 16", "FLT_EVAL_METHOD > 2"), "src/arm1.c"),
     "fast math let in": (replaced("src/arm1.c", "defined(__FAST_MATH__) || ", ""), "src/arm1.c"),
     "another status for a fault": (replaced("include/arm1.h", "NOT_FINITE = 1", "NOT_FINITE = 0"), "include/arm1.h"),
     "a wider limit": (replaced("src/arm1.c", "upper[1] = {10.0f}", "upper[1] = {12.0f}"), "src/arm1.c"),
@@ -220,7 +226,7 @@ MUTATIONS = {
         replaced("src/arm1.c", "y[k] - source[k]", "source[k] - y[k]"), "src/arm1.c",
     ),
     "a reset that leaves messages": (replaced("src/arm1.c", "    state->heard = 0u;\n", ""), "src/arm1.c"),
-    "another name of the folder": (manifest_with(name="other"), "arm_controllers"),
+    "another name of the folder": (manifest_with(name="other_controllers"), "arm_controllers"),
     "another prefix": (manifest_with(prefix="left_"), "include/left_arm1.h is not as it is generated: there is no such file"),
     "a better rho in the manifest": (manifest_with(certificate={**MANIFEST.certificate, "rho": 0.1}), "manifest.json"),
 }  # fmt: skip

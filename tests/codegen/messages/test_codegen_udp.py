@@ -7,7 +7,7 @@ import subprocess
 import pytest
 from export_cases import generated
 
-from lockstep.verification.machines.toolchain import WARNINGS, host_compilers
+from lockstep.verification.toolchain import WARNINGS, host_compilers
 
 pytestmark = pytest.mark.skipif(
     not host_compilers() or platform.system() == "Windows", reason="needs a C compiler and POSIX"

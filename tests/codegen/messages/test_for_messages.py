@@ -10,14 +10,14 @@ import pytest
 from cart import cart
 from lockstep.check.certify import certified
 from lockstep.check.design_file.content import parse
-from lockstep.check.system.problem import ProblemTables
+from lockstep.check.design_file.problem import ProblemTables
 from lockstep.codegen.period_redesign import as_shipped
 from lockstep.lmi.design import design
 from lockstep.lmi.document import file_of
 from lockstep.lmi.document import parse as stored_of
 from lockstep.lmi.search.stopping import Stop
 from lockstep.model.problem import Problem
-from lockstep.workflow.design import Design
+from lockstep.workflow.design_file import Design
 
 CARTS = (
     cart("f")

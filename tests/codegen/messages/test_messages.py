@@ -20,7 +20,6 @@ from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.codegen.spec import MessageLimits
 from lockstep.lmi.document import parse
 from lockstep.verification.comparison import compare
-from lockstep.verification.machines.toolchain import host_compilers
 from lockstep.verification.messages.events import (
     FORGET,
     INIT,
@@ -34,6 +33,7 @@ from lockstep.verification.messages.events import (
 from lockstep.verification.messages.network_node import Message, ReferenceNode, Refusal, Wire
 from lockstep.verification.messages.run import run_nodes_on_host
 from lockstep.verification.reference import Reference
+from lockstep.verification.toolchain import host_compilers
 from lockstep.verification.verify import verify_folder
 
 pytestmark = needs_compiler

@@ -12,7 +12,7 @@ from export_cases import folder_of
 from message_cases import messages_folder
 from test_codegen_static import CPPCHECK, TIDY, documented, needs, said
 
-from lockstep.verification.machines.toolchain import WARNINGS
+from lockstep.verification.toolchain import WARNINGS
 
 HERE = Path(__file__).parent
 
@@ -147,7 +147,7 @@ def test_no_new_rule_of_misra_is_broken(tmp_path, root):
     folder = folder_of(tmp_path, arms(), "messages")
     options = [option for option in CPPCHECK if option != "src"]
     files = ["messages/arm1_node.c", "messages/arms_message.c"]
-    _, text = said(["cppcheck", *options, "-Imessages", *files], folder)
+    _, text = said(["cppcheck", *options, "-DLOCKSTEP_BARRIER=(void)0", "-Imessages", *files], folder)
     found = set(re.findall(r"\[([\w.-]+)\]$", text, re.M))
     assert {one.removeprefix("misra-c2012-") for one in found} <= documented(root), text
 

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import lockstep
 from lockstep.check.errors import ProblemError
+from lockstep.check.json_text import load_json
 from lockstep.cli.main import app
 from lockstep.lmi.document import parse
 from lockstep.model.network import Network
@@ -109,6 +111,15 @@ def test_what_remains_is_said_of_runs_without_disturbances(root, kind, words):
     said = "".join(CliRunner().invoke(app, ["simulate", folder, *more]).stdout.split())
     assert f"apart,whichis{words}" in said
     assert ("without" in said) is (kind == "sine")
+
+
+def test_what_remains_is_not_claimed_of_a_run_whose_messages_are_lost(root, tmp_path):
+    """A message that is sent on change and lost is not sent again."""
+    content = load_json(root / "generated" / "flexible_joint_arms" / "design.json")
+    content["problem"]["simulation"]["channel"] = {"drop": 0.5}
+    (tmp_path / "d.json").write_text(json.dumps(content))
+    run = lockstep.simulate(tmp_path / "d.json", send_on_change=0.01, horizon=0.1, perturbation="none")
+    assert "proved without messages that are lost" in run.rows()["send on change"]
 
 
 @pytest.mark.parametrize(

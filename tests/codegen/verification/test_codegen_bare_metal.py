@@ -5,12 +5,12 @@ import struct
 import numpy as np
 import pytest
 
-from lockstep.codegen.cores import CORES, emulated, registers_of
+from lockstep.codegen.cost.cores import CORES, emulated, registers_of
 from lockstep.codegen.manifest import load_manifest
 from lockstep.verification.machines.emulator import missing_packages
 from lockstep.verification.machines.image import load_image, machine_flags, undefined_symbols
-from lockstep.verification.machines.toolchain import run, zig
 from lockstep.verification.reference import references
+from lockstep.verification.toolchain import run, zig
 
 pytestmark = pytest.mark.skipif(
     zig() is None or bool(missing_packages()), reason="ziglang, unicorn or pyelftools is not installed"
@@ -71,6 +71,12 @@ class Board:
         self.core.mem_write(BOARD + 16, struct.pack("<2fI", *radio, self.word(BOARD + 24) + 2 * received))
         return self.interrupt()
 
+    def was_fed(self):
+        """Whether the watchdog was fed since it was last asked."""
+        fed = self.word(BOARD + 28)
+        self.core.mem_write(BOARD + 28, bytes(4))
+        return fed == 0xB0A7
+
     def interrupt(self):
         self.core.reg_write(self.names.link, RETURN | 1)
         self.core.emu_start(self.vectors[14], RETURN, timeout=HANGS)
@@ -96,13 +102,63 @@ def test_the_timer_interrupt_steps_the_controller_bit_for_bit(firmware, root):
     assert reference.state.misses[0] > 10
 
 
-def test_a_broken_sensor_lets_the_motor_go_and_is_counted(firmware):
+def test_one_fault_holds_the_command_and_is_counted(firmware):
     board = Board(firmware)
     board.reset()
-    assert board.tick([0.5, 0], [0, 0], 1) != 0
-    assert board.tick([np.nan, 0], [0, 0], 1) == 0
-    assert board.word(BOARD + 12) == 1
-    assert board.tick([0.5, 0], [0, 0], 1) != 0, "and it recovers"
+    held = board.tick([0.5, 0], [0, 0], 1)
+    assert held != 0 and board.was_fed()
+    assert board.tick([np.nan, 0], [0, 0], 1) == held
+    assert (board.word(BOARD + 12), board.was_fed()) == (1, False)
+    assert board.tick([0.4, 0], [0, 0], 1) not in (0, held), "and it recovers"
+    assert board.was_fed()
+
+
+def test_faults_in_a_row_stop_the_motor_until_the_board_is_reset(firmware):
+    board = Board(firmware)
+    board.reset()
+    held = board.tick([0.5, 0], [0, 0], 1)
+    assert [board.tick([np.nan, 0], [0, 0], 1) for _ in range(3)] == [held, held, 0]
+    board.was_fed()
+    assert [board.tick([0.5, 0], [0, 0], 1) for _ in range(50)] == [0] * 50
+    assert (board.word(BOARD + 12), board.was_fed()) == (3, False)
+    board.reset()
+    assert board.tick([0.5, 0], [0, 0], 1) == held
+
+
+def test_a_message_that_is_not_finite_is_one_that_is_missing(firmware):
+    """One dead sensor of the neighbour's does not stop this board."""
+    board = Board(firmware)
+    board.reset()
+    board.tick([0.5, 0], [0.1, 0], 1)
+    assert board.tick([0.5, 0], [np.nan, 0], 1) != 0
+    assert (board.word(BOARD + 12), board.was_fed()) == (0, True)
+
+
+def test_old_messages_stop_the_motor_until_the_board_is_reset(firmware):
+    board = Board(firmware)
+    board.reset()
+    for received in (1, *(0,) * 22):
+        assert board.tick([0.5, 0], [0.1, 0], received) != 0
+    assert [board.tick([0.5, 0], [0.1, 0], received) for received in (0, 1, 1)] == [0, 0, 0]
+
+
+def test_a_handler_that_takes_longer_than_a_period_stops_the_motor(firmware):
+    board = Board(firmware)
+    board.reset()
+    assert board.tick([0.5, 0], [0.1, 0], 1) != 0
+    board.was_fed()
+    board.core.mem_write(SYSTICK, struct.pack("<I", 7 | 1 << 16))
+    board.tick([0.5, 0], [0.1, 0], 1)
+    board.core.mem_write(SYSTICK, struct.pack("<I", 7))
+    assert (board.tick([0.5, 0], [0.1, 0], 1), board.was_fed()) == (0, False)
+
+
+def test_a_trap_lets_the_motor_go(firmware):
+    board = Board(firmware)
+    board.reset()
+    assert board.tick([0.5, 0], [0.1, 0], 1) != 0
+    board.core.emu_start(board.vectors[2], RETURN, count=50)
+    assert board.word(BOARD + 8) == 0
 
 
 def test_a_message_that_is_half_written_is_not_taken(firmware, root):
@@ -136,7 +192,9 @@ def test_the_firmware_holds_no_library(firmware):
     ours = (
         "arm1",
         "receive",
+        "start",
         "taken",
+        "faults",
         "Reset_",
         "Stop_",
         "SysTick_",

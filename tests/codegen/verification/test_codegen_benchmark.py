@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from lockstep.verification.machines.emulator import missing_packages
-from lockstep.verification.machines.toolchain import zig
+from lockstep.verification.toolchain import zig
 
 
 @pytest.fixture(scope="module")

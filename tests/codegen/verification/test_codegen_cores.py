@@ -8,15 +8,15 @@ import pytest
 from codegen_cases import arms, random_controller, shapes
 
 from lockstep.check.errors import ClaimError
-from lockstep.codegen.cores import CORES
+from lockstep.codegen.cost.cores import CORES
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.spec import CodegenSpec, Controller
-from lockstep.verification.machines import targets
+from lockstep.verification import targets
 from lockstep.verification.machines.emulator import missing_packages
 from lockstep.verification.machines.image import build_image, load_image
-from lockstep.verification.machines.toolchain import zig
+from lockstep.verification.toolchain import zig
 from lockstep.verification.verify import verify_folder
 
 needs_emulator = pytest.mark.skipif(

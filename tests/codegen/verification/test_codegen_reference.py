@@ -84,13 +84,30 @@ def test_a_strange_input_changes_nothing(reference, bad):
     before = reference.state.x.copy()
     for call in (
         lambda: reference.step(f32(bad, 0), f32(0, 0)[None], 1),
-        lambda: reference.step(f32(0, 0), f32(0, bad)[None], 1),
         lambda: reference.step_relative(f32(bad, 0)),
     ):
         status, u = call()
         assert (status, u.tolist()) == (NOT_FINITE, last.tolist())
         assert reference.state.x.tolist() == before.tolist() and reference.state.held.tolist() == [[0.5, 0.5]]
-    assert reference.step(f32(0, 0), f32(0, bad)[None], 0)[0] == OK  # its bit is clear: not read
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_strange_message_is_one_that_is_missing(reference, bad):
+    """Else one dead sensor freezes every agent that hears it."""
+    twin = Reference(reference.M, reference.weights, 2, True)
+    for _ in range(2):  # before it was heard, and after
+        for one, mask in ((reference, 1), (twin, 0)):
+            assert one.step(f32(1, 2), f32(0, bad)[None], mask)[0] == OK
+        assert vars(reference.state) | {"x": 0, "u": 0, "held": 0} == vars(twin.state) | {
+            "x": 0,
+            "u": 0,
+            "held": 0,
+        }
+        assert reference.state.age[0] > 0
+        np.testing.assert_array_equal(reference.state.u, twin.state.u)
+        np.testing.assert_array_equal(reference.state.held, twin.state.held)
+        for one in (reference, twin):
+            one.step(f32(1, 2), f32(0.5, 0.5)[None], 1)
 
 
 def test_finite_inputs_that_overflow_change_nothing(reference):

@@ -14,8 +14,9 @@ from lockstep.check.errors import Mismatch, ProblemError
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import Manifest
-from lockstep.verification.machines import targets, toolchain
-from lockstep.verification.machines.toolchain import Compiler, host_compilers
+from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
+from lockstep.verification import targets, toolchain
+from lockstep.verification.toolchain import Compiler, host_compilers
 from lockstep.verification.verify import verify_folder
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
@@ -131,7 +132,10 @@ def test_contraction_is_seen(tmp_path, monkeypatch):
     if " fma " not in Path("/proc/cpuinfo").read_text():
         pytest.skip("no fused multiply-add here")
     folder = folder_of(tmp_path, arms())
-    for guard in ('#pragma GCC optimize("fp-contract=off")', "#pragma STDC FP_CONTRACT OFF"):
+    for guard in (
+        '#pragma GCC optimize("fp-contract=off", "no-tree-vectorize")',
+        "#pragma STDC FP_CONTRACT OFF",
+    ):
         for agent in folder.glob("src/arm?.c"):
             agent.write_text(agent.read_text().replace(guard, ""))
     monkeypatch.setattr(targets, "LEVELS", ("-O2",))
@@ -140,6 +144,19 @@ def test_contraction_is_seen(tmp_path, monkeypatch):
     report = verify_folder(folder, targets=["host"], run_changed=True, **QUICK)
     assert not report.ok
     assert any("differs in" in problem for problem in report.problems)
+
+
+@needs_compiler
+def test_a_vector_of_neighbours_is_not_fused(tmp_path, monkeypatch):
+    """GCC 12.2 fuses a x + b r beside c x - r into one instruction for vectors, with -ffp-contract=off: it may make none."""
+    if " fma " not in Path("/proc/cpuinfo").read_text():
+        pytest.skip("no fused multiply-add here")
+    one = Controller("cart1", [[-4.0]], [[0.5, 0.5]], [[-0.4]], [[-1.0, -1.5]], (Neighbour("cart2"),))
+    spec = CodegenSpec((one,), period=0.01, discretization="zoh", real="float64", name="cart_controllers")
+    folder = folder_of(tmp_path, spec)
+    monkeypatch.setattr(targets, "LEVELS", ("-O2",))
+    monkeypatch.setattr("lockstep.verification.harness.WARNINGS", (*toolchain.WARNINGS, "-mfma"))
+    assert verify_folder(folder, targets=["host"], **QUICK).ok
 
 
 def test_a_changed_header_a_missing_file_and_a_changed_manifest_are_reported(tmp_path):
@@ -253,7 +270,9 @@ def test_gcc_in_its_gnu_mode_is_told_by_the_source_not_to_contract(tmp_path):
         )
 
     assert not fused()
-    source.write_text(source.read_text().replace('#pragma GCC optimize("fp-contract=off")', ""))
+    source.write_text(
+        source.read_text().replace('#pragma GCC optimize("fp-contract=off", "no-tree-vectorize")', "")
+    )
     assert fused()
 
 

@@ -14,11 +14,12 @@ from lockstep.codegen.manifest import load_manifest
 from lockstep.codegen.spec import CodegenSpec, Neighbour
 from lockstep.lmi.document import read
 from lockstep.model.network import Network
-from lockstep.model.simulation import MessageChannel, simulate
+from lockstep.model.simulation import simulate
 from lockstep.model.simulation.from_problem import Changes, scenario_of
+from lockstep.model.simulation.message_channel import MessageChannel
 from lockstep.verification.closed_loop.compiled_loop import compiled_controllers
 from lockstep.verification.closed_loop.software_in_the_loop import design_controllers, reference_controllers
-from lockstep.verification.machines.toolchain import host_compilers
+from lockstep.verification.toolchain import host_compilers
 
 needs_compiler = pytest.mark.skipif(not host_compilers(), reason="no C compiler")
 
@@ -76,7 +77,7 @@ def test_one_last_bit_of_one_gain_is_seen(arms):
     """Were the comparison blind, this would pass too."""
     folder, stored, network, scenario = arms
     changed = design_controllers(stored)
-    M = changed.steppers[1]._reference.M
+    M = changed.steppers[1].M
     M[2, 2] = np.nextafter(M[2, 2], np.float32(np.inf))
     of_folder = simulate(network, reference_controllers(load_manifest(folder)), scenario)
     assert not equal(simulate(network, changed, scenario), of_folder)

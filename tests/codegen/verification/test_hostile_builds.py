@@ -14,7 +14,7 @@ import pytest
 from codegen_cases import arms, random_controller
 
 from lockstep.check.errors import ClaimError
-from lockstep.codegen.cores import CORES, emulated
+from lockstep.codegen.cost.cores import CORES, emulated
 from lockstep.codegen.emission.calls import STEP_RELATIVE
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.emission.rendering import render
@@ -23,7 +23,6 @@ from lockstep.codegen.manifest import load_manifest
 from lockstep.verification.comparison import compare
 from lockstep.verification.harness import inputs, layout, outputs, product_sources, write_harness
 from lockstep.verification.machines.emulator import missing_packages, run_on_core
-from lockstep.verification.machines.toolchain import Compiler
 from lockstep.verification.reference import NOT_READY, Reference
 from lockstep.verification.stimulus import (
     adversarial_calls,
@@ -32,6 +31,7 @@ from lockstep.verification.stimulus import (
     recorded_outputs,
     run_reference,
 )
+from lockstep.verification.toolchain import Compiler
 
 WAYS = {
     "as documented": "-std=c99 -ffp-contract=off",
@@ -40,6 +40,8 @@ WAYS = {
     "reassociation": "-std=c99 -fassociative-math -fno-signed-zeros -fno-trapping-math",
     "unsafe": "-std=c99 -funsafe-math-optimizations",
     "finite": "-std=c99 -ffinite-math-only",
+    "finite, its macro undefined": "-std=c99 -ffinite-math-only -U__FINITE_MATH_ONLY__",
+    "no NaN": "-std=c99 -fno-honor-nans",  # of clang, which defines no macro
     "fast": "-std=c99 -ffast-math",
     "fast, its macro undefined": "-std=c99 -ffast-math -U__FAST_MATH__ -U__FINITE_MATH_ONLY__",
     "link time": "-std=c99 -ffp-contract=fast -flto",
@@ -175,12 +177,21 @@ def test_what_no_macro_tells_is_found_at_start_up(host, tmp_path):
     compiler, runner = HOSTS[host]
     told = {
         way: bench.on_host(compiler, runner, [*WAYS[way].split(), "-O2"])
-        for way in ("as documented", "contraction", "reassociation", "fast")
+        for way in (
+            "as documented",
+            "contraction",
+            "reassociation",
+            "finite, its macro undefined",
+            "no NaN",
+            "fast",
+        )
     }
     assert told == {
         "as documented": EQUAL,
         "contraction": UNFIT if host == "clang" else EQUAL,
         "reassociation": UNFIT if host == "clang" else REFUSED,
+        "finite, its macro undefined": UNFIT,
+        "no NaN": UNFIT if host == "clang" else NOT_HERE,
         "fast": REFUSED,
     }
 
@@ -246,6 +257,15 @@ def test_no_build_for_a_microcontroller_differs_silently(group, tmp_path):
     count = table_of(group, cells)
     assert count[SILENT] == 0
     assert cells["as documented", "-O2"] == cells["as documented", "-Os"] == EQUAL
+
+
+@needs_arm
+def test_gnu_mode_with_half_precision_is_no_excess_precision(tmp_path):
+    """FLT_EVAL_METHOD is 16 there."""
+    folder = folder_of(tmp_path / "c")
+    gcc = "arm-none-eabi-gcc -mcpu=cortex-m55 -mfloat-abi=hard -std=gnu11 -O2 -fsyntax-only".split()  # noqa: SIM905
+    for source in product_sources(load_manifest(folder), folder):
+        subprocess.run([*gcc, f"-I{folder / 'include'}", source], check=True)
 
 
 @needs_arm

@@ -11,7 +11,7 @@ from lockstep.lmi.analysis import certificate_sdp, frequency_multipliers
 from lockstep.lmi.analysis.certificate_sdp import AffineF
 from lockstep.lmi.analysis.frequency_multipliers import Response, least_by_frequencies
 from lockstep.lmi.analysis.rounding import prove
-from lockstep.lmi.design import claim_of, given_gains, proved_bound
+from lockstep.lmi.proposal import claim_of, given_gains, proved_bound
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, parse_problem
 

@@ -23,11 +23,12 @@ from lockstep.lmi.analysis.certificate_sdp import AffineF, least_rho
 from lockstep.lmi.analysis.fundamental_limits import largest_alpha_of_any_controller
 from lockstep.lmi.analysis.margins import claim_at
 from lockstep.lmi.analysis.rounding import prove
-from lockstep.lmi.design import claim_of, design, proved_bound
+from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import file_of, parse
 from lockstep.lmi.floor.bisection import largest_floor
 from lockstep.lmi.methods.modal import prove_modes
+from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram
 from lockstep.model.assembly import network_of
 from lockstep.model.graphs.graph import Graph

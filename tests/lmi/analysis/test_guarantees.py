@@ -9,18 +9,20 @@ import numpy as np
 import pytest
 
 from lockstep.check.continuous.stability import is_stable, is_stable_step
+from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.numbers import exactly
 from lockstep.check.requirements import shortfalls
 from lockstep.check.sampled.controller import Precision
 from lockstep.check.sampled.inputs.input_limits import proves_radius
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.system.problem import ProblemTables
 from lockstep.codegen.period_redesign import as_shipped
-from lockstep.codegen.sampled_design import sampled_controllers, sampled_network
-from lockstep.lmi.design import claim_of, design, proved_bound
+from lockstep.codegen.sampled_design import sampled_network
+from lockstep.codegen.sampled_modes import sampled_controllers
+from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import Stored, file_of, parse
+from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.lmi.sampled.loop_gain import _step_of_state
 from lockstep.lmi.sampled.witnesses import in_doubles, period_in_doubles
 from lockstep.model.assembly import network_of
@@ -254,12 +256,12 @@ def test_no_input_meets_its_limit_from_within_the_radius(slope: float) -> None:
     loop = in_doubles(linear, sampled_controllers(stored, 0.01))
     one = period_in_doubles(loop)
     assert one is not None
-    step, rows = _step_of_state(loop, one), loop.computed[:, : loop.n_xi]
+    step, rows = _step_of_state(loop, one), loop.computed[:, : loop.n_x]
     unit = np.linalg.inv(np.linalg.cholesky(np.kron(np.asarray(loop.network.d.S), np.eye(2)))).T
-    xi, worst = np.eye(loop.n_xi)[:, : loop.n_d] @ unit, 0.0
+    x_cl, worst = np.eye(loop.n_x)[:, : loop.n_d] @ unit, 0.0
     for _ in range(2000):
-        worst = max(worst, float(np.linalg.norm(rows @ xi, axis=1).max()))
-        xi = step @ xi
+        worst = max(worst, float(np.linalg.norm(rows @ x_cl, axis=1).max()))
+        x_cl = step @ x_cl
     assert radius * worst <= 2.0
     assert radius * worst >= 1.0, "the bound is within a factor of 2 of what some slope does"
 
@@ -276,7 +278,7 @@ def test_the_radius_counts_what_underflow_adds_to_messages_and_to_u() -> None:
     witness, network = stored.proofs.radius, sampled_network(stored)
     assert witness is not None
     witness = dataclasses.replace(witness, kappa=1e-4 * witness.kappa, kappa_mu=1e-6 * witness.kappa_mu)
-    toy = Precision("float32", 2.0**-24, 2.0**-26)
+    toy = Precision(2.0**-24, 2.0**-26)
     held = tuple(dataclasses.replace(one, precision=toy) for one in sampled_controllers(stored, 0.01))
     loop = in_doubles(network, held)
     n_d, q, limit = loop.n_d, 2, 2.0
@@ -288,10 +290,10 @@ def test_the_radius_counts_what_underflow_adds_to_messages_and_to_u() -> None:
     def largest(e: float, nu_counts: bool) -> float:
         levels = []
         for i, row in enumerate(loop.computed):
-            g = np.sqrt(row[: loop.n_xi] @ P_inverse @ row[: loop.n_xi])
+            g = np.sqrt(row[: loop.n_x] @ P_inverse @ row[: loop.n_x])
             for way in loop.ways:
                 if way.agent == i and way.letter in "CD":
-                    Y = way.Y[:, : loop.n_xi]
+                    Y = way.Y[:, : loop.n_x]
                     g += way.delta * np.sqrt(np.trace(Y @ P_inverse @ Y.T))
             D = held[i].table[1:, 1:]
             through = (np.linalg.norm(D) * np.sqrt(len(held[i].sources)) + held[i].deltas["D"]) * nu[i]

@@ -12,10 +12,10 @@ from lmi_cases import ALPHA, arms, claim, published
 from lockstep.check.continuous.decide import decide
 from lockstep.check.continuous.inequality import Certificate, F_matrix
 from lockstep.check.errors import NotCertified
-from lockstep.lmi.analysis.certificate_sdp import AffineF, least_rho
+from lockstep.lmi.analysis.certificate_sdp import AffineF, balance, least_rho
 from lockstep.lmi.analysis.decimals import round_up
-from lockstep.lmi.analysis.rounding import SLACKS, prove, rounded
-from lockstep.lmi.design import claim_of, given_gains, proved_bound
+from lockstep.lmi.analysis.rounding import SLACKS, _definite, prove, rounded
+from lockstep.lmi.proposal import claim_of, given_gains, proved_bound
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, load_problem
 
@@ -196,3 +196,13 @@ def test_units_in_which_the_solver_stops_early_do_not_decide_rho(root) -> None:
     bound = proved_bound(problem)
     certificate = prove(network_of(problem, bound), given_gains(problem), claim_of(problem, bound))
     assert 0.000999 < certificate.rho < 1.02 * 0.001011
+
+
+def test_products_that_overflow_are_no_certificate_and_no_error() -> None:
+    """Weights of 1e-310 make a P of their size: its inverse root squared is beyond the doubles."""
+    network = arms()
+    weights = claim(network, 2, ALPHA)
+    tiny = replace(weights, R=1e-310 * weights.R, Q=1e-310 * weights.Q)
+    assert balance(AffineF(network.loop(2), published("corollary_1").blocks, tiny)) is None
+    assert not _definite(np.array([[np.inf]]))
+    assert not _definite(np.array([[1.0, np.inf], [np.inf, 1.0]]))

@@ -10,8 +10,9 @@ from lockstep.lmi.analysis.fundamental_limits import (
     largest_alpha_of_any_controller,
     static_gains_cannot_stabilise,
 )
-from lockstep.lmi.design import design, proved_bound
+from lockstep.lmi.design import design
 from lockstep.lmi.floor.bisection import largest_floor, proves_that_none_carries
+from lockstep.lmi.proposal import proved_bound
 from lockstep.model.assembly import network_of
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem

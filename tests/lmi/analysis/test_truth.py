@@ -14,8 +14,8 @@ from scipy.linalg import expm
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.errors import NotCertified
 from lockstep.check.system.loop import Gains
-from lockstep.lmi.analysis.decay import fastest_decay
 from lockstep.lmi.analysis.rounding import prove
+from lockstep.lmi.guarantees import fastest_decay
 from lockstep.model.agents.agent import Agent
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network

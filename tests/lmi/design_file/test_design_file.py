@@ -18,8 +18,8 @@ from lockstep.check.__main__ import main as check_alone
 from lockstep.check.continuous.initial_set import better_than_proved
 from lockstep.check.design_file.content import FORMAT
 from lockstep.check.design_file.content import parse as parse_exactly
+from lockstep.check.design_file.problem import KEYS, ProblemTables
 from lockstep.check.errors import ClaimError, ProblemError
-from lockstep.check.system.problem import KEYS, ProblemTables
 from lockstep.cli.main import app
 from lockstep.codegen.period_redesign import as_shipped
 from lockstep.lmi.design import design

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lmi_cases import problem
 
-from lockstep.check.design_file.json_text import load_json
 from lockstep.check.errors import ClaimError, ProblemError
+from lockstep.check.json_text import load_json
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import Decided, certify
 from lockstep.lmi.document import file_of, parse, read

@@ -5,8 +5,8 @@ import pytest
 from lmi_cases import PATH_2, first_wishes, problem, stored
 
 from lockstep.lmi.defaults import GAIN_LIMIT, wishes
-from lockstep.lmi.design import claim_of, proved_bound
 from lockstep.lmi.design_verdict import certify
+from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem
 
@@ -35,6 +35,9 @@ def test_static_gains_are_first_asked_to_take_half_of_what_the_actuators_can() -
     assert 1.0 < limits_asked(slider(4.0, order=1))[0] < GAIN_LIMIT, "the direct gain alone has 1"
     assert limits_asked(slider(80.0, order=1))[0] == GAIN_LIMIT, "what is asked for anyway is less"
     assert limits_asked(slider(4.0, said="gain_limit = 3.0")) == [3.0]
+    assert limits_asked(slider(4.0, said="decay = 0.2"))[:3] == [1.0, 3.0, GAIN_LIMIT], (
+        "a decay asks for more"
+    )
 
 
 @pytest.mark.parametrize("order", [0, 1])
@@ -60,6 +63,52 @@ def test_in_metres_or_millimetres_the_actuators_are_asked_for_the_same(order) ->
     assert noise[0] == pytest.approx(noise[1], rel=0.5)
     if not order:
         assert one["gain_limit"] == pytest.approx(1000 * other["gain_limit"], rel=0.01)
+
+
+def test_a_faster_actuator_is_not_asked_to_do_less() -> None:
+    """p'' = f - sin(p)/100, f' = (u - f) / lag: how small the lag is beside the move says nothing of what u costs."""
+
+    def cost(lag: float) -> float:
+        posed = problem(
+            dynamics={"p": "v", "v": "f - 0.01*sin(p)", "f": f"(u - f)/{lag}"},
+            outputs={"y": "p", "z": "v"},
+            network=PATH_2,
+            agent="limits = { u = [-0.1, 0.1] }",
+            design="order = 0\n[simulation]\ninitial = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]",
+        )
+        return first_wishes(posed)["weights"]["input"]
+
+    slow, faster, fastest = (cost(lag) for lag in (0.1, 0.01, 0.001))  # beside moves of some 6 s
+    assert faster == pytest.approx(slow, rel=0.5)  # one decimal
+    assert fastest == pytest.approx(faster, rel=0.5)
+
+
+def test_inputs_that_move_nothing_keep_their_usual_unit() -> None:
+    """A second input that nobody has, and an agent whose own input does nothing: the others say what u is worth."""
+    start = "order = 0\n[simulation]\ninitial = [[1.0, 0.0], [-1.0, 0.0]]"
+    given = {"outputs": {"y": "p", "z": "v"}, "network": PATH_2, "design": start}
+    dynamics = {"p": "v", "v": "b*u - v - 0.1*sin(p)"}
+    one = first_wishes(
+        problem(dynamics=dynamics, agent="limits = { u = [-2.0, 2.0] }\nparameters = { b = 1.0 }", **given)
+    )
+    both = first_wishes(
+        problem(
+            dynamics=dynamics,
+            agent="limits = { u = [-2.0, 2.0] }\nparameters = { b = 1.0 }",
+            **given | {"network": PATH_2 + "\nparameters = [{ b = 0.0 }, {}]"},
+        )
+    )
+    assert one["weights"]["input"] == both["weights"]["input"]
+    idle = first_wishes(
+        problem(
+            dynamics=dynamics,
+            inputs=("u", "w"),
+            agent="limits = { u = [-2.0, 2.0] }\nparameters = { b = 1.0 }",
+            **given,
+        )
+    )
+    assert idle["weights"]["input"][0] == one["weights"]["input"][0]
+    assert np.isfinite(idle["weights"]["input"]).all()
 
 
 def test_gains_that_are_far_from_the_floor_within_the_limits_are_not_taken(monkeypatch) -> None:

@@ -5,8 +5,8 @@ import pytest
 from lmi_cases import problem
 
 from lockstep.check.system.loop import Gains
-from lockstep.lmi.design import claim_of, proved_bound
 from lockstep.lmi.diagnosis.open_loop import part_of_states, rho_alone
+from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.model.assembly import network_of
 
 

@@ -4,8 +4,9 @@ import pytest
 from lmi_cases import problem
 
 from lockstep.check.errors import Infeasible, OutOfTime, ProblemError
-from lockstep.lmi.design import claim_of, design, proved_bound
+from lockstep.lmi.design import design
 from lockstep.lmi.diagnosis.active_constraint import hint
+from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem
 

@@ -7,8 +7,8 @@ from lmi_cases import DOUBLE_INTEGRATOR, problem
 
 from lockstep.check.errors import ProblemError
 from lockstep.lmi.design import design
-from lockstep.lmi.diagnosis.rho_against_alpha import as_csv, curve
 from lockstep.lmi.document import Stored, file_of, parse
+from lockstep.lmi.trade_off.rho_against_alpha import as_csv, curve
 
 
 def stored(dynamics: dict[str, str], outputs: dict[str, str], D: list[float]) -> Stored:
@@ -26,10 +26,10 @@ def stored(dynamics: dict[str, str], outputs: dict[str, str], D: list[float]) ->
 def test_the_curve_of_the_scalar_loop_is_1_over_4_minus_alpha() -> None:
     """x_d' = -4 x_d + phi_d + xi_d: rho = 1 / (4 - alpha), and alpha = 4 is out of reach."""
     found = curve(stored({"x": "sin(x) + u"}, {"y": "x"}, [-2.0]), points=4)
-    assert found[0].alpha == 0.0
-    assert found[-1].alpha == pytest.approx(4.0, rel=5e-3)
-    for point in found[:-1]:
-        assert point.rho == pytest.approx(1 / (4 - point.alpha), rel=1e-3)
+    assert found[0][0] == 0.0
+    assert found[-1][0] == pytest.approx(4.0, rel=5e-3)
+    for alpha, rho in found[:-1]:
+        assert rho == pytest.approx(1 / (4 - alpha), rel=1e-3)
     text = as_csv(found).splitlines()
     assert text[0] == "alpha,rho"
     assert text[1] == "0,0.25"

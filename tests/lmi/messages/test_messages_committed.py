@@ -8,11 +8,11 @@ import pytest
 
 from lockstep.check.certify import certified
 from lockstep.check.design_file.content import parse
+from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.sampled.links import Messages
-from lockstep.check.system.problem import ProblemTables
 from lockstep.codegen.sampled_design import prove_agreement
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
-from lockstep.workflow.design import load
+from lockstep.workflow.design_file import load
 
 ROOT = Path(__file__).parents[3]
 LOSSY = ROOT / "examples" / "lossy_arms" / "design.json"

@@ -12,7 +12,7 @@ from lockstep.check.sampled import links
 from lockstep.check.sampled import messages as checker
 from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.check.sampled.messages import W_2, every_W_2, proves_messages
+from lockstep.check.sampled.messages import Omega_2, Omegas_2, proves_messages
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
 from lockstep.lmi.sampled.witnesses import in_doubles
 
@@ -24,26 +24,26 @@ def form(rng, size):
 
 def any_witness(rng, loop):
     """Forms that prove nothing, for what is assembled of them."""
-    n, links, q = loop.n_xi, len(loop.differences), len(loop.network.plant.C)
+    n, links, q = loop.n_x, len(loop.differences), len(loop.network.plant.C)
     blocks = [np.vstack([form(rng, q) for _ in range(links // q)]) for _ in range(5)]
     numbers = (np.ones(3), np.zeros(len(loop.ways)), 0.9, 1.0, 1.0)
     return MessageWitness(form(rng, n + links), form(rng, n + links), *blocks[:2], *numbers, *blocks[2:])
 
 
 def averaged(loop, messages, witness, losses):
-    """The mean of the second half's left side, outcome by outcome, taken from the right side: a form on (xi, eps, eta)."""
-    n, links, q, D = loop.n_xi, len(loop.differences), len(loop.network.plant.C), messages.age
-    xi, eps, eta = np.split(np.eye(n + 2 * links), [n, n + links])
+    """The mean of the second half's left side, outcome by outcome, taken from the right side: a form on (x_cl, eps, eta)."""
+    n, links, q, D = loop.n_x, len(loop.differences), len(loop.network.plant.C), messages.age
+    x_cl, eps, eta = np.split(np.eye(n + 2 * links), [n, n + links])
     X, Xj, Xa = (checker.links_apart(one) for one in (witness.X, witness.X_jitter, witness.X_chance))
-    total = witness.decay * np.vstack([xi, eps]).T @ witness.P @ np.vstack([xi, eps])
+    total = witness.decay * np.vstack([x_cl, eps]).T @ witness.P @ np.vstack([x_cl, eps])
     total = total + witness.decay * eta.T @ Xj @ eta
     for lost in itertools.product((0, 1), repeat=links // q):
         chance = np.where(lost, losses, 1 - losses).prod()
         delta = np.diag(np.repeat(lost, q))
-        nu1 = delta @ eps + (np.eye(links) - delta) @ eta
-        known, jump = np.vstack([xi, nu1]), nu1 - eps
+        zeta1 = delta @ eps + (np.eye(links) - delta) @ eta
+        known, jump = np.vstack([x_cl, zeta1]), zeta1 - eps
         left = known.T @ witness.Gamma @ known + D * D * witness.decay ** (1 - D) * jump.T @ X @ jump
-        left = left + (D + 1) * witness.decay**-D * nu1.T @ Xa @ nu1
+        left = left + (D + 1) * witness.decay**-D * zeta1.T @ Xa @ zeta1
         total = total - chance * left
     return total
 
@@ -55,7 +55,7 @@ def test_the_mean_is_that_of_all_outcomes_and_affine_in_each_probability(seed):
     messages, witness = Messages(0.6, 1, (0, 1), 0.2), any_witness(rng, loop)
     corners = messages.losses(3)
     assert len({tuple(one) for one in corners}) == 8
-    found = list(every_W_2(loop, messages, witness))
+    found = list(Omegas_2(loop, messages, witness))
     for corner, one in zip(corners, found, strict=True):
         np.testing.assert_allclose(one, averaged(loop, messages, witness, 0.6 * corner), atol=1e-8)
     parts = rng.uniform(0, 1, 3)
@@ -63,14 +63,14 @@ def test_the_mean_is_that_of_all_outcomes_and_affine_in_each_probability(seed):
         np.where(c > 0, parts, 1 - parts).prod() * one for c, one in zip(corners, found, strict=True)
     )
     np.testing.assert_allclose(averaged(loop, messages, witness, 0.6 * parts), between, atol=1e-8)
-    np.testing.assert_allclose(W_2(loop, messages, witness, parts), between, atol=1e-8)
+    np.testing.assert_allclose(Omega_2(loop, messages, witness, parts), between, atol=1e-8)
 
 
 def test_links_that_lose_alike_have_the_coefficients_of_bernstein(monkeypatch):
     monkeypatch.setattr(links, "MOST_LINKS", 2)
     loop = in_doubles(*pendulums())
     messages, witness = Messages(0.6, 1, jitter=0.2), any_witness(np.random.default_rng(5), loop)
-    first, middle, last = every_W_2(loop, messages, witness)
+    first, middle, last = Omegas_2(loop, messages, witness)
     for t in (0.0, 0.3, 0.8, 1.0):
         between = (1 - t) ** 2 * first + 2 * t * (1 - t) * middle + t**2 * last
         np.testing.assert_allclose(averaged(loop, messages, witness, np.full(3, 0.6 * t)), between, atol=1e-8)
@@ -164,6 +164,6 @@ def test_many_links_are_proved_to_lose_alike():
     messages, loop = Messages(0.3), sampled_loop(net, ones)
     assert messages.alike(12) and not messages.alike(8) and not Messages().alike(12)
     witness = certify_messages(net, ones, messages).witness
-    assert len(list(every_W_2(in_doubles(net, ones), messages, witness))) == 3
+    assert len(list(Omegas_2(in_doubles(net, ones), messages, witness))) == 3
     assert proves_messages(loop, Messages(0.1), witness)
     assert not proves_messages(loop, Messages(0.9999), witness)

@@ -15,10 +15,11 @@ from lmi_cases import DOUBLE_INTEGRATOR, problem
 
 from lockstep.check.errors import BoundNotProved, Infeasible, NotCertified, ProblemError
 from lockstep.check.floor.witness import FloorWitness
-from lockstep.lmi.design import Proposal, design
+from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import file_of, parse
 from lockstep.lmi.methods import certified
+from lockstep.lmi.proposal import Proposal
 from lockstep.lmi.search import SearchResult
 from lockstep.model.problem import Problem
 
@@ -52,7 +53,7 @@ def checked(made: Proposal) -> Proposal:
         twin = Twin(made.network.plant, made.network.graph.adjacency, blocks)
         assert twin.holds(made.claim, made.certificate)
     if made.problem.design.method == "certified":
-        assert max(made.gains.norms) <= made.problem.design.gain_limit
+        assert max(made.problem.gain_norms(made.gains.blocks)) <= made.problem.design.gain_limit
     assert made.floor is None or made.floor.rho <= made.certificate.rho
     return made
 
@@ -324,6 +325,6 @@ def test_far_above_the_floor_as_many_are_drawn_anew(
     monkeypatch: pytest.MonkeyPatch, very_far: float, more: list[int]
 ) -> None:
     """A rho is above half its floor, and never above 1e9 times it."""
-    monkeypatch.setattr("lockstep.lmi.design.VERY_FAR", very_far)
-    monkeypatch.setattr("lockstep.lmi.design._floor", lambda *_given: FloorWitness(1e-3, (), ()))
+    monkeypatch.setattr("lockstep.lmi.by_method.VERY_FAR", very_far)
+    monkeypatch.setattr("lockstep.lmi.by_method._floor", lambda *_given: FloorWitness(1e-3, (), ()))
     assert seeds_searched(monkeypatch, first_finds=True) == [0, *more]

@@ -12,12 +12,13 @@ from lockstep.check.continuous.inequality import Certificate, Claim, F_matrix
 from lockstep.check.continuous.modes import Modes, decide_modes, mode_matrix
 from lockstep.check.errors import Infeasible, NotCertified, ProblemError
 from lockstep.check.numbers import as_floats
+from lockstep.check.psd import MOST_ROWS
 from lockstep.check.system.laplacian_spectrum import decide_spectrum, metric
 from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import file_of, parse
-from lockstep.lmi.methods.modal import prove_modes, segment_ends, shared_gains, spectrum_bounds
+from lockstep.lmi.methods.modal import design_modes, prove_modes, segment_ends, shared_gains, spectrum_bounds
 from lockstep.lmi.methods.modal_witness import witness
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
@@ -168,6 +169,16 @@ def test_exact_bounds_on_the_spectrum():
     assert spectrum_bounds(Graph.topology("path", 6), metric(Graph.topology("path", 6)))[0] == pytest.approx(
         2 - 3**0.5
     )
+
+
+def test_more_agents_than_rows_are_decided_are_refused_before_a_search():
+    """Their matrices of rationals would take minutes and gigabytes; so many are named by their spectrum."""
+    graph = Graph.topology("ring", MOST_ROWS + 2)
+    assert not decide_spectrum(graph, metric(graph), 0.0, 5.0).decided
+    problem = parse_problem(CARTS)
+    network = Network(problem.agent(), graph)
+    with pytest.raises(ProblemError, match=r"702 agents; expected at most 701.*spectrum"):
+        design_modes(network, Claim(0.3, np.eye(2), np.eye(1), np.zeros((702, 4))), 1, 50.0, starts=1, seed=0)
 
 
 @pytest.mark.parametrize(

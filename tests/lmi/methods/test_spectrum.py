@@ -10,10 +10,11 @@ from lockstep.check.certify import certified
 from lockstep.check.continuous.inequality import Claim, Performance
 from lockstep.check.continuous.modes import Modes
 from lockstep.check.design_file.content import parse
+from lockstep.check.design_file.problem import ProblemTables, default_order
 from lockstep.check.errors import Infeasible, ProblemError
 from lockstep.check.sampled.controller import SampledNetwork
 from lockstep.check.sampled.discretise import sampled_controllers
-from lockstep.check.sampled.inequality import W_matrix, Witness, multiplier
+from lockstep.check.sampled.inequality import Omega_matrix, Witness, multiplier
 from lockstep.check.sampled.lifting import copies
 from lockstep.check.sampled.modes import ModalLoop, common_controller, widened
 from lockstep.check.system.disagreement import single_difference
@@ -21,7 +22,6 @@ from lockstep.check.system.graph import Digraph
 from lockstep.check.system.graph_family import SpectrumRange
 from lockstep.check.system.loop import Plant
 from lockstep.check.system.network import ExactNetwork
-from lockstep.check.system.problem import ProblemTables, default_order
 from lockstep.codegen.period_redesign import as_shipped
 from lockstep.lmi.design import design
 from lockstep.lmi.document import answer, file_of
@@ -214,9 +214,9 @@ def test_modes_prove_what_the_assembled_loop_has(topology, delay, order):
     m = np.full(6, w.mu / 4)
     assembled = Witness((whole + whole.T) / 2, m, t, w.decay, kappa, w.weight, w.ratio, w.kappa_mu)
     lifted = copies(period_in_doubles(loop), multiplier(loop.network.d, m))
-    W = W_matrix(loop, lifted, assembled)
-    scale = 1 / np.sqrt(np.diag(W))
-    assert np.linalg.eigvalsh(W * np.outer(scale, scale))[0] > -1e-9
+    Omega = Omega_matrix(loop, lifted, assembled)
+    scale = 1 / np.sqrt(np.diag(Omega))
+    assert np.linalg.eigvalsh(Omega * np.outer(scale, scale))[0] > -1e-9
 
 
 def test_one_controller_stands_for_all_with_fewer_neighbours_and_smaller_weights():
@@ -269,7 +269,7 @@ def test_too_wide_a_spectrum_names_the_ratio_that_has_one_p():
 
 def test_the_slope_of_sigma_is_that_of_differences():
     problem = posed(order=1)
-    from lockstep.lmi.design import claim_of, proved_bound
+    from lockstep.lmi.proposal import claim_of, proved_bound
     from lockstep.model.assembly import network_of
 
     bound = proved_bound(problem)

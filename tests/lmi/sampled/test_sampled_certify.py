@@ -45,7 +45,12 @@ def test_the_linear_loop_is_the_one_of_plain_exponentials(seed):
     net, ones = random_problem(seed)
     loop = in_doubles(net, ones)
     radius = spectral_radius(loop, period_in_doubles(in_doubles(with_alpha(net, 1e-12), ones)))
-    assert radius == pytest.approx(disagreement_radius(net, one_period(net, ones, 0.0)), rel=1e-6)
+    plain = disagreement_radius(net, one_period(net, ones, 0.0))
+    assert radius == pytest.approx(plain, rel=1e-6)
+    found = certify_sampled(net, ones, thorough=False).figures["spectral_radius"]
+    assert found == pytest.approx(plain, rel=1e-9), (
+        "the figure is of the linear loop, however large the slopes are"
+    )
 
 
 @pytest.mark.parametrize("delay", [0, 1])
@@ -69,8 +74,8 @@ def test_a_sign_flipped_is_refused():
 
 def test_a_period_twenty_times_longer_is_refused():
     net, ones = oscillators()
-    assert not certify_sampled(net.at(20 * net.period), ones).certified
-    assert brute_force_radius(net.at(20 * net.period), ones) > 1
+    assert not certify_sampled(replace(net, period=20 * net.period), ones).certified
+    assert brute_force_radius(replace(net, period=20 * net.period), ones) > 1
 
 
 def test_a_steeper_nonlinearity_is_refused_where_brute_force_breaks():
@@ -87,7 +92,7 @@ def test_a_witness_is_proved_again_and_a_spoiled_one_is_not():
     again = certify_sampled(net, ones, witness=witness)
     assert again.certified
     assert "spectral_radius" not in again.figures, "nothing was searched for"
-    unstable = net.at(20 * net.period)
+    unstable = replace(net, period=20 * net.period)
     for spoiled in (
         replace(witness, decay=0.5),
         replace(witness, kappa=0.0),
@@ -241,9 +246,9 @@ def test_the_largest_period_is_confirmed_from_both_sides():
     net, ones = oscillators()
     longest = max_period(net, lambda _period: ones)
     assert longest.certified
-    assert certify_sampled(net.at(0.98 * longest.period), ones, thorough=False).certified
-    assert not certify_sampled(net.at(1.01 * longest.period), ones, thorough=False).certified
-    assert brute_force_radius(net.at(1.5 * longest.period), ones) > 1
+    assert certify_sampled(replace(net, period=0.98 * longest.period), ones, thorough=False).certified
+    assert not certify_sampled(replace(net, period=1.01 * longest.period), ones, thorough=False).certified
+    assert brute_force_radius(replace(net, period=1.5 * longest.period), ones) > 1
 
 
 def test_where_the_edge_is_not_proved_a_shorter_period_is(monkeypatch):

@@ -13,9 +13,10 @@ from sampled_cases import brute_force_radius
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.design_file.proofs import Proofs
 from lockstep.check.system.loop import Gains
-from lockstep.codegen.sampled_design import longest_period, sampled_controllers, sampled_network
-from lockstep.lmi.design import given_gains
+from lockstep.codegen.sampled_design import longest_period, sampled_network
+from lockstep.codegen.sampled_modes import sampled_controllers
 from lockstep.lmi.document import parse
+from lockstep.lmi.proposal import given_gains
 from lockstep.lmi.sampled import certify_sampled, sampled_rho
 from lockstep.model.problem import load_problem
 
@@ -67,17 +68,17 @@ def designs(root, certified):
 )
 def test_the_largest_period_is_confirmed_from_both_sides(designs, name, certified_to, broken_at):
     stored = designs[name]
-    network = sampled_network(stored).at(0.005)
+    network = replace(sampled_network(stored), period=0.005)
     longest = longest_period(stored, network, None)
     assert longest.period == pytest.approx(certified_to, rel=2e-3)
     shorter = 0.98 * longest.period
     assert certify_sampled(
-        network.at(shorter), sampled_controllers(stored, shorter), thorough=False
+        replace(network, period=shorter), sampled_controllers(stored, shorter), thorough=False
     ).certified
     # The same slope in every arm, constant, at most alpha: plain exponentials, in coordinates of their own.
-    beyond = network.at(broken_at)
+    beyond = replace(network, period=broken_at)
     assert brute_force_radius(beyond, sampled_controllers(stored, broken_at)) > 1
-    assert brute_force_radius(network.at(shorter), sampled_controllers(stored, shorter)) < 1
+    assert brute_force_radius(replace(network, period=shorter), sampled_controllers(stored, shorter)) < 1
 
 
 @pytest.mark.slow
@@ -85,7 +86,7 @@ def test_a_design_for_20_ms_does_better_there(designs):
     weights = Performance(np.eye(4), 2 * np.eye(2))
     found = {}
     for name, m in (("certified", designs["certified"].proofs.certificate.m), ("for 20 ms", M_FOR_20_MS)):
-        network = sampled_network(designs[name]).at(0.02)
+        network = replace(sampled_network(designs[name]), period=0.02)
         controllers = sampled_controllers(designs[name], 0.02)
         assert certify_sampled(network, controllers, m, thorough=False).certified
         found[name] = sampled_rho(network, controllers, weights, m).rho

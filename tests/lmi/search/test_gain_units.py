@@ -11,11 +11,12 @@ from lockstep.check.errors import Infeasible
 from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.analysis.gain_limit import limit_barrier, within
 from lockstep.lmi.analysis.rounding import short_gains
-from lockstep.lmi.design import claim_of, design, proved_bound
+from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import file_of
 from lockstep.lmi.methods.modal import design_modes
 from lockstep.lmi.methods.modal_newton import Together
+from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram
 from lockstep.lmi.search.common_gains import ModalSearch, stabilised
 from lockstep.lmi.search.logdet import BalancedF

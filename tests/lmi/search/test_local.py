@@ -18,9 +18,9 @@ from local_cases import (
     starts,
 )
 
-from lockstep.check.continuous.certificate import decide_initial_set
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.continuous.modes import ModalCertificate, Segment
+from lockstep.check.continuous_claims import decide_initial_set
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats, exactly
 from lockstep.check.system.disagreement import disagreement
@@ -152,7 +152,10 @@ def test_what_does_not_fit_is_refused(net, certificate):
 
 def test_it_is_said_in_words_and_in_json(found):
     assert "agent 1 leads" in found.text()
-    assert "-0.6 <= v1 <= 0.6 (v1 = p)" in found.text()
+    assert "-0.6 <= p <= 0.6" in found.text()
+    # Arguments and states may be called alike: each is replaced once.
+    swapped = replace(found, arguments="v1 = v2, v2 = v3 ... 2*v4")
+    assert "-0.6 <= v2 <= 0.6" in swapped.text()
     assert found.document()["inner"] == [[-0.6, 0.6]]
     assert found.document()["level"] == found.level
 

@@ -18,8 +18,8 @@ from local_cases import (
     starts,
 )
 
-from lockstep.check.continuous.certificate import decide_certificate, decide_initial_set
 from lockstep.check.continuous.inequality import Certificate
+from lockstep.check.continuous_claims import decide_certificate, decide_initial_set
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.rounding import prove

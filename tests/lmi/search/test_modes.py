@@ -8,8 +8,8 @@ from lmi_cases import ALPHA, arms, claim, published
 
 from lockstep.check.continuous.modes import Modes
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P, least_rho
-from lockstep.lmi.design import claim_of, proved_bound
 from lockstep.lmi.methods.certified import equal_gains
+from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.lmi.search import GainSearch
 from lockstep.lmi.search.common_gains import ModalSearch, loop_of, representative
 from lockstep.lmi.search.random_start import begin, stable_gains

@@ -8,7 +8,7 @@ from lockstep.check.continuous.inequality import Certificate, F_matrix
 from lockstep.lmi.analysis.certificate_sdp import AffineF, least_rho, tight
 from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.analysis.strict_feasibility import inside
-from lockstep.lmi.design import claim_of, proved_bound
+from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.lmi.search import GainSearch
 from lockstep.lmi.search.hold_delay import hold, late
 from lockstep.lmi.search.random_start import StartResult, begin

@@ -10,10 +10,10 @@ from lockstep.check.continuous.inequality import Certificate, F_matrix
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.analysis.rounding import prove, short_gains
-from lockstep.lmi.design import claim_of, proved_bound
+from lockstep.lmi.analysis.unit_scaling import scaled
+from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.lmi.search import GainSearch
 from lockstep.lmi.search.random_start import begin
-from lockstep.lmi.search.unit_scaling import scaled
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import load_problem
 

@@ -10,12 +10,13 @@ from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.analysis.rounding import short_gains
-from lockstep.lmi.design import claim_of, proved_bound
+from lockstep.lmi.proposal import claim_of, proved_bound
+from lockstep.lmi.quasi_newton import descend
 from lockstep.lmi.search import GainSearch, search_gains
 from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram, NewtonLimits
 from lockstep.lmi.search.random_start import begin, climb
 from lockstep.lmi.search.smoothed_norm import Descended
-from lockstep.lmi.search.stabilise import abscissa, descend, real_part, stabilise
+from lockstep.lmi.search.stabilise import abscissa, real_part, stabilise
 from lockstep.model.assembly import network_of
 
 PENDULUM = {"a": "b", "b": "-a - sin(a) + u"}

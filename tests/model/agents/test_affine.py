@@ -13,8 +13,8 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.expression.node import Node, linear_terms
 from lockstep.check.system.nonlinearity import solve
 from lockstep.model.agents.agent import Agent
-from lockstep.model.agents.lure import Lure
 from lockstep.model.formulas.expression import parse_expression
+from lockstep.model.loop_transformation.lure import Lure
 
 X, Y, Z, T = (ca.SX.sym(name) for name in "xyzt")
 

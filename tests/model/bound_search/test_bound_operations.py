@@ -3,9 +3,10 @@
 import casadi as ca
 import numpy as np
 import pytest
+from bound_cases import smallest_bound
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.bound_search import Box, smallest_bound
+from lockstep.model.bound_search import Box
 
 NAMES = {getattr(ca, key): key[3:].lower() for key in dir(ca) if key.startswith("OP_")}
 LOWER, UPPER = (0.3, 0.2), (0.8, 0.7)

@@ -4,11 +4,12 @@ import math
 
 import casadi as ca
 import numpy as np
+from bound_cases import smallest_bound
 from hypothesis import HealthCheck, example, given, reject, settings
 from hypothesis import strategies as st
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.bound_search import Box, smallest_bound
+from lockstep.model.bound_search import Box
 
 SMOOTH = {
     "sin": ca.sin,

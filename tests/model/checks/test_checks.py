@@ -41,7 +41,8 @@ def row(report: CheckReport, name: str) -> CheckRow:
 def test_the_arms_pass_every_check() -> None:
     report = check_problem(load_problem(EXAMPLES / "flexible_joint_arms.toml"))
     assert report.ok
-    assert report.problems == report.notes == []
+    assert report.problems == []
+    assert [note.partition(" (gravity)")[0] for note in report.notes] == ["units of parameters: 1 has none"]
     document = report.document()
     assert json.loads(json.dumps(document, allow_nan=False)) == document
     assert document["bound"]["alpha"] == 3.33
@@ -84,7 +85,12 @@ def test_on_a_box_it_is_bounded_and_the_certificate_is_called_local() -> None:
     assert report.bound.alpha == pytest.approx(6.0, rel=2e-3)  # slopes [-12, 0], centred
     assert row(report, "where").verdict == "note"
     assert "local" in row(report, "where").figure
-    assert "-1 <= v1 <= 2" in row(report, "where").figure
+    assert row(report, "where").figure.startswith("with p from -1 to 2 only: the certificate is local")
+
+
+def test_a_box_of_sums_of_states_is_told_by_their_numbers() -> None:
+    report = check_problem(cart("f - (p + v)**3", agent="domain = { p = [-1.0, 2.0], v = [-1.0, 1.0] }"))
+    assert row(report, "where").figure.startswith("on -2 <= v1 <= 3 only (v1 = p + v): ")
 
 
 def test_a_box_that_constrains_nothing_leaves_the_certificate_global() -> None:
@@ -235,6 +241,37 @@ def test_the_distance_to_losing_control_is_that_of_the_pair() -> None:
     margin = float(check.figure.removeprefix("lost with a change of norm ").split(",")[0])
     assert 0 < margin <= 0.001
     assert "s = 2" in check.figure
+
+
+def test_a_pair_that_a_small_part_of_itself_would_lose_is_a_note() -> None:
+    """Hydraulics whose piston's area is in m^2 where N/bar are meant."""
+    for area, verdict in ((100.0, "ok"), (1e-3, "note")):
+        agent = Agent.from_expressions(
+            "jack",
+            states=["x", "v", "q"],
+            inputs=["u"],
+            outputs={"y": "x"},
+            dynamics={"x": "v", "v": f"0.5*({area}*q - 38*v)", "q": "0.012*(66700*u - 1963*v - 100*q)"},
+        )
+        told = linear_part.controllable(agent, [agent.lure.B])[0]
+        assert told.verdict == verdict
+        assert ("a slip in a unit?" in told.figure) == (verdict == "note")
+
+
+def test_no_committed_problem_that_is_well_is_near_losing_a_mode() -> None:
+    root, known = EXAMPLES.parent, {"hoists", "junctions"}
+    fields = (root / "codegen" / "lockstep" / "workflow" / "fields").glob("*.toml")
+    least = {}
+    for path in (*EXAMPLES.glob("*.toml"), *fields, *(root / "benchmarks" / "designs").glob("*.toml")):
+        posed = load_problem(path)
+        pairs = (
+            linear_part.controllable(posed.agent(), posed.agents_B()),
+            linear_part.observable(posed.agent()),
+        )
+        least[path.stem] = min(pair.relative_margin for _, pair in pairs)
+    assert len(least) > 50
+    assert {name for name, margin in least.items() if margin < 1e-3} == known
+    assert {name for name, margin in least.items() if margin < linear_part.NEARLY_LOST} == {"hoists"}
 
 
 def test_row_sums_are_reported_as_they_are() -> None:

@@ -4,6 +4,7 @@ import pytest
 from checks_cases import problem
 
 from lockstep.check.errors import ProblemError
+from lockstep.model.checks import check, check_problem
 from lockstep.model.checks.proved.dimensions import check_units
 
 UNITS = {"x": "m", "v": "m/s", "u": "N", "k": "N/m", "m": "kg", "c": "kg/s", "y1": "m"}
@@ -107,3 +108,35 @@ def test_a_number_may_hold_the_factor_of_a_unit():
 def test_units_that_do_not_fit_are_an_error_that_names_the_term(dynamics, units, told):
     with pytest.raises(ProblemError, match=told):
         check_units(spring(dynamics, units))
+
+
+def rows(dynamics, units, **kept):
+    report = check_problem(problem(dynamics, units=units, **kept))
+    return [row for row in report.rows if row.name.startswith("units")]
+
+
+def test_check_decides_units_before_it_looks_for_a_bound(monkeypatch):
+    monkeypatch.setattr(check, "bound_of", None)
+    wrong = problem({**SPRING, "v": "u - k*x - c*v/m"}, units=UNITS, parameters=dict.fromkeys("kmc", 2.0))
+    with pytest.raises(ProblemError, match=r"the term `u` has|the term `k\*x` has|the term `c\*v/m` has"):
+        check_problem(wrong)
+
+
+def test_parameters_without_a_unit_are_told_where_states_have_one():
+    given = dict.fromkeys("kmc", 2.0)
+    some = {name: unit for name, unit in UNITS.items() if name not in ("m", "c")}
+    (told,) = rows(SPRING, some, parameters=given)
+    assert (told.name, told.verdict) == ("units of parameters", "note")
+    assert told.figure.startswith("2 have none (m, c): ")
+    assert rows(SPRING, {}, parameters=given) == rows(SPRING, UNITS, parameters=given) == []
+
+
+def test_a_unit_of_time_that_no_second_is_is_told():
+    (told, _) = rows(SPRING, {"x": "mm", "v": "m/s", "u": "N"}, parameters=dict.fromkeys("kmc", 2.0))
+    assert (told.verdict, "units of 0.001 s alone" in told.figure) == ("note", True)
+
+
+def test_degrees_in_a_sine_are_refused_with_what_to_write():
+    turned = {"x": "v", "v": "u - sin(x)"}
+    with pytest.raises(ProblemError, match=r"\[agent.units\] x: degrees; .*write x\*pi/180"):
+        rows(turned, {"x": "deg", "v": "deg/s", "u": "deg/s^2"})

@@ -9,10 +9,12 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.loop import Gains
 from lockstep.model.agents.agent import Agent
-from lockstep.model.control.bridge import agent_from_control, controllers_to_control
+from lockstep.model.agents.from_control import agent_from_control
+from lockstep.model.control.bridge import controllers_to_control
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
-from lockstep.model.simulation import Scenario, Sines, simulate
+from lockstep.model.simulation import Scenario, simulate
+from lockstep.model.simulation.disturbance import Sines
 
 GAINS = Gains(
     # Table 1 (II) of the paper, with D of agent 3 that of agent 1 so that every agent acts.

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 import lockstep
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.discretise import sampled_controllers as held_controllers
-from lockstep.codegen.sampled_design import sampled_controllers
+from lockstep.codegen.sampled_modes import sampled_controllers
 from lockstep.model.control.hybrid import Hybrid
 
 ROOT = Path(__file__).parents[3]

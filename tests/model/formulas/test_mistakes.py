@@ -42,7 +42,7 @@ MISTAKES = {
     "a logarithm of anything": (
         "sin(theta_l)", "log(theta_l)",
         "[agent.dynamics] omega_l", "`log` needs a positive argument, which is not proved (where theta_l near",
-        "or a domain where it is", "leave that point out with a box in [agent.domain]",
+        "or a domain where it is", "give a box in [agent.domain], such as theta_l = [0.1, 1.0] (in rad)",
     ),
     "NaN": ("gravity = 3.33", "gravity = nan", "[agent.parameters] gravity", "`gravity` is nan", "a finite number", ""),
     "NaN in a formula": (

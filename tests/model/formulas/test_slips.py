@@ -8,7 +8,7 @@ import pytest
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.text import SPELLED
 from lockstep.model.assembly import bound_of
-from lockstep.model.checks import actuators, nonlinearity, plausibility
+from lockstep.model.checks import actuators, check_problem, nonlinearity, plausibility
 from lockstep.model.formulas.confusables import keyboard_for
 from lockstep.model.problem import Problem
 
@@ -200,9 +200,9 @@ def test_a_start_outside_of_the_domain_is_noted():
 
 
 def test_check_tells_them():
-    notes = with_change("period = 0.05", "period = 10.0").check().notes
+    notes = check_problem(with_change("period = 0.05", "period = 10.0")).notes
     assert any("cannot show" in note for note in notes)
-    assert not any("period" in note for note in Problem.parse(PENDULUM).check().notes)
+    assert not any("period" in note for note in check_problem(Problem.parse(PENDULUM)).notes)
 
 
 @pytest.mark.parametrize(

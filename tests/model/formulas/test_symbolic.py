@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.expression.exact import Exact, Value, read_text
+from lockstep.check.expression.exact import Exact, Value
 from lockstep.check.expression.node import constant, linear, variable
+from lockstep.check.expression.text import parse
 from lockstep.check.system.agent import ExactAgent
 from lockstep.model.agents.agent import Agent
 from lockstep.model.bound_search.casadi_graph import read
@@ -26,7 +27,7 @@ TEXTS = [
 
 def exact(text: str) -> Value:
     symbols = {name: Value(variable(k)) for k, name in enumerate("xyt")}
-    return read_text(text, symbols, Exact(2))
+    return parse(text, symbols, Exact(2))
 
 
 def graph(*expressions: ca.SX):

@@ -6,10 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cart import cart
+from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.errors import ProblemError
+from lockstep.check.sampled.discretise import measured_offsets
 from lockstep.check.system.agent import ExactAgent
-from lockstep.check.system.formation import check_formation, measured_offsets
-from lockstep.check.system.problem import ProblemTables
+from lockstep.check.system.formation import check_formation
 from lockstep.model.problem import Problem
 from lockstep.model.simulation.from_problem import scenario_of
 

@@ -32,6 +32,11 @@ from lockstep.model import ProblemError, load_problem, parse_problem
             "[design]\nfragility = { E = 1 }\n",
             ["[design.fragility]", "unknown key `E`", "A, B, C, D"],
         ),
+        (
+            "[design]\norder = 1\n",
+            "[design]\norder = 0\nfragility = { A = 0.5, B = 0.2, D = 0.1 }\n",
+            ["[design] fragility", "A = 0.5, B = 0.2;", "leave A, B and C out"],
+        ),
         ('states = ["p", "v"]\n', "", ["[agent]", "the key `states` is missing"]),
         ('inputs = ["f"]\n', "", ["[agent]", "`inputs` is missing"]),
         ('[agent.outputs]\ny1 = "c*p"\n', "", ["[agent]", "`outputs` is missing"]),
@@ -341,3 +346,41 @@ def test_a_list_is_not_called_too_short_of_the_entries_that_are_refused():
     with pytest.raises(ProblemError, match=r"spectrum, entry 1: found 0; expected two numbers") as error:
         parse_problem(text)
     assert "also" not in str(error.value)
+
+
+LEADER = """
+[agent]
+states = ["p", "v"]
+inputs = ["f"]
+dynamics = { p = "v", v = "f - p**3" }
+outputs = { y = "p" }
+domain = { p = [-1.0, 1.0] }
+[network]
+agents = 2
+topology = "leader_path"
+[design]
+objective = "initial_set"
+disturbances = { states = %s }
+"""
+
+
+@pytest.mark.parametrize(
+    ("scales", "least"), [("0.5", "0.5"), ("{ p = 1.0 }", "0"), ("{ p = 2, v = 0.1 }", "0.1")]
+)
+def test_a_set_of_initial_states_asks_for_a_gain_from_all_that_moves_the_states(scales, least):
+    with pytest.raises(ProblemError) as raised:
+        parse_problem(LEADER % scales)
+    assert str(raised.value).startswith(f"[design.disturbances] states: a scale of {least}, and")
+    assert "1 or more" in raised.value.remedy
+
+
+def test_scales_of_one_and_more_or_noise_alone_leave_a_set_to_be_looked_for():
+    for scales in ("1.0", "{ p = 1, v = 3 }"):
+        assert not parse_problem(LEADER % scales).performance.states.min() < 1
+    assert parse_problem(LEADER.replace("states = %s", "outputs = 0.1")).performance.covers_xi
+
+
+def test_dynamic_controllers_and_errors_of_d_alone_are_no_contradiction():
+    body = LEADER.partition("[design]")[0]
+    assert parse_problem(body + "[design]\norder = 0\nfragility = { D = 0.1 }").fragility["D"] == 0.1
+    assert parse_problem(body + "[design]\norder = 1\nfragility = { A = 0.1 }").fragility["A"] == 0.1

@@ -6,18 +6,16 @@ from simulation_cases import ARMS
 
 from amini.claims.fragility import errors as ledger_errors
 from lockstep.check.errors import ProblemError
-from lockstep.model.simulation import (
-    MessageChannel,
+from lockstep.model.simulation import Scenario, noise
+from lockstep.model.simulation.disturbance import Samples, Sines, Steps, Sum
+from lockstep.model.simulation.message_channel import MessageChannel
+from lockstep.model.simulation.perturbation import (
+    PAPER_DELTA,
     PaperPerturbation,
-    Samples,
-    Scenario,
-    Sines,
-    Steps,
-    Sum,
-    noise,
+    check_sizes,
+    norms,
     random_perturbation,
 )
-from lockstep.model.simulation.perturbation import PAPER_DELTA, check_sizes, norms
 
 DELTA = {"A": 0.5, "B": 0.2, "C": 0.1, "D": 0.3}
 

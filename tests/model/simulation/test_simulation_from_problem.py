@@ -5,8 +5,9 @@ import pytest
 
 from lockstep.check.errors import ProblemError
 from lockstep.model.problem import parse_problem
-from lockstep.model.simulation import PaperPerturbation, Samples, Sines, Steps
+from lockstep.model.simulation.disturbance import Samples, Sines, Steps
 from lockstep.model.simulation.from_problem import Changes, scenario_of
+from lockstep.model.simulation.perturbation import PaperPerturbation
 
 HEAD = """
 [agent]
@@ -79,6 +80,51 @@ def test_sines_and_steps_are_not_the_same_for_all_agents():
     assert np.ptp(sines.phases, axis=0).min() > 0
     assert isinstance(steps, Steps)
     assert set(np.unique(steps.values)) == {-1.0, 1.0}
+
+
+LOAD = '[simulation.disturbance]\nkind = "KIND"\namplitude = { v = -1.5 }\nagents = [2]\nstart = 1.0\n'
+
+
+def test_a_load_on_one_agent_has_its_sign_and_touches_no_other():
+    t = np.array([0.0, 0.999, 1.0, 2.0])
+    load = scenario(LOAD.replace("KIND", "step")).disturbance.at(t, t)
+    assert load[:, 1, 1].tolist() == [0.0, 0.0, -1.5, -1.5]
+    assert np.count_nonzero(load) == 2
+    waves = scenario(LOAD.replace("KIND", "sine")).disturbance
+    assert np.argwhere(waves.values).tolist() == [[1, 1]]
+    shaken = scenario(LOAD.replace("KIND", "noise")).disturbance.values
+    assert sorted({tuple(one) for one in np.argwhere(shaken)[:, 1:].tolist()}) == [(1, 1)]
+    assert shaken[:, 1, 1].std() == pytest.approx(1.5, rel=0.1)  # of 950 samples: 0.034 is one sigma of it
+
+
+def test_an_intensity_is_of_noise_alone():
+    """sigma = (0.08 / 0.02)^1/2 = 2 of the state that is named; a step in its place has the amplitude."""
+    text = LOAD.replace("KIND", "noise") + "intensity = 0.08\n"
+    shaken = scenario(text).disturbance.values
+    assert shaken[:, 1, 1].std() == pytest.approx(2.0, rel=0.1)
+    t = np.array([2.0])
+    assert scenario(text, disturbance="step").disturbance.at(t, t)[0, 1, 1] == -1.5
+    every = scenario('[simulation.disturbance]\nkind = "noise"\namplitude = 0.0\nintensity = 0.08\n')
+    assert every.disturbance.values.std() == pytest.approx(2.0, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("[2]", "[]", "agents"),
+        (
+            "{ v = -1.5 }",
+            "-1.5",
+            r"amplitude: `amplitude` is -1.5; expected a finite number, 0 or more[^;]*$",
+        ),
+        ("v = -1.5", "w = -1.5", r"amplitude: `w` is no state; expected one of `p`, `v`"),
+        ("[2]", "[0]", r"agents: agent 0; expected numbers from 1 to 3"),
+        ("[2]", "[2, 4]", r"agents: agent 4; expected numbers from 1 to 3"),
+    ],
+)
+def test_a_load_on_what_there_is_not_is_refused_when_the_file_is_read(old, new, said):
+    with pytest.raises(ProblemError, match=said):
+        parse_problem(HEAD + LOAD.replace("KIND", "step").replace(old, new))
 
 
 def test_gain_errors_by_name():

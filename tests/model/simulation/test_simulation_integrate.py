@@ -12,17 +12,10 @@ from simulation_cases import ARMS, COROLLARY_1, START, THEOREM_1, cart_gains, ca
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.loop import Gains
 from lockstep.model import Agent, Graph, Network
-from lockstep.model.simulation import (
-    Diverged,
-    PaperPerturbation,
-    Samples,
-    Scenario,
-    Sines,
-    Steps,
-    noise,
-    simulate,
-)
-from lockstep.model.simulation.equations import agents_alone, closed_loop
+from lockstep.model.simulation import Diverged, Scenario, noise, simulate
+from lockstep.model.simulation.disturbance import Samples, Sines, Steps
+from lockstep.model.simulation.equations import closed_loop
+from lockstep.model.simulation.perturbation import PaperPerturbation
 
 CARTS, GAINS = carts(), cart_gains()
 CART_START = np.array([[1.0, 0.0], [-0.4, 0.3], [0.2, -1.0]])
@@ -128,7 +121,7 @@ def test_the_right_hand_side_is_the_networks_own():
     p = np.concatenate([xi, np.zeros(36)])
     mine = np.asarray(closed_loop(ARMS, THEOREM_1, perturbed=True)(np.concatenate([x, x_C]), 0.3, p)).ravel()
     assert np.allclose(mine, np.concatenate([dx, dx_C]), rtol=0, atol=1e-12)
-    alone = np.asarray(agents_alone(ARMS)(x, 0.3, np.concatenate([u, xi]))).ravel()
+    alone = np.asarray(ARMS.agents_alone()(x, 0.3, np.concatenate([u, xi]))).ravel()
     assert np.allclose(alone, dx, rtol=0, atol=1e-12)
 
 

@@ -7,18 +7,13 @@ import pytest
 from scipy.linalg import expm
 from simulation_cases import ARMS, COROLLARY_1, START, cart_gains, carts
 
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
-from lockstep.model.simulation import (
-    MessageChannel,
-    PaperPerturbation,
-    RhoWeights,
-    Scenario,
-    energies,
-    exact_controllers,
-    noise,
-    simulate,
-)
+from lockstep.model.simulation import RhoWeights, Scenario, energies, noise, simulate
+from lockstep.model.simulation.message_channel import MessageChannel
+from lockstep.model.simulation.perturbation import PaperPerturbation
 from lockstep.model.simulation.run import rates
+from stepped import exact_controllers
 
 CARTS, PERIOD = carts(), 0.1
 DISCRETE = cart_gains()
@@ -112,7 +107,7 @@ def zoh_of_corollary_1(period=0.01):
 
     g = COROLLARY_1
     sampled = [discretise(g.A[i], g.B[i], g.C[i], g.D[i], period, "zoh") for i in range(3)]
-    return type(g)(*(tuple(getattr(one, letter) for one in sampled) for letter in "ABCD"))
+    return g.from_blocks(np.stack(sampled), g.order)
 
 
 def test_fast_sampling_approaches_the_continuous_controllers():
@@ -163,7 +158,7 @@ def test_energies_with_rates_are_those_of_a_fine_record():
     """The same run recorded once a period and a hundred times: noise and inputs are held for that period, 0.25 s."""
     slow = exact_controllers(CARTS.graph, DISCRETE, 0.25)
     shaking = noise(3, 2, interval=0.25, horizon=10.0, seed=3, sigma=4.0)
-    weights = RhoWeights.of(CARTS.graph, np.diag([1.0, 0.2]), np.eye(1))
+    weights = RhoWeights.of(CARTS.graph, Performance(np.diag([1.0, 0.2]), np.eye(1)))
 
     def recorded(step):
         return simulate(CARTS, slow, Scenario(CART_START, 10.0, step, shaking, substeps=8))

@@ -6,11 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulation_cases import ARMS
 
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats
 from lockstep.model.graphs.graph import Graph
-from lockstep.model.network import orthonormal_factor
-from lockstep.model.simulation import RhoWeights, Trajectory, effort_indices, energies, indices, l2_gain
+from lockstep.model.graphs.orthonormal import orthonormal_factor
+from lockstep.model.simulation import RhoWeights, Trajectory, effort_indices, energies, indices
 from lockstep.model.simulation.results.table import columns, to_csv
 
 
@@ -80,7 +81,7 @@ def test_the_disagreement_by_state_mixes_no_units():
 
 
 def weights(N=2, R=1.0, Q=1.0):
-    return RhoWeights.of(Graph.topology("path", N), R * np.eye(1), Q * np.eye(1))
+    return RhoWeights.of(Graph.topology("path", N), Performance(R * np.eye(1), Q * np.eye(1)))
 
 
 def test_the_gain_of_known_signals():
@@ -93,7 +94,20 @@ def test_the_gain_of_known_signals():
     found = energies(run, weights(R=4.0, Q=9.0))
     assert np.isclose(found.output[-1], 8 * np.pi + 4 * np.pi, rtol=1e-3)
     assert np.isclose(found.input[-1], 4 * np.pi, rtol=1e-12)
-    assert np.isclose(l2_gain(run, weights(R=4.0, Q=9.0)), np.sqrt(3), rtol=1e-3)
+    assert np.isclose(found.gain, np.sqrt(3), rtol=1e-3)
+
+
+def test_the_gain_counts_inputs_and_the_scales_of_disturbances():
+    """u = sin for both agents, held or smooth: W int u^2 = 3 * 2 pi; xi_d^2 = 2 / 4 per second in units of 2."""
+    t = np.linspace(0.0, 2 * np.pi, 2001)
+    run = trajectory(t, xi=both(np.ones_like(t)), u=both(np.sin(t)), u_hold="smooth")
+    asked = Performance(np.eye(1), np.eye(1), 3 * np.eye(1), np.array([2.0]))
+    pair = Graph.topology("path", 2)
+    found = energies(run, RhoWeights.of(pair, asked))
+    assert np.isclose(found.output[-1], 6 * np.pi, rtol=1e-6)
+    assert np.isclose(found.input[-1], 2 * np.pi / 2, rtol=1e-12)
+    elsewhere = RhoWeights.of(pair, asked._replace(states=np.zeros(1)))
+    assert energies(run, elsewhere).input[-1] == 0.0
 
 
 def test_the_largest_ratio_is_over_the_whole_run():
@@ -116,24 +130,23 @@ def test_no_gain_where_there_is_none(case):
         "no disturbance": None,
         "the same disturbance for all": np.ones((2, 2, 1)),
     }[case]
-    with pytest.raises(ProblemError, match="disagreement"):
-        l2_gain(trajectory(t, x, xi=xi), weights())
+    assert energies(trajectory(t, x, xi=xi), weights()).gain is None
 
 
 def test_agreement_far_from_zero_is_agreement():
     t = np.array([0.0, 1.0])
     far = np.full((2, 2, 1), np.pi * 1e6)
-    assert l2_gain(trajectory(t, far, xi=both(np.ones(2))), weights()) == 0
+    assert energies(trajectory(t, far, xi=both(np.ones(2))), weights()).gain == 0
 
 
 def test_the_rows_of_the_laplacian_measure_in_their_own_metric():
     """T = rows of L: |x_d|^2 = |L_r x|^2, no S; against the definition."""
     x = np.random.default_rng(0).normal(size=(1, 3, 4))
-    w = RhoWeights.of(ARMS.graph, np.eye(4), np.eye(2), "laplacian_rows")
+    w = RhoWeights.of(ARMS.graph, Performance(np.eye(4), np.eye(2)), "laplacian_rows")
     rows = w.T @ x[0]
     assert np.isclose(w.squared_states(x)[0], (rows**2).sum())
     assert not np.isclose(
-        RhoWeights.of(ARMS.graph, np.eye(4), np.eye(2)).squared_states(x)[0], (rows**2).sum()
+        RhoWeights.of(ARMS.graph, Performance(np.eye(4), np.eye(2))).squared_states(x)[0], (rows**2).sum()
     )
 
 

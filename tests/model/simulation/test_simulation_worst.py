@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from simulation_cases import ARMS, COROLLARY_1, cart_gains, carts, loop_matrix
 
-from lockstep.model.simulation import RhoWeights, Scenario, l2_gain, noise, simulate
+from lockstep.check.continuous.inequality import Performance
+from lockstep.model.simulation import RhoWeights, Scenario, energies, noise, simulate
 from lockstep.model.simulation.weakest_agreement import PeakGain, weakest_agreement
 from lockstep.model.simulation.worst_disturbance import _Climb, worst_disturbance
 
 CARTS, GAINS = carts(), cart_gains()
-CART_WEIGHTS = RhoWeights.of(CARTS.graph, np.diag([1.0, 2.0]), np.eye(1))
-ARM_WEIGHTS = RhoWeights.of(ARMS.graph, np.eye(4), 2 * np.eye(2))
+CART_WEIGHTS = RhoWeights.of(CARTS.graph, Performance(np.diag([1.0, 2.0]), np.eye(1)))
+ARM_WEIGHTS = RhoWeights.of(ARMS.graph, Performance(np.eye(4), 2 * np.eye(2)))
 
 PROVED = 13.24
 """rho of Corollary 1's gains, proved exactly (tests/cli/test_commands.py); its least value is 13.23."""
@@ -50,10 +51,12 @@ def test_it_is_below_the_peak_gain_and_near_it():
     found = worst_disturbance(
         CARTS, GAINS, CART_WEIGHTS, horizon=40.0, step=0.1, energies=(1.0,), iterations=60
     )
-    measured = l2_gain(simulate(CARTS, GAINS, found.scenario(step=0.05)), CART_WEIGHTS)
+    measured = energies(simulate(CARTS, GAINS, found.scenario(step=0.05)), CART_WEIGHTS).gain
     assert 0.97 * peak < measured < peak * (1 + 1e-4)
     shaken = noise(3, 2, interval=0.1, horizon=40.0, seed=0, sigma=1.0)
-    at_random = l2_gain(simulate(CARTS, GAINS, Scenario(np.zeros((3, 2)), 60.0, 0.05, shaken)), CART_WEIGHTS)
+    at_random = energies(
+        simulate(CARTS, GAINS, Scenario(np.zeros((3, 2)), 60.0, 0.05, shaken)), CART_WEIGHTS
+    ).gain
     assert at_random < 0.9 * measured, "noise finds less"
 
 
@@ -117,7 +120,7 @@ def test_the_published_gains_come_near_their_rho_and_not_above():
         common=[np.array([0, 0, np.pi, 0])],
         energies=(1e-3,),
     )
-    measured = l2_gain(simulate(ARMS, COROLLARY_1, found.scenario(step=0.01)), ARM_WEIGHTS)
+    measured = energies(simulate(ARMS, COROLLARY_1, found.scenario(step=0.01)), ARM_WEIGHTS).gain
     assert measured < PROVED
     assert measured > 0.9 * PROVED, "a rho of 12 would be refuted"
 
@@ -127,6 +130,6 @@ def test_at_large_energies_the_climb_does_not_lose_ground():
     found = worst_disturbance(
         ARMS, COROLLARY_1, ARM_WEIGHTS, horizon=10.0, step=0.05, energies=(1e-3, 3.0), iterations=15
     )
-    fine = l2_gain(simulate(ARMS, COROLLARY_1, found.scenario(step=0.01, tail=1.0)), ARM_WEIGHTS)
+    fine = energies(simulate(ARMS, COROLLARY_1, found.scenario(step=0.01, tail=1.0)), ARM_WEIGHTS).gain
     assert fine == pytest.approx(found.gain, rel=0.02)
     assert 3.0 < fine < PROVED

@@ -31,7 +31,7 @@ from lockstep.check.expression.traversal import expand, order, substitute
 
 def settle(graph: ExactPhi, lower: Boxes, upper: Boxes) -> ExactPhi:
     """Return the graph with its continuous switches marked weak and their conditions dropped."""
-    switches = [n for n in order(_roots(graph)) if n.op in ("positive", "zero") and not n.data]
+    switches = [n for n in order(_roots(graph)) if n.op == "positive" and not n.data]
     proved: set[Node] = set()
     for plane in {_plane(s): None for s in switches}:
         own = [s for s in switches if _plane(s) is plane]
@@ -47,13 +47,17 @@ def _roots(graph: ExactPhi) -> list[Node]:
 
 
 def _switches(nodes: Sequence[Node]) -> set[Node]:
-    return {n for n in order(nodes) if n.op in ("positive", "zero") and not n.data}
+    return {n for n in order(nodes) if n.op == "positive" and not n.data}
 
 
 def _plane(switch: Node) -> Node:
     """Return the switching function up to a factor: d and -d are one plane."""
-    offset, terms = linear_terms(switch.args[0])
-    return scale(1 / (terms[0][0] if terms else offset), switch.args[0])
+    return scale(1 / _lead(switch), switch.args[0])
+
+
+def _lead(switch: Node) -> Fraction:
+    """Return the first coefficient of d; it has one, as `positive` makes no switch of a constant."""
+    return linear_terms(switch.args[0])[1][0][0]
 
 
 def _is_continuous(graph: ExactPhi, plane: Node, own: list[Node], lower: Boxes, upper: Boxes) -> bool:
@@ -91,8 +95,4 @@ def _on_plane(
 
 
 def _truth(switch: Node, side: int) -> Node:
-    offset, terms = linear_terms(switch.args[0])
-    lead: Fraction = terms[0][0] if terms else offset
-    if switch.op == "zero":
-        return TRUE if side == 0 else FALSE
-    return TRUE if side * lead > 0 else FALSE
+    return TRUE if side * _lead(switch) > 0 else FALSE

@@ -250,7 +250,7 @@ def breakpoints(value: Node, count: int) -> list[list[float]]:
     """Return, per variable, the values at which a condition that is linear in it alone changes."""
     found: list[set[float]] = [set() for _ in range(count)]
     for node in order([value]):
-        if node.op in ("positive", "zero"):
+        if node.op == "positive":
             offset, terms = linear_terms(node.args[0])
             if len(terms) == 1 and terms[0][1].op == "variable":
                 index: Any = terms[0][1].data

@@ -199,7 +199,9 @@ def _witness(
         if problem is None:
             return Verdict("undecided", f"a slope of {slope!r} is reached with independent functions")
         point = point[: len(problem.lower)]
-        if ((point >= problem.lower) & (point <= problem.upper)).all():
+        # Across a side without width there is no difference of phi.
+        wide = problem.lower[:-1] < problem.upper[:-1]
+        if wide.all() and ((point >= problem.lower) & (point <= problem.upper)).all():
             figures = {"v": point[:-1].tolist(), "t": float(point[-1]), "slope": slope}
             return Verdict("refuted", f"a slope of {slope!r} is reached, above {level!r}", figures)
     return None

@@ -23,12 +23,6 @@ class Program:
     def __init__(self, outputs: Sequence[Node]) -> None:
         self.outputs = tuple(outputs)
         self.nodes = order(self.outputs)
-        self._constants = {
-            n: _enclose(n.data) for n in self.nodes if isinstance(n.data, Fraction) and n.op == "constant"
-        }
-        self._coefficients = {
-            n: ([_enclose(c) for c in n.data[1]], _enclose(n.data[0])) for n in self.nodes if n.op == "linear"
-        }
 
     def on_boxes(self, lower: Boxes, upper: Boxes) -> list[Interval]:
         """Return an enclosure of each output over each box."""
@@ -48,35 +42,30 @@ class Program:
                 index = node.data
                 values[node] = upper[index], upper[index]
             else:
-                values[node] = self._enclosure(node, [values[a] for a in node.args], shape)
+                values[node] = _enclosure(node, [values[a] for a in node.args], shape)
         return values
 
-    def _enclosure(self, node: Node, args: list[Interval], shape: np.ndarray) -> Interval:
-        if node.op == "linear":
-            return self._linear(node, args)
-        if node.op == "constant":
-            low, high = self._constants[node]
-            return np.full_like(shape, low), np.full_like(shape, high)
-        if node.op == "truth":
-            return np.full_like(shape, bool(node.data)), np.full_like(shape, bool(node.data))
-        if node.op in _OF_ARGUMENTS:
-            return _OF_ARGUMENTS[node.op](*args)
-        if node.op in _OF_NODE:
-            return _OF_NODE[node.op](node, args)
-        return functions.increasing(node.op, args[0])
 
-    def _linear(self, node: Node, args: list[Interval]) -> Interval:
-        coefficients, offset = self._coefficients[node]
-        terms = (intervals.scale(*c, x) for c, x in zip(coefficients, args, strict=True))
-        total = reduce(intervals.add, terms)
-        if offset == (0.0, 0.0):
-            return total
-        return intervals.add(total, (np.full_like(total[0], offset[0]), np.full_like(total[0], offset[1])))
+def _enclosure(node: Node, args: list[Interval], like: np.ndarray) -> Interval:
+    if node.op == "constant":
+        return _number(node.data, like)
+    if node.op == "truth":
+        return np.full_like(like, bool(node.data)), np.full_like(like, bool(node.data))
+    if node.op in _OF_ARGUMENTS:
+        return _OF_ARGUMENTS[node.op](*args)
+    of_node = _OF_NODE.get(node.op)
+    return of_node(node, args) if of_node else functions.increasing(node.op, args[0])
 
 
-def _enclose(value: Any) -> tuple[float, float]:
-    fraction = Fraction(value)
-    return functions.number_around(fraction.numerator, fraction.denominator)
+def _number(value: Fraction, like: np.ndarray) -> Interval:
+    low, high = functions.number_around(value)
+    return np.full(like.shape, low), np.full(like.shape, high)
+
+
+def _linear(node: Node, args: list[Interval]) -> Interval:
+    (offset, coefficients), like = node.data, args[0][0]
+    terms = [intervals.multiply(_number(c, like), x) for c, x in zip(coefficients, args, strict=True)]
+    return reduce(intervals.add, [*terms, _number(offset, like)])
 
 
 def _monomial(node: Node, args: list[Interval]) -> Interval:
@@ -107,12 +96,6 @@ def _positive(node: Node, args: list[Interval]) -> Interval:
     return _truth((low >= 0) & ~pinned, (high <= 0) & ~pinned)
 
 
-def _zero(node: Node, args: list[Interval]) -> Interval:
-    low, high = args[0]
-    pinned = (low == 0) & (high == 0)
-    return _truth(pinned, (low > 0) | (high < 0) | (bool(node.data) & ~pinned))
-
-
 def _choose(node: Node, args: list[Interval]) -> Interval:
     (true, possible), a, b = args
     open_hull = intervals.everything(a[0]) if node.data else intervals.hull(a, b)
@@ -139,9 +122,9 @@ _OF_ARGUMENTS: dict[str, Callable[..., Interval]] = {
     "decreasing": _decreasing,
 }
 _OF_NODE: dict[str, Callable[[Node, list[Interval]], Interval]] = {
+    "linear": _linear,
     "monomial": _monomial,
     "real_power": lambda node, args: functions.real_power(args[0], node.data),
     "positive": _positive,
-    "zero": _zero,
     "choose": _choose,
 }

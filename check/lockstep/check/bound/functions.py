@@ -57,10 +57,11 @@ def _around(value: flint.arb) -> tuple[float, float]:
     return (below if flint.arb(below) <= value else -INF), (above if value <= flint.arb(above) else INF)
 
 
-def number_around(numerator: int, denominator: int) -> tuple[float, float]:
+@lru_cache(maxsize=1 << 16)
+def number_around(value: Fraction) -> tuple[float, float]:
     """Return doubles around a rational number, equal if it is one."""
     with flint.ctx.workprec(BITS):
-        return _around(flint.arb(flint.fmpq(numerator, denominator)))
+        return _around(flint.arb(flint.fmpq(value.numerator, value.denominator)))
 
 
 def _at_points(name: str, x: Endpoints) -> Interval:

@@ -16,7 +16,7 @@ def split_cases(value: Node) -> Node:
     """
     uses: dict[Node, int] = {}
     for node in order([value]):
-        for condition in {a for a in node.args if a.op in ("positive", "zero")}:
+        for condition in {a for a in node.args if a.op == "positive"}:
             uses[condition] = uses.get(condition, 0) + 1
     shared = [c for c, count in uses.items() if count > 1]
     for condition in shared if len(shared) <= MOST_CASES else []:
@@ -27,21 +27,20 @@ def split_cases(value: Node) -> Node:
 
 def unit_vectors(value: Node) -> Node:
     """Return the sum with direction(x, y)^2 + direction(y, x)^2 = 1 carried out, at the origin as a limit."""
-    changed = True
-    while changed:
-        changed = False
-        offset, terms = linear_terms(value)
-        left = {node: c for c, node in terms}
-        for node, c in list(left.items()):
-            for d, partner in _partners(node):
-                if node in left and partner is not node and left.get(partner) == c:
-                    del left[node], left[partner]
-                    value = linear(offset, [*((k, n) for n, k in left.items()), (c, d)])
-                    changed = True
-                    break
-            if changed:
-                break
+    while (shorter := _one_pair_less(value)) is not None:
+        value = shorter
     return value
+
+
+def _one_pair_less(value: Node) -> Node | None:
+    offset, terms = linear_terms(value)
+    left = {node: c for c, node in terms}
+    for node, c in left.items():
+        for rest, partner in _partners(node):
+            if partner is not node and left.get(partner) == c:
+                kept = [(k, n) for n, k in left.items() if n not in (node, partner)]
+                return linear(offset, [*kept, (c, rest)])
+    return None
 
 
 def _partners(node: Node) -> list[tuple[Node, Node]]:

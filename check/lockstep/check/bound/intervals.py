@@ -86,23 +86,6 @@ def multiply(x: Interval, y: Interval) -> Interval:
     )
 
 
-def scale(lower: float, upper: float, x: Interval) -> Interval:
-    """Return c x for a number c of one sign in [lower, upper], with 0 not inside."""
-    if lower != upper:
-        return multiply((np.full_like(x[0], lower), np.full_like(x[0], upper)), x)
-    if upper < 0:
-        return scale(-upper, -lower, negative(x))
-    if upper == 1:
-        return x
-    low, high = upper * x[0], upper * x[1]
-    exact = _trivial(x)
-    lower_end, upper_end = np.where(exact, low, down(low)), np.where(exact, high, up(high))
-    return sound(
-        np.where(x[0] >= 0, np.maximum(lower_end, 0.0), lower_end),
-        np.where(x[1] <= 0, np.minimum(upper_end, 0.0), upper_end),
-    )
-
-
 def inverse(x: Interval) -> Interval:
     """Return 1/x; everything where x holds 0 inside, half a line where 0 is an endpoint."""
     low, high = 1.0 / x[1], 1.0 / x[0]
@@ -154,12 +137,6 @@ def power(x: Interval, exponent: int) -> Interval:
         return inverse(power(x, -exponent))
     if exponent == 1:
         return x
-    if exponent == 2:
-        near, far = mignitude(x), magnitude(x)
-        low, high = near * near, far * far
-        exact_low, exact_high = (near == 0) | (near == 1), (far == 0) | (far == 1)
-        low = np.where(exact_low, low, np.maximum(np.minimum(down(low), LARGEST), 0.0))
-        return low, np.where(exact_high, high, up(high))
     if exponent % 2 == 0:
         near, far = mignitude(x), magnitude(x)
         low, high = _rounded_power(near, exponent, upward=False), _rounded_power(far, exponent, upward=True)

@@ -7,14 +7,13 @@ the whole box the operation is not used there.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
 
 from lockstep.check.bound import functions
 from lockstep.check.bound.enclosure import Boxes, Program
-from lockstep.check.expression.condition import HOLDS, Condition
+from lockstep.check.expression.condition import HOLDS, Condition, changed
 from lockstep.check.expression.node import Node
 
 Holds = Annotated[np.ndarray, " boxes"]
@@ -49,10 +48,7 @@ class Conditions:
 
     def changed(self, change: Callable[[Sequence[Node]], Sequence[Node]]) -> Conditions:
         """Return the conditions with their guards and arguments changed, all at once."""
-        rest = iter(change(self.nodes))
-        return Conditions(
-            [replace(c, guard=next(rest), args=tuple(next(rest) for _ in c.args)) for c in self.conditions]
-        )
+        return Conditions(changed(self.conditions, change))
 
     def open_on(self, lower: Boxes, upper: Boxes) -> Conditions:
         """Return those that do not surely hold on every one of the boxes."""

@@ -76,7 +76,7 @@ SOURCE_TOP = """
 #endif
 #if !defined(FLT_EVAL_METHOD)
 #error "This compiler's float.h has no FLT_EVAL_METHOD (C99): how it rounds is not known."
-#elif FLT_EVAL_METHOD != 0
+#elif (FLT_EVAL_METHOD != 0) && (FLT_EVAL_METHOD != 16)
 #error "Each operation must round to its own type (FLT_EVAL_METHOD 0); x87 arithmetic does not."
 #endif
 #if (FLT_RADIX != 2) || (DIGITS)
@@ -90,7 +90,7 @@ SOURCE_TOP = """
 #endif
 #elif defined(__GNUC__)
 #define LOCKSTEP_ONE_COPY __attribute__((noinline, noclone))
-#pragma GCC optimize("fp-contract=off")
+#pragma GCC optimize("fp-contract=off", "no-tree-vectorize")
 #else
 #define LOCKSTEP_ONE_COPY
 #pragma STDC FP_CONTRACT OFF
@@ -131,10 +131,10 @@ static void agent_output(const agent_state_t *state, real u[INPUTS]) {
 SIDE = "static const real {}[INPUTS] ="
 
 SOURCE_MIDDLE = """
-[limited]     agent_status_t found = status; uint32_t k;
-[limited]     for (k = 0u; (status == AGENT_OK) && (k < INPUTSu); k++) {
+[limited]     agent_status_t found = status;
+[limited]     if (status == AGENT_OK) { uint32_t k; for (k = 0u; k < INPUTSu; k++) {
 [limited]         if (state->u[k] < lower[k]) { state->u[k] = lower[k]; found = AGENT_CLIPPED; }
-[limited]         else if (state->u[k] > upper[k]) { state->u[k] = upper[k]; found = AGENT_CLIPPED; } else { } }
+[limited]         else if (state->u[k] > upper[k]) { state->u[k] = upper[k]; found = AGENT_CLIPPED; } else { } } }
 [limited]     return found; }
 void agent_reset(agent_state_t *state) { uint32_t k;
 [hears] uint32_t j;
@@ -151,29 +151,28 @@ LOCKSTEP_ONE_COPY agent_status_t agent_step_relative(agent_state_t *state, const
 [size]  status = agent_advance(state, r, agent_check(r, OUTPUTSu));
 [limited] status = agent_clip(state, status);
     } else { agent_reset(state); } agent_output(state, u); return status; }
-[hears][speed] static void
-[hears][size]  static real
-[hears] agent_relative(const agent_state_t *state, const real y[OUTPUTS], const real neighbour_y[MESSAGES],
+[hears] static agent_mask_t agent_usable(const real neighbour_y[MESSAGES], agent_mask_t received) {
+[hears]     agent_mask_t usable = 0u; uint32_t j;
+[hears]LOOP
+[hears]     for (j = 0u; j < NEIGHBOURSu; j++) {
+[hears]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j);
+[hears]         if (((received & bit) != 0u) && (agent_check(&neighbour_y[j * OUTPUTSu], OUTPUTSu) == ZERO)) {
+[hears]             usable |= bit; } } return usable; }
+[hears] static void agent_relative(const agent_state_t *state, const real y[OUTPUTS], const real neighbour_y[MESSAGES],
 [hears]     agent_mask_t received, real r[OUTPUTS]) {
 """
 
 WEIGHTS = "static const real weight[NEIGHBOURS] ="
 
 SOURCE_STEP = """
-[hears][size] real check = ZERO;
-[hears]     uint32_t j; uint32_t k; for (k = 0u; k < OUTPUTSu; k++) { r[k] = ZERO;
-[hears][size] check = check + (y[k] - y[k]);
-[hears]     } for (j = 0u; j < NEIGHBOURSu; j++) {
+[hears]     uint32_t j; uint32_t k; for (k = 0u; k < OUTPUTSu; k++) { r[k] = ZERO; } for (j = 0u; j < NEIGHBOURSu; j++) {
 [hears]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j); const real *source = y;
 [hears]         if ((received & bit) != 0u) { source = &neighbour_y[j * OUTPUTSu]; }
 [hears]         else if ((state->heard & bit) != 0u) { source = state->held[j]; } else { }
 [hears]         for (k = 0u; k < OUTPUTSu; k++) { const real difference = y[k] - source[k];
 [hears][unit]       r[k] = r[k] + difference;
 [hears][weighted]   const real term = weight[j] * difference; r[k] = r[k] + term;
-[hears][size]       check = check + (source[k] - source[k]);
-[hears] } }
-[hears][size] return check;
-[hears] } static void agent_remember(agent_state_t *state, const real neighbour_y[MESSAGES], agent_mask_t received,
+[hears] } } } static void agent_remember(agent_state_t *state, const real neighbour_y[MESSAGES], agent_mask_t received,
 [hears]     agent_status_t status) { uint32_t j; uint32_t k; for (j = 0u; j < NEIGHBOURSu; j++) {
 [hears]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j);
 [hears]         if ((received & bit) == 0u) { state->misses[j] += (state->misses[j] < UINT32_MAX) ? 1u : 0u; }
@@ -181,20 +180,14 @@ SOURCE_STEP = """
 [hears]             for (k = 0u; k < OUTPUTSu; k++) { state->held[j][k] = neighbour_y[(j * OUTPUTSu) + k]; }
 [hears]             state->heard |= bit; state->age[j] = 0u; }
 [hears]         else { state->age[j] += (state->age[j] < UINT32_MAX) ? 1u : 0u; } } }
-[hears][speed] static agent_status_t agent_fault(const real y[OUTPUTS], const real neighbour_y[MESSAGES],
-[hears][speed]     agent_mask_t received) { real check = agent_check(y, OUTPUTSu); uint32_t j;
-[hears][speed]     for (j = 0u; j < NEIGHBOURSu; j++) {
-[hears][speed]         const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j);
-[hears][speed]         if ((received & bit) != 0u) { check = check + agent_check(&neighbour_y[j * OUTPUTSu], OUTPUTSu); } }
-[hears][speed]     return (check == ZERO) ? AGENT_OVERFLOW : AGENT_NOT_FINITE; }
 LOCKSTEP_ONE_COPY EXCHANGE(
     agent_state_t *state, const real y[OUTPUTS], HEARD, agent_mask_t received, real u[INPUTS]) {
-[hears]        READY real r[OUTPUTS];
-[hears][speed] agent_relative(state, y, neighbour_y, received, r); status = agent_advance(state, r);
-[hears][speed] if (status != AGENT_OK) { status = agent_fault(y, neighbour_y, received); }
-[hears][size]  const real inputs = agent_relative(state, y, neighbour_y, received, r);
-[hears][size]  status = agent_advance(state, r, inputs);
-[hears]        agent_remember(state, neighbour_y, received, status);
+[hears]        READY real r[OUTPUTS]; const agent_mask_t usable = agent_usable(neighbour_y, received);
+[hears]        agent_relative(state, y, neighbour_y, usable, r);
+[hears][speed] status = agent_advance(state, r);
+[hears][speed] if ((status != AGENT_OK) && (agent_check(y, OUTPUTSu) != ZERO)) { status = AGENT_NOT_FINITE; }
+[hears][size]  status = agent_advance(state, r, agent_check(y, OUTPUTSu));
+[hears]        agent_remember(state, neighbour_y, usable, status);
 [alone]        const real r[OUTPUTS] = { NOTHING }; agent_status_t status = AGENT_NOT_READY;
 [alone]        (void)neighbour_y; (void)received; if (state->ready == AGENT_DESIGN_WORD) {
 [alone][speed] status = AGENT_NOT_FINITE; if (agent_check(y, OUTPUTSu) == ZERO) { status = agent_advance(state, r); }
@@ -227,9 +220,14 @@ KNOWN = "static const real {}[{}] ="
 SELF_CHECK_END = """
     static const real zeros[2] = { -ZERO, ZERO }; volatile uint32_t first = 0u;
     const real plus = ZERO + zeros[first & 1u];
-    const uint8_t *bytes = (const uint8_t *)&plus; agent_state_t state; uint32_t differs = 0u; uint32_t j; uint32_t k;
+    const uint8_t *bytes = (const uint8_t *)&plus; real bad[NUMBERS]; real none; uint8_t *bits = (uint8_t *)&none;
+    agent_state_t state; real u[INPUTS]; uint32_t differs = 0u; uint32_t j; uint32_t k;
     agent_start(&state); for (k = first; k < sizeof(plus); k++) { differs |= bytes[k]; }
-LOOP for (k = first; k < ANSWERSu; k++) { const real scale = (k == 0u) ? SCALE; real u[INPUTS];
+    for (k = 0u; k < sizeof(none); k++) { bits[k] = (uint8_t)~first; } for (k = 0u; k < NUMBERSu; k++) { bad[k] = none; }
+    differs |= (agent_step_relative(&state, bad, u) == AGENT_NOT_FINITE) ? 0u : 1u;
+[hears] differs |= (STEPS(&state, &given[OUTPUTSu], bad, 1u, u) == AGENT_OK) ? 0u : 1u;
+[hears] differs |= (state.age[0] == 1u) ? 0u : 1u;
+LOOP for (k = first; k < ANSWERSu; k++) { const real scale = (k == 0u) ? SCALE;
 [hears] if (k == 0u) { (void)agent_step_relative(&state, given, u); } else { (void)STEPS(&state,
 [hears]     &given[k * OUTPUTSu], &given[(k + 1u) * OUTPUTSu], AGENT_ALL_RECEIVED, u); }
 [alone] (void)agent_step_relative(&state, &given[k * OUTPUTSu], u);

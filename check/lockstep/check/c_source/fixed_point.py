@@ -6,9 +6,14 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from lockstep.check.c_source import expected as c
-from lockstep.check.c_source.reader import MAX_NEIGHBOURS, macro, sources
+from lockstep.check.c_source.reader import COUNT, MAX_NEIGHBOURS, in_microseconds, macro, sources
 from lockstep.check.c_source.tokens import CText, tokens_of
 from lockstep.check.sampled.fixed_point import SHIFTS, FixedController
+
+STATUSES = """
+typedef enum { AGENT_FIXED_OK = 0, AGENT_FIXED_NOT_READY = 3, AGENT_FIXED_CLIPPED = 8, AGENT_FIXED_SATURATED = 16
+} agent_fixed_status_t; typedef struct {
+"""
 
 HEADER = """
 [state] int32_t x[ORDER];
@@ -26,7 +31,7 @@ agent_fixed_status_t agent_fixed_step(agent_fixed_state_t *state, const int16_t 
 
 SOURCE = """
 #include "agent_fixed.h"
-#if defined(__GNUC__) && !defined(__clang__)
+#if defined(__GNUC__) && !defined(__clang__) && defined(__OPTIMIZE__)
 #pragma GCC optimize("Os")
 #endif
 static int32_t agent_fixed_scaled(int32_t value, uint32_t bits) {
@@ -38,15 +43,16 @@ static int32_t agent_fixed_scaled(int32_t value, uint32_t bits) {
 [state]     return (int32_t)shifted - 131072; }
 [state] static int32_t agent_fixed_low(int32_t value) {
 [state]     const uint32_t rest = (uint32_t)value & 0x3fffu; return (int32_t)rest; }
-static int32_t agent_fixed_limited(int32_t value, int32_t lowest, int32_t highest, uint32_t *saturated) {
-    int32_t found = value; if (value < lowest) { found = lowest; *saturated = 1u; }
-    else if (value > highest) { found = highest; *saturated = 1u; } else { } return found; }
-static uint32_t agent_fixed_advance(agent_fixed_state_t *state, const int32_t sum[OUTPUTS]) {
-    uint32_t saturated = 0u; INTO
+static int32_t agent_fixed_limited(int32_t value, int32_t lowest, int32_t highest, uint32_t *met) {
+    int32_t found = value; if (value < lowest) { found = lowest; *met = 1u; }
+    else if (value > highest) { found = highest; *met = 1u; } else { } return found; }
+static agent_fixed_status_t agent_fixed_advance(agent_fixed_state_t *state, const int32_t sum[OUTPUTS]) {
+    agent_fixed_status_t status = AGENT_FIXED_OK; uint32_t saturated = 0u; uint32_t clipped = 0u; INTO
 """
 
 SOURCE_END = """
-    return saturated; } void agent_fixed_reset(agent_fixed_state_t *state) { uint32_t k;
+    if (saturated != 0u) { status = AGENT_FIXED_SATURATED; } else if (clipped != 0u) { status = AGENT_FIXED_CLIPPED; }
+    else { } return status; } void agent_fixed_reset(agent_fixed_state_t *state) { uint32_t k;
 [hears] uint32_t j;
 [state] for (k = 0u; k < ORDERu; k++) { state->x[k] = 0; }
     for (k = 0u; k < INPUTSu; k++) { state->u[k] = 0; }
@@ -69,12 +75,12 @@ agent_fixed_status_t agent_fixed_step(agent_fixed_state_t *state, const int16_t 
 [hears]     if ((state->heard & bit) != 0u) { for (k = 0u; k < OUTPUTSu; k++) {
 [hears]         sum[k] += (int32_t)y[k] - (int32_t)state->held[j][k]; } } }
 [alone] (void)y; (void)neighbour_y; (void)received;
-    status = (agent_fixed_advance(state, sum) == 0u) ? AGENT_FIXED_OK : AGENT_FIXED_SATURATED; }
-    else { agent_fixed_reset(state); }
+    status = agent_fixed_advance(state, sum); } else { agent_fixed_reset(state); }
     for (k = 0u; k < INPUTSu; k++) { u[k] = state->u[k]; } return status; }
 """
 
-_COUNT, _INTEGER = re.compile("0|[1-9][0-9]?"), re.compile("[1-9][0-9]{0,9}|0")
+_INTEGER = re.compile("[1-9][0-9]{0,9}|0")
+_PERIOD = re.compile(r"[0-9]{1,30}(\.[0-9]{1,30})?(e-?[0-9]{1,2})?")
 
 
 class ReadFixed(NamedTuple):
@@ -116,25 +122,26 @@ def read_fixed(name: str, header: str, source: str, names: Sequence[str]) -> Rea
     prefix = f"{name.upper()}_FIXED_"
     top.expect(c.expected(c.HEADER_TOP.replace("AGENT_H", "AGENT_FIXED_H"), set(), words))
     n, q, m, nn = (
-        int(macro(top, prefix + key, _COUNT)) for key in ("ORDER", "OUTPUTS", "INPUTS", "NEIGHBOURS")
+        int(macro(top, prefix + key, COUNT)[:-1]) for key in ("ORDER", "OUTPUTS", "INPUTS", "NEIGHBOURS")
     )
     if not (q and m and nn <= MAX_NEIGHBOURS):
         raise top.refusal(f"no agent has {q} outputs, {m} inputs, {nn} neighbours")
-    period = float(macro(top, f"{prefix}PERIOD_S", re.compile(r"[0-9.]{1,30}(e-?[0-9]{1,2})?")))
+    period = macro(top, f"{prefix}PERIOD_S", _PERIOD)
+    top.expect(in_microseconds(prefix[:-1], period))
     macro(top, f"{prefix}DESIGN_WORD", re.compile("0x[0-9a-f]{8}u"))
     exponent = re.compile(r"\((?:0|-?[1-9][0-9]?)\)")
     formats = [
         tuple(int(macro(top, f"{prefix}{letter}{k}_EXPONENT", exponent)[1:-1]) for k in range(count))
         for letter, count in (("X", n), ("Y", q), ("U", m))
     ]
-    names_of = "typedef enum { AGENT_FIXED_OK = 0, AGENT_FIXED_NOT_READY = 3, AGENT_FIXED_SATURATED = 8 }"
-    top.expect(c.expected(f"{names_of} agent_fixed_status_t; typedef struct {{", set(), words))
+    top.expect(c.expected(STATUSES, set(), words))
     sizes = {"ORDER": n, "OUTPUTS": q, "INPUTS": m, "NEIGHBOURS": nn}
     words |= {key: str(size) for key, size in sizes.items()}
     words |= {"MASK": "uint64_t" if nn > 32 else "uint32_t"}
     words |= {"HEARD": f"neighbour_y[{nn * q}]" if nn else "*neighbour_y"}
     split = [f"const int32_t {p}{k} = {name}_fixed_{f}(state->x[{k}]);" for k in range(n) for p, f in _PARTS]
-    held = [f"{_limited(name, k)}-32767, 32767, &saturated);" for k in range(q)]
+    limited = f"{name}_fixed_limited"
+    held = [f"const int32_t r{k} = {limited}(sum[{k}], -32767, 32767, &saturated);" for k in range(q)]
     words["INTO"] = " ".join(held + split)
     kinds = {"hears" if nn else "alone"} | ({"state"} if n else set())
     top.expect(c.expected(HEADER, kinds, words))
@@ -142,15 +149,15 @@ def read_fixed(name: str, header: str, source: str, names: Sequence[str]) -> Rea
     code.expect(c.expected(SOURCE, kinds, words))
     rows = [_row(code, name, i, n, q) for i in range(n + m)]
     for k in range(n):
-        value = f"{name}_fixed_limited(state->x[{k}] + v{k}, -268435456, 268435456, &saturated);"
+        value = f"{limited}(state->x[{k}] + v{k}, -268435456, 268435456, &saturated);"
         code.expect(f"state->x[{k}] = {value}")
     sides = []
     for k in range(m):
-        code.expect(f"state->u[{k}] = (int16_t){name}_fixed_limited(v{n + k}, -")
+        code.expect(f"state->u[{k}] = (int16_t){limited}(v{n + k}, -")
         low = _integer(code)
         code.expect(",")
         sides.append((-low, _integer(code)))
-        code.expect(", &saturated);")
+        code.expect(", &clipped);")
     code.expect(c.expected(SOURCE_END, kinds, words))
     code.end()
     heard, weights = sources(top, header, names, nn)
@@ -159,14 +166,10 @@ def read_fixed(name: str, header: str, source: str, names: Sequence[str]) -> Rea
     a, h, d, g = zip(*rows, strict=True)
     x, r, u = formats
     integers = FixedController(a, h, d, g, x, r, u, tuple(sides))
-    return ReadFixed(integers, heard, period)
+    return ReadFixed(integers, heard, float(period))
 
 
 _PARTS = (("h", "high"), ("l", "low"))
-
-
-def _limited(name: str, k: int) -> str:
-    return f"const int32_t r{k} = {name}_fixed_limited(sum[{k}], "
 
 
 def _integer(file: CText) -> int:

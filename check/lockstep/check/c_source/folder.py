@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.c_source.one_image import read_node
-from lockstep.check.c_source.reader import ReadController, read_controller
-from lockstep.check.c_source.tokens import CText, nearest
-from lockstep.check.design_file.json_text import parse_json
+from lockstep.check.c_source.reader import AGENT, ReadController, read_controller
+from lockstep.check.c_source.tokens import CText
+from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.errors import NotCertified, demand
 from lockstep.check.files import named, text_inside
+from lockstep.check.json_text import parse_json
 from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.discretise import clipped_at
 from lockstep.check.sampled_claims import CheckedFile
-from lockstep.check.system.problem import ProblemTables
 from lockstep.check.verdict import Verdict
 from lockstep.check.wording import shorten
 
@@ -51,7 +51,10 @@ def controllers_in(
         return held, Verdict("undecided", "`spectrum` names many graphs, and this C the neighbours of one")
     read: dict[str, ReadController] = {}
     try:
-        if extra := _unread(folder, [*cores, f"{base}_node"] if image else cores, str(listed.get("name"))):
+        demand(
+            AGENT.fullmatch(cores[-1]), f"`{shorten(base)}` begins no C identifier", "manifest.json, `prefix`"
+        )
+        if extra := _unread(folder, cores, f"{base}_node" if image else "", str(listed.get("name"))):
             return held, Verdict("undecided", f"{extra}: a compiler may read it, and nothing here does")
         for name in cores:
             read[name] = read_controller(name, *_pair(folder, name), [] if image else cores)
@@ -70,7 +73,7 @@ def controllers_in(
         period = stored.problem.period
         rounded = float(np.float32(period) if one.real == "float32" else period)
         same = {
-            "period": nearest(one.period_literal, one.real) == rounded,
+            "period": one.period == rounded,
             "arithmetic": one.real == stored.problem.controller["real"],
             "gains": np.array_equal(theirs.table, mine.table),
             "neighbours": theirs.sources == mine.sources and (not image or rows),
@@ -83,38 +86,40 @@ def controllers_in(
         found.append(theirs)
     said = f"the C of {cores[0]}{', ...' if len(cores) > 1 else ''} holds the design's controllers, and no other code"
     if image:
+        said += f" but {base}_node_table, where there is one: a function that fills a list, which is not read"
         degree = max(len(one.sources) for one in held)
         given = "rows" if alike else "numbers and rows"
         of = "a graph with its spectrum" if many else "its graph"
         said += (
             f"; nodes are given their {given} of {of}, of in-degree {degree} at most, a list holding {most}"
         )
-        said += f"; {base}_node_table, a function that fills a list, is not read"
     return tuple(found), Verdict("proved", said)
 
 
-def _unread(folder: Path, names: Sequence[str], table: str) -> str:
+def _unread(folder: Path, cores: Sequence[str], node: str, table: str) -> str:
     """Return an entry of include/ or src/ that is neither read here nor the table of the controllers, or nothing.
 
     A header that stands there is found before one of the compiler's: no `stdint.h`, no precompiled `arm1.h.gch`. The table,
-    whose name is chosen freely, includes the agents' headers and declares and initialises names of its own: no directive says
-    more, and no function's body begins, so that it is no code whatever it is called. That of a graph is read by nobody here.
+    whose name ends as no compiler's header does, includes the agents' headers and declares and initialises names of its
+    own: no directive says more, and no function's body begins, so that it is no code whatever it is called. That of an
+    image's graph is read by nobody here.
+
+    Args:
+        folder: of the C.
+        cores: names of the controllers;  node: of an image's nodes, or nothing;  table: of the table of the controllers.
     """
-    graph = f"{names[-1]}_table"
+    names = [*cores, node, f"{node}_table"] if node else list(cores)
+    names += [table] if re.fullmatch("[A-Za-z][A-Za-z0-9_]*_controllers", table) else []
     for part, end in (("include", "h"), ("src", "c")):
         with named(folder / part, "a folder"):
             there = sorted(one.name for one in (folder / part).iterdir())
         for name in there:
-            if name not in {f"{one}.{end}" for one in (*names, table, graph)}:
+            if name not in {f"{one}.{end}" for one in names}:
                 return f"{part}/{shorten(name)}"
-        path, known, own = (
-            f"{part}/{table}.{end}",
-            "|".join((*names, re.escape(table))),
-            re.escape(table.upper()),
-        )
+        path, known, own = f"{part}/{table}.{end}", "|".join(names), re.escape(table.upper())
         form = re.compile(
             rf'#include ("({known})\.h"|<stdint\.h>)|#ifdef __cplusplus|#endif|#(ifndef|define) {own}_H'
-            rf'|#define {own}_[A-Z0-9_]+ [0-9]+|(?!asm$)[A-Za-z]\w*|[0-9]\w*|"[^"]*"|[{{}},;=*()]|\[|\]',
+            rf'|#define {own}_[A-Z0-9_]+ [0-9]+u?|(?!asm$)[A-Za-z]\w*|[0-9]\w*|"[^"]*"|[{{}},;=*()]|\[|\]',
             re.ASCII,
         )
         tokens = CText(path, text_inside(folder, path)).tokens[:-1] if f"{table}.{end}" in there else []

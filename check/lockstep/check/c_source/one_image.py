@@ -13,10 +13,10 @@ from lockstep.check.c_source import expected as c
 from lockstep.check.c_source.reader import DOUBLE, MAX_NEIGHBOURS, OF_REAL, SINGLE, ReadController, macro
 from lockstep.check.c_source.tokens import CText
 
-_COUNT = re.compile("[1-9][0-9]?")
+_COUNT = re.compile("[1-9][0-9]?u")
 
 HEADER = """
-#define AGENT_NUMBERS COUNT
+#define AGENT_NUMBERS COUNTu
 typedef MASK agent_mask_t; typedef enum { AGENT_OK = 0, AGENT_NOT_FINITE = 1, AGENT_OVERFLOW = 2,
     AGENT_NOT_READY = 3, AGENT_UNFIT = 4, AGENT_TOO_MANY = 5
 [limited] , AGENT_CLIPPED = 8
@@ -40,6 +40,11 @@ SOURCE = """
 static agent_status_t agent_advance(agent_state_t *state, const real r[OUTPUTS], real u[INPUTS]) { ADVANCE }
 static real agent_check(const real *values, uint32_t count) { real check = ZERO; uint32_t k;
     for (k = 0u; k < count; k++) { check = check + (values[k] - values[k]); } return check; }
+static agent_mask_t agent_usable(uint32_t count, const real *neighbour_y, agent_mask_t received) {
+    agent_mask_t usable = 0u; uint32_t j; for (j = 0u; j < count; j++) {
+        const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j);
+        if (((received & bit) != 0u) && (agent_check(&neighbour_y[j * OUTPUTSu], OUTPUTSu) == ZERO)) {
+            usable |= bit; } } return usable; }
 LOCKSTEP_ONE_COPY static void agent_relative(const agent_state_t *state, const agent_list_t *list,
     const real y[OUTPUTS], const real *neighbour_y, agent_mask_t received, real r[OUTPUTS]) { uint32_t j; uint32_t k;
     for (k = 0u; k < OUTPUTSu; k++) { r[k] = y[k] - y[k]; } for (j = 0u; j < list->count; j++) {
@@ -56,11 +61,6 @@ static void agent_remember(agent_state_t *state, uint32_t count, const real *nei
             for (k = 0u; k < OUTPUTSu; k++) { state->held[j][k] = neighbour_y[(j * OUTPUTSu) + k]; }
             state->heard |= bit; state->age[j] = 0u; }
         else { state->age[j] += (state->age[j] < UINT32_MAX) ? 1u : 0u; } } }
-static agent_status_t agent_fault(uint32_t count, const real y[OUTPUTS], const real *neighbour_y,
-    agent_mask_t received) { real check = agent_check(y, OUTPUTSu); uint32_t j; for (j = 0u; j < count; j++) {
-        const agent_mask_t bit = (agent_mask_t)((agent_mask_t)1u << j);
-        if ((received & bit) != 0u) { check = check + agent_check(&neighbour_y[j * OUTPUTSu], OUTPUTSu); } }
-    return (check == ZERO) ? AGENT_OVERFLOW : AGENT_NOT_FINITE; }
 static void agent_output(const agent_state_t *state, real u[INPUTS]) {
     uint32_t k; for (k = 0u; k < INPUTSu; k++) { u[k] = state->u[k]; } }
 void agent_reset(agent_state_t *state) { uint32_t j; uint32_t k; RESET
@@ -77,9 +77,11 @@ LOCKSTEP_ONE_COPY agent_status_t agent_step(agent_state_t *state, const agent_li
     const real *neighbour_y, agent_mask_t received, real u[INPUTS]) { agent_status_t status = AGENT_NOT_READY;
     if (state->ready != READY) { agent_reset(state); }
     else if (list->count > MOSTu) { status = AGENT_TOO_MANY; } else { real r[OUTPUTS];
-        agent_relative(state, list, y, neighbour_y, received, r); status = agent_advance(state, r, state->u);
-        if (FAULTY) { status = agent_fault(list->count, y, neighbour_y, received); }
-        agent_remember(state, list->count, neighbour_y, received, KEPT); }
+        const agent_mask_t usable = agent_usable(list->count, neighbour_y, received);
+        agent_relative(state, list, y, neighbour_y, usable, r); status = agent_advance(state, r, state->u);
+        if ((status == AGENT_NOT_FINITE) || (status == AGENT_OVERFLOW)) {
+            status = (agent_check(y, OUTPUTSu) == ZERO) ? AGENT_OVERFLOW : AGENT_NOT_FINITE; }
+        agent_remember(state, list->count, neighbour_y, usable, KEPT); }
     agent_output(state, u); return status; }
 [limited] agent_status_t agent_applied(agent_state_t *state, const real u[INPUTS]) { agent_status_t status = AGENT_NOT_READY;
 [limited]     if (state->ready == READY) { uint32_t k; APPLY } return status; }
@@ -116,7 +118,7 @@ def read_node(name: str, cores: Sequence[str], one: ReadController, header: str,
     top.expect(c.expected("#ifndef AGENT_H\n#define AGENT_H", set(), words))
     top.expect("".join(f'#include "{core}.h"\n' for core in cores))
     top.expect(c.expected(c.HEADER_TOP.split("#define AGENT_H\n")[1], set(), words))
-    most = macro(top, f"{name.upper()}_MAX_NEIGHBOURS", _COUNT)
+    most = macro(top, f"{name.upper()}_MAX_NEIGHBOURS", _COUNT)[:-1]
     if int(most) > MAX_NEIGHBOURS:
         raise top.refusal(f"a list of at most `{most}` neighbours")
     known = min(2, int(most))
@@ -142,7 +144,6 @@ def _words(name: str, cores: Sequence[str], one: ReadController) -> dict[str, st
     words |= {"OUTPUTS": str(one.controller.outputs), "INPUTS": str(one.controller.inputs)}
     words["READY"] = f"{cores[0].upper()}_DESIGN_WORD"
     OK, CLIPPED, clips = f"{name.upper()}_OK", f"{name.upper()}_CLIPPED", one.limits is not None
-    words["FAULTY"] = f"(status != {OK}) && (status != {CLIPPED})" if clips else f"status != {OK}"
     words["KEPT"] = f"(status == {CLIPPED}) ? {OK} : status" if clips else "status"
     keep = f"for (k = 0u; k < {words['INPUTS']}u; k++) {{ state->u[k] = state->controller.u[k]; }}"
     if len(cores) == 1:

@@ -9,6 +9,7 @@ one thing that no code says.
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Annotated
 
 import numpy as np
@@ -20,8 +21,8 @@ from lockstep.check.errors import demand
 from lockstep.check.sampled.controller import PRECISIONS, HeldController
 from lockstep.check.sampled.discretise import Real
 
-_AGENT = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")
-_COUNT = re.compile("0|[1-9][0-9]{0,2}")
+AGENT = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")
+COUNT = re.compile("(?:0|[1-9][0-9]{0,2})u")
 _SOURCE = re.compile(
     r"^ \* +neighbour ([0-9]+) +([A-Za-z][A-Za-z0-9_]*), weight a = ([^ ,]{1,99}), bit 0x[0-9a-f]+ of `received`$",
     re.MULTILINE,
@@ -42,16 +43,14 @@ _LOOPS_FROM = 9
 
 @dataclass(frozen=True, eq=False)
 class ReadController:
-    """One agent as its C has it: its controller, the period in s of its header, its arithmetic, where u is clipped, and what
-    is taken from its own output and from its neighbours'.
+    """One agent as its C has it: its controller, the period in s of its header, as its arithmetic has it, this arithmetic,
+    where u is clipped, and what is taken from its own output and from its neighbours'.
 
     The numbers of its self-check are read and not judged: they can only keep from running what is proved.
     """
 
-    name: str
     controller: HeldController
     period: float
-    period_literal: str
     real: Real
     limits: Annotated[np.ndarray, "m 2"] | None = None
     offsets: Annotated[np.ndarray, "nn+1 q"] | None = None
@@ -69,11 +68,13 @@ def read_controller(name: str, header: str, source: str, names: Sequence[str]) -
         NotCertified: the text is not of the form that `lockstep generate` writes.
         ProblemError: the name is no C identifier.
     """
-    demand(_AGENT.fullmatch(name), f"`{name}` is no C identifier", "agent")
+    demand(AGENT.fullmatch(name), f"`{name}` is no C identifier", "agent")
     top, code = CText(f"include/{name}.h", header), CText(f"src/{name}.c", source)
     words = {"agent": name, "AGENT": name.upper()}
     top.expect(c.expected(c.HEADER_TOP, set(), words))
-    shape = Shape(*(int(_macro(top, words, key)) for key in ("ORDER", "OUTPUTS", "INPUTS", "NEIGHBOURS")))
+    shape = Shape(
+        *(int(_macro(top, words, key)[:-1]) for key in ("ORDER", "OUTPUTS", "INPUTS", "NEIGHBOURS"))
+    )
     # Statements are read as rows over all products: of 999 states they took 22 s and 1.3 GB.
     fits = max(shape.order, shape.outputs, shape.inputs, shape.neighbours) <= MAX_NEIGHBOURS
     if not (shape.outputs and shape.inputs and fits):
@@ -81,6 +82,7 @@ def read_controller(name: str, header: str, source: str, names: Sequence[str]) -
             f"no agent has {shape.outputs} outputs, {shape.inputs} inputs, {shape.neighbours} neighbours, order {shape.order}"
         )
     period = _macro(top, words, "PERIOD_S")
+    top.expect(in_microseconds(words["AGENT"], period))
     words["IDENTITY"] = f"0x{int(_macro(top, words, 'DESIGN_ID')[1:9], 16) | 1:08x}u"
     real: Real = "float32" if period.endswith("f") else "float64"
     agent = _Agent(code, shape, real, words)
@@ -95,9 +97,7 @@ def read_controller(name: str, header: str, source: str, names: Sequence[str]) -
     controller = HeldController.row_by_row(table, shape.order, heard, weights, PRECISIONS[real])
     if roundings is not None:
         controller = replace(controller, roundings=roundings)
-    return ReadController(
-        name, controller, float(period.rstrip("f")), period, real, agent.limits, agent.offsets
-    )
+    return ReadController(controller, top.value("", period, real), real, agent.limits, agent.offsets)
 
 
 class _Agent:
@@ -112,7 +112,12 @@ class _Agent:
         self.words |= {"NOTHING": ", ".join([zero] * q), "READY": c.expected(c.READY, set(), words)}
         self.words |= {"MASK": f"uint{bits}_t", "RECEIVED": f"0x{2**nn - 1:x}u" + "ll" * (bits > 32)}
         self.words |= {"ORDER": str(n), "OUTPUTS": str(q), "INPUTS": str(m), "NEIGHBOURS": str(nn)}
-        self.words |= {"MESSAGES": str(nn * q), "ROWS": str(n + m), "COLUMNS": str(n + q)}
+        self.words |= {
+            "MESSAGES": str(nn * q),
+            "NUMBERS": str(nn * q or q),
+            "ROWS": str(n + m),
+            "COLUMNS": str(n + q),
+        }
         self.words["HEARD"] = f"const {kind} neighbour_y[{nn * q}]" if nn else f"const {kind} *neighbour_y"
         states = (f"const {kind} x[{n}],", f"{kind} x_next[{n}],", "state->x, r, x_next,", f"{n}u +")
         self.words |= dict(
@@ -190,7 +195,9 @@ class _Agent:
         # An r_k that is read and not finite makes its row so; one that no row reads is checked by itself.
         checked = [f"x_next[{k}]" for k in range(n)] + [f"u_next[{k}]" for k in range(m)]
         checked += [f"r[{k}]" for k in range(q) if not parts["r"][:, k].any()]
-        checks = [f"check = {'check + ' * (k > 0)}({v} - {v});" for k, v in enumerate(checked)]
+        checks = [
+            f"check = check + ({v} - {v});" if k else f"check = {v} - {v};" for k, v in enumerate(checked)
+        ]
         writes = [
             f"state->{v}[{k}] = {v}_next[{k}];" for v, size in (("x", n), ("u", m)) for k in range(size)
         ]
@@ -201,7 +208,7 @@ class _Agent:
 
 def _macro(file: CText, words: dict[str, str], key: str) -> str:
     """Take a definition: the period, a literal above 0; the design's hash; or a dimension."""
-    number = macro(file, f"{words['AGENT']}_{key}", _FORMS.get(key, _COUNT))
+    number = macro(file, f"{words['AGENT']}_{key}", _FORMS.get(key, COUNT))
     if key == "PERIOD_S" and not 0 < float(number.rstrip("f")) < np.inf:
         raise file.refusal(f"the period is `{number}`")
     return number
@@ -213,6 +220,16 @@ def macro(file: CText, name: str, form: re.Pattern[str]) -> str:
     if found != name or not form.fullmatch(value):
         raise file.refusal(f"{name} is not defined in its place, in its form")
     return value
+
+
+def in_microseconds(name: str, period: str) -> str:
+    """Return the definition of a period that is whole microseconds, of any other "".
+
+    >>> in_microseconds("A1", "0.005f"), in_microseconds("A1", "0.0000005f")
+    ('#define A1_PERIOD_US 5000u', '')
+    """
+    whole = Fraction(period.rstrip("f")) * 10**6
+    return f"#define {name}_PERIOD_US {whole}u" if whole.denominator == 1 and whole < 2**32 else ""
 
 
 def sources(

@@ -2,15 +2,15 @@
 
 Along  x' = A_0 x + sum_i U_i K_i y_i + sum_c E_c w_c,  y_i = Y_i x + sum_c Y_ci w_c,  with V = x' P x,
 
-    V' + sum_c (Pi_c0 + sum_k lambda_ck Pi_ck) < 0    whenever (x, w) != 0,                 lambda_ck >= 0,
-    Pi = z' Q z - w_c' W' M W w_c,    z = C x + sum_i S_i K_i y_i.
+    V' + sum_c (Pi_c0 + sum_k tau_ck Pi_ck) < 0    whenever (x, w) != 0,                 tau_ck >= 0,
+    Pi = z' Pi_z z - w_c' C_w' Pi_w C_w w_c,    z = C_z x + sum_i D_zi K_i y_i.
 
-A channel c is a signal w_c with what is known of it: that sum_k lambda_ck Pi_ck >= 0 along the loop for all lambda_ck >= 0,
+A channel c is a signal w_c with what is known of it: that sum_k tau_ck Pi_ck >= 0 along the loop for all tau_ck >= 0,
 its cone; Pi_c0 is what is claimed beside it. F, the matrix of the left side in (x, w_1, w_2, ...), is
 
-    F = He(J P Z) + F_0 + sum lambda_ck F_ck,      J = [I; 0],   Z = [A_0 + sum_i U_i K_i Y_i, E_c + sum_i U_i K_i Y_ci, ...],
+    F = He([I; 0] P flow) + F_0 + sum tau_ck F_ck,      flow = [A_0 + sum_i U_i K_i Y_i, E_c + sum_i U_i K_i Y_ci, ...],
 
-in doubles, rationals or balls, as its parts are. A new guarantee is a new channel.
+in doubles or in rationals, as its parts are. A new guarantee is a new channel.
 """
 
 from collections.abc import Iterable, Sequence
@@ -23,17 +23,17 @@ from lockstep.check.numbers import Matrix, Stack, Vector, product, zeros
 
 
 class Term(NamedTuple):
-    """The form Pi = z' Q z - w' W' M W w with z = C x + sum_i S_i K_i y_i, w being the signal of its channel.
+    """The form Pi = z' Pi_z z - w' C_w' Pi_w C_w w with z = C_z x + sum_i D_zi K_i y_i, w being the signal of its channel.
 
-    C: (z, n_x), or with more columns, for the signals of the first channels that z holds as well;  Q: (z, z);  W: (v, w);
-    M: (v, v);  S: (z, n_C + m) for each agent, or none where z holds no output of a controller.
+    C_z: (z, n_x), or with more columns, for the signals of the first channels that z holds as well;  Pi_z: (z, z);
+    C_w: (k, w);  Pi_w: (k, k);  D_z: (z, n_C + m) for each agent, or none where z holds no output of a controller.
     """
 
-    C: Matrix
-    Q: Matrix
-    W: Matrix
-    M: Matrix
-    S: tuple[Matrix, ...] = ()
+    C_z: Matrix
+    Pi_z: Matrix
+    C_w: Matrix
+    Pi_w: Matrix
+    D_z: tuple[Matrix, ...] = ()
 
 
 class Channel(NamedTuple):
@@ -64,8 +64,8 @@ class Inequality:
         """Rows of F."""
         return len(self.A_0) + sum(int(channel.E.shape[1]) for channel in self.channels)
 
-    def Z(self, K: Stack) -> Annotated[np.ndarray, "n_x n_F"]:
-        """Return [A_cl, E_c + sum_i U_i K_i Y_ci, ...], with x' = Z (x, w)."""
+    def flow(self, K: Stack) -> Annotated[np.ndarray, "n_x n_F"]:
+        """Return [A_cl, E_c + sum_i U_i K_i Y_ci, ...], with x' = flow (x, w)."""
         total = np.hstack([self.A_0, *[channel.E for channel in self.channels]])
         for U, block, given in zip(self.U, K, self.given(), strict=True):
             total[:, : given.shape[1]] += product(U, product(block, given))
@@ -74,18 +74,18 @@ class Inequality:
     def F(self, P: Matrix, K: Stack, multipliers: Vector) -> Annotated[np.ndarray, "n_F n_F"]:
         """Return F for stacked gain blocks and the multipliers of all channels, one channel after the other."""
         F = self.quadratic(K, multipliers)
-        side = product(P, self.Z(K))
+        side = product(P, self.flow(K))
         F[: len(P)] += side
         F[:, : len(P)] += side.T
         return F
 
     def quadratic(self, K: Stack, multipliers: Vector) -> Annotated[np.ndarray, "n_F n_F"]:
-        """Return F_0 + sum lambda_ck F_ck."""
+        """Return F_0 + sum tau_ck F_ck."""
         if len(multipliers) != self.multipliers:
             raise ValueError(f"{len(multipliers)} multipliers for {self.multipliers} terms")
-        weights, weighted, one = iter(multipliers), [], self._one
+        weights, weighted = iter(multipliers), []
         for place, channel in self._placed():
-            weighted += [(one, place, term) for term in channel.fixed]
+            weighted += [(1, place, term) for term in channel.fixed]
             weighted += [(next(weights), place, term) for term in channel.cone]
         return self._sum(K, weighted)
 
@@ -96,16 +96,12 @@ class Inequality:
 
     def constant(self, K: Stack) -> Annotated[np.ndarray, "n_F n_F"]:
         """Return F_0."""
-        return self._sum(K, [(self._one, place, term) for place, one in self._placed() for term in one.fixed])
+        return self._sum(K, [(1, place, term) for place, one in self._placed() for term in one.fixed])
 
-    def slopes(self, K: Stack) -> Annotated[np.ndarray, "lambda n_F n_F"]:
-        """Return every F_ck, one channel after the other: with Z and F_0, all that a program in P and lambda needs."""
-        found = [self._sum(K, [(self._one, at, term)]) for at, one in self._placed() for term in one.cone]
+    def slopes(self, K: Stack) -> Annotated[np.ndarray, "tau n_F n_F"]:
+        """Return every F_ck, one channel after the other: with the flow and F_0, all that a program in P and tau needs."""
+        found = [self._sum(K, [(1, at, term)]) for at, one in self._placed() for term in one.cone]
         return np.stack(found) if found else np.zeros((0, self.size, self.size))
-
-    @property
-    def _one(self) -> object:
-        return self.A_0[0, 0] * 0 + 1
 
     def _placed(self) -> Iterable[tuple[slice, Channel]]:
         at = len(self.A_0)
@@ -131,36 +127,35 @@ class Inequality:
     ) -> Annotated[np.ndarray, "n_F n_F"]:
         """Return the matrix of the sum of weighted terms, each with the place of its signal."""
         total = zeros(self.size, self.size, self.A_0)
-        seen = [(weight, self._seen(K, term), term.Q) for weight, _, term in weighted if len(term.C)]
+        seen = [(weight, self._seen(K, term), term.Pi_z) for weight, _, term in weighted if len(term.C_z)]
         width = max((rows.shape[1] for _, rows, _ in seen), default=0)
-        seen = [(weight, _widened(rows, width), Q) for weight, rows, Q in seen]
+        seen = [(weight, widened(rows, width), Pi) for weight, rows, Pi in seen]
         total[:width, :width] += _weighted_squares(seen, width, self.A_0)
         for place in sorted({(place.start, place.stop) for _, place, _ in weighted}):
-            here = [(weight, term.W, term.M) for weight, at, term in weighted if (at.start, at.stop) == place]
             part = slice(*place)
+            here = [(weight, term.C_w, term.Pi_w) for weight, at, term in weighted if at == part]
             total[part, part] -= _weighted_squares(here, place[1] - place[0], self.A_0)
         return total
 
     def _seen(self, K: Stack, term: Term) -> Matrix:
         """Return the rows of z in x, or in (x, w) where it holds outputs of controllers that see w."""
-        if not term.S:
-            return term.C
-        outputs = [
-            product(S, product(block, given)) for S, block, given in zip(term.S, K, self.given(), strict=True)
-        ]
-        total = sum(outputs[1:], start=outputs[0])
-        width = max(total.shape[1], term.C.shape[1])
-        return np.asarray(_widened(total, width) + _widened(term.C, width))
+        if not term.D_z:
+            return term.C_z
+        u = [product(D, product(block, Y)) for D, block, Y in zip(term.D_z, K, self.given(), strict=True)]
+        total = sum(u[1:], start=u[0])
+        width = max(total.shape[1], term.C_z.shape[1])
+        return np.asarray(widened(total, width) + widened(term.C_z, width))
 
 
 def _weighted_squares(parts: Sequence[tuple[object, Matrix, Matrix]], width: int, like: Matrix) -> Matrix:
-    """Return sum weight rows' Q rows."""
-    parts = [(weight, rows, Q) for weight, rows, Q in parts if len(rows)]
+    """Return sum weight rows' Pi rows."""
+    parts = [(weight, rows, Pi) for weight, rows, Pi in parts if len(rows)]
     if not parts or not width:
         return zeros(width, width, like)
-    weighted = [weight * product(Q, rows) for weight, rows, Q in parts]
+    weighted = [weight * product(Pi, rows) for weight, rows, Pi in parts]
     return product(np.vstack([rows for _, rows, _ in parts]).T, np.vstack(weighted))
 
 
-def _widened(rows: Matrix, width: int) -> Matrix:
+def widened(rows: Matrix, width: int) -> Matrix:
+    """Return rows with columns of zeros behind them, up to a width."""
     return np.hstack([rows, zeros(len(rows), width - rows.shape[1], rows)])

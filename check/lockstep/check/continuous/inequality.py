@@ -4,7 +4,7 @@ With A_cl = A_0 + sum_i U_i K_i Y_i (15), claims alpha, rho, R, Q, delta and wit
 
     F = [ F_11   P E              P [E_G, 0]      P X      ]
         [ *      -rho^2 S (x) I   0               0        ]
-        [ *      *                -sum_c W_c      0        ]
+        [ *      *                -sum_c Pi_c     0        ]
         [ *      *                *              -diag(t)  ],
 
     F_11 = He(P A_cl) + diag(S (x) R, I (x) Q) + sum_c M_c (x) r_c^2 H_c'H_c + sum_j t_j delta_j^2 Y_j'Y_j,
@@ -20,14 +20,14 @@ multipliers M_c = sum_ij m_c,ij M_ij on all pairs of agents in place of (30), wh
 Where the claim has them: u' (I (x) W) u is added on the left; each state's xi is scaled; and noise nu of the outputs, which
 the controllers see as r = L_q C (y + D_nu nu), stands beside xi on the right.
 
-The sectors c: phi as a whole, r_c = alpha, H_c = H, W_c = M_c (x) I; and, where each slope d phi_k / d v_l has a bound
+The sectors c: phi as a whole, r_c = alpha, H_c = H, Pi_c = M_c (x) I; and, where each slope d phi_k / d v_l has a bound
 r_kl of its own, one for each (k, l), with H_c the row l of H. For a pair of agents the mean value theorem gives numbers
 
     phi_k(v_i, t) - phi_k(v_j, t) = sum_l w_kl,ij,    |w_kl,ij| <= r_kl |v_l,i - v_l,j|,
 
 which belong to the pair: for four agents or more there are in general no w_kl,i of the single agents with
 w_kl,ij = w_kl,i - w_kl,j. So all but the last w_kl,ij of each component and pair are signals of F, the last is what they
-leave of phi_k,i - phi_k,j, and W_c = sum_ij m_c,ij w_kl,ij^2. The solver mixes alpha and the entries.
+leave of phi_k,i - phi_k,j, and w'Pi_c w = sum_ij m_c,ij w_kl,ij^2. The solver mixes alpha and the entries.
 
 `inequality` states it as channels, and `channels` assembles F from them: from doubles for a filter and for the programs
 that look for witnesses, from rationals for the proof.
@@ -39,7 +39,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from lockstep.check.bound.slope_bounds import Entry
-from lockstep.check.continuous.channels import Channel, Inequality, Term
+from lockstep.check.continuous.channels import Channel, Inequality, Term, widened
 from lockstep.check.numbers import Matrix, Vector, block_diagonal, converter, eye, is_exact, zeros
 from lockstep.check.system.loop import Loop, Plant
 
@@ -65,8 +65,7 @@ class Performance(NamedTuple):
 class Claim:
     """What a certificate claims, besides rho: alpha, what rho is a gain from and to, and how much the gains may be off.
 
-    alpha: the incremental bound of phi;  R: (n, n) weight of the disagreement;  Q: (n_C, n_C) weight of each
-    controller's
+    alpha: the incremental bound of phi;  R: (n, n) weight of the disagreement;  Q: (n_C, n_C) weight of each controller's
     state;  delta: (N, 4), the bounds (11) on |Delta A_Ci|, |Delta B_Ci|, |Delta C_Ci|, |Delta D_Ci|;  entries: the
     bounds of single slopes of phi that may be used besides alpha: all that are not 0, or none;  W: (m, m) weight of each
     agent's u, 0 x 0 where u weighs nothing;  states: (n,) scale of the disturbance of each state, none for 1 each;
@@ -81,18 +80,6 @@ class Claim:
     W: Annotated[np.ndarray, "m m"] = field(default_factory=lambda: np.zeros((0, 0)))
     states: Annotated[np.ndarray, " n"] = field(default_factory=lambda: np.zeros(0))
     outputs: Annotated[np.ndarray, " q"] = field(default_factory=lambda: np.zeros(0))
-
-    @classmethod
-    def of(
-        cls,
-        alpha: float,
-        performance: Performance,
-        delta: Annotated[np.ndarray, "N 4"],
-        entries: tuple[Entry, ...] = (),
-    ) -> "Claim":
-        """Return the claim of an alpha with a performance."""
-        R, Q, W, states, outputs = performance
-        return cls(alpha, R, Q, delta, entries, W, states, outputs)
 
     @property
     def performance(self) -> Performance:
@@ -157,7 +144,7 @@ def disturbance(loop: Loop, claim: Claim) -> Channel:
     E, Y = loop.E[:, columns] * np.tile(scale[driven], d.N - 1), []
     if len(noisy):
         seen = number(np.diag(claim.outputs)[:, noisy])
-        E = _padded(E, 0, E.shape[1] + (d.N - 1) * len(noisy))
+        E = widened(E, E.shape[1] + (d.N - 1) * len(noisy))
         for i in range(len(loop.Y)):
             rows = zeros(loop.order + q, E.shape[1], loop.A_0)
             rows[loop.order :, len(columns) :] = np.kron(d.L_r[i : i + 1], seen)
@@ -168,13 +155,13 @@ def disturbance(loop: Loop, claim: Claim) -> Channel:
     gain = Term(one[:0], none, eye(len(metric), loop.A_0), metric)
     fixed = [Term(one, performance_weight(loop, claim), nothing, none)]
     if len(claim.W):
-        errors, W, S = _inputs(loop, claim, E.shape[1])
-        fixed.append(Term(errors, W, nothing, none, S))
+        errors, W, D_z = _inputs(loop, claim, E.shape[1])
+        fixed.append(Term(errors, W, nothing, none, D_z))
     return Channel("disturbance", E, (gain,), tuple(fixed), tuple(Y))
 
 
 def _inputs(loop: Loop, claim: Claim, width: int) -> tuple[Matrix, Matrix, tuple[Matrix, ...]]:
-    """Return how all u are weighed: what gain errors add to u, W (N m, N m), and S_i that take u out of agents' outputs.
+    """Return how all u are weighed: what gain errors add to u, W (N m, N m), and D_zi that take u out of agents' outputs.
 
     The errors of C and D are added to u; their columns stand behind the disturbance and the nonlinearity.
     """
@@ -187,8 +174,8 @@ def _inputs(loop: Loop, claim: Claim, width: int) -> tuple[Matrix, Matrix, tuple
             total[error.agent * m : (error.agent + 1) * m, place : place + m] = eye(m, like)
         place += error.X.shape[1]
     unit, rows = eye(N, like), np.hstack([zeros(m, loop.order, like), eye(m, like)])
-    S = tuple(np.kron(unit[:, i : i + 1], rows) for i in range(N))
-    return total if errors else total[:, : loop.n_x], np.kron(unit, converter(loop.exact)(claim.W)), S
+    D_z = tuple(np.kron(unit[:, i : i + 1], rows) for i in range(N))
+    return total if errors else total[:, : loop.n_x], np.kron(unit, converter(loop.exact)(claim.W)), D_z
 
 
 def nonlinearity(plant: Plant, claim: Claim, differences: list[Vector], n_x: int) -> Channel:
@@ -204,30 +191,30 @@ def nonlinearity(plant: Plant, claim: Claim, differences: list[Vector], n_x: int
         n_x: length of x_cl, which x_d begins.
     """
     r, pairs, copies, A = plant.G.shape[1], len(differences), len(differences[0]), plant.A
-    place, width = r * copies, nonlinear_signals(plant, claim, pairs, copies)
+    place, width, number = r * copies, nonlinear_signals(plant, claim, pairs, copies), converter(is_exact(A))
     E = zeros(n_x, width, A)
     E[: len(A) * copies, :place] = np.kron(eye(copies, A), plant.G)
     if not r:
         return Channel("nonlinearity", E, ())
-    phi = [_padded(np.kron(row[None, :], eye(r, A)), 0, width) for row in differences]
+    phi = [widened(np.kron(row[None, :], eye(r, A)), width) for row in differences]
     found = _sector(claim.alpha, plant.H, differences, phi, n_x)
-    left = [[W[k : k + 1] for W in phi] for k in range(r)]
+    left = [[rows[k : k + 1] for rows in phi] for k in range(r)]
     for c, entry in enumerate(claim.entries):
-        k, W = entry.component, left[entry.component]
+        k, own = entry.component, left[entry.component]
         if any(later.component == k for later in claim.entries[c + 1 :]):
-            W = [_padded(eye(1, A), place + pair, width) for pair in range(pairs)]
-            left[k] = [whole - part for whole, part in zip(left[k], W, strict=True)]
+            own = [number(np.eye(1, width, place + pair)) for pair in range(pairs)]
+            left[k] = [whole - part for whole, part in zip(left[k], own, strict=True)]
             place += pairs
-        found += _sector(entry.bound, plant.H[entry.argument : entry.argument + 1], differences, W, n_x)
+        found += _sector(entry.bound, plant.H[entry.argument : entry.argument + 1], differences, own, n_x)
     return Channel("nonlinearity", E, tuple(found))
 
 
-def _sector(bound: float, H: Matrix, differences: list[Vector], W: list[Matrix], n_x: int) -> list[Term]:
-    """Return bound^2 |H (x_i - x_j)|^2 - |W_ij w|^2 for each pair."""
+def _sector(bound: float, H: Matrix, differences: list[Vector], own: list[Matrix], n_x: int) -> list[Term]:
+    """Return bound^2 |H (x_i - x_j)|^2 - |own_ij w|^2 for each pair."""
     r_c = converter(is_exact(H))(np.array([bound]))[0]
-    Q, M = r_c * r_c * eye(len(H), H), eye(len(W[0]), H)
-    rows = [_padded(np.kron(row[None, :], H), 0, n_x) for row in differences]
-    return [Term(C, Q, W_ij, M) for C, W_ij in zip(rows, W, strict=True)]
+    Pi_z, Pi_w = r_c * r_c * eye(len(H), H), eye(len(own[0]), H)
+    rows = [widened(np.kron(row[None, :], H), n_x) for row in differences]
+    return [Term(C_z, Pi_z, C_w, Pi_w) for C_z, C_w in zip(rows, own, strict=True)]
 
 
 def nonlinear_signals(plant: Plant, claim: Claim, pairs: int, copies: int) -> int:
@@ -235,15 +222,6 @@ def nonlinear_signals(plant: Plant, claim: Claim, pairs: int, copies: int) -> in
     r = int(plant.G.shape[1])
     own = len(claim.entries) - len({one.component for one in claim.entries})
     return r * copies + (pairs * own if r else 0)
-
-
-def split(
-    loop: Loop, claim: Claim, weights: Annotated[np.ndarray, " weights"]
-) -> tuple[Annotated[np.ndarray, " pairs"], Annotated[np.ndarray, "entries pairs"]]:
-    """Return m and m_entries from one vector of them, which is empty where there is no nonlinearity: then m is 0."""
-    pairs = len(loop.d.pairs())
-    m = weights[:pairs] if len(weights) else np.zeros(pairs)
-    return m, weights[pairs:].reshape(len(claim.entries), pairs)
 
 
 def performance_weight(loop: Loop, claim: Claim) -> Matrix:
@@ -284,9 +262,3 @@ def F_matrix(
     """Assemble F, in doubles or in the rationals the doubles are, as the loop is."""
     number, stated = converter(loop.exact), inequality(loop, claim)
     return stated.F(number(certificate.P), number(gains), multipliers(stated, certificate))
-
-
-def _padded(block: Matrix, at: int, width: int) -> Matrix:
-    whole = zeros(len(block), width, block)
-    whole[:, at : at + block.shape[1]] = block
-    return whole

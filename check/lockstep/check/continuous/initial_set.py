@@ -28,9 +28,9 @@ Without a single root there is no such set. The roots hear each other, so their 
 disagree about: the inputs, that do not add up to zero, and the mean of phi(v_i), that is not phi of the mean. A
 certificate in x_d says nothing of it.
 
-With |x_d|^2 = sum_i |x_i - mean|^2 = x_d' D x_d, all |x_d| <= radius are in the set if c / radius^2 D - P_d > 0, P_d being P
-on x_d. Everything is decided in rationals; the largest figures are looked for elsewhere. The certificate itself is taken as
-decided (`decide`).
+With |x_d|^2 = sum_i |x_i - mean|^2 = x_d' ((T T')^-1 (x) I) x_d, all |x_d| <= radius are in the set if c / radius^2 (T T')^-1
+(x) I - P_d > 0, P_d being P on x_d. Everything is decided in rationals; the largest figures are looked for elsewhere. The
+certificate itself is taken as decided (`decide`).
 """
 
 import math
@@ -46,7 +46,7 @@ from lockstep.check.bound.box import Box
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.errors import demand
-from lockstep.check.numbers import Matrix, Vector, as_fraction, exactly, eye
+from lockstep.check.numbers import Matrix, Vector, as_fraction, exactly
 from lockstep.check.psd import decide_positive_definite
 from lockstep.check.system.disagreement import disagreement
 from lockstep.check.system.network import ExactNetwork
@@ -209,19 +209,18 @@ def at_rest(
 
 def _squares(P: Matrix, rows: Sequence[Vector]) -> list[Fraction]:
     """Return w' P^-1 w for each row w, exactly."""
-    W = fmpq_mat(np.column_stack(rows).tolist())
-    X = fmpq_mat(P.tolist()).solve(W)
+    given = fmpq_mat(np.column_stack(rows).tolist())
+    solved = fmpq_mat(P.tolist()).solve(given)
     return [
-        as_fraction(sum((W[k, c] * X[k, c] for k in range(W.nrows())), start=fmpq(0)))
-        for c in range(W.ncols())
+        as_fraction(sum((given[k, c] * solved[k, c] for k in range(given.nrows())), start=fmpq(0)))
+        for c in range(given.ncols())
     ]
 
 
 def squared_distance(network: ExactNetwork) -> Matrix:
-    """Return D with x_d' D x_d = sum_i |x_i - mean|^2."""
-    right = disagreement(network.graph, network.coordinates, exact_arithmetic=True).right
-    centred = right - right.sum(axis=0) / network.N
-    return np.kron(centred.T @ centred, eye(len(network.plant.A), right))
+    """Return (T T')^-1 (x) I, with x_d' ((T T')^-1 (x) I) x_d = sum_i |x_i - mean|^2, in rationals."""
+    d = disagreement(network.graph, network.coordinates, exact_arithmetic=True)
+    return d.squared_distance(len(network.plant.A))
 
 
 def box_text(box: Box) -> str:

@@ -1,6 +1,6 @@
-"""Identical controllers on a graph that is symmetric in a metric W: independent modes, and their certificate.
+"""Identical controllers on a graph that is symmetric in a metric w: independent modes, and their certificate.
 
-Along a W-orthonormal basis of eigenvectors of L the loop splits into one copy for each lambda_k,
+Along a basis of eigenvectors of L, orthonormal in diag(w), the loop splits into one copy for each lambda_k,
 
     x_k' = A(lambda_k) x_k + E_G phi_k + E xi_k,     A(lambda) = A_0 + U K Y(lambda),     K = [A_C B_C; C_C D_C],
     A_0 = diag(A, 0),   U = [0 B; I 0],   Y(lambda) = [0 I; lambda C 0],
@@ -10,13 +10,14 @@ its multiplier is the same number mu in each: sum_i w_i (alpha^2 |H(x_i - x_w)|^
 w-mean, is the pair multiplier with m_ij = mu w_i w_j / sum w. So if for every lambda in [lower, upper] some P > 0 has
 
     [ He(P A(lambda)) + diag(R, Q) + mu alpha^2 diag(H'H, 0)   P E        P E_G  ]
-    [                        *                                -sigma I     0     ]   < 0,
-    [                        *                                  *         -mu I  ]
+    [                        *                                -rho_w^2 I  0     ]   < 0,
+    [                        *                                  *          -mu I ]
 
-(entries of the claim add their sectors and signals as in `inequality`, with a number mu of their own each) and some P_mean
-> 0 has He(P_mean A_C) + Q < 0, then V = the sum of the modes' x_k'P x_k proves, in the metric W, the bound sigma = rho_W^2;
-without the metric, |x|^2 <= |x|_W^2 / min w and |xi|_W^2 <= max w |xi|^2, so rho^2 = sigma max w / min w. **Two ends
-suffice.** With one P on a segment, Z in J P Z is affine in lambda, by Y(lambda) and the noise, r = lambda (C x + D nu); u =
+(entries of the claim add their sectors and signals as in `inequality`, with a number mu of their own each: of the signals
+w_l of a pair that add up to its phi, sum mu_l |w_l|^2 is at least |phi|^2 / sum 1/mu_l, which splits as |phi|^2 does) and
+some P_mean > 0 has He(P_mean A_C) + Q < 0, then V = the sum of the modes' x_k'P x_k proves, in the metric w, the bound
+rho_w; without the metric, |x|^2 <= |x|_w^2 / min w and |xi|_w^2 <= max w |xi|^2, so rho^2 = rho_w^2 max w / min w. **Two ends
+suffice.** With one P on a segment, the flow is affine in lambda, by Y(lambda) and the noise, r = lambda (C x + D nu); u =
 K (Y(lambda) x + ...) is too, and u'W u, which is on the left, is convex in it; nothing else depends on lambda. So the
 matrix is convex in lambda, in the sense of definiteness: negative at both ends, it is on all of the segment, whatever N is.
 
@@ -43,7 +44,7 @@ from lockstep.check.continuous.channels import Inequality
 from lockstep.check.continuous.decide import decide_weights
 from lockstep.check.continuous.inequality import Claim, inequality
 from lockstep.check.errors import demand
-from lockstep.check.numbers import Matrix, converter, exactly, is_exact
+from lockstep.check.numbers import Matrix, converter, exact, exactly, is_exact
 from lockstep.check.psd import Definiteness, decide_positive_definite
 from lockstep.check.system.disagreement import single_difference
 from lockstep.check.system.laplacian_spectrum import REMEDY, Metric, decide_spectrum, metric
@@ -102,20 +103,20 @@ class Modes:
         return build_loop(one, single_difference(one.A, value), self.order, self.decay)
 
     def inequality(self, claim: Claim, value: float) -> Inequality:
-        """Return the inequality of one mode: the disturbance (sigma), and the nonlinearity (mu) as of a single difference."""
+        """Return the inequality of one mode: the disturbance (rho_w^2), the nonlinearity (mu) as of a single difference."""
         return inequality(self.at(value), claim)
 
 
 def mode_matrix(
-    modes: Modes, K: Matrix, claim: Claim, value: float, P: Matrix, mu: Sequence[float], sigma: Any
+    modes: Modes, K: Matrix, claim: Claim, value: float, P: Matrix, mu: Sequence[float], square: Any
 ) -> Matrix:
-    """Assemble the matrix of one mode, in the kind of number of the plant; sigma is a number of that kind.
+    """Assemble the matrix of one mode, in the kind of number of the plant; square: rho_w^2, of that kind.
 
     mu: one for each sector: alpha, then the entries.
     """
     stated = modes.inequality(claim, value)
     own = converter(is_exact(modes.plant.A))(np.array(mu))[: len(stated.channels[1].cone)]
-    return stated.F(P, K[None], np.array([sigma, *own]))
+    return stated.F(P, K[None], np.array([square, *own]))
 
 
 def _covers(network: ExactNetwork, known: Metric, ends: tuple[float, ...]) -> Definiteness:
@@ -163,8 +164,7 @@ def decide_modes(
         answer = _covers(network, known, ends)
     modes = Modes(network.plant.in_numbers(True), gains.order, network.decay)
     K = exactly(gains.blocks[0])
-    rho = exactly(np.array([c.rho]))[0]
-    sigma = rho * rho / known.spread
+    square = exact(c.rho) ** 2 / known.spread
     for start, segment in zip(ends, c.segments, strict=False):
         if not answer.positive:
             return answer
@@ -172,13 +172,13 @@ def decide_modes(
         answer = decide_positive_definite(P)
         for value in (start, segment.upper):
             if answer.positive:
-                answer = decide_positive_definite(-mode_matrix(modes, K, claim, value, P, mu, sigma))
+                answer = decide_positive_definite(-mode_matrix(modes, K, claim, value, P, mu, square))
     if answer.positive and gains.order:
         P, A_C = exactly(c.P_mean), K[: gains.order, : gains.order]
         answer = decide_positive_definite(P)
         if answer.positive:
             C_C = K[gains.order :, : gains.order]
             weight = exactly(claim.Q) + (C_C.T @ exactly(claim.W) @ C_C if len(claim.W) else 0)
-            sigma = exactly(np.array([network.decay]))[0]
-            answer = decide_positive_definite(-(P @ A_C + A_C.T @ P + 2 * sigma * P + weight))
+            decay = exact(network.decay)
+            answer = decide_positive_definite(-(P @ A_C + A_C.T @ P + 2 * decay * P + weight))
     return answer

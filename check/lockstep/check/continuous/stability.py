@@ -1,8 +1,8 @@
 """Whether a matrix is stable: decided exactly, from its characteristic polynomial by Routh's array.
 
 Re lambda < 0 for every eigenvalue lambda of A exactly if the first column of Routh's array of det(s I - A) is positive
-(Gantmacher, The Theory of Matrices, volume 2, chapter XV). |lambda| < 1 for every eigenvalue of M exactly if M - I is
-regular and Re < 0 for those of (M + I)(M - I)^-1, s = (z + 1)/(z - 1).
+(Gantmacher, The Theory of Matrices, volume 2, chapter XV). |lambda| < 1 for every eigenvalue of A exactly if A - I is
+regular and Re < 0 for those of (A + I)(A - I)^-1, s = (z + 1)/(z - 1).
 """
 
 from flint import fmpq_mat
@@ -30,14 +30,14 @@ def is_stable(A: Matrix) -> bool:
     return True
 
 
-def is_stable_step(M: Matrix) -> bool:
-    """Decide |lambda| < 1 for every eigenvalue of M (n, n).
+def is_stable_step(A: Matrix) -> bool:
+    """Decide |lambda| < 1 for every eigenvalue of A (n, n).
 
     >>> import numpy as np
     >>> is_stable_step(np.array([[0.0, 1.0], [-0.999, 0.0]])), is_stable_step(np.array([[0.0, 1.0], [-1.0, 0.0]]))
     (True, False)
     """
-    exact = exactly(M)
+    exact = exactly(A)
     one = eye(len(exact), exact)
     try:
         return is_stable((exact + one) @ inverse(exact - one)) if len(exact) else True

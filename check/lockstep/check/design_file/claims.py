@@ -4,17 +4,16 @@ What a number claims is given beside it. "Better" is what a larger claim would b
 better than what it proves itself.
 """
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+from lockstep.check import json_text as read
 from lockstep.check.bound.box import Box
 from lockstep.check.bound.slope_bounds import Entry
 from lockstep.check.continuous.inequality import LETTERS
 from lockstep.check.continuous.initial_set import InitialSet
-from lockstep.check.design_file import json_text as read
 from lockstep.check.design_file.fixed_point import FixedClaims, fixed_claims_of
 from lockstep.check.design_file.messages import MessageClaims, message_claims_of
 from lockstep.check.errors import demand
@@ -103,8 +102,9 @@ class Claims:
     D_v that alpha is a bound in, where they are not all one;  entries: bounds of single slopes that are used besides;
     initial_set: states from which the agents stay in their domain;  floor: no controllers can certify less (larger is
     better);  decay: sigma in 1/s, by which e^(-sigma t) bounds every disagreement up to a constant (larger is better);
-    controllers_stable: whether each controller is stable by itself, as designed and as it ships;  sampled: of the
-    controllers that ship;  messages: of these where the network loses or delays messages;  fixed: of those in integers.
+    controllers_stable: whether each controller is stable by itself, as designed and as it ships (of the coefficients,
+    rounding aside);  sampled: of the controllers that ship;  messages: of these where the network loses or delays
+    messages;  fixed: of those in integers.
     """
 
     certified: bool
@@ -138,6 +138,8 @@ def claims_of(content: Any) -> Claims:
     entry = read.made(
         Entry, {"component": read.position, "argument": read.position, "bound": read.not_negative}
     )
+    figures = dict.fromkeys(("level", "radius", "energy"), read.above_zero)
+    initial = read.made(InitialSet, {"leader": read.whole(1), "box": _box, "inner": _box, **figures})
     readers: dict[str, read.Reader] = {
         "certified": read.flag,
         "rho": read.or_none(read.above_zero),
@@ -146,7 +148,7 @@ def claims_of(content: Any) -> Claims:
         "scope": read.or_none(read.among("global", "local")),
         "scales": read.or_none(_scales),
         "entries": read.or_none(partial(read.each, read=entry), ()),
-        "initial_set": read.or_none(_initial_set),
+        "initial_set": read.or_none(initial),
         "floor": read.or_none(read.above_zero),
         "decay": read.or_none(read.above_zero),
         "controllers_stable": read.or_none(read.flag, otherwise=False),
@@ -165,18 +167,9 @@ def _scales(value: Any, where: str) -> Scales:
     return G, H
 
 
-def _initial_set(value: Any, where: str) -> InitialSet:
-    figures = dict.fromkeys(("level", "radius", "energy"), read.above_zero)
-    readers = {"leader": read.position, "box": _box, "inner": _box, **figures}
-    leader, *others = read.record(value, where, readers)
-    return InitialSet(leader + 1, *others)
-
-
 def _box(value: Any, where: str) -> Box:
-    shaped = isinstance(value, list) and all(isinstance(side, list) and len(side) == 2 for side in value)
-    demand(shaped, "it is missing or has another shape", where, "rows of two numbers")
-    low, high = read.or_none(read.number, -math.inf), read.or_none(read.number, math.inf)
-    return Box(tuple(low(one, where) for one, _ in value), tuple(high(one, where) for _, one in value))
+    sides = read.each(value, where, read.interval, "side")
+    return Box(tuple(low for low, _ in sides), tuple(high for _, high in sides))
 
 
 def _sampled(value: Any, where: str) -> SampledClaims:

@@ -16,10 +16,10 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from lockstep.check.design_file.claims import Claims, claims_of
-from lockstep.check.design_file.json_text import A_DESIGN, each, matrix, only, part, record
 from lockstep.check.design_file.problem_part import ProblemPart, Sizes
 from lockstep.check.design_file.proofs import Proofs, proofs_of
 from lockstep.check.errors import ProblemError, demand
+from lockstep.check.json_text import A_DESIGN, each, matrix, only, part, record
 from lockstep.check.system.loop import Gains
 from lockstep.check.wording import shorten
 

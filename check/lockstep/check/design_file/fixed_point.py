@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from lockstep.check.design_file.json_text import above_zero, each, or_none, record, whole
+from lockstep.check.json_text import above_zero, each, or_none, record, whole
 from lockstep.check.sampled.inequality import Witness
 
 NUMBERS = ("decay", "residual_per_message_error", "residual_from_rounding")

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from lockstep.check.design_file import json_text as read
+from lockstep.check import json_text as read
 from lockstep.check.errors import demand
 from lockstep.check.sampled.links import Messages, MessageWitness
 

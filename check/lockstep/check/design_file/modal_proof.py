@@ -4,7 +4,7 @@ from functools import partial
 from typing import Any
 
 from lockstep.check.continuous.modes import Segment
-from lockstep.check.design_file.json_text import Reader, among, each, made, matrix, number, record, vector
+from lockstep.check.json_text import Reader, among, each, made, matrix, number, record, vector
 from lockstep.check.sampled.modes import NUMBERS, SampledModalWitness
 
 

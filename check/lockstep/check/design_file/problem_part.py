@@ -1,6 +1,6 @@
 """What a design file needs of the problem it holds, whoever builds it from the file's tables."""
 
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 
 class Sizes(NamedTuple):
@@ -14,11 +14,8 @@ class Sizes(NamedTuple):
 
 
 class ProblemPart(Protocol):
-    """A problem that was read from the tables of a design file, and gives them back."""
+    """A problem that was read from the tables of a design file."""
 
     @property
     def sizes(self) -> Sizes:
         """The sizes that the gains and the witnesses of the file must fit."""
-
-    def document(self) -> dict[str, Any]:
-        """Return the tables, as plain JSON types."""

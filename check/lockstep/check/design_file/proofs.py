@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check import json_text as read
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.continuous.modes import ModalCertificate
-from lockstep.check.design_file import json_text as read
 from lockstep.check.design_file.claims import Claims
 from lockstep.check.design_file.fixed_point import FixedWitness
 from lockstep.check.design_file.messages import message_witness_of
@@ -139,11 +139,11 @@ def floor_witness_of(rho: float, value: Any, where: str) -> FloorWitness:
 
 def _triangle(value: Any, where: str) -> Any:
     rows = read.each(value, where, read.vector(), "row")
-    M = np.zeros((len(rows), len(rows)))
+    whole = np.zeros((len(rows), len(rows)))
     for i, row in enumerate(rows):
         demand(len(row) == i + 1, f"{len(row)} numbers", f"{where}, row {i + 1}", f"{i + 1}")
-        M[i, : i + 1] = M[: i + 1, i] = row
-    return M
+        whole[i, : i + 1] = whole[: i + 1, i] = row
+    return whole
 
 
 def _with_rho(claims: Claims, sizes: Sizes, stored: Any, where: str) -> Certificate | ModalCertificate:

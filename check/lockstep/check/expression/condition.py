@@ -6,8 +6,8 @@ operation is not used.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from lockstep.check.expression.node import Node
@@ -41,6 +41,14 @@ class Condition:
     def jumps(self) -> bool:
         """Tell whether it is a discontinuity, not a missing value."""
         return self.kind == "decided"
+
+
+def changed(
+    conditions: Sequence[Condition], change: Callable[[Sequence[Node]], Sequence[Node]]
+) -> list[Condition]:
+    """Return conditions with their guards and arguments changed, all at once."""
+    rest = iter(change([node for c in conditions for node in c.nodes]))
+    return [replace(c, guard=next(rest), args=tuple(next(rest) for _ in c.args)) for c in conditions]
 
 
 HOLDS: Mapping[str, Callable[..., Any]] = {

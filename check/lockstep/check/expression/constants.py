@@ -52,7 +52,8 @@ def _is_nearest(middle: float, value: arb) -> bool:
 def _value(node: Node) -> arb:
     values: dict[Node, arb] = {}
     for part in order([node]):
-        values[part] = _RULES.get(part.op, _named)(part, [values[a] for a in part.args])
+        args = [values[a] for a in part.args]
+        values[part] = _RULES[part.op](part, args) if part.op in _RULES else _FUNCTIONS[part.op](*args)
     return values[node]
 
 
@@ -87,11 +88,6 @@ def _log(x: arb) -> arb:
     if x == 0:
         raise Undefined("-inf")
     return x.log()
-
-
-def _named(node: Node, args: Sequence[arb]) -> arb:
-    value: arb = _FUNCTIONS[node.op](*args)
-    return value
 
 
 _RULES: dict[str, Callable[[Node, Sequence[arb]], arb]] = {

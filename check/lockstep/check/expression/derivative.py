@@ -113,7 +113,7 @@ def derivative(outputs: Sequence[Node], index: int, *, of_slopes: bool = False) 
     for node in order(outputs):
         if node is own:
             inner[node] = ONE
-        elif index not in node.variables or node.op in ("positive", "zero", "not", "and"):
+        elif index not in node.variables or node.op in ("positive", "not", "and"):
             inner[node] = ZERO
         else:
             inner[node] = _node_derivative(node, inner, index, of_slopes)

@@ -8,7 +8,7 @@ rational.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from math import inf, isinf
+from math import isinf
 
 from lockstep.check.expression.condition import HOLDS, Condition
 from lockstep.check.expression.constants import nearest_double
@@ -25,11 +25,14 @@ from lockstep.check.expression.node import (
 )
 from lockstep.check.expression.operations import BOOLEAN, LARGEST_WHOLE_POWER, RULES
 from lockstep.check.expression.switches import FALSE, TRUE, negate
-from lockstep.check.expression.text import parse
 from lockstep.check.expression.traversal import order
+from lockstep.check.numbers import as_float
 
 LONGEST_CONSTANT = 1 << 16
 """Bits of a numerator or denominator, so that no short text makes numbers that take minutes to add."""
+
+MOST_FACTORS = 12
+"""Of a product: its second derivatives have the third power of as many parts, 79 of them took 19 s to enclose once."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,12 @@ class Exact:
     Args:
         time: the number of the variable that is the time: what jumps in t alone is no condition.
         rules: what each operation means.
+
+    >>> from lockstep.check.expression.node import variable
+    >>> from lockstep.check.expression.text import parse
+    >>> value = parse("(x + x)/4 - sqrt(9)", {"x": Value(variable(0))}, Exact(1))
+    >>> value.node.data
+    (Fraction(-3, 1), (Fraction(1, 2),))
     """
 
     def __init__(self, time: int, rules: Mapping[str, Callable[..., Node]] = RULES) -> None:
@@ -81,13 +90,13 @@ class Exact:
     def size(self, value: Value) -> float | None:
         """Return the double nearest to a constant, infinite above all doubles."""
         known = number(value.node)
-        return None if known is None else _double(known)
+        return None if known is None else as_float(known)
 
     def worst_constant(self, value: Value) -> float:
         """Return a coefficient that is above all doubles as plus or minus infinity, 0 if there is none."""
         for node in order([value.node]):
             offset, terms = linear_terms(node)
-            for size in map(_double, (offset, *(c for c, _ in terms))):
+            for size in map(as_float, (offset, *(c for c, _ in terms))):
                 if isinf(size):
                     return size
         return 0.0
@@ -115,17 +124,6 @@ class Notes:
         return function(op, x) if number(x) is not None else intern(op, (x,))
 
 
-def read_text(text: str, symbols: Mapping[str, Value | float], algebra: Exact, *, where: str = "") -> Value:
-    """Return the value of an expression; arguments and errors are those of `text.parse`.
-
-    >>> from lockstep.check.expression.node import variable
-    >>> value = read_text("(x + x)/4 - sqrt(9)", {"x": Value(variable(0))}, Exact(1))
-    >>> value.node.data
-    (Fraction(-3, 1), (Fraction(1, 2),))
-    """
-    return parse(text, symbols, algebra, where=where)
-
-
 def _branches(operation: str, values: tuple[Value, ...]) -> list[tuple[Value, Node]]:
     """Return the values with the conditions under which each of them is used."""
     if operation == "if_else":
@@ -140,13 +138,6 @@ def _rounded(node: Node) -> Node:
     if isinf(size):
         raise Undefined(str(size))
     return constant(Fraction(size))
-
-
-def _double(value: Fraction) -> float:
-    try:
-        return float(value)
-    except OverflowError:
-        return inf if value > 0 else -inf
 
 
 def _bits(value: Fraction) -> int:
@@ -168,3 +159,5 @@ def _check_length(node: Node) -> None:
     offset, terms = linear_terms(node)
     if any(_bits(c) > LONGEST_CONSTANT for c in (offset, *(c for c, _ in terms))):
         raise Undefined(f"a constant of more than {LONGEST_CONSTANT} binary digits")
+    if any(one.op == "monomial" and len(one.args) > MOST_FACTORS for _, one in terms):
+        raise Undefined(f"a product of more than {MOST_FACTORS} different factors")

@@ -37,7 +37,7 @@ class NoteTaker(Protocol):
         ...
 
 
-BOOLEAN = frozenset({"truth", "positive", "zero", "not", "and"})
+BOOLEAN = frozenset({"truth", "positive", "not", "and"})
 
 
 def as_number(notes: NoteTaker, node: Node) -> Node:
@@ -149,13 +149,6 @@ def _atan2(reader: NoteTaker, y: Node, x: Node) -> Node:
     return function("atan2", y, x)
 
 
-def _compare(rule: Callable[[Node, Node], Node]) -> Callable[..., Node]:
-    def compare(_: NoteTaker, a: Node, b: Node) -> Node:
-        return rule(a, b)
-
-    return numeric(compare)
-
-
 RULES: dict[str, Callable[..., Node]] = {
     "number": as_number,
     "add": numeric(_add),
@@ -181,8 +174,8 @@ RULES: dict[str, Callable[..., Node]] = {
     "fmin": numeric(lambda _, a, b: function("fmin", a, b)),
     "fmax": numeric(lambda _, a, b: function("fmax", a, b)),
     "sign": numeric(_sign_of),
-    "lt": _compare(lambda a, b: positive(subtract(b, a))),
-    "le": _compare(lambda a, b: negate(positive(subtract(a, b)))),
+    "lt": numeric(lambda _, a, b: positive(subtract(b, a))),
+    "le": numeric(lambda _, a, b: negate(positive(subtract(a, b)))),
     "if_else": _if_else,
 }
 """The meaning of each operation: a node, of `NoteTaker` and the nodes it is applied to."""

@@ -29,14 +29,6 @@ def _positive_with_modulus(offset: Fraction, slope: Fraction, modulus: Node) -> 
     return both(positive(linear(radius, [(-1, inner)])), positive(linear(radius, [(1, inner)])))
 
 
-def zero(node: Node, *, weak: bool = False) -> Node:
-    """Return the condition node == 0."""
-    value = number(node)
-    if value is not None:
-        return FALSE if value else TRUE
-    return intern("zero", (scale(1 / linear_terms(node)[1][0][0], node),), weak)
-
-
 def negate(condition: Node) -> Node:
     """Return the condition's negation."""
     if condition.op == "truth":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from lockstep.check.expression.node import (
     ONE,
@@ -15,7 +15,10 @@ from lockstep.check.expression.node import (
     multiply,
     power,
 )
-from lockstep.check.expression.switches import both, choose, negate, positive, zero
+from lockstep.check.expression.switches import both, choose, negate, positive
+
+MOST_TERMS = 2_000
+"""Of a product that is multiplied out."""
 
 
 def order(outputs: Sequence[Node]) -> list[Node]:
@@ -42,9 +45,8 @@ def rebuild(node: Node, args: Sequence[Node]) -> Node:
         return linear(offset, zip(coefficients, args, strict=True))
     if node.op == "monomial":
         return multiply(*(power(a, p) for a, p in zip(args, node.data, strict=True)))
-    if node.op in ("positive", "zero"):
-        maker = positive if node.op == "positive" else zero
-        return maker(args[0], weak=bool(node.data))
+    if node.op == "positive":
+        return positive(args[0], weak=bool(node.data))
     if node.op == "not":
         return negate(args[0])
     if node.op == "and":
@@ -54,31 +56,32 @@ def rebuild(node: Node, args: Sequence[Node]) -> Node:
     return function(node.op, *args, data=node.data)
 
 
-def substitute(outputs: Sequence[Node], replacement: Mapping[Node, Node]) -> list[Node]:
-    """Return the outputs with nodes replaced, every user normalised anew."""
+def rewritten(outputs: Sequence[Node], rule: Callable[[Node, list[Node]], Node]) -> list[Node]:
+    """Return the outputs with every node made anew, from the arguments up: `rule` is given it and its new arguments."""
     done: dict[Node, Node] = {}
     for node in order(outputs):
-        new = replacement.get(node)
-        done[node] = rebuild(node, [done[a] for a in node.args]) if new is None else new
+        done[node] = rule(node, [done[a] for a in node.args])
     return [done[n] for n in outputs]
 
 
-def expand(node: Node, limit: int = 2000) -> Node:
+def substitute(outputs: Sequence[Node], replacement: Mapping[Node, Node]) -> list[Node]:
+    """Return the outputs with nodes replaced, every user normalised anew."""
+    return rewritten(outputs, lambda n, args: replacement[n] if n in replacement else rebuild(n, args))
+
+
+def expand(node: Node) -> Node:
     """Return the node with products of sums multiplied out (positive powers), for the test `is ZERO`."""
-    done: dict[Node, Node] = {}
-    for item in order([node]):
-        args = [done[a] for a in item.args]
-        done[item] = _expand_monomial(item, args, limit) if item.op == "monomial" else rebuild(item, args)
-    return done[node]
+    made = {"monomial": _expand_monomial}
+    return rewritten([node], lambda n, args: made.get(n.op, rebuild)(n, args))[0]
 
 
-def _expand_monomial(node: Node, args: Sequence[Node], limit: int) -> Node:
+def _expand_monomial(node: Node, args: Sequence[Node]) -> Node:
     result = ONE
     for arg, exponent in zip(args, node.data, strict=True):
         repeated = [arg] * exponent if 0 < exponent <= 8 else [power(arg, exponent)]
         for part in repeated:
             left, right = linear_terms(result), linear_terms(part)
-            if (len(left[1]) + 1) * (len(right[1]) + 1) > limit:
+            if (len(left[1]) + 1) * (len(right[1]) + 1) > MOST_TERMS:
                 return rebuild(node, args)
             result = add(
                 *(

@@ -1,13 +1,13 @@
 """What every certificate must satisfy once the gains are eliminated: two projected inequalities of one agent.
 
-Whatever the controllers are, F < 0 (see `inequality`) with P > 0 and multiplier M leaves, for X the block of P on x_d
-and Y that of P^-1, with N_C, N_B bases of ker C_0 and ker [B_1 ... B_N]_0',
+Whatever the controllers are, F < 0 (see `inequality`) with P > 0 and multiplier M leaves, for P_d the block of P on x_d
+and P_* that of P^-1, with C_perp, B_perp bases of ker C_0 and ker [B_1 ... B_N]_0',
 
-    (I (x) N_C)' (He(X (I (x) A)) + I (x) (R - rho^2 C_s' D_nu^-2 C_s) + M (x) alpha^2 H'H) (I (x) N_C),  bordered by
-                                                              X (I (x) D_xi) over -rho^2 I, by X (I (x) G) over -M (x) I  < 0,
-    (I (x) N_B)' (He((I (x) A) Y) + I (x) (rho^-2 D_xi D_xi' - B_u W^-1 B_u') + M^-1 (x) G G') (I (x) N_B),  bordered by
-                                          Y (I (x) R) over -I (x) R, by Y (I (x) alpha H') over -M^-1 (x) I               < 0,
-    [X I; I Y] >= 0
+    (I (x) C_perp)' (He(P_d (I (x) A)) + I (x) (R - rho^2 C_s' D_nu^-2 C_s) + M (x) alpha^2 H'H) (I (x) C_perp),  bordered by
+                                                          P_d (I (x) D_xi) over -rho^2 I, by P_d (I (x) G) over -M (x) I  < 0,
+    (I (x) B_perp)' (He((I (x) A) P_*) + I (x) (rho^-2 D_xi D_xi' - B_u W^-1 B_u') + M^-1 (x) G G') (I (x) B_perp),  bordered
+                                    by P_* (I (x) R) over -I (x) R, by P_* (I (x) alpha H') over -M^-1 (x) I              < 0,
+    [P_d I; I P_*] >= 0
 
 (Gahinet and Apkarian, Int. J. Robust Nonlinear Control 4, 1994). D_xi scales the disturbance of each state, D_nu the noise
 of the outputs C_s, and C_0 are the outputs without noise: on nu = -D_nu^-1 C_s x the controllers see nothing. W weighs the
@@ -15,13 +15,14 @@ inputs of B_u, and B_0 are those that weigh nothing. Q, delta, the order and any
 controllers that share all relative outputs and all inputs are allowed, so nothing is lost by leaving these out.
 
 M is symmetric and positive definite whatever the pair weights m_ij >= 0 are. Let M v = mu v, |v| = 1: restricted to
-v (x) R^n, all three keep their form with X = (v' (x) I) X (v (x) I), likewise Y, and the scalars mu and 1/mu for M and M^-1;
+v (x) R^n, all three keep their form with (v' (x) I) P_d (v (x) I), likewise P_*, and the scalars mu and 1/mu for M and M^-1;
 B_u W^-1 B_u' becomes that of the columns c_i B_i, c = T'v. With |c| = 1, which is so where the metric is (T T')^-1, it is
 at most that of all columns, and that of B where all agents have it; in other coordinates no input counts as weighed.
 So any certificate, with any pair weights, on any graph, gives one for a single agent, with a number mu > 0. Divided by rho
-(X / rho, mu / rho, Y rho for X, mu, Y), these are two `Side`s,
+(P_d / rho, mu / rho, P_* rho for P_d, mu, P_*), these are two `Side`s,
 
-    He(e Psi S) + constant + mu slope < 0,     He(e Phi S_*) + constant_* + slope_* / mu < 0,     Psi = N_C'X, Phi = N_B'Y.
+    He(e Psi flow) + constant + mu slope < 0,     He(e Phi flow_*) + constant_* + slope_* / mu < 0,     e = [I; 0],
+    Psi = C_perp'P_d,   Phi = B_perp'P_*.
 
 This holds in any coordinates T whose metric S is (T T')^-1 or I, and for the modes of `modes`. It does not hold for
 multipliers of another kind than M. Where single slopes have bounds of their own, phi(v) = J v with |J_kl| <= r_kl and
@@ -40,38 +41,38 @@ from lockstep.check.system.loop import Plant
 
 
 class Side(NamedTuple):
-    """He(e Psi S) + constant + mu slope < 0 with Psi = N'X, X symmetric, e = [I; 0], in rationals.
+    """He(e Psi flow) + constant + mu slope < 0 with Psi = kernel'P_d, P_d symmetric, e = [I; 0], in rationals.
 
-    rows: (c, n), independent, with kernel N;  N: (n, k);  S: (n, size);  constant, slope: (size, size).
+    rows: (c, n), independent, with this kernel;  kernel: (n, k);  flow: (n, size);  constant, slope: (size, size).
     """
 
     rows: Matrix
-    N: Matrix
-    S: Matrix
+    kernel: Matrix
+    flow: Matrix
     constant: Matrix
     slope: Matrix
 
     @property
     def k(self) -> int:
-        """Columns of N."""
-        return int(self.N.shape[1])
+        """Columns of the kernel."""
+        return int(self.kernel.shape[1])
 
     @property
     def size(self) -> int:
-        """Rows of the inequality; 0 where N has no columns, so that it says nothing."""
-        return int(self.S.shape[1]) if self.k else 0
+        """Rows of the inequality; 0 where the kernel has no columns, so that it says nothing."""
+        return int(self.flow.shape[1]) if self.k else 0
 
 
 class Projected(NamedTuple):
-    """Both sides, and the off-diagonal block N_C'N_B of what couples them."""
+    """Both sides, and the off-diagonal block C_perp'B_perp of what couples them."""
 
     primal: Side
     dual: Side
 
     @property
     def coupling(self) -> Matrix:
-        """N_C'N_B, of [N_C'X N_C, N_C'N_B; *, N_B'Y N_B] >= 0."""
-        product: Matrix = self.primal.N.T @ self.dual.N
+        """C_perp'B_perp, of [C_perp'P_d C_perp, C_perp'B_perp; *, B_perp'P_* B_perp] >= 0."""
+        product: Matrix = self.primal.kernel.T @ self.dual.kernel
         return product
 
 
@@ -93,11 +94,11 @@ def with_rho(agent: FloorAgent, rho: fmpq, *, primal_phi: bool = True, dual_phi:
     own = B[:1] if all((B[0] == one).all() for one in B) else B
     free, weighed = _inputs(own, exactly(performance.W))
     quiet, noisy = _split(plant.C, exactly(performance.outputs) ** 2)
-    D = np.diag(exactly(performance.states)) if len(performance.states) else eye(len(A), A)
-    D = D[:, np.any(D != 0, axis=0)]
-    border = D, rho * eye(D.shape[1], A)
+    D_xi = np.diag(exactly(performance.states)) if len(performance.states) else eye(len(A), A)
+    D_xi = D_xi[:, np.any(D_xi != 0, axis=0)]
+    border = D_xi, rho * eye(D_xi.shape[1], A)
     primal = side(A, quiet, R / rho - rho * noisy, H.T @ H, border, G if primal_phi else G[:, :0])
-    head, H_out = D @ D.T / rho - rho * weighed, H.T if dual_phi else H.T[:, :0]
+    head, H_out = D_xi @ D_xi.T / rho - rho * weighed, H.T if dual_phi else H.T[:, :0]
     return Projected(primal, side(A.T, free, head, G @ G.T, (R / rho, R / rho), H_out))
 
 
@@ -116,14 +117,14 @@ def _split(rows: Matrix, weights: Vector) -> tuple[Matrix, Matrix]:
 
 
 def side(A: Matrix, C: Matrix, head: Matrix, slope: Matrix, border: tuple[Matrix, Matrix], G: Matrix) -> Side:
-    """Assemble [N'(He(X A) + head + mu slope)N, N'X E, N'X G; *, -corner, 0; *, 0, -mu I]."""
-    rows, N = row_space_and_kernel(C)
+    """Assemble [C_perp'(He(P_d A) + head + mu slope)C_perp, C_perp'P_d E, C_perp'P_d G; *, -corner, 0; *, 0, -mu I]."""
+    rows, kernel = row_space_and_kernel(C)
     E, corner = border
-    k, p, r = N.shape[1], E.shape[1], G.shape[1]
+    k, p, r = kernel.shape[1], E.shape[1], G.shape[1]
     constant, by_mu = zeros(k + p + r, k + p + r, A), zeros(k + p + r, k + p + r, A)
-    constant[:k, :k], constant[k : k + p, k : k + p] = N.T @ head @ N, -corner
-    by_mu[:k, :k], by_mu[k + p :, k + p :] = N.T @ slope @ N, -eye(r, A)
-    return Side(rows, N, np.hstack([A @ N, E, G]), constant, by_mu)
+    constant[:k, :k], constant[k : k + p, k : k + p] = kernel.T @ head @ kernel, -corner
+    by_mu[:k, :k], by_mu[k + p :, k + p :] = kernel.T @ slope @ kernel, -eye(r, A)
+    return Side(rows, kernel, np.hstack([A @ kernel, E, G]), constant, by_mu)
 
 
 def row_space_and_kernel(C: Annotated[np.ndarray, "q n"]) -> tuple[Matrix, Matrix]:
@@ -149,6 +150,6 @@ def row_space_and_kernel(C: Annotated[np.ndarray, "q n"]) -> tuple[Matrix, Matri
     return rows, kernel
 
 
-def left_inverse(N: Matrix) -> Matrix:
-    """Return (N'N)^-1 N'; exact for rationals."""
-    return inverse(N.T @ N) @ N.T if N.shape[1] else N.T
+def left_inverse(kernel: Matrix) -> Matrix:
+    """Return kernel^+ = (kernel'kernel)^-1 kernel'; exact for rationals."""
+    return inverse(kernel.T @ kernel) @ kernel.T if kernel.shape[1] else kernel.T

@@ -1,19 +1,19 @@
 """The proof of a floor: points of the dual cone that no certificate can get around, decided exactly.
 
-Let Z > 0, Z_* > 0 be of the sizes of the two sides of `projected`, k any matrix of the size of N_C'N_B, and
+Let Z > 0, Z_* > 0 be of the sizes of the two sides of `projected`, k any matrix of the size of C_perp'B_perp, and
 
-    Gamma = S Z e,  rows Gamma = 0,  k_11 = He(N^+ Gamma),     likewise Gamma_*, k_22 of the dual side,
-    K = [k_11 k; k' k_22] > 0.
+    rows flow Z e = 0,  k_11 = He(kernel^+ flow Z e),     likewise k_22 of the dual side,     Z_c = [k_11 k; k' k_22] > 0.
 
-Then the terms in X and Y of <Z, primal> + <Z_*, dual> - <K, [N_C'X N_C, N_C'N_B; *, N_B'Y N_B]> cancel, and what is left is
+Then the terms in P_d and P_* of <Z, primal> + <Z_*, dual> - <Z_c, [C_perp'P_d C_perp, C_perp'B_perp; *, B_perp'P_* B_perp]>
+cancel, and what is left is
 
-    g(mu) = c_0 + c_1 mu + c_2 / mu,     c_0 = <Z, constant> + <Z_*, constant_*> - 2 <k, N_C'N_B>,
+    g(mu) = c_0 + c_1 mu + c_2 / mu,     c_0 = <Z, constant> + <Z_*, constant_*> - 2 <k, C_perp'B_perp>,
     c_1 = <Z, slope>,  c_2 = <Z_*, slope_*>.
 
 A certificate with this mu would make the first two terms negative and the third not positive: so wherever g(mu) >= 0 there
 is none. Pieces that cover all mu > 0 prove that there is none at this rho, nor at a smaller one, whose F is larger.
 
-The numbers of a file are doubles, which satisfy rows S Z e = 0 only nearly: the nearest symmetric Z that satisfies it
+The numbers of a file are doubles, which satisfy rows flow Z e = 0 only nearly: the nearest symmetric Z that satisfies it
 exactly is taken, in rationals. Nothing rests on how the numbers were found.
 """
 
@@ -118,9 +118,8 @@ def of_piece(agent: FloorAgent, rho: float, lower: float, upper: float) -> Proje
     k, k_dual = whole.primal.k, whole.dual.k
     idle = np.isinf(upper) and not np.any(whole.primal.slope[:k, :k])
     idle_dual = lower == 0 and not np.any(whole.dual.slope[:k_dual, :k_dual])
-    if not idle and not idle_dual:
-        return whole
-    return with_rho(agent, exact(rho), primal_phi=not idle, dual_phi=not idle_dual)
+    less = idle or idle_dual
+    return with_rho(agent, exact(rho), primal_phi=not idle, dual_phi=not idle_dual) if less else whole
 
 
 def excludes(stated: Projected, piece: Piece, lower: float) -> bool:
@@ -138,18 +137,18 @@ def excludes(stated: Projected, piece: Piece, lower: float) -> bool:
         return False
     points = [restored(side, Z) for side, Z in zip(sides, points, strict=True)]
     k = exactly(piece.k).reshape(shape)
-    K = coupled(sides, points, k)
-    if not all(decide_positive_definite(matrix).positive for matrix in (*points, K)):
+    both = coupled(sides, points, k)
+    if not all(decide_positive_definite(matrix).positive for matrix in (*points, both)):
         return False
     coefficients = bound(stated, points[0], points[1], k)
     return not_negative(coefficients, exact(lower), None if np.isinf(piece.upper) else exact(piece.upper))
 
 
 def coupled(sides: tuple[Side, Side], points: list[Matrix], k: Matrix) -> Matrix:
-    """Return K."""
+    """Return Z_c."""
     corners = []
     for side, Z in zip(sides, points, strict=True):
-        half = left_inverse(side.N) @ side.S @ Z[:, : side.k] if side.k else zeros(0, 0, side.N)
+        half = left_inverse(side.kernel) @ side.flow @ Z[:, : side.k] if side.k else zeros(0, 0, Z)
         corners.append(half + half.T)
     return np.block([[corners[0], k], [k.T, corners[1]]])
 
@@ -185,25 +184,25 @@ def not_negative(coefficients: tuple[Any, Any, Any], lower: Any, upper: Any | No
 
 
 def restored(side: Side, Z: Matrix) -> Matrix:
-    """Return the symmetric matrix nearest to Z, entry by entry of a triangle, with rows S Z e = 0 exactly."""
-    size, k, L = side.size, side.k, side.rows @ side.S
-    if not size or not len(L):
+    """Return the symmetric matrix nearest to Z, entry by entry of a triangle, with rows flow Z e = 0 exactly."""
+    size, k, held = side.size, side.k, side.rows @ side.flow
+    if not size or not len(held):
         return Z
     where = [(i, j) for i in range(size) for j in range(i + 1)]
-    equations = [_equation(L, a, b, where) for a in range(len(L)) for b in range(k)]
+    equations = [_equation(held, a, b, where) for a in range(len(held)) for b in range(k)]
     reduced, rank = fmpq_mat(equations).rref()
     if not rank:
         return Z
-    E = fmpq_mat(reduced.tolist()[:rank])
+    kept = fmpq_mat(reduced.tolist()[:rank])
     z = fmpq_mat([[Z[place]] for place in where])
-    z -= E.transpose() * (E * E.transpose()).solve(E * z)
+    z -= kept.transpose() * (kept * kept.transpose()).solve(kept * z)
     found = zeros(size, size, Z)
     for (i, j), row in zip(where, z.tolist(), strict=True):
         found[i, j] = found[j, i] = row[0]
     return found
 
 
-def _equation(L: Matrix, a: int, b: int, where: list[tuple[int, int]]) -> list[Any]:
-    """Return the coefficients of (L Z)_ab in the entries of the lower triangle of Z."""
+def _equation(held: Matrix, a: int, b: int, where: list[tuple[int, int]]) -> list[Any]:
+    """Return the coefficients of (held Z)_ab in the entries of the lower triangle of Z."""
     zero = fmpq(0)
-    return [L[a, i] if j == b else L[a, j] if i == b else zero for i, j in where]
+    return [held[a, i] if j == b else held[a, j] if i == b else zero for i, j in where]

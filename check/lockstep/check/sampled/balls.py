@@ -12,6 +12,7 @@ import numpy as np
 from flint import arb, arb_mat
 
 from lockstep.check.numbers import Matrix, is_exact
+from lockstep.check.psd import failing_pivot
 
 BITS = 256
 """Working precision: a 14 x 14 loop at 5 ms loses some 40 bits in the exponential, the inverse and the pivots."""
@@ -33,19 +34,19 @@ def product(first: Matrix, *others: Matrix) -> Matrix:
         if not (is_exact(total) or is_exact(other)):
             total = total @ other
         elif 0 in (*total.shape, *other.shape):
-            total = _zeros(total.shape[0], other.shape[1])
+            total = np.full((len(total), other.shape[1]), arb(0), dtype=object)
         else:
             total = _array(_balls(total) * _balls(other))
     return total
 
 
 def exponential(matrix: Matrix) -> Matrix:
-    """Return an enclosure of e^M for a matrix of balls."""
+    """Return an enclosure of the exponential of a matrix of balls."""
     return _array(_balls(matrix).exp())
 
 
 def inverse(matrix: Matrix) -> Matrix:
-    """Return M^-1, or an enclosure of it.
+    """Return the inverse, or an enclosure of it.
 
     Raises:
         ZeroDivisionError: the balls hold a singular matrix, or might.
@@ -73,20 +74,7 @@ def is_positive_definite(matrix: Matrix) -> bool:
     >>> is_positive_definite(np.array([[arb(1), arb(1)], [arb(1), arb(1)]], dtype=object))
     False
     """
-    n = len(matrix)
-    work: list[list[Any]] = [[arb(matrix[i, j]) for j in range(i + 1)] for i in range(n)]
-    for k in range(n):
-        pivot = work[k][k]
-        if not pivot > 0:
-            return False
-        column = [work[i][k] for i in range(k + 1, n)]
-        for i in range(k + 1, n):
-            ratio = column[i - k - 1] / pivot
-            if not ratio.is_zero():
-                row = work[i]
-                for j in range(k + 1, i + 1):
-                    row[j] -= ratio * column[j - k - 1]
-    return True
+    return failing_pivot(_balls(matrix).tolist()) is None
 
 
 def _balls(matrix: Matrix) -> Any:
@@ -94,11 +82,4 @@ def _balls(matrix: Matrix) -> Any:
 
 
 def _array(balls: Any) -> Matrix:
-    out = np.empty((balls.nrows(), balls.ncols()), dtype=object)
-    for i, row in enumerate(balls.tolist()):
-        out[i] = row
-    return out
-
-
-def _zeros(rows: int, columns: int) -> Matrix:
-    return np.full((rows, columns), arb(0), dtype=object)
+    return np.array(balls.tolist(), dtype=object).reshape(balls.nrows(), balls.ncols())

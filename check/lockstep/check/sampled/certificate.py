@@ -3,7 +3,7 @@
     bound       |phi(a, t) - phi(b, t)| <= alpha |a - b|, proved before and elsewhere
     loop        the coefficients and the period as they are in the code, every rounding in it as a Delta
     witness     P, m, t, kappa in doubles, from wherever
-    proof       no conjugate point in the period, P > 0 and W > 0 for these very numbers, in ball arithmetic
+    proof       no conjugate point in the period, P > 0 and Omega > 0 for these very numbers, in ball arithmetic
 
 Nothing is searched for here: without a witness that holds, nothing is proved.
 """
@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.check.numbers import Matrix, exactly
+from lockstep.check.numbers import Matrix, exact, exactly
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.conjugate_points import no_conjugate_point
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
-from lockstep.check.sampled.inequality import W_matrix, Witness, metric, multiplier
+from lockstep.check.sampled.inequality import Omega_matrix, Witness, metric, multiplier
 from lockstep.check.sampled.lifting import Lifted, copies, lift
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 
@@ -72,7 +72,7 @@ def decide_sampled(
         for witness in witnesses:
             tried += 1
             if proves(loop, one, witness):
-                said = "no conjugate point in the period, P > 0 and W > 0, decided in ball arithmetic"
+                said = "no conjugate point in the period, P > 0 and Omega > 0, decided in ball arithmetic"
                 return accepted(network, controllers, witness, said, witness)
     said = "no candidate survived the proof" if tried else "there is no witness"
     return refused(network, controllers, f"{at} {said}")
@@ -84,7 +84,7 @@ def lifted_agent(loop: SampledLoop) -> Lifted:
 
 
 def proves(exact_loop: SampledLoop, one: Lifted, witness: Witness) -> bool:
-    """Decide in balls whether P > 0, m >= 0, t >= 0, 0 < decay < 1, M > 0, W > 0 and c P > diag((T T')^-1 (x) I, 0).
+    """Decide in balls whether P > 0, m >= 0, t >= 0, 0 < decay < 1, M > 0, Omega > 0 and c P > diag((T T')^-1 (x) I, 0).
 
     That the period holds no conjugate point is to be shown apart.
     """
@@ -93,7 +93,7 @@ def proves(exact_loop: SampledLoop, one: Lifted, witness: Witness) -> bool:
     M = admitted_multiplier(exact_loop, witness)
     if M is None or not _bounds_the_distance(exact_loop, witness):
         return False
-    return balls.is_positive_definite(W_matrix(exact_loop, copies(one, M), witness))
+    return balls.is_positive_definite(Omega_matrix(exact_loop, copies(one, M), witness))
 
 
 def admitted_multiplier(exact_loop: SampledLoop, witness: Witness) -> Matrix | None:
@@ -112,7 +112,7 @@ def admitted_multiplier(exact_loop: SampledLoop, witness: Witness) -> Matrix | N
 def _bounds_the_distance(exact_loop: SampledLoop, witness: Witness) -> bool:
     if not math.isfinite(witness.ratio):
         return False
-    form = exactly(np.array([[witness.ratio]]))[0, 0] * exactly(witness.P)
+    form = exact(witness.ratio) * exactly(witness.P)
     place = slice(0, exact_loop.n_d)
     form[place, place] = form[place, place] - metric(exact_loop)
     return balls.is_positive_definite(form)

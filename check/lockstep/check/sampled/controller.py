@@ -1,6 +1,6 @@
 """What one agent computes at a sampling instant, and the error bounds of its floating-point arithmetic.
 
-    (x+, u) = M (x, r),  M = [A B; C D],  r = sum_j d_j,  d_j = a_j (y - y_j),
+    (x+, u) = K (x, r),  K = [A B; C D],  r = sum_j d_j,  d_j = a_j (y - y_j),
 
 coefficients exact as they stand in the code. A coefficient behind k roundings acts as one that is off by at most
 gamma_k = k u / (1 - k u) of itself (Higham 2002, lemma 3.1), so the rounded step is the exact step of a controller
@@ -9,13 +9,13 @@ gamma_k = k u / (1 - k u) of itself (Higham 2002, lemma 3.1), so the rounded ste
     |Delta A| <= |gamma o |A||,  and likewise C;     |Delta B| <= |[gamma_j o |B|]_j|,  and likewise D,
 
 Delta B and Delta D acting on the stacked differences d_j, since each of these is rounded by itself. A norm adds what has
-different units: m and Pa. So the loop counts Delta = R Delta' S, with powers of two R of the rows and S of the columns that
-make the entries of R^-1 M S^-1 alike, and |Delta'| <= delta. What underflow adds is not relative to anything: it is bounded
-apart, as is the error of the messages y themselves.
+different units: m and Pa. So the loop counts Delta = D_r Delta' D_c, with powers of two D_r of the rows and D_c of the
+columns that make the entries of D_r^-1 K D_c^-1 alike, and |Delta'| <= delta. What underflow adds is not relative to
+anything: it is bounded apart, as is the error of the messages y themselves.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, NamedTuple
 
@@ -24,7 +24,7 @@ from flint import fmpq
 
 from lockstep.check.continuous.inequality import LETTERS
 from lockstep.check.errors import demand
-from lockstep.check.numbers import Matrix, Vector, as_floats, converter, exact, exactly, is_exact, zeros
+from lockstep.check.numbers import Matrix, Vector, as_float, converter, exact, exactly, is_exact, zeros
 from lockstep.check.sampled.sector import Sector
 from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.loop import Plant
@@ -33,20 +33,19 @@ from lockstep.check.system.loop import Plant
 class Precision(NamedTuple):
     """A binary format: its unit roundoff u, and half its smallest subnormal, which an underflow may cost."""
 
-    name: str
     u: float
     underflow: float
 
 
 PRECISIONS = {
-    "float32": Precision("float32", 2.0**-24, 2.0**-150),
+    "float32": Precision(2.0**-24, 2.0**-150),
     # Half of float64's smallest subnormal is no double: the subnormal itself bounds it.
-    "float64": Precision("float64", 2.0**-53, 2.0**-1074),
+    "float64": Precision(2.0**-53, 2.0**-1074),
 }
 
 
 class ErrorBound(NamedTuple):
-    """Of the errors of one block of M: Delta = diag(rows) Delta' diag(columns), |Delta'| <= delta.
+    """Of the errors of one block of K: Delta = diag(rows) Delta' diag(columns), |Delta'| <= delta.
 
     rows, columns: powers of two up to 1;  columns of B and D are those of each d_j.
     """
@@ -70,8 +69,8 @@ ROW_ERROR = 1.25
 class HeldController:
     """One agent's sampled controller as it is computed.
 
-    order: n_C;  table: (n_C + m, n_C + q), M as it stands in the code;  sources: the agents it listens to, from 0;
-    weights: (nn,) their a_j;  roundings: (n_C + m, n_C + q), how many roundings each product of M passes through;
+    order: n_C;  table: (n_C + m, n_C + q), K as it stands in the code;  sources: the agents it listens to, from 0;
+    weights: (nn,) their a_j;  roundings: (n_C + m, n_C + q), how many roundings each product of K passes through;
     before: (nn,) how many each d_j has passed through already;  precision: of the arithmetic;  counts: (n_C + m,) or none:
     what a count of each of (x+, u) is worth in integers (`fixed_point`), mu being then in counts.
     """
@@ -137,7 +136,7 @@ class HeldController:
 
     @cached_property
     def errors(self) -> dict[str, ErrorBound]:
-        """The same, as the loop counts them: in units of the rows and columns of M."""
+        """The same, as the loop counts them: in units of the rows and columns of K."""
         found = {}
         for letter in LETTERS:
             rows, columns = _scales(self._block(letter))
@@ -184,7 +183,7 @@ class SampledNetwork:
     """What the controllers are in a loop with: the agents' matrices, the coordinates, alpha, period and delay.
 
     plant, d: in rationals, as `lockstep.model.network.Network.loop(order, exact_arithmetic=True)` has them;  alpha:
-    the incremental bound of phi;  period: T in s;  delay: periods between sampling y and applying u, 0 or 1;  sector: what
+    the incremental bound of phi;  period: T_s in s;  delay: periods between sampling y and applying u, 0 or 1;  sector: what
     takes the place of alpha where single slopes have bounds of their own.
     """
 
@@ -200,20 +199,16 @@ class SampledNetwork:
         check_period(self.period)
         demand(self.delay in (0, 1), f"the delay is {self.delay!r}", "delay", "0 or 1 periods")
 
-    def at(self, period: float) -> "SampledNetwork":
-        """Return the same with another period."""
-        return replace(self, period=period)
-
     @property
     def squares(self) -> tuple[Matrix, Matrix]:
-        """G Q^-1 G' and H'W H of one agent, in the kind of number of the plant; without a sector Q = I, W = alpha^2 I.
+        """G Pi_w^-1 G' and H'Pi_z H of one agent, in its kind of number; without a sector I and alpha^2 I.
 
         Both are 0 where alpha is: phi is then the same for all agents, and no part of the disagreement.
         """
         A, G, H = self.plant.A, self.plant.G, self.plant.H
         number = converter(is_exact(A))
         if self.sector is not None:
-            return (G / number(self.sector.Q)) @ G.T, (H.T * number(self.sector.W)) @ H
+            return (G / number(self.sector.Pi_w)) @ G.T, (H.T * number(self.sector.Pi_z)) @ H
         if self.alpha == 0:
             return zeros(len(A), len(A), A), zeros(len(A), len(A), A)
         alpha = number(np.array([self.alpha]))[0]
@@ -232,7 +227,7 @@ def gamma(k: Annotated[np.ndarray, "..."], u: float) -> Annotated[np.ndarray, ".
     >>> gamma(np.array([2]), 0.125).tolist()
     [1/3]
     """
-    ku = exactly(k) * fmpq(*u.as_integer_ratio())
+    ku = exactly(k) * exact(u)
     return np.asarray(ku / (1 - ku))
 
 
@@ -249,7 +244,7 @@ def spectral_bound(matrix: Annotated[np.ndarray, "k l"]) -> float:
         return 0.0
     # By a power of two, where the square itself is no double; then up until the square of the root is no less.
     shift = 1000 if square < SMALL else -500 if square > 1 / SMALL else 0
-    root = math.ldexp(math.sqrt(as_floats(np.array([square * fmpq(4) ** shift], dtype=object))[0]), -shift)
+    root = math.ldexp(math.sqrt(as_float(square * fmpq(4) ** shift)), -shift)
     while exact(root) ** 2 < square:
         root = math.nextafter(root, math.inf)
     return root

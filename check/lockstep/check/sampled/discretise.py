@@ -1,13 +1,14 @@
 """Continuous gains to the sampled controller x+ = A_d x + B_d r, u = C_d x + D_d r, correctly rounded.
 
-With T the period, paper (9) becomes
+With T_s the period, paper (9) becomes
 
-    euler   A_d = I + A T            B_d = B T              C_d = C         D_d = D
-    zoh     A_d = e^(A T)            B_d = int_0^T e^(A s) B ds             C_d = C         D_d = D
-    tustin  A_d = E^-1 (I + A T/2)   B_d = E^-1 B T         C_d = C E^-1    D_d = D + C E^-1 B T/2,   E = I - A T/2
+    euler   A_d = I + A T_s                B_d = B T_s              C_d = C             D_d = D
+    zoh     A_d = e^(A T_s)                B_d = int_0^T_s e^(A s) B ds                 C_d = C         D_d = D
+    tustin  A_d = Theta^-1 (I + A T_s/2)   B_d = Theta^-1 B T_s     C_d = C Theta^-1    D_d = D + C Theta^-1 B T_s/2,
+            Theta = I - A T_s/2
 
-(Franklin, Powell, Workman, Digital Control of Dynamic Systems, chapter 6). Tustin's sampled state is xi = E x
-- (T/2) B r, not x: the trapezoidal rule needs r at both ends of a period, and this choice is the one that
+(Franklin, Powell, Workman, Digital Control of Dynamic Systems, chapter 6). Tustin's sampled state is Theta x
+- (T_s/2) B r, not x: the trapezoidal rule needs r at both ends of a period, and this choice is the one that
 needs only the present r. Note D_d != D: part of r reaches u at once.
 
 Euler and Tustin are computed over the rationals and zoh in ball arithmetic, then rounded once to float64. So
@@ -17,40 +18,27 @@ type is reached by one more rounding of these float64.
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from flint import fmpq
 
 from lockstep.check.errors import ProblemError, demand
-from lockstep.check.numbers import Matrix, as_floats, exact, exactly, eye, inverse
+from lockstep.check.numbers import Matrix, as_float, as_floats, exact, exactly, eye, inverse, product
 from lockstep.check.sampled.balls import exponential, working_precision
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, check_period
+from lockstep.check.system.agent import ExactAgent
+from lockstep.check.system.formation import WHERE
 from lockstep.check.system.loop import Gains
 
 Discretization = Literal["tustin", "zoh", "euler"]
 Real = Literal["float32", "float64"]
 
 _PRECISIONS = (192, 768, 3072)
-"""Bits tried for e^(A T); more are needed only where entries cancel or lie next to a rounding boundary."""
+"""Bits tried for e^(A T_s); more are needed only where entries cancel or lie next to a rounding boundary."""
 
 _CONDITION = 10**12
 """Above it, an error of 1e-16 in the given gains moves the sampled ones by 1e-4: they mean nothing."""
-
-
-@dataclass(frozen=True, eq=False)
-class SampledGains:
-    """x+ = A x + B r, u = C x + D r in float64."""
-
-    A: Annotated[np.ndarray, "nc nc"]
-    B: Annotated[np.ndarray, "nc q"]
-    C: Annotated[np.ndarray, "m nc"]
-    D: Annotated[np.ndarray, "m q"]
-
-    def stacked(self) -> Annotated[np.ndarray, "nc+m nc+q"]:
-        """[A B; C D], the one table that maps (x, r) to (x+, u)."""
-        return np.block([[self.A, self.B], [self.C, self.D]])
 
 
 def discretise(
@@ -60,41 +48,39 @@ def discretise(
     D: Annotated[np.ndarray, "m q"],
     period: float,
     method: Discretization = "tustin",
-) -> SampledGains:
-    """Sample x' = A x + B r, u = C x + D r with the period T in s.
+) -> Annotated[np.ndarray, "nc+m nc+q"]:
+    """Sample x' = A x + B r, u = C x + D r with the period T_s in s; return [A_d B_d; C_d D_d], of x+ and u, in float64.
 
-    Raises `ProblemError` if E = I - A T/2 is singular (tustin), if a result exceeds float64, or if T <= 0.
+    Raises `ProblemError` if Theta = I - A T_s/2 is singular (tustin), if a result exceeds float64, or if T_s <= 0.
 
     >>> import numpy as np
     >>> one = np.ones((1, 1))
-    >>> g = discretise(-one, one, one, 0 * one, 0.5, "tustin")
-    >>> [float(M[0, 0]) for M in (g.A, g.B, g.C, g.D)]
-    [0.6, 0.4, 0.8, 0.2]
+    >>> discretise(-one, one, one, 0 * one, 0.5, "tustin").tolist()
+    [[0.6, 0.4], [0.8, 0.2]]
     """
     check_period(period)
     known = method in ("tustin", "zoh", "euler")
     demand(known, f"`{method}`", "discretization", "tustin, zoh or euler")
     if len(A) == 0:
-        return SampledGains(np.zeros_like(A), np.zeros_like(B), C.copy(), D.copy())
+        return D.copy()
     if method == "zoh":
-        return SampledGains(*_zoh(A, B, period), C.copy(), D.copy())
-    A_, B_, C_, D_ = (exactly(M) for M in (A, B, C, D))
-    T, unit = exact(period), eye(len(A), A_)
+        return np.vstack([_zoh(A, B, period), np.hstack([C, D])])
+    A_, B_, C_, D_ = (exactly(block) for block in (A, B, C, D))
+    T_s, unit = exact(period), eye(len(A), A_)
     if method == "euler":
-        return SampledGains(_rounded(unit + A_ * T), _rounded(B_ * T), C.copy(), D.copy())
-    half = T / 2
-    E_inverse = _inverse(unit - A_ * half, 1 + half * _largest(A_), period)
-    B_d = E_inverse @ B_ * T
-    exact_gains = (E_inverse @ (unit + A_ * half), B_d, C_ @ E_inverse, D_ + C_ @ B_d / 2)
-    return SampledGains(*(_rounded(M) for M in exact_gains))
+        return _rounded(np.block([[unit + A_ * T_s, B_ * T_s], [C_, D_]]))
+    half = T_s / 2
+    inverted = _inverse(unit - A_ * half, 1 + half * _largest(A_), period)
+    B_d = inverted @ B_ * T_s
+    return _rounded(np.block([[inverted @ (unit + A_ * half), B_d], [C_ @ inverted, D_ + C_ @ B_d / 2]]))
 
 
-def rounded_to(real: Real, M: Annotated[np.ndarray, "..."], where: str) -> Annotated[np.ndarray, "..."]:
+def rounded_to(real: Real, values: Annotated[np.ndarray, "..."], where: str) -> Annotated[np.ndarray, "..."]:
     """Round float64 values to the nearest of the type, ties to even, -0 to 0; raises if one becomes infinite."""
     target = np.dtype(real)
     with np.errstate(over="ignore", under="ignore"):
-        rounded: np.ndarray = np.asarray(M, dtype=np.float64).astype(target) + target.type(0)
-    found = f"{np.abs(M).max(initial=0.0):.6g} is not representable in {real}"
+        rounded: np.ndarray = np.asarray(values, dtype=np.float64).astype(target) + target.type(0)
+    found = f"{np.abs(values).max(initial=0.0):.6g} is not representable in {real}"
     demand(np.isfinite(rounded).all(), found, where, remedy="use smaller gains")
     return rounded
 
@@ -112,6 +98,12 @@ def clipped_at(real: Real, sides: Annotated[np.ndarray, "m 2"]) -> Annotated[np.
         return np.where(beyond, np.nextafter(near, target(0)), near).astype(np.float64)
 
 
+def either_way(real: Real, sides: Annotated[np.ndarray, "m 2"]) -> Annotated[np.ndarray, " m"]:
+    """Return how far each input goes either way before C clips it, infinite where it has no limit."""
+    nearer = np.abs(clipped_at(real, sides)).min(axis=1)
+    return np.where(np.isinf(sides).all(axis=1), np.inf, nearer)
+
+
 def sampled_controllers(
     gains: Gains, edges: Iterable[tuple[int, int, float]], period: float, method: Discretization, real: Real
 ) -> tuple[HeldController, ...]:
@@ -119,7 +111,7 @@ def sampled_controllers(
 
     Args:
         gains: continuous, of every agent;  edges: (listener, source, weight), agents from 1, in the order of the sums.
-        period: T in s;  method: of sampling;  real: the type of the arithmetic.
+        period: T_s in s;  method: of sampling;  real: the type of the arithmetic.
 
     Raises:
         ProblemError: a gain has no value in the type, or cannot be sampled.
@@ -148,46 +140,46 @@ def sampled_table(
         ProblemError: a gain has no value in the type, or cannot be sampled.
     """
     sampled = discretise(gains.A[i], gains.B[i], gains.C[i], gains.D[i], period, method)
-    return rounded_to(real, sampled.stacked(), f"controller {i + 1}").astype(float)
+    return rounded_to(real, sampled, f"controller {i + 1}").astype(float)
 
 
-def _inverse(E: Matrix, scale: fmpq, T: float) -> Matrix:
-    """E^-1, or an error when E is singular up to the rounding of T: 2/T is rarely exact in binary.
+def _inverse(Theta: Matrix, scale: fmpq, period: float) -> Matrix:
+    """Theta^-1, or an error when Theta is singular up to the rounding of T_s: 2/T_s is rarely exact in binary.
 
-    scale  the size of the terms of E before they cancel
+    scale  the size of the terms of Theta before they cancel
     """
     try:
-        found = inverse(E)
+        found = inverse(Theta)
     except ZeroDivisionError:
         found = None
     if found is None or scale * _largest(found) > _CONDITION:
         raise ProblemError(
-            "I - A T/2 is singular, so Tustin's rule does not exist",
-            where=f"discretization with the period {T!r} s",
-            expected="no eigenvalue of A at 2/T",
+            "I - A T_s/2 is singular, so Tustin's rule does not exist",
+            where=f"discretization with the period {period!r} s",
+            expected="no eigenvalue of A at 2/T_s",
             remedy='use another period or discretization = "zoh"',
         )
     return found
 
 
-def _largest(M: Matrix) -> fmpq:
-    largest: fmpq = max(abs(value) for value in M.ravel())
+def _largest(matrix: Matrix) -> fmpq:
+    largest: fmpq = max(abs(value) for value in matrix.ravel())
     return largest
 
 
-def _zoh(A: Matrix, B: Matrix, T: float) -> tuple[Matrix, Matrix]:
-    """exp of [A B; 0 0] T: its upper blocks are A_d and B_d (Van Loan 1978)."""
+def _zoh(A: Matrix, B: Matrix, period: float) -> Matrix:
+    """Return [A_d B_d], the upper rows of exp([A B; 0 0] T_s) (Van Loan 1978)."""
     n, q = B.shape
-    augmented = exactly(np.block([[A, B], [np.zeros((q, n + q))]])) * exact(T)
+    augmented = exactly(np.block([[A, B], [np.zeros((q, n + q))]])) * exact(period)
     for precision in _PRECISIONS:
         with working_precision(precision):
             upper = exponential(augmented)[:n]
             result = np.array([_nearest(ball) for ball in upper.ravel()]).reshape(upper.shape)
         if not np.isnan(result).any():
             break
-    where, remedy = f"discretization with the period {T!r} s", "use a shorter period or smaller gains"
-    demand(np.isfinite(result).all(), "e^(A T) is not representable in float64", where, remedy=remedy)
-    return result[:, :n].copy(), result[:, n:].copy()
+    where, remedy = f"discretization with the period {period!r} s", "use a shorter period or smaller gains"
+    demand(np.isfinite(result).all(), "e^(A T_s) is not representable in float64", where, remedy=remedy)
+    return result
 
 
 def _nearest(ball: Any) -> float:
@@ -199,13 +191,27 @@ def _nearest(ball: Any) -> float:
     if not ball.is_finite():
         return math.nan
     ends = (end.man_exp() for end in (ball.lower(), ball.upper()))
-    exact_ends = [fmpq(mantissa) * fmpq(2) ** int(exponent) for mantissa, exponent in ends]
-    low, high = as_floats(np.array(exact_ends, dtype=object)) + 0.0
-    return float(low) if low == high else math.nan
+    low, high = (as_float(fmpq(mantissa) * fmpq(2) ** int(exponent)) + 0.0 for mantissa, exponent in ends)
+    return low if low == high else math.nan
 
 
-def _rounded(M: Matrix) -> Annotated[np.ndarray, "k l"]:
-    result = as_floats(M) + 0.0
+def _rounded(matrix: Matrix) -> Annotated[np.ndarray, "k l"]:
+    result = as_floats(matrix) + 0.0
     said, remedy = "a sampled gain is not representable in float64", "use smaller gains"
     demand(np.isfinite(result).all(), said, "discretization", remedy=remedy)
     return result
+
+
+def measured_offsets(
+    agent: ExactAgent, offsets: Annotated[np.ndarray, "N n"] | None, real: Real
+) -> Annotated[np.ndarray, "N q"] | None:
+    """Return C o_i as the C has them, each rounded to the type; None where none is other than 0.
+
+    y_i - C o_i takes the place of the reading y_i: rounding C o_i, and the difference, are errors of a reading.
+    """
+    if offsets is None:
+        return None
+    seen: np.ndarray = rounded_to(real, as_floats(product(agent.C, exactly(offsets).T)).T, WHERE).astype(
+        float
+    )
+    return seen if seen.any() else None

@@ -34,7 +34,7 @@ from lockstep.check.sampled.loop import SampledLoop
 
 SPLIT, LARGEST_X, LARGEST_R = 14, 1 << 28, (1 << 15) - 1
 MOST_A, MOST_D, SHIFTS, EXPONENTS = 1 << 16, 1 << 15, range(1, 31), range(-60, 61)
-EXACT = Precision("fixed", 0.0, 0.0)
+EXACT = Precision(0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -152,8 +152,8 @@ def proves_range(
 ) -> bool:
     """Decide in balls whether from |x_d(0)| <= radius, controllers at rest and undisturbed, no integer meets its limit.
 
-    With `limits`: V <= V_0 + kappa_mu |mu|^2 / (1 - decay) at every sampling instant, and |k xi + e| <= g sqrt(V) + |e|,
-    g^2 = k P^-1 k', for the rows k of x_C, of r and of u; only those of u hold a mu.
+    As in `input_limits`: V <= V_0 + kappa_mu |mu|^2 / (1 - decay) at every sampling instant, and |k x_cl + e| <= g sqrt(V) +
+    |e|, g^2 = k P^-1 k', for the rows k of x_C, of r and of u; only those of u hold a mu.
     """
     return proves_reach(loop, witness, radius, lambda: range_level(loop, controllers, fixed, witness))
 
@@ -177,10 +177,10 @@ def range_level(
 
 
 def ranges_of(loop: SampledLoop, fixed: tuple[FixedController, ...]) -> Iterator[tuple[Matrix, float]]:
-    """Yield each row of x_C, r and u on xi, and up to where it may go: u less its rounding, all exact in doubles."""
+    """Yield each row of x_C, r and u on x_cl, and up to where it may go: u less its rounding, all exact in doubles."""
     for i, one in enumerate(fixed):
         n, m = len(one.x), len(one.u)
-        rows = np.vstack([loop.seen[i], loop.computed[i * m : (i + 1) * m]])[:, : loop.n_xi]
+        rows = np.vstack([loop.seen[i], loop.computed[i * m : (i + 1) * m]])[:, : loop.n_x]
         sides = [min(-low, high) - ROW_ERROR for low, high in one.sides]
         counts = [*[LARGEST_X] * n, *[LARGEST_R] * len(one.r), *sides]
         for row, count, e in zip(rows, counts, (*one.x, *one.r, *one.u), strict=True):

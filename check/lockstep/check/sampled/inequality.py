@@ -1,22 +1,22 @@
 """The dissipation inequality of the sampled loop: what is claimed, what witnesses it, and the matrix that decides it.
 
-With the matrices of `loop` on z = (xi, e) and one lifted period (A_d, S, Q) of `lifting` for the multiplier M,
+With the matrices of `loop` on z = (x_cl, e) and one lifted period (A_d, B_d B_d', C_d'C_d) of `lifting` for the multiplier M,
 
-    xi+ = N z + J w_d,    N = [A_d start; advanced],   J = [I; 0],
+    x_cl+ = A_z z + E w_d,    A_z = [A_d start; advanced],   E = [I; 0],
 
-    W = [ Z - start' Q start    N' P           ]      Z = diag(decay P - weight D, t_j I, kappa I, kappa_mu I)
-        [ P N                   P - P J S J' P ] > 0,     - sum_j t_j delta_j^2 Y_j' Y_j,
+    Omega = [ Pi_z - start' C_d'C_d start    A_z' P                 ]
+            [ P A_z                          P - P E B_d B_d' E' P  ] > 0,
+    Pi_z = diag(decay P - weight diag((T T')^-1 (x) I, 0), t_j I, kappa I, kappa_mu I) - sum_j t_j delta_j^2 Y_j' Y_j,
 
-P > 0, m >= 0, t >= 0 prove, for V = xi' P xi, every nonlinearity with incremental bound alpha and every Delta_j,
+P > 0, m >= 0, t >= 0 prove, for V = x_cl' P x_cl, every nonlinearity with incremental bound alpha and every Delta_j,
 
-    V(xi+) < decay V(xi) - weight x_d' ((T T')^-1 (x) I) x_d + kappa |nu|^2 + kappa_mu |mu|^2
+    V(x_cl+) < decay V(x_cl) - weight x_d' ((T T')^-1 (x) I) x_d + kappa |zeta|^2 + kappa_mu |mu|^2
 
-from one sampling instant to the next, whenever z != 0; D = diag((T T')^-1 (x) I, 0): x_d' D x_d is the squared
-distance from consensus.
+from one sampling instant to the next, whenever z != 0; x_d' ((T T')^-1 (x) I) x_d is the squared distance from consensus.
 
-Proof: by Schur's complement W > 0 is  max over w_d of V(N z + J w_d) - w_d' S^-1 w_d + a' Q a < z' Z z, and by
-lifting the left side is no less than V(xi+) + int (sum_ij m_ij (alpha^2 |H (x_i - x_j)|^2 - |phi_i - phi_j|^2))
-dt, whose integrand alpha makes nonnegative. Everything but S = M^-1 (x) S_1 is linear in (P, m, t, kappa), and
+Proof: by Schur's complement Omega > 0 is  max over w_d of V(A_z z + E w_d) - w_d' (B_d B_d')^-1 w_d + a' C_d'C_d a < z'
+Pi_z z, and by lifting the left side is no less than V(x_cl+) + int (sum_ij m_ij (alpha^2 |H (x_i - x_j)|^2 - |phi_i -
+phi_j|^2)) dt, whose integrand alpha makes nonnegative. Everything but B_d B_d', of M^-1, is linear in (P, m, t, kappa), and
 congruence makes that so too.
 
 With performance, the lifted period also counts int x_d' (S (x) R) x_d, and a disturbance with rho^2; see `l2_gain`.
@@ -28,7 +28,7 @@ from typing import Annotated
 
 import numpy as np
 
-from lockstep.check.numbers import Matrix, Vector, converter, inverse, is_exact, zeros
+from lockstep.check.numbers import Matrix, Vector, converter, is_exact, zeros
 from lockstep.check.sampled.balls import product
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop
@@ -39,13 +39,13 @@ NUMBERS = ("decay", "kappa", "weight", "ratio", "kappa_mu")
 
 @dataclass(frozen=True, eq=False)
 class Witness:
-    """P (n_xi, n_xi), m >= 0 for each pair of agents, t >= 0 for each way, and the numbers of the claim.
+    """P (n_x, n_x), m >= 0 for each pair of agents, t >= 0 for each way, and the numbers of the claim.
 
-    kappa: what |nu|^2, the messages' noise, counts;  kappa_mu: what |mu|^2 does, that of underflow;  ratio: c with
+    kappa: what |zeta|^2, the messages' errors, counts;  kappa_mu: what |mu|^2 does, that of underflow;  ratio: c with
     x_d' ((T T')^-1 (x) I) x_d <= c V, which turns what is known of V into a distance from consensus.
     """
 
-    P: Annotated[np.ndarray, "n_xi n_xi"]
+    P: Annotated[np.ndarray, "n_x n_x"]
     m: Annotated[np.ndarray, " pairs"]
     t: Annotated[np.ndarray, " ways"]
     decay: float
@@ -56,12 +56,12 @@ class Witness:
 
     @property
     def rms(self) -> float:
-        """The gain from nu to the distance from consensus, both as root mean squares over all instants."""
+        """The gain from zeta to the distance from consensus, both as root mean squares over all instants."""
         return root(self.kappa / self.weight) if self.weight > 0 else math.inf
 
     @property
     def ultimate(self) -> float:
-        """The ultimate distance from consensus per length of nu: sqrt(c kappa / (1 - decay))."""
+        """The ultimate distance from consensus per length of zeta: sqrt(c kappa / (1 - decay))."""
         return root(self.ratio * self.kappa / (1 - self.decay)) if self.decay < 1 else math.inf
 
     @property
@@ -72,7 +72,7 @@ class Witness:
     def fits(self, loop: SampledLoop) -> bool:
         """Tell whether the sizes are those of a loop."""
         sizes = len(self.P), len(self.m), len(self.t)
-        return sizes == (loop.n_xi, len(loop.network.d.pairs()), len(loop.ways))
+        return sizes == (loop.n_x, len(loop.network.d.pairs()), len(loop.ways))
 
 
 def root(square: float) -> float:
@@ -93,51 +93,48 @@ def multiplier(d: Disagreement, m: Vector) -> Matrix:
 
 
 def metric(loop: SampledLoop) -> Matrix:
-    """Return D = (T T')^-1 (x) I: x_d' D x_d is the squared distance of the states from consensus.
-
-    In any coordinates: the S of `Disagreement`, in which rho is measured, is I in those of the paper.
-    """
-    unit = converter(is_exact(loop.held))(np.eye(loop.network.plant.A.shape[0]))
-    T = loop.network.d.T
-    return np.kron(inverse(T @ T.T), unit)
+    """Return (T T')^-1 (x) I, as of `Disagreement.squared_distance`."""
+    return loop.network.d.squared_distance(len(loop.network.plant.A))
 
 
 def step_matrix(loop: SampledLoop, lifted: Lifted) -> Matrix:
-    """Return N, with xi+ = N z + J w_d."""
+    """Return A_z, with x_cl+ = A_z z + E w_d."""
     return np.vstack([product(lifted.A_d, loop.start), loop.advanced])
 
 
 def stored_matrix(loop: SampledLoop, witness: Witness, running: Matrix | None = None) -> Matrix:
-    """Return Z; `running` is a cost of z at each sampling instant, if there is one."""
+    """Return Pi_z; `running` is a cost of z at each sampling instant, if there is one."""
     number = converter(is_exact(loop.held))
     P, t = number(witness.P), number(witness.t)
     decay, weight, kappa, kappa_mu = number(
         np.array([witness.decay, witness.weight, witness.kappa, witness.kappa_mu])
     )
-    Z = zeros(loop.n_z, loop.n_z, loop.held)
-    Z[: loop.n_xi, : loop.n_xi] = decay * P
-    Z[: loop.n_d, : loop.n_d] = Z[: loop.n_d, : loop.n_d] - weight * metric(loop)
+    Pi = zeros(loop.n_z, loop.n_z, loop.held)
+    Pi[: loop.n_x, : loop.n_x] = decay * P
+    Pi[: loop.n_d, : loop.n_d] = Pi[: loop.n_d, : loop.n_d] - weight * metric(loop)
     places = [loop.messages, loop.underflows, *(way.place for way in loop.ways)]
     for place, cost in zip(places, [kappa, kappa_mu, *t], strict=True):
         for k in range(place.start, place.stop):
-            Z[k, k] = Z[k, k] + cost
+            Pi[k, k] = Pi[k, k] + cost
     for cost, way in zip(t, loop.ways, strict=True):
         if way.delta:
             delta = number(np.array([way.delta]))[0]
             # Of balls, too, only zeros themselves are left out.
             seen = np.flatnonzero(~(way.Y == 0).all(axis=0))
-            Z[np.ix_(seen, seen)] -= cost * delta * delta * (way.Y[:, seen].T @ way.Y[:, seen])
-    return Z if running is None else Z - running
+            Pi[np.ix_(seen, seen)] -= cost * delta * delta * (way.Y[:, seen].T @ way.Y[:, seen])
+    return Pi if running is None else Pi - running
 
 
-def W_matrix(loop: SampledLoop, lifted: Lifted, witness: Witness, running: Matrix | None = None) -> Matrix:
-    """Assemble W, in doubles or in balls, as the loop and the lifted period are."""
+def Omega_matrix(
+    loop: SampledLoop, lifted: Lifted, witness: Witness, running: Matrix | None = None
+) -> Matrix:
+    """Assemble Omega, in doubles or in balls, as the loop and the lifted period are."""
     P = converter(is_exact(loop.held))(witness.P)
-    start, N = loop.start, step_matrix(loop, lifted)
+    start, A_z = loop.start, step_matrix(loop, lifted)
     n_z, n_d = loop.n_z, loop.n_d
-    side = product(P, N)
-    W = zeros(n_z + loop.n_xi, n_z + loop.n_xi, loop.held)
-    W[:n_z, :n_z] = stored_matrix(loop, witness, running) - product(start.T, lifted.Q, start)
-    W[n_z:, :n_z], W[:n_z, n_z:] = side, side.T
-    W[n_z:, n_z:] = P - product(P[:, :n_d], lifted.S, P[:n_d])
-    return W
+    side = product(P, A_z)
+    Omega = zeros(n_z + loop.n_x, n_z + loop.n_x, loop.held)
+    Omega[:n_z, :n_z] = stored_matrix(loop, witness, running) - product(start.T, lifted.CC_d, start)
+    Omega[n_z:, :n_z], Omega[:n_z, n_z:] = side, side.T
+    Omega[n_z:, n_z:] = P - product(P[:, :n_d], lifted.BB_d, P[:n_d])
+    return Omega

@@ -18,7 +18,7 @@ MOST_LINKS = 8
 class Messages:
     """What a network does to messages.
 
-    loss: p0;  burst: b;  delay: the least and the most periods;  jitter: J.
+    loss: p0;  burst: b;  delay: the least and the most periods;  jitter: part of a period.
     """
 
     loss: float = 0.0
@@ -61,7 +61,7 @@ class Messages:
 
 @dataclass(frozen=True, eq=False)
 class MessageWitness:
-    """P, Gamma (n_xi + links, n_xi + links), X, Xj (links, q) block below block, m, t and numbers as of `inequality`.
+    """P, Gamma (n_x + links, n_x + links), X, Xj (links, q) block below block, m, t and numbers as of `inequality`.
 
     X_chance, X_change, X_sum: Xa, Xb and Xs like X, or all None.
     """
@@ -86,7 +86,7 @@ class MessageWitness:
 
     def fits(self, loop: SampledLoop) -> bool:
         """Tell whether the sizes are those of a loop, forms symmetric, prices and numbers in their ranges."""
-        n, links, q = loop.n_xi + len(loop.differences), len(loop.differences), len(loop.network.plant.C)
+        n, links, q = loop.n_x + len(loop.differences), len(loop.differences), len(loop.network.plant.C)
         shapes = (
             *(one.shape for one in (self.P, self.Gamma, self.X, self.X_jitter, *self.seconds)),
             self.m.shape,
@@ -116,5 +116,5 @@ class MessageWitness:
 
     def prices(self, loop: SampledLoop) -> Witness:
         """Return what `stored_matrix` needs of it: no storage, and nothing for the messages' errors."""
-        none = np.zeros((loop.n_xi, loop.n_xi))
+        none = np.zeros((loop.n_x, loop.n_x))
         return Witness(none, self.m, self.t, 0.0, 0.0, kappa_mu=self.kappa_mu)

@@ -1,20 +1,22 @@
 """The sampled loop in disagreement coordinates, with every way in for an error of the arithmetic or of the messages.
 
-State xi = (x_d, x_C) at the sampling instants, and with a delay of one period the inputs u computed last. All
-matrices act on z = (xi, e): the state, then the errors
+State x_cl = (x_d, x_C) at the sampling instants, and with a delay of one period the inputs u computed last. All
+matrices act on z = (x_cl, e): the state, then the errors
 
     e_j = Delta_j Y_j z,  |Delta_j| <= delta_j    of the coefficients A, B, C, D of each agent: rounding, in the units
-                                                  R, S of `controller`: R_j e_j is what enters, S_j is part of Y_j;
-    nu_i                                          of the differences d_ij = a_ij (y_i - y_j), from the messages;
+                                                  D_r, D_c of `controller`: D_rj e_j enters, D_cj is part of Y_j;
+    zeta_i                                        of the differences d_ij = a_ij (y_i - y_j), from the messages;
     mu_i                                          added to (x_C+, u) of agent i, from underflow, or in counts of integers;
-    n_d                                           the disagreement of the outputs' own noise, where rho is a gain from it.
+    nu_d                                          the disagreement of the outputs' own noise, where rho is a gain from it.
 
-    d_i = differences + nu_i,
-    x_C+ = A x_C + B sum_j d_ij + R_A e_A + R_B e_B + mu,   u = C x_C + D sum_j d_ij + R_C e_C + R_D e_D + mu.
+    d_i = differences + zeta_i,
+    x_C+ = A x_C + B sum_j d_ij + D_rA e_A + D_rB e_B + mu,   u = C x_C + D sum_j d_ij + D_rC e_C + D_rD e_D + mu.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from itertools import accumulate, pairwise
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -45,18 +47,18 @@ def way_of(controller: HeldController, agent: int, letter: str, place: slice, se
 
 @dataclass(frozen=True, eq=False)
 class SampledLoop:
-    """Matrices on z = (xi, e).
+    """Matrices on z = (x_cl, e).
 
-    n_d: length of x_d;  n_xi: length of xi;  into: (n, k), through which the inputs reach one agent;  held: what v
-    of all copies is during the next period;  advanced: the rest of xi after it;  ways: the coefficient errors;
-    seen: (x_C, r) of each agent;  messages: the columns of nu;  underflows: those of mu, next to them;  outputs: those of
-    n_d;  applied, computed: (N m, n_z), what the inputs are during the next period, and what the controllers compute;
+    n_d: length of x_d;  n_x: length of x_cl;  into: (n, k), through which the inputs reach one agent;  held: what u_d
+    of all copies is during the next period;  advanced: the rest of x_cl after it;  ways: the coefficient errors;
+    seen: (x_C, r) of each agent;  messages: the columns of zeta;  underflows: those of mu, next to them;  outputs: those of
+    nu_d;  applied, computed: (N m, n_z), what the inputs are during the next period, and what the controllers compute;
     differences: the d_ij of all agents, one below the other.
     """
 
     network: SampledNetwork
     n_d: int
-    n_xi: int
+    n_x: int
     into: Matrix
     held: Matrix
     advanced: Matrix
@@ -70,18 +72,13 @@ class SampledLoop:
     differences: Matrix
 
     @property
-    def noise(self) -> slice:
-        """The columns of nu and mu."""
-        return slice(self.messages.start, self.underflows.stop)
-
-    @property
     def n_z(self) -> int:
         """Length of z."""
         return int(self.held.shape[1])
 
     @property
     def start(self) -> Matrix:
-        """a = (x_d, v) at the start of a period."""
+        """a = (x_d, u_d) at the start of a period."""
         x_d = zeros(self.n_d, self.n_z, self.held)
         x_d[:, : self.n_d] = np.eye(self.n_d, dtype=int)
         return np.vstack([x_d, self.held])
@@ -109,23 +106,55 @@ def sampled_loop(
     states = np.vstack([row[:n_C] for row in rows])
     u = np.vstack([row[n_C:] for row in rows])
     into, spread = inputs_of(network)
-    applied = layout.last_inputs if network.delay else u
+    applied, at = layout.at.rows("last") if network.delay else u, layout.at.of
     return SampledLoop(
         network,
-        layout.n_d,
-        layout.n_xi,
+        at["x_d"].stop,
+        at["last"].stop,
         into,
         spread @ applied,
         np.vstack([states, u]) if network.delay else states,
-        layout.ways,
+        layout.ways(),
         tuple(layout.received(i) for i in range(len(controllers))),
-        slice(layout.first_noise, layout.first_underflow),
-        slice(layout.first_underflow, layout.first_output),
-        slice(layout.first_output, layout.n_z),
+        layout.at.span("zeta", len(controllers)),
+        layout.at.span("mu", len(controllers)),
+        at["nu"],
         applied,
         u,
         np.vstack([layout.differences(i) for i in range(len(controllers))]),
     )
+
+
+class Columns:
+    """Where the parts of z are, by name."""
+
+    def __init__(self, widths: Mapping[Any, int], like: Matrix) -> None:
+        ends = [0, *accumulate(widths.values())]
+        self.of = {name: slice(*pair) for name, pair in zip(widths, pairwise(ends), strict=True)}
+        self.width, self.like = ends[-1], like
+
+    def rows(self, name: Any) -> Matrix:
+        """Return the rows that take a part out of z."""
+        place = self.of[name]
+        rows = zeros(place.stop - place.start, self.width, self.like)
+        rows[:, place] = np.eye(len(rows), dtype=int)
+        return rows
+
+    def span(self, name: str, agents: int) -> slice:
+        """Return the columns of a part that each agent has."""
+        return slice(self.of[0, name].start, self.of[agents - 1, name].stop)
+
+
+def step_rows(
+    controller: HeldController, received: Matrix, mu: Matrix, errors: Mapping[str, Matrix]
+) -> Matrix:
+    """Return (x_C+, u) of a controller that is given (x_C, r); errors: the rows of e of each letter that has some."""
+    number, n_C = converter(is_exact(received)), controller.order
+    rows: Matrix = number(controller.table) @ received + mu
+    for letter, e in errors.items():
+        part = slice(0, n_C) if letter in "AB" else slice(n_C, None)
+        rows[part] = rows[part] + number(controller.errors[letter].rows)[:, None] * e
+    return rows
 
 
 class _Layout:
@@ -138,87 +167,57 @@ class _Layout:
         noise: Annotated[np.ndarray, " q"],
     ) -> None:
         self.network, self.controllers = network, controllers
-        n, m, q, _, _ = network.plant.sizes
-        N, n_C = len(controllers), controllers[0].order
-        self.n_d, self.m, self.q, self.n_C = n * (N - 1), m, q, n_C
-        self.n_xi = self.n_d + n_C * N + (m * N if network.delay else 0)
-        sizes = {(i, k): self._width(k) for i in range(N) for k in LETTERS if controllers[i].deltas[k] > 0}
-        place = self.n_xi
-        self.places: dict[tuple[int, str], slice] = {}
-        for key, width in sizes.items():
-            self.places[key] = slice(place, place + width)
-            place += width
-        self.first_noise = place
-        for i, one in enumerate(controllers):
-            self.places[i, "nu"] = slice(place, place + q * len(one.sources))
-            place += q * len(one.sources)
-        self.first_underflow = place
-        for i in range(N):
-            self.places[i, "mu"] = slice(place, place + n_C + m)
-            place += n_C + m
         self.number = converter(is_exact(network.plant.A))
-        self.first_output, noisy = place, np.flatnonzero(noise)
+        n, m, self.q, _, _ = network.plant.sizes
+        agents, n_C, noisy = range(len(controllers)), controllers[0].order, np.flatnonzero(noise)
+        self.letters = [[k for k in LETTERS if one.deltas[k] > 0] for one in controllers]
         self.scales = self.number(np.diag(noise)[:, noisy])
-        self.n_z = place + (N - 1) * len(noisy)
-        self.ways = tuple(way_of(controllers[i], i, k, self.places[i, k], self._seen(i, k)) for i, k in sizes)
+        widths: dict[Any, int] = {"x_d": n * (network.d.N - 1)} | {(i, "x_C"): n_C for i in agents}
+        widths["last"] = m * len(controllers) if network.delay else 0
+        widths |= {(i, k): n_C if k in "AB" else m for i in agents for k in self.letters[i]}
+        widths |= {(i, "zeta"): self.q * len(controllers[i].sources) for i in agents}
+        widths |= {(i, "mu"): n_C + m for i in agents} | {"nu": (network.d.N - 1) * len(noisy)}
+        self.at = Columns(widths, network.plant.A)
 
-    def _width(self, letter: str) -> int:
-        return self.n_C if letter in "AB" else self.m
-
-    def _select(self, place: slice) -> Matrix:
-        width = place.stop - place.start
-        rows = zeros(width, self.n_z, self.network.plant.A)
-        rows[:, place] = np.eye(width, dtype=int)
-        return rows
-
-    def _state(self, i: int) -> Matrix:
-        return self._select(slice(self.n_d + i * self.n_C, self.n_d + (i + 1) * self.n_C))
-
-    def _seen(self, i: int, letter: str) -> Matrix:
-        return self._state(i) if letter in "AC" else self.differences(i)
-
-    @property
-    def last_inputs(self) -> Matrix:
-        """u as it was computed one period ago."""
-        N = len(self.controllers)
-        return self._select(slice(self.n_d + self.n_C * N, self.n_xi))
+    def ways(self) -> tuple[Way, ...]:
+        """Return the ways in for the coefficient errors."""
+        return tuple(
+            way_of(
+                one, i, k, self.at.of[i, k], self.at.rows((i, "x_C")) if k in "AC" else self.differences(i)
+            )
+            for i, one in enumerate(self.controllers)
+            for k in self.letters[i]
+        )
 
     def differences(self, i: int) -> Matrix:
-        """Return d_ij = a_ij (y_i - y_j) + nu_ij of agent i, one source after the other."""
+        """Return d_ij = a_ij (y_i - y_j) + zeta_ij of agent i, one source after the other."""
         one, d = self.controllers[i], self.network.d
-        rows = self._select(self.places[i, "nu"])
+        rows = self.at.rows((i, "zeta"))
         for k, (j, a) in enumerate(zip(one.sources, self.number(one.weights), strict=True)):
-            across = a * (d.right[i] - d.right[j])
+            across = (a * (d.right[i] - d.right[j]))[None, :]
             part = slice(k * self.q, (k + 1) * self.q)
-            rows[part, : self.n_d] = np.kron(across[None, :], self.network.plant.C)
-            if self.scales.shape[1]:
-                rows[part, self.first_output :] = np.kron(across[None, :], self.scales)
+            rows[part, self.at.of["x_d"]] = np.kron(across, self.network.plant.C)
+            if self.scales.size:
+                rows[part, self.at.of["nu"]] = np.kron(across, self.scales)
         return rows
 
     def received(self, i: int) -> Matrix:
         """Return (x_C, r) of agent i, r = sum_j d_ij."""
-        d, r = self.differences(i), zeros(self.q, self.n_z, self.network.plant.A)
+        d, r = self.differences(i), zeros(self.q, self.at.width, self.network.plant.A)
         for k in range(len(self.controllers[i].sources)):
             r = r + d[k * self.q : (k + 1) * self.q]
-        return np.vstack([self._state(i), r])
+        return np.vstack([self.at.rows((i, "x_C")), r])
 
     def agent_rows(self, i: int) -> Matrix:
         """Return (x_C+, u) of agent i."""
-        n_C, table = self.n_C, self.number(self.controllers[i].table)
-        mu, counts = self._select(self.places[i, "mu"]), self.controllers[i].counts
-        if counts is not None:
-            mu = self.number(counts)[:, None] * mu
-        rows: Matrix = table @ self.received(i) + mu
-        for letter in LETTERS:
-            if (i, letter) in self.places:
-                part = slice(0, n_C) if letter in "AB" else slice(n_C, None)
-                units = self.number(self.controllers[i].errors[letter].rows)[:, None]
-                rows[part] = rows[part] + units * self._select(self.places[i, letter])
-        return rows
+        mu, counts = self.at.rows((i, "mu")), self.controllers[i].counts
+        mu = mu if counts is None else self.number(counts)[:, None] * mu
+        errors = {k: self.at.rows((i, k)) for k in self.letters[i]}
+        return step_rows(self.controllers[i], self.received(i), mu, errors)
 
 
 def inputs_of(network: SampledNetwork) -> tuple[Matrix, Matrix]:
-    """Return B^ = [the different B_i] and the map from all u to v, such that (T (x) I) diag(B_i) u = (I (x) B^) v."""
+    """Return B^ = [the different B_i] and the map from all u to u_d, such that (T (x) I) diag(B_i) u = (I (x) B^) u_d."""
     different: list[Matrix] = []
     which = []
     for B in network.plant.B:

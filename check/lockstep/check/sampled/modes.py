@@ -1,35 +1,34 @@
 """The sampled, rounded loop of identical controllers, mode by mode: its size does not depend on the number of agents.
 
 Along an orthonormal basis of eigenvectors of a symmetric L the loop of `loop` splits, with one multiplier mu for all
-pairs (M = mu I), into one copy for each lambda_k, in which r_k = lambda_k C x_k + nu_k, and into the mean of the
+pairs (M = mu I), into one copy for each lambda_k, in which r_k = lambda_k C x_k + zeta_k, and into the mean of the
 controllers, which is a mode of an agent without states. The errors do not split, but their bounds do. With d_ij =
 a_ij (y_i - y_j), one error e_i of a coefficient for each agent, e = (e_i), and prices t that all agents share,
 
     |e_A,i| <= delta_A |x_C,i|   implies   sum_k |e_A,k|^2 <= delta_A^2 sum_k |x_C,k|^2,    and likewise C;
-    |e_B,i| <= delta_B |(d_ij + nu_ij)_j|   implies
-        sum_k |e_B,k|^2 <= 2 delta_B^2 (sum_ij |d_ij|^2 + sum_ij |nu_ij|^2),    and likewise D.
+    |e_B,i| <= delta_B |(d_ij + zeta_ij)_j|   implies
+        sum_k |e_B,k|^2 <= 2 delta_B^2 (sum_ij |d_ij|^2 + sum_ij |zeta_ij|^2),    and likewise D.
 
 For an edge, lambda_N >= (e_i - e_j)' L (e_i - e_j) / 2 >= 2 a_ij, so that a_ij <= b / 2 if the spectrum ends at b, and
 
     sum_ij |d_ij|^2 <= (b / 2) sum_ij a_ij |y_i - y_j|^2 = b sum_k lambda_k |C x_k|^2 <= sum_k b^2 |C x_k|^2:
 
-a gain error sqrt(2) b delta_B of C x_k; likewise in the units S <= 1 of `controller`, which are those of all agents.
-nu_i = sum_j nu_ij has |nu_i|^2 <= h sum_j |nu_ij|^2, h being the most neighbours of an agent: so |nu_ij|^2 counts
-h kappa + 2 (t_B delta_B^2 + t_D delta_D^2) in all.
+a gain error sqrt(2) b delta_B of C x_k; likewise in the units D_c <= 1 of `controller`, which are those of all agents.
+zeta_i = sum_j zeta_ij has |zeta_i|^2 <= h sum_j |zeta_ij|^2, h being the most neighbours of an agent: so |zeta_ij|^2
+counts h kappa + 2 (t_B delta_B^2 + t_D delta_D^2) in all.
 
-W of `inequality` is then one matrix for each lambda, with its own P on each segment of lambda and the same mu, t, kappa and
-weight for all. **Two ends suffice**: start(lambda), N(lambda) and the applied u are affine in lambda and everything else is
-constant, and they enter W by start' Q start and u'W u, subtracted, and by P N. Q >= 0, since a'Q a is the largest value of
-int |z|^2 - |w|^2 from a, and w = 0 gives one that is not negative. Hence W is concave in lambda: positive at both ends, it
-is on all of the segment. With one segment, V = sum_k xi_k' P xi_k is the same for all graphs, whatever their eigenvectors:
-they may be switched at every sampling instant.
+Omega of `inequality` is then one matrix for each lambda, with its own P on each segment of lambda and the same mu, t, kappa
+and weight for all. **Two ends suffice**: start(lambda), A_z(lambda) and the applied u are affine in lambda and everything
+else is constant, and they enter Omega by start' C_d'C_d start and u'W u, subtracted, and by P A_z. C_d'C_d >= 0, since a'
+C_d'C_d a is the largest value of int |z|^2 - |w|^2 from a, and w = 0 gives one that is not negative. Hence Omega is concave
+in lambda: positive at both ends, it is on all of the segment. With one segment, V = sum_k x_cl,k' P x_cl,k is the same for
+all graphs, whatever their eigenvectors: they may be switched at every sampling instant.
 """
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import partial
 from itertools import pairwise
 from typing import Annotated
 
@@ -38,13 +37,13 @@ import numpy as np
 from lockstep.check.continuous.inequality import LETTERS, Performance
 from lockstep.check.continuous.modes import Segment
 from lockstep.check.errors import demand
-from lockstep.check.numbers import Matrix, converter, exactly, eye, rounded_down, zeros
+from lockstep.check.numbers import converter, exact, eye, rounded_down, zeros
 from lockstep.check.sampled import balls, certificate
 from lockstep.check.sampled.conjugate_points import no_conjugate_point
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork, spectral_bound
-from lockstep.check.sampled.inequality import Witness, root
+from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.l2_gain import proves_rho
-from lockstep.check.sampled.loop import NO_NOISE, SampledLoop, way_of
+from lockstep.check.sampled.loop import NO_NOISE, Columns, SampledLoop, step_rows, way_of
 from lockstep.check.system.disagreement import single_difference
 from lockstep.check.system.graph import Digraph
 from lockstep.check.system.graph_family import SpectrumRange
@@ -77,18 +76,13 @@ class SampledModalWitness:
         """Where the segments begin and end."""
         return (self.lower, *(one.upper for one in self.segments))
 
-    @property
-    def ultimate(self) -> float:
-        """sqrt(c kappa / (1 - decay)), by which witnesses are compared."""
-        return root(self.ratio * self.kappa / (1 - self.decay)) if self.decay < 1 else math.inf
-
     def covers(self, lower: float, upper: float) -> bool:
         """Tell whether the segments follow each other from `lower` at most to `upper` at least."""
         ends = self.ends
         rising = len(ends) > 1 and all(a <= b for a, b in pairwise(ends))
         return rising and 0 < ends[0] <= lower and upper <= ends[-1]
 
-    def of(self, P: Annotated[np.ndarray, "n_xi n_xi"], loop: SampledLoop) -> Witness:
+    def of(self, P: Annotated[np.ndarray, "n_x n_x"], loop: SampledLoop) -> Witness:
         """Return the witness of one mode."""
         t = np.array([self.t[LETTERS.index(way.letter)] for way in loop.ways])
         numbers = (self.decay, self.kappa, self.weight, self.ratio, self.kappa_mu)
@@ -121,7 +115,7 @@ class ModalLoop:
         most = max(one.errors[letter].delta for one in self.controllers)
         if letter in "AC":
             return most
-        one = exactly(np.array([most]))[0] * exactly(np.array([self.upper]))[0]
+        one = exact(most) * exact(self.upper)
         return spectral_bound(np.array([[one, one]], dtype=object))
 
     def at(
@@ -136,50 +130,29 @@ class ModalLoop:
             B, C = (zeros(0, m, A),), zeros(q, 0, A)
             plant, noise = Plant(zeros(0, 0, A), B, C, zeros(0, r, A), zeros(v, 0, A)), np.zeros(0)
         network = replace(self.network, plant=plant, d=single_difference(one))
-        number, n_C = converter(exact), first.order
-        noisy = np.flatnonzero(noise)
-        sizes = {"x": n, "C": n_C, "last": m if network.delay else 0}
-        sizes |= {f"e_{k}": n_C if k in "AB" else m for k in LETTERS} | {
-            "nu": q,
-            "mu": n_C + m,
-            "n": len(noisy),
-        }
-        places, at = {}, 0
-        for name, width in sizes.items():
-            places[name] = slice(at, at + width)
-            at += width
-        part = partial(_selected, places, at, one)
-        scales = (
-            zeros(q, len(noisy), one) + number(np.diag(noise)[:, noisy]) if len(noisy) else zeros(q, 0, one)
-        )
-        seen = plant.C @ part("x") + scales @ part("n") if n else zeros(q, at, one)
-        received = np.vstack([part("C"), number(np.array([value]))[0] * seen + part("nu")])
-        rows = number(first.table) @ received + part("mu")
-        for k in LETTERS:
-            into = slice(0, n_C) if k in "AB" else slice(n_C, None)
-            rows[into] = rows[into] + number(first.errors[k].rows)[:, None] * part(f"e_{k}")
+        number, n_C, noisy = converter(exact), first.order, np.flatnonzero(noise)
+        widths = {"x": n, "x_C": n_C, "last": m if network.delay else 0}
+        widths |= {k: n_C if k in "AB" else m for k in LETTERS}
+        at = Columns(widths | {"zeta": q, "mu": n_C + m, "nu": len(noisy)}, one)
+        seen = plant.C @ at.rows("x") if n else zeros(q, at.width, one)
+        seen[noisy] = seen[noisy] + number(noise[noisy])[:, None] * at.rows("nu")
+        differences = number(np.array([value]))[0] * seen
+        received = np.vstack([at.rows("x_C"), differences + at.rows("zeta")])
+        rows = step_rows(first, received, at.rows("mu"), {k: at.rows(k) for k in LETTERS})
         states, u = rows[:n_C], rows[n_C:]
-        applied = part("last") if network.delay else u
+        applied = at.rows("last") if network.delay else u
         ways = tuple(
-            way_of(first, 0, k, places[f"e_{k}"], part("C") if k in "AC" else seen)._replace(
+            way_of(first, 0, k, at.of[k], at.rows("x_C") if k in "AC" else seen)._replace(
                 delta=self.deltas(k)
             )
             for k in LETTERS
-            if places[f"e_{k}"].stop > places[f"e_{k}"].start
+            if widths[k]
         )
-        n_xi = places["last"].stop
         advanced = np.vstack([states, u]) if network.delay else states
         return SampledLoop(
-            network, n, n_xi, plant.B[0], applied, advanced, ways, (received,), places["nu"], places["mu"],
-            places["n"], applied, u, number(np.array([value]))[0] * seen,
+            network, n, at.of["last"].stop, plant.B[0], applied, advanced, ways, (received,), at.of["zeta"], at.of["mu"],
+            at.of["nu"], applied, u, differences,
         )  # fmt: skip
-
-
-def _selected(places: dict[str, slice], width: int, like: Matrix, name: str) -> Matrix:
-    place = places[name]
-    rows = zeros(place.stop - place.start, width, like)
-    rows[:, place] = eye(len(rows), like)
-    return rows
 
 
 def decide_modal_sampled(loop: ModalLoop, witness: SampledModalWitness | None) -> certificate.SampledVerdict:
@@ -217,7 +190,7 @@ def proves_modal_rho(loop: ModalLoop, weights: Performance, rho: float, witness:
 
 def _modes(
     loop: ModalLoop, witness: SampledModalWitness, noise: Annotated[np.ndarray, " q"] = NO_NOISE
-) -> Iterator[tuple[Annotated[np.ndarray, "n_xi n_xi"], SampledLoop]]:
+) -> Iterator[tuple[Annotated[np.ndarray, "n_x n_x"], SampledLoop]]:
     """Yield both ends of each segment with its P, and the mean of the controllers."""
     for start, segment in zip(witness.ends, witness.segments, strict=False):
         for value in (start, segment.upper):
@@ -232,7 +205,7 @@ def _accepted(loop: ModalLoop, witness: SampledModalWitness) -> certificate.Samp
         delta = max(one.errors[letter].delta for one in loop.controllers)
         kappa += 2 * Fraction(float(witness.t[LETTERS.index(letter)])) * Fraction(delta) ** 2
     full = replace(witness, kappa=certificate.ROUNDED_UP * -rounded_down(-kappa))
-    said = "no conjugate point in the period, P > 0 and W > 0 at the ends of every segment, decided in ball arithmetic"
+    said = "no conjugate point in the period, P > 0 and Omega > 0 at the ends of every segment, decided in ball arithmetic"
     bounds = full.of(np.zeros((0, 0)), loop.at(0.0))
     return certificate.accepted(loop.network, loop.controllers, bounds, said, witness)
 

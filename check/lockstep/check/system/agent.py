@@ -5,27 +5,28 @@ every term that depends on a state in any other way, and offset(t) holds what de
 but elementary functions of constants (`expression.exact`): a number in a formula is the IEEE double nearest to it, and
 what is computed with it is exact.
 
-A linear part S v may be moved out of phi and into A, which changes no agent:
-A x + G phi(H x, t) = (A + G S H) x + G (phi(H x, t) - S H x). Which S is a choice of whoever designs (`Move`).
+A linear part J v may be moved out of phi and into A, which changes no agent:
+A x + G phi(H x, t) = (A + G J H) x + G (phi(H x, t) - J H x). Which J is a choice of whoever designs (`Move`).
 """
 
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from typing import Annotated, NoReturn
 
 import numpy as np
 from flint import fmpq
 
 from lockstep.check.bound.phi import ExactPhi
-from lockstep.check.design_file.json_text import number
 from lockstep.check.errors import ProblemError, demand
-from lockstep.check.expression.condition import Condition
-from lockstep.check.expression.exact import Exact, Value, read_text
+from lockstep.check.expression.condition import Condition, changed
+from lockstep.check.expression.exact import Exact, Value
 from lockstep.check.expression.node import Node, linear, linear_terms, variable
-from lockstep.check.expression.text import RESERVED
+from lockstep.check.expression.text import RESERVED, parse
 from lockstep.check.expression.traversal import order
+from lockstep.check.json_text import number
 from lockstep.check.system.nonlinearity import Arguments, Row, Terms, arguments, columns, forms_seen
 from lockstep.check.wording import shorten
 
@@ -35,7 +36,7 @@ _NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,59}")
 
 @dataclass(frozen=True)
 class Move:
-    """S_kj, to be taken from phi and given to A: `component` k and `argument` j count from 0."""
+    """J_kj, to be taken from phi and given to A: `component` k and `argument` j count from 0."""
 
     component: int
     argument: int
@@ -96,14 +97,12 @@ class ExactAgent:
             raise ProblemError(
                 f"`{shorten(odd)}`", where="[agent.dynamics]", expected="one equation per state"
             )
-        for key, value in parameters.items():
-            number(value, f"[agent.parameters] {key}")
         symbols = (*states, *inputs, "t")
         known: dict[str, Value | float] = {key: Value(variable(k)) for k, key in enumerate(symbols)}
-        known |= {key: float(value) for key, value in parameters.items()}
+        known |= {key: number(value, f"[agent.parameters] {key}") for key, value in parameters.items()}
         algebra = Exact(len(symbols) - 1)
-        rhs = [read_text(dynamics[key], known, algebra, where=f"[agent.dynamics] {key}") for key in states]
-        y = [read_text(outputs[key], known, algebra, where=f"[agent.outputs] {key}") for key in outputs]
+        rhs = [parse(dynamics[key], known, algebra, where=f"[agent.dynamics] {key}") for key in states]
+        y = [parse(outputs[key], known, algebra, where=f"[agent.outputs] {key}") for key in outputs]
         return cls.from_values(name, states, inputs, tuple(outputs), rhs, y, algebra.seen, show)
 
     @classmethod
@@ -159,7 +158,7 @@ class ExactAgent:
         )
 
     def moved(self, moves: Sequence[Move]) -> "ExactAgent":
-        """Return the same agent with S taken from phi and given to A: A + G S H and phi - S v.
+        """Return the same agent with J taken from phi and given to A: A + G J H and phi - J v.
 
         Raises:
             ProblemError: a component or an argument that phi does not have.
@@ -275,14 +274,9 @@ def _refuse_cancelled(condition: Condition) -> NoReturn:
 
 
 def _phi(found: Arguments, components: Sequence[Node], needs: Sequence[Condition], names: _Names) -> ExactPhi:
-    flat = [*components, *(node for c in needs for node in c.nodes)]
-    rest = iter(found.restated(flat, names.n, names.time))
-    outputs = tuple(next(rest) for _ in components)
-    conditions = []
-    for c in needs:
-        guard = next(rest)
-        conditions.append(Condition(c.kind, tuple(next(rest) for _ in c.args), c.name, guard))
-    return ExactPhi(outputs, tuple(dict.fromkeys(conditions)), len(found.rows))
+    restate = partial(found.restated, states=names.n, time=names.time)
+    conditions = dict.fromkeys(changed(needs, restate))
+    return ExactPhi(tuple(restate(components)), tuple(conditions), len(found.rows))
 
 
 def _output_row(names: _Names, output: str, value: Value) -> Row:

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from lockstep.check.numbers import Matrix, converter, eye, inverse, is_exact
+from lockstep.check.numbers import Matrix, converter, eye, inverse, is_exact, zeros
 from lockstep.check.system.graph import Digraph
 
 Coordinates = Literal["orthonormal", "laplacian_rows"]
@@ -39,10 +39,13 @@ class Disagreement:
         return int(self.T.shape[1])
 
     def pair_multiplier(self, i: int, j: int) -> Matrix:
-        """Return M_ij with x_d' (M_ij (x) X) x_d = (x_i - x_j)' X (x_i - x_j): M_ij = right'
-        (e_i-e_j)(e_i-e_j)' right."""
+        """Return M_ij with x_d' (M_ij (x) X) x_d = (x_i - x_j)' X (x_i - x_j): right' (e_i - e_j)(e_i - e_j)' right."""
         row = self.right[i] - self.right[j]
         return np.outer(row, row)
+
+    def squared_distance(self, n: int) -> Matrix:
+        """Return (T T')^-1 (x) I_n: x_d' ((T T')^-1 (x) I) x_d = sum_i |x_i - mean|^2, whatever T is."""
+        return np.kron(inverse(self.T @ self.T.T), eye(n, self.T))
 
     def pairs(self) -> list[tuple[int, int]]:
         """Return all unordered pairs of agents, in the order of the multiplier weights m."""
@@ -59,10 +62,8 @@ def disagreement(
     """
     number = converter(exact_arithmetic)
     L, N = graph.laplacian_in(exact_arithmetic=exact_arithmetic), graph.N
-    if coordinates == "laplacian_rows":
-        T = np.delete(L, _dependent_row(graph), axis=0)
-    else:
-        T = number(np.hstack([np.eye(N - 1), -np.ones((N - 1, 1))]))
+    from_first = number(np.hstack([np.eye(N - 1), -np.ones((N - 1, 1))]))
+    T = np.delete(L, _dependent_row(graph), axis=0) if coordinates == "laplacian_rows" else from_first
     zero_row = number(np.zeros((1, N - 1)))
     right = np.vstack([inverse(T[:, : N - 1]), zero_row])
     S = eye(N - 1, T) if coordinates == "laplacian_rows" else inverse(T @ T.T)
@@ -71,10 +72,9 @@ def disagreement(
 
 def single_difference(like: Matrix, value: float = 0.0) -> Disagreement:
     """Return the coordinates of one mode, x_d being one difference with metric 1, in which the loop sees value times it."""
-    one = eye(1, like)
-    across, zero = np.vstack([one, 0 * one]), np.zeros((2, 2))
-    scale = converter(is_exact(one))(np.array([value]))[0]
-    return Disagreement(across.T, across, one, converter(is_exact(one))(zero), scale * across)
+    one, number = eye(1, like), converter(is_exact(like))
+    across = np.vstack([one, 0 * one])
+    return Disagreement(across.T, across, one, zeros(2, 2, like), number(np.array([value]))[0] * across)
 
 
 def _dependent_row(graph: Digraph) -> int:

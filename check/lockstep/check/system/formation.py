@@ -9,7 +9,7 @@ the equation that it has without offsets where A d_i = 0 and H d_i = 0. A contro
     a_ij (y_i - y_j - C (o_i - o_j)) = a_ij C (w_i - w_j),
 
 so that the whole loop is the one without offsets, sampled or not, and all that is proved of x is proved of w: w_i - w_j is
-(x_i - o_i) - (x_j - o_j). With a slope S moved from phi into A it is the same, (A + G S H) d_i = A d_i.
+(x_i - o_i) - (x_j - o_j). With a slope J moved from phi into A it is the same, (A + G J H) d_i = A d_i.
 """
 
 from typing import Annotated
@@ -18,7 +18,6 @@ import numpy as np
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats, exactly, product
-from lockstep.check.sampled.discretise import Real, rounded_to
 from lockstep.check.system.agent import ExactAgent
 
 WHERE = "[network] offsets"
@@ -51,18 +50,3 @@ def check_formation(agent: ExactAgent, offsets: Annotated[np.ndarray, "N n"]) ->
             expected="A (o_i - o_1) = 0 and H (o_i - o_1) = 0: offsets that leave every agent's equation as it is",
             remedy="set apart states that enter no equation by themselves, such as positions",
         )
-
-
-def measured_offsets(
-    agent: ExactAgent, offsets: Annotated[np.ndarray, "N n"] | None, real: Real
-) -> Annotated[np.ndarray, "N q"] | None:
-    """Return C o_i as the C has them, each rounded to the type; None where none is other than 0.
-
-    y_i - C o_i takes the place of the reading y_i: rounding C o_i, and the difference, are errors of a reading.
-    """
-    if offsets is None:
-        return None
-    seen: np.ndarray = rounded_to(real, as_floats(product(agent.C, exactly(offsets).T)).T, WHERE).astype(
-        float
-    )
-    return seen if seen.any() else None

@@ -223,9 +223,8 @@ def _edge(agents: int, k: int, edge: Sequence[int | float]) -> tuple[int, int, f
 
 
 def _is_whole(end: int | float) -> bool:
-    if isinstance(end, float):
-        return end.is_integer()
-    return isinstance(end, int | np.integer) and not isinstance(end, bool)
+    whole = isinstance(end, int | np.integer) and not isinstance(end, bool)
+    return end.is_integer() if isinstance(end, float) else whole
 
 
 def _shown(edge: Sequence[int | float]) -> str:

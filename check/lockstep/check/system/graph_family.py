@@ -7,8 +7,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from lockstep.check.design_file.json_text import number
 from lockstep.check.errors import demand
+from lockstep.check.json_text import number, or_none, whole
 from lockstep.check.system.graph import Digraph
 
 MOST_NEIGHBOURS = 4096
@@ -20,7 +20,7 @@ class SpectrumRange:
     """Every undirected graph whose nonzero Laplacian eigenvalues are in [lower, upper], with so many neighbours at most.
 
     Raises:
-        ProblemError: no interval above 0, or a number of neighbours out of range.
+        ProblemError: no interval above 0.
     """
 
     lower: float
@@ -30,10 +30,6 @@ class SpectrumRange:
     def __post_init__(self) -> None:
         found, where = f"[{self.lower}, {self.upper}]", "[network] spectrum"
         demand(0 < self.lower <= self.upper < math.inf, found, where, "[a, b] with 0 < a <= b")
-        expected = f"a whole number from 1 to {MOST_NEIGHBOURS}"
-        demand(
-            1 <= self.neighbours <= MOST_NEIGHBOURS, f"{self.neighbours}", "[network] max_degree", expected
-        )
 
     @classmethod
     def of(cls, table: Mapping[str, Any]) -> Self:
@@ -46,10 +42,8 @@ class SpectrumRange:
         low, high = (number(one, where) for one in value)
         for key in ("edges", "laplacian", "topology"):
             demand(table.get(key) is None, f"`{key}` is given too", "[network]", "a graph or `spectrum`")
-        most = table.get("max_degree")
-        most = max(1, min(math.floor(high), MOST_NEIGHBOURS)) if most is None else most
-        whole = isinstance(most, int) and not isinstance(most, bool)
-        demand(whole, f"{most!r}", "[network] max_degree", "a whole number")
+        unit = max(1, min(math.floor(high), MOST_NEIGHBOURS))
+        most = or_none(whole(1, MOST_NEIGHBOURS), unit)(table.get("max_degree"), "[network] max_degree")
         return cls(low, high, most)
 
     @property

@@ -1,21 +1,20 @@
 """Graphs whose Laplacian is symmetric in some metric, and exact bounds on their spectrum.
 
-With weights w > 0 of the agents for which w_i a_ij = w_j a_ji (detailed balance), W L is symmetric, so L has a basis
-of eigenvectors that is orthogonal in the metric W = diag(w), and a real spectrum 0 = lambda_1 < lambda_2 <= ... .
+With weights w > 0 of the agents for which w_i a_ij = w_j a_ji (detailed balance), diag(w) L is symmetric, so L has a
+basis of eigenvectors that is orthogonal in the metric diag(w), and a real spectrum 0 = lambda_1 < lambda_2 <= ... .
 Undirected graphs have w = 1; an undirected graph whose weights are divided by the listener's in-degree has for w the
 in-degrees.
 """
 
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Annotated
 
 import numpy as np
 from flint import fmpq
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.numbers import exactly
-from lockstep.check.psd import Definiteness, decide_positive_definite
+from lockstep.check.numbers import exact
+from lockstep.check.psd import Definiteness, decide_positive_definite, too_many
 from lockstep.check.system.graph import Digraph
 
 REMEDY = 'use method = "certified", which takes any graph with a spanning tree'
@@ -35,7 +34,7 @@ class Metric:
 
 
 def metric(graph: Digraph) -> Metric:
-    """Return the weights that make W L symmetric, exactly.
+    """Return the weights that make diag(w) L symmetric, exactly.
 
     Raises:
         ProblemError: there are none: an edge has no counterpart, the spectrum is not real, or the products of weights
@@ -49,12 +48,12 @@ def metric(graph: Digraph) -> Metric:
     if len(one_way):
         i, j = one_way[0]
         raise _refused(graph, f"agent {i + 1} listens to agent {j + 1}, which does not listen to it")
-    w, pending = {0: Fraction(1)}, [0]
+    w, pending = {0: fmpq(1)}, [0]
     while pending:
         i = pending.pop()
         for j in (int(k) for k in np.flatnonzero(a[i])):
             # w_i a_ij = w_j a_ji fixes w_j; a second path to j must agree.
-            value = w[i] * Fraction(float(a[i, j])) / Fraction(float(a[j, i]))
+            value = w[i] * exact(a[i, j]) / exact(a[j, i])
             if j not in w:
                 w[j] = value
                 pending.append(j)
@@ -62,23 +61,26 @@ def metric(graph: Digraph) -> Metric:
                 found = f"the weights around a circle through agents {i + 1} and {j + 1} do not balance"
                 raise _refused(graph, found)
     least = min(w.values())
-    known = [w[i] / least for i in sorted(w)]
-    return Metric(np.array([fmpq(v.numerator, v.denominator) for v in known], dtype=object))
+    return Metric(np.array([w[i] / least for i in sorted(w)], dtype=object))
 
 
 def decide_spectrum(graph: Digraph, known: Metric, lower: float, upper: float) -> Definiteness:
     """Decide exactly whether lower < lambda_2 and lambda_N < upper.
 
-    With Z a basis of the vectors z with w'z = 0, the invariant complement of 1: Z'(W L - lower W)Z > 0 and
-    Z'(upper W - W L)Z > 0.
+    With wL = diag(w) L, on the vectors that w is orthogonal to, the invariant complement of 1: w_perp'(wL - lower diag(w))
+    w_perp > 0 and w_perp'(upper diag(w) - wL)w_perp > 0. Here w_perp = [I; -v'], v = w / w_N without the last, and
+    w_perp'wL w_perp = wL_11 - wL_1N v' - v wL_N1 + v wL_NN v'.
     """
-    N, w = graph.N, known.w
-    WL = w[:, None] * graph.laplacian_in(exact_arithmetic=True)
-    Z = np.vstack([exactly(np.eye(N - 1)), [-(w[i] / w[-1]) for i in range(N - 1)]])
-    on_Z, squares = Z.T @ WL @ Z, Z.T @ (w[:, None] * Z)
-    low, high = exactly(np.array([lower, upper]))
-    first = decide_positive_definite(on_Z - low * squares)
-    return first if not first.positive else decide_positive_definite(high * squares - on_Z)
+    if beyond := too_many(graph.N - 1):
+        return beyond
+    w, v = known.w, known.w[:-1] / known.w[-1]
+    wL = w[:, None] * graph.laplacian_in(exact_arithmetic=True)
+    cross = np.outer(wL[:-1, -1], v)
+    reduced = wL[:-1, :-1] - cross - cross.T + np.outer(v, v) * wL[-1, -1]
+    squares = np.diag(w[:-1]) + np.outer(v, v) * w[-1]
+    low, high = exact(lower), exact(upper)
+    first = decide_positive_definite(reduced - low * squares)
+    return first if not first.positive else decide_positive_definite(high * squares - reduced)
 
 
 def _refused(graph: Digraph, found: str) -> ProblemError:

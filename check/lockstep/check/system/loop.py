@@ -72,11 +72,6 @@ class Gains:
         """K_i = [A_Ci B_Ci; C_Ci D_Ci] of every agent, stacked."""
         return np.stack([np.block([[self.A[i], self.B[i]], [self.C[i], self.D[i]]]) for i in range(self.N)])
 
-    @property
-    def norms(self) -> list[float]:
-        """Spectral norm of each K_i, which `gain_limit` bounds."""
-        return [float(np.linalg.norm(k, 2)) for k in self.blocks]
-
 
 @dataclass(frozen=True)
 class Plant:

@@ -39,6 +39,7 @@ def continuous_functions(
     dx_C = [K["A"] @ x_C[:, i] + K["B"] @ r[:, i] for i, K in enumerate(blocks)]
     slope = ca.vertcat(plant_slope(network, x, u, t, xi), *dx_C)
     cost = on_disagreement(network, x, weights.R) + on_controllers(x_C, weights.Q)
+    cost += on_inputs(ca.horzcat(*u), weights.W)
     inputs, names = [ca.vertcat(ca.vec(x), ca.vec(x_C)), t, ca.vec(xi)], "x t xi"
     if letters:
         inputs, names = [*inputs, E, turn], f"{names} delta turned"
@@ -46,11 +47,11 @@ def continuous_functions(
 
 
 def sampled_functions(network: Network, weights: Performance) -> list[LaneFunction]:
-    """slope(x, u, t, xi) -> (x', |x_d|^2 weighed), measure(x) -> y, cost_of(x_C) -> x_C' Q x_C."""
+    """slope(x, u, t, xi) -> (x', |x_d|^2 and |u|^2 weighed), measure(x) -> y, cost_of(x_C) -> x_C' Q x_C."""
     N, n, m = network.N, network.agent.n, network.agent.m
     x, u, xi, t = ca.SX.sym("x", n, N), ca.SX.sym("u", m, N), ca.SX.sym("xi", n, N), ca.SX.sym("t")
     slope = plant_slope(network, x, ca.horzsplit(u), t, xi)
-    cost = on_disagreement(network, x, weights.R)
+    cost = on_disagreement(network, x, weights.R) + on_inputs(u, weights.W)
     y = ca.vec(ca.DM(network.agent.lure.C) @ x)
     inputs = [ca.vec(x), ca.vec(u), t, ca.vec(xi)]
     return [
@@ -82,6 +83,17 @@ def on_controllers(x_C: ca.SX, Q: Float[np.ndarray, "n_C n_C"]) -> ca.SX:
     return sum((ca.dot(one, ca.DM(Q) @ one) for one in ca.horzsplit(x_C)), start=ca.SX(0))
 
 
+def on_inputs(u: ca.SX, W: Float[np.ndarray, "m m"]) -> ca.SX:
+    """sum_i u_i' W u_i, 0 where u weighs nothing."""
+    return on_controllers(u, W) if len(W) else ca.SX(0)
+
+
+def in_scales(xi: ca.SX, weights: Performance) -> ca.SX:
+    """xi in units of the scales that rho is measured with, 0 where it is no gain from a state."""
+    s = weights.states
+    return ca.diag(ca.DM(np.divide(1.0, s, out=np.zeros_like(s), where=s > 0))) @ xi if len(s) else xi
+
+
 def cost_expression(Q: Float[np.ndarray, "n_C n_C"]) -> str:
     """x' Q x as a C expression of one controller's memory."""
     terms = [
@@ -97,11 +109,11 @@ def _errors(x: ca.SX) -> list[ca.SX]:
     return [one - mean for one in ca.horzsplit(x)]
 
 
-def monitors(network: Network) -> list[LaneFunction]:
-    """errors(x) -> |e_i|^2, differences(xi) -> |xi_d|^2, strays(x) -> 1 where an agent is out of its domain."""
+def monitors(network: Network, weights: Performance) -> list[LaneFunction]:
+    """errors(x) -> |e_i|^2, differences(xi) -> |xi_d|^2 in scales, strays(x) -> 1 where an agent is out of its domain."""
     x = ca.SX.sym("x", network.agent.n, network.N)
     each = ca.vertcat(*[ca.sumsqr(e) for e in _errors(x)])
-    entered = on_disagreement(network, x, np.eye(network.agent.n))
+    entered = on_disagreement(network, in_scales(x, weights), np.eye(network.agent.n))
     return [
         lane_function("errors", [ca.vec(x)], [each], "x e"),
         lane_function("differences", [ca.vec(x)], [entered], "xi w"),

@@ -13,11 +13,13 @@ from lockstep.campaign.compiled.c_text import CFiles
 from lockstep.campaign.compiled.source import CampaignSource
 from lockstep.check.errors import ClaimError
 from lockstep.verification.machines.shared_library import build_library
-from lockstep.verification.machines.toolchain import Compiler, first_compiler, own_folder
+from lockstep.verification.toolchain import Compiler, first_compiler, own_folder
 
 FLAGS = (
     # Every operation rounds once, whatever the machine: the results are those of any other machine's.
     *("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
+    # GCC 12 fuses a b + c and a b - c of two neighbours all the same where it makes vectors of its own; ours are written out.
+    "-fno-tree-vectorize",
     # Vectors wider than the machine's registers are passed in memory; nothing here is called from elsewhere.
     *("-Wall", "-Wextra", "-Wno-psabi", "-Wno-unknown-pragmas"),
 )

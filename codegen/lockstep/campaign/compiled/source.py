@@ -59,7 +59,7 @@ def continuous_source(
     Args:
         network: the agents on their graph.
         gains: of the controllers.
-        weights: R and Q of the certificate.
+        weights: what rho of the certificate is a gain to and from.
         period: for which noise and given sequences are held, in s.
         step: the longest step of the integration, in s: as many equal steps as are needed make a period.
         fragility: delta of (11) by letter; where it is above 0 a Delta can be given.
@@ -155,7 +155,7 @@ def _source(
         figures=len(layout.columns),
         trace_width=layout.trace_width,
         places={name: place.start for name, place in layout.places.items()},
-        functions=[*functions, *monitors(network)],
+        functions=[*functions, *monitors(network, weights)],
         domain=bool(np.isfinite(network.agent.box).any()),
         diverged=repr(DIVERGED * beyond(network.agent)),
         cost=cost_expression(weights.Q) if layout.order else "0.0",

@@ -11,7 +11,14 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float, UInt
 
-from lockstep.campaign.compiled.functions import on_controllers, on_disagreement, plant_slope, strays
+from lockstep.campaign.compiled.functions import (
+    in_scales,
+    on_controllers,
+    on_disagreement,
+    on_inputs,
+    plant_slope,
+    strays,
+)
 from lockstep.campaign.compiled.library import FLAGS
 from lockstep.campaign.network_faults.faults import NetworkFaults
 from lockstep.check.continuous.inequality import Performance
@@ -21,7 +28,7 @@ from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.model.network import Network
 from lockstep.verification.closed_loop.software_in_the_loop import sources_in
 from lockstep.verification.machines.shared_library import build_library
-from lockstep.verification.machines.toolchain import first_compiler
+from lockstep.verification.toolchain import first_compiler
 
 SUBSTEPS = 10
 """Runge-Kutta steps of a period: with jitter, sampling instants are multiples of them."""
@@ -97,7 +104,7 @@ def network_loop(
     Args:
         network: the agents and their graph.
         files: of the folder, relative path -> text.
-        weights: R of x_d and Q of the controllers' states, in what |z| weighs.
+        weights: what rho is a gain to and from.
         delay: periods after its sample at which u acts.
 
     Raises:
@@ -136,7 +143,7 @@ def _advance(network: Network, weights: Performance, manifest: Manifest) -> ca.F
     def slope(state: ca.SX, time: ca.SX) -> tuple[ca.SX, ca.SX]:
         return (
             ca.reshape(plant_slope(network, state, ca.horzsplit(u), time, xi), n, N),
-            on_disagreement(network, state, weights.R),
+            on_disagreement(network, state, weights.R) + on_inputs(u, weights.W),
         )
 
     first, z1 = slope(x, t)
@@ -146,7 +153,7 @@ def _advance(network: Network, weights: Performance, manifest: Manifest) -> ca.F
     after = x + h / 6 * (first + 2 * second + 2 * third + fourth)
     z = h / 6 * (z1 + 2 * z2 + 2 * z3 + z4) + h * on_controllers(x_C, weights.Q)
     inputs = [ca.vec(x), ca.vec(u), ca.vec(xi), ca.vec(x_C), t]
-    apart, entered = (on_disagreement(network, one, np.eye(n)) for one in (after, xi))
+    apart, entered = (on_disagreement(network, one, np.eye(n)) for one in (after, in_scales(xi, weights)))
     return ca.Function(
         "lockstep_advance", inputs, [ca.vec(after), z, h * entered, apart, strays(network, after)]
     )

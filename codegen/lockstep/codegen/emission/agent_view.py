@@ -8,10 +8,11 @@ from jaxtyping import Float
 
 from lockstep.check.c_source.kernel import Shape
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.bounds import bounds
-from lockstep.codegen.budget import Extent
+from lockstep.codegen.cost.bound_coefficients import Optimize
+from lockstep.codegen.cost.bounds import bounds
+from lockstep.codegen.cost.budget import Extent
 from lockstep.codegen.emission.kernel import Kernel
-from lockstep.codegen.spec import Controller, Optimize
+from lockstep.codegen.spec import Controller
 
 
 @dataclass(frozen=True, eq=False)

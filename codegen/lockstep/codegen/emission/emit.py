@@ -10,19 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.check.c_source.reader import ANSWERS
-from lockstep.check.sampled.discretise import SampledGains, clipped_at, discretise
+from lockstep.check.c_source.reader import ANSWERS, in_microseconds
+from lockstep.check.sampled.discretise import clipped_at, discretise
 from lockstep.codegen import manifest as entries
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.bounds import by_core, integer_budgets
-from lockstep.codegen.budget import state_bytes
+from lockstep.codegen.cost.bound_coefficients import Optimize
+from lockstep.codegen.cost.bounds import by_core, integer_budgets
+from lockstep.codegen.cost.budget import state_bytes
 from lockstep.codegen.emission.agent_view import Sampled, agent_view
 from lockstep.codegen.emission.identity import Identity
 from lockstep.codegen.emission.kernel import straight_line
 from lockstep.codegen.emission.known_answers import SCALE, known_answers
-from lockstep.codegen.emission.one_image import OneImage, node_bytes, node_view, table_files
+from lockstep.codegen.emission.one_image import node_bytes, node_view, table_files
 from lockstep.codegen.emission.rendering import render
-from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, Optimize
+from lockstep.codegen.one_image import OneImage
+from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant
 
 _RULES = {
     "tustin": "Tustin's rule (trapezoidal)",
@@ -74,8 +76,8 @@ def emit(spec: CodegenSpec) -> dict[str, str]:
 def _sample(agent: Controller, spec: CodegenSpec, real: RealType) -> Sampled:
     """Discretise in float64, then round once to the target type."""
     where = f"controller `{agent.name}`"
-    gains: SampledGains = discretise(agent.A, agent.B, agent.C, agent.D, spec.period, spec.discretization)
-    table = real.round(gains.stacked(), where)
+    gains = discretise(agent.A, agent.B, agent.C, agent.D, spec.period, spec.discretization)
+    table = real.round(gains, where)
     weights = real.round(np.array([n.weight for n in agent.neighbours], dtype=float), f"{where}, weights")
     limits = clipped_at(spec.real, agent.limits)
     offsets = None if agent.offsets is None else real.round(agent.offsets, f"{where}, offsets")
@@ -97,23 +99,21 @@ def claims(certificate: Mapping[str, str | float | bool | None]) -> list[str]:
     """The datasheet's lines on what is proved; anything but `certified: True` is said to be no certificate.
 
     >>> claims({"certified": False, "rho": 6.5})
-    ['NOT CERTIFIED: no proof covers these gains', 'rho = 6.5 (not certified)']
+    ['NOT CERTIFIED: no proof covers these gains', 'rho: 6.5 (not certified)']
     """
     certified = certificate.get("certified") is True
     proof = certificate.get("proof")
     head = "NOT CERTIFIED: no proof covers these gains"
     if certified:
         head = "certified" + (f" (proof: {plain(str(proof))})" if proof else " (kind of proof not given)")
+    if "covers" in certificate:
+        head = f"the continuous controllers are {head}; THE C OF THIS FOLDER IS NOT"
     rest = [
-        f"{plain(key)} = {plain(_figure(value))}" + ("" if certified else " (not certified)")
+        f"{plain(key)}: {plain(str(value))}" + ("" if certified else " (not certified)")
         for key, value in certificate.items()
         if key not in ("certified", "proof") and value is not None
     ]
     return [head, *rest]
-
-
-def _figure(value: str | float | bool | None) -> str:
-    return repr(float(value)) if isinstance(value, float) else str(value)
 
 
 def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
@@ -129,6 +129,7 @@ def _folder_context(spec: CodegenSpec, real: RealType) -> dict[str, Any]:
         "period": repr(float(spec.period)),
         "delay": spec.delay,
         "period_literal": real.literal(spec.period),
+        "in_microseconds": in_microseconds,
         "real_name": real.name,
         "c_real": real.c_name,
         "zero": real.literal(0.0),
@@ -159,6 +160,7 @@ def _agent_context(agent: Sampled, real: RealType, optimize: Optimize) -> dict[s
             {"source": plain(s.source), "weight": real.decimal(w)}
             for s, w in zip(controller.neighbours, agent.weights, strict=True)
         ],
+        "static": [] if controller.order else [[real.decimal(d) for d in row] for row in M],
         "multiplications": agent.kernel.multiplications if optimize == "speed" else M.size,
         "additions": agent.kernel.additions if optimize == "speed" else M.size,
         "state_bytes": state_bytes(shape, real),
@@ -188,8 +190,8 @@ def _manifest(
         certificate=dict(spec.certificate),
         identity=entries.Identification(design=identity.design, claims=identity.claims),
         prefix=spec.prefix,
-        messages=_messages(spec),
-        fixed=None if spec.fixed is None else entries.FixedEntry(**vars(spec.fixed)),
+        messages=None if spec.messages is None else entries.MessagesEntry(**vars(spec.messages)),
+        fixed=spec.fixed,
         agents=tuple(_agent_record(a, real, p, spec) for a, p in zip(agents, plants, strict=True)),
         files={path: entries.sha256(text) for path, text in files.items()},
         image=None if spec.image is None else _image_record(spec.image, agents, real),
@@ -206,13 +208,6 @@ def _image_record(image: OneImage, agents: list[Sampled], real: RealType) -> ent
         table=image.table,
         state_bytes=size,
     )
-
-
-def _messages(spec: CodegenSpec) -> entries.MessagesEntry | None:
-    given = spec.messages
-    if given is None:
-        return None
-    return entries.MessagesEntry(kept=given.kept, limit=given.limit, ranges=dict(given.ranges))
 
 
 def _agent_record(
@@ -246,7 +241,7 @@ def _agent_record(
 
 
 def _plant_record(plant: LinearPlant) -> entries.PlantEntry:
-    x0 = tuple(float(v) for v in plant.x0)
+    x0 = tuple(plant.x0.tolist())
     return entries.PlantEntry(A=_rows(plant.A), B=_rows(plant.B), C=_rows(plant.C), x0=x0)
 
 

@@ -28,7 +28,6 @@ _HALVINGS = 200
 _NO_LIMITS = np.zeros((0, 2))
 
 Pair = tuple[np.ndarray, np.ndarray]
-Dot = Callable[[Sequence[Pair]], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
 
 from lockstep.check.errors import ProblemError, demand
+from lockstep.codegen.bundle import bundle
 from lockstep.codegen.exports import arduino, dbc, fixed_point, fmu, messages, pil, rust
-from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 
 Texts = dict[str, str]

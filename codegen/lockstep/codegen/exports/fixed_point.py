@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.c_source.fixed_point import row_of
+from lockstep.check.c_source.reader import in_microseconds
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.fixed_point import FixedController, integers_of
-from lockstep.codegen.bounds import by_core
+from lockstep.codegen.cost.bounds import by_core
 from lockstep.codegen.emission.emit import plain
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import FORMAT, AgentEntry, Manifest
@@ -27,10 +28,10 @@ def files(manifest: Manifest, _: Mapping[str, str]) -> dict[str, str]:
     for agent in manifest.agents:
         view = _view(agent, controller_of(agent, manifest), manifest)
         whole = {"format": FORMAT, "title": plain(manifest.title), "period": repr(manifest.period), "a": view}
+        claims = manifest.fixed.claims if manifest.fixed else ()
         for end in ("h", "c"):
-            text = render(
-                f"exports/fixed.{end}.j2", **whole, claims=manifest.fixed.claims if manifest.fixed else ()
-            )
+            name = f"exports/fixed.{end}.j2"
+            text = render(name, **whole, claims=claims, in_microseconds=in_microseconds)
             texts[f"fixed/{agent.name}_fixed.{end}"] = text
     return texts
 

@@ -5,17 +5,17 @@ compared, byte by byte: headers, sources, harness, CMakeLists.txt, README.md, ma
 shows measurements of the machine it was built on, and is named as not proved, as are figures.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.files import read_inside
+from lockstep.codegen.bundle import bundle
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.exports import exports_of, with_exports
 from lockstep.codegen.exports.fmu import archives_differ
-from lockstep.codegen.folder.bundle import bundle
 from lockstep.codegen.folder.contents import differs, not_proved, strangers
-from lockstep.codegen.from_design import has_one_controller, specification
+from lockstep.codegen.from_design import CodeOptions, has_one_controller, specification
 from lockstep.codegen.manifest import Manifest, changed_files, load_manifest
 from lockstep.lmi.document import Stored
 
@@ -53,16 +53,10 @@ def compared(folder: Path, stored: Stored) -> Comparison:
 def _rendered(folder: Path, stored: Stored, manifest: Manifest) -> dict[str, str]:
     """Return the text of every file that follows from the design; of the manifest only the hashes of others are read."""
     image = manifest.image
-    spec = specification(
-        stored,
-        optimize=manifest.optimize,
-        name=manifest.name,
-        prefix=manifest.prefix,
-        one_image=image is not None,
-        max_neighbours=None if image is None else image.max_neighbours,
-        table="none" if image is None else image.table,
-    )
-    files = with_exports(emit(spec), exports_of(manifest))
+    options = CodeOptions(manifest.optimize, manifest.name, manifest.prefix)
+    if image is not None:
+        options = replace(options, one_image=True, max_neighbours=image.max_neighbours, table=image.table)
+    files = with_exports(emit(specification(stored, options)), exports_of(manifest))
     others = {path: _bytes(folder, path) for path in manifest.files if path not in files}
     together = bundle(files, others)
     return {path: str(together[path]) for path in files}

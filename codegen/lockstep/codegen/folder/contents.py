@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath
 
 from lockstep.check.c_source.one_image import read_node
 from lockstep.check.c_source.reader import read_controller
+from lockstep.check.certify import DESIGN_NAME
 from lockstep.check.errors import NotCertified, ProblemError, demand
 from lockstep.check.files import as_text, named, read_inside
 from lockstep.check.wording import shorten
@@ -18,8 +19,6 @@ from lockstep.codegen.emission.one_image import table_paths
 from lockstep.codegen.exports import export_paths
 from lockstep.codegen.exports.fmu import archives
 from lockstep.codegen.manifest import FILE_NAME, Manifest, changed_files, units
-
-DESIGN_NAME = "design.json"
 
 MEASURED = ("report.html", "report.md")
 _SHOWN = re.compile(r"figures/[a-z0-9_-]+\.(png|pdf)|evidence/[A-Za-z0-9_]+\.md")

@@ -9,7 +9,11 @@ from lockstep.codegen.emission.emit import claims
 LINES = {"proved": "Proved", "covers": "Covered", "assumes": "Assumed", "remains": "Ultimate bound"}
 LINES |= {"where": "Consensus trajectory", "messages": "Messages", "formation": "Formation"}
 LINES |= {"leader": "Leader", "decay": "Convergence", "controllers": "Controllers", "limits": "No saturation"}
-LINES |= {"limits_gain": "No saturation, disturbed", "clipped": "With saturation"}
+LINES |= {
+    "disturbances": "Disturbances",
+    "limits_gain": "No saturation, disturbed",
+    "clipped": "With saturation",
+}
 """Keys of the manifest's certificate, which `lockstep.codegen.from_design` fills."""
 
 

@@ -23,7 +23,7 @@ from lockstep.model.simulation.sampled_controllers import SampledControllers
 from lockstep.verification.closed_loop.software_in_the_loop import sources_in
 from lockstep.verification.harness import layout, product_sources
 from lockstep.verification.machines.shared_library import build_library, loaded
-from lockstep.verification.machines.toolchain import WARNINGS, Compiler, first_compiler
+from lockstep.verification.toolchain import WARNINGS, Compiler, first_compiler
 
 
 class CompiledStepper:

@@ -53,7 +53,7 @@ class Measured:
     """|z| and |xi_d| in L2, their ratio, and the promise it is held against.
 
     ratio: the largest int |z|^2 / (V(0) + rho^2 int |xi_d|^2) over the run, its root; at most 1 where it is covered.
-    off: the part by which it may be off.
+    off: the part by which it may be off;  scaled: whether xi_d is told in the scales of [design.disturbances].
     """
 
     output: float
@@ -64,6 +64,7 @@ class Measured:
     covered: bool
     reason: str
     off: float = QUADRATURE
+    scaled: bool = False
 
     @property
     def holds(self) -> bool:
@@ -116,9 +117,7 @@ def network_of_design(stored: Stored) -> Network:
 
 def weights_of_design(stored: Stored, network: Network) -> RhoWeights:
     """Return the weights that the design's rho is measured with."""
-    problem = stored.problem
-    R, Q = problem.state_weight(network.agent.n), problem.controller_weight(stored.gains.order)
-    return RhoWeights.of(network.graph, R, Q, network.coordinates)
+    return RhoWeights.of(network.graph, stored.problem.performance, network.coordinates)
 
 
 def measured(
@@ -126,6 +125,7 @@ def measured(
 ) -> Measured:
     """Hold a run against what is proved of its loop."""
     weights = weights_of_design(stored, network)
+    scaled = len(weights.scales) > 0
     found = energies(trajectory, weights, rates(network, trajectory))
     output, entered = float(np.sqrt(found.output[-1])), float(np.sqrt(found.input[-1]))
     reason, storage = promised.reason, None
@@ -133,14 +133,14 @@ def measured(
         reason = _uncovered(trajectory, scenario, stored, network, promised)
         storage = _storage(trajectory, network, stored, promised)
         if not reason and storage is None:
-            reason = "the run starts in disagreement, and the storage V(0) of this proof is not at hand"
+            reason = "the run starts in disagreement, and this proof has no V(0): let it start in agreement, disturbed"
     if promised.rho is None or storage is None or reason:
-        return Measured(output, entered, found.gain, promised.rho, None, False, reason)
+        return Measured(output, entered, found.gain, promised.rho, None, False, reason, scaled=scaled)
     ratio = found.largest_ratio(promised.rho, storage)
     root = None if ratio is None else float(np.sqrt(ratio))
     if root is not None and root > 1 and (reason := _lost_in_rounding(trajectory, stored, promised, output)):
-        return Measured(output, entered, found.gain, promised.rho, None, False, reason)
-    return Measured(output, entered, found.gain, promised.rho, root, True, promised.reason)
+        return Measured(output, entered, found.gain, promised.rho, None, False, reason, scaled=scaled)
+    return Measured(output, entered, found.gain, promised.rho, root, True, promised.reason, scaled=scaled)
 
 
 def _uncovered(
@@ -149,8 +149,9 @@ def _uncovered(
     """Return why the run is outside of what is proved; empty if it is inside."""
     if promised.scope == "local" and (left := left_domain(trajectory.t, trajectory.x, network.agent)):
         return f"{left}, and the certificate is for agents inside it"
-    if not stored.problem.performance.covers_xi and trajectory.xi.any():
-        return "rho is a gain from the states named in [design.disturbances], as scaled there, and the run disturbs all"
+    unnamed = np.flatnonzero(stored.problem.performance.states == 0)
+    if (trajectory.xi - trajectory.xi[:, :1])[..., unnamed].any():
+        return "rho is a gain from the states named in [design.disturbances], and the run disturbs others"
     if not scenario.channel.is_ideal:
         return "the certificate is for messages that all arrive at once, as they were sent"
     if trajectory.faults:
@@ -195,7 +196,7 @@ def _beyond(trajectory: Trajectory, stored: Stored) -> bool:
 
 
 def _storage(trajectory: Trajectory, network: Network, stored: Stored, promised: Promise) -> float | None:
-    """Return V(0) = x_d' P_dd x_d, the controllers being at rest; None where P is not known."""
+    """Return V(0) = x_d' P_d x_d, the controllers being at rest; None where P is not known."""
     start = trajectory.less_offsets[0]
     x = start - start[:1]
     if not x.any() and not trajectory.x_C[0].any():
@@ -208,6 +209,6 @@ def _storage(trajectory: Trajectory, network: Network, stored: Stored, promised:
 def storage_of(
     x: Float[np.ndarray, "N n"], network: Network, stored: Stored, P: Float[np.ndarray, "n_x n_x"]
 ) -> float:
-    """Return x_d' P_dd x_d of the agents' states, the controllers being at rest."""
+    """Return x_d' P_d x_d of the agents' states, the controllers being at rest."""
     x_d = (as_floats(network.loop(stored.gains.order).d.T) @ (x - x[:1])).ravel()
     return float(x_d @ P[: len(x_d), : len(x_d)] @ x_d)

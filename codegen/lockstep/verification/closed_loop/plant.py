@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.model.network import Network
+from lockstep.model.simulation.integrate import runge_kutta_step
 
 SUBSTEPS = 4
 """Runge-Kutta steps per period: at 5 ms, 1.25 ms against poles of some 10 rad/s."""
@@ -43,17 +44,8 @@ class HeldPlant:
 def _advance(network: Network, period: float) -> ca.Function:
     n, m, N = network.agent.n, network.agent.m, network.N
     x, u, t = ca.SX.sym("x", n, N), ca.SX.sym("u", m, N), ca.SX.sym("t")
-    drift, h = network.drift(), period / SUBSTEPS
-
-    def slope(state: ca.SX, time: ca.SX) -> ca.SX:
-        return ca.horzcat(*[drift(state[:, i], time) + ca.DM(network.B[i]) @ u[:, i] for i in range(N)])
-
-    state = x
+    step, h = runge_kutta_step(network.agents_alone()), period / SUBSTEPS
+    held, state = ca.vertcat(ca.vec(u), ca.SX.zeros(n * N)), ca.vec(x)
     for k in range(SUBSTEPS):
-        now = t + k * h
-        first = slope(state, now)
-        second = slope(state + h / 2 * first, now + h / 2)
-        third = slope(state + h / 2 * second, now + h / 2)
-        fourth = slope(state + h * third, now + h)
-        state = state + h / 6 * (first + 2 * second + 2 * third + fourth)
-    return ca.Function("advance", [x, u, t], [state], ["x", "u", "t"], ["x_next"])
+        state = step(state, ca.vertcat(t + k * h, h, held, held, held))
+    return ca.Function("advance", [x, u, t], [ca.reshape(state, n, N)], ["x", "u", "t"], ["x_next"])

@@ -7,37 +7,13 @@ coefficients that a design's C has or that a generated folder states.
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from lockstep.check.errors import demand
-from lockstep.check.sampled.discretise import clipped_at
-from lockstep.check.system.formation import measured_offsets
+from lockstep.check.sampled.discretise import clipped_at, measured_offsets
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.lmi.document import Stored
 from lockstep.model.simulation.sampled_controllers import SampledControllers
 from lockstep.verification.reference import Reference, references
-
-
-class ReferenceStepper:
-    """A reference with the interface that the simulation steps."""
-
-    def __init__(self, reference: Reference) -> None:
-        self._reference = reference
-
-    @property
-    def memory(self) -> Float[np.ndarray, " nc"]:
-        """The controller's state before the next step."""
-        return self._reference.state.x.astype(float)
-
-    def init(self) -> None:
-        """Go to the state before the first step."""
-        self._reference.init()
-
-    def step(
-        self, y: Float[np.ndarray, " q"], neighbour_y: Float[np.ndarray, "nn q"], received: int
-    ) -> tuple[int, Float[np.ndarray, " m"]]:
-        """Take a step as the C does."""
-        return self._reference.step(y, neighbour_y, received)
 
 
 def reference_controllers(manifest: Manifest, *, delay: Literal[0, 1] = 0) -> SampledControllers:
@@ -47,13 +23,13 @@ def reference_controllers(manifest: Manifest, *, delay: Literal[0, 1] = 0) -> Sa
         manifest: of the folder.
         delay: periods between sampling y and applying u; the folder does not say.
     """
-    steppers = [ReferenceStepper(one) for one in references(manifest).values()]
+    steppers = list(references(manifest).values())
     return SampledControllers(steppers, sources_in(manifest), manifest.period, delay, manifest.real)
 
 
 def design_controllers(stored: Stored) -> SampledControllers:
     """Return the controllers that the C of a design would be: sampled, rounded, in the arithmetic of [controller]."""
-    from lockstep.codegen.sampled_design import sampled_controllers
+    from lockstep.codegen.sampled_modes import sampled_controllers
 
     table = stored.problem.controller
     held = sampled_controllers(stored, table.period)
@@ -63,9 +39,7 @@ def design_controllers(stored: Stored) -> SampledControllers:
     seen = measured_offsets(stored.problem.agent().exact, stored.problem.offsets, table.real)
     shifts = [None if seen is None else seen[[i, *one.sources]].astype(dtype) for i, one in enumerate(held)]
     steppers = [
-        ReferenceStepper(
-            Reference(one.table.astype(dtype), one.weights.astype(dtype), one.order, True, limits, shift)
-        )
+        Reference(one.table.astype(dtype), one.weights.astype(dtype), one.order, True, limits, shift)
         for one, shift in zip(held, shifts, strict=True)
     ]
     return SampledControllers(

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.errors import ClaimError
-from lockstep.codegen.cores import Core, Registers, emulated, registers_of
+from lockstep.codegen.cost.cores import Core, Registers, emulated, registers_of
 from lockstep.codegen.emission.calls import Calls
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.harness import Run, inputs, output_arrays, outputs, text_bytes
 from lockstep.verification.machines.image import Image, build_image, load_image
-from lockstep.verification.machines.toolchain import RUN_SECONDS, Compiler
 from lockstep.verification.one_image import unit_of
+from lockstep.verification.toolchain import RUN_SECONDS, Compiler
 
 _RETURN, _ARRAYS, _STACK = 0x0000_1000, 0x2100_0000, 0x3000_0000
 _STACK_BYTES = 0x1_0000

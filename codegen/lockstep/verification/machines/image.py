@@ -12,11 +12,11 @@ from typing import Any
 
 from lockstep.check.errors import ClaimError
 from lockstep.check.sampled.discretise import Real
-from lockstep.codegen.cores import Core
+from lockstep.codegen.cost.cores import Core
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import Manifest
 from lockstep.verification.harness import compile_objects, product_sources, write_harness
-from lockstep.verification.machines.toolchain import COMPILE_SECONDS, Compiler, run
+from lockstep.verification.toolchain import COMPILE_SECONDS, Compiler, run
 
 CODE, DATA = 0x0001_0000, 0x2000_0000
 IMAGE_BYTES = 0x100_0000

@@ -8,16 +8,16 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from lockstep.check.errors import ClaimError, ProblemError
-from lockstep.codegen.cores import Core
+from lockstep.codegen.cost.cores import Core
 from lockstep.codegen.emission.calls import Calls
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.exports.pil import runner
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.harness import Run, compile_objects, text_bytes
 from lockstep.verification.machines.image import check_calls, machine_flags
-from lockstep.verification.machines.toolchain import COMPILE_SECONDS, RUN_SECONDS, Compiler, run
 from lockstep.verification.one_image import without_nodes
 from lockstep.verification.pil_log import runs
+from lockstep.verification.toolchain import COMPILE_SECONDS, RUN_SECONDS, Compiler, run
 
 QEMU = "qemu-system-arm"
 

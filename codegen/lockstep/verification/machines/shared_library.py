@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from lockstep.verification.machines.toolchain import COMPILE_SECONDS, Compiler, run
+from lockstep.verification.toolchain import COMPILE_SECONDS, Compiler, run
 
 
 def build_library(

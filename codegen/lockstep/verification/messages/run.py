@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from lockstep.codegen.cores import Core
+from lockstep.codegen.cost.cores import Core
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.harness import compile_objects, drive, product_sources
 from lockstep.verification.machines.emulator import Machine
 from lockstep.verification.machines.image import check_calls, link_image, load_image, machine_flags
-from lockstep.verification.machines.toolchain import Compiler
 from lockstep.verification.messages.events import EXTRA, WORDS, Events, NodeTrace
 from lockstep.verification.messages.network_node import Wire
+from lockstep.verification.toolchain import Compiler
 
 Traces = Iterator[tuple[AgentEntry, NodeTrace, int]]
 """An agent, what its node did, and the bytes of a node."""

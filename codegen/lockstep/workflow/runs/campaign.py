@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.lmi.processes.cluster import check_address
-from lockstep.workflow.design import DESIGN_NAME, Design, as_design
+from lockstep.workflow.design_file import DESIGN_NAME, Design, as_design
 from lockstep.workflow.generate import generated_files
 from lockstep.workflow.output_files import check_writable, of_file, write_text
 from lockstep.workflow.output_folders import check_folder
@@ -18,16 +18,14 @@ if TYPE_CHECKING:
     from lockstep.campaign.guarantee import Controllers
     from lockstep.lmi.document import Stored
 
-HORIZON = 10.0
-"""Of each run, in s, unless another is asked for."""
-
 
 @dataclass(frozen=True)
 class CampaignOptions:
     """What fixes a campaign beside its design; None leaves the choice to the design.
 
     controllers: "sampled" (the C that ships; "compiled" is the same) or "continuous" (the gains, with Delta at the
-    bound of (11)); by default what the design's fragility is about;  seed: of all draws;  horizon: in s.
+    bound of (11)); by default what the design's fragility is about;  seed: of all draws;  horizon: of each run,
+    in s; by default the problem's.
     """
 
     controllers: str | None = None
@@ -119,7 +117,7 @@ def planned(design: Design | Path | str, options: CampaignOptions) -> tuple["Pla
         files = generated_files(found)
         stored = parse(json.loads(files[DESIGN_NAME]), DESIGN_NAME)
         seed = stored.problem.simulation.seed if options.seed is None else options.seed
-        horizon = HORIZON if options.horizon is None else options.horizon
+        horizon = stored.problem.simulation.horizon if options.horizon is None else options.horizon
         check_periods(horizon, stored.problem.controller.period)
         return plan_of(stored, files, controllers=kind, seed=seed, horizon=horizon), stored
 
@@ -134,10 +132,7 @@ def check_periods(horizon: float, period: float) -> None:
 
 
 def _kind(controllers: str | None) -> "Controllers | None":
-    if controllers is None:
-        return None
-    if controllers == "continuous":
-        return "continuous"
-    if controllers in ("sampled", "compiled"):
-        return "sampled"
-    raise ProblemError(f"`{controllers}`", where="--controllers", expected='"sampled" or "continuous"')
+    kinds: dict[str | None, Controllers | None]
+    kinds = {None: None, "continuous": "continuous", "sampled": "sampled", "compiled": "sampled"}
+    demand(controllers in kinds, f"`{controllers}`", "--controllers", '"sampled" or "continuous"')
+    return kinds[controllers]

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lockstep.check.errors import demand
-from lockstep.workflow.design import DESIGN_NAME, Design, as_design
+from lockstep.workflow.design_file import DESIGN_NAME, Design, as_design
 from lockstep.workflow.generate import generated_files
 from lockstep.workflow.output_files import of_file
 from lockstep.workflow.output_folders import check_folder, write_files
-from lockstep.workflow.runs.campaign import HORIZON, check_periods
+from lockstep.workflow.runs.campaign import check_periods
 from lockstep.workflow.waiting.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def network_campaign(
         runs: how many.
         output: a folder for the table and the summary.
         seed: of all draws; by default the problem's.
-        horizon: of each run, in s.
+        horizon: of each run, in s; by default the problem's.
         jobs: threads; None for one per core.
         progress: told what is being done.
 
@@ -70,8 +70,7 @@ def network_campaign(
     from lockstep.campaign.network_faults.loop import network_loop
     from lockstep.campaign.peaks import peaks
     from lockstep.campaign.plan import POINTS
-    from lockstep.check.continuous.inequality import Performance
-    from lockstep.codegen.sampled_design import sampled_controllers
+    from lockstep.codegen.sampled_modes import sampled_controllers
     from lockstep.lmi.document import parse
     from lockstep.model.network import Network
     from lockstep.model.simulation.divergence import beyond
@@ -85,12 +84,10 @@ def network_campaign(
         files = generated_files(found, exports=["messages"])
         stored = parse(json.loads(files[DESIGN_NAME]), DESIGN_NAME)
     problem = stored.problem
-    time = HORIZON if horizon is None else horizon
+    time = problem.simulation.horizon if horizon is None else horizon
     check_periods(time, problem.controller.period)
     network = Network(problem.agent(), problem.graph(), problem.agents_B(), problem.design.coordinates)
-    weights = Performance(
-        problem.state_weight(network.agent.n), problem.controller_weight(stored.gains.order)
-    )
+    weights = problem.performance
     progress("compiling the network", 0.1)
     loop = network_loop(network, files, weights, problem.controller.delay)
     progress("running", 0.2)
@@ -107,7 +104,7 @@ def network_campaign(
         network_faults,
         _guarantee(stored),
         runs,
-        peaks=peaks(network, response, count=POINTS, seed=given_seed),
+        peaks=peaks(network, response, weights, count=POINTS, seed=given_seed),
         seed=given_seed,
         horizon=time,
         spread=problem.simulation.spread,
@@ -123,8 +120,8 @@ def _guarantee(stored: "Stored") -> "NetworkGuarantee":
     from lockstep.campaign.network_faults.campaign import EveryMessageArrives, NetworkGuarantee
 
     claims, sampled = stored.claims.messages, stored.claims.sampled
-    if not stored.problem.performance.covers_xi:
-        return NetworkGuarantee()
+    if (stored.problem.performance.states == 0).any():
+        return NetworkGuarantee()  # a campaign disturbs every state, and rho is no gain from all
     if claims is not None:
         return NetworkGuarantee(claims.rho, claims.messages)
     return NetworkGuarantee(sampled.rho if sampled.certified else None, EveryMessageArrives())

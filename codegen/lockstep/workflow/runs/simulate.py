@@ -3,160 +3,31 @@
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
-
-import numpy as np
+from typing import TYPE_CHECKING, get_args
 
 from lockstep.check.errors import demand
-from lockstep.model.html_table import html_table
-from lockstep.workflow.design import Design, as_design
+from lockstep.workflow.design_file import Design, as_design
 from lockstep.workflow.output_files import check_writable, of_file, write_text
 from lockstep.workflow.output_folders import check_folder, is_generated, write_files
+from lockstep.workflow.runs.simulation import Simulation
 from lockstep.workflow.waiting.progress import Progress, silent
 
 if TYPE_CHECKING:
     from lockstep.check.system.loop import Gains
     from lockstep.lmi.document import Stored
     from lockstep.model.network import Network
-    from lockstep.model.simulation import SampledControllers, Scenario, Trajectory
+    from lockstep.model.simulation import SampledControllers, Scenario
     from lockstep.model.simulation.from_problem import Changes
     from lockstep.model.simulation.integrate import Method
-    from lockstep.model.simulation.send_on_change import SendOnChange
     from lockstep.swarm.neighbours import EdgeList, NeighbourLists
-    from lockstep.verification.closed_loop.measured_gain import Kind, Measured
+    from lockstep.verification.closed_loop.measured_gain import Kind
 
 KINDS = ("continuous", "sampled", "compiled", "off")
 
 WORST_SAMPLES = 500
 """Samples of a disturbance that is searched for, at most about: enough for loops of some rad/s over tens of seconds."""
-
-
-@dataclass(frozen=True, eq=False)
-class Simulation:
-    """One run, and how it compares with what is proved.
-
-    Args:
-        design: what was run.
-        trajectory: t, x, x_C, u, y, xi of all agents.
-        measured: |z|, |xi_d|, and the rho they are held against.
-        controllers: "continuous", "sampled", "compiled" or "off".
-        disturbance, seed, step, integrator: of the run.
-        on_change: its threshold and what is proved of it, None where every period is sent.
-    """
-
-    design: Design
-    trajectory: "Trajectory"
-    measured: "Measured"
-    controllers: "Kind"
-    disturbance: str
-    seed: int
-    step: float
-    integrator: str
-    on_change: "SendOnChange | None" = field(default=None, kw_only=True)
-
-    @property
-    def ok(self) -> bool:
-        """Whether the run keeps to what is proved of it, or nothing is."""
-        return self.measured.holds
-
-    def document(self) -> dict[str, Any]:
-        """Return the contract's keys."""
-        trajectory, found = self.trajectory, self.measured
-        d = trajectory.disagreement()
-        same = ("gain", "rho", "ratio", "covered", "reason")
-        l2 = {
-            "output": found.output,
-            "disturbance": found.input,
-            **{one: getattr(found, one) for one in same},
-        }
-        error = {"kind": "ClaimError", "figures": {"ratio": found.ratio}}
-        return {
-            "ok": found.holds,
-            "controllers": self.controllers,
-            "disturbance": self.disturbance,
-            "horizon": trajectory.horizon,
-            "step": self.step,
-            "seed": self.seed,
-            "integrator": self.integrator,
-            "disagreement_initial": float(d[0]),
-            "disagreement_final": float(d[-1]),
-            "disagreement_max": float(d.max()),
-            **self.of_each(),
-            "faults": trajectory.faults,
-            "clipped": trajectory.clipped,
-            **({"messages": self.messages} if self.messages else {}),
-            "l2": l2,
-            **({} if found.holds else {"error": {**error, "message": found.excess}}),
-        }
-
-    @property
-    def messages(self) -> dict[str, Any]:
-        """What send on change saved, and the residual that it costs; nothing without it."""
-        on = self.on_change
-        return {} if on is None else on.cost(self.trajectory, self.design.problem.controller.real)
-
-    @property
-    def agents(self) -> int:
-        """How many agents ran."""
-        return self.trajectory.N
-
-    def remarks(self) -> dict[str, str]:
-        """Tell what is to be known of the figures; of few agents nothing."""
-        return {}
-
-    def of_each(self) -> dict[str, Any]:
-        """Return the figures of each agent: `indices`, `effort`, `largest_input`."""
-        from lockstep.model.simulation import effort_indices, indices
-
-        trajectory = self.trajectory
-        return {
-            "indices": [one.document() for one in indices(trajectory)],
-            "effort": [one.document() for one in effort_indices(trajectory)],
-            "largest_input": [float(np.abs(trajectory.u[:, i]).max()) for i in range(trajectory.N)],
-        }
-
-    def to_control(self) -> Any:
-        """Return the run as `control.TimeResponseData`, with the names of `Design.to_control`."""
-        from lockstep.model.simulation.results.exchange import to_time_response
-
-        return to_time_response(self.trajectory)
-
-    def to_pandas(self) -> Any:
-        """Return the run as a `pandas.DataFrame` by t, a column for each signal (extra `notebook`)."""
-        from lockstep.model.simulation.results.exchange import to_pandas
-
-        return to_pandas(self.trajectory)
-
-    def plot(self, what: str = "states") -> Any:
-        """Return a matplotlib figure of the run: "states", "disagreement", "effort", or "phase" of two states.
-
-        Raises:
-            ProblemError: another word.
-        """
-        from lockstep.report.figures import run_figure
-
-        return run_figure(self.trajectory, what, dict(self.design.problem.agent().units))
-
-    def __repr__(self) -> str:
-        """Say how far apart the agents were and are, and what the run is held against."""
-        d, ratio = self.trajectory.disagreement(), self.measured.ratio
-        held = "held against nothing proved" if ratio is None else f"at {ratio:.3g} of what is proved"
-        return (
-            f"<Simulation of {self.design.title!r}: {self.controllers} controllers, {self.trajectory.horizon:g} s, "
-            f"disagreement {d[0]:.3g} to {d[-1]:.3g}, {held}>"
-        )
-
-    def _repr_html_(self) -> str:
-        """Return what is to be told of it in a table, for a notebook."""
-        from lockstep.workflow.runs.simulate_rows import rows
-
-        return html_table(rows(self).items(), title=self.design.title)
-
-    def figures(self) -> dict[str, bytes]:
-        """Return the states, the disagreement and the effort as PNG and PDF: file name -> bytes."""
-        return _drawn(self.trajectory, self.design.stored)
 
 
 def simulate(
@@ -251,16 +122,6 @@ def _kept(made: Simulation, drawn: Path | None, written: Path | None) -> Simulat
 
         write_text(written, to_csv(made.trajectory))
     return made
-
-
-def _drawn(trajectory: "Trajectory", stored: "Stored") -> dict[str, bytes]:
-    """Return the states, the disagreement and the effort as PNG and PDF."""
-    from lockstep.report.export import pdf, png
-    from lockstep.report.figures import run_figure
-
-    units, ways = dict(stored.problem.agent().units), (("png", png), ("pdf", pdf))
-    figures = {what: run_figure(trajectory, what, units) for what in ("states", "disagreement", "effort")}
-    return {f"{name}.{end}": way(figure, name) for name, figure in figures.items() for end, way in ways}
 
 
 def _checked(controllers: str, integrator: str) -> "tuple[Kind, Method]":

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
+from lockstep.model.problem.weights import amplitudes
 from lockstep.model.simulation.from_problem import Changes, channel_of, disturbance_of, step_of
 from lockstep.swarm import NeighbourLists, SwarmLoop, SwarmRun, simulate_swarm, swarm_of_design
 from lockstep.swarm.disturbances import StreamedNoise
@@ -18,9 +19,9 @@ from lockstep.verification.closed_loop.measured_gain import (
     promise,
     storage_of,
 )
-from lockstep.verification.machines.toolchain import host_compilers
-from lockstep.workflow.design import Design
-from lockstep.workflow.runs.simulate import Simulation
+from lockstep.verification.toolchain import host_compilers
+from lockstep.workflow.design_file import Design
+from lockstep.workflow.runs.simulation import Simulation
 from lockstep.workflow.waiting.progress import Progress
 
 if TYPE_CHECKING:
@@ -168,12 +169,11 @@ def _disturbance(
     problem: "Problem", loop: SwarmLoop, kind: str, horizon: float, seed: int
 ) -> "Disturbance | None":
     table = problem.simulation.disturbance.model_copy(update={"kind": kind})
-    N, n, period = loop.N, loop.agent.n, loop.period
+    N, states, period = loop.N, loop.agent.states, loop.period
     if kind != "noise":
-        return disturbance_of(table, N, n, period=period, horizon=horizon, seed=seed)
-    sigma = table.amplitude if table.intensity is None else float(np.sqrt(table.intensity / period))
-    stop = np.inf if table.stop is None else table.stop
-    return StreamedNoise(N, n, sigma, period, seed, table.start, stop)
+        return disturbance_of(table, N, states, period=period, horizon=horizon, seed=seed)
+    stop, sigma = np.inf if table.stop is None else table.stop, amplitudes(table, N, states, period)
+    return StreamedNoise(N, len(states), sigma, period, seed, table.start, stop)
 
 
 def _measured(run: SwarmRun, stored: "Stored", start: Float[np.ndarray, "N n"], *, own: bool) -> Measured:
@@ -198,7 +198,7 @@ def _measured(run: SwarmRun, stored: "Stored", start: Float[np.ndarray, "N n"], 
         f"{run.faults} steps reported a fault": run.faults > 0,
         f"{run.clipped} steps clipped an input at its limit, and rho is proved without clipping": run.clipped
         > 0,
-        "the run starts in disagreement, and the storage V(0) of this proof is not at hand": (
+        "the run starts in disagreement, and this proof has no V(0): let it start in agreement, disturbed": (
             storage is None
         ),
     }

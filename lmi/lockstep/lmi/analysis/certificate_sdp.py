@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.continuous.channels import Inequality
-from lockstep.check.continuous.inequality import Certificate, Claim, inequality, split
+from lockstep.check.continuous.inequality import Certificate, Claim, inequality
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.frequency_multipliers import MOST_ENTRIES, PAIR, least_by_frequencies, storage_at
 from lockstep.lmi.analysis.strict_feasibility import inside
@@ -75,7 +75,7 @@ class AffineF:
     @cached_property
     def Z(self) -> Float[np.ndarray, "n_x n_F"]:
         """[A_cl, E, E_G, 0, X]."""
-        return self.stated.Z(self.gains)
+        return self.stated.flow(self.gains)
 
     @cached_property
     def constant(self) -> Float[np.ndarray, "n_F n_F"]:
@@ -223,13 +223,15 @@ def balance(form: AffineF) -> Balanced | None:
             # A pole within rounding of the axis: SciPy perturbs it and says so; the factor below then fails or serves.
             warnings.simplefilter("ignore", RuntimeWarning)
             P = solve_continuous_lyapunov(A_cl.T, -form.constant[:n_x, :n_x])
-        L = np.linalg.cholesky((P + P.T) / 2)
+        L, D = np.linalg.cholesky((P + P.T) / 2), np.eye(len(form.constant))
+        D[:n_x, :n_x] = np.linalg.inv(L)
+        D[n_x : n_x + n_d, n_x : n_x + n_d] /= np.linalg.norm(L, 2)
+        with np.errstate(all="ignore"):
+            found = _balanced(form, L, D, np.linalg.norm(D @ form.slopes @ D.T, 2, axis=(1, 2)))
     except (np.linalg.LinAlgError, ValueError):
         return None
-    D = np.eye(len(form.constant))
-    D[:n_x, :n_x] = np.linalg.inv(L)
-    D[n_x : n_x + n_d, n_x : n_x + n_d] /= np.linalg.norm(L, 2)
-    return _balanced(form, L, D, np.linalg.norm(D @ form.slopes @ D.T, 2, axis=(1, 2)))
+    overflows = not np.isfinite(np.concatenate([found.constant[None], found.slopes])).all()
+    return None if overflows else found
 
 
 def balance_inside(form: AffineF, near: Certificate) -> Balanced | None:
@@ -278,6 +280,15 @@ def _expression(b: Balanced, P: "cp.Variable", w: "cp.Variable", unit: float) ->
     weighted = sp.csc_array(b.slopes.reshape(len(b.slopes), -1).T) @ w
     F = half + half.T + b.constant / unit + cp.reshape(weighted, (n_F, n_F), order="C")
     return (F + F.T) / 2
+
+
+def split(
+    loop: Loop, claim: Claim, weights: Float[np.ndarray, " weights"]
+) -> tuple[Float[np.ndarray, " pairs"], Float[np.ndarray, "entries pairs"]]:
+    """Return m and m_entries from one vector of them, which is empty where there is no nonlinearity: then m is 0."""
+    pairs = len(loop.d.pairs())
+    m = weights[:pairs] if len(weights) else np.zeros(pairs)
+    return m, weights[pairs:].reshape(len(claim.entries), pairs)
 
 
 def run(problem: "cp.Problem", *, decompose: bool = True) -> bool:

@@ -5,7 +5,7 @@ V = sum_i r_i |x_i - x_bar|^2, a is the largest number with -V'/2 >= a V along x
 
     strongly connected   r the left null vector of L, x_bar = r'x, R = diag(r):
                          a = min over r'x = 0 of x'(R L + L'R)x / (2 x'R x)
-                         (Yu, Chen and Cao, IEEE Trans. Automat. Control 55, 2010); on a balanced graph
+                         (Yu, Chen, Cao and Kurths, IEEE Trans. Syst., Man, Cybern. B 40(3), 2010); on a balanced graph
                          r = 1/N and a is lambda_2 of (L + L')/2, on an undirected one lambda_2 of L
     one leader           x_bar = x_leader, r = p / q with L_ff' p = 1, L_ff q = 1, L_ff the followers' block;
                          diag(q) (R L_ff + L_ff'R) diag(q) is diagonally dominant, so a > 0

@@ -5,7 +5,7 @@ for the signals s = (xi, v) of Z = [A, B] (the Kalman-Yakubovich-Popov lemma; Ra
 
     y^H (F_0 + sum_k w_k F_k) y < rho^2 |xi|^2,    y = (x, s).
 
-P has n (n + 1) / 2 entries, 6 555 for twenty arms of order 2, and a dense interior method costs their third power; the
+P has n (n + 1) / 2 entries, 6 786 for twenty arms of order 2, and a dense interior method costs their third power; the
 multipliers are a few hundred, and log rho^2 is lowered as a p-norm over the frequencies, by BFGS. First, without F_0, the
 gain around v alone is brought below one, where it does not depend on the scale of w; P then comes of a Riccati equation
 (`strict_feasibility`).
@@ -234,7 +234,7 @@ def _lowered(
     stages: Sequence[tuple[int, int]] = STAGES,
 ) -> tuple[Float[np.ndarray, " w"], float]:
     """Lower the largest eigenvalue, at the frequencies near the top; return the multipliers and the eigenvalue reached."""
-    from lockstep.lmi.search.stabilise import descend
+    from lockstep.lmi.quasi_newton import descend
 
     level = response.level(kind, logs)
     for p, steps in stages:

@@ -18,7 +18,7 @@ from lockstep.check.system.loop import Gains, Loop
 from lockstep.lmi.analysis.certificate_sdp import MOST_OF_GIVEN, eliminates_P, least_rho, tight
 from lockstep.lmi.analysis.decimals import round_up, rounded_storage, significant
 from lockstep.lmi.analysis.gain_limit import within
-from lockstep.lmi.search.unit_scaling import Units, scaled
+from lockstep.lmi.analysis.unit_scaling import Units, scaled
 from lockstep.lmi.shapes import GainBlocks, GainLimit
 from lockstep.model.network import Network
 
@@ -121,6 +121,15 @@ def prove(
     )
 
 
+def may_be_proved(network: Network, gains: Gains, claim: Claim) -> bool:
+    """Tell whether the solver finds a certificate, with any rho, in some of the units that `prove` looks in."""
+    loop, K = network.loop(gains.order), gains.blocks
+    return any(
+        least_rho(one.loop, K, one.claim, any_rho=True, most=one.most) is not None
+        for one in _in_all_units(loop, claim, None)
+    )
+
+
 class _Asked(NamedTuple):
     """What the solver is asked, and the units it is in."""
 
@@ -163,7 +172,7 @@ def shortest_that_proves(
 def _definite(matrix: Float[np.ndarray, "n n"]) -> bool:
     """Tell in doubles whether a matrix is positive definite, with its diagonal scaled to one, whatever its units."""
     diagonal = np.diag(matrix)
-    if (diagonal <= 0).any():
+    if (diagonal <= 0).any() or not np.isfinite(matrix).all():
         return False
     scale = 1 / np.sqrt(diagonal)
     return bool(np.linalg.eigvalsh(scale[:, None] * (matrix + matrix.T) / 2 * scale)[0] > 0)

@@ -79,3 +79,10 @@ def _triangle(n: int) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]
     """Return the indices (i, j), i <= j, of the upper triangle, column by column."""
     j, i = np.tril_indices(n)
     return i, j
+
+
+def factor(square: Float[np.ndarray, "n n"], nothing: float = 1e-13) -> Float[np.ndarray, "n k"]:
+    """Return F of full column rank with F F' = the square, but for eigenvalues of at most so small a part of the largest."""
+    values, vectors = np.linalg.eigh(square)
+    kept = values > nothing * max(float(values.max(initial=0.0)), 1e-300)
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))

@@ -1,1 +1,1 @@
-"""Why no gains were found, what would help, and the trade-off curve."""
+"""Why no gains were found, what would help, and what agents do without controllers."""

@@ -7,7 +7,7 @@ import numpy as np
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import least_rho
-from lockstep.lmi.search.unit_scaling import scaled
+from lockstep.lmi.analysis.unit_scaling import scaled
 from lockstep.model.network import Network
 
 

@@ -27,9 +27,9 @@ from typing import Any, Literal
 import numpy as np
 from flint import fmpq
 
-from lockstep.check.design_file.json_text import only
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.files import read_text
+from lockstep.check.json_text import only
 from lockstep.check.wording import shorten
 
 FORMAT = "lockstep-lmi 1"

@@ -2,8 +2,9 @@
 
 It is a statement about this form of certificate: a quadratic storage function and the pair multipliers of `inequality`.
 
-projected   what every certificate satisfies once the gains are eliminated: two inequalities of a single agent
-witness     dual points that contradict them, decided exactly; what `certify` decides again
+What every certificate satisfies once the gains are eliminated, and the dual points that contradict it, are the checker's:
+`lockstep.check.floor`. Here are
+
 program     dual points as a semidefinite program, in doubles
 bisection   the largest rho that is proved
 """

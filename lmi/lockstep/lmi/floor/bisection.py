@@ -131,7 +131,7 @@ def proves_that_none_carries(network: ExactNetwork, claim: Claim) -> bool:
 def without_rho(plant: Plant, alpha: fmpq) -> Projected:
     """Return the two sides without disturbance and weight: what a certificate with any rho and any R satisfies.
 
-    They are homogeneous in (X, mu) and in (Y, 1/mu), so that mu = 1 stands for all mu.
+    They are homogeneous in (P_d, mu) and in (P_*, 1/mu), so that mu = 1 stands for all mu.
     """
     n = len(plant.A)
     B, H = np.hstack(plant.B), alpha * plant.H

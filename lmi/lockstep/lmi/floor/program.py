@@ -4,7 +4,7 @@ For mu in [a, b], g >= 0 holds if and only if mu g(mu) is a sum of squares plus 
 
     [c_1 + lambda, (c_0 - lambda (a + b)) / 2; *, c_2 + lambda a b] >= 0,        lambda (mu - a) where b is infinite,
 
-so that nothing is lost by asking for it. The largest t is sought for which Z, Z_*, K and this matrix, each scaled to
+so that nothing is lost by asking for it. The largest t is sought for which Z, Z_*, Z_c and this matrix, each scaled to
 about one, are at least t I: room for rounding. The multiplier of the last is a moment matrix [E mu^2, E mu; E mu, 1] of
 the mu that stand in the way, which says where to cut an interval that has no point.
 """
@@ -15,17 +15,14 @@ from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from lockstep.check.floor.projected import Projected, Side, left_inverse
 from lockstep.check.floor.witness import Piece
-from lockstep.check.numbers import as_floats
+from lockstep.check.numbers import Matrix, as_floats
+from lockstep.lmi.shapes import Vector
 
 LEAST_PART = 1e-14
 """The part of the largest diagonal entry that every other is taken to have."""
-
-Vector = Float[np.ndarray, "_"]
-Matrix = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True)
@@ -40,11 +37,11 @@ class FloorSolution:
 
 @dataclass(frozen=True)
 class Scales:
-    """Z = D Z^ D, likewise Z_*, and K^ = D_K K D_K, each diagonal as a vector."""
+    """Z = D Z^ D, likewise Z_*, and Z_c^ = D_c Z_c D_c, each diagonal as a vector."""
 
     Z: Vector
     Z_dual: Vector
-    K: Vector
+    Z_c: Vector
 
     @classmethod
     def ones(cls, stated: Projected) -> "Scales":
@@ -52,9 +49,9 @@ class Scales:
         primal, dual = stated.primal, stated.dual
         return cls(np.ones(primal.size), np.ones(dual.size), np.ones(primal.k + dual.k))
 
-    def from_point(self, Z: Matrix, Z_dual: Matrix, K: Matrix) -> "Scales":
+    def from_point(self, Z: Matrix, Z_dual: Matrix, Z_c: Matrix) -> "Scales":
         """Return those with which a dual point has the diagonals 1, so that the margin is one of each row."""
-        return Scales(_root(np.diag(Z)), _root(np.diag(Z_dual)), 1 / _root(np.diag(K)))
+        return Scales(_root(np.diag(Z)), _root(np.diag(Z_dual)), 1 / _root(np.diag(Z_c)))
 
 
 def _root(diagonal: Vector) -> Vector:
@@ -64,9 +61,9 @@ def _root(diagonal: Vector) -> Vector:
 
 
 class Linear(NamedTuple):
-    """What is linear in v, as matrices: the triangle of K, rows S Z e of both sides, and (c_0, c_1, c_2)."""
+    """What is linear in v, as matrices: the triangle of Z_c, rows flow Z e of both sides, and (c_0, c_1, c_2)."""
 
-    K: Matrix
+    Z_c: Matrix
     held: Matrix
     g: Matrix
 
@@ -98,12 +95,12 @@ class FloorProgram:
         """Return by what each entry of v^ is multiplied in v."""
         k = self.stated.primal.k
         square, square_dual = (np.outer(D, D)[_places(len(D))] for D in (scales.Z, scales.Z_dual))
-        between = 1 / np.outer(scales.K[:k], scales.K[k:])
+        between = 1 / np.outer(scales.Z_c[:k], scales.Z_c[k:])
         return np.concatenate([square, square_dual, between.ravel()])
 
-    def K_of(self, v: Vector) -> Matrix:
-        """Return K."""
-        return matrix_of(self.linear.K @ v, self.stated.primal.k + self.stated.dual.k)
+    def Z_c_of(self, v: Vector) -> Matrix:
+        """Return Z_c."""
+        return matrix_of(self.linear.Z_c @ v, self.stated.primal.k + self.stated.dual.k)
 
     @cached_property
     def linear(self) -> Linear:
@@ -119,13 +116,13 @@ class FloorProgram:
         Z, Z_dual, k = self.point(v)
         corner, held, constant, slope = sides[0].terms(Z)
         corner_dual, held_dual, constant_dual, slope_dual = sides[1].terms(Z_dual)
-        K = np.block([[corner, k], [k.T, corner_dual]])
+        Z_c = np.block([[corner, k], [k.T, corner_dual]])
         c_0 = constant + constant_dual - 2 * float(np.sum(k * coupling))
-        return triangle_of(K), np.concatenate([held, held_dual]), np.array([c_0, slope, slope_dual])
+        return triangle_of(Z_c), np.concatenate([held, held_dual]), np.array([c_0, slope, slope_dual])
 
 
 class _InDoubles(NamedTuple):
-    """N^+ S, rows S, constant and slope of a side, rounded."""
+    """kernel^+ flow, rows flow, constant and slope of a side, rounded."""
 
     k: int
     gain: Matrix
@@ -138,11 +135,11 @@ class _InDoubles(NamedTuple):
         if not side.size:
             none = np.zeros((0, 0))
             return cls(0, none, none, none, none)
-        exact = (left_inverse(side.N) @ side.S, side.rows @ side.S, side.constant, side.slope)
+        exact = (left_inverse(side.kernel) @ side.flow, side.rows @ side.flow, side.constant, side.slope)
         return cls(side.k, *(as_floats(one) for one in exact))
 
     def terms(self, Z: Matrix) -> tuple[Matrix, Vector, float, float]:
-        """Return He(N^+ S Z e), rows S Z e as a vector, <Z, constant> and <Z, slope>."""
+        """Return He(kernel^+ flow Z e), rows flow Z e as a vector, <Z, constant> and <Z, slope>."""
         columns = Z[:, : self.k]
         half = self.gain @ columns
         constant, slope = float(np.sum(Z * self.constant)), float(np.sum(Z * self.slope))
@@ -169,7 +166,7 @@ def largest_margin(program: FloorProgram, scales: Scales, lower: float, upper: f
         return None
     v = x[: program.count] * program.columns(scales)
     Z, Z_dual, k = program.point(v)
-    again = scales.from_point(Z, Z_dual, program.K_of(v))
+    again = scales.from_point(Z, Z_dual, program.Z_c_of(v))
     return FloorSolution(
         float(x[-1]), Piece(upper, Z, Z_dual, k), math.nan if unit is None else _where(z[-3:], unit), again
     )
@@ -197,11 +194,11 @@ def _constraints(
     rows = [np.pad(equations, ((0, 0), (0, 2))), -np.eye(program.count + 2)[-2:-1]]
     cones: list[Any] = [clarabel.ZeroConeT(len(equations)), clarabel.NonnegativeConeT(1)]
     unknown = np.eye(program.count)
-    K = linear.K * column * np.outer(scales.K, scales.K)[_places(len(scales.K))][:, None]
+    Z_c = linear.Z_c * column * np.outer(scales.Z_c, scales.Z_c)[_places(len(scales.Z_c))][:, None]
     for entries, size in (
         (unknown[:a], len(scales.Z)),
         (unknown[a : a + b], len(scales.Z_dual)),
-        (K, len(scales.K)),
+        (Z_c, len(scales.Z_c)),
     ):
         if size:
             identity = triangle_of(np.eye(size))[:, None]

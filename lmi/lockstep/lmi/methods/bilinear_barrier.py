@@ -3,7 +3,7 @@
     minimise  log x_goal / mu - sum_b log det M_b(x),     M_b(x) = M_0 + sum_k x_k M_k + sum_ij x_i x_j M_ij,
 
 with i in one range of unknowns and j in another. The curvature of -log det M is a square, tr(S dM S dM) with S = M^-1, less
-tr(S d^2M), which has no sign: as in `interior`, each step adds as much of the square as makes the whole positive definite.
+tr(S d^2M), which has no sign: as in `search.barrier`, each step adds enough of it to make the whole positive definite.
 """
 
 from collections.abc import Sequence

@@ -11,7 +11,6 @@ from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.continuous.modes import Modes, check_covered
 from lockstep.check.errors import Infeasible, NotCertified, OutOfTime, ProblemError
 from lockstep.check.system.loop import Gains
-from lockstep.lmi.analysis.decay import proved_decay
 from lockstep.lmi.analysis.fundamental_limits import (
     largest_alpha_of_any_controller,
     static_gains_cannot_stabilise,
@@ -177,7 +176,7 @@ def refuse_a_slow_one(problem: Problem, network: Network, found: CertifiedGains)
     if asked is None:
         return
     try:
-        proved_decay(network, found.gains, found.claim, asked, modal=False)
+        prove(network.decaying(asked), found.gains, found.claim)
     except NotCertified as error:
         raise NotCertified(
             f"[design] decay asks for {asked:g} 1/s, which is not proved of any gains found: {error}",

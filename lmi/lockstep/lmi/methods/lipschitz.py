@@ -132,7 +132,7 @@ def design_protocol(network: Network, claim: Claim, gain_limit: GainLimit) -> Pr
     norms = []
     for protocol in protocols:
         gains = protocol_gains(network, protocol)
-        norms.append(max(gains.norms))
+        norms.append(float(np.linalg.norm(gains.blocks, 2, axis=(1, 2)).max()))
         if np.linalg.norm(gains.blocks[0] / gain_limit, 2) > 1:
             continue
         certificate = least_rho(network.loop(0), gains.blocks, claim)

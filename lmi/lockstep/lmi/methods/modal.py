@@ -16,8 +16,9 @@ from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import ModalCertificate, Modes, Segment, check_covered, decide_modes
-from lockstep.check.errors import Infeasible, NotCertified
+from lockstep.check.errors import Infeasible, NotCertified, demand
 from lockstep.check.numbers import as_floats
+from lockstep.check.psd import MOST_ROWS
 from lockstep.check.system.graph import Digraph
 from lockstep.check.system.laplacian_spectrum import Metric
 from lockstep.check.system.loop import Gains
@@ -46,6 +47,9 @@ RATIOS = (2.0, 4.0, 16.0, 64.0, 256.0, 1024.0)
 FIRST_ROUNDS, KEPT = 4, 3
 """Of gains with one P: rounds of the search for all, and how many of the best go on."""
 
+MOST_AGENTS = MOST_ROWS + 1
+"""Of one graph: whether its eigenvalues are in the interval is decided by a matrix of a row less."""
+
 POORLY = "docs/graphs.md says what does for poorly connected graphs"
 
 SLACKS = (1e-3, 5e-3, 2e-2, 1e-1)
@@ -71,7 +75,11 @@ def design_modes(
         ProblemError: the graph, the agents or the request are not covered.
         Infeasible: no gains were found; with the part of alpha that was reached.
     """
-    known = check_covered(network.matrices, claim)
+    known, few = (
+        check_covered(network.matrices, claim),
+        network.spectrum is not None or network.N <= MOST_AGENTS,
+    )
+    demand(few, f"{network.N} agents", "modal", f"at most {MOST_AGENTS} of one graph, or [network] spectrum")
     modes = Modes(network.plant, order, network.decay)
     search = ModalSearch.of(modes, claim, segment_ends(network, known), gain_limit, rate)
     if network.spectrum is not None:

@@ -24,7 +24,7 @@ from lockstep.check.continuous.modes import Modes
 from lockstep.lmi.analysis.gain_limit import limit_barrier, within
 from lockstep.lmi.analysis.semidefinite import Block, Solved, least, symmetric_basis
 from lockstep.lmi.methods.modal_newton import Together
-from lockstep.lmi.search.stabilise import descend
+from lockstep.lmi.quasi_newton import descend
 from lockstep.lmi.shapes import GainLimit, Vector
 
 Gain = Float[np.ndarray, "a b"]
@@ -212,7 +212,7 @@ class _Shapes:
         n = len(self.base)
         D = np.eye(stated.size) / self.unit**0.5
         D[:n, :n] = np.linalg.inv(self.base)
-        Z = self.base.T @ stated.Z(K[None]) @ D.T
+        Z = self.base.T @ stated.flow(K[None]) @ D.T
         half = np.zeros((len(self.P_basis), stated.size, stated.size))
         half[:, :n] = self.P_basis @ Z
         sigma, *sectors = self.unit * (D @ stated.slopes(K[None]) @ D.T)

@@ -2,8 +2,8 @@
 
 In x = (K, P, mu, sigma, P_m), P in coordinates of a base in which it is I, with T = [C_1 K Y, ...] the rows of W^(1/2) u,
 
-    [ -He(J P Z(K)) - F_0 - sum mu_k F_k    T' ]
-    [                 T                     I  ] > 0   at lambda = a and b,      P > 0,   mu > 0,
+    [ -He([I; 0] P flow(K)) - F_0 - sum mu_k F_k    T' ]
+    [                     T                         I  ] > 0   at lambda = a and b,      P > 0,   mu > 0,
     -He(P_m (A_C + rate I)) > 0,   0 < P_m < I,   [ l I, K; K', l I ] > 0:
 
 all bilinear in (K, P) and (K, P_m). A descent in K alone, with a semidefinite program for each of its values, takes longer
@@ -142,7 +142,7 @@ class Together:
             given[:, at : at + rows.shape[1]] = rows
         units, none = np.eye(a * b).reshape(-1, a, b), np.zeros((1, a, b))
         half = np.zeros((len(basis), f + m, f + m))
-        half[:, :n, :f] = basis @ (self.base.T @ stated.Z(none) @ D.T)
+        half[:, :n, :f] = basis @ (self.base.T @ stated.flow(none) @ D.T)
         sigma, *sectors = (_wider(D @ one @ D.T, m) for one in stated.slopes(none))
         linear = self._linear(
             f + m,

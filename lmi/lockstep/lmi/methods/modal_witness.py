@@ -155,7 +155,7 @@ def _balanced(
     stated = modes.inequality(claim, value)
     D = np.eye(stated.size) / unit**0.5
     D[: len(L), : len(L)] = np.linalg.inv(L)
-    half = np.eye(stated.size, len(L)) @ P @ (L.T @ stated.Z(K[None]) @ D.T)
+    half = np.eye(stated.size, len(L)) @ P @ (L.T @ stated.flow(K[None]) @ D.T)
     sigma, *sectors = unit * (D @ stated.slopes(K[None]) @ D.T)
     F = half + half.T + D @ stated.constant(K[None]) @ D.T + s2 * sigma
     F = F + sum(mu[c] * form for c, form in enumerate(sectors))

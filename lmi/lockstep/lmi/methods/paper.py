@@ -88,6 +88,7 @@ class _Printed:
         self.N, self.n, self.q = network.N, lure.A.shape[0], lure.C.shape[0]
         self.C_r = np.kron(self.d.L_r, lure.C)
         n, N, n_C = self.n, self.N, order
+        self.n_d, self.n_c = n * (N - 1), n_C * N
         self.p_s = cp.Variable((n, n), symmetric=True)
         self.P_C = [cp.Variable((n_C, n_C), symmetric=True) for _ in range(N)] if n_C else []
         self.W = [cp.Variable((n_C, n_C)) for _ in range(N)] if n_C else []
@@ -95,14 +96,6 @@ class _Printed:
         self.k = [cp.Variable((n, self.q)) for _ in range(N)]
         self.f = [cp.Variable((n, n_C)) for _ in range(N)] if n_C else []
         self.tau, self.gamma, self.r2 = cp.Variable(5), cp.Variable(N - 1), cp.Variable()
-
-    @property
-    def n_d(self) -> int:
-        return int(self.n * (self.N - 1))
-
-    @property
-    def n_c(self) -> int:
-        return self.order * self.N
 
     def conditions(self) -> list["cp.Constraint"]:
         """Return (19) or (34) with the positive definiteness of (18); 1e-6 stands for > 0."""
@@ -114,11 +107,12 @@ class _Printed:
     def _matrix(self) -> "cp.Expression":
         """Assemble the matrix of (19); for (34) the columns of z_1 ... z_4 are left out."""
         import cvxpy as cp
+        from scipy.linalg import block_diag
 
         tau, n_d, n_c = self.tau, self.n_d, self.n_c
         P_S = cp.kron(np.eye(self.N - 1), self.p_s)
         P = _diagonal([P_S, *self.P_C])
-        B = np.kron(self.d.T, np.eye(self.n)) @ _dense_diagonal(list(self.network.B))
+        B = np.kron(self.d.T, np.eye(self.n)) @ block_diag(*self.network.B)
         top, bottom = np.eye(n_d + n_c, n_d), np.eye(n_d + n_c)[:, n_d:]
         columns: list[Any] = [P]
         squares: list[Any] = [self.r2 * np.eye(n_d + n_c)]
@@ -131,11 +125,8 @@ class _Printed:
             tau[4] * np.eye(n_d),
             _diagonal([self.gamma[i] * np.eye(self.n) for i in range(self.N - 1)]),
         ]
-        head = (
-            self._Phi()
-            + self._Delta()
-            + _dense_diagonal([self.R] * (self.N - 1) + ([self.Q] * self.N if n_c else []))
-        )
+        weights = block_diag(*[self.R] * (self.N - 1), *[self.Q] * (self.N if n_c else 0))
+        head = self._Phi() + self._Delta() + weights
         side = cp.hstack(columns)
         return cp.bmat([[head, side], [side.T, -_diagonal(squares)]])
 
@@ -202,9 +193,3 @@ def _diagonal(blocks: list[Any]) -> "cp.Expression":
 
     places = range(len(blocks))
     return cp.bmat([[part(i, j) for j in places] for i in places])
-
-
-def _dense_diagonal(blocks: list[Float[np.ndarray, "_ _"]]) -> Float[np.ndarray, "_ _"]:
-    from scipy.linalg import block_diag
-
-    return np.asarray(block_diag(*blocks), dtype=float)

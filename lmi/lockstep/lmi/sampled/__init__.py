@@ -2,18 +2,16 @@
 
 The decision is the checker's: `lockstep.check.sampled`. Here are
 
-search       the multiplier under which the gain around the nonlinearity is small, in doubles
-storage      the inequality as a Riccati inequality in P, and the two ends of its solutions, in doubles
+loop_gain    the multiplier under which the gain around the nonlinearity is small, in doubles
+storage      the inequality as a Riccati inequality in P (`riccati`), and the two ends of its solutions, in doubles
+step_program the same as a convex program in P and the pair weights, without rounding
 candidates   witnesses for it, those that pass little noise on first, in doubles
-certify      the search for a witness of agreement; `lockstep.check.sampled.certificate` decides
-performance  the search for a small rho of the sampled loop; `lockstep.check.sampled.l2_gain` decides
+witnesses    the search for a witness of agreement; `lockstep.check.sampled.certificate` decides
+l2_gain      the search for a small rho of the sampled loop; `lockstep.check.sampled.l2_gain` decides
+input_limits, saturation   from where no input meets its limit, and from where the clipped loop converges
 period       the largest period that is certified
-tustin       the discrete controllers as functions of the gains
-slopes       one lifted period, with its slopes
-response     a loop's frequency response as one smooth number, with its slopes
-objective    both loops, sampled and continuous, as functions of gains, multiplier and rho
-descent      descent on rho of the sampled loop
-improve      design for the period: the best of what descents reach from several starts
+fixed_point  the same of controllers in integers
+modal, messages, synthesis   mode by mode; with messages lost or late; gains designed for the period
 """
 
 from lockstep.check.sampled.certificate import SampledVerdict

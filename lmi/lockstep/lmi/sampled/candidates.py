@@ -15,7 +15,7 @@ from itertools import islice
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.sampled.inequality import W_matrix, Witness, multiplier, step_matrix
+from lockstep.check.sampled.inequality import Omega_matrix, Witness, multiplier, step_matrix
 from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.lmi.sampled.step_program import step_program
@@ -59,21 +59,32 @@ second with 14 states, 20 s with 28, a minute with 40, and 20 s with 18 and the 
 HALVINGS = 9
 """Of 24 decades: the least price to a tenth of a decade."""
 
+FAST = 2
+"""Witnesses that decay as asked and are tried before others: fewer than are put to the proof, as they may not bear it."""
+
 MU = 1e6
 """What underflow counts relative to the messages' noise: it is some thirty decades smaller."""
 
 
-def candidates(loop: SampledLoop, one: Lifted, m: PairWeights, *, thorough: bool = True) -> Iterator[Witness]:
-    """Yield witnesses with which W is positive definite in doubles; the one that passes the least noise on is first.
+def candidates(
+    loop: SampledLoop, one: Lifted, m: PairWeights, *, thorough: bool = True, kept: float = 1.0
+) -> Iterator[Witness]:
+    """Yield witnesses with which Omega is positive definite in doubles; the one that passes the least noise on is first.
 
     Where it is not to be thorough, those with the pair weights given, each as it is found.
+
+    Args:
+        loop, one: in doubles.
+        m: pair weights.
+        thorough: whether all are looked for.
+        kept: of V after a period, at most, that is asked for: some that keep no more come first.
     """
     lifted = copies(one, multiplier(loop.network.d, m))
-    radius = float(np.abs(np.linalg.eigvals(step_matrix(loop, lifted)[:, : loop.n_xi])).max())
+    radius = float(np.abs(np.linalg.eigvals(step_matrix(loop, lifted)[:, : loop.n_x])).max())
     if radius >= 1:
         return
-    found = []
-    for rate in RATES:
+    found, asked = [], (1 - kept) / (CLAIMED * (1 - radius**2))
+    for rate in (*RATES, 1.001 * asked, (1 + asked) / 2) if 0 < 1.001 * asked < 1 else RATES:
         for witness in _Search(loop, lifted, m, rate * (1 - radius**2)).witnesses():
             if thorough:
                 found.append((_promised(witness), witness))
@@ -81,7 +92,9 @@ def candidates(loop: SampledLoop, one: Lifted, m: PairWeights, *, thorough: bool
                 yield witness
     if thorough:
         found += [(_promised(witness), witness) for witness in _with_free_weights(loop, one, radius)]
-        yield from (witness for _, witness in sorted(found, key=lambda pair: pair[0]))
+        ranked = [witness for _, witness in sorted(found, key=lambda pair: pair[0])]
+        fast = [one for one in ranked if one.decay <= kept][:FAST] if kept < 1 else []
+        yield from (*fast, *(one for one in ranked if not any(one is other for other in fast)))
 
 
 def _promised(witness: Witness) -> float:
@@ -92,7 +105,7 @@ def _promised(witness: Witness) -> float:
 def _with_free_weights(loop: SampledLoop, one: Lifted, radius: float) -> Iterator[Witness]:
     """Yield witnesses of the convex program: the least price of the noise with V >= |x_d|^2, and so with a weight of it."""
     distance, spread = metric_of(loop), 1 - radius**2
-    rates, parts = (FREE_RATES, FREE_RMS) if loop.n_xi <= SOME_STATES else (FREE_RATES[1:2], FREE_RMS[1:2])
+    rates, parts = (FREE_RATES, FREE_RMS) if loop.n_x <= SOME_STATES else (FREE_RATES[1:2], FREE_RMS[1:2])
     for rate in () if is_large(loop) else rates:
         least = None
         for part in (None, *parts):
@@ -107,7 +120,7 @@ def _with_free_weights(loop: SampledLoop, one: Lifted, radius: float) -> Iterato
 
 def is_large(loop: SampledLoop) -> bool:
     """Tell whether a program with free pair weights takes too long."""
-    return loop.n_xi > MOST_STATES or len(loop.network.d.pairs()) > MOST_PAIRS
+    return loop.n_x > MOST_STATES or len(loop.network.d.pairs()) > MOST_PAIRS
 
 
 def priced_anew(
@@ -130,11 +143,11 @@ def priced_anew(
     """
     lifted, decay = copies(one, multiplier(loop.network.d, found.m)), 1 - claimed * (1 - found.decay)
     N = step_matrix(loop, lifted)
-    nu, mu = (
+    zeta, mu = (
         float(np.linalg.norm(part.T @ found.P @ part, 2))
         for part in (N[:, loop.messages], N[:, loop.underflows])
     )
-    kappa = MU * nu if exact_messages else found.kappa / claimed
+    kappa = MU * zeta if exact_messages else found.kappa / claimed
     for dear in ROUNDINGS:
         t = rounding_prices(loop, lifted, found.P, dear)
         witness = priced(loop, found.m, t, kappa, decay=decay, weight=claimed * found.weight, P=found.P)
@@ -151,19 +164,19 @@ def priced(
     *,
     decay: float,
     weight: float = 0.0,
-    P: Float[np.ndarray, "n_xi n_xi"] | None = None,
+    P: Float[np.ndarray, "n_x n_x"] | None = None,
 ) -> Witness:
     """Return a witness whose underflow costs `MU` times what the messages' noise does; its prices alone without P."""
     ratio = 0.0 if P is None else distance_ratio(loop, P)
-    P = np.zeros((loop.n_xi, loop.n_xi)) if P is None else P
+    P = np.zeros((loop.n_x, loop.n_x)) if P is None else P
     return Witness(P, m, t, decay, kappa, weight, ratio, MU * kappa)
 
 
 def confirmed(
     loop: SampledLoop, lifted: Lifted, witness: Witness, running: Float[np.ndarray, "n_z n_z"] | None = None
 ) -> Witness | None:
-    """Return the witness if W is positive definite in doubles; running: a cost of z at each sampling instant."""
-    return witness if holds_in_doubles(W_matrix(loop, lifted, witness, running)) else None
+    """Return the witness if Omega is positive definite in doubles; running: a cost of z at each sampling instant."""
+    return witness if holds_in_doubles(Omega_matrix(loop, lifted, witness, running)) else None
 
 
 class _Search:
@@ -187,16 +200,16 @@ class _Search:
     def _prices(self, kappa: float, weight: float, t: Float[np.ndarray, " ways"]) -> Witness:
         return priced(self.loop, self.m, t, kappa, decay=1 - self.spread, weight=weight)
 
-    def _largest(self, loop: SampledLoop, prices: Witness) -> Float[np.ndarray, "n_xi n_xi"] | None:
+    def _largest(self, loop: SampledLoop, prices: Witness) -> Float[np.ndarray, "n_x n_x"] | None:
         problem = storage_problem(loop, self.lifted, prices)
         return None if problem is None else problem.reaching(self.reach).largest(1 - self.spread)
 
-    def _unrounded(self, kappa: float, weight: float) -> Float[np.ndarray, "n_xi n_xi"] | None:
+    def _unrounded(self, kappa: float, weight: float) -> Float[np.ndarray, "n_x n_x"] | None:
         return self._largest(self.exact, self._prices(kappa, weight, no_prices(self.loop)))
 
     def _least_price(self) -> float | None:
         """Bisect the least price of the noise at which V may decay so."""
-        middle = float(np.log10(np.abs(self.lifted.Q).max() or 1.0))
+        middle = float(np.log10(np.abs(self.lifted.CC_d).max() or 1.0))
         low, high = middle - 12, middle + 12
         if not self._has_an_end(10**high):
             return None
@@ -207,14 +220,14 @@ class _Search:
 
     def _has_an_end(self, kappa: float) -> bool:
         """Tell whether there is a largest P at a price of the noise, with the least reach that gives it an end."""
-        size = float(np.abs(self.lifted.S).max(initial=0.0)) or 1.0
+        size = float(np.abs(self.lifted.BB_d).max(initial=0.0)) or 1.0
         for part in REACHES:
             self.reach = part * size
             if self._unrounded(kappa, 0.0) is not None:
                 return True
         return False
 
-    def _weight(self, kappa: float) -> tuple[float, Float[np.ndarray, "n_xi n_xi"] | None]:
+    def _weight(self, kappa: float) -> tuple[float, Float[np.ndarray, "n_x n_x"] | None]:
         """Return the largest weight of the disagreement tried that a price of the noise carries, and P with it."""
         free = self._unrounded(kappa, 0.0)
         if free is None:
@@ -228,7 +241,7 @@ class _Search:
         return 0.0, free
 
     def _witness(
-        self, kappa: float, weight: float, P: Float[np.ndarray, "n_xi n_xi"], dear: float
+        self, kappa: float, weight: float, P: Float[np.ndarray, "n_x n_x"], dear: float
     ) -> Witness | None:
         """Return the witness that claims a little less than what P was found for."""
         t = rounding_prices(self.loop, self.lifted, P, dear)

@@ -109,20 +109,20 @@ def reaches(
     """
     n, m, loop = held[0].order, held[0].inputs, in_doubles(network, held)
     rows = [
-        np.vstack([loop.seen[i][n:], loop.computed[i * m : (i + 1) * m]])[:, : loop.n_xi] / sides[:, None]
+        np.vstack([loop.seen[i][n:], loop.computed[i * m : (i + 1) * m]])[:, : loop.n_x] / sides[:, None]
         for i in range(len(held))
     ]
     for _, witness in _levels(network, held, np.vstack(rows), 0.0):
         inverse = np.linalg.inv(witness.P)
-        seen = [one[:n, : loop.n_xi] for one in loop.seen]
+        seen = [one[:n, : loop.n_x] for one in loop.seen]
         return np.array([np.sqrt(np.diag(rows @ inverse @ rows.T)) for rows in seen])
     return None
 
 
 def _levels(
-    network: SampledNetwork, held: tuple[HeldController, ...], rows: Float[np.ndarray, "k n_xi"], mu: float
+    network: SampledNetwork, held: tuple[HeldController, ...], rows: Float[np.ndarray, "k n_x"], mu: float
 ) -> Iterator[tuple[float, Witness]]:
-    """Yield gamma and witnesses of |k_l xi| <= 1 wherever V <= 1, gamma (T T')^-1 >= P_dd, gamma the least for a decay."""
+    """Yield gamma and witnesses of |k_l x_cl| <= 1 wherever V <= 1, gamma (T T')^-1 >= P_d, gamma the least for a decay."""
     loop = exchanged(in_doubles(network, held))
     one = period_in_doubles(loop)
     if one is None:

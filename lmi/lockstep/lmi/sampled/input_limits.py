@@ -1,7 +1,7 @@
 """The largest disagreement from which no input meets its limit is looked for here, in doubles, and put to the checker.
 
 Without rounding it is `step_program` with P >= k_l' k_l / u_max,l^2 for every input and gamma (T T')^-1 (x) I >=
-P_dd, gamma least: radius = gamma^-1/2. Of a large loop P and the pair weights are sums of the smallest
+P_d, gamma least: radius = gamma^-1/2. Of a large loop P and the pair weights are sums of the smallest
 P (`storage`) for some costs and multiples of the weights that are given. The largest energy of a disturbance is that of the
 largest P, for which a factor of the pair weights and a decay are searched.
 """
@@ -29,7 +29,7 @@ from lockstep.lmi.sampled.candidates import (
     priced,
     priced_anew,
 )
-from lockstep.lmi.sampled.l2_gain import PRICE, SQUARE, lifted_with_performance
+from lockstep.lmi.sampled.l2_gain import PRICE, is_lifted, lifted_with_performance
 from lockstep.lmi.sampled.loop_gain import spectral_radius
 from lockstep.lmi.sampled.step_program import step_program
 from lockstep.lmi.sampled.storage import (
@@ -48,8 +48,8 @@ RATES = (0.005, 0.02, 0.1)
 KEPT = (0.995, 0.97, 0.9)
 """Parts of the radius found that are claimed: rounding needs some room."""
 
-SCALES = (-3.0, 3.0)
-"""Powers of ten between which pair weights are scaled, from those given."""
+SCALES, COARSE = (-3.0, 3.0), 13
+"""Powers of ten between which pair weights are scaled, from those given, and how many are looked at first."""
 
 FACTORS = tuple(10.0 ** (exponent / 2) for exponent in range(-6, 7))
 """By which given pair weights are multiplied, from where they cost what the inputs do."""
@@ -67,7 +67,7 @@ CLAIMED = 0.5
 """The part of the decay that is claimed: the rest is room for rounding."""
 
 
-_Stored = tuple[Float[np.ndarray, "n_xi n_xi"], Float[np.ndarray, " pairs"]]
+_Stored = tuple[Float[np.ndarray, "n_x n_x"], Float[np.ndarray, " pairs"]]
 """P and the pair weights that go with it."""
 
 
@@ -90,14 +90,14 @@ def largest_radius(
     if one is None or not np.isfinite(limits).any():
         return None
     spread = 1 - spectral_radius(loop, one) ** 2
-    rows = np.array([row / limits[k % len(limits)] for k, row in enumerate(loop.computed[:, : loop.n_xi])])
+    rows = np.array([row / limits[k % len(limits)] for k, row in enumerate(loop.computed[:, : loop.n_x])])
 
     def least(decay: float) -> tuple[float, Witness] | None:
         if is_large(loop):
             return level_of_given_weights(loop, one, rows, decay, guess)
         return least_level(loop, one, rows, decay)
 
-    rates = () if spread <= 0 else RATES if is_large(loop) or loop.n_xi <= SOME_STATES else RATES[1:2]
+    rates = () if spread <= 0 else RATES if is_large(loop) or loop.n_x <= SOME_STATES else RATES[1:2]
     found = [least(1 - rate * spread) for rate in rates]
     for gamma, witness in sorted((each for each in found if each is not None), key=lambda each: each[0]):
         for candidate in priced_anew(loop, one, witness, CLAIMED, exact_messages=True):
@@ -111,11 +111,11 @@ def largest_radius(
 def least_level(
     loop: SampledLoop,
     one: Lifted,
-    rows: Float[np.ndarray, "k n_xi"],
+    rows: Float[np.ndarray, "k n_x"],
     decay: float,
     noise: float | None = None,
 ) -> tuple[float, Witness] | None:
-    """Return the least gamma with |k_l xi| <= 1 wherever V <= 1 and gamma (T T')^-1 (x) I >= P_dd, and its witness, or None.
+    """Return the least gamma with |k_l x_cl| <= 1 where V <= 1 and gamma (T T')^-1 (x) I >= P_d, and its witness, or None.
 
     noise: the most that the messages' errors may cost, as kappa; where they count for nothing, None, and the witness is
     without prices of errors.
@@ -137,7 +137,7 @@ def least_level(
 def level_of_given_weights(
     loop: SampledLoop,
     one: Lifted,
-    rows: Float[np.ndarray, "k n_xi"],
+    rows: Float[np.ndarray, "k n_x"],
     decay: float,
     m: Float[np.ndarray, " pairs"],
 ) -> tuple[float, Witness] | None:
@@ -147,9 +147,9 @@ def level_of_given_weights(
     controllers and the inputs held. The inequality is convex in P and the weights together, so that sums satisfy it too: to
     the best one another is added, the one that helps most, as long as it helps.
     """
-    n, n_d, form, found = loop.n_xi, loop.n_d, np.asarray(metric(loop)), list[_Stored | None]()
+    n, n_d, form, found = loop.n_x, loop.n_d, np.asarray(metric(loop)), list[_Stored | None]()
     size = float(np.linalg.norm(rows, 2)) ** 2
-    alike = size / (float(np.linalg.norm(copies(one, multiplier(loop.network.d, m)).Q, 2)) or 1.0)
+    alike = size / (float(np.linalg.norm(copies(one, multiplier(loop.network.d, m)).CC_d, 2)) or 1.0)
     others = np.diag(np.arange(n) >= n_d).astype(float)
     for cost in (rows.T @ rows, padded(loop, size * form / np.linalg.norm(form, 2)), size * others):
         costs = block_diag(cost + DULL * size * np.eye(n), np.zeros((loop.n_z - n,) * 2))
@@ -211,19 +211,25 @@ def largest_gain(
     loop = in_doubles(network, controllers, weights.outputs)
     exact_loop, one = sampled_loop(network, controllers, weights.outputs), period_in_doubles(loop)
     spread = 0.0 if one is None else 1 - spectral_radius(loop, one) ** 2
-    found: list[tuple[float, _Disturbed]] = []
+    found: list[tuple[float, float, float]] = []
     for rate in RATES if spread > 0 and np.isfinite(limits).any() else ():
-        best = minimize_scalar(
-            lambda scale, rate=rate: (
-                -_Disturbed(loop, quiet, guess * 10**scale, 1 - rate * spread).energy(limits)
-            ),
-            bounds=SCALES,
-            method="bounded",
-            options={"xatol": 0.01},
-        )
-        if best.fun < 0:
-            found.append((-best.fun, _Disturbed(loop, quiet, guess * 10**best.x, 1 - rate * spread)))
-    for energy, problem in sorted(found, key=lambda each: -each[0]):
+
+        def missing(scale: float, rate: float = rate) -> float:
+            return -_Disturbed(loop, quiet, guess * 10**scale, 1 - rate * spread).energy(limits)
+
+        # Most scales may have no witness at all: the search begins at one that has, if any does.
+        coarse = {scale: missing(scale) for scale in np.linspace(*SCALES, COARSE)}
+        middle, step = min(coarse, key=lambda scale: coarse[scale]), np.ptp(SCALES) / (COARSE - 1)
+        if not coarse[middle] < 0:
+            continue
+        around = middle - step, middle + step
+        best = minimize_scalar(missing, bounds=around, method="bounded", options={"xatol": 0.02})
+        # The best lies near an edge, where what rounding costs may leave nothing: then another has to do.
+        found += [
+            (energy, scale, rate) for scale, energy in ((best.x, best.fun), *coarse.items()) if energy < 0
+        ]
+    for missed, scale, rate in sorted(found):
+        energy, problem = -missed, _Disturbed(loop, quiet, guess * 10**scale, 1 - rate * spread)
         for witness in problem.witnesses():
             for part in KEPT:
                 gain = float(f"{part * energy**0.5:.4g}")
@@ -245,12 +251,7 @@ class _Disturbed:
                 lifted = lifted_with_performance(loop, weights, multiplier(loop.network.d, m), 1.0)
         except (np.linalg.LinAlgError, ValueError, OverflowError):
             return
-        parts = (lifted.A_d, lifted.S, lifted.Q)
-        # Past a conjugate point S or Q is no longer a square.
-        if all(np.isfinite(part).all() for part in parts) and all(
-            np.linalg.eigvalsh(part)[0] >= -SQUARE * np.abs(part).max() for part in parts[1:]
-        ):
-            self.lifted = lifted
+        self.lifted = lifted if is_lifted(lifted) else None
 
     def _problem(self, loop: SampledLoop, t: Float[np.ndarray, " ways"]) -> StorageProblem | None:
         if self.lifted is None:
@@ -259,7 +260,7 @@ class _Disturbed:
 
     def _prices(self, t: Float[np.ndarray, " ways"], P: Float[np.ndarray, "n n"] | None = None) -> Witness:
         assert self.lifted is not None
-        kappa = PRICE * float(np.abs(self.lifted.Q).max() or 1.0)
+        kappa = PRICE * float(np.abs(self.lifted.CC_d).max() or 1.0)
         decay = self.decay if P is None else 1 - CLAIMED * (1 - self.decay)
         return priced(self.loop, self.m, t, kappa, decay=decay, P=P)
 
@@ -275,7 +276,7 @@ class _Disturbed:
         P = self._largest(self._problem(in_exact_arithmetic(self.loop), no_prices(self.loop)))
         if P is None:
             return 0.0
-        loop, n, outputs = self.loop, self.loop.n_xi, self.loop.outputs
+        loop, n, outputs = self.loop, self.loop.n_x, self.loop.outputs
         noise = -self.running[outputs, outputs]
         least = math.inf
         for l, row in enumerate(loop.computed):

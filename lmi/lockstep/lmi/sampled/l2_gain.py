@@ -115,17 +115,15 @@ class _Period:
     lifted: Lifted
     m: PairWeights
     running: Float[np.ndarray, "n_z n_z"]
-    units: Float[np.ndarray, " n_xi"]
+    units: Float[np.ndarray, " n_x"]
     """Of costs, which are small or large beside them: R's own of each state, elsewhere its largest eigenvalue."""
     price: float = PRICE
 
     @property
     def kappa(self) -> float:
-        return self.price * float(np.abs(self.lifted.Q).max() or 1.0)
+        return self.price * float(np.abs(self.lifted.CC_d).max() or 1.0)
 
-    def prices(
-        self, t: Float[np.ndarray, " ways"], P: Float[np.ndarray, "n_xi n_xi"] | None = None
-    ) -> Witness:
+    def prices(self, t: Float[np.ndarray, " ways"], P: Float[np.ndarray, "n_x n_x"] | None = None) -> Witness:
         """Return the prices, with P if there is one."""
         return priced(self.loop, self.m, t, self.kappa, decay=1.0, P=P)
 
@@ -141,7 +139,7 @@ class _Period:
     def rest(self, share: float) -> Float[np.ndarray, "n_z n_z"]:
         """Return a small cost of every state, without which V may be zero in some direction."""
         cost = np.zeros((self.loop.n_z, self.loop.n_z))
-        cost[: self.loop.n_xi, : self.loop.n_xi] = share * self.loop.network.period * np.diag(self.units)
+        cost[: self.loop.n_x, : self.loop.n_x] = share * self.loop.network.period * np.diag(self.units)
         return cost
 
     def witness(self, dear: float) -> Witness | None:
@@ -165,7 +163,7 @@ def period_of(loop: SampledLoop, weights: Performance, m: PairWeights, rho: floa
         return None
     if not is_lifted(lifted):
         return None
-    units, R = np.full(loop.n_xi, np.linalg.norm(weights.R, 2)), np.diag(weights.R)
+    units, R = np.full(loop.n_x, np.linalg.norm(weights.R, 2)), np.diag(weights.R)
     own = np.tile(np.where(R > 0, R, units[0]), loop.network.d.N - 1)
     units[: len(own)] = own
     return _Period(loop, lifted, m, running_cost(loop, weights, rho), units)
@@ -173,9 +171,11 @@ def period_of(loop: SampledLoop, weights: Performance, m: PairWeights, rho: floa
 
 def is_lifted(lifted: Lifted) -> bool:
     """Tell whether S and Q are finite squares: past a conjugate point the formulas go on, and mean nothing."""
-    if not all(np.isfinite(part).all() for part in (lifted.A_d, lifted.S, lifted.Q)):
+    if not all(np.isfinite(part).all() for part in (lifted.A_d, lifted.BB_d, lifted.CC_d)):
         return False
-    return all(np.linalg.eigvalsh(part)[0] >= -SQUARE * np.abs(part).max() for part in (lifted.S, lifted.Q))
+    return all(
+        np.linalg.eigvalsh(part)[0] >= -SQUARE * np.abs(part).max() for part in (lifted.BB_d, lifted.CC_d)
+    )
 
 
 def least_rho(

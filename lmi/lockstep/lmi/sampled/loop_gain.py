@@ -14,6 +14,7 @@ from lockstep.check.sampled.inequality import multiplier
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.sampled.sector import Sector
+from lockstep.lmi.analysis.semidefinite import factor
 from lockstep.lmi.shapes import PairWeights
 
 FREQUENCIES = np.concatenate([[0.0], np.geomspace(1e-4, np.pi, 160)])
@@ -34,15 +35,18 @@ def gain(loop: SampledLoop, one: Lifted, m: PairWeights) -> float:
 
 
 def spectral_radius(loop: SampledLoop, one: Lifted) -> float:
-    """Return the largest absolute value among the eigenvalues of the loop without nonlinearity and errors."""
+    """Return the largest |eigenvalue| of a period without errors: of the linear loop where alpha is 0.
+
+    Where `one` has the nonlinearity lifted into it, it is that of the equivalent step: stable if the gain is below 1.
+    """
     return float(np.abs(np.linalg.eigvals(_step_of_state(loop, one))).max(initial=0.0))
 
 
-def _step_of_state(loop: SampledLoop, one: Lifted) -> Float[np.ndarray, "n_xi n_xi"]:
+def _step_of_state(loop: SampledLoop, one: Lifted) -> Float[np.ndarray, "n_x n_x"]:
     unit = np.eye(loop.network.d.N - 1)
     n = one.n
     A_d = np.hstack([np.kron(unit, one.A_d[:, :n]), np.kron(unit, one.A_d[:, n:])])
-    return np.vstack([A_d @ loop.start, loop.advanced])[:, : loop.n_xi]
+    return np.vstack([A_d @ loop.start, loop.advanced])[:, : loop.n_x]
 
 
 class _Response:
@@ -51,11 +55,11 @@ class _Response:
     def __init__(self, loop: SampledLoop, one: Lifted) -> None:
         self.d = loop.network.d
         copies_ = self.d.N - 1
-        into, out = _factor(one.S), _factor(one.Q).T
+        into, out = factor(one.BB_d, 1e-14), factor(one.CC_d, 1e-14).T
         self.into, self.out = into.shape[1], out.shape[0]
         unit, n = np.eye(copies_), one.n
-        C = np.hstack([np.kron(unit, out[:, :n]), np.kron(unit, out[:, n:])]) @ loop.start[:, : loop.n_xi]
-        B = np.vstack([np.kron(unit, into), np.zeros((loop.n_xi - loop.n_d, copies_ * self.into))])
+        C = np.hstack([np.kron(unit, out[:, :n]), np.kron(unit, out[:, n:])]) @ loop.start[:, : loop.n_x]
+        B = np.vstack([np.kron(unit, into), np.zeros((loop.n_x - loop.n_d, copies_ * self.into))])
         poles, vectors = np.linalg.eig(_step_of_state(loop, one))
         self.stable = bool(np.abs(poles).max(initial=0.0) < 1)
         resolvent = 1 / (np.exp(1j * FREQUENCIES)[:, None] - poles)
@@ -77,14 +81,6 @@ class _Response:
             return np.inf
         left, right = np.kron(W, np.eye(self.out)), np.kron(np.linalg.inv(W), np.eye(self.into))
         return float(np.linalg.norm(left @ self.response @ right, 2, axis=(1, 2)).max())
-
-
-def _factor(square: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n k"]:
-    """Return F with F F' = a positive semidefinite matrix, as far as doubles tell it from zero."""
-    values, vectors = np.linalg.eigh(square)
-    kept = values > 1e-14 * max(values.max(initial=0.0), 1e-300)
-    factor: np.ndarray = vectors[:, kept] * np.sqrt(values[kept])
-    return factor
 
 
 def best_multiplier(
@@ -120,9 +116,9 @@ def _scaled(m: PairWeights) -> PairWeights:
 
 def common_pair_weights(entries: Sequence[Entry], certificate: Certificate, sector: Sector) -> PairWeights:
     """Return weights with which the sector is about what each pair has in the continuous certificate: a first guess."""
-    total = len(sector.Q) * certificate.m
+    total = len(sector.Pi_w) * certificate.m
     for k in {one.component for one in entries}:
         rows = [c for c, one in enumerate(entries) if one.component == k]
         with np.errstate(divide="ignore"):
             total = total + 1 / (1 / certificate.m_entries[rows]).sum(axis=0)
-    return np.asarray(total / sector.Q.sum())
+    return np.asarray(total / sector.Pi_w.sum())

@@ -8,6 +8,7 @@ said of them.
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -45,7 +46,9 @@ def max_period(
     edge = _Edge(network, controllers_at, guess)
 
     def certified(period: float) -> SampledVerdict:
-        return certify_sampled(network.at(period), controllers_at(period), edge.guess, thorough=False)
+        return certify_sampled(
+            replace(network, period=period), controllers_at(period), edge.guess, thorough=False
+        )
 
     return longest(network.period, edge.seems_to_hold, certified)
 
@@ -96,7 +99,7 @@ class _Edge:
 
     def seems_to_hold(self, period: float) -> bool:
         """Tell whether some multiplier makes the gain around the nonlinearity less than 1."""
-        network = self.network.at(period)
+        network = replace(self.network, period=period)
         try:
             loop = in_doubles(network, self.controllers_at(period))
             one = period_in_doubles(loop)

@@ -3,7 +3,7 @@
 Without rounding, and for given tau, it is the program of `step_program` with a column for what is clipped off, in tau H, and
 
     [ P            k_l' - h_l' ]
-    [ k_l - h_l    u_max,l^2   ]  >= 0,          gamma (T T')^-1 (x) I >= P_dd,  gamma least:  radius = gamma^-1/2.
+    [ k_l - h_l    u_max,l^2   ]  >= 0,          gamma (T T')^-1 (x) I >= P_d,  gamma least:  radius = gamma^-1/2.
 
 One number tau for all inputs, each in units of its limit, is searched for: with it large nothing is clipped, and too small no
 P is left. In tau and H together it is not convex. Of a large loop nothing is searched for: the
@@ -80,7 +80,7 @@ def largest_clipped_radius(
     if unclipped is None:
         return None
     never = np.full(len(loop.computed), NEVER * float(np.linalg.norm(unclipped[1].P, 2)))
-    same = ClippedWitness(unclipped[1], never, np.zeros((len(never), loop.n_xi)))
+    same = ClippedWitness(unclipped[1], never, np.zeros((len(never), loop.n_x)))
     return (least, same) if proves_clipped_radius(exact_loop, controllers, same, limits, least) else None
 
 
@@ -101,7 +101,7 @@ def _scanned(
         found = tried[at]
         return np.inf if found is None else found[0]
 
-    steps: tuple[float, ...] = STEPS if loop.n_xi <= SOME_STATES else STEPS[:-2]
+    steps: tuple[float, ...] = STEPS if loop.n_x <= SOME_STATES else STEPS[:-2]
     best = near or 0.0
     if not np.isfinite(gamma(best)):
         best = MOST
@@ -123,7 +123,7 @@ def _priced(loop: SampledLoop, one: Lifted, start: ClippedWitness) -> Iterator[C
     for witness in priced_anew(
         wide, one, start.storage, CLAIMED, exact_messages=True, running=sector_cost(wide, start)
     ):
-        yield ClippedWitness(witness, start.tau, start.H)
+        yield ClippedWitness(witness, start.tau, start.h)
 
 
 def _least(
@@ -132,7 +132,7 @@ def _least(
     """Return gamma and its witness without prices of the errors, or None; tau: of the nearest limit."""
     import cvxpy as cp
 
-    wide, n, n_d, inputs, T = clipped(loop), loop.n_xi, loop.n_d, len(loop.computed), loop.network.period
+    wide, n, n_d, inputs, T = clipped(loop), loop.n_x, loop.n_d, len(loop.computed), loop.network.period
     bounds = np.tile(limits, inputs // len(limits))
     bounded = np.isfinite(bounds)
     rows = loop.computed[:, :n] / np.where(bounded, bounds, 1.0)[:, None]

@@ -1,15 +1,15 @@
 """The step inequality of the sampled loop in P and the pair weights together: a convex program, without rounding.
 
-For a given decay, with z = (xi, nu) the state and, where they matter, the messages' errors, N = [A B], F F' = I (x) S_1 and
-M = sum m_ij M_ij, the inequality of `lockstep.check.sampled.inequality` is
+For a given decay, with z = (x_cl, zeta) the state and, where they matter, the messages' errors, A_z = [A B], F F' = I (x) B_d
+B_d' and M = sum m_ij M_ij, B_d and C_d of one agent, the inequality of `lockstep.check.sampled.inequality` is
 
-    [ Z - start' (M (x) Q_1) start    N' P    0         ]
-    [ P N                             P       P J F     ]  >= 0,      Z = diag(decay P - weight D, kappa I).
-    [ 0                               F'J'P   M (x) I   ]
+    [ Pi_z - start' (M (x) C_d'C_d) start    A_z' P    0         ]
+    [ P A_z                                  P         P E F     ]  >= 0,
+    [ 0                                      F'E'P     M (x) I   ]
 
-It is put to the solver for (xi+ - xi) / T, with P = L V L' so that V is near the identity, and nu in units in which B is
-near one: a step of 5 ms hardly moves anything, and its differences would drown in the solver's tolerance. The Riccati
-equations of `storage` are faster and need m; here m is free.
+Pi_z = diag(decay P - weight (T T')^-1 (x) I, kappa I). It is put to the solver for (x_cl+ - x_cl) / T_s, with P = L V L' so
+that V is near the identity, and zeta in units in which B is near one: a step of 5 ms hardly moves anything, and its
+differences would drown in the solver's tolerance. The Riccati equations of `storage` are faster and need m; here m is free.
 """
 
 from dataclasses import dataclass
@@ -98,14 +98,14 @@ def step_program(
 
     Args:
         loop, one: in doubles;  decay: of V per step.
-        near: (n_xi, n_xi) a form that P should be near a multiple of, beyond what it sums up to along the loop.
+        near: (n_x, n_x) a form that P should be near a multiple of, beyond what it sums up to along the loop.
         noise: whether the messages' errors count.
         weight: of the squared disagreement in each step, in multiples of kappa.
         tau: of the sectors of `lockstep.check.sampled.inputs.saturation`, in units of `unit`, the loop being the clipped one.
     """
     import cvxpy as cp
 
-    d, n, n_d, T = loop.network.d, loop.n_xi, loop.n_d, loop.network.period
+    d, n, n_d, T = loop.network.d, loop.n_x, loop.n_d, loop.network.period
     others = np.arange(loop.messages.start, loop.messages.stop) if noise else np.arange(0)
     if tau is not None:
         others = np.arange(loop.n_z - len(tau), loop.n_z)
@@ -116,19 +116,19 @@ def step_program(
     if L is None:
         return None
     inverse = np.linalg.inv(L)
-    values, vectors = np.linalg.eigh(one.S)
+    values, vectors = np.linalg.eigh(one.BB_d)
     root = (vectors * np.sqrt(np.maximum(values, 0.0)))[:, values > NOTHING * values.max(initial=0.0)]
     F = L[:n_d].T @ np.kron(np.eye(d.N - 1), root) / np.sqrt(T)
     D, rate = L.T @ (N[:, :n] - np.eye(n)) @ inverse.T / T, (1 - decay) / T
     B = L.T @ N[:, n:] / np.sqrt(T)
     scale = float(np.linalg.norm(B, 2)) if B.size else 1.0
     B = B / (scale or 1.0)
-    # (xi, nu) in the program's coordinates; the costs are linear in M, and `copies` wants a regular one.
+    # (x_cl, zeta) in the program's coordinates; the costs are linear in M, and `copies` wants a regular one.
     into = np.zeros((len(columns),) * 2)
     into[:n, :n] = inverse.T / np.sqrt(T)
     into[n:, n:] = np.eye(len(columns) - n) / (scale or 1.0)
     whole, unit = np.eye(d.N - 1), np.eye(root.shape[1])
-    Q_of = [copies(one, whole + d.pair_multiplier(i, j)).Q - lifted.Q for i, j in pairs]
+    Q_of = [copies(one, whole + d.pair_multiplier(i, j)).CC_d - lifted.CC_d for i, j in pairs]
     costs = [into.T @ start.T @ each @ start @ into for each in Q_of]
     size = max(float(np.linalg.norm(cost, 2)) for cost in costs) or 1.0
     V, m = cp.Variable((n, n), symmetric=True), cp.Variable(len(pairs), nonneg=True)

@@ -1,6 +1,6 @@
 """The dissipation inequality as a Riccati inequality in P alone, and the two ends of its solutions, in doubles.
 
-With everything but P given, and all errors e eliminated as inputs that have a price, W > 0 is
+With everything but P given, and all errors e eliminated as inputs that have a price, Omega > 0 is
 
     decay P > A' (P^-1 - S)^-1 A + Q.
 
@@ -11,7 +11,7 @@ supply. With X = P^-1 it reads
 
 the same equation with A' for A and with S and Q in each other's place: the smallest X is the inverse of the largest P.
 The smallest P has the least cost to go: with it the least rho is found. The largest is the one to bound the state
-by, since what the noise can reach is all that {xi' P xi <= V} then holds.
+by, since what the noise can reach is all that {x_cl' P x_cl <= V} then holds.
 """
 
 from dataclasses import dataclass, replace
@@ -37,19 +37,19 @@ UNREACHED = 1e-13
 class StorageProblem:
     """A, S and Q of the inequality."""
 
-    A: Float[np.ndarray, "n_xi n_xi"]
-    S: Float[np.ndarray, "n_xi n_xi"]
-    Q: Float[np.ndarray, "n_xi n_xi"]
+    A: Float[np.ndarray, "n_x n_x"]
+    S: Float[np.ndarray, "n_x n_x"]
+    Q: Float[np.ndarray, "n_x n_x"]
 
     def reaching(self, room: float) -> "StorageProblem":
         """Return the problem with S + room I: what solves it solves this one too, and strictly where room > 0."""
         return replace(self, S=self.S + room * np.eye(len(self.S))) if room else self
 
-    def smallest(self, decay: float) -> Float[np.ndarray, "n_xi n_xi"] | None:
+    def smallest(self, decay: float) -> Float[np.ndarray, "n_x n_x"] | None:
         """Return the smallest P, or None."""
         return smallest_storage(self.A / np.sqrt(decay), self.S, self.Q / decay)
 
-    def largest(self, decay: float) -> Float[np.ndarray, "n_xi n_xi"] | None:
+    def largest(self, decay: float) -> Float[np.ndarray, "n_x n_x"] | None:
         """Return the largest P, or None: also where some direction cannot be reached, so that P has no end."""
         X = smallest_storage(self.A.T / np.sqrt(decay), self.Q / decay, self.S)
         if X is None:
@@ -72,8 +72,10 @@ def storage_problem(
         loop: in doubles;  lifted: its period;  running: a cost of z at each sampling instant.
         prices: t, kappa, kappa_mu and weight; its P and decay do not count.
     """
-    n, N = loop.n_xi, step_matrix(loop, lifted)
-    form = stored_matrix(loop, without_storage(loop, prices), running) - loop.start.T @ lifted.Q @ loop.start
+    n, N = loop.n_x, step_matrix(loop, lifted)
+    form = (
+        stored_matrix(loop, without_storage(loop, prices), running) - loop.start.T @ lifted.CC_d @ loop.start
+    )
     R = form[n:, n:]
     if len(R) and not _is_definite(R):
         return None
@@ -84,19 +86,19 @@ def storage_problem(
     )
     enter = N[:, n:] * scale
     A = N[:, :n] + enter @ back[:, :n]
-    S = padded(loop, lifted.S) + enter @ back[:, n:]
+    S = padded(loop, lifted.BB_d) + enter @ back[:, n:]
     Q = -form[:n, :n] - (form[:n, n:] * scale) @ back[:, :n]
     return StorageProblem(A, (S + S.T) / 2, (Q + Q.T) / 2)
 
 
 def without_storage(loop: SampledLoop, prices: Witness) -> Witness:
     """Return the same prices with P = 0, so that only what they add is assembled."""
-    zero = np.zeros((loop.n_xi, loop.n_xi))
+    zero = np.zeros((loop.n_x, loop.n_x))
     return Witness(zero, prices.m, prices.t, 0.0, prices.kappa, prices.weight, 0.0, prices.kappa_mu)
 
 
 def rounding_prices(
-    loop: SampledLoop, lifted: Lifted, P: Float[np.ndarray, "n_xi n_xi"], factor: float = PRICE_OF_ROUNDING
+    loop: SampledLoop, lifted: Lifted, P: Float[np.ndarray, "n_x n_x"], factor: float = PRICE_OF_ROUNDING
 ) -> Float[np.ndarray, " ways"]:
     """Return t for a P that is about right."""
     N = step_matrix(loop, lifted)
@@ -114,22 +116,22 @@ def no_prices(loop: SampledLoop) -> Float[np.ndarray, " ways"]:
     return np.full(len(loop.ways), 1e30)
 
 
-def holds_in_doubles(W: Float[np.ndarray, "w w"]) -> bool:
-    """Tell whether W is positive definite as far as doubles show, scaled to a unit diagonal."""
-    return _is_definite((W + W.T) / 2)
+def holds_in_doubles(Omega: Float[np.ndarray, "w w"]) -> bool:
+    """Tell whether Omega is positive definite as far as doubles show, scaled to a unit diagonal."""
+    return _is_definite((Omega + Omega.T) / 2)
 
 
-def metric_of(loop: SampledLoop) -> Float[np.ndarray, "n_xi n_xi"]:
-    """Return the squared distance of the states from consensus as a form on xi."""
+def metric_of(loop: SampledLoop) -> Float[np.ndarray, "n_x n_x"]:
+    """Return the squared distance of the states from consensus as a form on x_cl."""
     return padded(loop, metric(loop))
 
 
-def padded(loop: SampledLoop, S: Float[np.ndarray, "n_d n_d"]) -> Float[np.ndarray, "n_xi n_xi"]:
+def padded(loop: SampledLoop, S: Float[np.ndarray, "n_d n_d"]) -> Float[np.ndarray, "n_x n_x"]:
     """Return S on x_d, zero elsewhere."""
-    return np.pad(S, (0, loop.n_xi - loop.n_d))
+    return np.pad(S, (0, loop.n_x - loop.n_d))
 
 
-def distance_ratio(loop: SampledLoop, P: Float[np.ndarray, "n_xi n_xi"]) -> float:
+def distance_ratio(loop: SampledLoop, P: Float[np.ndarray, "n_x n_x"]) -> float:
     """Return c with x_d' ((T T')^-1 (x) I) x_d <= c V, a little above the least, as far as doubles show P to be definite."""
     root = np.sqrt(np.maximum(np.diag(P), 1e-300))[:, None]
     values, turned = np.linalg.eigh(P / root / root.T)

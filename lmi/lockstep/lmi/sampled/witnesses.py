@@ -40,6 +40,7 @@ def certify_sampled(
     *,
     witness: Witness | None = None,
     thorough: bool = True,
+    rate: float = 0.0,
 ) -> SampledVerdict:
     """Prove the sampled nonlinear loop with every rounding of its arithmetic, or say why it could not be.
 
@@ -49,6 +50,7 @@ def certify_sampled(
         guess: pair weights to start from, such as those of the continuous certificate.
         witness: a candidate that is put to the proof before any is searched for.
         thorough: look for the witness that says most about noise, not for the first that proves stability.
+        rate: in 1/s, that disagreements are asked to decay at: a witness of less is taken where there is no other.
 
     Raises:
         ProblemError: controllers that do not fit the agents.
@@ -62,19 +64,26 @@ def certify_sampled(
     if one is None:
         said = f"{at} a period of the agents with slopes up to {network.alpha:g} overflows in doubles"
         return refused(network, controllers, said)
-    figures: dict[str, Any] = {"spectral_radius": spectral_radius(loop, one)}
+    linear = in_doubles(replace(network, alpha=0.0, sector=None), controllers)
+    plain = period_in_doubles(linear)
+    figures: dict[str, Any] = {"spectral_radius": np.inf if plain is None else spectral_radius(linear, plain)}
     if not figures["spectral_radius"] < 1:
         said = f"{at} the sampled linear loop has the spectral radius {figures['spectral_radius']:.6g}, not below 1"
         return replace(refused(network, controllers, said), figures=figures)
     first = first_guess(network.d, guess)
     m, figures["gain"] = best_multiplier(loop, one, first)
     if figures["gain"] >= 1:
-        said = f"{at} the gain around the nonlinearity is {figures['gain']:.6g}, not below 1"
+        found = (
+            f"is {figures['gain']:.6g}, not"
+            if np.isfinite(figures["gain"])
+            else "has no bound, let alone one"
+        )
+        said = f"{at} the gain around the nonlinearity {found} below 1"
         return replace(refused(network, controllers, said), figures=figures)
-    said = f"{at} no certificate was found"
+    said, kept = f"{at} no certificate was found", float(np.exp(-2 * rate * network.period))
     # The weights of the least gain may be so unequal that no doubles hold a witness: the guess is tried as well.
     for weights in (m, first) if gain(loop, one, first) < 1 else (m,):
-        trials = islice(candidates(loop, one, weights, thorough=thorough), TRIES)
+        trials = islice(candidates(loop, one, weights, thorough=thorough, kept=kept), TRIES)
         best = next(trials, None)
         if best is None:
             continue
@@ -123,4 +132,4 @@ def period_in_doubles(loop: SampledLoop) -> Lifted | None:
             one = lift(network.plant.A, loop.into, *network.squares, network.period, expm)
         except (np.linalg.LinAlgError, ValueError, OverflowError):
             return None
-    return one if all(np.isfinite(part).all() for part in (one.A_d, one.S, one.Q)) else None
+    return one if all(np.isfinite(part).all() for part in (one.A_d, one.BB_d, one.CC_d)) else None

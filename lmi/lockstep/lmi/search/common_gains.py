@@ -16,9 +16,10 @@ from lockstep.check.continuous.modes import Modes
 from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.loop import Loop, build_loop
 from lockstep.lmi.analysis.gain_limit import units_in, within
+from lockstep.lmi.analysis.unit_scaling import scaled
+from lockstep.lmi.quasi_newton import descend
 from lockstep.lmi.search.smoothed_norm import Descended, SmoothedNorm, descended, refined
-from lockstep.lmi.search.stabilise import OutputFeedback, descend, real_part
-from lockstep.lmi.search.unit_scaling import scaled
+from lockstep.lmi.search.stabilise import OutputFeedback, real_part
 from lockstep.lmi.shapes import GainLimit, Vector
 
 GAIN_WEIGHTS = (1e-3, 1e-5, 0.0)

@@ -10,6 +10,7 @@ whose smoothed norm is lowered in place of the loop's own: what it is small for,
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -75,21 +76,15 @@ def hold(
     better from them than from gains that know of no period. None elsewhere.
     """
     K, limit, found, late = start.at.K, search.gain_limit, start, None
+    own_rate: dict[str, Any] = {"rate": search.rate, "time": search.units.time}
     for more in LATER:
         if deadline.over or start.abscissa >= 0:
             break
         norm = late_norm(search, more)
-        if abscissa(norm.loop, K, rate=search.rate, time=search.units.time)[0] >= 0:
-            K = stabilise(
-                norm.loop,
-                K,
-                STABLE * limit,
-                units=search.units.gains,
-                rate=search.rate,
-                time=search.units.time,
-            )[0]
+        if abscissa(norm.loop, K, **own_rate)[0] >= 0:
+            K = stabilise(norm.loop, K, STABLE * limit, units=search.units.gains, **own_rate)[0]
             K = within(K, INSIDE * limit)
-        if abscissa(norm.loop, K, rate=search.rate, time=search.units.time)[0] >= 0:
+        if abscissa(norm.loop, K, **own_rate)[0] >= 0:
             break
         made = descended(norm, K)
         if np.isfinite(made.rho):

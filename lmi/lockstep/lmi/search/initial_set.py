@@ -2,12 +2,12 @@
 
 With V scaled so that c = 1, the set of `lockstep.check.continuous.initial_set` is measured by
 
-    radius^-2 = min t,   P_d <= t D,   [P_0  w_ij; w_ij'  d_j^2] >= 0,   F(P, K, m, t, rho^2) < 0,
+    radius^-2 = min t,   P_d <= t (T T')^-1 (x) I,   [P_0  w_ij; w_ij'  d_j^2] >= 0,   F(P, K, m, t, rho^2) < 0,
 
 F without R, Q and W: it is homogeneous then, and a multiple of every such P is a certificate with R, Q and W. For given gains
 this is a semidefinite program. With dP = P - P_0, dK = K - K_0 from a point (P_0, K_0) inside,
 
-    He(J P Z(K)) = He(J P Z(K_0) + J P_0 U dK Y) + He(J dP U dK Y),    He(a b) <= a a' + b' b,
+    He(J P flow(K)) = He(J P flow(K_0) + J P_0 U dK Y) + He(J dP U dK Y),    J = [I; 0],  He(a b) <= a a' + b' b,
 
 and, by a Schur complement, a program in (P, K) together holds whatever its answer is: each stride is inside, and the
 radius never falls. The leader's controller is at rest, and left out of P_0 and F; a multiple of its own P completes P.

@@ -38,7 +38,7 @@ class Polished:
     index: of the start;  K: in the units of the file;  certificate: in those of the search;  rho: in those of the
     file;  sampled: the larger of rho and that of the sampled loop in doubles, which knows no gain errors;  history:
     the least rho after each stride;  alpha: the largest one reached, as a multiple of the claim's, where that was the
-    aim;  cut: whether the deadline ended it.
+    aim.
     """
 
     index: int
@@ -48,7 +48,6 @@ class Polished:
     sampled: float
     history: tuple[float, ...]
     alpha: float = 0.0
-    cut: bool = False
 
     @property
     def rank(self) -> tuple[float, float, float, int]:
@@ -97,7 +96,6 @@ def polished(
         if idle == 2 or gained == 0 or new.sampled > WORSE * best.sampled:
             break
         length = LONG
-    best = replace(best, cut=deadline.over)
     return best if rho is None else _with_alpha_raised(search, best, rho, deadline)
 
 
@@ -141,4 +139,4 @@ def _with_alpha_raised(search: GainSearch, best: Polished, rho: float, deadline:
     certificate = least_rho(loop, K, claim_at(claim, alpha=alpha))
     if certificate is None:
         return best
-    return replace(best, K=K, certificate=certificate, alpha=alpha / claim.alpha, cut=deadline.over)
+    return replace(best, K=K, certificate=certificate, alpha=alpha / claim.alpha)

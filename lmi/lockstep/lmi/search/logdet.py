@@ -29,8 +29,9 @@ import numpy as np
 from jaxtyping import Float, Int, Shaped
 
 from lockstep.check.continuous.channels import Inequality, Term
-from lockstep.check.continuous.inequality import Certificate, Claim, inequality, split
+from lockstep.check.continuous.inequality import Certificate, Claim, inequality
 from lockstep.check.system.loop import Loop
+from lockstep.lmi.analysis.certificate_sdp import split
 from lockstep.lmi.shapes import GainBlocks, Vector
 
 Slopes = tuple[Vector, Float[np.ndarray, "x x"], Float[np.ndarray, "x x"]]
@@ -103,7 +104,7 @@ class BalancedF:
         n_x, K = self.loop.n_x, self.K(x)
         half = np.zeros((self._n_F, self._n_F))
         half[:n_x] = self.P(x) @ self._Z(K)
-        half[self._rows :] = self._weighed + self._of_gains(self._S, K)
+        half[self._rows :] = self._weighed + self._of_gains(self._D_z, K)
         constant, basis = self._weights, self._basis(x)
         linear = np.concatenate([x[self.place["m"]], x[self.place["t"]], x[self.place["r2"]]])
         return np.asarray(half + half.T + constant + np.tensordot(linear, basis, 1))
@@ -145,7 +146,7 @@ class BalancedF:
         """L with L'L = W of all u, without rows of zeros."""
         if self._u is None:
             return np.zeros((0, 0))
-        values, vectors = np.linalg.eigh(self._u.Q)
+        values, vectors = np.linalg.eigh(self._u.Pi_z)
         return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T[values > 0])
 
     @property
@@ -154,18 +155,18 @@ class BalancedF:
         return self._stated.size
 
     @cached_property
-    def _S(self) -> list[Float[np.ndarray, "z k"]]:
+    def _D_z(self) -> list[Float[np.ndarray, "z k"]]:
         """How the outputs of each agent enter z."""
         if self._u is None:
             return [np.zeros((0, self.shape_K[1]))] * self.shape_K[0]
-        return [self._root_of_W @ S for S in self._u.S]
+        return [self._root_of_W @ D for D in self._u.D_z]
 
     @cached_property
     def _weighed(self) -> Float[np.ndarray, "z n_F"]:
         """What of z does not depend on the gains: their errors."""
         total = np.zeros((len(self._root_of_W), self._n_F))
         if self._u is not None:
-            total[:, : self._u.C.shape[1]] = self._root_of_W @ self._u.C
+            total[:, : self._u.C_z.shape[1]] = self._root_of_W @ self._u.C_z
         return total
 
     def _of_gains(self, into: list[Float[np.ndarray, "a k"]], K: GainBlocks) -> Float[np.ndarray, "a n_F"]:
@@ -267,7 +268,7 @@ class BalancedF:
     ) -> tuple[Float[np.ndarray, "n_F u"], Float[np.ndarray, "n_F v"]]:
         J, P = W[:, : self.loop.n_x], self.P(x)
         last = W[:, self._rows :]
-        left = np.hstack([J, *[J @ (P @ U) + last @ S for U, S in zip(self._U, self._S, strict=True)]])
+        left = np.hstack([J, *[J @ (P @ U) + last @ D for U, D in zip(self._U, self._D_z, strict=True)]])
         return left, np.hstack([W @ self._Z(self.K(x)).T, *[W @ Y.T for Y in self._Y]])
 
     def _of_P_and_K(

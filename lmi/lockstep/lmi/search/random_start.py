@@ -20,6 +20,7 @@ from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.certificate_sdp import AffineF, eliminates_P, least_rho
 from lockstep.lmi.analysis.gain_limit import within
 from lockstep.lmi.analysis.margins import claim_at
+from lockstep.lmi.analysis.unit_scaling import Units, scaled
 from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram, NewtonLimits
 from lockstep.lmi.search.common_gains import ModalSearch
 from lockstep.lmi.search.smoothed_norm import (
@@ -34,7 +35,6 @@ from lockstep.lmi.search.smoothed_norm import (
 from lockstep.lmi.search.stabilise import abscissa as abscissa_of
 from lockstep.lmi.search.stabilise import stabilise
 from lockstep.lmi.search.stopping import NEVER, Deadline
-from lockstep.lmi.search.unit_scaling import Units, scaled
 from lockstep.lmi.shapes import GainBlocks, GainLimit
 
 SIZES = (0.3, 1.0, 3.0)
@@ -148,14 +148,13 @@ class StartResult:
 
     index: which one;  abscissa: of its loop;  at: its gains, with rho in the units of the search where the whole
     claim seems within reach;  sampled: the larger of rho and that of the sampled loop, in the units of the file;
-    cut: whether a deadline kept it from beginning;  equal: whether its gains are equal and as far down as equal gains go.
+    equal: whether its gains are equal and as far down as equal gains go.
     """
 
     index: int
     abscissa: float
     at: Descended
     sampled: float = np.inf
-    cut: bool = False
     equal: bool = False
 
     @property
@@ -177,7 +176,7 @@ def begin(
     """
     if deadline.over:
         nowhere = Descended(np.zeros(search.norm.shape), np.ones(0), np.inf, np.inf)
-        return StartResult(index, np.inf, nowhere, cut=True)
+        return StartResult(index, np.inf, nowhere)
     equal = search.is_regular or index % 2 == 1
     modes = search.modes if equal and eliminates_P(search.loop) else None
     if modes and (at := _equal(search, modes, seed, index)) is not None:
@@ -270,14 +269,12 @@ class Climbed:
     """How much of a claim gains carry.
 
     point: with a certificate, for the whole claim where its fractions are 1;  certified: the part of alpha and delta
-    with a certificate;  claimed: the part that the nonlinear program says they carry;  cut: whether a deadline ended
-    the climb.
+    with a certificate;  claimed: the part that the nonlinear program says they carry.
     """
 
     point: BarrierPoint
     certified: float
     claimed: float
-    cut: bool = False
 
 
 def climb(search: GainSearch, at: Descended, deadline: Deadline = NEVER) -> Climbed | None:
@@ -309,7 +306,7 @@ def climb(search: GainSearch, at: Descended, deadline: Deadline = NEVER) -> Clim
         if after < STUCK * before:
             break
     parts = [point.alpha_fraction, *([point.delta_fraction] if program.ways else [])]
-    return Climbed(point, certified, min(parts) ** 0.5, deadline.over)
+    return Climbed(point, certified, min(parts) ** 0.5)
 
 
 def without_P(search: GainSearch, at: Descended) -> Certificate:

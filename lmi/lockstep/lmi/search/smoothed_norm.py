@@ -34,8 +34,8 @@ from lockstep.lmi.analysis.certificate_sdp import AffineF, eliminates_P
 from lockstep.lmi.analysis.frequency_multipliers import Form
 from lockstep.lmi.analysis.gain_limit import limit_barrier
 from lockstep.lmi.analysis.p_norm import counted, frequencies_of, gram, p_norm, thinned
-from lockstep.lmi.sampled.synthesis.response import Poles
-from lockstep.lmi.search.stabilise import descend
+from lockstep.lmi.analysis.response import Poles
+from lockstep.lmi.quasi_newton import descend
 from lockstep.lmi.shapes import GainBlocks, GainLimit, Multipliers, Vector
 
 Stages = tuple[tuple[int, int], ...]

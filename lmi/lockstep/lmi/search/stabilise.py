@@ -1,23 +1,20 @@
 """Gains that make the linear loop stable: descent on the spectral abscissa from a random start.
 
-The abscissa max Re lambda(A_cl(K)) is not smooth, so the quasi-Newton method uses the weak Wolfe conditions,
-which hold on one side of a kink (Lewis and Overton, Nonsmooth optimization via quasi-Newton methods, Math.
-Program. 141, 2013).
+The abscissa max Re lambda(A_cl(K)) is not smooth: see `lockstep.lmi.quasi_newton`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Complex, Float, Shaped
 
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.gain_limit import within
+from lockstep.lmi.quasi_newton import descend
 from lockstep.lmi.shapes import GainBlocks, GainLimit, Vector
 
 OutputFeedback = tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _"], Shaped[np.ndarray, "_ _"]]
 """A_0, U and Y of A_0 + U K Y; Y is complex for the mode of an eigenvalue that is."""
-
-Objective = Callable[[Vector], tuple[float, Vector]]
 
 GAIN_WEIGHT = 1e-3
 """Weight of the mean square of the gains: without it the abscissa of a controllable loop has no minimum."""
@@ -137,51 +134,3 @@ def stabilise_mode(mode: OutputFeedback, limit: GainLimit, *, seed: int, starts:
         K = within(descend(objective, first.ravel(), 100).reshape(shape), limit)
         least = min(least, real_part(A_0 + U @ K[0] @ Y, [U], [Y])[0])
     return least
-
-
-def descend(objective: Objective, x: Vector, iterations: int, settled: float = 0.0) -> Vector:
-    """Minimise by BFGS with a weak Wolfe line search; stop where no step of it improves.
-
-    Args:
-        objective: its value and slope, infinite outside of its domain.
-        x: where to start.
-        iterations: at most so many.
-        settled: stop where the slope along the next step is no more than this.
-    """
-    value, slope = objective(x)
-    inverse_hessian = np.eye(len(x)) * 0.1 / max(float(np.linalg.norm(slope)), 1e-12)
-    for _ in range(iterations):
-        direction = -inverse_hessian @ slope
-        if slope @ direction >= -settled:
-            return x
-        step = _weak_wolfe(objective, x, value, slope, direction)
-        if step is None:
-            return x
-        x_new, value, new_slope = step
-        s, y = x_new - x, new_slope - slope
-        x, slope = x_new, new_slope
-        if s @ y > 1e-14:
-            turn = np.eye(len(x)) - np.outer(s, y) / (s @ y)
-            inverse_hessian = turn @ inverse_hessian @ turn.T + np.outer(s, s) / (s @ y)
-    return x
-
-
-def _weak_wolfe(
-    objective: Objective, x: Vector, value: float, slope: Vector, direction: Vector
-) -> tuple[Vector, float, Vector] | None:
-    """Bracket a step with enough decrease (1e-4) and enough rise of the slope (0.9); None if 30 trials find
-    no decrease."""
-    low, high, t, slant = 0.0, np.inf, 1.0, float(slope @ direction)
-    best = None
-    for _ in range(30):
-        trial = x + t * direction
-        new_value, new_slope = objective(trial)
-        if not np.isfinite(new_value) or new_value > value + 1e-4 * t * slant:
-            high = t
-        else:
-            best = (trial, new_value, new_slope)
-            if new_slope @ direction >= 0.9 * slant:
-                return best
-            low = t
-        t = (low + high) / 2 if np.isfinite(high) else 2 * t
-    return best

@@ -14,7 +14,6 @@ from lockstep.check.errors import ProblemError, demand
 from lockstep.check.expression.exact import Exact, Value
 from lockstep.check.system.agent import ExactAgent, Move
 from lockstep.check.system.domain import argument_box
-from lockstep.model.agents.lure import Lure, lure_form
 from lockstep.model.agents.parts import check_bounds, check_symbols, column_of, stack
 from lockstep.model.bound_search import Box
 from lockstep.model.bound_search.casadi_graph import read_value
@@ -31,6 +30,7 @@ from lockstep.model.formulas.names import (
 )
 from lockstep.model.loop_transformation.centring import Centring, centred
 from lockstep.model.loop_transformation.linearise import linearised
+from lockstep.model.loop_transformation.lure import Lure, lure_form
 
 Split = Literal["terms", "jacobian"]
 UNBOUNDED = (-np.inf, np.inf)

@@ -4,26 +4,58 @@ import re
 
 import numpy as np
 
+from lockstep.check.bound.regularity import Conditions
 from lockstep.check.errors import ProblemError
+from lockstep.check.system.domain import argument_box
 from lockstep.model.agents.agent import Agent
 from lockstep.model.agents.arguments import argument_texts
 from lockstep.model.bound_search import Bound
 
+SIZES = [digit * 10.0**power for power in range(9, -7, -1) for digit in (5, 2, 1)]
+RANGES = [(-r, r) for r in SIZES] + [end for r in (1.0, 100.0, 0.01) for end in ((r / 10, r), (-r, -r / 10))]
+"""Ranges of states that a message may name, the first one in which all has a value: around 0 if any is, and large."""
+
 
 def no_bound(bound: Bound, agent: Agent) -> ProblemError:
     """Return the refusal of a phi whose slope has no finite bound on its domain."""
-    state = agent.states[int(np.flatnonzero(agent.lure.H.any(axis=0))[0])]
-    far = "infinity" in bound.reason
+    box = _domain(bound, agent)
+    local = "the certificate is then local"
     return ProblemError(
         f"the nonlinearity has no finite bound on its domain: {_in_names(bound.reason, agent)}",
         where=_equation(agent),
         expected="a nonlinearity whose slope is bounded, such as sin or tanh, or a domain where it is",
-        remedy=f"give a box in [agent.domain], such as {state} = [-1.0, 1.0]"
-        f"{f' (in {agent.units[state]})' if state in agent.units else ''}: the certificate is then local"
-        if far
-        else "leave that point out with a box in [agent.domain] (the certificate is then local), or write a term "
-        "whose slope stays finite there",
+        remedy=f"give a box in [agent.domain], such as {box}: {local}"
+        if box
+        else f"leave that point out with a box in [agent.domain] ({local}), or write a term whose slope stays finite there",
     )
+
+
+def _domain(bound: Bound, agent: Agent) -> str:
+    """Return ranges of states that would do, as a file has them, for what has no value or grows towards infinity; or ""."""
+    H, phi = agent.lure.H, agent.exact.phi
+    needs = [c for c in phi.conditions if bound.reason.startswith(c.text) and not c.jumps]
+    used = {k for c in needs for node in c.nodes for k in node.variables if k < phi.inputs}
+    used = used or {int(k) - 1 for k in re.findall(r"\bv(\d+) -> ", bound.reason)}
+    states = np.flatnonzero(H[sorted(used)].any(axis=0))
+    low, high = (-1.0, 1.0) if not needs else _where_defined(agent, Conditions(needs), states) or (0.0, 0.0)
+    if not needs:  # a range that the file has is none that grows
+        states = states[np.isinf(agent.box[states]).any(axis=1)]
+    units = [agent.units.get(agent.states[j]) for j in states]
+    named = [f"{agent.states[j]} = [{low!r}, {high!r}]" for j in states if low < high]
+    return ", ".join(one + f" (in {unit})" * bool(unit) for one, unit in zip(named, units, strict=False))
+
+
+def _where_defined(agent: Agent, needs: Conditions, states: np.ndarray) -> tuple[float, float] | None:
+    """Return the first of `RANGES` of these states that is surely well inside of where the needs hold, or None."""
+    boxes = []
+    for low, high in RANGES:
+        box = agent.box.copy()  # twice as far: the slope is infinite at the end of the domain of a root
+        box[states] = low * (2.0 if low < 0 else 0.5), high * (2.0 if high > 0 else 0.5)
+        of = argument_box(agent.lure.H, box)
+        boxes.append(((*of.lower, -np.inf), (*of.upper, np.inf)))
+    lower, upper = np.array(boxes).transpose(1, 2, 0)
+    held = np.logical_and.reduce(needs.on_boxes(lower, upper))
+    return RANGES[int(held.argmax())] if held.any() else None
 
 
 def _equation(agent: Agent) -> str:

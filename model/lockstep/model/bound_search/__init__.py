@@ -6,28 +6,24 @@ for (samples, polishing, a branch and bound with the checker's enclosures); they
 it is differentiable.
 """
 
-from lockstep.check.bound.box import EVERY_TIME, Box
+from lockstep.check.bound.box import Box
 from lockstep.check.bound.slope_bounds import Entry
 from lockstep.model.bound_search.branch_and_bound import UNFINISHED, SearchState
 from lockstep.model.bound_search.casadi_graph import read
-from lockstep.model.bound_search.entries import entry_bounds, with_entries
-from lockstep.model.bound_search.proof import BOXES, confirmed, prove_bound, search_bound, smallest_bound
-from lockstep.model.bound_search.result import Bound, SlopeWitness
+from lockstep.model.bound_search.entries import with_entries
+from lockstep.model.bound_search.proof import BOXES, confirmed, prove_bound, search_bound
+from lockstep.model.bound_search.result import Bound
 
 __all__ = [
     "BOXES",
-    "EVERY_TIME",
     "UNFINISHED",
     "Bound",
     "Box",
     "Entry",
     "SearchState",
-    "SlopeWitness",
     "confirmed",
-    "entry_bounds",
     "prove_bound",
     "read",
     "search_bound",
-    "smallest_bound",
     "with_entries",
 ]

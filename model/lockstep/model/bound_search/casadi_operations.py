@@ -10,12 +10,14 @@ import casadi as ca
 from lockstep.check.expression import operations
 from lockstep.check.expression.node import ONE, ZERO, Node, function, linear, power, scale, subtract
 from lockstep.check.expression.operations import NoteTaker, numeric
-from lockstep.check.expression.switches import both, choose, either, negate, positive, zero
+from lockstep.check.expression.switches import both, choose, either, negate, positive
 
 
 def as_condition(node: Node) -> Node:
-    """Return a number as the condition that it is not 0."""
-    return node if node.op in operations.BOOLEAN else negate(zero(node))
+    """Return a number as the condition that it is not 0: above, or below."""
+    if node.op in operations.BOOLEAN:
+        return node
+    return either(positive(node), positive(scale(-1, node)))
 
 
 def _if_else(reader: NoteTaker, condition: Node, value: Node, other: Node) -> Node:
@@ -48,8 +50,8 @@ RULES: Mapping[str, Callable[..., Node]] = {
     "copysign": numeric(_copysign),
     "expm1": numeric(lambda _, x: linear(-1, [(1, function("exp", x))])),
     "log1p": numeric(_log1p),
-    "eq": numeric(lambda _, a, b: zero(subtract(a, b))),
-    "ne": numeric(lambda _, a, b: negate(zero(subtract(a, b)))),
+    "eq": numeric(lambda _, a, b: negate(as_condition(subtract(a, b)))),
+    "ne": numeric(lambda _, a, b: as_condition(subtract(a, b))),
     "not": lambda _, x: negate(as_condition(x)),
     "and": lambda _, a, b: both(as_condition(a), as_condition(b)),
     "or": lambda _, a, b: either(as_condition(a), as_condition(b)),

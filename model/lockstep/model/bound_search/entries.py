@@ -5,56 +5,34 @@ and any t,
 
     phi_k(a, t) - phi_k(b, t) = sum_l j_l (a_l - b_l),      |j_l| <= the bound of entry (k, l).
 
-A thrust T cos(theta) changes by T per angle and by 1 per newton; alpha grants the angle's slope to the thrust as well.
+A thrust T cos(theta) changes by T per angle and by 1 per newton; alpha grants the angle's slope to the thrust as well. And
+of friction beside an orifice, each of one argument, alpha bounds the root of the sum of squares, of m/s and Pa: which of the
+two that is about depends on the units, where a bound for each has a multiplier for each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
-import casadi as ca
-
-from lockstep.check.bound.box import EVERY_TIME, Box
 from lockstep.check.bound.decide import MOST_BOXES, Budget, decide_block
 from lockstep.check.bound.slope_bounds import Entry
 from lockstep.check.bound.slopes import Block, SlopeProblem
 from lockstep.model.bound_search.branch_and_bound import SearchBudget
-from lockstep.model.bound_search.casadi_graph import read
-from lockstep.model.bound_search.proof import BOXES, LOOSEST, ROOMS, TOLERANCES, search_block
+from lockstep.model.bound_search.proof import LOOSEST, ROOMS, TOLERANCES, search_block
 from lockstep.model.bound_search.result import Bound
 
 
-def entry_bounds(
-    phi: ca.Function,
-    box: Box,
-    time: tuple[float, float] = EVERY_TIME,
-    *,
-    input_scale: Sequence[float] | None = None,
-    output_scale: Sequence[float] | None = None,
-    boxes: int = BOXES,
-) -> tuple[Entry, ...]:
-    """Return a proved bound for each slope of D_w^-1 J D_v that is not identically 0.
+def with_entries(problem: SlopeProblem, bound: Bound, boxes: int) -> Bound:
+    """Return the bound with a proved one for each slope of D_w^-1 J D_v that is not 0, and the boxes that they take counted.
 
-    None are returned where no component has two arguments, so that alpha says as much, and where a bound was not
-    proved within the budget.
+    None are there where phi has one slope only, so that alpha says as much, and where a bound was not proved within the
+    budget.
 
     Args:
-        phi, box, time: as for `smallest_bound`.
-        input_scale, output_scale: the diagonals of D_v and D_w; ones unless given.
+        problem: its slopes are not scaled.
+        bound: the scales D_w and D_v are those of it.
         boxes: the budget for all of them, a count.
-
-    >>> v, t = ca.SX.sym("v", 2), ca.SX.sym("t")
-    >>> phi = ca.Function("phi", [v, t], [v[0] * ca.sin(v[1])])
-    >>> [entry.bound for entry in entry_bounds(phi, Box((-2.0, -10.0), (2.0, 10.0)))]
-    [1.0, 2.0]
     """
-    problem = SlopeProblem.of(read(phi), box, time)
-    return _search(problem.scaled(output_scale, input_scale), boxes)[0]
-
-
-def with_entries(problem: SlopeProblem, bound: Bound, boxes: int) -> Bound:
-    """Return the bound with those entries, and with the boxes that they take counted."""
     entries, used = _search(problem.scaled(bound.output_scale, bound.input_scale), boxes)
     return replace(bound, entries=entries, replay=bound.replay + used)
 
@@ -62,7 +40,7 @@ def with_entries(problem: SlopeProblem, bound: Bound, boxes: int) -> Bound:
 def _search(problem: SlopeProblem, boxes: int) -> tuple[tuple[Entry, ...], int]:
     """Return the entries, and how many boxes the checker takes to decide them."""
     places = problem.places
-    if len({k for k, _ in places}) == len(places):
+    if len(places) <= 1:
         return (), 0
     found, used = [], 0
     for k, l in places:

@@ -108,7 +108,6 @@ _FLOATING: Mapping[str, Callable[..., Any]] = {
     "sech2": lambda x: 1 / np.cosh(x) ** 2,
     "direction": lambda x, y: x / np.hypot(x, y),
     "positive": lambda x: x > 0,
-    "zero": lambda x: x == 0,
     "not": np.logical_not,
     "and": np.logical_and,
     "choose": np.where,

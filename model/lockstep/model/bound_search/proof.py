@@ -43,41 +43,6 @@ ROOMS = (0.0, 1e-15, 1e-14, 1e-12, 1e-9, 1e-6, 1e-4)
 Report = Callable[[SearchState], None]
 
 
-def smallest_bound(
-    phi: ca.Function,
-    box: Box,
-    time: tuple[float, float] = EVERY_TIME,
-    *,
-    tolerance: float | None = None,
-    boxes: int = BOXES,
-    progress: Report | None = None,
-) -> Bound:
-    """Return the smallest provable alpha: |phi(a, t) - phi(b, t)| <= alpha |a - b| on the box, t in `time`.
-
-    A vector phi is scaled: the bound is on |D_w^-1 J D_v| (see `Bound`), so that G D_w and D_v^-1 H take the
-    places of G and H.
-
-    Args:
-        phi: w = phi(v, t), built from SX; a number in it is the IEEE double it is, exactly.
-        box: the domain of v, convex and possibly unbounded.
-        time: the range of t.
-        tolerance: the relative gap to close; by default 1e-9 in one variable and less in more.
-        boxes: the budget, after which the best enclosure found is the answer: a count, so that the answer is the same
-            on every machine.
-        progress: called with the state of the search now and then.
-
-    Raises:
-        ProblemError: if phi is no such function, uses an unknown operation, or does not match the box.
-
-    >>> v, t = ca.SX.sym("v"), ca.SX.sym("t")
-    >>> smallest_bound(ca.Function("phi", [v, t], [-3.33 * ca.sin(v)]), Box.everywhere(1)).alpha
-    3.33
-
-    """
-    problem = SlopeProblem.of(read(phi), box, time)
-    return confirmed(problem, search_bound(problem, tolerance=tolerance, boxes=boxes, progress=progress))
-
-
 def search_bound(
     problem: SlopeProblem,
     *,
@@ -85,11 +50,28 @@ def search_bound(
     boxes: int = BOXES,
     progress: Report | None = None,
 ) -> Bound:
-    """Return what `smallest_bound` does, before the checker has decided it; the slopes of the problem are not scaled."""
+    """Return the smallest alpha found: |phi(a, t) - phi(b, t)| <= alpha |a - b| on the box; `confirmed` has it decided.
+
+    A vector phi is scaled: the bound is on |D_w^-1 J D_v| (see `Bound`), so that G D_w and D_v^-1 H take the
+    places of G and H.
+
+    Args:
+        problem: of phi, the domain of v, convex and possibly unbounded, and the range of t; its slopes are not scaled.
+        tolerance: the relative gap to close; by default 1e-9 in one variable and less in more.
+        boxes: the budget, after which the best enclosure found is the answer: a count, so that the answer is the same
+            on every machine.
+        progress: called with the state of the search now and then.
+
+    >>> v, t = ca.SX.sym("v"), ca.SX.sym("t")
+    >>> phi = read(ca.Function("phi", [v, t], [-3.33 * ca.sin(v)]))
+    >>> problem = SlopeProblem.of(phi, Box.everywhere(1))
+    >>> confirmed(problem, search_bound(problem)).alpha
+    3.33
+    """
     D_w, D_v = np.ones(len(problem.jacobian)), np.ones(problem.graph.inputs)
     parts = problem.blocks
     if not parts:
-        return nothing(problem, None)
+        return nothing(problem)
     limits = SearchBudget(_tolerance(tolerance, problem), max(1, boxes // len(parts)), progress)
     outcomes = []
     for rows, columns in parts:
@@ -145,8 +127,18 @@ def prove_bound(
 ) -> Bound:
     """Decide whether alpha bounds |D_w^-1 J D_v|: proved, refuted with a witness, or neither in the budget.
 
-    A witness is looked for among samples first, then the checker decides. Arguments and errors are those of
-    `smallest_bound`; the scales are ones unless given.
+    A witness is looked for among samples first, then the checker decides.
+
+    Args:
+        phi: w = phi(v, t), exact, or built from SX: a number in it is the IEEE double it is, exactly.
+        box: the domain of v, convex and possibly unbounded.
+        alpha: to be decided.
+        time: the range of t.
+        input_scale, output_scale: the diagonals of D_v and D_w; ones unless given.
+        boxes, progress: as for `search_bound`.
+
+    Raises:
+        ProblemError: if phi is no such function, uses an unknown operation, or does not match the box.
 
     >>> v, t = ca.SX.sym("v"), ca.SX.sym("t")
     >>> answer = prove_bound(ca.Function("phi", [v, t], [-3.33 * ca.sin(v)]), Box.everywhere(1), 3.32)
@@ -182,13 +174,12 @@ def prove_bound(
     )
 
 
-def nothing(problem: SlopeProblem, asked: float | None) -> Bound:
+def nothing(problem: SlopeProblem) -> Bound:
     """The bound of a linear agent, whose phi has no components, or of one that depends on t only."""
     return Bound(
         alpha=0.0,
         lower=0.0,
         reason="phi depends on no state: there is nothing to bound",
-        asked=asked,
         input_scale=(1.0,) * problem.graph.inputs,
         output_scale=(1.0,) * len(problem.jacobian),
     )

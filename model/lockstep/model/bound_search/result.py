@@ -35,7 +35,7 @@ class Bound:
         replay: how many boxes the checker examines to decide alpha and the entries: it needs exactly that many, with
             these scales (`lockstep.check.bound.decide`).
         input_scale, output_scale: the diagonals of D_v and D_w.
-        entries: where some component has several arguments, a bound of its own for each slope that is not 0.
+        entries: where phi has several slopes, a bound of its own for each that is not 0.
 
     """
 
@@ -63,13 +63,6 @@ class Bound:
     def proved(self) -> bool:
         """Whether alpha (for `prove_bound`: the alpha asked for) is proved."""
         return self.alpha < math.inf if self.asked is None else self.alpha <= self.asked
-
-    @property
-    def gap(self) -> float:
-        """The relative distance from the slope seen to the bound proved."""
-        if self.alpha == math.inf:
-            return math.inf
-        return 0.0 if self.alpha == self.lower else (self.alpha - self.lower) / self.alpha
 
     def or_raise(self) -> Bound:
         """Return the bound; raises `BoundNotProved` with the figures if it is not proved."""

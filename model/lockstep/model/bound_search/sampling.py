@@ -1,37 +1,19 @@
 """Points at which slopes are looked for, in floating point; what is found is proved afterwards."""
 
 import math
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
+
+from lockstep.model.bound_search.point_slopes import PointSlopes
 
 COUNT = 2000
 SEED = 20  # any: the points are the same in every run
 Points = Float[np.ndarray, "variables points"]
 
 
-@runtime_checkable
-class SlopeEstimator(Protocol):
-    """Anything that estimates slopes at points (v, t)."""
-
-    @property
-    def variables(self) -> int:
-        """How many variables v and t are."""
-        ...
-
-    @property
-    def used(self) -> frozenset[int]:
-        """The variables that the slopes depend on."""
-        ...
-
-    def estimate(self, points: Points) -> Float[np.ndarray, " points"]:
-        """Return the slope at each point, -1 where there is none."""
-        ...
-
-
 def sample_points(
-    slopes: SlopeEstimator,
+    slopes: PointSlopes,
     lower: Float[np.ndarray, " variables"],
     upper: Float[np.ndarray, " variables"],
     kinks: list[list[float]],
@@ -72,7 +54,7 @@ def _along(generator: np.random.Generator, low: float, high: float, kinks: list[
 
 def _polished(
     generator: np.random.Generator,
-    slopes: SlopeEstimator,
+    slopes: PointSlopes,
     points: Points,
     lower: np.ndarray,
     upper: np.ndarray,

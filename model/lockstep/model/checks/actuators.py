@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.model.checks.report import CheckRow
+from lockstep.model.loop_transformation.natural_units import held_for
 from lockstep.model.problem import Problem
 
 LONGEST, ROUNDED = 50, 1e-9
@@ -27,16 +28,13 @@ def time_to_move(problem: Problem) -> float | None:
     The linear part, from rest: sum over the inputs l that have a limit of |C_k (integral of e^(A s) ds from 0 to t) B_l|
     limit_l. It is the period at least.
     """
-    from scipy.linalg import expm
-
     outputs, lure = outputs_apart(problem), problem.agent().lure
     if outputs is None:
         return None
-    limits, (n, m) = np.where(np.isfinite(problem.limits), problem.limits, 0.0), lure.B.shape
-    held = np.vstack([np.hstack([lure.A, lure.B]), np.zeros((m, n + m))])
+    limits = np.where(np.isfinite(problem.limits), problem.limits, 0.0)
     with np.errstate(all="ignore"):
         for t in problem.controller.period * 2.0 ** (np.arange(LONGEST) / 2):
-            moved = np.abs(lure.C @ expm(held * t)[:n, n:]) @ limits
+            moved = np.abs(lure.C @ held_for(t, lure.A, lure.B)) @ limits
             if not np.isfinite(moved).all():
                 break
             if (moved >= np.ptp(outputs, axis=0) * (1 - ROUNDED)).all():

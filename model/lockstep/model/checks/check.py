@@ -1,13 +1,14 @@
 """All symbolic checks of a problem, in the order in which they are worth reading."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from lockstep.model.assembly import Report, bound_of, network_of
 from lockstep.model.bound_search import BOXES
 from lockstep.model.checks import actuators, linear_part, nonlinearity, plausibility
 from lockstep.model.checks.proved.all_checks import prove
+from lockstep.model.checks.proved.dimensions import check_units
 from lockstep.model.checks.proved.interval_algebra.definite import BOXES as PROVING_BOXES
-from lockstep.model.checks.report import CheckReport
+from lockstep.model.checks.report import CheckReport, CheckRow
 from lockstep.model.problem import Problem
 
 
@@ -30,7 +31,7 @@ def check_problem(
 
     Raises:
         ProblemError: no spanning tree, a pair that is not stabilisable or detectable, or no finite bound: the
-            input is bad, and the message says what to change; with `every` also units that contradict each other.
+            input is bad, and the message says what to change; or units that contradict the formulas.
         BoundNotProved: [design] alpha is given and does not bound the nonlinearity (with a witness), or could
             not be proved within the budget.
 
@@ -49,6 +50,7 @@ def check_problem(
     (True, 2.0, (1, 2, 3))
     """
     problem.validate()
+    units = tuple(_units(problem))
     agent, graph, agents_B = problem.agent(), problem.graph(), problem.agents_B()
     bound = bound_of(agent, boxes=boxes, alpha=problem.design.alpha, progress=progress)
     findings = prove(problem, boxes=min(boxes, PROVING_BOXES), progress=proving) if every else ()
@@ -71,7 +73,7 @@ def check_problem(
         *plausibility.alone(problem),
         plausibility.period(problem),
         *actuators.period(problem),
-        *plausibility.units(problem),
+        *units,
         *plausibility.initial(problem),
     )
     return CheckReport(
@@ -87,3 +89,24 @@ def check_problem(
         zeros=right,
         findings=findings,
     )
+
+
+def _units(problem: Problem) -> Iterator[CheckRow]:
+    """Yield rows where what the units of the file make of time is seldom meant, or parameters without one hide a slip.
+
+    Raises:
+        ProblemError: units that contradict the formulas.
+    """
+    yield from plausibility.units(problem, refuse=True)
+    agent = problem.file.agent
+    if clock := (check_units(agent).value or {}).get("unit_of_time"):
+        reason = "the first equation whose units are all given says what time is counted in"
+        figure = f"they fit with time, and the period, in units of {clock:g} s alone: a slip in a unit?"
+        yield CheckRow("units", "note", figure, reason)
+    missing = [name for name in agent.parameters if name not in agent.units]
+    if missing and not agent.units.keys().isdisjoint((*agent.states, *agent.inputs)):
+        shown = ", ".join(missing[:8]) + (", ..." if len(missing) > 8 else "")
+        with_them = 'with a unit for each ("1" for a pure number) every term of the equations is checked'
+        figure = f"{len(missing)} {'have' if len(missing) > 1 else 'has'} none ({shown}): {with_them}"
+        reason = "a number that may stand for any unit hides a slip of a factor, m^2 for mm^2 or Pa for bar"
+        yield CheckRow("units of parameters", "note", figure, reason)

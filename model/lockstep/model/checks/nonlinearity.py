@@ -6,7 +6,7 @@ import numpy as np
 from lockstep.check.bound.decide import decide_bound
 from lockstep.check.system.domain import claimed_box
 from lockstep.model.agents.agent import Agent
-from lockstep.model.agents.arguments import arguments_text
+from lockstep.model.agents.arguments import argument_texts, arguments_text
 from lockstep.model.bound_search import BOXES, Bound, read
 from lockstep.model.checks.report import CheckRow
 from lockstep.model.graphs.graph import Graph
@@ -87,16 +87,21 @@ def reach(agent: Agent, graph: Graph, *, everywhere: bool) -> CheckRow:
         aside = "; the box of [agent.domain] is not needed for it" if agent.domain else ""
         figure = f"everywhere: the certificate is global{aside}"
         return CheckRow("where the bound holds", "ok", figure, reason)
-    box = agent.argument_box
-    sides = ", ".join(
-        f"{low:.4g} <= v{k} <= {high:.4g}"
-        for k, (low, high) in enumerate(zip(box.lower, box.upper, strict=True), start=1)
-    )
     figure = (
-        f"on {sides} only ({arguments_text(agent)}): the certificate is local, true while every agent stays "
-        f"there; {_staying(graph)}"
+        f"{_where(agent)}: the certificate is local, true while every agent stays there; {_staying(graph)}"
     )
     return CheckRow("where the bound holds", "note", figure, reason)
+
+
+def _where(agent: Agent) -> str:
+    """Return the box of phi's arguments: in the states' own names where each argument is one of them."""
+    box, texts = agent.argument_box, argument_texts(agent)
+    sides = list(zip(texts, box.lower, box.upper, strict=True))
+    if set(texts) <= set(agent.states):
+        ends = [side for side in sides if np.isfinite(side[1:]).any()]
+        return f"with {', '.join(f'{name} from {low:.4g} to {high:.4g}' for name, low, high in ends)} only"
+    shown = ", ".join(f"{low:.4g} <= v{k} <= {high:.4g}" for k, (_, low, high) in enumerate(sides, start=1))
+    return f"on {shown} only ({arguments_text(agent)})"
 
 
 def _staying(graph: Graph) -> str:
@@ -111,13 +116,13 @@ def _staying(graph: Graph) -> str:
 
 
 def numbers(agent: Agent) -> CheckRow:
-    """Whether A, B, C, G, H and phi hold the file's numbers exactly, as doubles, or some of them rounded once."""
+    """Whether A, B, C, G, H and phi hold the file's numbers exactly, as doubles, or some rounded once: either is well."""
     reason = "the search takes coefficients rounded to doubles; what is proved is proved of the exact ones"
     rounded, said = agent.lure.rounded, "none is rounded: the matrices are the terms of the file, as doubles"
     if rounded:
         shown = ", ".join(rounded[:8]) + (", ..." if len(rounded) > 8 else "")
         said = f"rounded once, as no double holds the sum of their terms: {shown}"
-    return CheckRow("numbers", "note" if rounded else "ok", said, reason)
+    return CheckRow("numbers", "ok", said, reason)
 
 
 def centring(agent: Agent) -> CheckRow:

@@ -16,6 +16,7 @@ import numpy as np
 from lockstep.check.errors import ProblemError
 from lockstep.model.agents.agent import Agent
 from lockstep.model.agents.state_sizes import middle, state_sizes
+from lockstep.model.checks.proved.dimensions import check_units
 from lockstep.model.checks.report import CheckRow
 from lockstep.model.problem import Problem
 
@@ -86,23 +87,22 @@ def _modes(problem: Problem) -> list[complex]:
     return found
 
 
-def units(problem: Problem) -> Iterator[CheckRow]:
-    """Yield a row where [agent.units] contradict the formulas, or name degrees of what sin, cos or tan is taken of, or where
-    states count in units far apart."""
-    agent, reason = problem.agent(), "a formula whose units do not fit is seldom the plant"
-    in_degrees = [
-        one for j, one in enumerate(agent.states) if j in angles(agent) and agent.units.get(one) in DEGREES
-    ]
-    for state in in_degrees:
-        meant = f"sin, cos and tan of {state} take radians, and [agent.units] has {state} in degrees"
-        yield CheckRow("units", "note", f"{meant}: write {state}*pi/180, or give it in rad", reason)
-    if agent.units and not in_degrees:
-        from lockstep.model.checks.proved.dimensions import check_units
+def units(problem: Problem, *, refuse: bool = False) -> Iterator[CheckRow]:
+    """Yield a row where [agent.units] contradict the formulas, degrees of what sin, cos or tan is taken of by name, or where
+    states count in units far apart.
 
-        try:
-            check_units(problem.file.agent)
-        except ProblemError as error:
-            yield CheckRow("units", "note", f"{error}; `build` and `check --all` refuse it", reason)
+    Raises:
+        ProblemError: where they contradict the formulas, if asked to `refuse` that.
+    """
+    agent, reason = problem.agent(), "a formula whose units do not fit is seldom the plant"
+    in_degrees = [j for j in sorted(angles(agent)) if agent.units.get(agent.states[j]) in DEGREES]
+    try:
+        check_units(problem.file.agent)
+    except ProblemError as error:
+        wrong = _degrees(agent.states[in_degrees[0]]) if in_degrees else error
+        if refuse:
+            raise wrong from None
+        yield CheckRow("units", "note", f"{wrong}; `check` and `build` refuse it", reason)
     sizes = state_sizes(agent)
     if sizes.max() > FAR * sizes.min() and problem.design.weights.state == 1.0:
         pairs = zip(agent.states, sizes / sizes.min(), strict=True)
@@ -111,6 +111,11 @@ def units(problem: Problem) -> Iterator[CheckRow]:
         yield CheckRow(
             "units", "note", f"{moved}; count them in units in which they are alike (mm, bar)", reason
         )
+
+
+def _degrees(state: str) -> ProblemError:
+    expected, remedy = f"sin, cos and tan of {state} in radians", f"write {state}*pi/180, or give it in rad"
+    return ProblemError("degrees", where=f"[agent.units] {state}", expected=expected, remedy=remedy)
 
 
 def start_of(problem: Problem) -> float | None:

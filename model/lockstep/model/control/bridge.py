@@ -1,4 +1,4 @@
-"""Agents, networks and controllers as python-control systems, and linear agents from there.
+"""Agents, networks and controllers as python-control systems.
 
 States, inputs, outputs and systems carry the model's names; signal `s` of agent i is `<agent><i>_<s>`, so
 that `control.interconnect([network, *controllers])` joins a network and its controllers by their names. What
@@ -8,9 +8,8 @@ In disagreement coordinates `d<k>` takes the place of `<agent><i>`.
 python-control is imported when it is used: that takes seconds.
 """
 
-import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -19,11 +18,8 @@ from jaxtyping import Float
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.loop import Gains
-from lockstep.model.agents.agent import Agent
-from lockstep.model.network import orthonormal_factor
-
-if TYPE_CHECKING:
-    from lockstep.model.network import Network
+from lockstep.model.control.models import AgentLike, NetworkLike
+from lockstep.model.graphs.orthonormal import orthonormal_factor
 
 System = Any
 """A `control.StateSpace` or `control.NonlinearIOSystem`; python-control has no types of its own to check."""
@@ -31,7 +27,7 @@ System = Any
 Method = Literal["tustin", "zoh"]
 
 
-def agent_to_control(agent: Agent, *, linear: bool = False) -> System:
+def agent_to_control(agent: AgentLike, *, linear: bool = False) -> System:
     """Return x' = f(x, u, t), y = C x as a `control.nlsys`, or (A, B, C, 0) as a `control.ss`.
 
     With `centre` the linear part holds the middle of the nonlinearity's slopes.
@@ -50,42 +46,8 @@ def agent_to_control(agent: Agent, *, linear: bool = False) -> System:
     return control.nlsys(lambda t, x, u, _: _vector(f(x, u, t)), lambda _t, x, _u, _p: lure.C @ x, **names)
 
 
-def agent_from_control(system: System, *, name: str = "") -> Agent:
-    """Return a linear agent with the matrices of a `control.StateSpace`, double by double.
-
-    Characters that no name here may have become underscores: python-control's own `x[0]` is `x_0`.
-
-    Args:
-        system: continuous, with D = 0: outputs of an agent are linear in its states (2).
-        name: the agent's name; by default the system's.
-
-    Raises:
-        ProblemError: another kind of system, a discrete one, a D that is not zero, or names that clash.
-    """
-    import control
-
-    found = f"a {type(system).__name__}"
-    expected = "a control.StateSpace"
-    remedy = "control.ss makes one; a nonlinear agent is built from its equations, with Agent"
-    demand(isinstance(system, control.StateSpace), found, "agent_from_control", expected, remedy)
-    found = f"a discrete system with dt = {system.dt}"
-    demand(system.isctime(), found, "agent_from_control", "a continuous one, as in (2)")
-    demand(not np.any(system.D), "D is not zero", "agent_from_control", "y = C x, as in (2)")
-    x, u = ca.SX.sym("x", system.nstates), ca.SX.sym("u", system.ninputs)
-    return Agent(
-        name=name or _plain(system.name),
-        x=x,
-        u=u,
-        rhs=_times(system.A, x) + _times(system.B, u),
-        y=_times(system.C, x),
-        states=tuple(map(_plain, system.state_labels)),
-        inputs=tuple(map(_plain, system.input_labels)),
-        outputs=tuple(map(_plain, system.output_labels)),
-    )
-
-
 def network_to_control(
-    network: "Network", gains: Gains | None = None, *, linear: bool = False, period: float | None = None
+    network: NetworkLike, gains: Gains | None = None, *, linear: bool = False, period: float | None = None
 ) -> System:
     """Return a network as one system.
 
@@ -114,7 +76,7 @@ def network_to_control(
 
 
 def controllers_to_control(
-    agent: Agent, gains: Gains, *, period: float | None = None, method: Method | None = None
+    agent: AgentLike, gains: Gains, *, period: float | None = None, method: Method | None = None
 ) -> list[System]:
     """Return the controllers (9) as one `control.ss` per agent, from r_i to u_i.
 
@@ -135,7 +97,9 @@ def controllers_to_control(
     return [_controller(agent, gains, i, period, method) for i in range(gains.N)]
 
 
-def _controller(agent: Agent, gains: Gains, i: int, period: float | None, method: Method | None) -> System:
+def _controller(
+    agent: AgentLike, gains: Gains, i: int, period: float | None, method: Method | None
+) -> System:
     import control
 
     blocks = (gains.A[i], gains.B[i], gains.C[i], gains.D[i])
@@ -155,22 +119,14 @@ def _controller(agent: Agent, gains: Gains, i: int, period: float | None, method
     return control.ss(sampled.A, sampled.B, sampled.C, sampled.D, period, **names)
 
 
-def _open(network: "Network") -> System:
+def _open(network: NetworkLike) -> System:
     import control
 
-    agent, N, n, m = network.agent, network.N, network.agent.n, network.agent.m
-    x, u, xi = (ca.SX.sym(letter, size, N) for letter, size in (("x", n), ("u", m), ("xi", n)))
-    t = ca.SX.sym("t")
-    drift = network.drift()
-    dx = [drift(x[:, i], t) + _times(network.B[i], u[:, i]) + xi[:, i] for i in range(N)]
-    f = ca.Function("network", [ca.vec(x), ca.vertcat(ca.vec(u), ca.vec(xi)), t], [ca.vertcat(*dx)])
-    C = _output_map(network)
-    return control.nlsys(
-        lambda time, x, u, _: _vector(f(x, u, time)), lambda _t, x, _u, _p: C @ x, **_open_names(agent, N)
-    )
+    f, C, names = network.agents_alone(), _output_map(network), _open_names(network.agent, network.N)
+    return control.nlsys(lambda t, x, u, _: _vector(f(x, t, u)), lambda _t, x, _u, _p: C @ x, **names)
 
 
-def _open_linear(network: "Network") -> System:
+def _open_linear(network: NetworkLike) -> System:
     import control
     from scipy.linalg import block_diag
 
@@ -189,13 +145,13 @@ def _held(system: System, period: float) -> System:
     return control.ss(held.A, held.B, held.C, held.D, period, name=system.name, **names)
 
 
-def _output_map(network: "Network") -> Float[np.ndarray, "outputs states"]:
+def _output_map(network: NetworkLike) -> Float[np.ndarray, "outputs states"]:
     """Return [I (x) C; L (x) C], from the states to y and r."""
     C = network.agent.lure.C
     return np.vstack([np.kron(np.eye(network.N), C), np.kron(network.graph.laplacian, C)])
 
 
-def _closed(network: "Network", gains: Gains) -> System:
+def _closed(network: NetworkLike, gains: Gains) -> System:
     import control
 
     agent, N = network.agent, network.N
@@ -221,7 +177,7 @@ def _closed(network: "Network", gains: Gains) -> System:
     )
 
 
-def _reduced(network: "Network", gains: Gains) -> System:
+def _reduced(network: NetworkLike, gains: Gains) -> System:
     """(15) with z = F x_d, F'F = S: then z' z is the squared disagreement, and E, E_G keep their form."""
     import control
     from scipy.linalg import block_diag
@@ -250,7 +206,7 @@ def _reduced(network: "Network", gains: Gains) -> System:
     )
 
 
-def _open_names(agent: Agent, N: int) -> dict[str, Any]:
+def _open_names(agent: AgentLike, N: int) -> dict[str, Any]:
     return {
         "name": f"{agent.name}_network",
         "states": _all(agent, N, agent.states),
@@ -259,15 +215,15 @@ def _open_names(agent: Agent, N: int) -> dict[str, Any]:
     }
 
 
-def _signals(agent: Agent, i: int, names: Sequence[str], prefix: str = "") -> list[str]:
+def _signals(agent: AgentLike, i: int, names: Sequence[str], prefix: str = "") -> list[str]:
     return [f"{agent.name}{i + 1}_{prefix}{name}" for name in names]
 
 
-def _all(agent: Agent, N: int, names: Sequence[str], prefix: str = "") -> list[str]:
+def _all(agent: AgentLike, N: int, names: Sequence[str], prefix: str = "") -> list[str]:
     return [signal for i in range(N) for signal in _signals(agent, i, names, prefix)]
 
 
-def _controller_states(agent: Agent, order: int, i: int) -> list[str]:
+def _controller_states(agent: AgentLike, order: int, i: int) -> list[str]:
     return _signals(agent, i, [f"controller_x{k + 1}" for k in range(order)])
 
 
@@ -275,17 +231,9 @@ def _numbered(letter: str, N: int, size: int) -> list[str]:
     return [f"d{k}_{letter}{j + 1}" for k in range(1, N) for j in range(size)]
 
 
-def _outputs_beside_states(agent: Agent) -> list[str]:
+def _outputs_beside_states(agent: AgentLike) -> list[str]:
     """Return the outputs' names; one that is a state's name too gets `y_` in front."""
     return [f"y_{name}" if name in agent.states else name for name in agent.outputs]
-
-
-def _plain(label: str) -> str:
-    return re.sub(r"[^A-Za-z0-9]+", "_", label).strip("_")
-
-
-def _times(matrix: Float[np.ndarray, "_ _"], vector: ca.SX) -> ca.SX:
-    return ca.mtimes(ca.SX(ca.DM(matrix)), vector)
 
 
 def _vector(value: ca.DM) -> Float[np.ndarray, " n"]:

@@ -23,7 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
+from lockstep.model.control.hybrid_norms import h2, l2_gain
 from lockstep.model.control.wiring import Joined, joined
 
 MOST_INTERVALS = 10_000
@@ -247,9 +248,21 @@ class Hybrid:
 
         See `lockstep.model.control.hybrid_norms`. Computed in doubles: a figure, no proof.
         """
-        from lockstep.model.control.hybrid_norms import h2, l2_gain
+        F, G, H = self._strictly_proper()
+        pieces = [(self.jump(fires)[0], length) for fires, length in self.intervals]
+        return h2(F, G, H, pieces) if p == 2 else l2_gain(F, G, H, pieces)
 
-        return h2(self) if p == 2 else l2_gain(self)
+    def _strictly_proper(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return F, G, H of z' = F z + G w, e = H z, or say why there is no norm."""
+        (F, G), (H, through) = self.field(), self.rows(self.outputs)
+        sampled = any(self.jump(fires)[1].any() for fires, _ in self.intervals)
+        found = "an input that reaches an output, or a sampled part, without a state in between"
+        where, expected = "norm of a hybrid loop", "inputs that act on continuous states"
+        remedy = "name the inputs and outputs of the loop, or filter these"
+        demand(not through.any() and not sampled, found, where, expected, remedy)
+        stable = max(abs(self.poles()), default=0.0) < 1
+        demand(stable, "the loop is not stable", where, "poles inside the unit circle")
+        return F, G, H
 
     def response(self, t: Float[np.ndarray, " K"], w: Any = 0.0, start: Any = 0.0) -> Any:
         """Return the response at increasing instants t from 0 on as `control.TimeResponseData`, between samples too.

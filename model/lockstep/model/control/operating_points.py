@@ -9,7 +9,7 @@ Along a trajectory that is a system for each instant; between them the model is 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -17,11 +17,8 @@ from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.system.loop import Gains
-
-if TYPE_CHECKING:
-    from lockstep.model.agents.agent import Agent
-    from lockstep.model.network import Network
-    from lockstep.model.simulation.results.trajectory import Trajectory
+from lockstep.model.control.bridge import network_to_control
+from lockstep.model.control.models import AgentLike, NetworkLike, TrajectoryLike
 
 AT_REST = 1e-9
 """Largest |f| that counts as an equilibrium, relative to the size of its terms' slopes."""
@@ -38,7 +35,7 @@ class Trim:
 
 
 def trim(
-    agent: "Agent",
+    agent: AgentLike,
     *,
     states: Mapping[str, float] | None = None,
     inputs: Mapping[str, float] | None = None,
@@ -107,7 +104,7 @@ def trim(
     return Trim(x, u, residual, t)
 
 
-def linearised_agent(agent: "Agent", x: Sequence[float], u: Sequence[float], t: float = 0.0) -> Any:
+def linearised_agent(agent: AgentLike, x: Sequence[float], u: Sequence[float], t: float = 0.0) -> Any:
     """Return an agent linearised at a point as a `control.ss`, with the model's names.
 
     Args:
@@ -130,7 +127,7 @@ def linearised_agent(agent: "Agent", x: Sequence[float], u: Sequence[float], t: 
 
 
 def linearised_loop(
-    network: "Network",
+    network: NetworkLike,
     gains: Gains,
     x: Float[np.ndarray, "N n"],
     x_C: Float[np.ndarray, "N n_C"] | None = None,
@@ -145,13 +142,11 @@ def linearised_loop(
     Raises:
         ProblemError: states of another shape, or a point without finite slopes.
     """
-    from lockstep.model.control.bridge import network_to_control
-
     return _loop_system(network, gains, network_to_control(network, gains))(x, x_C, t)
 
 
 def linearised_along(
-    network: "Network", gains: Gains, trajectory: "Trajectory", *, every: int = 1
+    network: NetworkLike, gains: Gains, trajectory: TrajectoryLike, *, every: int = 1
 ) -> tuple[Float[np.ndarray, " K"], list[Any]]:
     """Return instants of a trajectory and the closed loop linearised at each.
 
@@ -160,8 +155,6 @@ def linearised_along(
         trajectory: of it.
         every: how many instants apart.
     """
-    from lockstep.model.control.bridge import network_to_control
-
     system = _loop_system(network, gains, network_to_control(network, gains))
     chosen = range(0, len(trajectory.t), every)
     return trajectory.t[::every], [
@@ -169,7 +162,7 @@ def linearised_along(
     ]
 
 
-def _loop_system(network: "Network", gains: Gains, named: Any) -> Any:
+def _loop_system(network: NetworkLike, gains: Gains, named: Any) -> Any:
     import control
 
     f = network.closed_loop(gains)
@@ -198,7 +191,7 @@ def _loop_system(network: "Network", gains: Gains, named: Any) -> Any:
     return system
 
 
-def _slopes(agent: "Agent") -> tuple[ca.Function, ca.Function]:
+def _slopes(agent: AgentLike) -> tuple[ca.Function, ca.Function]:
     """Return f and its derivatives in x and u."""
     symbols = [agent.x, agent.u, agent.t]
     slopes = [ca.jacobian(agent.rhs, agent.x), ca.jacobian(agent.rhs, agent.u)]

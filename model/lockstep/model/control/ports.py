@@ -16,7 +16,7 @@ Signals: `<agent><i>_<input>`, `<agent><i>_r_<output>`, `<agent><i>_from_<agent>
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,11 +25,9 @@ from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.controller import HeldController
 from lockstep.check.system.loop import Gains
 from lockstep.model.control.hybrid import Hybrid
+from lockstep.model.control.models import NetworkLike
 from lockstep.model.control.wiring import joined
-from lockstep.model.network import orthonormal_factor
-
-if TYPE_CHECKING:
-    from lockstep.model.network import Network
+from lockstep.model.graphs.orthonormal import orthonormal_factor
 
 INJECTED = "_e"
 """Ends the name of what is added to a signal."""
@@ -46,7 +44,7 @@ class PortedLoop:
         delay: periods between sampling y and applying u: 0 or 1.
     """
 
-    network: "Network"
+    network: NetworkLike
     controllers: Gains | Sequence[HeldController]
     period: float | None = None
     delay: int = 0

@@ -10,7 +10,7 @@ LONGEST = 400
 """Characters of a part: an expression that uses its parts over and over would fill the memory."""
 
 _NAMES = {"fabs": "abs", "fmin": "min", "fmax": "max", "choose": "if_else"}
-_PATTERNS = {"positive": "{} > 0", "zero": "{} == 0", "not": "not {}", "and": "{} and {}"}
+_PATTERNS = {"positive": "{} > 0", "not": "not {}", "and": "{} and {}"}
 
 
 def written(node: Node, names: Sequence[str]) -> str:

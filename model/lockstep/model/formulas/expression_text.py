@@ -18,14 +18,12 @@ import casadi as ca
 
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.wording import shorten
+from lockstep.model.bound_search.casadi_graph import NAMES
 from lockstep.model.bound_search.casadi_operations import INSTEAD
 from lockstep.model.formulas.expression import parse_expression
 from lockstep.model.formulas.expression_writer import ARITY, COMPARISONS, REPEATED, Step, write
 
 _TRUTHS = frozenset({*COMPARISONS, ca.OP_NOT})
-_NAMES: Mapping[int, str] = {
-    getattr(ca, key): key.removeprefix("OP_").lower() for key in dir(ca) if key.startswith("OP_")
-}
 
 
 def expression_text(value: ca.SX, symbols: Mapping[str, ca.SX], *, where: str = "") -> str:
@@ -94,7 +92,7 @@ def _steps(value: ca.SX, symbols: Mapping[str, ca.SX], where: str) -> list[Step]
             step = Step(op, tuple(work[slot] for slot in reads[: ARITY[op]]))
         else:
             raise ProblemError(
-                f"the operation `{_NAMES.get(op, op)}` of CasADi",
+                f"the operation `{NAMES.get(op, op)}` of CasADi",
                 where=where,
                 expected="one that a formula in a problem file has",
                 remedy=INSTEAD.get(op, ""),

@@ -16,12 +16,13 @@ LONGEST_AGENT_NAME = 20
 LONGEST_NAME = 60
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-_C_WORDS = """
-auto bool break case char const constexpr continue default do double else enum extern false float for goto if
-inline int long main nullptr register restrict return short signed sizeof static struct switch true typedef
-typeof union unsigned void volatile while alignas alignof asm complex imaginary noreturn class delete explicit
-export friend mutable namespace new operator private protected public template this throw try using virtual
-"""
+C_WORDS = frozenset(
+    """auto bool break case char const constexpr continue default do double else enum extern false float for goto if
+    inline int long main nullptr register restrict return short signed sizeof static struct switch true typedef
+    typeof union unsigned void volatile while alignas alignof asm complex imaginary noreturn catch class delete explicit
+    export friend mutable namespace new operator private protected public template this throw try using
+    virtual""".split()  # noqa: SIM905
+)
 """The keywords of C, and those of C++, whose programs may include the header."""
 
 
@@ -37,7 +38,7 @@ def check_agent_name(name: str) -> None:
     why = "C compilers may tell names apart by their first 31 characters only"
     _check_identifier(name, where, "a C identifier", LONGEST_AGENT_NAME, why)
     found = f"`{name}` is a word of C"
-    demand(name not in _C_WORDS.split(), found, where, "a name of your own, such as `arm`")
+    demand(name not in C_WORDS, found, where, "a name of your own, such as `arm`")
 
 
 def check_names(

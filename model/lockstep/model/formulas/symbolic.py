@@ -123,7 +123,6 @@ _BUILD: Mapping[str, Callable[[Node, Sequence[ca.SX]], ca.SX]] = {
     "real_power": lambda node, args: args[0] ** to_double(node.data),
     "truth": lambda node, _: ca.SX(bool(node.data)),
     "positive": lambda _, args: args[0] > 0,
-    "zero": lambda _, args: args[0] == 0,
     "not": lambda _, args: ca.logic_not(args[0]),
     "and": lambda _, args: ca.logic_and(args[0], args[1]),
     "choose": lambda _, args: ca.if_else(args[0], args[1], args[2]),

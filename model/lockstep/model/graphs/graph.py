@@ -28,8 +28,7 @@ class Graph(Digraph):
     @property
     def is_balanced(self) -> bool:
         """Whether each agent is heard with the weight it listens with, to rounding: 1' L = 0."""
-        out = self.adjacency.sum(axis=0)
-        return bool(np.allclose(out, self.in_degrees, rtol=1e-12, atol=0.0))
+        return bool(np.allclose(self.adjacency.sum(axis=0), self.in_degrees, rtol=1e-12, atol=0.0))
 
     def check_spanning_tree(self) -> None:
         """Refuse a graph over which agreement is impossible; say so where its edges are probably written the wrong way round.

@@ -18,9 +18,9 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lockstep.model.agents.lure import Lure
 from lockstep.model.bound_search import Box
-from lockstep.model.loop_transformation.shift import fitting, rounded, shifted
+from lockstep.model.loop_transformation.lure import Lure
+from lockstep.model.loop_transformation.shift import moved
 
 LEAST_GAIN = 0.02
 """A bound that shrinks by less than 2 % is not worth another A than the one written down."""
@@ -157,13 +157,9 @@ def _size(slopes: Float[np.ndarray, "samples r v"]) -> float:
 def _move(lure: Lure, k: int, j: int, lowest: float, highest: float) -> tuple[Lure, CentringMove]:
     """Move the middle of one slope range: exactly, by a number next to it with which A stays in doubles, or rounded."""
     middle, half = (lowest + highest) / 2, (highest - lowest) / 2
-    wishes = list(_short(middle, half))
-    for wish in wishes:
-        for amount in (wish, *fitting(lure, k, j, wish)):
-            found = shifted(lure, k, j, amount)
-            if found is not None and abs(amount - Fraction(middle)) <= Fraction(LEAST_GAIN * half):
-                return found, CentringMove(k, j, lowest, highest, amount)
-    return rounded(lure, k, j, wishes[0]), CentringMove(k, j, lowest, highest, wishes[0])
+    centre, room = Fraction(middle), Fraction(LEAST_GAIN * half)
+    found, amount = moved(lure, k, j, _short(middle, half), lambda amount: abs(amount - centre) <= room)
+    return found, CentringMove(k, j, lowest, highest, amount)
 
 
 def _short(middle: float, half: float) -> Iterator[Fraction]:

@@ -15,8 +15,8 @@ from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.agent import Move
-from lockstep.model.agents.lure import Lure
-from lockstep.model.loop_transformation.shift import fitting, rounded, shifted
+from lockstep.model.loop_transformation.lure import Lure
+from lockstep.model.loop_transformation.shift import moved
 
 STEP, JUMP = 1e-9, 1e-6
 """A kink shows as a slope that jumps by this part within this distance of the origin."""
@@ -42,18 +42,9 @@ def linearised(lure: Lure) -> tuple[Lure, tuple[Move, ...]]:
     slope, moves = _slope_at_origin(lure), list[Move]()
     for k, j in product(*map(range, slope.shape)):
         if slope[k, j]:
-            lure, amount = _moved(lure, k, j, float(slope[k, j]))
+            lure, amount = moved(lure, k, j, _near(float(slope[k, j])))
             moves.append(Move(k, j, amount))
     return lure, tuple(moves)
-
-
-def _moved(lure: Lure, k: int, j: int, slope: float) -> tuple[Lure, Fraction]:
-    for wish in _near(slope):
-        for amount in (wish, *fitting(lure, k, j, wish)):
-            found = shifted(lure, k, j, amount)
-            if found is not None:
-                return found, amount
-    return rounded(lure, k, j, Fraction(slope)), Fraction(slope)
 
 
 def _near(slope: float) -> Iterator[Fraction]:

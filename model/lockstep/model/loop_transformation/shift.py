@@ -7,16 +7,15 @@ loses S_kj v_j in one term, or in two if the amount is a sum of two doubles and 
 the entries are rounded once each.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float
 
 from lockstep.check.numbers import is_double
-from lockstep.model.agents.lure import Lure
+from lockstep.model.loop_transformation.lure import Lure
 
 
 def shifted(lure: Lure, k: int, j: int, amount: Fraction) -> Lure | None:
@@ -24,10 +23,8 @@ def shifted(lure: Lure, k: int, j: int, amount: Fraction) -> Lure | None:
 
     None if a sum in A, or the amount itself, is no double (no sum of two).
     """
-    A = _exact_sum(lure, k, j, amount)
-    if A is None or _two_doubles(amount) is None:
-        return None
-    return replace(lure, A=A, phi=without(lure.phi, k, j, amount))
+    exact = all(is_double(total) for *_, total in _sums(lure, k, j, amount))
+    return rounded(lure, k, j, amount) if exact and _two_doubles(amount) is not None else None
 
 
 def rounded(lure: Lure, k: int, j: int, amount: Fraction) -> Lure:
@@ -36,12 +33,30 @@ def rounded(lure: Lure, k: int, j: int, amount: Fraction) -> Lure:
     For the search: the checker sums in rationals.
     """
     A, names = np.array(lure.A), list[str]()
-    for i, c, weight in _entries(lure, k, j):
-        exact = Fraction(float(A[i, c])) + amount * weight
+    for i, c, exact in _sums(lure, k, j, amount):
         A[i, c] = float(exact)
         names += [] if is_double(exact) else [f"A[{i + 1},{c + 1}]"]
     names = list(dict.fromkeys((*lure.rounded, *names)))
     return replace(lure, A=A, phi=without(lure.phi, k, j, amount), rounded=tuple(names))
+
+
+def moved(
+    lure: Lure,
+    k: int,
+    j: int,
+    wishes: Iterable[Fraction],
+    allowed: Callable[[Fraction], bool] = lambda _amount: True,
+) -> tuple[Lure, Fraction]:
+    """Return the agent with the first allowed amount moved that is exact, of the wishes and those next to them, and it.
+
+    Where none is exact the first wish is moved, and A rounded.
+    """
+    wishes = list(wishes)
+    for wish in wishes:
+        for amount in (wish, *fitting(lure, k, j, wish)):
+            if allowed(amount) and (found := shifted(lure, k, j, amount)) is not None:
+                return found, amount
+    return rounded(lure, k, j, wishes[0]), wishes[0]
 
 
 def fitting(lure: Lure, k: int, j: int, wish: Fraction) -> Iterator[Fraction]:
@@ -81,12 +96,6 @@ def _two_doubles(amount: Fraction) -> tuple[float, float] | None:
     return (high, low) if Fraction(high) + Fraction(low) == amount else None
 
 
-def _exact_sum(lure: Lure, k: int, j: int, amount: Fraction) -> Float[np.ndarray, "n n"] | None:
-    """Return A + amount G e_k e_j' H if all its entries are doubles."""
-    A = np.array(lure.A)
-    for i, c, weight in _entries(lure, k, j):
-        total = Fraction(float(A[i, c])) + amount * weight
-        if not is_double(total):
-            return None
-        A[i, c] = float(total)
-    return A
+def _sums(lure: Lure, k: int, j: int, amount: Fraction) -> list[tuple[int, int, Fraction]]:
+    """Return (i, l, the entry of A + amount G e_k e_j' H) for each entry that changes."""
+    return [(i, c, Fraction(float(lure.A[i, c])) + amount * w) for i, c, w in _entries(lure, k, j)]

@@ -5,7 +5,8 @@ from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError, demand
 from lockstep.model.problem.from_tables import build_graph
-from lockstep.model.problem.tables.schema import AgentTable, ProblemFile
+from lockstep.model.problem.tables.schema import AgentTable, DisturbancesTable, ProblemFile
+from lockstep.model.problem.weights import scale_of_each
 
 
 def check_tables(file: ProblemFile) -> None:
@@ -24,15 +25,13 @@ def input_sides(agent: AgentTable) -> Float[np.ndarray, "m 2"]:
     """Return the lowest and the highest value of each input, infinite where there is none."""
     known, where = agent.limits or {}, "[agent.limits]"
     for name, (low, high) in known.items():
-        if name not in agent.inputs:
-            names = ", ".join(f"`{one}`" for one in agent.inputs)
-            raise ProblemError(f"`{name}` is no input", where=where, expected=f"one of {names}")
+        expected = f"one of {', '.join(f'`{one}`' for one in agent.inputs)}"
+        demand(name in agent.inputs, f"`{name}` is no input", where, expected)
         around = (low is None or low < 0) and (high is None or high > 0)
         remedy = f"count {name} from its value at rest: `{name}_0 + {name}` in [agent.dynamics], limits less {name}_0"
         demand(around, f"[{low}, {high}]", f"{where} {name}", "a range around 0", remedy)
-    sides = [known.get(name, (None, None)) for name in agent.inputs]
-    ends = ((-np.inf if low is None else low, np.inf if high is None else high) for low, high in sides)
-    return np.array(list(ends))
+    sides = np.array([known.get(name, (None, None)) for name in agent.inputs], dtype=float)
+    return np.where(np.isnan(sides), [-np.inf, np.inf], sides)
 
 
 def output_ranges(agent: AgentTable) -> dict[str, tuple[float | None, float | None]]:
@@ -66,6 +65,13 @@ def _check_objective(file: ProblemFile) -> None:
         remedy = 'topology = "leader_path" has one; without a domain every certificate is global'
         led = file.agent.domain and len(build_graph(file.network).roots) == 1
         demand(led, found, where, expected, remedy)
+        scales, where = (design.disturbances or DisturbancesTable()).states, "[design.disturbances] states"
+        least = scale_of_each(scales, file.agent.states, where=where, per="state").min(initial=1.0)
+        found = f'a scale of {least:g}, and objective = "initial_set": rho is then no gain from all that moves the states'
+        remedy = (
+            'name each state with 1 or more, leave `states` out, or take another objective, such as "rho"'
+        )
+        demand(least >= 1.0, found, where, "a scale of 1 or more for every state", remedy)
 
 
 def _check_spectrum(file: ProblemFile) -> None:

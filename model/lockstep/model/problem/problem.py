@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -12,12 +12,12 @@ from jaxtyping import Float
 from lockstep.check.bound.box import Box
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.design_file.messages import messages_of
+from lockstep.check.design_file.problem import default_order
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import ProblemError, demand
-from lockstep.check.sampled.discretise import clipped_at
+from lockstep.check.sampled.discretise import either_way
 from lockstep.check.sampled.links import Messages
 from lockstep.check.system.graph_family import SpectrumRange
-from lockstep.check.system.problem import default_order
 from lockstep.model.agents.agent import Agent
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.graphs.membership import Membership
@@ -41,10 +41,7 @@ from lockstep.model.problem.tables.schema import (
     SimulationTable,
 )
 from lockstep.model.problem.tables.toml_text import ASKED_FOR, toml_text
-from lockstep.model.problem.weights import input_weight, scale_of_each, weight_matrix
-
-if TYPE_CHECKING:
-    from lockstep.model.checks import CheckReport
+from lockstep.model.problem.weights import amplitudes, input_weight, scale_of_each, weight_matrix
 
 SEARCHED = ("certified", "modal")
 """Methods that look for gains, and take wishes beside rho."""
@@ -71,9 +68,12 @@ class Problem:
     def __post_init__(self) -> None:
         check_tables(self.file)
         _ = self._agent, self._graph, self._variants, self.gains
-        _ = self.performance, self.gain_limit, self.sides, self.messages, self.output_range
+        _ = self.performance, self.gain_limit, self.sides, self.messages, self.output_range, self.fragility
         _ = self.offsets, self.reference, self.leader
         self.initial_states()
+        if self.spectrum is None:  # else the run says how many agents there are
+            given = self._graph.agents, self._agent.states, self.controller.period
+            amplitudes(self.simulation.disturbance, *given)
 
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> "Problem":
@@ -257,9 +257,18 @@ class Problem:
 
     @property
     def fragility(self) -> dict[str, float]:
-        """delta_A, delta_B, delta_C, delta_D of (11), by letter; all 0 for certain controllers."""
+        """delta_A, delta_B, delta_C, delta_D of (11), by letter; all 0 for certain controllers.
+
+        Raises:
+            ProblemError: A, B or C of static gains, which have none.
+        """
         table = self.design.fragility
-        return {letter: float(getattr(table, letter)) if table else 0.0 for letter in "ABCD"}
+        found = {letter: float(getattr(table, letter)) if table else 0.0 for letter in "ABCD"}
+        absent = ", ".join(f"{letter} = {found[letter]:g}" for letter in "ABC" if found[letter])
+        remedy = "leave A, B and C out, or take `order` = 1 or more"
+        expected = "D alone: controllers of order 0 are a matrix D"
+        demand(bool(self.order or not absent), absent, "[design] fragility", expected, remedy)
+        return found
 
     def state_weight(self, n: int) -> Float[np.ndarray, "n n"]:
         """Return R of one agent, n x n; (N - 1) copies of it weigh the disagreement."""
@@ -317,8 +326,7 @@ class Problem:
     @property
     def limits(self) -> Float[np.ndarray, " m"]:
         """How far each input goes either way before the C clips it, (m,), infinite where it has no limit."""
-        nearer = np.abs(clipped_at(self.controller.real, self.sides)).min(axis=1)
-        return np.where(np.isinf(self.sides).all(axis=1), np.inf, nearer)
+        return either_way(self.controller.real, self.sides)
 
     @cached_property
     def offsets(self) -> Float[np.ndarray, "N n"] | None:
@@ -362,17 +370,6 @@ class Problem:
             demand(len(row) == n, f"row {k} has {len(row)} numbers", where, f"{n}, one per state")
         demand(len(given) == N, f"{len(given)} rows for {N} agents", where, "one row per agent")
         return np.array(given, dtype=float)
-
-    def check(self, *, all: bool = False, boxes: int | None = None) -> "CheckReport":
-        """Check the model: what `lockstep check` does, and with `all` what `lockstep check --all` does.
-
-        Raises:
-            ProblemError, BoundNotProved: see `lockstep.model.checks.check_problem`.
-        """
-        from lockstep.model.bound_search import BOXES
-        from lockstep.model.checks import check_problem
-
-        return check_problem(self, every=all, boxes=BOXES if boxes is None else boxes)
 
     def validate(self) -> None:
         """Refuse a network that cannot agree, or that the method's assumptions do not cover.

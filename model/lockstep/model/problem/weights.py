@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError, demand
+from lockstep.model.problem.tables.schema import DisturbanceTable
 
 Weight = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
 
@@ -88,3 +89,29 @@ def scale_of_each(
             known = ", ".join(f"`{one}`" for one in names)
             raise ProblemError(f"`{name}` is no {per}", where=where, expected=f"one of {known}")
     return np.array([float(scales.get(name, rest)) for name in names])
+
+
+def amplitudes(
+    table: DisturbanceTable, N: int, states: Sequence[str], period: float
+) -> Float[np.ndarray, "N n"]:
+    """Return the amplitude of [simulation.disturbance] on each state of each of N agents, 0 on what is not named.
+
+    Of noise of a given intensity S it is the standard deviation (S / period)^1/2, being held for a period, in s.
+
+    Raises:
+        ProblemError: a name that is no state, or an agent that there is not.
+
+    >>> amplitudes(DisturbanceTable(amplitude={"v": -2.0}, agents=[2]), 2, ["p", "v"], 0.1).tolist()
+    [[0.0, 0.0], [0.0, -2.0]]
+    """
+    where = "[simulation.disturbance]"
+    each = scale_of_each(table.amplitude, states, where=f"{where} amplitude", per="state")
+    if table.kind == "noise" and table.intensity is not None:
+        named = np.array([not isinstance(table.amplitude, dict) or one in table.amplitude for one in states])
+        each = np.where(named, np.sqrt(table.intensity / period), 0.0)
+    agents = range(1, N + 1) if table.agents is None else table.agents
+    for one in agents:
+        demand(1 <= one <= N, f"agent {one}", f"{where} agents", f"numbers from 1 to {N}")
+    sizes = np.zeros((N, len(states)))
+    sizes[[one - 1 for one in agents]] = each
+    return sizes

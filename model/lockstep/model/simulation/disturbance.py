@@ -152,7 +152,7 @@ def noise(
     interval: float,
     horizon: float,
     seed: int,
-    sigma: float | None = None,
+    sigma: float | Float[np.ndarray, "N n"] | None = None,
     intensity: float | None = None,
 ) -> Samples:
     """Return independent Gaussian noise on every state, held for `interval` s.
@@ -162,7 +162,7 @@ def noise(
         interval: T, how long a sample is held, in s.
         horizon: how long it lasts, in s.
         seed: of NumPy's default generator; the same seed gives the same noise.
-        sigma: the standard deviation of a sample; or
+        sigma: the standard deviation of a sample, one or (N, n); or
         intensity: S = sigma^2 T, in (units of xi)^2 s, for a sigma that goes with the interval.
 
     >>> noise(2, 1, interval=0.01, horizon=1.0, seed=0, intensity=0.04).values.std().round(0)

@@ -1,4 +1,4 @@
-"""The right-hand sides that are integrated, compiled by CasADi: the agents alone, and the loop (12) with Delta(t).
+"""The loop (12) with Delta(t) as it is integrated, compiled by CasADi; the agents alone are `Network.agents_alone`.
 
 States are stacked agent by agent, x first and x_C behind: X = (x_1, ..., x_N, x_C1, ..., x_CN). What changes with
 time besides X is one vector p: the held inputs and xi for the agents alone, xi and the gains K(t) for the loop.
@@ -9,21 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.system.loop import Gains
-from lockstep.model.network import Network
-
-
-def agents_alone(network: Network, *, pinned: bool = False) -> ca.Function:
-    """Return (X, t, p) -> dX of x_i' = A x_i + B_i u_i + G phi(H x_i, t) + offset(t) + xi_i, p = (u, xi).
-
-    pinned: with a disturbance common to all agents that keeps their mean where it is: see `Scenario`.
-    """
-    n, m, N = network.agent.n, network.agent.m, network.N
-    x, u, xi, t = ca.SX.sym("x", n, N), ca.SX.sym("u", m, N), ca.SX.sym("xi", n, N), ca.SX.sym("t")
-    drift = network.drift()
-    dx = [drift(x[:, i], t) + ca.DM(network.B[i]) @ u[:, i] + xi[:, i] for i in range(N)]
-    dx = _pinned(dx) if pinned else dx
-    p = ca.vertcat(ca.vec(u), ca.vec(xi))
-    return ca.Function("agents", [ca.vec(x), t, p], [ca.vertcat(*dx)], ["X", "t", "p"], ["dX"])
+from lockstep.model.network import Network, pinned_at_mean
 
 
 def closed_loop(
@@ -45,15 +31,10 @@ def closed_loop(
         ahead, u = ca.vertsplit(K @ ca.vertcat(x_C[:, i], r[:, i]), [0, n_C, n_C + m])
         dx.append(drift(x[:, i], t) + ca.DM(network.B[i]) @ u + xi[:, i])
         dx_C.append(ahead)
-    dx = _pinned(dx) if pinned else dx
+    dx = pinned_at_mean(dx) if pinned else dx
     p = ca.vec(xi) if errors is None else ca.vertcat(ca.vec(xi), ca.vec(errors))
     X = ca.vertcat(ca.vec(x), ca.vec(x_C))
     return ca.Function("loop", [X, t, p], [ca.vertcat(*dx, *dx_C)], ["X", "t", "p"], ["dX"])
-
-
-def _pinned(dx: list[ca.SX]) -> list[ca.SX]:
-    mean = sum(dx[1:], start=dx[0]) / len(dx)
-    return [one - mean for one in dx]
 
 
 def inputs_of(

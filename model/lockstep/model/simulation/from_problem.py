@@ -1,5 +1,6 @@
 """The scenario of a problem file's [simulation], and what of it a caller may change."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar, get_args
 
@@ -9,6 +10,7 @@ import numpy as np
 from lockstep.check.errors import demand
 from lockstep.model.problem import Problem
 from lockstep.model.problem.tables.schema import ChannelTable, DisturbanceTable, PerturbationTable
+from lockstep.model.problem.weights import amplitudes
 from lockstep.model.simulation.disturbance import Disturbance, Driven, Sines, Steps, Sum, noise
 from lockstep.model.simulation.integrate import Method
 from lockstep.model.simulation.message_channel import MessageChannel
@@ -55,7 +57,7 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
     changes, table = changes or Changes(), problem.simulation
     horizon = table.horizon if changes.horizon is None else changes.horizon
     seed = table.seed if changes.seed is None else changes.seed
-    period, N, n = problem.controller.period, problem.graph().N, problem.agent().n
+    period, N = problem.controller.period, problem.graph().N
     given = _of_kind(table.disturbance, changes.disturbance, "--disturbance")
     step = step_of(problem, horizon, held=sampled and given.kind in ("none", "noise"))
     errors = _of_kind(table.perturbation or PerturbationTable(), changes.perturbation, "--perturbation")
@@ -68,7 +70,7 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
     found = "a channel, but the controllers are continuous"
     expected = "sampled controllers: they exchange messages"
     demand(sampled or channel.is_ideal, found, "[simulation.channel]", expected, "use --controllers sampled")
-    disturbance = disturbance_of(given, N, n, period=period, horizon=horizon, seed=seed)
+    disturbance = disturbance_of(given, N, problem.agent().states, period=period, horizon=horizon, seed=seed)
     if (v := problem.reference) is not None:
         driven = Driven(v.leader, N, problem.agents_B()[v.leader], v.at)
         disturbance = driven if disturbance is None else Sum((disturbance, driven))
@@ -93,11 +95,11 @@ def step_of(problem: Problem, horizon: float = 0.0, *, held: bool = False) -> fl
     """
     period, longest = problem.controller.period, FINEST
     if held and horizon > LONG and problem.reference is None:
-        longest = max(FINEST, 0.1 / max(_rate(problem), 0.1 / period))
+        longest = max(FINEST, 0.1 / max(rate_of(problem), 0.1 / period))
     return float(period / np.ceil(period / longest - 1e-9))
 
 
-def _rate(problem: Problem) -> float:
+def rate_of(problem: Problem) -> float:
     """Return how fast an agent moves by itself where a run begins, in 1/s."""
     agent = problem.agent()
     slope = ca.Function("slope", [agent.x, agent.u, agent.t], [ca.jacobian(agent.rhs, agent.x)])
@@ -110,23 +112,26 @@ def _rate(problem: Problem) -> float:
 
 
 def disturbance_of(
-    table: DisturbanceTable, N: int, n: int, *, period: float, horizon: float, seed: int
+    table: DisturbanceTable, N: int, states: Sequence[str], *, period: float, horizon: float, seed: int
 ) -> Disturbance | None:
-    """Return the disturbance of [simulation.disturbance] for N agents with n states."""
+    """Return the disturbance of [simulation.disturbance] for N agents with these states.
+
+    The phases of sines are random, and so are the signs of a step whose amplitude is one for all states.
+    """
     stop = np.inf if table.stop is None else table.stop
-    generator = np.random.default_rng(seed)
+    generator, size = np.random.default_rng(seed), amplitudes(table, N, states, period)
     if table.kind == "noise":
-        size = {"sigma": table.amplitude} if table.intensity is None else {"intensity": table.intensity}
-        whole = noise(N, n, interval=period, horizon=horizon, seed=seed, **size)
+        whole = noise(N, len(states), interval=period, horizon=horizon, seed=seed, sigma=size)
         t = np.arange(len(whole.values)) * period
         whole.values[(t < table.start - 1e-9) | (t >= stop - 1e-9)] = 0.0
         return whole
     if table.kind == "sine":
-        phases = generator.uniform(0, 2 * np.pi, size=(N, n))
-        return Sines(np.full((N, n), table.amplitude), phases, table.frequency, table.start, stop)
+        return Sines(
+            size, generator.uniform(0, 2 * np.pi, size=size.shape), table.frequency, table.start, stop
+        )
     if table.kind == "step":
-        signs = generator.choice([-1.0, 1.0], size=(N, n))
-        return Steps(table.amplitude * signs, table.start, stop)
+        signs = 1.0 if isinstance(table.amplitude, dict) else generator.choice([-1.0, 1.0], size=size.shape)
+        return Steps(size * signs, table.start, stop)
     found = "the worst disturbance is the result of a search"
     remedy = "use `lockstep simulate --disturbance worst`, or worst_disturbance"
     demand(table.kind != "worst", found, "[simulation.disturbance]", remedy=remedy)

@@ -64,16 +64,12 @@ class MessageChannel:
                 y = y.astype(np.float32).astype(float)
         if self.bits is None:
             return y
-        quantum = self.full_scale / 2 ** (self.bits - 1)
-        return np.asarray(quantum * np.clip(np.rint(y / quantum), *self._codes))
+        codes = 2 ** (self.bits - 1)
+        quantum = self.full_scale / codes
+        return np.asarray(quantum * np.clip(np.rint(y / quantum), -codes, codes - 1))
 
     def arrivals(self, steps: int, edges: int) -> Bool[np.ndarray, "steps edges"]:
         """Return which messages arrive: one row per step, one column per edge."""
         if not self.drop:
             return np.ones((steps, edges), dtype=bool)
         return np.random.default_rng(self.seed).random((steps, edges)) >= self.drop
-
-    @property
-    def _codes(self) -> tuple[int, int]:
-        assert self.bits is not None
-        return -(2 ** (self.bits - 1)), 2 ** (self.bits - 1) - 1

@@ -6,8 +6,6 @@ Continuous controllers are integrated with the agents, Delta(t) of (11) included
 multiples of their period and hold u in between, and are whatever `Stepper` they are.
 """
 
-from dataclasses import replace
-
 import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float
@@ -17,7 +15,7 @@ from lockstep.check.system.loop import Gains
 from lockstep.model.network import Network
 from lockstep.model.simulation.disturbance import Disturbance
 from lockstep.model.simulation.divergence import check_bounded
-from lockstep.model.simulation.equations import agents_alone, closed_loop, inputs_of
+from lockstep.model.simulation.equations import closed_loop, inputs_of
 from lockstep.model.simulation.integrate import Integrator, integrator
 from lockstep.model.simulation.perturbation import check_sizes
 from lockstep.model.simulation.quadrature import Hold
@@ -54,7 +52,7 @@ def rates(network: Network, trajectory: Trajectory) -> Float[np.ndarray, "2 K-1 
 
     Without what is common to all agents in a run that was `pinned`: the disagreement does not see it.
     """
-    run = agents_alone(network)
+    run = network.agents_alone()
     t, N = trajectory.t, trajectory.N
 
     def at(end: slice) -> Float[np.ndarray, "K-1 N n"]:
@@ -104,7 +102,7 @@ def _sampled(network: Network, controllers: SampledControllers, scenario: Scenar
     xi, N, m = scenario.xi(), network.N, network.agent.m
     periods = int(np.ceil((len(scenario.instants) - 1) / per))
     t = np.arange(periods * per + 1) * scenario.step
-    run = _integrator(agents_alone(network, pinned=scenario.pinned), scenario)
+    run = _integrator(network.agents_alone(pinned=scenario.pinned), scenario)
     program = _Program(network, controllers, scenario, periods)
     x, u = np.empty((len(t), *scenario.start.shape)), np.zeros((len(t), N, m))
     x_C = np.empty((len(t), N, len(controllers.steppers[0].memory)))
@@ -198,5 +196,5 @@ def _record(
     """Return the run; counts: of steps with a fault, of clipped ones, of outputs sent and saved."""
     agent, xi = network.agent, scenario.xi()
     names, y = (agent.states, agent.inputs, agent.outputs, agent.name), x @ agent.lure.C.T
-    found = Trajectory(t, x, x_C, u, y, xi.at(t, t), *names, hold, xi.hold, *counts)
-    return replace(found, offsets=scenario.offsets)
+    signals = (t, x, x_C, u, y, xi.at(t, t))
+    return Trajectory(*signals, *names, hold, xi.hold, *counts, offsets=scenario.offsets)

@@ -24,6 +24,8 @@ class PeakGain:
     """a -> sup over omega of the largest singular value from xi_d to z of the loop linearised around agreement in a."""
 
     def __init__(self, network: Network, gains: Gains, weights: RhoWeights) -> None:
+        from scipy.linalg import block_diag
+
         n, N = network.agent.n, network.N
         self._n, self._N = n, N
         f = closed_loop(network, gains)
@@ -33,10 +35,10 @@ class PeakGain:
         values, vectors = np.linalg.eigh(weights.metric)
         into = np.kron(vectors[:, 1:] / np.sqrt(values[1:]), np.eye(n))
         back = np.kron((vectors[:, 1:] * np.sqrt(values[1:])).T, np.eye(n))
-        self._into, self._back = (_diagonal([one, np.eye(self._rest)]) for one in (into, back))
+        self._into, self._back = (block_diag(one, np.eye(self._rest)) for one in (into, back))
         roots = [np.linalg.cholesky(np.kron(np.eye(N - 1), weights.R)).T]
         roots += [np.linalg.cholesky(np.kron(np.eye(N), weights.Q)).T] if self._rest else []
-        self._root = _diagonal(roots)
+        self._root = block_diag(*roots)
         self.frequency = 0.0
 
     def __call__(self, a: Float[np.ndarray, " n"]) -> float:
@@ -80,9 +82,3 @@ def weakest_agreement(
     refined = np.linalg.pinv(network.agent.lure.H) @ (network.agent.lure.H @ refined)
     best = max([best, refined], key=peak)
     return best, peak(best)
-
-
-def _diagonal(blocks: list[Float[np.ndarray, "_ _"]]) -> Float[np.ndarray, "_ _"]:
-    from scipy.linalg import block_diag
-
-    return np.asarray(block_diag(*blocks))

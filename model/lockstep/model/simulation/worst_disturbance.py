@@ -39,8 +39,8 @@ HALVINGS = 4
 class Worst:
     """What was found: xi (K, N, n) held for `step` s, the common start a (n,), the energy |xi_d| and the gain.
 
-    gain: of the run as integrated in the search, a step per sample; `l2_gain` of a finer run (`scenario`) is the
-    figure to report.
+    gain: of the run as integrated in the search, a step per sample; `energies(...).gain` of a finer run (`scenario`) is
+    the figure to report.
     """
 
     samples: Float[np.ndarray, "K N n"]
@@ -81,7 +81,7 @@ def worst_disturbance(
 
     Args:
         network, gains: the loop (12), continuous.
-        weights: what z is.
+        weights: what z is; what u weighs in it is left out of the search, so that `Worst.gain` is that of the rest.
         horizon, step: the disturbance is held for `step` s at a time and ends after `horizon` s; a gain that builds
             up slowly needs a longer horizon.
         energies: |xi_d|_L2 tried, ascending; each starts from where the one before ended.
@@ -105,7 +105,8 @@ class _Climb:
 
     def __init__(self, network: Network, gains: Gains, weights: RhoWeights, K: int, step: float) -> None:
         self._network, self._K, self._step = network, K, step
-        self._lift = np.kron(_factor(weights), np.eye(network.agent.n)) / np.sqrt(step)
+        scales = weights.scales if len(weights.scales) else np.ones(network.agent.n)
+        self._lift = np.kron(_factor(weights), np.diag(scales)) / np.sqrt(step)
         self._both = self._value_and_gradient(gains, weights)
 
     def from_common(

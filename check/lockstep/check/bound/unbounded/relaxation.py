@@ -66,7 +66,7 @@ def _atoms(
         reaches = any(a in open_nodes for a in node.args) or (
             node.op == "variable" and node.data in unbounded
         )
-        if reaches and all(np.isfinite(ranges[node])) and node.op not in ("positive", "zero", "not", "and"):
+        if reaches and all(np.isfinite(ranges[node])) and node.op not in ("positive", "not", "and"):
             found.append(node)
         elif reaches:
             open_nodes.add(node)

@@ -9,6 +9,7 @@ it.
 
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import reduce
 from typing import Any
 
 from lockstep.check.expression.derivative import derivative
@@ -23,14 +24,13 @@ from lockstep.check.expression.node import (
     linear,
     linear_terms,
     multiply,
-    number,
     power,
     product,
     scale,
     variable,
 )
-from lockstep.check.expression.switches import positive, zero
-from lockstep.check.expression.traversal import expand, order, rebuild, substitute
+from lockstep.check.expression.switches import positive
+from lockstep.check.expression.traversal import expand, rebuild, rewritten, substitute
 
 Pattern = tuple[int, ...]  # per variable: 0 as it is, +1 the upper tail, -1 the lower one
 _DECAYING = frozenset({"exp", "sech2"})
@@ -53,13 +53,7 @@ def _tails(pattern: Pattern) -> list[Node]:
 
 
 def _factor(outputs: Sequence[Node], tails: Sequence[Node]) -> list[Node]:
-    done: dict[Node, Node] = {}
-    for node in order(outputs):
-        new = rebuild(node, [done[a] for a in node.args])
-        for s in tails:
-            new = _factor_node(new, s)
-        done[node] = new
-    return [done[n] for n in outputs]
+    return rewritten(outputs, lambda node, args: reduce(_factor_node, tails, rebuild(node, args)))
 
 
 def _exponent(node: Node, s: Node) -> int:
@@ -96,11 +90,8 @@ def _factor_node(node: Node, s: Node) -> Node:
             return node
         inner = function(op, *(_factor_node(multiply(_power(s, -p), a), s) for a in node.args))
         return inner if op == "direction" else multiply(_power(s, p), inner)
-    if op in ("positive", "zero"):
-        maker = positive if op == "positive" else zero
-        return (
-            maker(_without(node.args[0], s), weak=bool(node.data)) if _exponent(node.args[0], s) < 0 else node
-        )
+    if op == "positive" and _exponent(node.args[0], s) < 0:
+        return positive(_without(node.args[0], s), weak=bool(node.data))
     return node
 
 
@@ -157,11 +148,10 @@ def _decays(node: Node, s: Node) -> bool:
 
 
 def _bound_decay(outputs: Sequence[Node], tails: Sequence[Node]) -> list[Node]:
-    done: dict[Node, Node] = {}
-    for node in order(outputs):
-        args = [done[a] for a in node.args]
-        done[node] = _bounded_product(node, tails) if node.op == "monomial" else rebuild(node, args)
-    return [done[n] for n in outputs]
+    return rewritten(
+        outputs,
+        lambda node, args: _bounded_product(node, tails) if node.op == "monomial" else rebuild(node, args),
+    )
 
 
 def _bounded_product(node: Node, tails: Sequence[Node]) -> Node:
@@ -182,12 +172,7 @@ def _bounded_product(node: Node, tails: Sequence[Node]) -> Node:
     others = [x for x in tails if x is not s]
     end = _bound_decay([end], others)[0] if others else end
     bounded = function("decreasing", whole, slope, end)
-    return _opaque_product(bounded, product(1, rest))
-
-
-def _opaque_product(bounded: Node, rest: Node) -> Node:
-    value = number(rest)
-    return scale(value, bounded) if value is not None else multiply(bounded, rest)
+    return multiply(bounded, product(1, rest))
 
 
 def _relative_slope(x: Node, index: int) -> Node:

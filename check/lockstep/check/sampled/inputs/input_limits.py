@@ -1,30 +1,30 @@
 """From which disagreements no input ever meets its limit: the samples decide, since u is held between them.
 
-With a witness of `inequality`, V(xi(0)) <= V_0 and exact messages, mu and nu are what underflow adds, and at every
+With a witness of `inequality`, V(x_cl(0)) <= V_0 and exact messages, mu and zeta are what underflow adds, and at every
 sampling instant
 
-    V <= V_0 + e,         e = (kappa |nu|^2 + kappa_mu |mu|^2) / (1 - decay),
+    V <= V_0 + e,         e = (kappa |zeta|^2 + kappa_mu |mu|^2) / (1 - decay),
     |u_l| <= g_l sqrt(V) + e_l,     g_l = sqrt(k_l P^-1 k_l') + sum_j delta_j sqrt(tr Y_j P^-1 Y_j'),
-                                    e_l = |mu_i| + (|n_l| + delta_D) |nu_i|,
+                                    e_l = |mu_i| + (|z_l| + delta_D) |zeta_i|,
 
-k_l and n_l being the rows of u_l in xi and in nu, i its agent, and the sum running over the coefficient errors (rounding)
-of C and D of that agent. With controllers at rest V_0 = x_d' P_dd x_d, and so
+k_l and z_l being the rows of u_l in x_cl and in zeta, i its agent, and the sum running over the coefficient errors (rounding)
+of C and D of that agent. With controllers at rest V_0 = x_d' P_d x_d, and so
 
-    (c / r^2) (T T')^-1 (x) I - P_dd > 0,     c = min_l ((u_max,l - e_l) / g_l)^2 - e,
+    (c / r^2) (T T')^-1 (x) I - P_d > 0,     c = min_l ((u_max,l - e_l) / g_l)^2 - e,
 
 proves that |(T'(T T')^-1 T (x) I) x(0)| <= r keeps every u_l within u_max,l for ever.
 
-With a disturbance, and noise n on the outputs where rho is a gain from it too, the inequality of `l2_gain` with rho = 1,
+With a disturbance, and noise nu on the outputs where rho is a gain from it too, the inequality of `l2_gain` with rho = 1,
 nothing weighed and decay < 1 gives from agreement, where V_0 = 0, for the energy
 
-    e^2 = int xi_d' (S (x) I) xi_d dt + T sum_k n_d(t_k)' (S (x) I) n_d(t_k)
+    e^2 = int xi_d' (S (x) I) xi_d dt + T_s sum_k nu_d(t_k)' (S (x) I) nu_d(t_k)
 
 up to and with the sample at which u is computed
 
-    V + T n_d' (S (x) I) n_d <= e^2 + (kappa |nu|^2 + kappa_mu |mu|^2) / (1 - decay),
+    V + T_s nu_d' (S (x) I) nu_d <= e^2 + (kappa |zeta|^2 + kappa_mu |mu|^2) / (1 - decay),
 
-and e^2 < c, formed with the columns of n_d besides those of xi, and P (+) T S (x) I in place of P, proves that none meets its
-limit.
+and e^2 < c, formed with the columns of nu_d besides those of x_cl, and P (+) T_s S (x) I in place of P, proves that none
+meets its limit.
 """
 
 import math
@@ -35,7 +35,7 @@ import numpy as np
 from flint import arb
 
 from lockstep.check.continuous.inequality import Performance
-from lockstep.check.numbers import Matrix, block_diagonal, exactly, eye
+from lockstep.check.numbers import Matrix, block_diagonal, exact, exactly, eye
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.certificate import ROUNDED_UP, lifted_agent, proves
 from lockstep.check.sampled.conjugate_points import no_conjugate_point
@@ -108,8 +108,8 @@ def proves_gain(
 
 
 def _seen(loop: SampledLoop) -> list[int]:
-    """Return the columns of xi and of n_d."""
-    return [*range(loop.n_xi), *range(loop.outputs.start, loop.outputs.stop)]
+    """Return the columns of x_cl and of nu_d."""
+    return [*range(loop.n_x), *range(loop.outputs.start, loop.outputs.stop)]
 
 
 def reaches(loop: SampledLoop, witness: Witness, c: arb, radius: float) -> bool:
@@ -126,19 +126,19 @@ def level(
     limits: Annotated[np.ndarray, " m"],
     rows: Matrix,
 ) -> arb:
-    """Return c: from V <= c on, no |k_l xi + e_l| exceeds limits[l], e_l being the errors of u_l; (N m, n_xi) rows k_l.
+    """Return c: from V <= c on, no |k_l x_cl + e_l| exceeds limits[l], e_l being the errors of u_l; (N m, n_x) rows k_l.
 
-    Where the loop has noise n_d, k_l acts on it too, and V counts T n_d' (S (x) I) n_d besides.
+    Where the loop has noise nu_d, k_l acts on it too, and V counts T_s nu_d' (S (x) I) nu_d besides.
     """
     columns, m = _seen(loop), len(limits)
-    unit, d = eye((len(columns) - loop.n_xi) // (loop.network.d.N - 1), loop.held), loop.network.d
-    T = exactly(np.array([loop.network.period]))[0]
-    form = block_diagonal(exactly(witness.P), T * np.kron(d.S, unit))
+    unit, d = eye((len(columns) - loop.n_x) // (loop.network.d.N - 1), loop.held), loop.network.d
+    form = block_diagonal(exactly(witness.P), exact(loop.network.period) * np.kron(d.S, unit))
     inverse = balls.inverse(form)
     lost = [(arb(ROUNDED_UP * one.message_noise(0.0)), arb(one.underflow)) for one in controllers]
-    added = sum((arb(witness.kappa) * nu * nu + arb(witness.kappa_mu) * mu * mu for nu, mu in lost), arb(0))
+    kappa, kappa_mu = arb(witness.kappa), arb(witness.kappa_mu)
+    added = sum((kappa * zeta * zeta + kappa_mu * mu * mu for zeta, mu in lost), arb(0))
     least = arb("inf")
-    for i, (nu, mu) in enumerate(lost):
+    for i, (zeta, mu) in enumerate(lost):
         errors, delta_D = arb(0), arb(controllers[i].deltas["D"])
         for way in loop.ways:
             if way.agent == i and way.letter in "CD":
@@ -149,7 +149,7 @@ def level(
             reach = balls.product(row, inverse, row.T)[0, 0].sqrt() + errors
             seen = loop.computed[i * m + l : i * m + l + 1, loop.messages]
             direct = balls.product(seen, seen.T)[0, 0].sqrt() + delta_D
-            room = arb(float(limits[l])) - mu - direct * nu
+            room = arb(float(limits[l])) - mu - direct * zeta
             # A leader has no incoming edges, and its u is 0.
             if not (room > 0 and (reach > 0 or reach.is_zero())):
                 return arb(-1)

@@ -1,19 +1,19 @@
 """From which disagreements the loop with clipped inputs converges and never leaves a set: the generalised sector.
 
-What is applied is v - q(v), v = c z being what the controllers compute and q the part that is clipped off. Wherever
+What is applied is u - q(u), u being what the controllers compute and q the part that is clipped off. Wherever
 
-    |v_l - h_l xi| <= u_max,l,        it holds that        q_l (q_l - h_l xi) <= 0,
+    |u_l - h_l x_cl| <= u_max,l,        it holds that        q_l (q_l - h_l x_cl) <= 0,
 
-since v_l > u_max,l gives 0 < q_l = v_l - u_max,l <= h_l xi, and below likewise (Tarbouriech, Garcia, Gomes da Silva and
+since u_l > u_max,l gives 0 < q_l = u_l - u_max,l <= h_l x_cl, and below likewise (Tarbouriech, Garcia, Gomes da Silva and
 Queinnec 2011, lemma 1.6). One more column for each q_l and tau_l >= 0 make of the inequality of `inequality`
 
-    V(xi+) <= decay V(xi) + kappa |nu|^2 + kappa_mu |mu|^2 + 2 sum_l tau_l q_l (q_l - h_l xi),
+    V(x_cl+) <= decay V(x_cl) + kappa |zeta|^2 + kappa_mu |mu|^2 + 2 sum_l tau_l q_l (q_l - h_l x_cl),
 
-the loop having v - q in the place of v. With exact messages the sectors hold where
+the loop having u - q in the place of u. With exact messages the sectors hold where
 
-    V <= c + (kappa |nu|^2 + kappa_mu |mu|^2) / (1 - decay),
+    V <= c + (kappa |zeta|^2 + kappa_mu |mu|^2) / (1 - decay),
 
-c being `limits.level` of the rows k_l - h_l, and there the sum is not positive. From V(xi(0)) <= c on they therefore hold for
+c being `input_limits.level` of the rows k_l - h_l, and there the sum is not positive. From V(x_cl(0)) <= c on they hold for
 ever, by induction from sample to sample, and V decays to what underflow adds. With h = 0 nothing is ever clipped.
 """
 
@@ -28,7 +28,7 @@ from lockstep.check.sampled import balls
 from lockstep.check.sampled.certificate import admitted_multiplier, lifted_agent
 from lockstep.check.sampled.conjugate_points import no_conjugate_point
 from lockstep.check.sampled.controller import HeldController
-from lockstep.check.sampled.inequality import W_matrix, Witness
+from lockstep.check.sampled.inequality import Omega_matrix, Witness
 from lockstep.check.sampled.inputs.input_limits import level, reaches
 from lockstep.check.sampled.lifting import copies
 from lockstep.check.sampled.loop import SampledLoop, inputs_of
@@ -36,15 +36,15 @@ from lockstep.check.sampled.loop import SampledLoop, inputs_of
 
 @dataclass(frozen=True, eq=False)
 class ClippedWitness:
-    """A witness of the clipped loop: storage;  tau (N m,) >= 0;  H (N m, n_xi), whose rows are the h_l."""
+    """A witness of the clipped loop: storage;  tau (N m,) >= 0;  h (N m, n_x), whose rows are the h_l."""
 
     storage: Witness
     tau: Annotated[np.ndarray, " l"]
-    H: Annotated[np.ndarray, "l n_xi"]
+    h: Annotated[np.ndarray, "l n_x"]
 
 
 def clipped(loop: SampledLoop) -> SampledLoop:
-    """Return the loop with v - q in the place of v: a column for each q_l, after all others."""
+    """Return the loop with u - q in the place of u: a column for each q_l, after all others."""
     inputs, network = len(loop.computed), loop.network
     minus, held = zeros(inputs, inputs, loop.held), zeros(len(loop.held), inputs, loop.held)
     minus[:] = -np.eye(inputs, dtype=int)
@@ -69,12 +69,12 @@ def clipped(loop: SampledLoop) -> SampledLoop:
 
 
 def sector_cost(loop: SampledLoop, witness: ClippedWitness) -> Matrix:
-    """Return 2 sum_l tau_l q_l (h_l xi - q_l) as a form on z of the clipped loop."""
-    number, n, inputs = converter(is_exact(loop.held)), loop.n_xi, len(witness.tau)
+    """Return 2 sum_l tau_l q_l (h_l x_cl - q_l) as a form on z of the clipped loop."""
+    number, n, inputs = converter(is_exact(loop.held)), loop.n_x, len(witness.tau)
     form, last = zeros(loop.n_z, loop.n_z, loop.held), slice(loop.n_z - inputs, loop.n_z)
     tau = number(np.diag(witness.tau))
     form[last, last] = -2 * tau
-    form[last, :n] = tau @ number(witness.H)
+    form[last, :n] = tau @ number(witness.h)
     form[:n, last] = form[last, :n].T
     return form
 
@@ -96,9 +96,9 @@ def proves_clipped_radius(
         radius: in the metric of the disagreement, above 0.
     """
     network, storage, inputs = exact_loop.network, witness.storage, len(exact_loop.computed)
-    if witness.tau.shape != (inputs,) or witness.H.shape != (inputs, exact_loop.n_xi):
+    if witness.tau.shape != (inputs,) or witness.h.shape != (inputs, exact_loop.n_x):
         return False
-    if not ((witness.tau >= 0).all() and np.isfinite(witness.H).all()):
+    if not ((witness.tau >= 0).all() and np.isfinite(witness.h).all()):
         return False
     if not (0 < radius < math.inf and 0 < storage.decay < 1):
         return False
@@ -109,8 +109,8 @@ def proves_clipped_radius(
         if M is None:
             return False
         loop = clipped(exact_loop)
-        W = W_matrix(loop, copies(lifted_agent(exact_loop), M), storage, sector_cost(loop, witness))
-        if not balls.is_positive_definite(W):
+        Omega = Omega_matrix(loop, copies(lifted_agent(exact_loop), M), storage, sector_cost(loop, witness))
+        if not balls.is_positive_definite(Omega):
             return False
-        rows = exact_loop.computed[:, : exact_loop.n_xi] - exactly(witness.H)
+        rows = exact_loop.computed[:, : exact_loop.n_x] - exactly(witness.h)
         return reaches(exact_loop, storage, level(exact_loop, controllers, storage, limits, rows), radius)

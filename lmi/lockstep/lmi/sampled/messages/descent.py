@@ -1,12 +1,12 @@
 """Gains for messages that are lost or late: a descent on rho of the sampled loop with the ages as one more channel of it.
 
-With v(k) = d(k) - d(k - 1) of the links' differences d = Y xi, a message's error nu is at most as large as D v in the form X
-(`lockstep.check.sampled.messages`). So nu is one more disturbance, priced X, and D v one more thing that is weighed with X.
-Both enter the power mean of `response` through the state (xi, d(k - 1)):
+With v(k) = d(k) - d(k - 1) of the links' differences d = Y x_cl, a message's error zeta is at most as large as D v in the
+form X (`lockstep.check.sampled.messages`). So zeta is one more disturbance, priced X, and D v one more thing that is
+weighed with X. Both enter the power mean of `response` through the state (x_cl, d(k - 1)):
 
     N = [N_xi 0; Y 0],   S = diag(S, 0) + N_nu X^-1 N_nu',   Q = diag(Q, 0) + D^2 V'X V,   V = [Y -I],
 
-whose slopes in the gains, log m, rho and X are exact but for what nu adds to the cost within its own period, which is left
+whose slopes in the gains, log m, rho and X are exact but for what zeta adds to the cost within its own period, which is left
 out, and the outputs' noise. What chance loses counts as an age too. Nothing is claimed of what comes back: `witnesses`
 and the checker decide.
 """
@@ -16,9 +16,9 @@ from jaxtyping import Complex, Float
 
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.loop import SampledLoop
+from lockstep.lmi.analysis.response import Poles, power_mean
 from lockstep.lmi.sampled.synthesis.lifting_gradient import lifted_period
 from lockstep.lmi.sampled.synthesis.power_means import Closed, SampledObjective, ValueAndSlopes
-from lockstep.lmi.sampled.synthesis.response import Poles, power_mean
 from lockstep.lmi.shapes import GainBlocks, PairWeights
 
 
@@ -33,8 +33,8 @@ class AgedObjective(SampledObjective):
         super().__init__(loop, weights, order)
         self.age, self.q = age, len(loop.network.plant.C)
         self.links = len(loop.differences) // self.q
-        self.columns = np.r_[0 : loop.n_xi, loop.messages.start : loop.messages.stop]
-        Y = loop.differences[:, : loop.n_xi]
+        self.columns = np.r_[0 : loop.n_x, loop.messages.start : loop.messages.stop]
+        Y = loop.differences[:, : loop.n_x]
         self.change = np.hstack([Y, -np.eye(len(Y))])
 
     def packed(self, m: PairWeights, X: Float[np.ndarray, "links q"]) -> Float[np.ndarray, " logs"]:
@@ -63,13 +63,13 @@ class AgedObjective(SampledObjective):
         p: float,
     ) -> ValueAndSlopes | None:
         """Return g_p of the sampled loop with late messages; None where it is not stable, or the period exceeds rho."""
-        n, n_d = self.loop.n_xi, self.loop.n_d
+        n, n_d = self.loop.n_x, self.loop.n_d
         m, L = logs[: len(self.pairs)], self.roots(logs)
         one = lifted_period(*self._agents, *self._ways(m, log_rho), self.period)
         if one is None:
             return None
         start, advanced, applied = self.closed(K, self.columns)
-        A_d, S, Q = one.lifted.A_d, one.lifted.S, one.lifted.Q
+        A_d, S, Q = one.lifted.A_d, one.lifted.BB_d, one.lifted.CC_d
         step = np.vstack([A_d @ start, advanced])
         into, own, u = step[:, n:], start[:, :n], applied[:, :n]
         size, links = n + into.shape[1], into.shape[1]

@@ -3,7 +3,7 @@
 Each fault by itself: the largest that is certified, by bisection, each step a proof; and the least that is seen to break the
 linear part at a constant slope, in doubles: for losses the exact growth of the mean square, the spectral radius of
 
-    X -> F X F' + sum_e p (1 - p) F_e X F_e',    (xi+, eps+) = (F + sum_e (delta_e - p) F_e) (xi, eps),
+    X -> F X F' + sum_e p (1 - p) F_e X F_e',    (x_cl+, eps+) = (F + sum_e (delta_e - p) F_e) (x_cl, eps),
 
 for ages and jitter a periodic pattern with a multiplier of more than 1. Between the two nothing is said.
 """
@@ -121,7 +121,7 @@ def slopes(
 
 
 class ConstantSlope:
-    """The sampled loop with phi = slope v, alike for all agents: (xi, nu) to xi+, and what is read early."""
+    """The sampled loop with phi = slope v, alike for all agents: (x_cl, zeta) to x_cl+, and what is read early."""
 
     def __init__(
         self, network: SampledNetwork, controllers: tuple[HeldController, ...], slope: Form, said: str
@@ -130,9 +130,9 @@ class ConstantSlope:
         plant = self.loop.network.plant
         self.A = plant.A + plant.G @ slope @ plant.H
         step = message_step(self.loop, self._period(1.0))[0]
-        self.n, self.links = self.loop.n_xi, len(self.loop.differences)
+        self.n, self.links = self.loop.n_x, len(self.loop.differences)
         self.Y = self.loop.differences[:, : self.n]
-        self.xi, self.nu = step[: self.n, : self.n], step[: self.n, self.loop.messages]
+        self.x_cl, self.zeta = step[: self.n, : self.n], step[: self.n, self.loop.messages]
         self.q = len(plant.C)
 
     def _period(self, part: float) -> Any:
@@ -141,8 +141,8 @@ class ConstantSlope:
         return copies(one, np.eye(self.loop.network.d.N - 1))
 
     def outcome(self, held: Form) -> Form:
-        """Return (xi, eps) to (xi+, eps+) with nu = nu1 = held eps."""
-        top = np.hstack([self.xi, self.nu @ held])
+        """Return (x_cl, eps) to (x_cl+, eps+) with zeta = zeta1 = held eps."""
+        top = np.hstack([self.x_cl, self.zeta @ held])
         keep = np.eye(self.n, len(top[0]))
         return np.vstack([top, np.hstack([np.zeros((self.links, self.n)), held]) - self.Y @ (top - keep)])
 
@@ -168,7 +168,7 @@ class ConstantSlope:
         return float(np.abs(found[0]).max())
 
     def aged(self, ages: tuple[int, ...], memory: int) -> Form:
-        """Return (xi, d(k - 1), ..., d(k - memory)) to the next, each link holding what is so old."""
+        """Return (x_cl, d(k - 1), ..., d(k - memory)) to the next, each link holding what is so old."""
         n, links, q = self.n, self.links, self.q
         size = n + memory * links
         held = np.zeros((links, size))
@@ -178,20 +178,20 @@ class ConstantSlope:
                 held[rows, n + (age - 1) * links :][:, :links] = np.eye(links)[rows]
             else:
                 held[rows, :n] = self.Y[rows]
-        nu = held.copy()
-        nu[:, :n] -= self.Y
+        zeta = held.copy()
+        zeta[:, :n] -= self.Y
         F = np.zeros((size, size))
-        F[:n] = self.nu @ nu
-        F[:n, :n] += self.xi
+        F[:n] = self.zeta @ zeta
+        F[:n, :n] += self.x_cl
         F[n : n + links, :n] = self.Y
         F[n + links :, n : size - links] = np.eye(size - n - links)
         return F
 
     def early(self, part: float) -> Form:
-        """Return (xi, eta) to the next, with readings so much of a period before the next instant."""
+        """Return (x_cl, eta) to the next, with readings so much of a period before the next instant."""
         early = message_step(self.loop, self._period(1 - part))[0]
         columns = np.r_[0 : self.n, self.loop.messages.start : self.loop.messages.stop]
-        n_d, now = self.loop.n_d, np.hstack([self.xi, self.nu])
+        n_d, now = self.loop.n_d, np.hstack([self.x_cl, self.zeta])
         read = self.Y[:, :n_d] @ (early[:n_d, columns] - now[:n_d])
         return np.vstack([now, read])
 

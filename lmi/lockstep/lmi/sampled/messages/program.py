@@ -18,6 +18,7 @@ from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.sampled.messages import message_step
 from lockstep.lmi.analysis.dense_sdp import run_dense
+from lockstep.lmi.analysis.semidefinite import factor
 from lockstep.lmi.sampled.step_program import FLATTEST, NOTHING
 
 Form = Float[np.ndarray, "k k"]
@@ -36,7 +37,7 @@ MORE = 1.1
 class MessageProgram:
     """What the conditions are made of, in coordinates in which P is near the identity.
 
-    basis: (xi, eps) = basis @ coordinates;  N: (xi+, eps+) from (xi, nu, nu1, omega), w_d = root omega;  costs,
+    basis: (x_cl, eps) = basis @ coordinates;  N: (x_cl+, eps+) from (x_cl, zeta, zeta1, omega), w_d = root omega;  costs,
     multipliers: of each pair's weight, on these and on omega, in units of `size`; one of each where the weights are fixed;
     rates: whose squares sum up to T int |Y x_d'|^2 dt over a period, without nonlinearity;  noise: what is read from the
     outputs' own noise of price 1, in the coordinates of eps.
@@ -67,9 +68,9 @@ class MessageProgram:
         *,
         scaled: bool,
     ) -> "MessageProgram":
-        """costs: on z;  multipliers: on omega;  near: a form that the part of P on xi is to be near;
+        """costs: on z;  multipliers: on omega;  near: a form that the part of P on x_cl is to be near;
         scaled: whether the costs, and with them omega, are put in units in which the largest is 1."""
-        n, links, count = loop.n_xi, len(loop.differences), root.shape[1]
+        n, links, count = loop.n_x, len(loop.differences), root.shape[1]
         step, enters = message_step(loop, lifted)
         columns = np.r_[0:n, loop.messages.start : loop.messages.stop, loop.n_z : loop.n_z + links]
         L = np.linalg.inv(np.linalg.cholesky(near)).T
@@ -108,29 +109,23 @@ def with_free_weights(loop: SampledLoop, one: Lifted, near: Form) -> MessageProg
     """Return the program whose pair weights are found with it; one: period of one agent;  near: as for `of`."""
     d, unit = loop.network.d, np.eye(loop.network.d.N - 1)
     lifted, forms = copies(one, unit), [d.pair_multiplier(*pair) for pair in d.pairs()]
-    root = _root(one.S)
+    root = factor(one.BB_d, NOTHING)
     # Linear in M, and `copies` wants a regular one.
-    costs = [loop.start.T @ (copies(one, unit + form).Q - lifted.Q) @ loop.start for form in forms]
+    costs = [loop.start.T @ (copies(one, unit + form).CC_d - lifted.CC_d) @ loop.start for form in forms]
     multipliers = [np.kron(form, np.eye(root.shape[1])) for form in forms]
     return MessageProgram.of(loop, lifted, np.kron(unit, root), costs, multipliers, near, scaled=True)
 
 
 def with_fixed_weights(loop: SampledLoop, lifted: Lifted, running: Form | None, near: Form) -> MessageProgram:
     """Return the program of a period lifted with all weights; running: a cost of z at each sampling instant."""
-    root = _root(lifted.S)
-    costs = [loop.start.T @ lifted.Q @ loop.start + (0.0 if running is None else running)]
+    root = factor(lifted.BB_d, NOTHING)
+    costs = [loop.start.T @ lifted.CC_d @ loop.start + (0.0 if running is None else running)]
     found = MessageProgram.of(loop, lifted, root, costs, [np.eye(root.shape[1])], near, scaled=False)
     if running is None:
         return found
     price = np.linalg.cholesky(-running[loop.outputs, loop.outputs])
     noise = np.linalg.solve(price, loop.differences[:, loop.outputs].T).T
     return replace(found, noise=noise / found.basis[-1, -1])
-
-
-def _root(square: Form) -> Float[np.ndarray, "n k"]:
-    values, vectors = np.linalg.eigh(square)
-    kept = values > NOTHING * values.max(initial=0.0)
-    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
 def solved(
@@ -146,18 +141,18 @@ def solved(
     """
     import cvxpy as cp
 
-    n, links, q = loop.n_xi, len(loop.differences), len(loop.network.plant.C)
+    n, links, q = loop.n_x, len(loop.differences), len(loop.network.plant.C)
     p, D, J = messages.loss, messages.age, messages.jitter
-    # Columns of (xi, nu, nu1, omega) that occur: without ages nu is nu1, and without chance and jitter nu1 is 0.
+    # Columns of (x_cl, zeta, zeta1, omega) that occur: without ages zeta is zeta1, and without chance and jitter zeta1 is 0.
     chance = bool(p or J or program.noise.size)
     unit = np.eye(n + 2 * links + program.count)
-    xi, nu, nu1, omega = np.split(unit, np.cumsum([n, links, links]), axis=1)
+    x_cl, zeta, zeta1, omega = np.split(unit, np.cumsum([n, links, links]), axis=1)
     keep = np.hstack(
-        [xi, *([nu, nu1] if D and chance else [nu] if D else [nu + nu1] if chance else []), omega]
+        [x_cl, *([zeta, zeta1] if D and chance else [zeta] if D else [zeta + zeta1] if chance else []), omega]
     )
-    of_nu, of_nu1, of_omega = np.split(keep[n:], np.cumsum([links, links]))
-    padded_nu1 = np.eye(n + links)[n:]
-    known, costs = np.vstack([keep[:n], of_nu1]), [keep.T @ cost @ keep for cost in program.costs]
+    of_zeta, of_zeta1, of_omega = np.split(keep[n:], np.cumsum([links, links]))
+    padded_zeta1 = np.eye(n + links)[n:]
+    known, costs = np.vstack([keep[:n], of_zeta1]), [keep.T @ cost @ keep for cost in program.costs]
     V, Gamma = (cp.Variable((n + links,) * 2, symmetric=True) for _ in range(2))
     slack, m = cp.Variable(), cp.Variable(len(costs), nonneg=True)
     blocks = [cp.Variable((q, q), symmetric=True) for _ in range(links // q)]
@@ -165,7 +160,7 @@ def solved(
     X = sum(place.T @ block @ place for place, block in zip(places, blocks, strict=True))
     M = sum(m[k] * form for k, form in enumerate(program.multipliers))
     K = known.T @ Gamma @ known - sum(m[k] * cost for k, cost in enumerate(costs)) + of_omega.T @ M @ of_omega
-    K = K + (of_nu - of_nu1).T @ X @ (of_nu - of_nu1) if D else K
+    K = K + (of_zeta - of_zeta1).T @ X @ (of_zeta - of_zeta1) if D else K
     seconds = [[cp.Variable((q, q), symmetric=True) for _ in blocks] for _ in range(3 if D and chance else 0)]
     Xa, Xb, Xs = (
         sum(place.T @ block @ place for place, block in zip(places, ones, strict=True))
@@ -173,8 +168,8 @@ def solved(
     )
     inner = Gamma
     if seconds:
-        K = K + of_nu.T @ Xs @ of_nu
-        inner = Gamma + (D + 1) * decay**-D * padded_nu1.T @ Xa @ padded_nu1
+        K = K + of_zeta.T @ Xs @ of_zeta
+        inner = Gamma + (D + 1) * decay**-D * padded_zeta1.T @ Xa @ padded_zeta1
     own = np.kron(np.eye(links // q), np.ones((q, q)))
     X_jitter: Any = None
     if J:
@@ -209,7 +204,7 @@ def solved(
     rows = [[K, moved.T], [moved, V]]
     if seconds:
         R, none = D * D * decay**-D * Xb, np.zeros((n + links, links))
-        change = R @ (of_nu1 - (program.N @ keep)[n:])
+        change = R @ (of_zeta1 - (program.N @ keep)[n:])
         rows = [[K, moved.T, change.T], [moved, V, none], [change, none.T, R]]
     first = cp.bmat(rows)
     room = np.diag(np.r_[np.ones(keep.shape[1]), np.zeros(first.shape[0] - keep.shape[1])])

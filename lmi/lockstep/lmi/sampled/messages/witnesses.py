@@ -17,7 +17,7 @@ from lockstep.check.sampled.l2_gain import running_cost
 from lockstep.check.sampled.lifting import Lifted, copies, lift
 from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
-from lockstep.check.sampled.messages import W_1, every_W_2, message_step, period_parts, proves_messages
+from lockstep.check.sampled.messages import Omega_1, Omegas_2, message_step, period_parts, proves_messages
 from lockstep.lmi.sampled.l2_gain import SampledRho
 from lockstep.lmi.sampled.loop_gain import spectral_radius
 from lockstep.lmi.sampled.messages.program import Form, solved, with_fixed_weights, with_free_weights
@@ -80,8 +80,8 @@ def message_witnesses(
     if one is None or not (spread := 1 - spectral_radius(loop, one) ** 2) > 0:
         return
     if near is None:
-        N = step_matrix(loop, copies(one, np.eye(loop.network.d.N - 1)))[:, : loop.n_xi]
-        near = np.asarray(solve_discrete_lyapunov(N.T, np.eye(loop.n_xi)))
+        N = step_matrix(loop, copies(one, np.eye(loop.network.d.N - 1)))[:, : loop.n_x]
+        near = np.asarray(solve_discrete_lyapunov(N.T, np.eye(loop.n_x)))
     program = with_free_weights(loop, one, near)
     for rate in RATES:
         decay = 1 - rate * spread
@@ -104,10 +104,10 @@ def _exactly(
     try:
         parts = period_parts(loop, messages, found, M, weights, rho)
         lifted = None if parts is None else lift(*parts, loop.network.period, expm)
-        if lifted is None or not np.isfinite(lifted.Q).all():
+        if lifted is None or not np.isfinite(lifted.CC_d).all():
             return
         if messages.jitter:
-            near = found.P[: loop.n_xi, : loop.n_xi]
+            near = found.P[: loop.n_x, : loop.n_x]
             program = with_fixed_weights(loop, lifted, running, near)
             again = solved(loop, program, messages, found.decay, found)
         else:
@@ -160,7 +160,7 @@ def _with_rho(
         quiet = replace(messages, jitter=0.0)
         parts = period_parts(loop, quiet, start, multiplier(loop.network.d, m), weights, rho)
         lifted = None if parts is None else lift(*parts, loop.network.period, expm)
-        if lifted is None or not np.isfinite(lifted.Q).all():
+        if lifted is None or not np.isfinite(lifted.CC_d).all():
             return
         program = with_fixed_weights(loop, lifted, running_cost(loop, weights, rho), P)
     except np.linalg.LinAlgError:
@@ -179,7 +179,7 @@ def _priced(
     running: Form | None = None,
 ) -> Iterator[MessageWitness]:
     """Yield a witness with prices of rounding, of errors, and of what does not occur, if one holds in doubles."""
-    n = loop.n_xi
+    n = loop.n_x
     N, links = message_step(loop, lifted)[0], len(loop.differences)
 
     def weighed(columns: slice) -> float:
@@ -201,7 +201,7 @@ def _priced(
         witness = replace(
             found, Gamma=Gamma, X=X, t=t, decay=decay, kappa=kappa, kappa_mu=MU * weighed(loop.underflows)
         )
-        W = W_1(loop, lifted, messages, witness, running)
-        if holds_in_doubles(W) and all(map(holds_in_doubles, every_W_2(loop, messages, witness, running))):
+        form = Omega_1(loop, lifted, messages, witness, running)
+        if holds_in_doubles(form) and all(map(holds_in_doubles, Omegas_2(loop, messages, witness, running))):
             yield witness
             return

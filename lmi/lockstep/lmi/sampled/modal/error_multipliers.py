@@ -10,7 +10,7 @@ import numpy as np
 
 from lockstep.check.continuous.inequality import LETTERS
 from lockstep.check.continuous.modes import Segment
-from lockstep.check.sampled.inequality import W_matrix, step_matrix
+from lockstep.check.sampled.inequality import Omega_matrix, step_matrix
 from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.modes import SampledModalWitness
 from lockstep.lmi.sampled.modal.mode import LiftedMode, ModalSetting, Storage
@@ -45,7 +45,7 @@ def priced(
         ready.append((P, mode, lifted))
         N = step_matrix(mode.loop, lifted)
         for way in mode.loop.ways:
-            k, E, Y = LETTERS.index(way.letter), N[:, way.place], way.Y[:, : mode.loop.n_xi]
+            k, E, Y = LETTERS.index(way.letter), N[:, way.place], way.Y[:, : mode.loop.n_x]
             enters = float(np.linalg.norm(E.T @ P @ E, 2)) if len(P) else 0.0
             out = float(np.linalg.norm(Y @ np.linalg.solve(P, Y.T), 2)) if Y.size else 0.0
             t[k] = max(
@@ -54,7 +54,7 @@ def priced(
                 if out
                 else 1e6 * enters,
             )
-        into = N[:, mode.loop.noise]
+        into = N[:, mode.loop.messages.start : mode.loop.underflows.stop]
         noise = max(noise, float(np.linalg.norm(into.T @ P @ into, 2)), float(np.abs(mode.running).max()))
     segments = tuple(Segment(high, P) for (_, high), P in pairs)
     first = [(P, mode) for P, mode in modes[:-1] if mode is not None]
@@ -63,7 +63,7 @@ def priced(
 
     def holds(witness: SampledModalWitness) -> bool:
         return all(
-            holds_in_doubles(W_matrix(mode.loop, lifted, witness.of(P, mode.loop), mode.running))
+            holds_in_doubles(Omega_matrix(mode.loop, lifted, witness.of(P, mode.loop), mode.running))
             for P, mode, lifted in ready
         )
 

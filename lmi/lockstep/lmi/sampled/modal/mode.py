@@ -1,9 +1,10 @@
 """One mode of the sampled loop in doubles, and the matrix of its semidefinite program.
 
-With S_1 = E E', W > 0 without errors is V(N z + J E w) - mu |w|^2 < z' Z z for all z and w, and so linear in (P, mu):
+With B_d B_d' of one agent, Omega > 0 without errors is V(A_z z + E B_d w) - mu |w|^2 < z' Pi_z z for all z and w, and so
+linear in (P, mu):
 
-    [ P - running - mu start' Q_1 start - N' P N - s R_d   -N' P J E            ]
-    [ -E' J' P N                                           mu I - E' J' P J E   ] >= 0
+    [ P - running - mu start' C_d'C_d start - A_z' P A_z - s R_d   -A_z' P E B_d            ]
+    [ -B_d' E' P A_z                                               mu I - B_d' E' P E B_d   ] >= 0
 
 at both ends of each segment; s is how much room there is, in multiples of what rho weighs during a period. With rho the
 lifted period depends on mu and rho.
@@ -20,7 +21,7 @@ from lockstep.check.sampled.l2_gain import running_cost
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.sampled.modes import ModalLoop
-from lockstep.lmi.analysis.semidefinite import Block, symmetric_basis
+from lockstep.lmi.analysis.semidefinite import Block, factor, symmetric_basis
 from lockstep.lmi.sampled.l2_gain import lifted_with_performance
 from lockstep.lmi.sampled.witnesses import period_in_doubles
 
@@ -37,9 +38,9 @@ class LiftedMode:
     with_rho: bool
 
     @property
-    def step(self) -> Float[np.ndarray, "n_xi n_xi"]:
+    def step(self) -> Float[np.ndarray, "n_x n_x"]:
         """The linear loop from one sampling instant to the next, without errors."""
-        return step_matrix(self.loop, self.lifted)[:, : self.loop.n_xi]
+        return step_matrix(self.loop, self.lifted)[:, : self.loop.n_x]
 
     def block(
         self, base: Storage, weighed: Storage, units: tuple[float, float], decay: float | None = None
@@ -48,10 +49,10 @@ class LiftedMode:
 
         With a decay, that times P in the place of the first P, and kappa on the messages' noise in that of s.
         """
-        n, n_d = self.loop.n_xi, self.loop.n_d
+        n, n_d = self.loop.n_x, self.loop.n_d
         others = self.loop.outputs if decay is None else self.loop.messages
         kept = np.r_[0:n, others.start : others.stop]
-        E, (of_mu, of_noise) = factor(self.lifted.S), units
+        E, (of_mu, of_noise) = factor(self.lifted.BB_d), units
         z, e = len(kept), E.shape[1]
         D = np.zeros((z, z))
         D[:n, :n] = np.linalg.inv(np.linalg.cholesky(weighed)).T
@@ -68,7 +69,7 @@ class LiftedMode:
         slopes[:-2] = here.T @ basis @ here - after.T @ basis @ after
         constant, of_w = np.zeros((z + e, z + e)), slopes[-2]
         constant[:z, :z] = -D.T @ self.running[np.ix_(kept, kept)] @ D
-        lost = start.T @ self.lifted.Q @ start
+        lost = start.T @ self.lifted.CC_d @ start
         if self.with_rho:
             constant[:z, :z] -= lost
             constant[z:, z:] = np.eye(e) / of_mu
@@ -82,19 +83,12 @@ class LiftedMode:
 
     def units(self, base: Storage, weighed: Storage) -> tuple[float, float]:
         """Return what mu and kappa are about, for P = base base' and a form that weighs the state."""
-        step, n = step_matrix(self.loop, self.lifted), self.loop.n_xi
+        step, n = step_matrix(self.loop, self.lifted), self.loop.n_x
         N = base.T @ step[:, :n] @ np.linalg.inv(np.linalg.cholesky(weighed)).T
         noise = base.T @ step[:, self.loop.messages]
-        E = base.T[:, : self.loop.n_d] @ factor(self.lifted.S)
+        E = base.T[:, : self.loop.n_d] @ factor(self.lifted.BB_d)
         sizes = [float(np.linalg.norm(N.T @ one, 2)) ** 2 if one.size else 0.0 for one in (E, noise)]
         return sizes[0] or 1.0, sizes[1] or 1.0
-
-
-def factor(square: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n k"]:
-    """Return F of full column rank with F F' = the square, up to what is lost in it in doubles."""
-    values, vectors = np.linalg.eigh(square)
-    kept = values > 1e-13 * max(float(values.max(initial=0.0)), 1e-300)
-    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
 @dataclass(frozen=True)
@@ -145,7 +139,7 @@ class ModalSetting:
     def weighed(self, mode: LiftedMode) -> Storage:
         """Return T diag(R, Q, 0) of a mode, with a little of every other state."""
         n_C = len(self.weights.Q)
-        form = 1e-6 * np.eye(mode.loop.n_xi)
+        form = 1e-6 * np.eye(mode.loop.n_x)
         if mode.loop.n_d:
             form[: mode.loop.n_d, : mode.loop.n_d] = self.weights.R
         form[mode.loop.n_d : mode.loop.n_d + n_C, mode.loop.n_d : mode.loop.n_d + n_C] = self.weights.Q
@@ -153,7 +147,7 @@ class ModalSetting:
 
 
 def _is_a_period(lifted: Lifted) -> bool:
-    parts = (lifted.A_d, lifted.S, lifted.Q)
+    parts = (lifted.A_d, lifted.BB_d, lifted.CC_d)
     if not all(np.isfinite(one).all() for one in parts):
         return False
     squares = (one for one in parts[1:] if len(one))

@@ -118,7 +118,7 @@ def _base(mode: LiftedMode, setting: ModalSetting) -> Storage | None:
     """Return the Cholesky factor of P = A'P A + T diag(R, Q); None where the loop is not stable."""
     from scipy.linalg import solve_discrete_lyapunov
 
-    A, n = mode.step, mode.loop.n_xi
+    A, n = mode.step, mode.loop.n_x
     if not n:
         return np.zeros((0, 0))
     if float(np.abs(np.linalg.eigvals(A)).max()) >= 1:

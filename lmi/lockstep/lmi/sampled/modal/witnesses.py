@@ -11,6 +11,7 @@ import numpy as np
 
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.certificate import SampledVerdict, refused
+from lockstep.check.sampled.inequality import root
 from lockstep.check.sampled.modes import (
     ModalLoop,
     SampledModalWitness,
@@ -23,7 +24,7 @@ from lockstep.lmi.sampled.modal.storage import quiet_storages, storages_of
 from lockstep.lmi.sampled.period import longest
 
 PRICES_OF_ROUNDING = (1.0, 10.0, 0.1, 100.0)
-"""t in multiples of what makes an error e = delta Y xi cost as much entering, by E'P E, as leaving, by Y P^-1 Y'."""
+"""t in multiples of what makes an error e = delta Y x_cl cost as much entering, by E'P E, as leaving, by Y P^-1 Y'."""
 
 SLACKS = (1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3)
 """How far above the least rho found the proof is tried."""
@@ -69,7 +70,7 @@ def certify_modal(
                 break
             one = next(priced(setting, quiet[2:], dear, quiet[:2]), None)
             if one is not None:
-                trials.append((one.ultimate, one))
+                trials.append((_ultimate(one), one))
                 break
     quietest = (one for _, one in sorted(trials, key=lambda pair: pair[0])[:TRIES])
     for one in chain(quietest, _of_any_noise(setting)):
@@ -78,6 +79,12 @@ def certify_modal(
             return verdict
         said = verdict.reason
     return refused(loop.network, loop.controllers, f"{at} {said}")
+
+
+def _ultimate(witness: SampledModalWitness) -> float:
+    """Return sqrt(c kappa / (1 - decay)), by which witnesses are compared."""
+    below_1 = witness.decay < 1
+    return root(witness.ratio * witness.kappa / (1 - witness.decay)) if below_1 else math.inf
 
 
 def _of_any_noise(setting: ModalSetting) -> Iterator[SampledModalWitness]:

@@ -19,8 +19,9 @@ import numpy as np
 from jaxtyping import Complex
 
 from lockstep.lmi.analysis.gain_limit import limit_barrier, within
+from lockstep.lmi.quasi_newton import descend
 from lockstep.lmi.sampled.synthesis.power_means import SampledObjective, ValueAndSlopes
-from lockstep.lmi.search.stabilise import abscissa, descend
+from lockstep.lmi.search.stabilise import abscissa
 from lockstep.lmi.shapes import GainBlocks, GainLimit, PairWeights, Vector
 
 

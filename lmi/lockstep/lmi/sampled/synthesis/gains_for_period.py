@@ -1,7 +1,7 @@
 """Gains for a period: from gains, any number of them, to those whose sampled controllers have the least rho found.
 
     AtPeriod     the sampled loop of a problem, for gains that may move, in doubles
-    measured     rho of the sampled controllers of given gains: `performance.least_rho` judges, for multipliers at hand
+    measured     rho of the sampled controllers of given gains: `l2_gain.least_rho` judges, for multipliers at hand
     improved     the best of what `descent` reaches from several starts: every stage of every start is measured
 
 The discrete controllers that ship are what is designed; K are the gains that they are Tustin's rule of, so that K is
@@ -19,14 +19,15 @@ from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork
 from lockstep.check.sampled.sector import Sector
 from lockstep.lmi.analysis.gain_limit import within
+from lockstep.lmi.analysis.unit_scaling import Units, plant_in_units
 from lockstep.lmi.sampled.l2_gain import least_rho
 from lockstep.lmi.sampled.synthesis.descent import STAGES, Descent, DescentPoint
 from lockstep.lmi.sampled.synthesis.power_means import SampledObjective
 from lockstep.lmi.sampled.synthesis.tustin import tustin
 from lockstep.lmi.sampled.witnesses import in_doubles, plant_in_doubles
 from lockstep.lmi.search.stopping import NEVER, Deadline
-from lockstep.lmi.search.unit_scaling import Units, natural, plant_in_units
 from lockstep.lmi.shapes import GainBlocks, GainLimit, PairWeights
+from lockstep.model.loop_transformation.natural_units import natural
 
 RHO_KEPT = (1.5, 5.0)
 """The continuous rho may grow by about so much: what ships is the sampled loop. The second where the first is too little."""
@@ -80,7 +81,7 @@ class AtPeriod:
 
     def at(self, period: float) -> "AtPeriod":
         """Return the same with another period."""
-        return replace(self, network=self.network.at(period))
+        return replace(self, network=replace(self.network, period=period))
 
     def controllers(self, tables: GainBlocks) -> tuple[HeldController, ...]:
         """Return discrete controllers as they are, in float64."""
@@ -196,7 +197,7 @@ def in_search_units(at: AtPeriod, K: GainBlocks) -> tuple[AtPeriod, Units]:
     W = np.outer(S_u, S_u) * weights.W / cost if len(weights.W) else weights.W
     noise = S_y * weights.outputs / e if len(weights.outputs) else weights.outputs
     gains = np.outer(np.concatenate([1 / (time * S_C), S_u]), np.concatenate([S_C, S_y]))
-    sector = network.sector and Sector(network.sector.Q, network.sector.W / a**2)
+    sector = network.sector and Sector(network.sector.Pi_w, network.sector.Pi_z / a**2)
     alpha, period = network.alpha / a, network.period / time
     inside = replace(network, plant=scaled.in_numbers(True), alpha=alpha, period=period, sector=sector)
     performance = Performance(R / cost, Q / cost, W, disturbed / e, noise)

@@ -3,15 +3,16 @@
 The unknowns are the gains K of every agent, sampled by Tustin's rule, log m of the sampled multiplier and log rho. The
 lifted period depends on M and rho alone (`performance`), the closed loop on the discrete controllers, affinely:
 
-    a = start xi,   xi+ = N xi + J w_d,   N = [A_d start; advanced],   cost xi' (start' Q start + T diag(0, I (x) Q_C)) xi.
+    a = start x_cl,   x_cl+ = N x_cl + J w_d,   N = [A_d start; advanced],
+    cost x_cl' (start' C_d'C_d start + T_s diag(0, I (x) Q)) x_cl.
 
-The weight W of the inputs adds T u' (I (x) W) u to the cost. Noise n of the outputs counts rho^2 T n' (S (x) I) n, S as in
-`check.sampled.l2_gain`: it enters the state (x_d, n, the rest of xi), one step late, which changes no gain.
+The weight W of the inputs adds T_s u' (I (x) W) u to the cost. Noise nu of the outputs counts rho^2 T_s nu' (S (x) I) nu, S
+as in `check.sampled.l2_gain`: it enters the state (x_d, nu, the rest of x_cl), one step late, which changes no gain.
 
 The continuous loop has a multiplier of its own, and M^-1 (x) G G' + rho^-2 S^-1 (x) I and M (x) alpha^2 H'H + S (x) R in
-place of S and Q: it only keeps rho below a limit that is a choice, so W and the noise are left out there. Where the gains
-are to keep a decay sigma it is the loop of e^(sigma t) x_cl.
-`response` makes one number of either, at most 0 where rho is a bound, as far as its points show.
+place of B_d B_d' and C_d'C_d: it only keeps rho below a limit that is a choice, so W and the noise are left out there.
+Where the gains are to keep a decay sigma it is the loop of e^(sigma t) x_cl. `response` makes one number of either, at most
+0 where rho is a bound, as far as its points show.
 """
 
 from functools import cached_property
@@ -25,8 +26,8 @@ from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.l2_gain import running_cost
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.system.loop import build_loop
+from lockstep.lmi.analysis.response import Poles, power_mean
 from lockstep.lmi.sampled.synthesis.lifting_gradient import lifted_period
-from lockstep.lmi.sampled.synthesis.response import Poles, power_mean
 from lockstep.lmi.sampled.synthesis.tustin import pulled_back, tustin
 from lockstep.lmi.shapes import GainBlocks, PairWeights
 
@@ -48,7 +49,7 @@ class ValueAndSlopes(NamedTuple):
 
 
 class Closed(NamedTuple):
-    """The sampled loop with discrete controllers, on some of z: a = start z, the rest of xi+, and u; or slopes in them."""
+    """The sampled loop with discrete controllers, on some of z: a = start z, the rest of x_cl+, and u; or slopes in them."""
 
     start: Float[np.ndarray, "a z"]
     advanced: Float[np.ndarray, "r z"]
@@ -58,8 +59,8 @@ class Closed(NamedTuple):
 class SampledObjective:
     """The two loops of one problem, for any gains.
 
-    columns: where (x_d, n, the rest of xi) are in z;  xi: where xi is;  seen: (N, n_C + q, n_z), (x_C, r) of all agents;
-    weight: T (I (x) W).
+    columns: where (x_d, nu, the rest of x_cl) are in z;  x_cl: where it is;  seen: (N, n_C + q, n_z), (x_C, r) of all agents;
+    weight: T_s (I (x) W).
     """
 
     def __init__(self, loop: SampledLoop, weights: Performance, order: int, decay: float = 0.0) -> None:
@@ -67,7 +68,8 @@ class SampledObjective:
         self.loop, self.weights, self.order = loop, weights, order
         plant, d = loop.network.plant, loop.network.d
         self.continuous = build_loop(plant, d, order, decay)
-        self.shape = (d.N, order + plant.sizes[1], order + plant.sizes[2])
+        self._U_t = np.stack([U.T for U in self.continuous.U])
+        self._Y_t = np.stack([Y.T for Y in self.continuous.Y])
         self.period = loop.network.period
         self.has_phi = bool(plant.sizes[3] and plant.sizes[4] and loop.network.alpha > 0)
         self.pairs = (
@@ -75,8 +77,8 @@ class SampledObjective:
             if self.has_phi
             else np.zeros((0, 0, 0))
         )
-        self.xi = np.arange(loop.n_xi)
-        self.columns = np.r_[: loop.n_d, loop.outputs.start : loop.outputs.stop, loop.n_d : loop.n_xi]
+        self.x_cl = np.arange(loop.n_x)
+        self.columns = np.r_[: loop.n_d, loop.outputs.start : loop.outputs.stop, loop.n_d : loop.n_x]
         self.seen = np.stack(loop.seen)
         self.weight = np.zeros((len(loop.applied),) * 2)
         if len(weights.W):
@@ -101,10 +103,10 @@ class SampledObjective:
     def _parts(self) -> tuple[Float[np.ndarray, "_ n_z"], ...]:
         return self.loop.start, self.loop.advanced, self.loop.applied
 
-    def _of_step(self, K: GainBlocks, slope: Float[np.ndarray, "n_xi n_xi"]) -> GainBlocks:
+    def _of_step(self, K: GainBlocks, slope: Float[np.ndarray, "n_x n_x"]) -> GainBlocks:
         """Return the slope in K from that in `step`."""
-        n_d, none = self.loop.n_d, np.zeros((len(self.loop.applied), self.loop.n_xi))
-        return self.gains(K, self.xi, Closed(self._flow.T @ slope[:n_d], slope[n_d:], none))
+        n_d, none = self.loop.n_d, np.zeros((len(self.loop.applied), self.loop.n_x))
+        return self.gains(K, self.x_cl, Closed(self._flow.T @ slope[:n_d], slope[n_d:], none))
 
     @cached_property
     def _agents(self) -> tuple[Float[np.ndarray, "n_d n_d"], Float[np.ndarray, "n_d k"]]:
@@ -119,7 +121,7 @@ class SampledObjective:
 
     @cached_property
     def _noise(self) -> Float[np.ndarray, "k k"]:
-        """1 / T S^-1 (x) I of the outputs' noise, at rho = 1."""
+        """1 / T_s S^-1 (x) I of the outputs' noise, at rho = 1."""
         d, count = self.loop.network.d, self.loop.outputs.stop - self.loop.outputs.start
         return np.asarray(np.kron(np.linalg.inv(d.S), np.eye(count // (d.N - 1))) / self.period)
 
@@ -175,13 +177,13 @@ class SampledObjective:
             return None
         n_d, noise = self.loop.n_d, np.exp(-2 * log_rho) * self._noise
         closed = self.closed(K, self.columns)
-        start, A_d, Q = closed.start, one.lifted.A_d, one.lifted.Q
+        start, A_d, Q = closed.start, one.lifted.A_d, one.lifted.CC_d
         late = np.zeros((len(noise), len(self.columns)))
         poles = Poles(np.vstack([A_d @ start, late, closed.advanced]), continuous=False)
         if not poles.stable:
             return None
         cost = start.T @ Q @ start + closed.applied.T @ self.weight @ closed.applied + self._running
-        mean = power_mean(poles, block_diag(one.lifted.S, noise), cost, points, p)
+        mean = power_mean(poles, block_diag(one.lifted.BB_d, noise), cost, points, p)
         slopes = Closed(
             A_d.T @ mean.N[:n_d] + 2 * Q @ start @ mean.Q,
             mean.N[n_d + len(noise) :],
@@ -201,9 +203,9 @@ class SampledObjective:
         grid = np.concatenate([[0.0], np.geomspace(slow, np.pi, FREQUENCIES), beside[beside < np.pi]])
         return np.exp(1j * np.unique(grid.round(12)))
 
-    def step(self, K: GainBlocks) -> Float[np.ndarray, "n_xi n_xi"]:
+    def step(self, K: GainBlocks) -> Float[np.ndarray, "n_x n_x"]:
         """Return the matrix of the linear loop over one period."""
-        closed = self.closed(K, self.xi)
+        closed = self.closed(K, self.x_cl)
         return np.vstack([self._flow @ closed.start, closed.advanced])
 
     @cached_property
@@ -270,14 +272,6 @@ class SampledObjective:
         low, high = 0.1 * sizes.min(initial=1.0), 10 * sizes.max(initial=1.0)
         grid = np.concatenate([[0.0], np.geomspace(low, high, FREQUENCIES // 2), _beside(poles)])
         return 1j * np.unique(grid)
-
-    @cached_property
-    def _U_t(self) -> Float[np.ndarray, "N k n_x"]:
-        return np.stack([U.T for U in self.continuous.U])
-
-    @cached_property
-    def _Y_t(self) -> Float[np.ndarray, "N n_x l"]:
-        return np.stack([Y.T for Y in self.continuous.Y])
 
 
 def _beside(poles: Complex[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:

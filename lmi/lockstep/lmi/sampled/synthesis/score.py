@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.continuous.inequality import Certificate, Claim, split
+from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork
 from lockstep.check.sampled.sector import common_sector
 from lockstep.check.system.loop import Loop
+from lockstep.lmi.analysis.certificate_sdp import split
 from lockstep.lmi.sampled.l2_gain import least_rho
 from lockstep.lmi.sampled.loop_gain import common_pair_weights
 from lockstep.lmi.sampled.synthesis.gains_for_period import usable

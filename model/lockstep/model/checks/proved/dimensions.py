@@ -75,17 +75,18 @@ def check_units(table: AgentTable) -> CheckFinding:
     for output, text in table.outputs:
         asked = known.get(output, Quantity(None)).powers
         _check(text, symbols, algebra, f"[agent.outputs] {output}", asked, output)
+    counted = {"unit_of_time": float(10 ** time["10"])} if "10" in time else {}
+    clock = f", with time, and the period, in units of {counted['unit_of_time']:g} s" if counted else ""
     missing = [name for name in names if name not in table.units]
     if missing:
-        figure = f"no contradiction; no unit is given for {', '.join(missing)}"
-        return CheckFinding("units", "undecided", figure, None, {"without": missing})
+        figure = f"no contradiction{clock}; no unit is given for {', '.join(missing)}"
+        return CheckFinding("units", "undecided", figure, counted or None, {"without": missing})
     of = "pure" if pure else "coefficients of any dimension"
-    clock = f", with time, and the period, in units of {10 ** time['10']:g} s" if "10" in time else ""
     return CheckFinding(
         "units",
         "proved",
         f"every term of {len(table.dynamics)} equations agrees{clock}; numbers are {of}",
-        {"pure": pure},
+        {"pure": pure, **counted},
     )
 
 

@@ -131,7 +131,7 @@ def smooth_on(nodes: Sequence[Node], lower: Ends, upper: Ends) -> bool:
     kinks = [
         subtract(*node.args) if node.op in ("fmin", "fmax") else node if node.op == "hypot" else node.args[0]
         for node in order(nodes)
-        if node.op in ("fabs", "fmin", "fmax", "hypot", "positive", "zero")
+        if node.op in ("fabs", "fmin", "fmax", "hypot", "positive")
     ]
     ranges = Program(kinks).on_boxes(lower[:, None], upper[:, None]) if kinks else []
     return all(low[0] > 0 or high[0] < 0 for low, high in ranges)

@@ -3,6 +3,7 @@
 They say what the tables are; that an agent, a graph and gains fit together is decided when the file is read.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 from lockstep.model.problem.tables.key_meanings import described
@@ -29,17 +30,26 @@ def problem_schema() -> dict[str, Any]:
     for name, table in {"ProblemFile": schema, **tables}.items():
         for key, value in table["properties"].items():
             value["description"] = described(name, key, value.get("description", ""))
-    return {"$schema": DIALECT, "title": "Problem file of Lockstep", **_without_titles(schema)}
+    return {"$schema": DIALECT, "title": "Problem file of Lockstep", **_changed(schema, _without_title)}
 
 
 def draft_07(schema: Any) -> Any:
     """Return a schema in the words of draft-07: `definitions`, and `items` for the places of a tuple."""
+    return _changed(schema, _in_draft_07)
+
+
+def _changed(schema: Any, change: Callable[[dict[str, Any]], dict[str, Any]]) -> Any:
+    """Return a schema with each of its tables changed, the inner ones first."""
     if isinstance(schema, list):
-        return [draft_07(one) for one in schema]
+        return [_changed(one, change) for one in schema]
     if not isinstance(schema, dict):
         return schema
+    return change({key: _changed(value, change) for key, value in schema.items()})
+
+
+def _in_draft_07(table: dict[str, Any]) -> dict[str, Any]:
     words = {"$defs": "definitions", "prefixItems": "items"}
-    found = {words.get(key, key): draft_07(value) for key, value in schema.items()}
+    found = {words.get(key, key): value for key, value in table.items()}
     if "$schema" in found:
         found["$schema"] = DIALECT_07
     if isinstance(found.get("$ref"), str):
@@ -47,14 +57,6 @@ def draft_07(schema: Any) -> Any:
     return found
 
 
-def _without_titles(schema: Any) -> Any:
-    """Return a schema without the titles that Pydantic makes up from the names of keys."""
-    if isinstance(schema, list):
-        return [_without_titles(one) for one in schema]
-    if not isinstance(schema, dict):
-        return schema
-    return {
-        key: _without_titles(value)
-        for key, value in schema.items()
-        if not (key == "title" and isinstance(value, str))
-    }
+def _without_title(table: dict[str, Any]) -> dict[str, Any]:
+    """Leave out the title that Pydantic makes up from the name of a key; a key of that name has a table of its own."""
+    return {key: value for key, value in table.items() if key != "title" or not isinstance(value, str)}

@@ -24,8 +24,8 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
             "as in `units`",
         ),
         "dynamics": (
-            "d/dt of each state: + - * / **, sin cos tan asin acos atan atan2 sinh cosh tanh exp log sqrt abs min max sign"
-            " if_else(condition, a, b), t, pi; angles in radians",
+            "d/dt of each state: + - * / **, sin cos tan asin acos atan atan2 sinh cosh tanh exp log sqrt abs fabs min max"
+            " sign if_else(condition, a, b), t, pi; angles in radians",
             "unit of the state per second",
         ),
         "outputs": (
@@ -161,6 +161,7 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "DisturbanceTable": {
         "kind": ("What disturbs the run", ""),
         "amplitude": ("How strongly", "unit of each state per second"),
+        "agents": ("Which agents are disturbed", ""),
         "frequency": ("Of a sine", "Hz"),
         "start": ("When it begins", "s"),
         "stop": ("When it ends", "s"),

@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, Strict
 from pydantic_core import PydanticCustomError
 
+from lockstep.check.design_file.problem import MOST_ORDER
 from lockstep.check.system.graph_family import MOST_NEIGHBOURS
-from lockstep.check.system.problem import MOST_ORDER
 
 T = TypeVar("T")
 Many = Annotated[tuple[T, ...], Strict(False)]
@@ -283,14 +283,19 @@ class ControllerTable(ProblemTable):
 
 
 class DisturbanceTable(ProblemTable):
-    """[simulation.disturbance]: xi of (2), acting on each state of each agent on its own."""
+    """[simulation.disturbance]: xi of (2), acting on each state of each agent on its own, or on those that are named."""
 
     kind: Literal["none", "noise", "sine", "step", "worst"] = Field(
         default="none",
         description='"none", "noise" (Gaussian, held over a period), "sine", "step", or "worst" (searched for)',
     )
-    amplitude: NotNegative = Field(
-        default=1.0, description="a finite number, 0 or more (the standard deviation of noise)"
+    amplitude: NotNegative | dict[str, float] = Field(
+        default=1.0,
+        description="a finite number, 0 or more (the standard deviation of noise), for all states or by state, which may be"
+        " negative there: those not named are not disturbed",
+    )
+    agents: list[int] | None = _optional(
+        "a list of one agent or more by number, from 1; without it all are disturbed", min_length=1
     )
     frequency: Positive = Field(default=1.0, description="a finite number of Hz above 0")
     start: NotNegative = Field(default=0.0, description="a finite number of seconds, 0 or more")
@@ -298,6 +303,19 @@ class DisturbanceTable(ProblemTable):
     intensity: NotNegative | None = _optional(
         "a finite number, 0 or more: of noise, its variance times the time it is held"
     )
+
+    @property
+    def size(self) -> str:
+        """How large it is, and on what, for people."""
+        if isinstance(self.amplitude, dict):
+            each, unit = self.amplitude, "units"
+        else:
+            each, unit = {"every state": self.amplitude}, "its unit"
+        sized = ", ".join(f"{value:g} on {name}" for name, value in each.items())
+        whom = "" if self.agents is None else f" of agent {', '.join(map(str, self.agents))}"
+        if self.kind == "noise" and self.intensity is not None:
+            return f"intensity {self.intensity:g} on {', '.join(each)}{whom}"
+        return f"amplitude {sized}{whom}, in {unit} per second"
 
 
 class PerturbationTable(ProblemTable):

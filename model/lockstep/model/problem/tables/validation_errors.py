@@ -147,7 +147,9 @@ def _shown(value: Any) -> str:
 
 
 def _is_second_opinion(location: Location) -> bool:
-    """Tell apart: of `initial`, a list or "random", pydantic reports both as failed."""
+    """Tell apart: of `initial`, a list or "random", pydantic reports both as failed; of a number or a table by name, too."""
+    if location and str(location[-1]).startswith("dict[") and _is_type(location, len(location) - 1):
+        return True  # no table at all: what is wrong with it as a number is told
     return any(str(part).startswith("literal[") and _is_type(location, k) for k, part in enumerate(location))
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from lockstep.check.errors import ProblemError
-from lockstep.model.simulation.results.table import columns
+from lockstep.model.simulation.results.table import columns, signals
 from lockstep.model.simulation.results.trajectory import Trajectory
 
 
@@ -16,30 +16,23 @@ def to_time_response(trajectory: Trajectory) -> Any:
     """
     import control
 
-    who = [f"{trajectory.agent}{i + 1}_" for i in range(trajectory.N)]
-    beside = [f"y_{y}" if y in trajectory.state_names else y for y in trajectory.output_names]
-    memory = [f"controller_x{k + 1}" for k in range(trajectory.x_C.shape[2])]
+    groups, who = signals(trajectory), [f"{trajectory.agent}{i + 1}_" for i in range(trajectory.N)]
 
-    def named(signals: "list[str] | tuple[str, ...]") -> list[str]:
-        return [agent + signal for agent in who for signal in signals]
+    def labels(*letters: str) -> list[str]:
+        return [agent + name for letter in letters for agent in who for name in groups[letter][1]]
 
-    states = named(trajectory.state_names)
-    inputs = named([f"xi_{name}" for name in trajectory.state_names])
-    outputs = states + named(beside) + named(trajectory.input_names)
-    kept = states + named(memory)
-
-    def rows(*signals: np.ndarray) -> np.ndarray:
-        return np.vstack([signal.reshape(len(signal), -1).T for signal in signals])
+    def rows(*letters: str) -> np.ndarray:
+        return np.vstack([groups[letter][0].reshape(len(trajectory.t), -1).T for letter in letters])
 
     return control.TimeResponseData(
         trajectory.t,
-        rows(trajectory.x, trajectory.y, trajectory.u),
-        rows(trajectory.x, trajectory.x_C),
-        rows(trajectory.xi),
+        rows("x", "y", "u"),
+        rows("x", "x_C"),
+        rows("xi"),
         issiso=False,
-        input_labels=inputs,
-        output_labels=outputs,
-        state_labels=kept,
+        input_labels=labels("xi"),
+        output_labels=labels("x", "y", "u"),
+        state_labels=labels("x", "x_C"),
         sysname=f"{trajectory.agent}_network",
         title=f"Response of {trajectory.agent}_network",
     )

@@ -1,6 +1,6 @@
 """A trajectory as a table of text: one row per instant, one named column per signal, numbers that read back."""
 
-import io
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -14,27 +14,28 @@ def columns(trajectory: Trajectory) -> dict[str, Float[np.ndarray, " K"]]:
     The time comes first, then the disagreement |x_d|, then agent by agent x, x_C, u, y, xi.
     """
     found = {"t": trajectory.t, "disagreement": trajectory.disagreement()}
+    for i in range(trajectory.N):
+        for signal, names in signals(trajectory).values():
+            found |= {f"{trajectory.agent}{i + 1}_{name}": signal[:, i, k] for k, name in enumerate(names)}
+    return found
+
+
+def signals(trajectory: Trajectory) -> dict[str, tuple[Float[np.ndarray, "K N k"], Sequence[str]]]:
+    """Return x, x_C, u, y and xi of all agents, each with the names of one agent's."""
     states = trajectory.state_names
     outputs = [f"y_{name}" if name in states else name for name in trajectory.output_names]
     memory = [f"controller_x{k + 1}" for k in range(trajectory.x_C.shape[2])]
-    groups = (
-        (trajectory.x, states),
-        (trajectory.x_C, memory),
-        (trajectory.u, trajectory.input_names),
-        (trajectory.y, outputs),
-        (trajectory.xi, [f"xi_{name}" for name in states]),
-    )
-    for i in range(trajectory.N):
-        for signal, names in groups:
-            found |= {f"{trajectory.agent}{i + 1}_{name}": signal[:, i, k] for k, name in enumerate(names)}
-    return found
+    return {
+        "x": (trajectory.x, states),
+        "x_C": (trajectory.x_C, memory),
+        "u": (trajectory.u, trajectory.input_names),
+        "y": (trajectory.y, outputs),
+        "xi": (trajectory.xi, [f"xi_{name}" for name in states]),
+    }
 
 
 def to_csv(trajectory: Trajectory) -> str:
     """Return the table as CSV, each number in the shortest form that reads back to the same double."""
     found = columns(trajectory)
-    text = io.StringIO()
-    text.write(",".join(found) + "\n")
-    for row in np.column_stack(list(found.values())).tolist():
-        text.write(",".join(map(repr, row)) + "\n")
-    return text.getvalue()
+    rows = (",".join(map(repr, row)) for row in np.column_stack(list(found.values())).tolist())
+    return "\n".join([",".join(found), *rows, ""])

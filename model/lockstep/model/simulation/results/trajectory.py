@@ -2,17 +2,19 @@
 
 The performance output is the certificate's (`lockstep.check.continuous.inequality`):
 
-    |z|^2 = x_d' (S (x) R) x_d + x_C' (I (x) Q) x_C,      |w|^2 = xi_d' (S (x) I) xi_d,
+    |z|^2 = x_d' (S (x) R) x_d + x_C' (I (x) Q) x_C + u' (I (x) W) u,      |w|^2 = xi_d' (S (x) I) xi_d,
 
-with x_d = (T (x) I) x. For the orthonormal coordinates x_d' (S (x) R) x_d = sum_i (x_i - mean)' R (x_i - mean).
+with x_d = (T (x) I) x, and xi in units of the scales that rho is measured with. For the orthonormal coordinates
+x_d' (S (x) R) x_d = sum_i (x_i - mean)' R (x_i - mean).
 The certificate says that |z|^2 integrates to at most rho^2 |w|^2 + V(0), and to rho^2 |w|^2 from V(0) = 0.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.disagreement import Coordinates, disagreement
@@ -115,24 +117,26 @@ class Trajectory:
 
 @dataclass(frozen=True, eq=False)
 class RhoWeights:
-    """What rho is measured with: coordinates T (N-1, N) with metric S, R (n, n) of the states, Q (n_C, n_C)."""
+    """What rho is measured with: coordinates T (N-1, N) with metric S, R (n, n) of the states, Q (n_C, n_C), W (m, m) of u.
+
+    scales: (n,) of the disturbance of each state, none for 1 each; where one is 0, rho is no gain from that state.
+    """
 
     T: Float[np.ndarray, "N-1 N"]
     S: Float[np.ndarray, "N-1 N-1"]
     R: Float[np.ndarray, "n n"]
     Q: Float[np.ndarray, "n_C n_C"]
+    W: Float[np.ndarray, "m m"] = field(default_factory=lambda: np.zeros((0, 0)))
+    scales: Float[np.ndarray, " n"] = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def of(
-        cls,
-        graph: Graph,
-        R: Float[np.ndarray, "n n"],
-        Q: Float[np.ndarray, "n_C n_C"],
-        coordinates: Coordinates = "orthonormal",
+        cls, graph: Graph, performance: Performance, coordinates: Coordinates = "orthonormal"
     ) -> "RhoWeights":
         """Return the weights of a certificate on a graph, in the coordinates it was made in."""
         d = disagreement(graph, coordinates)
-        return cls(as_floats(d.T), as_floats(d.S), np.asarray(R, dtype=float), np.asarray(Q, dtype=float))
+        R, Q, W, scales, _ = performance
+        return cls(as_floats(d.T), as_floats(d.S), R, Q, W, scales)
 
     @property
     def metric(self) -> Float[np.ndarray, "N N"]:
@@ -148,9 +152,16 @@ class RhoWeights:
         """Return x_C' (I (x) Q) x_C at each instant."""
         return np.asarray(np.einsum("kia,ab,kib->k", x_C, self.Q, x_C, optimize=True))
 
-    def squared_input(self, xi: Float[np.ndarray, "K N n"]) -> Float[np.ndarray, " K"]:
-        """Return |xi_d|^2 at each instant."""
+    def squared_inputs(self, u: Float[np.ndarray, "K N m"]) -> Float[np.ndarray, " K"]:
+        """Return u' (I (x) W) u at each instant, 0 where u weighs nothing."""
+        return np.asarray(np.einsum("kia,ab,kib->k", u, self.W, u)) if len(self.W) else np.zeros(len(u))
+
+    def squared_disturbance(self, xi: Float[np.ndarray, "K N n"]) -> Float[np.ndarray, " K"]:
+        """Return |xi_d|^2 at each instant, in units of the scales."""
         e = _from_first(xi)
+        if len(self.scales):
+            counted = self.scales > 0
+            e = e[..., counted] / self.scales[counted]
         return np.asarray(np.einsum("ij,kia,kja->k", self.metric, e, e, optimize=True))
 
 
@@ -168,7 +179,10 @@ class Energies:
 
     @property
     def gain(self) -> float | None:
-        """|z| / |xi_d| in L2 over the run; None where it starts in disagreement or nothing came in."""
+        """|z| / |xi_d| in L2 over the run: at most the certified rho if the certificate covers the run.
+
+        None where it starts in disagreement or nothing came in: the ratio is then no gain.
+        """
         if not self.at_rest or self.input[-1] <= 0:
             return None
         return float(np.sqrt(self.output[-1] / self.input[-1]))
@@ -198,23 +212,10 @@ def energies(
         output = running_integral(squared, t, "smooth")
     else:
         output = running_integral_of_cubics(weights.squared_states, x, rates, t)
-    output += running_integral(weights.squared_controllers(trajectory.x_C), t, trajectory.u_hold)
-    entered = running_integral(weights.squared_input(trajectory.xi), t, trajectory.xi_hold)
+    held = weights.squared_controllers(trajectory.x_C) + weights.squared_inputs(trajectory.u)
+    output += running_integral(held, t, trajectory.u_hold)
+    entered = running_integral(weights.squared_disturbance(trajectory.xi), t, trajectory.xi_hold)
     return Energies(t, output, entered, bool(at_rest and not trajectory.x_C[0].any()))
-
-
-def l2_gain(trajectory: Trajectory, weights: RhoWeights) -> float:
-    """Return |z|_L2 / |xi_d|_L2 of a run from agreement: at most the certified rho if the certificate covers the run.
-
-    Raises:
-        ProblemError: the run starts in disagreement, or xi_d is zero: the ratio is then no gain.
-    """
-    gain = energies(trajectory, weights).gain
-    if gain is None:
-        found = "the run starts in disagreement, or without a disturbance of the disagreement"
-        expected = "x_i(0) all equal, x_C(0) = 0 and a disturbance that is not the same for all agents"
-        raise ProblemError(found, where="l2_gain", expected=expected)
-    return gain
 
 
 def _from_first(signal: Float[np.ndarray, "K N k"]) -> Float[np.ndarray, "K N k"]:

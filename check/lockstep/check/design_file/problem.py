@@ -7,24 +7,24 @@ from phi into A, comes from the file's `proofs`.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Annotated, Any, get_args
 
 import numpy as np
 
+from lockstep.check import json_text as read
 from lockstep.check.bound.box import Box
 from lockstep.check.continuous.inequality import Performance
-from lockstep.check.design_file import json_text as read
 from lockstep.check.design_file.messages import messages_of
 from lockstep.check.design_file.problem_part import Sizes
 from lockstep.check.errors import demand
 from lockstep.check.numbers import exactly
-from lockstep.check.sampled.discretise import clipped_at
+from lockstep.check.sampled.discretise import either_way, measured_offsets
 from lockstep.check.sampled.links import Messages
 from lockstep.check.system.agent import ExactAgent, Move
 from lockstep.check.system.disagreement import Coordinates
 from lockstep.check.system.domain import argument_box
-from lockstep.check.system.formation import WHERE, check_formation, measured_offsets
+from lockstep.check.system.formation import WHERE, check_formation
 from lockstep.check.system.graph import Digraph
 from lockstep.check.system.graph_family import SpectrumRange
 from lockstep.check.system.loop import Plant
@@ -82,10 +82,6 @@ class ProblemTables:
         _ = problem.sizes, problem.box, problem.performance, problem.limits, problem.gain_units
         _ = problem.period, problem.delay, problem.messages, problem.offsets, problem.leader
         return problem
-
-    def document(self) -> dict[str, Any]:
-        """Return the tables."""
-        return dict(self.tables)
 
     @property
     def title(self) -> str:
@@ -157,11 +153,8 @@ class ProblemTables:
             return Digraph.from_laplacian(L)
         if given == ["topology"]:
             return Digraph.topology(table["topology"], agents)
-        edges = read.part(table, "edges", list)
-        for k, edge in enumerate(edges, start=1):
-            for end in edge if isinstance(edge, list) else [None]:
-                read.number(end, f"[network] edges, edge {k}")
-        return Digraph.from_edges(agents, edges)
+        edge = partial(read.each, read=read.number, name="number")
+        return Digraph.from_edges(agents, read.each(table["edges"], "[network] edges", edge, "edge"))
 
     @cached_property
     def inputs(self) -> tuple[Annotated[np.ndarray, "n m"], ...]:
@@ -217,7 +210,7 @@ class ProblemTables:
 
     @property
     def period(self) -> float:
-        """T of the sampled controllers, in s."""
+        """T_s of the sampled controllers, in s."""
         return read.above_zero(self.controller.get("period"), "[controller] period")
 
     @property
@@ -244,7 +237,7 @@ class ProblemTables:
 
     def _arguments(self, table: Mapping[str, Any], key: str, where: str) -> Box:
         intervals = _table(table, key, self.agent.states, where)
-        sides = {state: _range(intervals[state], f"{where} {state}") for state in intervals}
+        sides = {state: read.interval(intervals[state], f"{where} {state}") for state in intervals}
         return argument_box(
             self.agent.H, [sides.get(one, (-math.inf, math.inf)) for one in self.agent.states]
         )
@@ -282,7 +275,8 @@ class ProblemTables:
         """The lowest and the highest value of each input, infinite where there is none."""
         table = _table(self._table("agent"), "limits", self.agent.inputs, "[agent.limits]")
         sides = [
-            _range(table.get(name, [None, None]), f"[agent.limits] {name}") for name in self.agent.inputs
+            read.interval(table.get(name, [None, None]), f"[agent.limits] {name}")
+            for name in self.agent.inputs
         ]
         for name, (low, high) in zip(self.agent.inputs, sides, strict=True):
             demand(low < 0 < high, f"[{low}, {high}]", f"[agent.limits] {name}", "a range around 0")
@@ -291,8 +285,7 @@ class ProblemTables:
     @property
     def limits(self) -> Annotated[np.ndarray, " m"]:
         """How far each input goes either way before the C clips it, infinite where it has no limit."""
-        nearer = np.abs(clipped_at(self.controller["real"], self.sides)).min(axis=1)
-        return np.where(np.isinf(self.sides).all(axis=1), np.inf, nearer)
+        return either_way(self.controller["real"], self.sides)
 
     def network(self, moves: Sequence[Move], scales: Scales) -> tuple[ExactNetwork, ExactAgent]:
         """Return the network with slopes moved and G D_w, D_v^-1 H in place of G and H, and the agent that it is of."""
@@ -326,12 +319,6 @@ def _table(tables: Mapping[str, Any], key: str, known: Sequence[str], where: str
     table = {} if tables.get(key) is None else tables[key]
     read.only(table, known, where)
     return table
-
-
-def _range(value: Any, where: str) -> tuple[float, float]:
-    demand(isinstance(value, list) and len(value) == 2, f"{value!r}", where, "a lower and an upper bound")
-    low, high = value
-    return read.or_none(read.number, -math.inf)(low, where), read.or_none(read.number, math.inf)(high, where)
 
 
 def _scales(

@@ -21,10 +21,10 @@ from lockstep.check.continuous.stability import is_stable
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import least_rho
-from lockstep.lmi.analysis.decay import fastest_decay
 from lockstep.lmi.analysis.gain_limit import within
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.document import Stored
+from lockstep.lmi.guarantees import fastest_decay
 from lockstep.lmi.methods.certified import rate_of_controllers
 from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.search.barrier import BarrierPoint
@@ -107,9 +107,7 @@ def pareto(
             expected='a design of method "certified" without gain errors',
         )
     with one_thread():
-        network = network_of(problem, bound_again(stored))
-        delta = np.zeros((network.N, 4))
-        claim = Claim.of(stored.claims.alpha, problem.performance, delta, stored.claims.entries)
+        network, claim = network_of(problem, bound_again(stored)), stored.claim
         own = figures_of(network, stored.gains, claim)
         found = [ParetoPoint("design", problem.title, stored.gains, own, _stable(stored.gains))]
         for name, gains in others.items():

@@ -18,10 +18,9 @@ from typing import Any
 
 from lockstep.check.c_source.kernel import Shape
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.bound_coefficients import INTEGERS, OWN, ROUTINES
-from lockstep.codegen.budget import SOFT_ALIKE, Extent, Part, flash_budgets, linear, stack_budgets
-from lockstep.codegen.cores import CORES
-from lockstep.codegen.spec import Optimize
+from lockstep.codegen.cost.bound_coefficients import INTEGERS, OWN, ROUTINES, Optimize
+from lockstep.codegen.cost.budget import SOFT_ALIKE, Extent, Part, flash_budgets, linear, stack_budgets
+from lockstep.codegen.cost.cores import CORES
 
 OWN_PARTS: tuple[Part, ...] = (
     lambda _: 1,
@@ -53,17 +52,17 @@ def operations(extent: Extent) -> tuple[int, int, int, int, int]:
     comparisons. A check of n values is n differences v - v, and as many sums.
 
     >>> operations(Extent(Shape(2, 2, 1, 1)))  # the kernel: 12 products; the relative outputs: 2 products, 4 sums
-    (16, 7, 10, 14, 2)
+    (16, 7, 10, 14, 3)
     """
     shape, checked = extent.shape, extent.rows + extent.shape.outputs + extent.entries
     sums = shape.terms + 2 * extent.entries + extent.offsets
-    # the kernel's check, that of own outputs, and one sum for each neighbour's check
+    # comparisons: of the kernel's check, of that of own outputs, and of that of each neighbour
     return (
         sums,
         checked,
         checked + 2 + shape.neighbours,
         shape.terms + extent.entries,
-        2 + 2 * shape.inputs * extent.limited,
+        2 + shape.neighbours + 2 * shape.inputs * extent.limited,
     )
 
 
@@ -103,8 +102,8 @@ def bounds(extent: Extent, real: RealType, optimize: Optimize) -> dict[str, dict
 
 
 def by_core(budgets: Mapping[str, int]) -> list[dict[str, Any]]:
-    """Cores with the same bound together: one line each in the header."""
+    """Cores with the same bound together: one line each in the header, in the order of `CORES`."""
     titles: dict[int, list[str]] = {}
     for group, most in budgets.items():
         titles.setdefault(most, []).append(CORES[group].title)
-    return [{"most": most, "cores": ", ".join(names)} for most, names in sorted(titles.items())]
+    return [{"most": most, "cores": ", ".join(names)} for most, names in titles.items()]

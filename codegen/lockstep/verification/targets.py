@@ -7,15 +7,15 @@ from functools import partial
 from pathlib import Path
 
 from lockstep.check.errors import ClaimError, ProblemError
-from lockstep.codegen.cores import CORES, Core
+from lockstep.codegen.cost.cores import CORES, Core
 from lockstep.codegen.emission.calls import Calls
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.harness import Run, run_on_host
 from lockstep.verification.machines.emulator import missing_packages, run_on_core
 from lockstep.verification.machines.qemu import M7, missing, run_on_qemu
-from lockstep.verification.machines.toolchain import TO_INSTALL, Compiler, arm_gcc, host_compilers, run, zig
 from lockstep.verification.messages.events import Events
 from lockstep.verification.messages.run import Traces, run_nodes_on_core, run_nodes_on_host
+from lockstep.verification.toolchain import TO_INSTALL, Compiler, arm_gcc, host_compilers, run, zig
 
 Runner = Callable[[Manifest, Path, Mapping[str, Calls], Path], Iterator[tuple[AgentEntry, Run]]]
 
@@ -46,7 +46,7 @@ class Target:
     built: tuple[Compiler, tuple[str, ...], Core | None] | None = None
 
 
-def targets_of(groups: Sequence[str], manifest: Manifest) -> list[Target]:
+def targets_of(groups: Sequence[str]) -> list[Target]:
     """The targets of the groups named, those that cannot run here marked as skipped."""
     if isinstance(groups, str):
         groups = [groups]
@@ -54,10 +54,10 @@ def targets_of(groups: Sequence[str], manifest: Manifest) -> list[Target]:
         raise ProblemError(f"`{unknown[0]}`", where="targets", expected=" or ".join(GROUPS))
     makers = {"host": _host, "sanitizers": _sanitizers, M7.group: _on_qemu}
     makers |= {group: partial(_on_core, core) for group, core in CORES.items()}
-    return [target for group in dict.fromkeys(groups) for target in makers[group](manifest)]
+    return [target for group in dict.fromkeys(groups) for target in makers[group]()]
 
 
-def _host(_: Manifest) -> Iterator[Target]:
+def _host() -> Iterator[Target]:
     compilers = host_compilers()
     for compiler in compilers:
         for level in LEVELS:
@@ -66,7 +66,7 @@ def _host(_: Manifest) -> Iterator[Target]:
         yield _skipped("host", f"no C compiler: {TO_INSTALL}")
 
 
-def _sanitizers(_: Manifest) -> Iterator[Target]:
+def _sanitizers() -> Iterator[Target]:
     for compiler in host_compilers():
         name = f"host {compiler.name} address and undefined-behaviour sanitizers"
         if reason := _no_sanitizers(compiler):
@@ -90,7 +90,7 @@ def _no_sanitizers(compiler: Compiler) -> str:
     return ""
 
 
-def _on_core(core: Core, _: Manifest) -> Iterator[Target]:
+def _on_core(core: Core) -> Iterator[Target]:
     """zig always; arm-none-eabi-gcc too where it is found."""
     compiler, gcc = zig(), arm_gcc() if core.gcc else None
     missing = missing_packages() + ([] if compiler or gcc else ["ziglang"])
@@ -109,7 +109,7 @@ def _on_core(core: Core, _: Manifest) -> Iterator[Target]:
             )
 
 
-def _on_qemu(_: Manifest) -> Iterator[Target]:
+def _on_qemu() -> Iterator[Target]:
     compilers = [found for found in (zig(), arm_gcc()) if found]
     absent = missing() + ([] if compilers else ["ziglang or arm-none-eabi-gcc"])
     if absent:

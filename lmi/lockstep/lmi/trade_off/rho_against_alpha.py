@@ -2,18 +2,17 @@
 
 The bounds of single slopes, where the design uses them, are scaled as alpha is.
 
-    from lockstep.lmi.diagnosis.rho_against_alpha import as_csv, curve
+    from lockstep.lmi.trade_off.rho_against_alpha import as_csv, curve
     print(as_csv(curve(read(Path("design.json")))))
 
 The figures come from a solver (`reach`): they show a curve, and the design's own rho and alpha are what is proved.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
-from lockstep.check.continuous.inequality import Claim
 from lockstep.check.errors import demand
 from lockstep.lmi.analysis.margins import largest_alpha, trade_off
 from lockstep.lmi.document import Stored
@@ -25,16 +24,8 @@ MARGIN = 1e-3
 """How far below the largest alpha the curve ends: there rho grows without bound."""
 
 
-@dataclass(frozen=True)
-class TradeOffPoint:
-    """An alpha and the least rho found for it; infinite where none was."""
-
-    alpha: float
-    rho: float
-
-
-def curve(stored: Stored, points: int = 12) -> tuple[TradeOffPoint, ...]:
-    """Return the curve of a design file's gains, from alpha = 0 to the largest alpha they carry.
+def curve(stored: Stored, points: int = 12) -> list[tuple[float, float]]:
+    """Return (alpha, least rho) of a design file's gains, from alpha = 0 to the largest they carry; infinite: none found.
 
     Args:
         stored: the design file, as `document.read` gives it.
@@ -48,22 +39,19 @@ def curve(stored: Stored, points: int = 12) -> tuple[TradeOffPoint, ...]:
     agent = problem.agent()
     demand(not agent.lure.is_linear, "the agent is linear", "the trade-off", "an agent with a nonlinearity")
     with one_thread():
-        network = network_of(problem, bound_again(stored))
-        delta = np.tile([stored.claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
-        claim = Claim.of(stored.claims.alpha, problem.performance, delta, stored.claims.entries)
+        network, claim = network_of(problem, bound_again(stored)), stored.claim
         loop, K = network.loop(problem.order), stored.gains.blocks
         most = largest_alpha(loop, K, claim) * (1 - MARGIN)
-        found = trade_off(loop, K, claim, [float(f"{alpha:.6g}") for alpha in np.linspace(0.0, most, points)])
-    return tuple(TradeOffPoint(alpha, float(rho)) for alpha, rho in found)
+        return trade_off(loop, K, claim, [float(f"{alpha:.6g}") for alpha in np.linspace(0.0, most, points)])
 
 
-def as_csv(points: tuple[TradeOffPoint, ...]) -> str:
+def as_csv(points: Sequence[tuple[float, float]]) -> str:
     """Return the curve as CSV, rho left empty where it is infinite.
 
-    >>> print(as_csv((TradeOffPoint(0.0, 1.5), TradeOffPoint(2.0, math.inf))), end="")
+    >>> print(as_csv([(0.0, 1.5), (2.0, math.inf)]), end="")
     alpha,rho
     0,1.5
     2,
     """
-    rows = [f"{p.alpha:.6g},{p.rho:.6g}" if math.isfinite(p.rho) else f"{p.alpha:.6g}," for p in points]
+    rows = [f"{alpha:.6g},{rho:.6g}" if math.isfinite(rho) else f"{alpha:.6g}," for alpha, rho in points]
     return "\n".join(["alpha,rho", *rows, ""])

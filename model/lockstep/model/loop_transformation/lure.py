@@ -8,13 +8,12 @@ besides: `Lure.at_origin`.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from fractions import Fraction
 
 import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.numbers import is_double
+from lockstep.check.numbers import as_fraction, is_double
 from lockstep.check.system.agent import ExactAgent
 from lockstep.model.formulas.symbolic import rounds, symbolic, to_double
 
@@ -74,15 +73,10 @@ def lure_form(agent: ExactAgent) -> Lure:
     )
 
 
-def _fractions(matrix: np.ndarray) -> Iterator[tuple[tuple[int, ...], Fraction]]:
-    for place, value in np.ndenumerate(matrix):
-        yield place, Fraction(int(value.p), int(value.q))
-
-
 def _doubles(matrix: np.ndarray) -> Float[np.ndarray, "rows columns"]:
     out = np.zeros(matrix.shape)
-    for place, value in _fractions(matrix):
-        out[place] = to_double(value)
+    for place, value in np.ndenumerate(matrix):
+        out[place] = to_double(as_fraction(value))
     return out
 
 
@@ -92,8 +86,8 @@ def _rounded(agent: ExactAgent) -> Iterator[str]:
         found = [
             (i, letter, j)
             for letter in letters
-            for (i, j), value in _fractions(getattr(agent, letter))
-            if not is_double(value)
+            for (i, j), value in np.ndenumerate(getattr(agent, letter))
+            if not is_double(as_fraction(value))
         ]
         for i, letter, j in sorted(found, key=lambda one: one[:2]):
             yield f"{letter}[{i + 1},{j + 1}]"

@@ -118,14 +118,6 @@ def above_zero(value: Any, where: str) -> float:
     return found
 
 
-def optional(
-    content: Mapping[str, Any], key: str, read: Callable[[Any, str], T], where: str = "claims"
-) -> T | None:
-    """Return what an object holds under a key, read and named by its place; None where it holds nothing."""
-    value = content.get(key)
-    return None if value is None else read(value, f"{where}, `{key}`")
-
-
 def one_of(value: Any, known: tuple[T, ...], where: str) -> T:
     """Return a value that is one of those known."""
     for one in known:
@@ -166,6 +158,12 @@ def each(value: Any, where: str, read: Reader, name: str = "entry") -> tuple[Any
 def or_none(read: Reader, otherwise: Any = None) -> Reader:
     """Return the reader of what need not be there."""
     return lambda value, where: otherwise if value is None else read(value, where)
+
+
+def interval(value: Any, where: str) -> tuple[float, float]:
+    """Return a lower and an upper bound, infinite where there is none."""
+    demand(isinstance(value, list) and len(value) == 2, f"{value!r}", where, "a lower and an upper bound")
+    return or_none(number, -math.inf)(value[0], where), or_none(number, math.inf)(value[1], where)
 
 
 def _kind(value: Any) -> str:

@@ -7,9 +7,8 @@ With x = X^-1 x^, t = tau t^, u = S_u u^, y^ = S_y y, v^ = g v, phi^ = (g / a) p
 
 and alpha^ = alpha / a near one: a phi of 1e-12 whose G is 1e12 is the same agent as one whose both are one.
 
-The scales are those that bring the entries nearest to one, by least squares on their logarithms (Curtis and Reid, On
-the automatic scaling of matrices for Gaussian elimination, 1972). A power of two changes no bit of a fraction, so the
-scaled loop is the same loop. The gains stay in the units of the file, where their limit is; `Units.gains` is the size
+The scales are `lockstep.model.loop_transformation.natural_units`. A power of two changes no bit of a fraction, so the scaled
+loop is the same loop. The gains stay in the units of the file, where their limit is; `Units.gains` is the size
 of theirs.
 """
 
@@ -21,10 +20,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.system.loop import Loop, Plant
 from lockstep.lmi.analysis.margins import claim_at
-from lockstep.lmi.shapes import Vector
-
-WEAK = 1e-2
-"""The weight of the wish that R be near one in the least squares: it decides what the entries leave open."""
+from lockstep.model.loop_transformation.natural_units import natural
 
 
 @dataclass(frozen=True)
@@ -129,50 +125,3 @@ def plant_in_units(
         G=rows * plant.G * (a / g),
         H=g * plant.H / X,
     )
-
-
-def natural(
-    plant: Plant, alpha: float, R: Float[np.ndarray, "n n"], *, rounded: bool = True, tau: float | None = None
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " m"], Float[np.ndarray, " q"], float, float]:
-    """Return X, S_u, S_y, tau and g: rounded to powers of two, or as the least squares have them.
-
-    Args:
-        plant: in doubles.
-        alpha: of its nonlinearity.
-        R: (n, n) weight of the disagreement.
-        rounded: whether they are rounded to powers of two.
-        tau: the unit of time, where it is known.
-    """
-    n, m, q, r, _ = plant.sizes
-    state, inputs, outputs = range(n), range(n, n + m), range(n + m, n + m + q)
-    time, g = n + m + q, n + m + q + 1
-    rows: list[Vector] = []
-    wanted: list[float] = []
-
-    def near_one(size: float, *signs: tuple[int, int], weight: float = 1.0) -> None:
-        """Ask for |size| 2^(sum of sign times exponent) near one."""
-        if size:
-            rows.append(np.zeros(g + 1))
-            wanted.append(-weight * float(np.log2(abs(size))))
-            for place, sign in signs:
-                rows[-1][place] += weight * sign
-
-    for i in range(n):
-        for j in range(n):
-            near_one(float(plant.A[i, j]), (time, 1), (state[i], 1), (state[j], -1))
-        for B in plant.B:
-            for k in range(m):
-                near_one(float(B[i, k]), (time, 1), (state[i], 1), (inputs[k], 1))
-        for k in range(q):
-            near_one(float(plant.C[k, i]), (outputs[k], 1), (state[i], -1))
-        for k in range(r):
-            near_one(float(alpha * plant.G[i, k]), (time, 1), (state[i], 1), (g, -1))
-        for k in range(len(plant.H)):
-            near_one(float(plant.H[k, i]), (g, 1), (state[i], -1))
-        near_one(float(np.sqrt(R[i, i])), (state[i], -1), weight=WEAK)
-    # Weighed so that the others do not move it: what is left is a ten-thousandth of their logarithms.
-    near_one(0.0 if tau is None else 1 / tau, (time, 1), weight=1 / WEAK**2)
-    exponents: Vector = np.linalg.lstsq(np.array(rows), np.array(wanted), rcond=None)[0]
-    found = 2.0 ** (np.round(exponents) if rounded else exponents)
-    ends = found[: n + m + q]
-    return ends[:n], ends[n : n + m], ends[n + m :], float(found[time]), float(found[g])

@@ -17,9 +17,8 @@ from typing import NamedTuple
 from lockstep.check.c_source.kernel import Shape
 from lockstep.check.c_source.reader import ANSWERS
 from lockstep.codegen.arithmetic import RealType
-from lockstep.codegen.bound_coefficients import FLASH, STACK, Table
-from lockstep.codegen.cores import CORES
-from lockstep.codegen.spec import Optimize
+from lockstep.codegen.cost.bound_coefficients import FLASH, STACK, Optimize, Table
+from lockstep.codegen.cost.cores import CORES
 
 ALIKE = {"cortex-m7": "cortex-m4f"}
 SOFT_ALIKE = {**ALIKE, "rv32imafc": "rv32imac"}
@@ -102,8 +101,9 @@ def state_bytes(shape: Shape, real: RealType) -> int:
 
 
 def fixed_stack(extent: Extent, real: RealType) -> int:
-    """Bytes that the C declares: the state that the self-check steps, and outputs less their offsets."""
-    return state_bytes(extent.shape, real) + real.bytes * extent.offsets
+    """Bytes that the C declares: the state that the self-check steps, what it tries as NaN, outputs less their offsets."""
+    tried = 1 + (extent.entries or extent.shape.outputs)
+    return state_bytes(extent.shape, real) + real.bytes * (tried + extent.offsets)
 
 
 def fixed_flash(extent: Extent, real: RealType, optimize: Optimize) -> int:

@@ -1,6 +1,7 @@
 """The continuous claims of a design: from exact matrices, gains, claims and proofs to one verdict for each claim.
 
-    the certificate     V' + x_d'R x_d + x_C'Q x_C < rho^2 |xi_d|^2 for every admitted phi and gain error (`decide`, `modes`)
+    the certificate     V' + x_d'(S (x) R) x_d + x_C'Q x_C + u'W u < rho^2 (|xi_d|^2 + |nu_d|^2), norms in the metric S, for
+                        every admitted phi and gain error (`decide`, `modes`)
     the decay           the same for e^(sigma t) x_cl, the loop of `network.decaying(sigma)`
     the controllers     each is stable by itself (`stability`)
     the floor           no controllers certify a rho below the one claimed (`floor.witness`)
@@ -44,19 +45,22 @@ def decide_certificate(
     if answer.positive:
         reason = f"P > 0 and F < 0, decided exactly ({answer.method})"
         return Verdict("proved", reason, {"margin": answer.margin})
-    if not answer.decided:
-        return Verdict("undecided", answer.method, {"margin": answer.margin})
-    return _refuted(answer)
+    undecided = Verdict("undecided", answer.method, {"margin": answer.margin})
+    return _refuted(answer) if answer.decided else undecided
 
 
 def decide_stable_controllers(
     matrices: Sequence[Annotated[np.ndarray, "n_C n_C"]], *, sampled: bool = False
 ) -> Verdict:
-    """Decide whether each controller is stable by itself: A_C of x_C' = A_C x_C, or of x_C+ = A_C x_C where sampled."""
+    """Decide whether each controller is stable by itself: A_C of x_C' = A_C x_C, or of x_C+ = A_C x_C where sampled.
+
+    It is of the coefficients: what rounding does at each step is counted in the loop, not here.
+    """
     for i, A_C in enumerate(matrices, start=1):
         if not (is_stable_step(A_C) if sampled else is_stable(A_C)):
             return Verdict("refuted", f"the controller of agent {i} is not stable by itself")
-    return Verdict("proved", "each controller is stable by itself, decided exactly")
+    aside = "; rounding of a step aside" if sampled else ""
+    return Verdict("proved", f"each controller is stable by itself, decided exactly{aside}")
 
 
 def decide_floor(network: ExactNetwork, claim: Claim, witness: FloorWitness) -> Verdict:
@@ -78,7 +82,8 @@ def decide_initial_set(
     found = better_than_proved(network, certificate, domain, claimed)
     if found is None:
         inside, radius = box_text(claimed.inner), f"|x_d(0)| <= {claimed.radius:.10g}"
-        said = f"while agent {claimed.leader} stays in {inside}, all stay in their domain and agree from {radius}"
+        alone = f"while agent {claimed.leader} moves by itself, without a command of its own, and stays in {inside}"
+        said = f"{alone}, all stay in their domain and agree from {radius}"
         return Verdict("proved", said)
     return Verdict("undecided", f"other initial states are claimed than are proved: {found}")
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from lockstep.codegen.exports import exports_of
 from lockstep.codegen.manifest import AgentEntry, Manifest
 from lockstep.verification.comparison import compare
-from lockstep.verification.machines.targets import Target
 from lockstep.verification.messages.events import Events, NodeTrace, faulty_events, run_node
+from lockstep.verification.targets import Target
 
 PERIODS_PER_STEP = 0.1
 """Periods of the network for each adversarial call that is asked for: an event or two each."""

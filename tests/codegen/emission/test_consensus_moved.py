@@ -1,0 +1,32 @@
+"""What a header says of the consensus: whether the controllers move it, held against runs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lockstep.check.system.loop import Gains
+from lockstep.codegen.from_design import MOVED, WHERE, specification
+from lockstep.model.simulation import Scenario, simulate
+from lockstep.verification.closed_loop.measured_gain import network_of_design
+from lockstep.workflow.design_file import load
+
+START = np.array([[1.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0], [-0.5, 0.0, -0.5, 0.0]])
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_inputs_cancel_where_gains_are_equal_and_the_header_says_where_they_do_not(root, same):
+    """The arms on a cycle, every one heard as much as the others: 1'L = 0, so that the plain sum of inputs counts."""
+    stored = load(root / "generated" / "flexible_joint_arms").stored
+    if same:
+        stored = replace(stored, gains=Gains.from_blocks(np.tile(stored.gains.blocks[:1], (3, 1, 1)), 2))
+    run = simulate(network_of_design(stored), stored.gains, Scenario(START, 1.0, 0.005))
+    total, largest = np.abs(run.u.sum(axis=1)).max(), np.abs(run.u).max()
+    assert total <= 1e-12 * largest if same else total > 0.01 * largest
+    assert specification(stored).certificate["where"] == (WHERE if same else WHERE + MOVED)
+
+
+def test_a_leader_is_moved_by_none(root):
+    stored = load(root / "docs" / "gallery" / "designs" / "carts.json").stored
+    assert len(stored.problem.graph().roots) == 1
+    assert specification(stored).certificate["where"] == WHERE

@@ -1,0 +1,60 @@
+"""What domain is named for a nonlinearity without a bound: ranges of states that play a part, in which it is defined."""
+
+import re
+
+import pytest
+
+from lockstep.model import ProblemError
+from lockstep.model.agents.agent import Agent
+from lockstep.model.assembly import bound_of
+
+
+def jack(formula: str, **domain: tuple[float, float]) -> Agent:
+    return Agent.from_expressions(
+        "jack",
+        states=["p", "q"],
+        inputs=["u"],
+        outputs={"y": "p"},
+        dynamics={"p": "q", "q": formula},
+        domain=domain,
+        units={"q": "bar"},
+    )
+
+
+def remedy(agent: Agent) -> str:
+    with pytest.raises(ProblemError, match="no finite bound") as raised:
+        bound_of(agent)
+    return raised.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("formula", "box"),
+    [
+        ("u - sqrt(100 + q) - 15*tanh(p)", "q = [-50.0, 50.0] (in bar)"),
+        ("u - sqrt(100 - 50*p)", "p = [-0.5, 0.5]"),
+        ("u - log(q)", "q = [0.1, 1.0] (in bar)"),
+        ("u - 1/(q - 3)", "q = [-1.0, 1.0] (in bar)"),
+        ("u - sqrt(-3 - q)", "q = [-100.0, -10.0] (in bar)"),
+        ("u - sqrt(1 + p*q)", "p = [-0.5, 0.5], q = [-0.5, 0.5] (in bar)"),
+        ("u - tanh(p) - q**3", "q = [-1.0, 1.0] (in bar)"),
+    ],
+)
+def test_who_takes_the_range_that_is_named_has_a_bound(formula, box):
+    said = remedy(jack(formula))
+    assert said == f"give a box in [agent.domain], such as {box}: the certificate is then local"
+    named = re.findall(r"(\w+) = \[(\S+), (\S+)\]", box)
+    obeyed = jack(formula, **{state: (float(low), float(high)) for state, low, high in named})
+    assert bound_of(obeyed, boxes=2000).proved
+
+
+def test_a_range_of_the_file_that_is_too_wide_is_told_a_narrower_one():
+    assert "such as q = [-50.0, 50.0]" in remedy(jack("u - sqrt(100 + q)", q=(-200.0, 200.0)))
+
+
+def test_a_range_of_the_file_in_which_nothing_grows_is_not_named():
+    assert "such as q = " in remedy(jack("u - p*q", p=(-1.0, 1.0)))
+
+
+@pytest.mark.parametrize("formula", ["u - sign(q)", "u - sqrt(abs(q))", "u - sqrt(p + t)"])
+def test_where_no_range_is_known_none_is_named(formula):
+    assert remedy(jack(formula)).startswith("leave that point out")
