@@ -171,6 +171,16 @@ def test_gains_within_the_actuators_limits_are_taken_though_larger_ones_have_a_s
     assert max(np.linalg.norm(K, 2) for K in found.gains.blocks) <= 1.0
 
 
+def test_a_period_short_against_what_the_actuators_can_leaves_states_room() -> None:
+    """At 0.2 ms an A of 50 1/s forgets within 100 periods; within the actuators' limits none has a tenth of that."""
+    document = slider(4.0, order=1).document()
+    document["controller"]["period"] = 0.0002
+    found = stored(Problem.from_document(document))
+    assert certify(found).certified
+    assert "given_up" not in found.info["figures"]["defaults"]
+    assert max(np.linalg.norm(K[:1, :1], 2) for K in found.gains.blocks) < 5.0
+
+
 def test_agents_that_start_alike_say_nothing_of_the_size_of_gains() -> None:
     posed = slider(4.0, order=1)
     document = posed.document()

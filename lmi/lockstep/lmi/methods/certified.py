@@ -48,6 +48,9 @@ after one period."""
 FORGOTTEN = 100
 """Periods within which a controller that is to be stable by itself forgets all but 1/e of its state."""
 
+REACHED = 0.5
+"""Of the limit of A: the fastest that all eigenvalues of an A within it are asked to be."""
+
 
 @dataclass(frozen=True)
 class CertifiedGains:
@@ -188,11 +191,13 @@ def rate_of_controllers(problem: Problem) -> float | None:
     """Return the rate, in 1/s, that each controller is to forget with by itself; None where nothing is asked of them.
 
     Stable is what is asked and proved. In the search 1/e within `FORGOTTEN` periods is: a controller that hardly decays is
-    stable for a proof and not for whoever commissions it.
+    stable for a proof and not for whoever commissions it. A limit that is small against the period leaves room for less.
     """
     if not problem.design.stable_controllers:
         return None
-    return max(1 / (FORGOTTEN * problem.controller.period), problem.design.decay or 0.0)
+    of_A = float(np.ravel(problem.gain_limit)[0])
+    soon = min(1 / (FORGOTTEN * problem.controller.period), REACHED * of_A)
+    return max(soon, problem.design.decay or 0.0)
 
 
 def _improved(
