@@ -45,18 +45,17 @@
  *   RAM              36 bytes per instance (sizeof(arm1_state_t), natural alignment)
  *   at -O2 and -Os, by zig's clang and GCC: bounds above measurements of many shapes, with head room. `lockstep verify`
  *   measures this code on emulated cores and fails above these bounds:
- *   stack            at most 400 bytes on Cortex-M0; interrupt frame not counted
- *   stack            at most 248 bytes on Cortex-M4F, Cortex-M7; interrupt frame not counted
- *   stack            at most 280 bytes on RV32IMAC; interrupt frame not counted
- *   stack            at most 216 bytes on RV32IMAFC; interrupt frame not counted
- *   flash            at most 2784 bytes on Cortex-M0
- *   flash            at most 2996 bytes on Cortex-M4F, Cortex-M7
- *   flash            at most 3868 bytes on RV32IMAC
- *   flash            at most 3468 bytes on RV32IMAFC
- *   instructions     at most 8057 a step on Cortex-M0
- *   instructions     at most 211 a step on Cortex-M4F, Cortex-M7
- *   instructions     at most 7305 a step on RV32IMAC
- *   instructions     at most 252 a step on RV32IMAFC
+ *   stack            at most 384 bytes on Cortex-M0; interrupt frame not counted
+ *   stack            at most 240 bytes on Cortex-M4F, Cortex-M7, RV32IMAFC; interrupt frame not counted
+ *   stack            at most 312 bytes on RV32IMAC; interrupt frame not counted
+ *   flash            at most 2544 bytes on Cortex-M0
+ *   flash            at most 2164 bytes on Cortex-M4F, Cortex-M7
+ *   flash            at most 3408 bytes on RV32IMAC
+ *   flash            at most 3144 bytes on RV32IMAFC
+ *   instructions     at most 8177 a step on Cortex-M0
+ *   instructions     at most 240 a step on Cortex-M4F, Cortex-M7
+ *   instructions     at most 7387 a step on RV32IMAC
+ *   instructions     at most 277 a step on RV32IMAFC
  *   arithmetic       12 multiplications and 9 additions in the controller itself
  *   no heap, no recursion, no loop without a constant bound, and the source calls no library function.
  *   The compiler may still call memcpy or memset for a copy, and on a core without single-precision hardware its
