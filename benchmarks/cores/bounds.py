@@ -3,6 +3,8 @@
 Run by hand (each compile and run takes about half a second):
 
     python benchmarks/cores/bounds.py shapes [--count N] [--seed S] > FILE.jsonl
+    python benchmarks/cores/bounds.py leaders [--count N] [--seed S] > FILE.jsonl      shapes that listen to no one
+    python benchmarks/cores/bounds.py small [--count N] [--seed S] > FILE.jsonl        what a linear form misses first
     python benchmarks/cores/bounds.py integers [--count N] [--seed S] > FILE.jsonl     the controllers in integers
 
 `bounds_fit.py` fits the bounds to such files, and holds others to them; `soft_arithmetic.py` is for what is counted apart.
@@ -206,12 +208,17 @@ def measured(texts, unit, shape, given, core, compiler, level, *, bare):
     return {"stack": machine.depth(), "flash": flash, "own": most, "total": total, "calls": calls}
 
 
-def measure(seed, count, *, integers=False):
-    """Rows of random shapes."""
+def measure(seed, count, what):
+    """Rows of random shapes: `shapes`, `leaders`, `small` or `integers`."""
     random = np.random.default_rng(seed)
     for k in range(count):
         shape, options = drawn(random)
-        if integers:
+        if what == "leaders":  # of the others one in 25
+            shape, options["shifted"] = shape._replace(order=shape.order // 2, neighbours=0), False
+        if what == "small":
+            shape = Shape(shape.order // 5, shape.outputs, -(-shape.inputs // 4), k % 4)
+            options["shifted"] &= k % 4 > 0
+        if what == "integers":
             m, q, n = shape.inputs, shape.outputs, shape.order
             agent = controller("zz", random, shape, limited=True, shifted=False, unit=True)
             claimed = {"states": ((22,) * n,), "claims": ("nothing",)}
@@ -250,11 +257,11 @@ def measure(seed, count, *, integers=False):
 def main():
     """Rows as JSON, one a line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("shapes", "integers"))
+    parser.add_argument("what", choices=("shapes", "leaders", "small", "integers"))
     parser.add_argument("--count", type=int, default=10)
     parser.add_argument("--seed", type=int, default=17)
     given = parser.parse_args()
-    rows = measure(given.seed, given.count, integers=given.what == "integers")
+    rows = measure(given.seed, given.count, given.what)
     for row in rows:
         print(json.dumps(row), flush=True)
 

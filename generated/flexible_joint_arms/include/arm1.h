@@ -47,7 +47,7 @@
  *   measures this code on emulated cores and fails above these bounds:
  *   stack            at most 384 bytes on Cortex-M0; interrupt frame not counted
  *   stack            at most 240 bytes on Cortex-M4F, Cortex-M7, RV32IMAFC; interrupt frame not counted
- *   stack            at most 312 bytes on RV32IMAC; interrupt frame not counted
+ *   stack            at most 320 bytes on RV32IMAC; interrupt frame not counted
  *   flash            at most 2544 bytes on Cortex-M0
  *   flash            at most 2164 bytes on Cortex-M4F, Cortex-M7
  *   flash            at most 3408 bytes on RV32IMAC

@@ -81,6 +81,16 @@ def test_a_leader_whose_gains_are_all_zero_links(tmp_path):
 
 
 @needs_emulator
+@pytest.mark.usefixtures("all_levels")
+def test_small_leaders_keep_to_the_stated_bounds(tmp_path):
+    """What nothing but a constant bounds: a fit to larger shapes had none, and was exceeded twice over."""
+    small = itertools.product([0, 1], [1, 2, 3])
+    agents = tuple(random_controller(f"c{n}{q}", n, q, 1, neighbours=0, zeros=0.0) for n, q in small)
+    folder = write_folder(emit(arms(agents=agents, plants=())), tmp_path / "small")
+    assert verify_folder(folder, targets=["rv32imafc"], steps=20, adversarial_steps=50).problems == ()
+
+
+@needs_emulator
 @pytest.mark.slow
 @pytest.mark.parametrize("optimize", ["speed", "size"])
 @pytest.mark.parametrize("group", CORES)
