@@ -64,7 +64,7 @@ LATER = {
     "model/control: loops sampled and opened": (
         [
             f"{CONTROL}/{name}.py"
-            for name in ("hybrid", "hybrid_norms", "operating_points", "ports", "wiring")
+            for name in ("hybrid", "hybrid_norms", "operating_points", "ports", "static_response", "wiring")
         ],
         800,
     ),

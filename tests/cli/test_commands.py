@@ -243,6 +243,14 @@ def test_controllers_whose_states_do_nothing_are_said_to_be_static(root) -> None
     assert "order = 0" not in printed_summary(root)
 
 
+@pytest.mark.parametrize(("times", "said"), [(1.05, False), (1.6, True)])
+def test_controllers_that_leave_a_load_more_room_than_none_are_said_to(times, said, root) -> None:
+    figures = lockstep.load(root / "generated" / "flexible_joint_arms").document()["figures"]
+    softer = {"of": "omega", "moves": "theta", "times": times}
+    printed = " ".join(printed_summary(root, figures=figures | {"static_response": softer}).split())
+    assert ("of omega moves theta 1.6 times as far apart as u = 0 does" in printed) == said
+
+
 def test_a_period_that_is_seldom_meant_is_said_before_the_search(tmp_path, examples, run) -> None:
     """A wrong period took the whole build to be told. The search is cut short: the remark is before it."""
     slow = tmp_path / "slow.toml"

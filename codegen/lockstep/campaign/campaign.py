@@ -152,6 +152,7 @@ def summary(plan: Plan, table: RunTable) -> dict[str, Any]:
         "faults": int(np.nansum(table["faults"])),
         "clipped": int(np.nansum(table["clipped"])),
         "clipped_runs": int((table["clipped"] > 0).sum()),
+        "runs_outside": int((table["outside"] > 0).sum()),
         "clipped_inside": int(((table["clipped"] > 0) & ~excused(plan, table)).sum()),
         "quantiles": _quantiles(table, covered),
         "families": {

@@ -75,7 +75,7 @@ def _not_covered(document: dict[str, Any]) -> str:
     if not count:
         return "no run"
     shown = "" if worst is None else f"; the worst came to {worst:.4f} of the bound"
-    return f"{count} runs, of which nothing is claimed{shown}"
+    return f"{count} runs, of which nothing is claimed; {document['runs_outside']} left the domain{shown}"
 
 
 def _families(document: dict[str, Any]) -> RenderableType:

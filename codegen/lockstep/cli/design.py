@@ -14,10 +14,9 @@ REUSED = "the design was made before, of the same problem, and is proved again; 
 HARDLY = ": these controllers do hardly anything; ask for a `decay`, or a faster one"
 WORSE = ": these controllers make it worse; is the period too long?"
 ONLY = "the continuous controllers only, NOT those that ship (below)"
-STATIC, STATIC_SAID = (
-    0.01,
-    "the controllers' states add less than {:.0%} to what their D do: order = 0, for which D is sized anew, spares them",
-)
+SOFT = "of {of} moves {moves} {times:.3g} times as far apart as u = 0 does (computed); rho is of the worst frequency"
+STATIC = 0.01
+STATIC_SAID = "the controllers' states add less than {:.0%} to what their D do: order = 0 spares them"
 
 
 def run(path: Path, output: Path | None, **options: Any) -> Answer:
@@ -145,7 +144,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
     figures, alone = content["figures"], content["figures"].get("rho_alone")
     ships, rho = content["sampled"]["certified"], max(content["rho"], content["sampled"].get("rho") or 0.0)
     idle = (WORSE if rho > alone >= content["rho"] else HARDLY) if alone and rho > 0.9 * alone else ""
-    part = figures["part_of_states"]
+    part, soft = figures["part_of_states"], figures.get("static_response")
     static = {} if part is None or part > STATIC else {"order": STATIC_SAID.format(STATIC)}
     fragility = ", ".join(f"{letter} {delta:g}" for letter, delta in content["fragility"].items() if delta)
     return two_columns(
@@ -162,6 +161,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             **_where(content),
             **({"open loop": f"rho {alone:.4g}, with u = 0 (computed){idle}"} if alone else {}),
             **static,
+            **({"constant disturbance": SOFT.format(**soft)} if soft and soft["times"] > 1.1 else {}),
             "sampled": sampled_text(content["sampled"]),
             **messages_row(content),
             **_defaults(figures),

@@ -31,7 +31,9 @@ CONTINUOUS_ONLY = (
 )
 
 WHERE = "not proved; in consensus all agents move as one of them does with u = 0"
-MOVED = '; until then a load on one moves all: gains that differ leave a sum of inputs (method = "modal" has equal ones)'
+MOVED = "; until then a load on one moves all: gains that differ leave a sum of inputs"
+EQUAL = ' (method = "modal" has equal ones)'
+"""Of undirected graphs."""
 
 
 @dataclass(frozen=True)
@@ -216,7 +218,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         "certified": True,
         "proof": "ball" if covered else "exact",
         **lines,
-        "where": WHERE + MOVED * moves_all(stored),
+        "where": WHERE + (MOVED + EQUAL * stored.problem.graph().is_undirected) * moves_all(stored),
         "distance, disagreement": "the root of the sum over agents and states of (x - mean)^2, in the units of the states",
         "scope": scope,
         **({"disturbances": said} if (said := _counted(stored)) else {}),
@@ -253,8 +255,9 @@ def _limits(stored: Stored) -> dict[str, str | None]:
     claims, problem = stored.claims.sampled, stored.problem
     agent = problem.agent()
     names = zip(agent.inputs, problem.limits, strict=True)
+    units = {name: unit for name, unit in agent.units.items() if unit != "1"}
     sides = ", ".join(
-        f"|{name}| < {limit:g} {agent.units.get(name, '')}".rstrip()
+        f"|{name}| < {limit:g} {units.get(name, '')}".rstrip()
         for name, limit in names
         if math.isfinite(limit)
     )

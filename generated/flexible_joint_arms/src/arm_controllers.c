@@ -6,12 +6,12 @@
 
 const arm_controllers_descriptor_t arm_controllers_descriptors[3] = {
     {"arm1", "lockstep-controllers/2", ARM1_DESIGN_ID,
-     "5bd7795fb2b2148d84ebbeacd39e007efd8db24a44613bacf1ac3576cdf69fcf",
+     "4b3ac5f938b5ba1042ad757cbb4c0ee948785f0a00796fa50192cdd78c19179b",
      ARM1_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm1_state_t)},
     {"arm2", "lockstep-controllers/2", ARM2_DESIGN_ID,
-     "5bd7795fb2b2148d84ebbeacd39e007efd8db24a44613bacf1ac3576cdf69fcf",
+     "4b3ac5f938b5ba1042ad757cbb4c0ee948785f0a00796fa50192cdd78c19179b",
      ARM2_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm2_state_t)},
     {"arm3", "lockstep-controllers/2", ARM3_DESIGN_ID,
-     "5bd7795fb2b2148d84ebbeacd39e007efd8db24a44613bacf1ac3576cdf69fcf",
+     "4b3ac5f938b5ba1042ad757cbb4c0ee948785f0a00796fa50192cdd78c19179b",
      ARM3_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm3_state_t)}
 };

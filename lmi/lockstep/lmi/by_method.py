@@ -21,9 +21,11 @@ from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.analysis.margins import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.defaults import MUCH, VERY_FAR
+from lockstep.lmi.diagnosis.open_loop import rho_alone
 from lockstep.lmi.guarantees import abscissa
 from lockstep.lmi.proposal import Posed, Proposal, given_gains
 from lockstep.lmi.search.stopping import NothingYet, Stop
+from lockstep.model.control.static_response import static_response
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 
@@ -44,7 +46,6 @@ class Attempt(NamedTuple):
 def certified(posed: Posed, attempt: Attempt) -> Proposal:
     """Search for gains by the certificate itself."""
     problem, network, _, claim = posed
-    from lockstep.lmi.diagnosis.open_loop import rho_alone
     from lockstep.lmi.methods.certified import CertifiedGains, searched
     from lockstep.lmi.sampled.synthesis.score import SampledScore
 
@@ -201,8 +202,13 @@ def modal(posed: Posed, tell: Progress) -> Proposal:
 
 
 def _figures(problem: Problem, network: Network, gains: Gains) -> dict[str, Any]:
-    poles = np.linalg.eigvals(network.loop(gains.order).A_cl(gains.blocks))
-    return {"abscissa": float(poles.real.max()), "gain_norms": problem.gain_norms(gains.blocks)}
+    loop = network.loop(gains.order)
+    poles = np.linalg.eigvals(loop.A_cl(gains.blocks))
+    found = {"abscissa": float(poles.real.max()), "gain_norms": problem.gain_norms(gains.blocks)}
+    scales, names = problem.performance.states, problem.agent().states
+    times = static_response(loop, gains) * (scales > 0 if len(scales) else 1.0)
+    i, j = np.unravel_index(int(times.argmax()), times.shape)
+    return found | {"static_response": {"of": names[j], "moves": names[i], "times": float(times[i, j])}}
 
 
 def _floor(

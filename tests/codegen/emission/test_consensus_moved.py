@@ -1,16 +1,36 @@
 """What a header says of the consensus: whether the controllers move it, held against runs."""
 
+import contextlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import lockstep
 from lockstep.check.system.loop import Gains
-from lockstep.codegen.from_design import MOVED, WHERE, specification
+from lockstep.codegen.from_design import EQUAL, MOVED, WHERE, specification
 from lockstep.model.simulation import Scenario, simulate
 from lockstep.verification.closed_loop.measured_gain import network_of_design
 from lockstep.workflow.design_file import load
 
+OWN = """
+[agent]
+states = ["x"]
+inputs = ["u"]
+dynamics = {{ x = "u - x" }}
+outputs = {{ y = "x" }}
+limits = {{ u = [-1.0, 1.0] }}
+units = {{ u = "1" }}
+[network]
+agents = 3
+topology = "{topology}"
+[design]
+method = "given"
+order = 0
+gains = [{{ D = [[-0.5]] }}, {{ D = [[-1.0]] }}, {{ D = [[-0.7]] }}]
+[controller]
+period = 0.01
+"""
 START = np.array([[1.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0], [-0.5, 0.0, -0.5, 0.0]])
 
 
@@ -30,3 +50,16 @@ def test_a_leader_is_moved_by_none(root):
     stored = load(root / "docs" / "gallery" / "designs" / "carts.json").stored
     assert len(stored.problem.graph().roots) == 1
     assert specification(stored).certificate["where"] == WHERE
+
+
+@pytest.mark.parametrize(("topology", "undirected"), [("cycle", False), ("ring", True)])
+def test_method_modal_is_named_where_it_takes_the_graph(topology, undirected):
+    """A design on a cycle was told of `method = "modal"`, which then refused its graph."""
+    text = OWN.format(topology=topology)
+    said = specification(lockstep.design(lockstep.Problem.parse(text)).stored).certificate
+    assert said["where"] == WHERE + MOVED + EQUAL * undirected
+    assert "|u| < 1 for ever" in said["limits"], "the unit 1 is none"
+    modal = "\n".join(line for line in text.splitlines() if "gains" not in line).replace('"given"', '"modal"')
+    refused = pytest.raises(lockstep.ProblemError, match="undirected")
+    with contextlib.nullcontext() if undirected else refused:
+        lockstep.design(lockstep.Problem.parse(modal))

@@ -350,6 +350,8 @@ def test_limits_that_are_none() -> None:
         Problem.parse(pendulums().toml().replace("u = [-3.0, 2.0]", "w = [-3.0, 2.0]"))
     with pytest.raises(ProblemError, match="a range around 0"):
         Problem.parse(pendulums().toml().replace("u = [-3.0, 2.0]", "u = [0.5, 2.0]"))
+    with pytest.raises(ProblemError, match="a lower below an upper end"):
+        Problem.parse(pendulums().toml().replace("u = [-3.0, 2.0]", "u = [3.0, -2.0]"))
 
 
 def test_a_floor_is_of_its_own_disturbances() -> None:

@@ -1,8 +1,8 @@
-"""How far from agreement a run starts."""
+"""How far from agreement a run starts, and how often its controllers are called."""
 
 import pytest
 
-from lockstep.model.checks.plausibility import start_of
+from lockstep.model.checks.plausibility import period, start_of
 from lockstep.model.problem import Problem
 
 TEXT = """
@@ -35,3 +35,13 @@ def test_states_whose_squares_overflow_are_a_start_and_those_beyond_doubles_none
 
 def test_drawn_states_are_no_start_of_the_file():
     assert start_of(Problem.parse(TEXT)) is None
+
+
+@pytest.mark.parametrize(("T", "verdict"), [(0.01, "ok"), (1e-5, "note")])
+def test_a_period_far_below_the_shortest_time_constant_is_seldom_meant(T, verdict):
+    """v decays in 1 s: 10 ms are a hundredth of it, 10 us (ms taken for s twice over) a hundred thousandth."""
+    row = period(Problem.parse(f"{TEXT}[controller]\nperiod = {T}\n"))
+    assert row.verdict == verdict
+    assert ("1e-05 of the agent's shortest time constant, 1 s: is it in s?" in row.figure) == (
+        verdict == "note"
+    )

@@ -122,6 +122,26 @@ def test_check_decides_units_before_it_looks_for_a_bound(monkeypatch):
         check_problem(wrong)
 
 
+def test_a_slip_of_a_unit_that_loses_a_mode_is_told_as_a_slip_of_a_unit():
+    """A lever of 400 mm written as 400: its slopes hide the force's, and the pair looks as if no input moved a mode."""
+    dynamics = {"x": "v", "v": "(a*cos(x)*f - k*x - c*v)/m", "f": "(u - f)/tau"}
+    parameters = {"a": 400.0, "k": 290.0, "c": 60.0, "m": 120.0, "tau": 0.08}
+    box = {"x": [-0.35, 0.35], "f": [-800.0, 800.0]}
+    units = {
+        "x": "rad",
+        "v": "rad/s",
+        "f": "N",
+        "u": "N",
+        "a": "mm",
+        "k": "N m/rad",
+        "c": "N m s/rad",
+        "m": "kg m^2",
+        "tau": "s",
+    }
+    with pytest.raises(ProblemError, match="dimensions"):
+        check_problem(problem(dynamics, units=units, parameters=parameters, domain=box))
+
+
 def test_parameters_without_a_unit_are_told_where_states_have_one():
     given = dict.fromkeys("kmc", 2.0)
     some = {name: unit for name, unit in UNITS.items() if name not in ("m", "c")}

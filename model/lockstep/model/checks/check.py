@@ -49,8 +49,8 @@ def check_problem(
     >>> report.ok, report.document()["bound"]["alpha"], report.roots
     (True, 2.0, (1, 2, 3))
     """
+    units = tuple(_units(problem))  # first: a slip in one may lose a mode, too
     problem.validate()
-    units = tuple(_units(problem))
     agent, graph, agents_B = problem.agent(), problem.graph(), problem.agents_B()
     bound = bound_of(agent, boxes=boxes, alpha=problem.design.alpha, progress=progress)
     findings = prove(problem, boxes=min(boxes, PROVING_BOXES), progress=proving) if every else ()

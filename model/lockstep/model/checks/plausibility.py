@@ -23,6 +23,9 @@ from lockstep.model.problem import Problem
 LONG = 0.6
 """Rad of the fastest oscillation in a period: the long end of the rule."""
 
+SHORT = 2e-4
+"""Of the agent's shortest time constant: a period below that is seldom meant."""
+
 FAR = 1e6
 """Sizes of states further apart than this are seldom meant to weigh alike: by time alone, 1e5 rad/s are 1e5 apart."""
 
@@ -39,11 +42,13 @@ def period(problem: Problem) -> CheckRow:
     reason = "a controller cannot act on what happens between its samples: 0.2 to 0.6 rad a period is the usual range"
     modes = _modes(problem)
     fastest = max((s for s in modes if s.real >= -abs(s.imag)), key=abs, default=0j)
-    w = abs(fastest)
+    w, sizes = abs(fastest), [abs(s) for s in modes] or [0.0]
+    if 0 < (quick := max(sizes)) * T < SHORT:
+        figure = f"{T:g} s is {quick * T:.2g} of the agent's shortest time constant, {1 / quick:.3g} s: is it in s?"
+        return CheckRow("period", "note", figure, reason)
     if w == 0.0:
         said = "the open-loop agent has no oscillatory or unstable mode there"
-        slow = min(map(abs, modes), default=0.0)
-        if slow * T <= 1.0:
+        if (slow := min(sizes)) * T <= 1.0:
             return CheckRow("period", "ok", f"{T:g} s; {said}", reason)
         usual = f"{0.1 / slow:.2g} to {0.25 / slow:.2g} s is usual (Astrom and Wittenmark 1997)"
         moved = f"{T:g} s is {slow * T:.3g} times the longest time constant of the agent by itself, {1 / slow:.3g} s"

@@ -27,6 +27,8 @@ def input_sides(agent: AgentTable) -> Float[np.ndarray, "m 2"]:
     for name, (low, high) in known.items():
         expected = f"one of {', '.join(f'`{one}`' for one in agent.inputs)}"
         demand(name in agent.inputs, f"`{name}` is no input", where, expected)
+        rising = low is None or high is None or low < high
+        demand(rising, f"[{low}, {high}]", f"{where} {name}", "a lower below an upper end")
         around = (low is None or low < 0) and (high is None or high > 0)
         remedy = f"count {name} from its value at rest: `{name}_0 + {name}` in [agent.dynamics], limits less {name}_0"
         demand(around, f"[{low}, {high}]", f"{where} {name}", "a range around 0", remedy)

@@ -1,0 +1,58 @@
+"""What a load that stays does, beside what it does without controllers: by hand."""
+
+import numpy as np
+import pytest
+
+from lockstep.check.system.disagreement import disagreement
+from lockstep.check.system.graph import Digraph
+from lockstep.check.system.loop import Gains, Plant, build_loop
+from lockstep.model.control.static_response import static_response
+
+
+def loop_of(A: list[list[float]], order: int = 0):
+    """Two agents that hear each other, the last state driven by u, the first measured."""
+    n = len(A)
+    B, C = np.eye(n)[:, -1:], np.eye(n)[:1]
+    graph = Digraph(np.array([[0.0, 1.0], [1.0, 0.0]]))
+    return build_loop(
+        Plant(np.array(A), (B, B), C, np.zeros((n, 0)), np.zeros((0, n))), disagreement(graph), order
+    )
+
+
+def static(D: float) -> Gains:
+    return Gains(*((np.zeros(shape),) * 2 for shape in ((0, 0), (0, 1), (1, 0))), (np.array([[D]]),) * 2)
+
+
+@pytest.mark.parametrize(("D", "times"), [(1.0, 2.0), (0.0, 1.0), (-2.0, 0.5)])
+def test_a_spring_that_controllers_make_softer_or_stiffer(D, times):
+    """v' = -4 p - v + D r + xi, and r = 2 p of the difference: p_d = xi_d / (4 - 2 D), and xi_d / 4 for u = 0."""
+    assert static_response(loop_of([[0.0, 1.0], [-4.0, -1.0]]), static(D))[0, 1] == pytest.approx(
+        times, rel=1e-12
+    )
+
+
+def test_on_the_diagonal_is_the_rate_of_another_but_for_agents_of_one_state():
+    assert not np.diag(static_response(loop_of([[0.0, 1.0], [-4.0, -1.0]]), static(1.0))).any()
+    assert static_response(loop_of([[-4.0]]), static(1.0)) == pytest.approx(2.0, rel=1e-12)
+
+
+def test_agents_that_do_not_settle_by_themselves_have_nothing_to_compare_with():
+    assert not static_response(loop_of([[0.0, 1.0], [0.0, -1.0]]), static(-2.0)).any()
+
+
+@pytest.mark.parametrize("leak", [0.01, 1.0])
+def test_a_controller_that_nearly_integrates_leaves_little_of_a_load(leak):
+    """x_C' = -leak x_C + r, u = -x_C - r: D = -1 - 1/leak in the end."""
+    one = [np.array([[value]]) for value in (-leak, 1.0, -1.0, -1.0)]
+    response = static_response(
+        loop_of([[0.0, 1.0], [-4.0, -1.0]], 1), Gains(*((block,) * 2 for block in one))
+    )
+    assert response[0, 1] == pytest.approx(4 / (4 + 2 + 2 / leak), rel=1e-12)
+
+
+def test_controllers_that_keep_a_sum_for_ever_have_no_response():
+    """Both integrate, of two that hear each other: what x_C sums up to stays, and A_cl is singular."""
+    one = [np.array([[value]]) for value in (0.0, 1.0, -1.0, -1.0)]
+    assert not static_response(
+        loop_of([[0.0, 1.0], [-4.0, -1.0]], 1), Gains(*((block,) * 2 for block in one))
+    ).any()
