@@ -165,6 +165,11 @@ def test_only_what_a_design_depends_on_is_in_the_key():
         return design_cache.key(lockstep.Problem.parse(text))
 
     assert key() == key(Two="Twelve") == key(order="# a comment\norder")
+    # what is printed behind a number, and what integers are made of: asked for with `generate --fixed`, after the search
+    outputs = 'outputs = { y = "x" }'
+    ranged = {outputs: f"{outputs}\noutput_range = {{ y = [-1.0, 1.0] }}\nunits = {{ x = 'm' }}"}
+    assert outputs in SMALL
+    assert key() == key(**ranged)
     assert len({key(), key(complete="ring"), key(sin="tanh"), key(starts="seed")}) == 4
 
 

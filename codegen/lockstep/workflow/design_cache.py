@@ -1,9 +1,9 @@
 """Designs that were made before: kept in the user's cache folder, and proved again before they are used.
 
-The key is the problem, without its title and its [simulation], which no design depends on, but for the initial states, which
-by default size the gains of limited actuators; with the versions of what searches: Lockstep's own sources and the packages
-that compute. A file that is damaged, or that the checker refuses for the
-problem at hand, is ignored: nothing of what is kept is believed.
+The key is the problem, without its title, its [simulation], and units and ranges of outputs, which no design depends on, but
+for the initial states, which by default size the gains of limited actuators; with the versions of what searches: Lockstep's
+own sources and the packages that compute. A file that is damaged, or that the checker refuses for the problem at hand, is
+ignored: nothing of what is kept is believed.
 """
 
 import hashlib
@@ -35,8 +35,7 @@ MOST = 200
 def recall(problem: Problem) -> Design | None:
     """Return the design that was kept of a problem, proved again, or None."""
     try:
-        text = _place(problem).read_text(encoding="utf-8")
-        content = json.loads(text)
+        content = json.loads(_place(problem).read_text(encoding="utf-8"))
         content["problem"] = _of_the_kept(problem, content["problem"])
         found = Design.of(content, "the kept design")
         return found if certify(found).ok else None
@@ -80,9 +79,10 @@ def _place(problem: Problem) -> Path:
 
 
 def key(problem: Problem) -> str:
-    """Return what a design is kept under: the same for files that differ in comments, order, title or simulation only, but
-    for the initial states where they size the gains."""
+    """Return what a design is kept under: the same for files that differ in comments, order, title, units, ranges of outputs
+    or simulation only, but for the initial states where they size the gains."""
     posed = {name: part for name, part in problem.document().items() if name not in ("title", "simulation")}
+    posed["agent"] = {k: v for k, v in posed["agent"].items() if k not in ("units", "output_range")}
     if problem.has_defaults and any(map(math.isfinite, problem.limits)):
         posed["initial"] = problem.document().get("simulation", {}).get("initial")
     content = {"problem": posed, "sources": sources(), "packages": {one: version(one) for one in PACKAGES}}
