@@ -8,14 +8,17 @@ import tomllib
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 import lockstep
 from lockstep.check.expression.text import FUNCTIONS
 from lockstep.cli.main import app
+from lockstep.codegen.manifest import load_manifest
 from lockstep.model.checks.proved.dimensions import check_units
 from lockstep.model.problem.tables.key_meanings import MEANINGS
+from lockstep.verification.reference import references
 from lockstep.workflow.design_file import Design
 from lockstep.workflow.explain import Explanation, explain
 from lockstep.workflow.init import SCHEMA_NAME, fields
@@ -145,6 +148,21 @@ def test_a_floor_is_told_as_a_factor_and_a_radius_is_not_rounded_up(root):
     assert f"{claims.rho / claims.floor:.3g} times" in told(found.proved, "lower bound of rho")
     shown = float(re.match(r"\|x_d\(0\)\| <= ([0-9.e+-]+)\.", told(found.proved, "initial states"))[1])
     assert 0.999 * claims.initial_set.radius < shown <= claims.initial_set.radius
+
+
+def test_a_controller_without_messages_is_told_to_do_what_its_step_does(root, tmp_path):
+    """It was said to hold its last command; a static one is a gain of its own outputs against the row that it keeps."""
+    design = lockstep.load(root / "docs" / "gallery" / "designs" / "carts.json")
+    lockstep.generate(design, tmp_path / "c")
+    follower = references(load_manifest(tmp_path / "c"))["cart2"]
+    follower.init()
+    zero, moved = np.zeros(follower.outputs, np.float32), np.full(follower.outputs, 0.01, np.float32)
+    assert not follower.step(zero, zero[None], 1)[1].any()
+    assert follower.step(moved, zero[None], 0)[1].all(), (
+        "without a message, and it moves with its own outputs"
+    )
+    said = told(explain(design).proved, "controllers in open loop")
+    assert "goes on with the rows it heard last (a node: the differences) and its own outputs" in said
 
 
 def test_controllers_that_are_not_proved_stable_are_told_as_open(root):

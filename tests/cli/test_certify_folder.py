@@ -66,7 +66,9 @@ def test_one_literal_off_by_one_per_cent_is_reported(folder):
     assert not answer["ok"]
     assert answer["error"]["message"] == "arm3: not the design's gains"
     assert not answer["certified"] and not answer["sampled"]["certified"]
-    assert any("src/arm3.c is not what manifest.json says" in line for line in answer["differences"])
+    assert any(
+        "src/arm3.c was changed: manifest.json has another SHA-256" in line for line in answer["differences"]
+    )
     (line,) = [line for line in answer["differences"] if "src/arm3.c is not what its design gives" in line]
     assert found[1] in line, "the literal that is generated"
 
@@ -106,6 +108,25 @@ def test_a_period_changed_in_the_manifest_is_reported(folder):
     code, answer = certify(folder)
     assert code == 1
     assert any("period" in line and "0.1" in line for line in answer["differences"])
+
+
+def test_a_claim_changed_in_a_comment_is_certified_by_no_key(folder, capsys):
+    """The C is as it was, and the checker, which reads no comment, says so; a script that reads `certified` was told yes."""
+    header = folder / "include" / "arm1.h"
+    text = header.read_text()
+    claimed = re.search(r"rho_sampled: ([0-9.]+)", text)
+    assert claimed
+    header.write_text(text.replace(claimed[0], claimed[0].replace(claimed[1], "0.1"), 1))
+    code, answer = certify(folder)
+    assert (code, answer["ok"], answer["certified"], answer["proof"]) == (1, False, False, "none")
+    assert answer["reason"] == answer["error"]["message"]
+    assert "not as generated" in answer["reason"]
+    assert any("include/arm1.h" in line and "0.1" in line for line in answer["differences"])
+    assert answer["design"]["certified"], "the design is what it was"
+    assert check_alone([str(folder), "--json"]) == 0
+    code = json.loads(capsys.readouterr().out)["claims"]["code"]
+    assert code["status"] == "proved"
+    assert "comments, README and manifest are not read" in code["reason"]
 
 
 def test_other_c_is_refused(folder):

@@ -32,8 +32,7 @@ def run(path: Path | None, lmi: Path | None) -> Answer:
 
 def _table(found: "DesignVerdict") -> RenderableType:
     verdict = found.verdict
-    because = "the folder is not as generated (below)" if verdict.ok and found.differences else found.reason
-    rows = {"certified": "yes" if found.ok else "NO", "because": because}
+    rows = {"certified": "yes" if found.ok else "NO", "because": found.reason}
     if found.design.rho is not None:
         rows["rho"] = f"{found.design.rho:.6g}"
     rows["alpha"] = f"{found.design.alpha:.9g}"
@@ -46,7 +45,9 @@ def _table(found: "DesignVerdict") -> RenderableType:
     rows |= messages_row(found.answer)
     if (fixed := found.answer.get("fixed")) is not None and verdict.proves("fixed"):
         rho, radius = (fixed[key] or "not proved" for key in ("rho", "radius"))
-        rows["in integers"] = f"yes, while none saturates: rho {rho}, radius {radius}"
+        read = fixed["residual_per_message_error"] / 2 ** (1 + min(fixed["outputs"]))  # half a count
+        ends = f"at most {fixed['residual_from_rounding'] + read:.2g} apart in the end, readings rounded"
+        rows["in integers"] = f"yes, while none saturates: rho {rho}, radius {radius}; {ends}"
     if of_c:
         rows["as generated"] = "; ".join(found.differences) or "yes"
     if found.not_proved:

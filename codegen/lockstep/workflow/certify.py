@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from lockstep.lmi.design_verdict import Decided
 
 UNCLAIMED = "the file does not claim it"
+NOT_AS_GENERATED = (
+    "the folder is not as generated: what its C, comments or manifest say is not what the design gives"
+)
 UNDECIDED = "not decided: it rests on a claim that fails"
 
 
@@ -107,8 +110,11 @@ def certify(design: Design | Path | str) -> DesignVerdict:
         verdict = decided(found.stored, file)
         document = _document(found, verdict)
         if of_c and path is not None:
-            proved = verdict.certified and verdict.proves("sampled")
             folder = compared(path, found.stored)
+            proved = verdict.certified and verdict.proves("sampled") and not folder.differences
+            if verdict.ok and folder.differences:
+                error = {"kind": "NotCertified", "message": NOT_AS_GENERATED, "figures": {}}
+                document |= {"reason": NOT_AS_GENERATED, "error": error}
             document |= {
                 "ok": verdict.ok and not folder.differences,
                 "certified": proved,

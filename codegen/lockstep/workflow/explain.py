@@ -143,8 +143,8 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
             " may oscillate; with the continuous controllers.",
         )
     if claims.controllers_stable and found.verdict.proves("controllers_stable"):
-        alone = "comes to rest" if found.design.gains.order else "has no states, and holds its last command"
-        yield Statement("controllers in open loop", "stable", f"A controller whose messages stop {alone}.")
+        said = "Without messages it goes on with the rows it heard last (a node: the differences) and its own outputs."
+        yield Statement("controllers in open loop", "stable", said)
     delta = {letter: value for letter, value in claims.fragility.items() if value}
     if delta:
         shown = ", ".join(f"{letter} {value:g}" for letter, value in delta.items())

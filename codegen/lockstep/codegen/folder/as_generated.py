@@ -43,7 +43,8 @@ def compared(folder: Path, stored: Stored) -> Comparison:
     manifest = load_manifest(folder)
     problem_fits(stored, manifest)
     differences = strangers(folder, manifest)
-    differences += [f"{one} is not what manifest.json says it is" for one in changed_files(folder, manifest)]
+    changed = changed_files(folder, manifest)
+    differences += [f"{one} was changed: manifest.json has another SHA-256 of it" for one in changed]
     differences += _misnamed(manifest, stored)
     rendered = _rendered(folder, stored, manifest)
     differences += differs(folder, rendered) + archives_differ(folder, manifest, rendered)
