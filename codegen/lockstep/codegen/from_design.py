@@ -218,7 +218,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         "certified": True,
         "proof": "ball" if covered else "exact",
         **lines,
-        "where": WHERE + (MOVED + EQUAL * stored.problem.graph().is_undirected) * moves_all(stored),
+        "where": WHERE + (MOVED + EQUAL * stored.problem.graph().is_undirected if moves_all(stored) else ""),
         "distance, disagreement": "the root of the sum over agents and states of (x - mean)^2, in the units of the states",
         "scope": scope,
         **({"disturbances": said} if (said := _counted(stored)) else {}),

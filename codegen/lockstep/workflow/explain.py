@@ -143,7 +143,7 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
             " may oscillate; with the continuous controllers.",
         )
     if claims.controllers_stable and found.verdict.proves("controllers_stable"):
-        said = "Without messages it goes on with the rows it heard last (a node: the differences) and its own outputs."
+        said = "Without messages each goes on with the rows it heard last (a node: the differences) and its own outputs."
         yield Statement("controllers in open loop", "stable", said)
     delta = {letter: value for letter, value in claims.fragility.items() if value}
     if delta:

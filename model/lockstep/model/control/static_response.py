@@ -21,7 +21,8 @@ def static_response(loop: Loop, gains: Gains) -> Float[np.ndarray, "n n"]:
         with np.errstate(all="ignore"), contextlib.suppress(np.linalg.LinAlgError):
             moved = np.linalg.solve(A_cl, loop.E)[: loop.n_d].reshape(N - 1, n, N - 1, n)
             onto = (np.eye(N) - 1 / N) @ loop.d.right
-            closed = np.linalg.norm(np.einsum("ab,bjck,cd->ajdk", onto, moved, loop.d.T), 2, axis=(0, 2))
+            of_agents = np.einsum("ab,bjck,cd->ajdk", onto, moved, loop.d.T, optimize=True)
+            closed = np.linalg.norm(of_agents, 2, axis=(0, 2))
             free = np.linalg.inv(A)
             known = np.abs(free) > 1e-9 * (np.abs(free) @ np.abs(A) @ np.abs(free))  # else a rounding of 0
             known &= (n == 1) | ~np.eye(n, dtype=bool)
