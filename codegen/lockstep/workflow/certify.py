@@ -46,7 +46,7 @@ class DesignVerdict:
 
     @property
     def certified(self) -> bool:
-        """Whether the certificate is proved: of the continuous controllers, of a folder also of those in the C, as generated."""
+        """Whether the certificate is proved: of the continuous controllers; of a folder, of those in its C, as generated."""
         return bool(self.answer["certified"])
 
     @property
