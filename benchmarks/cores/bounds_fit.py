@@ -1,6 +1,7 @@
 """Fit the coefficients of `codegen/cost/bound_coefficients.py` to what `bounds.py` measured; hold measurements to the bounds.
 
     python benchmarks/cores/bounds_fit.py fit FILE.jsonl...     prints the tables
+    python benchmarks/cores/bounds_fit.py raise FILE.jsonl...   the tables with constants raised to what leaders measured need
     python benchmarks/cores/bounds_fit.py hold FILE.jsonl...    measured over bound; exits with 1 above a bound
 
 A linear program: coefficients >= 0, every measurement with its head room at most the bound, and the sum of the bounds,
@@ -17,6 +18,7 @@ from scipy.optimize import linprog
 
 from lockstep.check.c_source.kernel import Shape
 from lockstep.codegen.arithmetic import RealType
+from lockstep.codegen.cost.bound_coefficients import FLASH, STACK
 from lockstep.codegen.cost.bounds import INTEGER_PARTS, OWN_PARTS, bounds, integer_budgets, operations
 from lockstep.codegen.cost.budget import (
     ALIKE,
@@ -30,6 +32,7 @@ from lockstep.codegen.cost.budget import (
 
 ROOM = {"stack": (1.15, 16), "flash": (1.3, 64), "own": (1.3, 0)}
 INTEGER_ROOM = 1.5
+TABLES = {"stack": STACK, "flash": FLASH}
 PARTS = {"stack": STACK_PARTS, "flash": FLASH_PARTS, "own": OWN_PARTS}
 
 
@@ -89,6 +92,27 @@ def fit(rows):
     print("}")
 
 
+def raised(rows):
+    """Print the lines of the tables that measurements of leaders change: their constant alone, neighbours' bounds kept.
+
+    Of stack it is that of all, less what a first neighbour adds; of flash there is a part for no neighbour.
+    """
+    for what, at, less in (("stack", 0, 4), ("flash", 9, None)):
+        most = defaultdict(float)
+        for row in rows:
+            key, (part, more), extent = key_of(row), ROOM[what], extent_of(row)
+            tenths = zip(TABLES[what][key], PARTS[what], strict=True)
+            have = declared(row, what) + sum(a * part_of(extent) for a, part_of in tenths) / 10
+            most[key] = max(most[key], part * row[what] + more - have)
+        for key, missing in sorted(most.items()):
+            line, tenths = list(TABLES[what][key]), int(np.ceil(10 * missing - 1e-6))
+            line[at] += tenths
+            if less is not None:
+                line[less] = max(0, line[less] - tenths)
+            if tenths:
+                print(f"{what.upper()} {key}: {tuple(line)},")
+
+
 def hold(rows):
     """Print, per core and arithmetic, the largest and the mean of measured over bound; whether none is above."""
     found, fine = defaultdict(list), True
@@ -119,4 +143,4 @@ def hold(rows):
 
 if __name__ == "__main__":
     read = [json.loads(line) for name in sys.argv[2:] for line in Path(name).read_text().splitlines()]
-    sys.exit(0 if {"fit": fit, "hold": hold}[sys.argv[1]](read) in (None, True) else 1)
+    sys.exit(0 if {"fit": fit, "raise": raised, "hold": hold}[sys.argv[1]](read) in (None, True) else 1)

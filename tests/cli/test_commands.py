@@ -5,13 +5,16 @@ import io
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
 import lockstep
+from lockstep.cli.certify import _table
 from lockstep.cli.design import HARDLY, STATIC_SAID, WORSE, proved_besides, sampled_text, summary
 from lockstep.cli.main import app
 from lockstep.lmi.document import answer as said
@@ -241,6 +244,22 @@ def test_controllers_whose_states_do_nothing_are_said_to_be_static(root) -> None
     figures = lockstep.load(root / "generated" / "flexible_joint_arms").document()["figures"]
     assert STATIC_SAID.format(0.01) in printed_summary(root, figures=figures | {"part_of_states": 0.001})
     assert "order = 0" not in printed_summary(root)
+
+
+def test_how_far_apart_integers_leave_the_states_is_said(root) -> None:
+    """Outputs counted in 2^-3 and 2^-5 are off by half of the larger, 1/16: 0.5 + 8/16 in the end."""
+    counted = {
+        "rho": 2.0,
+        "radius": None,
+        "residual_from_rounding": 0.5,
+        "residual_per_message_error": 8.0,
+        "outputs": (3, 5),
+    }
+    found = lockstep.certify(root / "generated" / "flexible_joint_arms" / "design.json")
+    verdict = SimpleNamespace(ok=True, scope="global", proves=lambda _claim: True)
+    console = Console(width=200, record=True, file=io.StringIO())
+    console.print(_table(replace(found, verdict=verdict, answer={**found.answer, "fixed": counted})))
+    assert "rho 2.0, radius not proved; at most 1 apart in the end, readings rounded" in console.export_text()
 
 
 @pytest.mark.parametrize(("times", "said"), [(1.05, False), (1.6, True)])

@@ -208,7 +208,8 @@ def _figures(problem: Problem, network: Network, gains: Gains) -> dict[str, Any]
     scales, names = problem.performance.states, problem.agent().states
     times = static_response(loop, gains) * (scales > 0 if len(scales) else 1.0)
     i, j = np.unravel_index(int(times.argmax()), times.shape)
-    return found | {"static_response": {"of": names[j], "moves": names[i], "times": float(times[i, j])}}
+    most = {"of": names[j], "moves": names[i], "times": float(times[i, j])}
+    return found | {"static_response": most if times.any() else None}
 
 
 def _floor(

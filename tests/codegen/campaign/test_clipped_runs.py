@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from test_clipping_c import bench, check_bench
 
+from lockstep.campaign.campaign import summary
 from lockstep.campaign.compiled.engine import Batch, Engine
 from lockstep.campaign.compiled.layout import Features
 from lockstep.campaign.compiled.source import sampled_source
@@ -15,6 +16,7 @@ from lockstep.campaign.plan import plan_of
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.errors import ProblemError
 from lockstep.check.numbers import as_floats
+from lockstep.cli.campaign import _not_covered
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.from_design import specification
 from lockstep.codegen.period_redesign import as_shipped
@@ -188,3 +190,6 @@ def test_a_run_that_left_its_domain_is_no_run_that_is_proved_to_converge(pendulu
         columns, np.array([[(row | {"outside": left})[name] for name in columns] for left in (0.0, 5.0)])
     )
     assert excused(plan, table).tolist() == [False, True]
+    said = summary(plan, table)
+    assert (said["runs_outside"], said["clipped_runs"]) == (1, 2)
+    assert "2 runs, of which nothing is claimed; 1 left the domain" in _not_covered(said)

@@ -37,11 +37,13 @@ def test_drawn_states_are_no_start_of_the_file():
     assert start_of(Problem.parse(TEXT)) is None
 
 
-@pytest.mark.parametrize(("T", "verdict"), [(0.01, "ok"), (1e-5, "note")])
-def test_a_period_far_below_the_shortest_time_constant_is_seldom_meant(T, verdict):
-    """v decays in 1 s: 10 ms are a hundredth of it, 10 us (ms taken for s twice over) a hundred thousandth."""
-    row = period(Problem.parse(f"{TEXT}[controller]\nperiod = {T}\n"))
-    assert row.verdict == verdict
-    assert ("1e-05 of the agent's shortest time constant, 1 s: is it in s?" in row.figure) == (
-        verdict == "note"
-    )
+@pytest.mark.parametrize(
+    ("T", "spring", "noted"), [(0.01, "- p", False), (1e-5, "- p", True), (1e-5, "", False)]
+)
+def test_a_period_far_below_the_shortest_time_constant_is_seldom_meant(T, spring, noted):
+    """The spring and the damper of 1 make |s| = 1: 10 ms are a hundredth of it, 10 us are seldom meant; without the spring p
+    integrates, and no mode says how fast the agents are to be moved."""
+    text = TEXT.replace("u - v", f"u - v {spring}")
+    row = period(Problem.parse(f"{text}[controller]\nperiod = {T}\n"))
+    assert ("1e-05 of the agent's shortest time constant, 1 s: is it in s?" in row.figure) == noted
+    assert (row.verdict == "note") == noted

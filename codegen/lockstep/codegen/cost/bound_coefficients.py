@@ -1,4 +1,4 @@
-"""Coefficients of the bounds that the header states, as `benchmarks/cores/bounds_fit.py` prints them.
+"""Coefficients of the bounds that the header states, as `benchmarks/cores/bounds_fit.py` prints them (`fit`, then `raise`).
 
 Tenths, by the parts of `budget` and `bounds`; above measurements with head room: 15 % and 16 bytes of stack, 30 % and 64 of
 flash, 30 % of instructions, half as much again of those in integers.

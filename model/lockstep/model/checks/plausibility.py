@@ -24,7 +24,8 @@ LONG = 0.6
 """Rad of the fastest oscillation in a period: the long end of the rule."""
 
 SHORT = 2e-4
-"""Of the agent's shortest time constant: a period below that is seldom meant."""
+"""Of the shortest time constant of an agent that integrates nothing: a period below that is seldom meant. No field or problem
+of the benchmark is below 0.003; a mass without a spring has no time of its own."""
 
 FAR = 1e6
 """Sizes of states further apart than this are seldom meant to weigh alike: by time alone, 1e5 rad/s are 1e5 apart."""
@@ -43,7 +44,7 @@ def period(problem: Problem) -> CheckRow:
     modes = _modes(problem)
     fastest = max((s for s in modes if s.real >= -abs(s.imag)), key=abs, default=0j)
     w, sizes = abs(fastest), [abs(s) for s in modes] or [0.0]
-    if 0 < (quick := max(sizes)) * T < SHORT:
+    if min(sizes) > 0 and (quick := max(sizes)) * T < SHORT:
         figure = f"{T:g} s is {quick * T:.2g} of the agent's shortest time constant, {1 / quick:.3g} s: is it in s?"
         return CheckRow("period", "note", figure, reason)
     if w == 0.0:
