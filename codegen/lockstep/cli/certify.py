@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 COVERS = {
     "global": "the continuous controllers, for every disturbance and every initial state",
     "local": "the continuous controllers, while every agent stays in its domain",
-    None: "nothing",
 }
 
 
@@ -37,7 +36,7 @@ def _table(found: "DesignVerdict") -> RenderableType:
         rows["rho"] = f"{found.design.rho:.6g}"
     rows["alpha"] = f"{found.design.alpha:.9g}"
     rows |= proved_besides(found.design.document(), verdict.proves)
-    rows["covers"] = COVERS[verdict.scope]
+    rows["covers"] = COVERS.get(verdict.scope, "nothing")
     if "initial_set" in found.answer:
         rows["initial states"] = found.answer["initial_set"]["text"]
     of_c = "differences" in found.answer
@@ -49,7 +48,8 @@ def _table(found: "DesignVerdict") -> RenderableType:
         ends = f"at most {fixed['residual_from_rounding'] + read:.2g} apart in the end, readings rounded"
         rows["in integers"] = f"yes, while none saturates: rho {rho}, radius {radius}; {ends}"
     if of_c:
-        rows["as generated"] = "; ".join(found.differences) or "yes"
+        first, more = "; ".join(found.differences[:3]), len(found.differences) - 3
+        rows["as generated"] = f"{first}; and {more} more (--json tells each)" if more > 0 else first or "yes"
     if found.not_proved:
         rows["not proved"] = f"what is in {', '.join(found.not_proved)}"
     return two_columns(found.design.title, rows)

@@ -15,6 +15,7 @@ from lockstep.cli.main import app
 from lockstep.codegen.bundle import bundle
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
+from lockstep.codegen.folder.contents import differs
 from lockstep.codegen.from_design import specification
 from lockstep.codegen.manifest import load_manifest, sha256
 from lockstep.lmi.document import parse
@@ -269,13 +270,23 @@ def test_an_attack_is_refused(folder, name):
     assert any(expected in line for line in said), said
 
 
+@pytest.mark.parametrize("more", [" and sooner than it is computed, for any input", "\t"])
+def test_a_line_that_goes_on_is_shown_where_it_does(tmp_path, more):
+    line = "the caller writes u to the actuator at once after the step has returned"
+    (tmp_path / "a.txt").write_text(f"{line}{more}\n")
+    (told,) = differs(tmp_path, {"a.txt": f"{line}\n"})
+    found, generated = told.split("`")[1::2]
+    assert found != generated and found.startswith(generated) and line.endswith(generated)
+    assert line.split(generated)[0].endswith(" "), "an excerpt begins with a word"
+
+
 def test_an_older_generator_is_told_apart_and_to_be_generated_again(folder):
     replaced("include/arm2.h", "WHAT IT COSTS", "WHAT IT TAKES")(folder)
     reseal(folder)
     code, answer = certify(folder)
     assert code == 1
     (line,) = [line for line in answer["differences"] if line.startswith("include/arm2.h")]
-    assert "WHAT IT TAKES" in line and "generate the folder again" in line
+    assert "WHAT IT TAKES" in line and answer["error"]["message"].endswith("generate it again")
     assert not answer["certified"], "a folder is what its text says, too"
     assert answer["design"]["certified"] and answer["sampled"]["certified"], (
         "what is proved of the numbers in the C still is"

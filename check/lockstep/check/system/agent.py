@@ -266,9 +266,9 @@ def _needs_of(value: Value, n: int, components: Sequence[Node]) -> list[Conditio
 
 def _refuse_cancelled(condition: Condition) -> NoReturn:
     raise ProblemError(
-        f"{condition.text}, and the nonlinear terms it belongs to cancel",
+        f"all nonlinear terms cancel, or have the factor 0, and {condition.name} among them may have no value",
         where="[agent.dynamics]",
-        expected="formulas without terms that cancel",
+        expected="a nonlinear term that remains, or none",
         remedy="leave them out",
     )
 

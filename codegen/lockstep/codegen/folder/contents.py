@@ -141,9 +141,7 @@ def differs(folder: Path, files: Mapping[str, str]) -> list[str]:
             found.append(f"{path} is not as it is generated: {error.found}")
             continue
         if content != text.encode():
-            found.append(
-                f"{path} is not what its design gives: {_first(content, text)}; generate the folder again"
-            )
+            found.append(f"{path} is not what its design gives: {_first(content, text)}")
     return found
 
 
@@ -166,8 +164,8 @@ def _first(content: bytes, text: str) -> str:
     theirs, ours = content.decode("utf-8", "replace").split("\n"), text.split("\n")
     for number, (found, generated) in enumerate(zip(theirs, ours, strict=False), start=1):
         if found != generated:
-            same = next((k for k, (a, b) in enumerate(zip(found, generated, strict=False)) if a != b), 0)
-            part = slice(max(0, same - 20), same + 40)
+            same = next((k for k, c in enumerate(generated) if found[k : k + 1] != c), len(generated))
+            part = slice(found.rfind(" ", 0, max(0, same - 20)) + 1, same + 40)  # from where a word begins
             return (
                 f"line {number} has `{shorten(found[part])}` where `{shorten(generated[part])}` is generated"
             )
