@@ -46,6 +46,9 @@ def test_the_arms_are_certified_as_shipped(arms):
     # No sampled controller of these gains can be much better than the continuous one.
     assert answer["rho"] < answer["sampled"]["rho"] < 1.1 * answer["rho"]
     assert answer["differences"] == []
+    stated = json.loads((arms / "design.json").read_text())["claims"]
+    assert answer["decay"] == stated["decay"] > 0 and answer["controllers_stable"] is True
+    assert answer["limits"]["radius"] == stated["sampled"]["radius"] > 1.3, "the start in the file"
 
 
 def test_the_header_says_what_is_proved(arms):
@@ -84,6 +87,7 @@ def test_a_sign_flipped_is_refused(folder, agent):
     assert code == 1
     assert not answer["certified"]
     assert answer["proof"] == "none"
+    assert answer["decay"] is None and answer["limits"] is None, "said where every claim holds"
     assert answer["error"]["message"] == f"arm{agent}: not the design's gains"
     printed = CliRunner().invoke(app, ["certify", str(folder)]).stdout
     first = next(line for line in printed.splitlines() if line.startswith("certified"))

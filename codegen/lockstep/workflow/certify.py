@@ -142,6 +142,7 @@ def _document(design: Design, verdict: "Decided") -> dict[str, Any]:
         "floor": floor,
         "floor_proof": "none" if floor is None else "exact",
         **{key: said[key] for key in ("alpha", "entries", "fragility", "gains")},
+        **{key: said.get(key) if verdict.ok else None for key in ("decay", "controllers_stable", "limits")},
         **{key: said[key] for key in ("spectrum", "max_degree", "graph_proof") if key in said},
         "reason": verdict.reason,
         "scope": verdict.scope,
