@@ -54,6 +54,9 @@ BACK = -0.1
 NEAR, TRIALS = 3e-4, 25
 """How small g_p is made, the rest being taken off to first order, and after how many evaluations it is given up."""
 
+SETTLED = NEAR**2
+"""What a step is to lower log rho_p by: no more than its own error, of second order in g_p, is no gain."""
+
 FARTHEST = 0.7
 """A step of the line search whose log rho_p is higher by more than this is as bad as one without: it is not followed up."""
 
@@ -161,7 +164,7 @@ class Descent:
                 found = None
             return (np.inf, np.zeros_like(x)) if found is None else found
 
-        return start.at(descend(total, start.vector(), iterations))
+        return start.at(descend(total, start.vector(), iterations, SETTLED))
 
     def _total(
         self, at: DescentPoint, value: Value, weight: float, frequencies: Complex[np.ndarray, " s"]
