@@ -72,7 +72,7 @@ def _parameters(
     values |= {"x": np.tile(peak.point, N), "bias": np.tile(peak.hold, N)}
     size = _log_uniform(random, *AMPLITUDES)
     if family == "noise":
-        return values | {"sigma": size * np.abs(random.normal(size=(N, len(peak.point))))}
+        return values | {"sigma": size * plan.driven * np.abs(random.normal(size=(N, len(peak.point))))}
     if family == "step":
         begin, end = np.sort(random.uniform(0, plan.horizon, 2))
         return values | {"cosine": size * _direction(plan, random), "start": begin, "stop": end}
@@ -98,7 +98,7 @@ def _from_disagreement(
     x = random.uniform(-plan.spread, plan.spread, layout.N * layout.n)
     if random.random() < 0.5:
         return {"x": x if plan.clipped_radius is None else _within(plan.clipped_radius, layout.N, random, x)}
-    return {"x": x, "sigma": np.full(layout.N * layout.n, _log_uniform(random, *AMPLITUDES))}
+    return {"x": x, "sigma": _log_uniform(random, *AMPLITUDES) * np.tile(plan.driven, layout.N)}
 
 
 def _within(
@@ -131,9 +131,9 @@ def _perturbation(plan: Plan, random: np.random.Generator) -> dict[str, Float[np
 
 
 def _direction(plan: Plan, random: np.random.Generator) -> Float[np.ndarray, "N n"]:
-    """A random direction of unit length, in some of the states only as often as in all."""
+    """A random direction of unit length among the driven states, in some of them only as often as in all."""
     layout = plan.source.layout
-    found = random.normal(size=(layout.N, layout.n))
+    found = plan.driven * random.normal(size=(layout.N, layout.n))
     if random.random() < 0.5:
         found = found * (random.random(layout.n) < 0.5)
     length = float(np.linalg.norm(found))

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Certificate
-from lockstep.check.errors import NotCertified, ProblemError, demand
+from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.system.disagreement import disagreement
@@ -54,12 +54,9 @@ def guarantee_of(stored: Stored, files: Mapping[str, str] | None, kind: Controll
 
     Raises:
         NotCertified: there is no proof, and why.
-        ProblemError: rho is no gain from some state.
+        ProblemError: no emitted C, for sampled controllers.
     """
     problem = stored.problem
-    found = "rho is a gain from the states that are named, but a campaign disturbs all of them"
-    every, remedy = "a scale above 0 for every state", "design with such scales, or leave `states` out"
-    demand((problem.performance.states > 0).all(), found, "[design.disturbances], --campaign", every, remedy)
     T = as_floats(disagreement(problem.graph(), problem.design.coordinates).T)
     n_d = len(T) * problem.agent().n
     if kind == "continuous":

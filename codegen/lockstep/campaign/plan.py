@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from lockstep.campaign.compiled.layout import Features
 from lockstep.campaign.compiled.source import CampaignSource, continuous_source, sampled_source
@@ -43,7 +44,7 @@ class Plan:
 
     source: the loop's C;  seed: of all draws;  horizon: of each run, in s;  spread: of random initial states;
     deltas: per letter the bound (11) and the shape of one agent's block, in the order of the C's parameters;
-    peaks: where to disturb;  guarantee: what the runs are held against;  title, controllers: for people;  clipped_radius:
+    peaks: where to disturb;  driven: (n,), 1 for a state that rho is a gain from, 0 for one that nothing drives;  guarantee: what the runs are held against;  title, controllers: for people;  clipped_radius:
     from disagreements up to it, undisturbed, the runs are held to converge with their inputs clipped.
     """
 
@@ -53,6 +54,7 @@ class Plan:
     spread: float
     deltas: Deltas
     peaks: tuple[Peak, ...]
+    driven: Float[np.ndarray, " n"]
     guarantee: Guarantee
     title: str = ""
     controllers: Controllers = "sampled"
@@ -66,6 +68,8 @@ class Plan:
             digest.update(repr(_plain(getattr(self, name))).encode())
         if self.clipped_radius is not None:
             digest.update(repr(self.clipped_radius).encode())
+        if not self.driven.all():
+            digest.update(repr(_plain(self.driven)).encode())
         return digest.hexdigest()
 
 
@@ -111,6 +115,7 @@ def plan_of(
         problem.simulation.spread,
         deltas,
         peaks(network, response, weights, count=POINTS, seed=seed),
+        np.sign(weights.states) if len(weights.states) else np.ones(network.agent.n),
         held_to,
         problem.title,
         kind,

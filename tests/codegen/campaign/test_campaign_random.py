@@ -4,8 +4,29 @@ import numpy as np
 import pytest
 from campaign_cases import HORIZON, SAME_MESSAGES
 
+import lockstep
+from lockstep.campaign import compute
 from lockstep.campaign.compiled.engine import Batch
+from lockstep.campaign.compute import columns_of
 from lockstep.campaign.disturbance import DROPS, NOISE, gaussians, random_unit
+from lockstep.campaign.draw import FAMILIES, draw
+from lockstep.workflow.runs.campaign import CampaignOptions, planned
+
+PUSHED = """
+[agent]
+name = "pendulum"
+states = ["angle", "rate"]
+inputs = ["u"]
+dynamics = { angle = "rate", rate = "-sin(angle) - 0.5*rate + u" }
+outputs = { y = "angle" }
+[network]
+agents = 2
+topology = "path"
+[design]
+order = 0
+gain_limit = 5.0
+disturbances = { states = { rate = 0.5 } }
+"""
 
 
 def test_noise_is_of_its_seed(sampled):
@@ -48,3 +69,19 @@ def test_messages_that_do_not_arrive(sampled):
     # Nobody is ever heard: r = 0, and the controllers, which start at zero, do nothing.
     assert found["effort_peak"][4] == 0
     assert found["effort_peak"][0] > 0
+
+
+def test_only_the_states_that_rho_is_a_gain_from_are_disturbed(tmp_path):
+    """A force disturbs a rate; nothing moves an angle but its rate, and rho says nothing of what would."""
+    (tmp_path / "pushed.toml").write_text(PUSHED)
+    lockstep.design(tmp_path / "pushed.toml", output=tmp_path / "design.json")
+    plan, _ = planned(tmp_path / "design.json", CampaignOptions("continuous", horizon=20.0, seed=1))
+    drawn = draw(plan, 0, 256)
+    places = plan.source.layout.places
+    for name in ("cosine", "sine", "sigma"):
+        angle, rate = np.moveaxis(drawn.batch.rows[:, places[name]].reshape(256, 2, 2), 2, 0)
+        assert not angle.any() and rate.any()
+    found = dict(zip(columns_of(plan), compute(plan, 0, 256).T, strict=True))
+    assert found["covered"].all() and (found["ratio"] <= 1 + 1e-6).all()  # Runge-Kutta's own error
+    peak = found["ratio"][drawn.family == FAMILIES.index("peak")]
+    assert peak.max() > 0.3, "the scale of 0.5 is counted: a ratio by 1 would be half"
