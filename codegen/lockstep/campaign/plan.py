@@ -44,8 +44,9 @@ class Plan:
 
     source: the loop's C;  seed: of all draws;  horizon: of each run, in s;  spread: of random initial states;
     deltas: per letter the bound (11) and the shape of one agent's block, in the order of the C's parameters;
-    peaks: where to disturb;  driven: (n,), 1 for a state that rho is a gain from, 0 for one that nothing drives;  guarantee: what the runs are held against;  title, controllers: for people;  clipped_radius:
-    from disagreements up to it, undisturbed, the runs are held to converge with their inputs clipped.
+    peaks: where to disturb;  driven: (n,), 1 for a state that rho is a gain from, 0 for one that nothing drives;
+    guarantee: what the runs are held against;  title, controllers: for people;  clipped_radius: from disagreements up to
+    it, undisturbed, the runs are held to converge with their inputs clipped.
     """
 
     source: CampaignSource
