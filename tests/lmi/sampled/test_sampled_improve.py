@@ -10,7 +10,7 @@ from lockstep.check.continuous.inequality import Performance
 from lockstep.lmi.analysis.gain_limit import limit_barrier
 from lockstep.lmi.sampled import certify_sampled, sampled_rho
 from lockstep.lmi.sampled.messages.descent import AgedObjective
-from lockstep.lmi.sampled.synthesis.descent import Descent, DescentPoint
+from lockstep.lmi.sampled.synthesis.descent import ITERATIONS, STAGES, Descent, DescentPoint
 from lockstep.lmi.sampled.synthesis.gains_for_period import (
     AtPeriod,
     StartingGains,
@@ -71,6 +71,25 @@ def test_the_decay_that_is_asked_for_is_kept():
     A_cl = pendulums(0.2).objective().continuous.A_cl(found.K)
     assert np.linalg.eigvals(A_cl).real.max() < -0.5
     assert proved(at, found)[1].rho < 0.9 * measured(at, K, np.ones(1)).rho
+
+
+def test_a_descent_ends_where_only_rounding_is_left_to_gain(monkeypatch):
+    """Two static gains: some ten steps each power lead there; line searches at the end of what doubles tell took 3 200."""
+    A, B, H = [[0.0, 1.0], [-1.0, -0.5]], [[0.0], [1.0]], [[1.0, 0.0]]
+    net = network(A, B, [[1.0, 0.0]], B, H, EDGES, N=2, alpha=1.0, period=0.005)
+    weights = Performance(np.eye(2), np.zeros((0, 0)), states=np.array([0.0, 0.5]))
+    objective = AtPeriod(net, EDGES, weights, 0, 5.0).objective()
+    evaluate, asked = objective.sampled, list[float]()
+
+    def counted(K, *others):
+        asked.append(float(K[0, 0, 0]))
+        return evaluate(K, *others)
+
+    monkeypatch.setattr(type(objective), "sampled", lambda _self, K, *others: counted(K, *others))
+    descent = Descent(objective, 5.0, 4.3)
+    points = list(descent.stages(DescentPoint(np.full((2, 1, 1), -4.5), np.zeros(1), np.zeros(1))))
+    assert len(points) == len(STAGES)
+    assert len(asked) < len(STAGES) * ITERATIONS, "not even one for each step that is granted"
 
 
 def test_where_the_time_is_over_one_stage_of_one_start_is_what_there_is():
