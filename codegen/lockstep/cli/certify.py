@@ -36,7 +36,7 @@ def _table(found: "DesignVerdict") -> RenderableType:
         rows["rho"] = f"{found.design.rho:.6g}"
     rows["alpha"] = f"{found.design.alpha:.9g}"
     rows |= proved_besides(found.design.document(), verdict.proves)
-    rows["covers"] = COVERS.get(verdict.scope, "nothing")
+    rows["covers"] = COVERS.get(verdict.scope or "", "nothing")
     if "initial_set" in found.answer:
         rows["initial states"] = found.answer["initial_set"]["text"]
     of_c = "differences" in found.answer
