@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Certificate
-from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.check.errors import NotCertified, ProblemError, demand
 from lockstep.check.numbers import as_floats
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.system.disagreement import disagreement
@@ -54,9 +54,13 @@ def guarantee_of(stored: Stored, files: Mapping[str, str] | None, kind: Controll
 
     Raises:
         NotCertified: there is no proof, and why.
-        ProblemError: no emitted C, for sampled controllers.
+        ProblemError: rho is a gain from no state; no emitted C, for sampled controllers.
     """
     problem = stored.problem
+    states = problem.performance.states
+    found, some = "rho is a gain from the noise of outputs alone", "a scale above 0 for one state at least"
+    remedy = "a campaign disturbs states: design with such a scale, or leave `states` out"
+    demand(not len(states) or bool(states.any()), found, "[design.disturbances], --campaign", some, remedy)
     T = as_floats(disagreement(problem.graph(), problem.design.coordinates).T)
     n_d = len(T) * problem.agent().n
     if kind == "continuous":

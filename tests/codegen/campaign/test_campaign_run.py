@@ -429,3 +429,10 @@ def test_the_controllers_that_ship_are_disturbed_in_the_named_states_alone(tmp_p
     found = dict(zip(columns_of(plan), compute(plan, 0, 24).T, strict=True))
     assert found["covered"].any()
     assert found["ratio"][found["covered"] > 0].max() <= 1 + 1e-6  # Runge-Kutta's own error
+
+
+def test_a_campaign_of_a_design_whose_rho_is_a_gain_from_noise_alone_is_bad_input(tmp_path):
+    text = UNIT.replace("order = 1\n", "order = 1\ndisturbances = { states = 0.0, outputs = { y1 = 1.0 } }\n")
+    lockstep.design(lockstep.Problem.parse(text), output=tmp_path / "d.json")
+    with pytest.raises(ProblemError, match="a scale above 0 for one state at least"):
+        planned(tmp_path / "d.json", CampaignOptions(horizon=1.0))
