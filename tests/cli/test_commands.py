@@ -191,7 +191,7 @@ def test_what_is_proved_besides_rho_is_printed_and_nothing_else() -> None:
         "decay": 0.25,
         "controllers_stable": True,
         "limits": {"radius": 1.5},
-        "entries": [{"bound": 1.0, "component": 1, "argument": 2}],
+        "entries": [{"slope": 1.0, "component": 1, "argument": 2}],
     }
     rows = proved_besides(content)
     parts = ["|d phi1/d v2| <= 1", ">= 2:", "0.25 1/s", "yes", "1.5"]

@@ -108,7 +108,7 @@ def proved_besides(
     limits = content.get("limits") or {}
     radius, clipped, start = (limits.get(key) for key in ("radius", "clipped_radius", "start"))
     slopes = [
-        f"|d phi{x['component']}/d v{x['argument']}| <= {x['bound']:.6g}" for x in content.get("entries", ())
+        f"|d phi{x['component']}/d v{x['argument']}| <= {x['slope']:.6g}" for x in content.get("entries", ())
     ]
     rows = {
         "certificate": ("slope bounds", ", ".join(slopes)),

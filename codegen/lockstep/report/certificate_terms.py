@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from decimal import ROUND_CEILING, Context
 
 from lockstep.lmi.document import sampled_answer
+from lockstep.model.bound_search import slopes_of
 from lockstep.report.report_data import Facts
 
 EXACT = "proved, exact rational arithmetic"
@@ -61,12 +62,13 @@ def _continuous(facts: Facts) -> Iterator[DatasheetTerm]:
         "proved, interval arithmetic" if not linear else "by the form of the equations",
         f"incremental bound of the nonlinearity; {'the agents here are linear' if linear else reached}",
     )
-    for one in claims.entries:
+    slopes = slopes_of(claims.entries, claims.scales)
+    for one, slope in zip(claims.entries, slopes, strict=True):
         yield DatasheetTerm(
-            f"r of φ{one.component + 1} by v{one.argument + 1}",
-            f"{one.bound:.9g}",
+            f"|∂φ{one.component + 1}/∂v{one.argument + 1}|",
+            up(slope, 9),
             "proved, interval arithmetic",
-            "bound of this slope of the nonlinearity, in the scales of G and H",
+            "bound of this slope of the nonlinearity, in the units of the file",
         )
     for letter, delta in claims.fragility.items():
         if delta:

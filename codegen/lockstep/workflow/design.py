@@ -28,9 +28,10 @@ def _made_before(problem: Problem, progress: Progress) -> Design | None:
 
 def doubts(problem: Problem) -> list[str]:
     """Return what `check` notes of the signs, period, units and start of a problem: each is seldom meant."""
-    from lockstep.model.checks.plausibility import alone, initial, period, units
+    from lockstep.model.checks import actuators, plausibility
 
-    rows = (*alone(problem), period(problem), *units(problem), *initial(problem))
+    found = (plausibility.alone, actuators.period, plausibility.units, plausibility.initial)
+    rows = (row for of in found for row in of(problem))
     return [f"{row.name}: {row.figure}" for row in rows if row.verdict == "note"]
 
 

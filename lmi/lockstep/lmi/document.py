@@ -29,7 +29,7 @@ from lockstep.lmi.initial_set import InitialStates, sampled_rate
 from lockstep.lmi.proposal import Proposal
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
 from lockstep.model.agents.arguments import arguments_text
-from lockstep.model.bound_search import Bound
+from lockstep.model.bound_search import Bound, slopes_of
 from lockstep.model.checks.plausibility import start_of
 from lockstep.model.plain_json import plain
 from lockstep.model.problem import Problem
@@ -121,6 +121,7 @@ def parse(content: Any, where: str) -> Stored:
 def answer(stored: Stored) -> dict[str, Any]:
     """Return what commands say of a design: the keys of the contract, claims at the top and remarks beside them."""
     claims, info, design = stored.claims, stored.info, stored.problem.design
+    claimed, slopes = claims_document(claims), slopes_of(claims.entries, claims.scales)
     initial = {"available": False, **_table(info, "initial_set")}
     if claims.initial_set is not None:
         text = {"arguments": arguments_text(stored.problem.agent())}
@@ -129,9 +130,8 @@ def answer(stored: Stored) -> dict[str, Any]:
         "title": stored.problem.title,
         "method": design.method,
         "coordinates": design.coordinates,
-        **{
-            key: value for key, value in claims_document(claims).items() if value is not None or key in ALWAYS
-        },
+        **{key: value for key, value in claimed.items() if value is not None or key in ALWAYS},
+        "entries": [one | {"slope": slope} for one, slope in zip(claimed["entries"], slopes, strict=True)],
         "floor_proof": "none" if claims.floor is None else "exact",
         **({"initial_set": initial} if claims.scope == "local" else {}),
         **({"limits": limits} if (limits := _limits(claims.sampled, stored.problem)) else {}),

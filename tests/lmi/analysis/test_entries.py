@@ -25,7 +25,7 @@ from lockstep.lmi.analysis.margins import claim_at
 from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
-from lockstep.lmi.document import file_of, parse
+from lockstep.lmi.document import answer, file_of, parse
 from lockstep.lmi.floor.bisection import largest_floor
 from lockstep.lmi.methods.modal import prove_modes
 from lockstep.lmi.proposal import claim_of, proved_bound
@@ -221,6 +221,18 @@ def test_the_checker_proves_the_entries_again(file: dict[str, Any]) -> None:
     verdict = certify(parse(file, "memory"))
     assert verdict.certified
     assert verdict.scope == "global"
+
+
+@pytest.mark.parametrize(
+    ("scales", "times"), [(None, (1.0, 1.0)), ({"G": [4.0], "H": [2.0, 8.0]}, (2.0, 0.5))]
+)
+def test_slopes_are_said_in_the_units_of_the_file(
+    file: dict[str, Any], scales: Any, times: tuple[float, float]
+) -> None:
+    """And not in the scales of the bound: |d phi_k / d v_l| D_v,l / D_w,k <= bound, with D_w = 4 and D_v = (2, 8)."""
+    changed = {**file, "claims": file["claims"] | {"scales": scales}}
+    said = [one["slope"] for one in answer(parse(changed, "memory"))["entries"]]
+    assert said == pytest.approx([2.0 * times[0], 0.02 * times[1]], rel=1e-14)
 
 
 def test_a_proof_with_entries_is_less_than_alpha_asks_for(file: dict[str, Any]) -> None:

@@ -11,6 +11,7 @@ from lockstep.model.assembly import bound_of
 from lockstep.model.checks import actuators, check_problem, nonlinearity, plausibility
 from lockstep.model.formulas.confusables import keyboard_for
 from lockstep.model.problem import Problem
+from lockstep.workflow.design import doubts
 
 PENDULUM = """
 [agent]
@@ -112,21 +113,32 @@ initial = [[0.0, 0.0], [{apart}, 0.0]]
     ("period", "apart", "time"), [(0.25, 8.0, 4.0), (1.0, 2.0, 2.0), (4.0, 8.0, 4.0), (9.0, 8.0, 9.0)]
 )
 def test_how_long_actuators_take_to_move_the_outputs_so_far(period, apart, time):
-    """t^2 / 2 = 8 after 4 s, 2 after 2 s; a period that is longer is noted, as no mode of an integrator tells of it."""
+    """t^2 / 2 = 8 after 4 s, 2 after 2 s; a period that is longer is noted, as no mode of an integrator tells of it.
+
+    In place of what else says that it is ok; and before a design begins, as the tutorial says.
+    """
     posed = Problem.parse(CART.format(period=period, apart=apart))
     assert actuators.time_to_move(posed) == time
     rows = [(row.name, row.verdict) for row in actuators.period(posed)]
-    assert rows == ([("period", "note")] if period >= 4.0 else [])
+    assert rows == [("period", "note" if period >= 4.0 else "ok")]
     assert plausibility.period(posed).verdict == "ok"
+    assert any("inputs at [agent.limits] move" in doubt for doubt in doubts(posed)) == (period >= 4.0)
+
+
+def test_a_period_that_is_too_long_for_modes_and_actuators_is_told_for_both():
+    spring = CART.replace('v = "u"', 'v = "u - p"').format(period=9.0, apart=0.5)
+    figures = [row.figure for row in actuators.period(Problem.parse(spring))]
+    assert ["rad/s" in figures[0], "[agent.limits]" in figures[1]] == [True, True]
 
 
 def test_without_limits_or_a_start_nothing_is_said_of_actuators():
     posed = CART.format(period=9.0, apart=8.0)
+    plain = plausibility.period(Problem.parse(posed))
     for without in ("limits = { u = [-1.0, 1.0] }\n", "initial = [[0.0, 0.0], [8.0, 0.0]]\n"):
         assert without in posed
-        assert list(actuators.period(Problem.parse(posed.replace(without, "")))) == []
+        assert list(actuators.period(Problem.parse(posed.replace(without, "")))) == [plain]
     at_rest = Problem.parse(CART.format(period=9.0, apart=0.0))
-    assert list(actuators.period(at_rest)) == []
+    assert list(actuators.period(at_rest)) == [plain]
 
 
 def test_an_agent_that_moves_away_by_itself_is_noted():

@@ -10,7 +10,7 @@ from lockstep.check.bound.box import Box
 from lockstep.check.bound.slope_bounds import Entry
 from lockstep.model.bound_search.branch_and_bound import UNFINISHED, SearchState
 from lockstep.model.bound_search.casadi_graph import read
-from lockstep.model.bound_search.entries import with_entries
+from lockstep.model.bound_search.entries import slopes_of, with_entries
 from lockstep.model.bound_search.proof import BOXES, confirmed, prove_bound, search_bound
 from lockstep.model.bound_search.result import Bound
 
@@ -25,5 +25,6 @@ __all__ = [
     "prove_bound",
     "read",
     "search_bound",
+    "slopes_of",
     "with_entries",
 ]

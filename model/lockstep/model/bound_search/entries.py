@@ -12,6 +12,7 @@ two that is about depends on the units, where a bound for each has a multiplier 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from lockstep.check.bound.decide import MOST_BOXES, Budget, decide_block
@@ -35,6 +36,14 @@ def with_entries(problem: SlopeProblem, bound: Bound, boxes: int) -> Bound:
     """
     entries, used = _search(problem.scaled(bound.output_scale, bound.input_scale), boxes)
     return replace(bound, entries=entries, replay=bound.replay + used)
+
+
+def slopes_of(
+    entries: Sequence[Entry], scales: tuple[Sequence[float], Sequence[float]] | None
+) -> tuple[float, ...]:
+    """Return bounds of d phi_k / d v_l themselves, without the scales D_w and D_v (None: ones), rounded up by a little."""
+    ratios = (scales[0][one.component] / scales[1][one.argument] if scales else 1.0 for one in entries)
+    return tuple(one.bound * ratio * (1 + 2**-50) for one, ratio in zip(entries, ratios, strict=True))
 
 
 def _search(problem: SlopeProblem, boxes: int) -> tuple[tuple[Entry, ...], int]:

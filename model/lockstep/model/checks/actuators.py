@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.model.checks import plausibility
 from lockstep.model.checks.report import CheckRow
 from lockstep.model.loop_transformation.natural_units import held_for
 from lockstep.model.problem import Problem
@@ -43,8 +44,13 @@ def time_to_move(problem: Problem) -> float | None:
 
 
 def period(problem: Problem) -> Iterator[CheckRow]:
-    """Yield a row where inputs at their limits move the outputs within one period as far as they are apart at first."""
+    """Yield the row of the period, for the modes of an agent; a note where inputs at their limits move the outputs within one
+    period as far as they are apart at first, in its place if the modes have nothing against it."""
     outputs, T = outputs_apart(problem), problem.controller.period
-    if outputs is not None and np.ptp(outputs, axis=0).any() and time_to_move(problem) == T:
-        figure = f"in {T:g} s inputs at [agent.limits] move the outputs as far as [simulation] has them apart, or farther"
+    row = plausibility.period(problem)
+    short = outputs is None or not np.ptp(outputs, axis=0).any() or time_to_move(problem) != T
+    if short or row.verdict != "ok":
+        yield row
+    if not short:
+        figure = f"in {T:g} s inputs at [agent.limits] move the outputs as far as [simulation] has them apart, or farther: is it in s?"
         yield CheckRow("period", "note", figure, "a controller that sees so little of a motion overshoots it")

@@ -71,7 +71,6 @@ def check_problem(
         observable,
         zeros,
         *plausibility.alone(problem),
-        plausibility.period(problem),
         *actuators.period(problem),
         *units,
         *plausibility.initial(problem),

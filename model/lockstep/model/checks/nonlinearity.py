@@ -7,7 +7,7 @@ from lockstep.check.bound.decide import decide_bound
 from lockstep.check.system.domain import claimed_box
 from lockstep.model.agents.agent import Agent
 from lockstep.model.agents.arguments import argument_texts, arguments_text
-from lockstep.model.bound_search import BOXES, Bound, read
+from lockstep.model.bound_search import BOXES, Bound, read, slopes_of
 from lockstep.model.checks.report import CheckRow
 from lockstep.model.graphs.graph import Graph
 
@@ -64,17 +64,12 @@ def holds_everywhere(agent: Agent, proved: Bound) -> bool:
 def entries(agent: Agent, proved: Bound) -> CheckRow:
     """A bound of its own for each slope d phi_k / d v_l, where a component of phi has several arguments."""
     reason = "one number alpha for all arguments grants the largest slope to each of them"
+    slopes = slopes_of(proved.entries, (proved.output_scale, proved.input_scale))
     shown = ", ".join(
         f"|d phi{one.component + 1} / d v{one.argument + 1}| <= {slope:.6g}"
-        for one, slope in zip(proved.entries, slopes_of(proved), strict=True)
+        for one, slope in zip(proved.entries, slopes, strict=True)
     )
     return CheckRow("slope bounds", "ok", f"proved: {shown} ({arguments_text(agent)})", reason)
-
-
-def slopes_of(proved: Bound) -> tuple[float, ...]:
-    """Return the entries' bounds without the scales, of d phi_k / d v_l themselves, rounded up by a little."""
-    ratios = (proved.output_scale[one.component] / proved.input_scale[one.argument] for one in proved.entries)
-    return tuple(one.bound * ratio * (1 + 2**-50) for one, ratio in zip(proved.entries, ratios, strict=True))
 
 
 def reach(agent: Agent, graph: Graph, *, everywhere: bool) -> CheckRow:
