@@ -7,6 +7,7 @@ continuous certificate is that of the new gains, and `certify` and `generate` re
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -38,7 +39,8 @@ NEAR = 1.05
 
 SECTORS, SETTLED = 3, 0.99
 """With slopes of their own the sector of the sampled loop is made of the continuous certificate's weights, which new gains
-change: so often gains are designed with the sector of those before, while rho falls to less than this part of it."""
+change: so often gains are designed with the sector of those before, while rho falls to less than this part of it, which is
+that of the continuous design at first."""
 
 KEPT_OF_DECAY = 0.5
 """What a design for the period holds, in continuous time, of the decay that an objective asked for."""
@@ -133,31 +135,47 @@ def designed_for_period(stored: Stored, effort: Effort) -> Stored:
     Raises:
         Infeasible: no gains survive the period, or none with both certificates, or none that are better.
     """
-    made, held, rho = _proved_for_period(stored, effort)
-    for _ in range(SECTORS if sampled_network(stored).sector else 0):
+    before, turns = stored.claims.sampled.rho or np.inf, SECTORS if sampled_network(stored).sector else 0
+
+    def half(part: float, turn: int) -> None:
+        """Tell half of what is left of the bar: how many turns there will be is not known."""
+        effort.tell(1 - 0.5**turn * (1 - part / 2) if turns else part)
+
+    least = before
+    made, held, rho = _proved_for_period(stored, effort._replace(tell=partial(half, turn=0)), least)
+    for turn in range(1, 1 + turns):
+        if rho >= SETTLED * least or effort.deadline.over:
+            break
+        least = rho
         try:
-            again = _proved_for_period(made, effort._replace(others=()))
+            again = _proved_for_period(made, effort._replace(others=(), tell=partial(half, turn=turn)), least)
         except Infeasible:
             break
-        if again[2] >= SETTLED * rho or effort.deadline.over:
-            break
-        made, held, rho = again
-    before = stored.claims.sampled
-    if before.rho is not None and rho >= before.rho:
-        raise Infeasible(
-            f"no gains were found with a smaller rho of the sampled loop than {before.rho:g}", rho=before.rho
-        )
+        made, held, rho = min((made, held, rho), again, key=lambda one: one[2])
+    if rho >= before:
+        raise _none_better(before)
     return with_sampled(with_figures(made, stored), held, **{FOR_PERIOD: True})
 
 
-def _proved_for_period(stored: Stored, effort: Effort) -> tuple[Stored, HeldVerdict, float]:
-    """Return a design with gains for its period, what is proved of it sampled, and its sampled rho."""
+def _proved_for_period(stored: Stored, effort: Effort, least: float) -> tuple[Stored, HeldVerdict, float]:
+    """Return a design with gains for its period, what is proved of it sampled, and its sampled rho.
+
+    Raises:
+        Infeasible: as `designed_for_period` does; at once where the gains are those of the design, of which `least`, if it is
+            finite, is proved.
+    """
     found, m = _searched(stored, effort)
+    if np.isfinite(least) and np.array_equal(found.blocks, stored.gains.blocks):
+        raise _none_better(least)
     made = with_gains(stored, found)
     held = prove_design(made, m)
     if not held.verdict.certified or held.rho is None:
         raise Infeasible(f"gains were found for the period, but not proved: {held.verdict.reason}")
     return made, held, held.rho.rho
+
+
+def _none_better(rho: float) -> Infeasible:
+    return Infeasible(f"no gains were found with a smaller rho of the sampled loop than {rho:g}", rho=rho)
 
 
 def _searched(stored: Stored, effort: Effort) -> tuple[Gains, PairWeights]:

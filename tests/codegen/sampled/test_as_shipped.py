@@ -3,9 +3,12 @@
 import json
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from lockstep.check.errors import Infeasible
+from lockstep.check.system.loop import Gains
 from lockstep.cli.main import app
 from lockstep.codegen import period_redesign
 from lockstep.lmi.design import design
@@ -124,18 +127,21 @@ def test_a_linear_agent_is_designed_for_its_period(tmp_path, monkeypatch):
     ("sector", "rhos", "kept"),
     [
         (None, [9.0], 9.0),
-        ("of entries", [9.0, 7.8, 5.6, 5.59], 5.6),  # a fall of less than 1 % ends it
+        ("of entries", [9.0, 7.8, 5.6, 5.59], 5.59),  # a fall of less than 1 % ends it
         ("of entries", [9.0, 9.5], 9.0),
+        ("of entries", [9.95], 9.95),  # of the continuous design's 10, too
         ("of entries", [9.0, 8.0, 7.0, 6.0], 6.0),
     ],
 )
 def test_gains_are_designed_again_in_the_sector_of_their_own_certificate(monkeypatch, sector, rhos, kept):
-    """Each round begins with the design of the one before; without a sector there is one round."""
-    asked, left = [], iter(rhos)
+    """Each round begins with the best design before; without a sector there is one round. The bar never runs back."""
+    asked, left, parts = [], iter(rhos), []
     stored = SimpleNamespace(claims=SimpleNamespace(sampled=SimpleNamespace(rho=10.0)))
 
-    def proved(design, _effort):
+    def proved(design, effort, _least):
         asked.append(design)
+        effort.tell(0.0)
+        effort.tell(1.0)
         rho = next(left)
         return f"design of {rho}", None, rho
 
@@ -143,7 +149,28 @@ def test_gains_are_designed_again_in_the_sector_of_their_own_certificate(monkeyp
     monkeypatch.setattr(period_redesign, "sampled_network", lambda _stored: SimpleNamespace(sector=sector))
     monkeypatch.setattr(period_redesign, "with_figures", lambda made, _stored: made)
     monkeypatch.setattr(period_redesign, "with_sampled", lambda made, _held, **_remarks: made)
-    effort = period_redesign.Effort(lambda _part: None)
+    effort = period_redesign.Effort(parts.append)
     assert period_redesign.designed_for_period(stored, effort) == f"design of {kept}"
     assert asked == [stored, *(f"design of {rho}" for rho in rhos[:-1])]
     assert next(left, None) is None
+    assert parts == sorted(parts)
+    assert 0.0 == parts[0] < parts[-1] <= 1.0
+
+
+@pytest.mark.parametrize(("least", "proves"), [(10.0, False), (np.inf, True)])
+def test_gains_that_a_design_for_the_period_leaves_as_they_are_are_not_proved_again(
+    monkeypatch, least, proves
+):
+    """Half a minute of four trackers. Where nothing is proved of them sampled yet, other multipliers may prove it."""
+    gains = Gains.from_blocks(np.ones((2, 1, 1)), 0)
+    stored, made = SimpleNamespace(gains=gains), []
+    held = SimpleNamespace(verdict=SimpleNamespace(certified=True), rho=SimpleNamespace(rho=9.0))
+    monkeypatch.setattr(period_redesign, "_searched", lambda _stored, _effort: (gains, None))
+    monkeypatch.setattr(period_redesign, "with_gains", lambda _stored, found: made.append(found) or "made")
+    monkeypatch.setattr(period_redesign, "prove_design", lambda _made, _m: held)
+    if proves:
+        assert period_redesign._proved_for_period(stored, None, least) == ("made", held, 9.0)
+    else:
+        with pytest.raises(Infeasible, match="smaller rho of the sampled loop than 10"):
+            period_redesign._proved_for_period(stored, None, least)
+    assert made == ([gains] if proves else [])

@@ -52,5 +52,6 @@ def period(problem: Problem) -> Iterator[CheckRow]:
     if short or row.verdict != "ok":
         yield row
     if not short:
-        figure = f"in {T:g} s inputs at [agent.limits] move the outputs as far as [simulation] has them apart, or farther: is it in s?"
+        moved = "move the outputs as far as [simulation] has them apart, or farther"
+        figure = f"in {T:g} s inputs at [agent.limits] {moved}: is it in s?"
         yield CheckRow("period", "note", figure, "a controller that sees so little of a motion overshoots it")
