@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import subprocess
+import sys
 import tomllib
 from copy import deepcopy
 from pathlib import Path
@@ -18,12 +19,15 @@ from lockstep.check.errors import ProblemError
 from lockstep.codegen.manifest import Manifest, load_manifest
 from lockstep.lmi.design_json import LATER, claims_document, proofs_document, sampled_document
 from lockstep.lmi.document import parse
-from lockstep.model.problem.tables.json_schema import DIALECT, draft_07, problem_schema
-from lockstep.model.problem.tables.key_meanings import MEANINGS
 from lockstep.model.problem.tables.load import parse_tables
 from lockstep.workflow.init import init
 
 ROOT = Path(__file__).parents[1]
+
+sys.path.insert(0, str(ROOT / "docs"))
+from key_meanings import MEANINGS  # noqa: E402
+from problem_schema import DIALECT, draft_07, problem_schema  # noqa: E402
+
 ARMS = ROOT / "generated" / "flexible_joint_arms"
 PROBLEM = ROOT / "model" / "lockstep" / "model" / "problem" / "schemas"
 SCHEMAS = {

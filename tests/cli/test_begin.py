@@ -17,7 +17,6 @@ from lockstep.check.expression.text import FUNCTIONS
 from lockstep.cli.main import app
 from lockstep.codegen.manifest import load_manifest
 from lockstep.model.checks.proved.dimensions import check_units
-from lockstep.model.problem.tables.key_meanings import MEANINGS
 from lockstep.verification.reference import references
 from lockstep.workflow.design_file import Design
 from lockstep.workflow.explain import Explanation, explain
@@ -53,7 +52,11 @@ def test_the_file_to_fill_in_leaves_the_gains_to_the_defaults():
 def test_the_lists_of_functions_name_every_function(root):
     page = (root / "docs" / "problem.md").read_text(encoding="utf-8")
     (told,) = re.findall(r"^A formula holds .*?^$", page, re.MULTILINE | re.DOTALL)
-    lists = [lockstep.workflow.init.init().text, MEANINGS["AgentTable"]["dynamics"][0], told]
+    schema = json.loads(
+        (root / "model/lockstep/model/problem/schemas/problem.json").read_text(encoding="utf-8")
+    )
+    shown = schema["$defs"]["AgentTable"]["properties"]["dynamics"]["description"]
+    lists = [lockstep.workflow.init.init().text, shown, told]
     assert all(set(FUNCTIONS) <= set(re.findall(r"\w+", text)) for text in lists)
 
 

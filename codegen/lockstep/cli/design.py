@@ -15,6 +15,7 @@ HARDLY = ": these controllers do hardly anything; ask for a `decay`, or a faster
 WORSE = ": these controllers make it worse; is the period too long?"
 ONLY = "the continuous controllers only, NOT those that ship (below)"
 SOFT = "of {of} moves {moves} {times:.3g} times as far apart as u = 0 does (computed); rho is of the worst frequency"
+UNPROVED = "nothing is proved"
 STATIC = 0.01
 STATIC_SAID = "the controllers' states add less than {:.0%} to what their D do: order = 0 spares them"
 
@@ -107,6 +108,7 @@ def proved_besides(
     floor, decay = content.get("floor"), content.get("decay")
     limits = content.get("limits") or {}
     radius, clipped, start = (limits.get(key) for key in ("radius", "clipped_radius", "start"))
+    clips = "inputs may be clipped" if clipped else f"inputs may be clipped, and then {UNPROVED}"
     slopes = [
         f"|d phi{x['component']}/d v{x['argument']}| <= {x['slope']:.6g}" for x in content.get("entries", ())
     ]
@@ -121,22 +123,21 @@ def proved_besides(
             "controllers stable",
             content.get("controllers_stable") and "yes, each by itself",
         ),
-        "limits": ("no saturation", radius and f"from |x_d(0)| <= {radius:.6g}{_times(radius, start)}"),
-        "clipped": (
-            "with saturation",
-            clipped and f"agreement from |x_d(0)| <= {clipped:.6g}{_times(clipped, start)}",
-        ),
+        "limits": ("no saturation", radius and f"from {_within(radius, start, clips)}"),
+        "clipped": ("with saturation", clipped and f"agreement from {_within(clipped, start, UNPROVED)}"),
     }
     return {name: said for claim, (name, said) in rows.items() if said and proves(claim)}
 
 
-def _times(radius: float, start: float | None) -> str:
-    """Set a distance from agreement, which mixes the units of the states, beside the one that the file starts from."""
-    return (
-        f", {radius / start:.3g} times the start in the file, controllers at rest"
-        if start
-        else ", controllers at rest"
-    )
+def _within(radius: float, start: float | None, beyond: str) -> str:
+    """Set a distance from agreement, which mixes the units of the states, beside the one that the file starts from.
+
+    >>> _within(1.0, 4.0, "unknown")
+    '|x_d(0)| <= 1, 0.25 times the start in the file (from there unknown), controllers at rest'
+    """
+    times = f", {radius / start:.3g} times the start in the file" if start else ""
+    outside = f" (from there {beyond})" if start and radius < start else ""
+    return f"|x_d(0)| <= {radius:.6g}{times}{outside}, controllers at rest"
 
 
 def summary(content: Mapping[str, Any]) -> RenderableType:

@@ -70,7 +70,7 @@ def _designed(
     tell("proving the bound of the nonlinearity", 0.0)
     bound = proved_bound(problem)
     tried = list(wishes(problem, network_of(problem, bound), claim_of(problem, bound)))
-    deadline, best = None if time_limit is None else time.monotonic() + time_limit, None
+    deadline, best, first = None if time_limit is None else time.monotonic() + time_limit, None, ""
     for number, wish in enumerate(tried, start=1):
         left, last = time_limit, wish is tried[-1]
         if deadline is not None and wish is not tried[0]:
@@ -82,9 +82,13 @@ def _designed(
 
         try:
             found = _proposed(wish.problem, bound, Attempt(jobs, counted, left, stop, last))
-        except (Infeasible, NotCertified, OutOfTime, NothingYet):
+        except (Infeasible, NotCertified, OutOfTime, NothingYet) as error:
             if best is not None:
                 break
+            first = first or str(error)  # what no controller can is said in the same words each time
+            if last and isinstance(error, Infeasible | NotCertified) and str(error) != first:
+                said = f"{error}; before that, by default: {wish.given_up}"
+                raise type(error)(said, **error.figures) from None
             if last or stop.asked or (deadline is not None and time.monotonic() >= deadline):
                 raise
             continue

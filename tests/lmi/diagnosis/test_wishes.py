@@ -183,8 +183,27 @@ def test_where_none_is_found_at_all_the_refusal_is_that_of_the_last_try() -> Non
         network=PATH_2,
         design="order = 0\nstarts = 1",
     )
-    with pytest.raises(Infeasible, match=r"raise \[design\] order to 1"):
+    with pytest.raises(Infeasible, match=r"raise \[design\] order to 1") as refused:
         design(undamped, jobs=1)
+    assert "by default" not in str(refused.value), "nothing that was given up is to blame"
+
+
+def test_what_was_given_up_is_said_where_it_did_not_help(monkeypatch) -> None:
+    """Stability and a decay go last: whoever reads of a gain_limit of 50 did not ask for it, and knows of no other."""
+    posed, asked = scalar("order = 1"), []
+
+    def none(one: Problem, *_: object) -> None:
+        asked.append(one.document()["design"])
+        raise Infeasible(f"no gains were found (gain_limit {one.design.gain_limit:g})", fraction=0.9)
+
+    monkeypatch.setattr("lockstep.lmi.design._proposed", none)
+    with pytest.raises(
+        Infeasible, match=r"50\); before that, by default: .*not asked for: stable"
+    ) as refused:
+        design(posed)
+    assert refused.value.figures == {"fraction": 0.9}
+    said = [(one["gain_limit"], one.get("stable_controllers"), "search_decay" in one) for one in asked]
+    assert said == [*((limit, True, True) for limit in (6.4, 50, 500)), (50, None, False)]
 
 
 def test_a_decay_that_is_asked_for_is_held_in_parts() -> None:
@@ -284,3 +303,19 @@ def test_given_gains_without_a_certificate_say_how_much_they_carry() -> None:
     assert found.value.figures["fraction"] == pytest.approx(0.5, abs=0.02)
     with pytest.raises(NotCertified, match="the linear loop of the given gains is unstable, Re s = 2"):
         design(wrong)
+
+
+def test_an_agent_that_hears_nobody_needs_a_controller_that_is_stable_alone() -> None:
+    """A leader's controller is no part of any feedback: with A = 1 its state grows, whatever sign the others' u has."""
+    leader = "[[design.gains]]\nA = [[1.0]]\nB = [[0.0]]\nC = [[0.0]]\nD = [[0.0]]\n"
+    follower = "[[design.gains]]\nA = [[-1.0]]\nB = [[0.0]]\nC = [[0.0]]\nD = [[-3.0]]\n"
+    posed = problem(
+        dynamics={"x": "sin(x) + u"},
+        outputs={"y": "x"},
+        network='agents = 2\ntopology = "leader_path"',
+        design=f'method = "given"\norder = 1\n{leader}{follower}',
+    )
+    with pytest.raises(
+        NotCertified, match="agent 1 hears nobody, and its own controller is unstable by itself"
+    ):
+        design(posed)

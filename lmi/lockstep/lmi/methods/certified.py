@@ -389,7 +389,7 @@ def _part_only(problem: Problem, network: Network, asked: str, claim: Claim, nea
     delta = " and delta" if claim.delta.any() else ""
     relax = said or "; lower alpha (a smaller domain, centred slopes), or raise order, gain_limit or starts"
     return Infeasible(
-        f"no gains were found ({asked}) that carry alpha = {claim.alpha:.6g}; {part:.3g} of it{delta} is reachable:"
+        f"no gains were found ({asked}) that carry alpha = {claim.alpha:.6g}; {part:.3g} of it{delta} was reached:"
         f" alpha = {part * claim.alpha:.6g}{relax}",
         **{"alpha": claim.alpha, "fraction": part, "reachable_alpha": part * claim.alpha}
         | {"reachable_delta": (part * claim.delta[0]).tolist()}

@@ -1,12 +1,13 @@
 """JSON Schemas of a problem file, for editors and for others' tools: 2020-12, and draft-07, which editors of TOML read.
 
+The package ships them: `pytest tests/test_schemas.py --update` writes what follows from `ProblemFile`.
 They say what the tables are; that an agent, a graph and gains fit together is decided when the file is read.
 """
 
 from collections.abc import Callable
 from typing import Any
 
-from lockstep.model.problem.tables.key_meanings import described
+from key_meanings import described
 from lockstep.model.problem.tables.schema import ProblemFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
