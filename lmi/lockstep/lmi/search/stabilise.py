@@ -62,15 +62,10 @@ def stabilise(
 
 def _excess(K: GainBlocks, limit: GainLimit) -> tuple[float, GainBlocks]:
     """Return sum_i max(0, |K_i / limit| - 1) and its slope in K."""
-    total, slope = 0.0, np.zeros_like(K)
-    for i, block in enumerate(K):
-        part = block / limit
-        norm = float(np.linalg.norm(part, 2))
-        if norm > 1:
-            left, _, right = np.linalg.svd(part)
-            total += norm - 1
-            slope[i] = np.outer(left[:, 0], right[0]) / limit
-    return total, slope
+    left, sizes, right = np.linalg.svd(K / limit, full_matrices=False)
+    over = np.maximum(sizes[:, 0] - 1, 0.0)
+    slope = np.where(over[:, None, None] > 0, left[:, :, :1] @ right[:, :1], 0.0) / limit
+    return float(over.sum()), slope
 
 
 def abscissa(
