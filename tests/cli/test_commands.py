@@ -14,11 +14,13 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import lockstep
+from lockstep.cli import build
 from lockstep.cli.certify import _table
 from lockstep.cli.design import HARDLY, STATIC_SAID, WORSE, proved_besides, sampled_text, summary
 from lockstep.cli.main import app
 from lockstep.lmi.document import answer as said
 from lockstep.lmi.document import read
+from lockstep.verification.verify import VerifyReport
 from lockstep.workflow.build import VERIFY_TARGETS as BUILD_TARGETS
 
 
@@ -280,6 +282,28 @@ def test_a_period_that_is_seldom_meant_is_said_before_the_search(tmp_path, examp
         assert "lockstep: to be noted: period: 30 s is" in result.stderr, (
             "a line of its own, not the error's last words"
         )
+
+
+def test_what_to_change_is_the_last_line_of_a_build_that_falls_short(monkeypatch, tmp_path, root) -> None:
+    """A note stood there, of the run that the report shows; the page says that the last line is what to change."""
+    made = lockstep.load(root / "generated" / "flexible_joint_arms")
+    said = {"design": made.document(), "report": "report.html"}
+    found = SimpleNamespace(
+        design=made,
+        problems=("shorten the period",),
+        notes=("it ends far apart",),
+        document=lambda: said,
+        ok=False,
+    )
+    found.checks, found.verified = SimpleNamespace(rows=()), VerifyReport(True, (), (), ())
+    monkeypatch.setattr(lockstep, "build", lambda *_, **__: found)
+    console = Console(width=200, record=True, file=io.StringIO())
+    console.print(build.run(tmp_path / "p.toml", tmp_path / "out").text)
+    lines = console.export_text().split("\n")
+    assert [line.strip() for line in lines if line.strip()][-2:] == [
+        "note: it ends far apart",
+        "shorten the period",
+    ]
 
 
 def test_another_period_is_told_as_one_that_is_certified():

@@ -64,9 +64,7 @@ def report(files, stored, checks, verified):
 
 @pytest.fixture(scope="session")
 def spectrum(facts):
-    problem, gains = facts.problem, facts.stored.gains
-    R, Q = problem.state_weight(problem.agent().n), problem.controller_weight(gains.order)
-    return spectrum_of(facts.network, gains, R, Q)
+    return spectrum_of(facts.network, facts.stored.gains, facts.stored.claim)
 
 
 @pytest.fixture(scope="session")

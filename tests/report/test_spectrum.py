@@ -1,8 +1,10 @@
 """Poles and singular values against matrices put together by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from scipy.linalg import block_diag, null_space
+from scipy.linalg import block_diag, null_space, sqrtm
 
 from lockstep.report.poles import poles_figure, singular_values_figure, spectrum_of
 
@@ -26,15 +28,39 @@ def test_the_poles_are_those_of_the_whole_loop_but_for_the_agreement(facts, spec
     assert max(far) < 1e-5 * np.abs(whole).max()
 
 
-def test_the_largest_singular_value_is_that_of_the_hand_made_transfer_matrix(facts, spectrum):
-    n, N, n_C = 4, 3, facts.stored.gains.order
-    T = np.kron(null_space(np.ones((1, N))).T, np.eye(n))
-    A = loop_by_hand(facts)
-    weight = block_diag(T, np.eye(N * n_C))  # R = I, Q = I
-    inward = np.vstack([T.T, np.zeros((N * n_C, T.shape[0]))])
+def by_hand(facts, claim, w):
+    """The largest singular value at w, all states kept: x' = .. + xi, y + nu, and z = (R^1/2 x_d, Q^1/2 x_C, W^1/2 u)."""
+    network, gains = facts.network, facts.stored.gains
+    (n, q), N, L = network.agent.lure.C.shape[::-1], network.N, network.graph.laplacian
+    T, n_x_C = null_space(np.ones((1, N))).T, N * gains.order
+    A, (B_C, C_C, D_C) = loop_by_hand(facts), (block_diag(*getattr(gains, letter)) for letter in "BCD")
+    heard = np.kron(L @ T.T, np.diag(claim.outputs))
+    pushed = np.kron(T.T, np.diag(claim.states if len(claim.states) else np.ones(n)))
+    inward = np.block(
+        [[pushed, block_diag(*network.B) @ D_C @ heard], [np.zeros((n_x_C, (N - 1) * n)), B_C @ heard]]
+    )
+    x = np.linalg.solve(1j * w * np.eye(len(A)) - A, inward)
+    u = np.hstack([D_C @ np.kron(L, network.agent.lure.C), C_C]) @ x
+    u[:, (N - 1) * n :] += D_C @ heard
+    roots = (sqrtm(claim.R), sqrtm(claim.Q), sqrtm(claim.W))
+    parts = (
+        np.kron(T, roots[0]) @ x[: N * n],
+        np.kron(np.eye(N), roots[1]) @ x[N * n :],
+        np.kron(np.eye(N), roots[2]) @ u,
+    )
+    assert heard.shape == (N * q, (N - 1) * q)
+    return np.linalg.norm(np.vstack(parts), 2)
+
+
+@pytest.mark.parametrize("states", [(), (1.0, 0.0, 3.0, 0.2)])
+def test_the_largest_singular_value_is_that_of_the_hand_made_transfer_matrix(facts, states):
+    """Of the gain that rho is: scales of disturbances, noise and weights of u counted, or the line beside it says nothing."""
+    claim = replace(facts.stored.claim, states=np.array(states))
+    assert claim.outputs.all()
+    assert claim.W.all()
+    spectrum = spectrum_of(facts.network, facts.stored.gains, claim)
     for k in (0, 40, 130, 200):
-        G = weight @ np.linalg.solve(1j * spectrum.omega[k] * np.eye(len(A)) - A, inward)
-        assert spectrum.sigma[k, 0] == pytest.approx(np.linalg.norm(G, 2), rel=1e-6)
+        assert spectrum.sigma[k, 0] == pytest.approx(by_hand(facts, claim, spectrum.omega[k]), rel=1e-6)
 
 
 def test_the_certified_rho_is_above_and_a_smaller_one_is_not(facts, spectrum):
@@ -60,8 +86,7 @@ def test_a_loop_too_large_has_poles_only(facts, spectrum, monkeypatch):
     import lockstep.report.poles as module
 
     monkeypatch.setattr(module, "MOST_STATES", 3)
-    problem, gains = facts.problem, facts.stored.gains
-    few = spectrum_of(facts.network, gains, problem.state_weight(4), problem.controller_weight(gains.order))
+    few = spectrum_of(facts.network, facts.stored.gains, facts.stored.claim)
     assert few.sigma is None
     assert few.peak is None
     np.testing.assert_allclose(np.sort(few.loop), np.sort(spectrum.loop))
@@ -73,7 +98,7 @@ def test_a_loop_far_too_large_has_the_controllers_poles_only(facts, monkeypatch)
     import lockstep.report.poles as module
 
     monkeypatch.setattr(module, "MOST_POLES", 3)
-    few = spectrum_of(facts.network, facts.stored.gains, np.eye(4), np.eye(2))
+    few = spectrum_of(facts.network, facts.stored.gains, facts.stored.claim)
     assert few.abscissa is None
     assert few.peak is None
     labels = {drawn.get_label() for drawn in poles_figure(few, "arm").axes[0].lines}

@@ -24,8 +24,8 @@ def run(path: Path, output: Path, **options: Any) -> Answer:
         remark(REUSED)
     document = found.document()
     report = document["report"]
-    said = [f"{output / report}: the report" if report else "nothing is written", *found.problems]
-    said += [f"note: {one}" for one in found.notes]
+    said = [f"{output / report}: the report" if report else "nothing is written"]
+    said += [*(f"note: {one}" for one in found.notes), *found.problems]  # what to change is read last
     noted = any(map(is_noted, found.checks.rows))
     parts = [
         *([check_table(found.checks, "What is to be noted of the model", brief=True)] if noted else []),

@@ -1,6 +1,7 @@
 """From a design file to the specification of the C: controllers, Laplacian rows, and the datasheet's figures."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import ROUND_FLOOR, Context
 
@@ -19,6 +20,7 @@ from lockstep.codegen.sampled_modes import sampled_controllers
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, MessageLimits, Neighbour, Signal
 from lockstep.lmi.document import Stored
 from lockstep.lmi.initial_set import sampled_rate
+from lockstep.lmi.shapes import Vector
 
 NAMED = "_controllers"
 """What the name of a folder ends with, which is that of its umbrella header: `lockstep-check` reads no other."""
@@ -222,6 +224,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         "distance, disagreement": "the root of the sum over agents and states of (x - mean)^2, in the units of the states",
         "scope": scope,
         **({"disturbances": said} if (said := _counted(stored)) else {}),
+        **({"weighed": said} if (said := _weighed(stored)) else {}),
         "rho": claims.rho,
         **({"rho_sampled": sampled.rho or "not proved"} if covered else {}),
         "alpha": _rounded_down(claims.alpha),
@@ -280,14 +283,31 @@ def _limits(stored: Stored) -> dict[str, str | None]:
 def _counted(stored: Stored) -> str:
     """Say in which scales and coordinates rho and the others count disturbances; nothing where they are plain."""
     problem, said = stored.problem, []
-    scales = problem.performance.states
+    scales, noise, agent = problem.performance.states, problem.performance.outputs, problem.agent()
     if (scales != 1).any():
-        rates = (f"{name} {scale:g}" for name, scale in zip(problem.agent().states, scales, strict=True))
         none = " (0: not at all)" if (scales == 0).any() else ""
-        said.append(f"each state's counted in its scale, in its unit per second: {', '.join(rates)}{none}")
+        said.append(
+            f"each state's counted in its scale, in its unit per second: {_each(agent.states, scales)}{none}"
+        )
+    if noise.any():
+        said.append(f"noise on each output in its scale, in its unit: {_each(agent.outputs, noise)}")
     if problem.design.coordinates != "orthonormal":
         said.append("as differences by the rows of L")
     return "; ".join(said)
+
+
+def _weighed(stored: Stored) -> str:
+    """Say what rho weighs, where that is not each state alike, nor each state of a controller, and nothing else."""
+    weights, agent, said = stored.problem.performance, stored.problem.agent(), []
+    for names, M, usual in ((agent.states, weights.R, 1.0), (agent.inputs, weights.W, 0.0)):
+        if len(M) and (usual * np.eye(len(M)) != M).any():
+            diagonal = (np.diag(np.diag(M)) == M).all()
+            said.append(_each(names, np.diag(M)) if diagonal else f"{', '.join(names)} by {M.tolist()}")
+    return f"squares by these weights: {', '.join(said)}" if said else ""
+
+
+def _each(names: Sequence[str], sizes: Vector) -> str:
+    return ", ".join(f"{name} {size:g}" for name, size in zip(names, sizes, strict=True))
 
 
 def _alone(stored: Stored) -> str | None:

@@ -54,7 +54,7 @@ def legend(figure: "Figure", axes: "Axes", columns: int) -> None:
     for one gets smaller letters.
     """
     names = axes.get_legend_handles_labels()
-    most, entries = WIDTH * figure.dpi, len(names[0])
+    most, entries = (WIDTH - RIGHT) * figure.dpi, len(names[0])
     for n in range(columns, 0, -1):
         drawn = figure.legend(*names, ncols=n, **_BELOW)
         width = drawn.get_window_extent().width

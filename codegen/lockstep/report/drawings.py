@@ -141,8 +141,8 @@ def _spectrum(spectrum: Spectrum, agent: str, rho: float | None) -> Iterator[Dra
         yield _drawing(
             "singular-values",
             singular_values_figure(spectrum, rho),
-            "Singular values of the loop's linear part, from the disturbances' disagreement xi_d to z, the weighted"
-            " disagreement and controller states; rho holds for the nonlinear loop.",
+            "Singular values of the loop's linear part, from w, the disturbances and noise in their scales,"
+            " to z, what rho weighs (states, controller states, inputs); rho holds for the nonlinear loop.",
             f"The largest singular value peaks at {peak:.4g}, at {at:.3g} rad/s{line}.",
         )
 

@@ -1,18 +1,21 @@
 """Poles and singular values of the loop's linear part, by python-control.
 
 In disagreement coordinates and with phi = 0 the loop (15) is linear; the certificate covers phi as well, so its
-rho is above the largest singular value from xi_d to the weighted output z,
+rho is above the largest singular value from the disturbances w that it counts to what it weighs,
 
-    sup_w sigma_max(C_z (jw I - A_cl)^-1 E) <= rho,      z = (R^1/2 x_d, Q^1/2 x_C).
+    sup_w sigma_max(C_z (jw I - A_cl)^-1 E + D_z) <= rho,      w = (xi_d, nu_d) in the scales of the claim,
+
+z the weighted disagreement, controller states and inputs: the channel `continuous.inequality.disturbance` of the proof.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Complex, Float
 
-from lockstep.check.system.loop import Gains
+from lockstep.check.continuous.inequality import Claim, disturbance
+from lockstep.check.system.loop import Gains, Loop
 from lockstep.model.network import Network
 from lockstep.report.canvas import legend, logarithmic, panels, rows_of
 from lockstep.report.certificate_terms import up
@@ -39,7 +42,7 @@ class Spectrum:
     """What is known of the linear loop.
 
     loop: poles of the disagreement with the controllers, in 1/s, none for a loop that is too large;  controllers: poles
-    of each controller alone;  omega: frequencies in rad/s;  sigma: singular values from xi_d to z at each, largest
+    of each controller alone;  omega: frequencies in rad/s;  sigma: singular values from w to z at each, largest
     first, or None for a loop too large for them.
     """
 
@@ -62,24 +65,21 @@ class Spectrum:
         return float(self.sigma[at, 0]), float(self.omega[at])
 
 
-def spectrum_of(
-    network: Network, gains: Gains, R: Float[np.ndarray, "n n"], Q: Float[np.ndarray, "n_C n_C"]
-) -> Spectrum:
+def spectrum_of(network: Network, gains: Gains, claim: Claim) -> Spectrum:
     """Return poles and singular values of a network under continuous gains.
 
     Args:
         network: the agents on their graph.
         gains: the controllers (9).
-        R, Q: weights of one agent's disagreement and of one controller's states.
+        claim: what rho is a gain from and to.
     """
     controllers = tuple(np.atleast_1d(one.poles()) for one in network.controllers_to_control(gains))
     states = (network.N - 1) * network.agent.n + gains.N * gains.order
     if states > MOST_POLES:
         return Spectrum(np.zeros(0, complex), controllers, np.zeros(0), None)
-    loop = network.to_control(gains, linear=True)
-    poles = np.asarray(loop.poles())
-    omega = _frequencies(poles)
-    sigma = _singular_values(loop, network, gains, R, Q, omega) if states <= MOST_STATES else None
+    poles = np.asarray(network.to_control(gains, linear=True).poles())
+    omega, loop = _frequencies(poles), network.loop(gains.order)
+    sigma = _singular_values(loop, gains, claim, omega) if states <= MOST_STATES else None
     return Spectrum(poles, controllers, omega, sigma)
 
 
@@ -93,20 +93,21 @@ def _frequencies(poles: Complex[np.ndarray, " poles"]) -> Float[np.ndarray, " K"
 
 
 def _singular_values(
-    loop: object,
-    network: Network,
-    gains: Gains,
-    R: Float[np.ndarray, "n n"],
-    Q: Float[np.ndarray, "n_C n_C"],
-    omega: Float[np.ndarray, " K"],
+    loop: Loop, gains: Gains, claim: Claim, omega: Float[np.ndarray, " K"]
 ) -> Float[np.ndarray, "K values"]:
     import control
-    from scipy.linalg import block_diag
 
-    A, B = loop.A, loop.B[:, : (network.N - 1) * network.agent.n]  # type: ignore[attr-defined]
-    C = block_diag(np.kron(np.eye(network.N - 1), _root(R)), np.kron(np.eye(gains.N), _root(Q)))
-    D = np.zeros((C.shape[0], B.shape[1]))
-    response = control.singular_values_response(control.ss(A, B, C[:, : A.shape[0]], D), omega)
+    w, K = disturbance(loop, replace(claim, delta=np.zeros_like(claim.delta))), gains.blocks
+    unit = np.linalg.inv(np.linalg.cholesky(w.cone[0].Pi_w)).T
+    answers, enters = K @ np.array(loop.Y), K @ np.array(w.Y or np.zeros((len(K), K.shape[2], w.E.shape[1])))
+    B, C, D = w.E + (np.array(loop.U) @ enters).sum(axis=0), [], []
+    for term in w.fixed:
+        root = _root(term.Pi_z)
+        taken = np.array(term.D_z or np.zeros((len(K), len(root), K.shape[1])))
+        C.append(root @ (term.C_z + (taken @ answers).sum(axis=0)))
+        D.append(root @ (taken @ enters).sum(axis=0) @ unit)
+    system = control.ss(loop.A_cl(K), B @ unit, np.vstack(C), np.vstack(D))
+    response = control.singular_values_response(system, omega)
     return np.asarray(response.magnitude).reshape(-1, len(omega)).T
 
 
@@ -157,7 +158,7 @@ def poles_figure(spectrum: Spectrum, agent: str) -> "Figure":
 
 @styled
 def singular_values_figure(spectrum: Spectrum, rho: float | None) -> "Figure":
-    """Draw the singular values from xi_d to z over frequency, with the certified rho as a line above them.
+    """Draw the singular values from w to z over frequency, with the certified rho as a line above them.
 
     Raises:
         ValueError: the loop was too large for singular values.
@@ -175,7 +176,7 @@ def singular_values_figure(spectrum: Spectrum, rho: float | None) -> "Figure":
     axes.set_ylim(top * 1e-4, top * 2)
     axes.margins(x=0)
     axes.set_xlabel("frequency in rad/s")
-    axes.set_title("singular values from xi_d to z")
+    axes.set_title("singular values from w to z")
     logarithmic(axes.xaxis, axes.yaxis)
     legend(figure, axes, 3)
     return figure

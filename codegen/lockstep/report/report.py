@@ -55,15 +55,13 @@ def make_report(
         source: the text of the problem file, where there is one.
     """
     facts = gather(files, stored, checks, verified, trade_off)
-    problem, gains = facts.problem, stored.gains
-    R, Q = problem.state_weight(problem.agent().n), problem.controller_weight(gains.order)
-    spectrum = spectrum_of(facts.network, gains, R, Q)
+    spectrum = spectrum_of(facts.network, stored.gains, stored.claim)
     drawings = draw(facts, spectrum)
     evidence = pages(facts, files, source)
     names = sorted([*files, PAGE, TEXT, *evidence, *drawings.files])
     text = render(
         "report.md.j2",
-        title=problem.title,
+        title=facts.problem.title,
         guarantee=lines_of(facts.manifest.certificate),
         design=answer(stored),
         checks=checks,

@@ -86,7 +86,7 @@ def _no_sanitizers(compiler: Compiler) -> str:
             run([*compiler.command, *_SANITIZERS, "nothing.c", "-o", "nothing"], directory, "linking", 60)
             run([str(directory / "nothing")], directory, "starting", 60)
         except ClaimError as error:
-            return f"they do not work with this compiler ({str(error).splitlines()[0]})"
+            return f"they do not work with this compiler, and nothing claimed rests on them ({str(error).splitlines()[0]})"
     return ""
 
 

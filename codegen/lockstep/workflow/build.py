@@ -127,6 +127,8 @@ def build(
     made = replace(Design.of(json.loads(files[DESIGN_NAME]), DESIGN_NAME, folder), reused=designed.reused)
     verified = _verified(files, progress)
     wrong, open_claims = [*checks.problems, *verified.problems], unproved(made.sampled)
+    if open_claims and (noted := "; ".join(doubts(posed))):
+        open_claims.append(f"to be noted: {noted}")
     written, notes = tuple[str, ...](), tuple[str, ...]()
     if not wrong:
         points = trade_off_points(made.stored, others, progress) if trade_off else ()

@@ -166,7 +166,7 @@ def _meaning_of_rho(problem: Any, rho: float) -> str:
     counted = ", ".join(f"{one:g}" for one in scales[scales > 0][:4])
     scaled = f", each in its scale {counted}" * bool((scales != 1).any())
     weight = problem.design.weights.state
-    plain = "" if weight == 1.0 else ", each state by its weight of [design.weights]"
+    plain = "" if weight == 1.0 else ", the square of each state times its weight of [design.weights]"
     if problem.performance.outputs.any():
         plain += ", noise of the outputs counted in the scales of [design.disturbances]"
     if problem.design.coordinates != "orthonormal":

@@ -6,12 +6,12 @@
 
 const arm_controllers_descriptor_t arm_controllers_descriptors[3] = {
     {"arm1", "lockstep-controllers/2", ARM1_DESIGN_ID,
-     "4b3ac5f938b5ba1042ad757cbb4c0ee948785f0a00796fa50192cdd78c19179b",
+     "93646ec975b88541345fe9334cdeb394f46e061ca6f148a5571065278f74e63c",
      ARM1_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm1_state_t)},
     {"arm2", "lockstep-controllers/2", ARM2_DESIGN_ID,
-     "4b3ac5f938b5ba1042ad757cbb4c0ee948785f0a00796fa50192cdd78c19179b",
+     "93646ec975b88541345fe9334cdeb394f46e061ca6f148a5571065278f74e63c",
      ARM2_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm2_state_t)},
     {"arm3", "lockstep-controllers/2", ARM3_DESIGN_ID,
-     "4b3ac5f938b5ba1042ad757cbb4c0ee948785f0a00796fa50192cdd78c19179b",
+     "93646ec975b88541345fe9334cdeb394f46e061ca6f148a5571065278f74e63c",
      ARM3_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm3_state_t)}
 };

@@ -101,11 +101,10 @@ def _not_carried(network: Network, gains: Gains, claim: Claim, error: NotCertifi
     """Return what given gains do instead: their linear loop is unstable, or they carry a part of alpha only."""
     abscissa = float(error.figures.get("abscissa", 0.0))
     if abscissa >= 0:
-        n_C, deaf = gains.order, np.flatnonzero(network.graph.in_degrees == 0)
-        own = [i for i in deaf if n_C and np.linalg.eigvals(gains.blocks[i, :n_C, :n_C]).real.max() >= 0]
-        why = "with r = sum a_ij (y_i - y_j) negative feedback is u = -r"
-        if own:
-            why = f"agent {own[0] + 1} hears nobody, and its own controller is unstable by itself"
+        n_C, why = gains.order, "with r = sum a_ij (y_i - y_j) negative feedback is u = -r"
+        for i in np.flatnonzero(network.graph.in_degrees == 0) if n_C else ():
+            if np.linalg.eigvals(gains.blocks[i, :n_C, :n_C]).real.max() >= 0:
+                why = f"agent {i + 1} hears nobody, and its own controller is unstable by itself"
         said = f"the linear loop of the given gains is unstable, Re s = {abscissa:.3g}: {why}"
         return NotCertified(f"{error}: {said}", **error.figures)
     part = largest_fraction(network.loop(gains.order), gains.blocks, claim, 0.0)

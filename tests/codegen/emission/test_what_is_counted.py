@@ -61,6 +61,25 @@ def test_the_scales_and_coordinates_of_disturbances_are_told(design, said):
     assert ("its scale 0.02" in explained) == ("x 0.02" in said)
 
 
+@pytest.mark.parametrize(
+    ("weights", "said"),
+    [
+        ("{}", None),
+        ("{ state = 2.0, input = 0.5 }", "x 2, u 0.5"),
+        ("{ input = 1.0 }", "u 1"),  # plain is not to weigh u at all
+        ("{ state = [[3.0]] }", "x 3"),
+    ],
+)
+def test_what_rho_weighs_and_the_noise_it_counts_are_told(weights, said):
+    """rho of a header is a number of no meaning without them, and they are in no other file that ships."""
+    found = claimed(
+        designed(design=f"weights = {weights}\ndisturbances = {{ states = 1.0, outputs = {{ y = 0.001 }} }}")
+    )
+    assert "noise on each output in its scale, in its unit: y 0.001" in found["disturbances"]
+    assert "its unit per second" not in found["disturbances"], "the states' are plain"
+    assert found.get("weighed") == (None if said is None else f"squares by these weights: {said}")
+
+
 def test_only_the_line_of_messages_is_of_messages_that_are_late():
     found = claimed(designed(network="messages = { delay = [0, 2] }"))
     assert "every message arrives in time (of those that do not, `messages` alone" in found["assumes"]

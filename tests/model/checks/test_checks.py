@@ -335,6 +335,19 @@ def test_a_budget_ends_in_the_best_enclosure_labelled_as_such() -> None:
     assert report.ok
 
 
+@pytest.mark.parametrize(
+    ("force", "said"),
+    [
+        ("f - 2*sin(p)", "at first f raises y1"),
+        ("-f - 2*sin(p)", "at first f lowers y1"),
+        ("-2*sin(p)", "no input moves an output"),
+    ],
+)
+def test_which_way_inputs_move_outputs_is_told(force: str, said: str) -> None:
+    """No figure knows which way a machine moves: who writes -f for f gets a certificate of another machine."""
+    assert linear_part.directions(cart(force).agent()).figure == said
+
+
 def test_slopes_with_bounds_of_their_own_are_reported() -> None:
     """-tanh(v) is centred to slopes within 1/2; alpha = sqrt(4 + 1/4) is that of both arguments together."""
     report = check_problem(cart("f - tanh(v) - 2*sin(p)"))

@@ -70,6 +70,7 @@ def check_problem(
         controllable,
         observable,
         zeros,
+        linear_part.directions(agent),
         *plausibility.alone(problem),
         *actuators.period(problem),
         *units,

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from fractions import Fraction
+from itertools import product
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +12,9 @@ from lockstep.model.checks.report import CheckRow, Outcome
 from lockstep.model.control.pbh import Controllability, Observability, controllability
 from lockstep.model.control.zeros import Zeros, zeros_of
 from lockstep.model.graphs.graph import Graph
+
+ROUNDED = 1e-12
+"""Of the largest entry of C A^k B: less is what rounding left of a sum that is 0."""
 
 Matrices = Sequence[Float[np.ndarray, "n m"]]
 
@@ -71,6 +75,21 @@ def zeros(agent: Agent, agents_B: Matrices) -> tuple[CheckRow, tuple[tuple[compl
         figure = f"{_listed(worst.right_half_plane)} in the right half-plane"
         return CheckRow("zeros from u to y", "note", figure, reason), right
     return CheckRow("zeros from u to y", "ok", _no_right(worst), reason), right
+
+
+def directions(agent: Agent) -> CheckRow:
+    """Which way each input moves each output at first, from rest: the sign of the first C A^k B that is not 0."""
+    lure, said = agent.lure, []
+    steps = [lure.C @ np.linalg.matrix_power(lure.A, k) @ lure.B for k in range(agent.n)]
+    for (k, y), (l, u) in product(enumerate(agent.outputs), enumerate(agent.inputs)):
+        first = next((step[k, l] for step in steps if abs(step[k, l]) > ROUNDED * np.abs(step).max()), 0.0)
+        said += [f"{u} {'raises' if first > 0 else 'lowers'} {y}"] if first else []
+    reason = (
+        "hold it against the machine: a sign that is wrong in the file is wrong in the C, and in no figure"
+    )
+    return CheckRow(
+        "directions", "ok", f"at first {', '.join(said)}" if said else "no input moves an output", reason
+    )
 
 
 def _no_right(zeros: Zeros) -> str:
