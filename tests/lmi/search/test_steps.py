@@ -173,6 +173,14 @@ def test_short_gains_are_short_and_near() -> None:
     assert all(len(f"{abs(x):g}".replace(".", "").lstrip("0")) <= 6 for x in short.ravel())
 
 
+@pytest.mark.parametrize(("apart", "equal"), [(4e-6, True), (9e-5, True), (2e-4, False)])
+def test_gains_that_a_search_leaves_next_to_equal_are_made_equal(apart: float, equal: bool) -> None:
+    """Each entry counts by its own size: equal controllers do not move what all agents share, ones that nearly are do."""
+    one = np.array([[-50.0, 1e-3], [0.4, 0.0]])
+    K = np.stack([one, one * (1 + apart * np.array([[0.0, 1.0], [0.0, 0.0]])), one])
+    assert (short_gains(K, 1e3) == one).all() == equal
+
+
 def test_small_gains_beside_large_ones_keep_their_digits() -> None:
     """A fast controller of a stiff plant: C_C is a thousandth of A_C, and a hundredth of it decides about stability."""
     K = np.array([[[-2059.468, 1216.885], [-0.5904321, 0.35012345]]])
