@@ -17,7 +17,9 @@ ONLY = "the continuous controllers only, NOT those that ship (below)"
 SOFT = "of {of} moves {moves} {times:.3g} times as far apart as u = 0 does (computed); rho is of the worst frequency"
 UNPROVED = "nothing is proved"
 STATIC = 0.01
-STATIC_SAID = "the controllers' states add less than {:.0%} to what their D do: order = 0 spares them"
+STATIC_SAID = (
+    "the controllers' states add less than {:.0%} to what their D do: these D as gains of order 0 spare them"
+)
 
 
 def run(path: Path, output: Path | None, **options: Any) -> Answer:

@@ -53,18 +53,8 @@ def certified(posed: Posed, attempt: Attempt) -> Proposal:
     score = SampledScore.of(problem, network, claim)
 
     def found_from(*, anew: bool) -> tuple[CertifiedGains, FloorWitness | None]:
-        found = searched(
-            problem,
-            network,
-            claim,
-            jobs,
-            tell,
-            time_limit,
-            score,
-            stop,
-            explain=explain and not anew,
-            anew=anew,
-        )
+        effort = jobs, tell, time_limit, score, stop
+        found = searched(problem, network, claim, *effort, explain=explain and not anew, anew=anew)
         rho = found.certificate.rho
         return found, stop.optional(lambda: _floor(problem, network, found.claim, rho, tell), otherwise=None)
 

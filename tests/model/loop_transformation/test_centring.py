@@ -70,6 +70,25 @@ def test_alpha_becomes_half_the_range_of_the_slopes(
     assert_same_agent(moved, plain)
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e4, 1e-4])
+def test_a_small_number_is_centred_beside_a_large_one(unit: float) -> None:
+    """a^2 has slopes in +-0.1 and a^3 in [0, 0.0075] at |a| <= 0.05; in another unit of a the second is the larger number.
+
+    The two are bounded with scales of their own, and each slope with a multiplier of its own: S = (0, 0.00375).
+    """
+    dynamics = {"a": f"b + (a/{unit!r})**2", "b": f"f + (a/{unit!r})**3"}
+    agent = cart(
+        "0",
+        states=["a", "b"],
+        outputs={"y1": "a"},
+        dynamics=dynamics,
+        domain={"a": (-0.05 * unit, 0.05 * unit)},
+    )
+    (move,) = agent.centring.moves
+    assert (move.highest, move.lowest) == pytest.approx((0.0075 / unit, 0.0))
+    assert float(move.amount) == pytest.approx(0.00375 / unit, rel=1.1e-3)
+
+
 def test_the_arms_stay_as_the_paper_writes_them() -> None:
     agent = load_problem(EXAMPLES / "flexible_joint_arms.toml").agent()
     assert agent.centre

@@ -137,6 +137,7 @@ def centring(agent: Agent) -> CheckRow:
 def origin(agent: Agent) -> CheckRow:
     """h(t, 0) = 0, which (3) of the paper contains and consensus does not need."""
     reason = "agreement does not need it: what all agents share cancels in the disagreement"
+    reason += "; [agent.domain] has to hold where it takes them" * bool(agent.domain)
     name, (size, exact) = "h(t, 0) = 0", _offset(agent)
     if size <= 1e-12:  # what rounding leaves of terms that cancel, as 80**2 - 80**2 does of a trim
         figure = ("0" if exact else "0 at every t looked at") + ", to 1e-12" * (size > 0)

@@ -97,7 +97,8 @@ def centred(lure: Lure, box: Box) -> tuple[Lure, Centring]:
         result, move = _move(result, k, j, float(lowest[k, j]), float(highest[k, j]))
         moves.append(move)
     found = Centring(tuple(moves))
-    if _size(slopes - found.matrix(*lowest.shape)) > (1 - LEAST_GAIN) * _size(slopes):
+    units = _units(slopes)
+    if _size((slopes - found.matrix(*lowest.shape)) / units) > (1 - LEAST_GAIN) * _size(slopes / units):
         return lure, Centring(reason="moving the middle of the slopes into A would not shrink their bound")
     return result, found
 
@@ -148,6 +149,16 @@ def _settled(near: Float[np.ndarray, "samples r v"], lowest: np.ndarray, highest
         return False
     missed = np.maximum(near.min(axis=0) - lowest, highest - near.max(axis=0))
     return bool((missed <= 0.01 * (highest - lowest)).all())
+
+
+def _units(slopes: Float[np.ndarray, "samples r v"]) -> Float[np.ndarray, "r v"]:
+    """Return D_w D_v^-1 in which the largest slope of each component, then by each argument, is one: a bound has scales too.
+
+    Of a^2 beside a^3, or of m/s beside Pa, the larger number is not the larger nonlinearity.
+    """
+    largest = np.abs(slopes).max(axis=0)
+    rows = np.where(largest.any(axis=1), largest.max(axis=1), 1.0)[:, None]
+    return np.asarray(rows * np.where(largest.any(axis=0), (largest / rows).max(axis=0), 1.0))
 
 
 def _size(slopes: Float[np.ndarray, "samples r v"]) -> float:
