@@ -73,10 +73,7 @@ def designed_for_messages(stored: Stored, tell: Tell) -> Stored:
         raise Infeasible("there is no continuous certificate to start from")
     network, order = sampled_design.sampled_network(stored), stored.gains.order
     at = AtPeriod(network, problem.graph().edges, problem.performance, order, limit)
-    start, held = (
-        StartingGains(stored.gains.blocks, m, c.rho),
-        sampled_controllers(stored, period),
-    )
+    start, held = StartingGains(stored.gains.blocks, m, c.rho), sampled_controllers(stored, period)
     reason = "no gains were brought near it"
 
     def further(part: float) -> None:
