@@ -14,7 +14,7 @@ from lockstep.model.control.zeros import Zeros, zeros_of
 from lockstep.model.graphs.graph import Graph
 
 ROUNDED = 1e-12
-"""Of the largest entry of C A^k B: less is what rounding left of a sum that is 0."""
+"""Of |C| |A|^k |B|: less is what rounding left of a sum that is 0."""
 
 Matrices = Sequence[Float[np.ndarray, "n m"]]
 
@@ -80,16 +80,18 @@ def zeros(agent: Agent, agents_B: Matrices) -> tuple[CheckRow, tuple[tuple[compl
 def directions(agent: Agent) -> CheckRow:
     """Which way each input moves each output at first, from rest: the sign of the first C A^k B that is not 0."""
     lure, said = agent.lure, []
-    steps = [lure.C @ np.linalg.matrix_power(lure.A, k) @ lure.B for k in range(agent.n)]
+    with np.errstate(all="ignore"):
+        powers = [np.linalg.matrix_power(A, k) for A in (lure.A, np.abs(lure.A)) for k in range(agent.n)]
+        steps = [lure.C @ power @ lure.B for power in powers[: agent.n]]
+        sizes = [ROUNDED * np.abs(lure.C) @ power @ np.abs(lure.B) for power in powers[agent.n :]]
     for (k, y), (l, u) in product(enumerate(agent.outputs), enumerate(agent.inputs)):
-        first = next((step[k, l] for step in steps if abs(step[k, l]) > ROUNDED * np.abs(step).max()), 0.0)
+        first = next(
+            (step[k, l] for step, size in zip(steps, sizes, strict=True) if abs(step[k, l]) > size[k, l]), 0.0
+        )
         said += [f"{u} {'raises' if first > 0 else 'lowers'} {y}"] if first else []
-    reason = (
-        "hold it against the machine: a sign that is wrong in the file is wrong in the C, and in no figure"
-    )
-    return CheckRow(
-        "directions", "ok", f"at first {', '.join(said)}" if said else "no input moves an output", reason
-    )
+    reason = "hold it against the machine: a wrong sign in the file is wrong in the C, and in no figure"
+    figure = f"at first {', '.join(said)}" if said else "no input moves an output"
+    return CheckRow("directions", "ok", figure, reason)
 
 
 def _no_right(zeros: Zeros) -> str:
