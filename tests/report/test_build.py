@@ -38,6 +38,7 @@ def test_build_exits_1_where_the_sampled_controllers_are_not_proved(examples, qu
     (problem,) = answer["problems"]
     assert "sampled controllers are not certified" in problem
     assert "at a period of" in problem
+    assert "to be noted: period: 0.2 s is" in problem, "what may be why is beside what failed"
     header = (tmp_path / "out" / "include" / "arm1.h").read_text()
     said = " ".join(header.replace("\n *", " ").split())
     assert "the continuous controllers are certified (proof: exact); THE C OF THIS FOLDER IS NOT" in said

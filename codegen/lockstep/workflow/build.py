@@ -128,7 +128,7 @@ def build(
     verified = _verified(files, progress)
     wrong, open_claims = [*checks.problems, *verified.problems], unproved(made.sampled)
     if open_claims and (noted := "; ".join(doubts(posed))):
-        open_claims.append(f"to be noted: {noted}")
+        open_claims[-1] += f"; to be noted: {noted}"
     written, notes = tuple[str, ...](), tuple[str, ...]()
     if not wrong:
         points = trade_off_points(made.stored, others, progress) if trade_off else ()
