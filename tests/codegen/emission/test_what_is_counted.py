@@ -71,7 +71,7 @@ def test_the_scales_and_coordinates_of_disturbances_are_told(design, said):
     ],
 )
 def test_what_rho_weighs_and_the_noise_it_counts_are_told(weights, said):
-    """rho of a header is a number of no meaning without them, and they are in no other file that ships."""
+    """rho of a header is a number of no meaning without them: whoever holds the C holds the header."""
     found = claimed(
         designed(design=f"weights = {weights}\ndisturbances = {{ states = 1.0, outputs = {{ y = 0.001 }} }}")
     )

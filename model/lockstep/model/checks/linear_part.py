@@ -91,7 +91,7 @@ def directions(agent: Agent) -> CheckRow:
         said += [f"{u} {'raises' if first > 0 else 'lowers'} {y}"] if first else []
     reason = "hold it against the machine: a wrong sign in the file is wrong in the C, and in no figure"
     figure = f"at first {', '.join(said)}" if said else "no input moves an output"
-    return CheckRow("directions", "ok", figure, reason)
+    return CheckRow("direction of inputs", "ok", figure, reason)
 
 
 def _no_right(zeros: Zeros) -> str:
