@@ -63,7 +63,3 @@ class NotCertified(ClaimError):
 
 class BoundNotProved(ClaimError):
     """The nonlinearity bound asked for is false (with a witness) or could not be proved."""
-
-
-class Mismatch(ClaimError):
-    """The compiled C and its Python reference differ."""

@@ -99,9 +99,7 @@ def specification(stored: Stored, options: CodeOptions = BY_DEFAULT) -> CodegenS
         LinearPlant(lure.A, B, lure.C, np.asarray(x0[i]))
         for i, B in enumerate(() if alike else problem.agents_B())
     )
-    image = None
-    if one_image:
-        image = _image(stored, f"{base}_node", sources, options)
+    image = _image(stored, f"{base}_node", sources, options) if one_image else None
     controller = problem.controller
     return CodegenSpec(
         agents=controllers,
@@ -124,9 +122,9 @@ def specification(stored: Stored, options: CodeOptions = BY_DEFAULT) -> CodegenS
 
 def formats_of(claims: FixedClaims, stored: Stored) -> FixedEntry:
     """Return the formats of the controllers in integers, and what is claimed of them in words."""
-    rho = "not proved"
-    if claims.rho:
-        rho = f"{claims.rho:g}, and {two_digits(claims.rho_rounding)} from rounding"
+    rho = (
+        f"{claims.rho:g}, and {two_digits(claims.rho_rounding)} from rounding" if claims.rho else "not proved"
+    )
     radius = "not proved" if claims.radius is None else f"{claims.radius:g}"
     count = 2.0 ** -min(claims.outputs)
     read = claims.residual_from_rounding + claims.residual_per_message_error * count / 2
@@ -339,11 +337,8 @@ def signed_lines(stored: Stored) -> dict[str, str]:
     """Return what is claimed of the sampled controllers, under which assumptions, and what remains."""
     sampled, table = stored.claims.sampled, stored.problem.controller
     applied = "one period after its sample" if table.delay else "at once"
-    unclipped = (
-        "does not saturate (where that is proved, `limits` says)"
-        if stored.problem.has_limits
-        else "unclipped"
-    )
+    saturates = "does not saturate (where that is proved, `limits` says)"
+    unclipped = saturates if stored.problem.has_limits else "unclipped"
     arrives = "every message arrives"
     if stored.claims.messages is not None:
         arrives += " in time (of those that do not, `messages` alone says what is proved)"

@@ -12,6 +12,7 @@ import numpy as np
 from lockstep.check.errors import ClaimError
 from lockstep.check.sampled.fixed_point import LARGEST_R, LARGEST_X, SPLIT, FixedController
 from lockstep.codegen.cost.cores import Core, registers_of
+from lockstep.codegen.emission.calls import Operation
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.exports import exports_of
 from lockstep.codegen.exports.fixed_point import controller_of
@@ -25,8 +26,6 @@ from lockstep.verification.targets import Target
 from lockstep.verification.toolchain import Compiler
 
 OK, NOT_READY, CLIPPED, SATURATED = 0, 3, 8, 16
-STEP, RESET, UNREADY = 0, 2, 4
-"""Operations: a step; one after a reset; one of a state that is marked as never initialised, which is then initialised."""
 
 LIBRARY = re.compile(r"mem(cpy|set|move)|__aeabi_(mem\w+|ll?s[lr])|__ashldi3|__lshrdi3|__mulsi3")
 """What integers may call: no arithmetic beyond a product of 32 bits, which a core may lack."""
@@ -94,11 +93,11 @@ def run_reference(agent: AgentEntry, one: FixedController, calls: Counts) -> Tra
     x, u, held, heard = [0] * n, [0] * m, np.zeros((nn, q), np.int64), [False] * nn
     age, misses = [0] * nn, [0] * nn
     for k in range(S):
-        if calls.operation[k] in (RESET, UNREADY):
+        if calls.operation[k] in (Operation.RESET, Operation.STEP_UNREADY):
             x, u, heard, age = [0] * n, [0] * m, [False] * nn, [0] * nn
             held[:] = 0
         status, mask = NOT_READY, int(calls.received[k])
-        if calls.operation[k] != UNREADY:
+        if calls.operation[k] != Operation.STEP_UNREADY:
             y, total = calls.y[k].astype(np.int64), np.zeros(q, np.int64)
             for j in range(nn):
                 if mask >> j & 1:
@@ -109,7 +108,7 @@ def run_reference(agent: AgentEntry, one: FixedController, calls: Counts) -> Tra
                     total += y - held[j]
             x, u, status = step_of(one, x, total.tolist())
         out.u[k] = u
-        if calls.operation[k] == UNREADY:
+        if calls.operation[k] == Operation.STEP_UNREADY:
             misses = [0] * nn
         out.status[k], out.x[k], out.held[k], out.age[k], out.misses[k] = status, x, held, age, misses
         out.heard[k] = sum(1 << j for j in range(nn) if heard[j])
@@ -151,7 +150,11 @@ def counts_of(manifest: Manifest, steps: int, adversarial: int) -> dict[str, Cou
         )
         mask = np.array([sum(1 << j for j in range(nn) if not row[j]) for row in lost], np.uint64)
         draw = random.random(adversarial)
-        operation = np.r_[np.zeros(steps), np.where(draw < 0.01, RESET, np.where(draw < 0.02, UNREADY, STEP))]
+        operation = np.zeros(steps + adversarial)
+        operation[steps:][draw < 0.02], operation[steps:][draw < 0.01] = (
+            Operation.STEP_UNREADY,
+            Operation.RESET,
+        )
         calls[agent.name] = Counts(
             operation,
             mask,

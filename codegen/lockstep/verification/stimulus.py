@@ -11,15 +11,7 @@ import scipy.linalg
 from jaxtyping import Float, Int, UInt
 
 from lockstep.check.errors import demand
-from lockstep.codegen.emission.calls import (
-    APPLIED,
-    RESET,
-    STEP,
-    STEP_ALIASED,
-    STEP_RELATIVE,
-    STEP_UNREADY,
-    Calls,
-)
+from lockstep.codegen.emission.calls import Calls, Operation
 from lockstep.codegen.manifest import AgentEntry, Manifest, PlantEntry
 from lockstep.verification.reference import Reference, closed_loop
 
@@ -62,14 +54,14 @@ def run_reference(reference: Reference, calls: Calls) -> Trace:
 
 def _call(reference: Reference, calls: Calls, k: int) -> tuple[int, np.ndarray]:
     operation = int(calls.operation[k])
-    if operation == RESET:
+    if operation == Operation.RESET:
         reference.reset()
         return 0, reference.state.u
-    if operation == STEP_UNREADY:
+    if operation == Operation.STEP_UNREADY:
         return reference.step_unready()
-    if operation == APPLIED:
+    if operation == Operation.APPLIED:
         return reference.applied(np.resize(calls.r[k], len(reference.M) - reference.order))
-    if operation == STEP_RELATIVE:
+    if operation == Operation.STEP_RELATIVE:
         return reference.step_relative(calls.r[k])
     return reference.step(calls.y[k], calls.neighbour_y[k], int(calls.received[k]))
 
@@ -163,9 +155,11 @@ def fault_calls(manifest: Manifest, agent: AgentEntry) -> Calls:
     width = (2 + nn) * q
     values = np.array([np.nan, np.inf, -np.inf, np.finfo(dtype).max], dtype)
     place, value = (part.ravel() for part in np.meshgrid(np.arange(width), values, indexing="ij"))
-    own = (place >= q + nn * q).astype(np.uint32) * STEP_RELATIVE
+    own = (place >= q + nn * q).astype(np.uint32) * Operation.STEP_RELATIVE
     heard = np.flatnonzero((place >= q) & (place < q + nn * q))
-    kinds = np.concatenate([own, np.full(len(heard), STEP), [STEP_UNREADY, RESET]]).astype(np.uint32)
+    kinds = np.concatenate(
+        [own, np.full(len(heard), Operation.STEP), [Operation.STEP_UNREADY, Operation.RESET]]
+    ).astype(np.uint32)
     S = 2 * len(kinds) + 1
     wave = np.cos(np.arange(S)[:, None] + np.arange(width)).astype(dtype)
     arrived = np.ones((S, nn), bool)
@@ -196,7 +190,7 @@ def limit_calls(manifest: Manifest, agent: AgentEntry) -> Calls:
             near = [np.nextafter(end, end.dtype.type(to)) for end in ends for to in (-np.inf, np.inf)]
             given = [np.full(q, value) for value in (*ends, *near, -np.inf, np.inf, np.nan, 0.0)]
             rows += [*asked, *given]
-            kinds += [STEP_RELATIVE] * len(asked) + [APPLIED] * len(given)
+            kinds += [Operation.STEP_RELATIVE] * len(asked) + [Operation.APPLIED] * len(given)
         r = np.array(rows, dtype=np.float64).reshape(len(rows), q).astype(real.dtype)
     y, others = np.zeros_like(r), np.zeros((len(r), nn, q), real.dtype)
     return Calls(np.array(kinds, np.uint32), np.zeros(len(r), np.uint64), y, others, r)
@@ -210,7 +204,13 @@ def adversarial_calls(manifest: Manifest, agent: AgentEntry, steps: int) -> Call
     q, nn = len(agent.outputs), len(agent.neighbours)
     random = np.random.default_rng([_SEED, *agent.name.encode()])
     values = _adversarial_values(random, steps, (2 + nn) * q, manifest.real_type.dtype)
-    kinds = [STEP, STEP_RELATIVE, RESET, STEP_ALIASED, STEP_UNREADY]
+    kinds = [
+        Operation.STEP,
+        Operation.STEP_RELATIVE,
+        Operation.RESET,
+        Operation.STEP_ALIASED,
+        Operation.STEP_UNREADY,
+    ]
     operation = random.choice(kinds, steps, p=[0.685, 0.2, 0.01, 0.1, 0.005])
     arrived = random.random((steps, nn)) < random.choice([0.0, 0.5, 0.9, 1.0], (steps, 1))
     mask = _mask(arrived)

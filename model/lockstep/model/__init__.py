@@ -8,7 +8,6 @@ if TYPE_CHECKING:
         BoundNotProved,
         ClaimError,
         Infeasible,
-        Mismatch,
         NotCertified,
         ProblemError,
     )
@@ -30,7 +29,6 @@ __all__ = [
     "Graph",
     "Infeasible",
     "Lure",
-    "Mismatch",
     "Network",
     "NotCertified",
     "Problem",

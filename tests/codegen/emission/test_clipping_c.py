@@ -9,12 +9,13 @@ import pytest
 
 from lockstep.check.c_source.reader import read_controller
 from lockstep.check.errors import NotCertified, ProblemError
+from lockstep.codegen.emission.calls import Operation
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.manifest import Manifest
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.verification.harness import run_on_host
 from lockstep.verification.reference import CLIPPED, NOT_FINITE, OK, Reference
-from lockstep.verification.stimulus import STEP_RELATIVE, Calls, adversarial_calls, limit_calls, run_reference
+from lockstep.verification.stimulus import Calls, adversarial_calls, limit_calls, run_reference
 from lockstep.verification.toolchain import first_compiler
 
 A = [[-3.0, 1.0], [0.0, -2.0]]
@@ -154,7 +155,9 @@ def bench(files: dict[str, str], period: float, r: float = 0.01) -> dict[str, np
         given = np.zeros((S, q), manifest.real_type.dtype)
         given[:on] = r
         none = np.zeros((S, nn, q), manifest.real_type.dtype)
-        return Calls(np.full(S, STEP_RELATIVE, np.uint32), np.zeros(S, np.uint64), 0 * given, none, given)
+        return Calls(
+            np.full(S, Operation.STEP_RELATIVE, np.uint32), np.zeros(S, np.uint64), 0 * given, none, given
+        )
 
     found = {}
     for name, trace in traces(files, calls).items():

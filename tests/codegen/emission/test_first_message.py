@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from codegen_cases import arms, random_controller
 
-from lockstep.codegen.emission.calls import RESET, STEP, Calls
+from lockstep.codegen.emission.calls import Calls, Operation
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import load_manifest
@@ -43,7 +43,7 @@ def heard_late(late):
     others[FIRST, 1] = late if late is not None else np.nan
     received = np.full(STEPS, EARLY, np.uint64)
     received[FIRST] |= LATE if late is not None else 0
-    return Calls(np.full(STEPS, STEP, np.uint32), received, y, others, np.zeros_like(y))
+    return Calls(np.full(STEPS, Operation.STEP, np.uint32), received, y, others, np.zeros_like(y))
 
 
 def test_in_agreement_nothing_moves(folder):
@@ -71,7 +71,7 @@ def test_out_of_agreement_u_moves_by_the_direct_term(folder):
 def test_no_message_from_before_a_reset_is_used(folder):
     calls = heard_late(np.array([0.75, -1.5]))
     operation = calls.operation.copy()
-    operation[FIRST + 1] = RESET
+    operation[FIRST + 1] = Operation.RESET
     after = slice(FIRST + 2, None)
     received = calls.received.copy()
     received[after] = 0

@@ -14,7 +14,7 @@ from lockstep.check.c_source.reader import read_controller
 from lockstep.check.c_source.tokens import tokens_of
 from lockstep.check.certify import certify
 from lockstep.check.errors import NotCertified, ProblemError
-from lockstep.codegen.emission.calls import APPLIED, STEP, STEP_RELATIVE
+from lockstep.codegen.emission.calls import Operation
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import Manifest
@@ -235,7 +235,7 @@ def test_nodes_clip_as_their_controllers_do(tmp_path, shape):
     for node in [one for one in manifest.agents if isinstance(one, NodeEntry)]:
         calls = limit_calls(manifest, node) + adversarial_calls(manifest, node, 600)
         trace = run_reference(reference_of(node, manifest), calls)
-        for operation in (STEP, STEP_RELATIVE, APPLIED):
+        for operation in (Operation.STEP, Operation.STEP_RELATIVE, Operation.APPLIED):
             assert (trace.status[calls.operation == operation] == CLIPPED).any()
         sides = node.sides(manifest.real_type)
         assert ((trace.u >= sides[:, 0]) & (trace.u <= sides[:, 1])).all()

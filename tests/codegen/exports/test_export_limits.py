@@ -10,7 +10,7 @@ import test_export_rust
 from codegen_cases import arms
 from export_cases import folder_of, log_of, needs, needs_compiler
 
-from lockstep.codegen.emission.calls import APPLIED, STEP
+from lockstep.codegen.emission.calls import Operation
 from lockstep.codegen.exports.vectors import vectors
 from lockstep.codegen.manifest import load_manifest
 from lockstep.verification.messages.events import RECEIVE, faulty_events, run_node
@@ -34,9 +34,9 @@ def test_the_vectors_clip_and_apply(tmp_path):
     for agent in manifest.agents[:2]:  # the third's gains are small
         calls = vectors(agent, manifest)
         trace = run_reference(Reference.of(agent, manifest), calls)
-        assert (calls.operation[:100] == STEP).all()
+        assert (calls.operation[:100] == Operation.STEP).all()
         assert (trace.status[:100] == CLIPPED).sum() > 5
-        assert {OK, CLIPPED} <= set(trace.status[calls.operation == APPLIED].tolist())
+        assert {OK, CLIPPED} <= set(trace.status[calls.operation == Operation.APPLIED].tolist())
         assert (trace.u >= LIMITS[:, 0].astype(np.float32)).all() and (trace.u <= LIMITS[:, 1]).all()
 
 

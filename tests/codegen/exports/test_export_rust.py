@@ -11,7 +11,7 @@ from export_cases import folder_of, generated, needs, run
 from typer.testing import CliRunner
 
 from lockstep.cli.main import app
-from lockstep.codegen.emission.calls import APPLIED, RESET, STEP_RELATIVE
+from lockstep.codegen.emission.calls import Operation
 from lockstep.codegen.exports.vectors import vectors
 from lockstep.codegen.manifest import load_manifest
 from lockstep.verification.reference import Reference
@@ -85,10 +85,13 @@ def compared(folder, tmp_path, index=0):
     wrong = 0
     for k, line in enumerate(printed.decode().splitlines()):
         status, *u = line.split()
-        same_u = calls.operation[k] in (RESET, APPLIED) or [int(word, 16) for word in u] == bits[k]
+        same_u = (
+            calls.operation[k] in (Operation.RESET, Operation.APPLIED)
+            or [int(word, 16) for word in u] == bits[k]
+        )
         wrong += not (same_u and int(status) == expected.status[k])
     assert len(printed.splitlines()) == len(lines) == 200
-    assert (calls.operation == STEP_RELATIVE).any()
+    assert (calls.operation == Operation.STEP_RELATIVE).any()
     return wrong
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from codegen_cases import arms, random_controller, shapes
 
-from lockstep.check.errors import Mismatch, ProblemError
+from lockstep.check.errors import ProblemError
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.folder import write_folder
 from lockstep.codegen.manifest import Manifest
@@ -51,7 +51,7 @@ def test_the_arms_are_equal_to_the_bit_at_every_level(tmp_path, real, optimize):
         progress=lambda _, done, total: seen.append((done, total)),
         **QUICK,
     )
-    assert report.require() is report
+    assert report.ok
     assert [t.name.split()[-1] for t in report.targets[:3]] == ["-O0", "-O2", "-O3"]
     for target in report.targets:
         assert (target.bitwise, target.max_abs_error, target.steps) == (True, 0.0, QUICK["steps"])
@@ -102,8 +102,7 @@ def test_a_gain_changed_by_one_unit_in_the_last_place_is_a_mismatch(tmp_path):
     assert not report.ok and report.changed_files == ("src/arm1.c",)
     assert [a.bitwise for a in report.targets[0].agents] == [False, True, True]
     assert report.targets[0].max_abs_error > 0
-    with pytest.raises(Mismatch, match=r"src/arm1\.c is not what"):
-        report.require()
+    assert any("src/arm1.c is not what" in problem for problem in report.problems)
 
 
 @needs_compiler

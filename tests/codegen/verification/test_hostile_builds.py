@@ -15,7 +15,7 @@ from codegen_cases import arms, random_controller
 
 from lockstep.check.errors import ClaimError
 from lockstep.codegen.cost.cores import CORES, emulated
-from lockstep.codegen.emission.calls import STEP_RELATIVE
+from lockstep.codegen.emission.calls import Operation
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.folder import write_folder
@@ -109,7 +109,7 @@ class Bench:
         """Of all agents the worst: a difference that nothing told, an instance that refuses every step, or equality."""
         found = set()
         for name, trace in traces.items():
-            steps = self.calls[name].operation <= STEP_RELATIVE
+            steps = self.calls[name].operation <= Operation.STEP_RELATIVE
             refused = bool((trace.status[steps] == NOT_READY).all())
             equal = compare(trace, self.expected[name]).bitwise
             found.add(EQUAL if equal else UNFIT if refused else SILENT)

@@ -1,14 +1,21 @@
 """Calls of one agent's functions, as arrays: what the C and the reference are both fed."""
 
 from dataclasses import dataclass, fields
+from enum import IntEnum
 
 import numpy as np
 from jaxtyping import Float, UInt
 
-STEP, STEP_RELATIVE, RESET, STEP_ALIASED, STEP_UNREADY, APPLIED = 0, 1, 2, 3, 4, 5
-"""Operations; STEP_ALIASED passes one buffer as y and as u, and must give the same as STEP; STEP_UNREADY takes a state
-that is marked as never initialised, and initialises it afterwards; APPLIED, of agents whose u is clipped, gives r back as
-what was applied, entry after entry."""
+
+class Operation(IntEnum):
+    """What is called.
+
+    STEP_ALIASED passes one buffer as y and as u, and must give the same as STEP; STEP_UNREADY takes a state that is marked as
+    never initialised, and initialises it afterwards; APPLIED, of agents whose u is clipped, gives r back as what was applied,
+    entry after entry.
+    """
+
+    STEP, STEP_RELATIVE, RESET, STEP_ALIASED, STEP_UNREADY, APPLIED = range(6)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,15 +10,7 @@ import hashlib
 import numpy as np
 from jaxtyping import Float, UInt
 
-from lockstep.codegen.emission.calls import (
-    APPLIED,
-    RESET,
-    STEP,
-    STEP_ALIASED,
-    STEP_RELATIVE,
-    STEP_UNREADY,
-    Calls,
-)
+from lockstep.codegen.emission.calls import Calls, Operation
 from lockstep.codegen.manifest import AgentEntry, Manifest
 
 ORDINARY, ADVERSARIAL = 100, 100
@@ -35,12 +27,16 @@ def vectors(agent: AgentEntry, manifest: Manifest) -> Calls:
     name = agent.name.encode()
     values = np.concatenate([_walk(name, width, dtype), _hostile(name, width, dtype)])
     chance = _words(name + b" operation", S) % np.uint64(100)
-    operation = np.select([chance < 69, chance < 89, chance < 90], [STEP, STEP_RELATIVE, RESET], STEP_ALIASED)
-    operation[:ORDINARY] = STEP
-    operation[ORDINARY::_KIND_LASTS] = RESET
-    operation[ORDINARY + _KIND_LASTS // 2] = STEP_UNREADY
+    operation = np.select(
+        [chance < 69, chance < 89, chance < 90],
+        [Operation.STEP, Operation.STEP_RELATIVE, Operation.RESET],
+        Operation.STEP_ALIASED,
+    )
+    operation[:ORDINARY] = Operation.STEP
+    operation[ORDINARY::_KIND_LASTS] = Operation.RESET
+    operation[ORDINARY + _KIND_LASTS // 2] = Operation.STEP_UNREADY
     if agent.limits is not None:
-        operation[(operation == STEP_RELATIVE) & (np.arange(S) % 2 == 0)] = APPLIED
+        operation[(operation == Operation.STEP_RELATIVE) & (np.arange(S) % 2 == 0)] = Operation.APPLIED
     arrived = _words(name + b" arrived", S, nn) % np.uint64(10) > 0
     arrived[: ORDINARY - ORDINARY // 5] = True
     arrived[ORDINARY:] &= (np.arange(ADVERSARIAL) // 7 % 3 > 0)[:, None]

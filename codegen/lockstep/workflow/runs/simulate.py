@@ -190,27 +190,24 @@ def _controllers(path: Path | None, stored: "Stored", kind: "Kind") -> "Iterator
         gains = stored.gains
         yield gains if kind == "continuous" else gains.from_blocks(0 * gains.blocks, gains.order)
         return
-    delay = stored.problem.controller.delay
-    if path is None or not is_generated(path):
-        found = "there is no C to compile"
-        expected = "a folder of generated C for --controllers compiled"
-        remedy = "make one with `lockstep generate`"
-        demand(kind != "compiled", found, "the design" if path is None else str(path), expected, remedy)
-        yield design_controllers(stored)
-        return
-    manifest = load_manifest(path)
-    problem_fits(stored, manifest)
-    if manifest.image is not None:
-        found = "one image, whose nodes are given their neighbours at run time"
-        expected = "C with neighbours of its own for --controllers compiled"
+    delay, wanted = stored.problem.controller.delay, kind == "compiled"
+    where, expected = (
+        str(path or "the design"),
+        "a folder of C with neighbours of its own for --controllers compiled",
+    )
+    manifest = load_manifest(path) if path is not None and is_generated(path) else None
+    if manifest is not None:
+        problem_fits(stored, manifest)
+    if path is None or manifest is None or manifest.image is not None:
         remedy = "use --controllers sampled, which steps the same arithmetic, or generate with --per-agent"
-        demand(kind != "compiled", found, str(path), expected, remedy)
+        found = "one image, whose nodes are given their neighbours at run time"
+        demand(not wanted or manifest is None, found, where, expected, remedy)
+        demand(not wanted, "there is no C to compile", where, expected, "make one with `lockstep generate`")
         yield design_controllers(stored)
-        return
-    if kind == "sampled":
+    elif kind == "sampled":
         yield reference_controllers(manifest, delay=delay)
-        return
-    from lockstep.verification.closed_loop.compiled_loop import compiled_controllers
+    else:
+        from lockstep.verification.closed_loop.compiled_loop import compiled_controllers
 
-    with compiled_controllers(path, delay=delay) as controllers:
-        yield controllers
+        with compiled_controllers(path, delay=delay) as controllers:
+            yield controllers

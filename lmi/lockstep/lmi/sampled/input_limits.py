@@ -109,11 +109,7 @@ def largest_radius(
 
 
 def least_level(
-    loop: SampledLoop,
-    one: Lifted,
-    rows: Float[np.ndarray, "k n_x"],
-    decay: float,
-    noise: float | None = None,
+    loop: SampledLoop, one: Lifted, rows: Float[np.ndarray, "k n_x"], decay: float, noise: float | None = None
 ) -> tuple[float, Witness] | None:
     """Return the least gamma with |k_l x_cl| <= 1 where V <= 1 and gamma (T T')^-1 (x) I >= P_d, and its witness, or None.
 

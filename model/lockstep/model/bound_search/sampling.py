@@ -53,11 +53,7 @@ def _along(generator: np.random.Generator, low: float, high: float, kinks: list[
 
 
 def _polished(
-    generator: np.random.Generator,
-    slopes: PointSlopes,
-    points: Points,
-    lower: np.ndarray,
-    upper: np.ndarray,
+    generator: np.random.Generator, slopes: PointSlopes, points: Points, lower: np.ndarray, upper: np.ndarray
 ) -> Float[np.ndarray, "variables best"]:
     """Search around the best points with shrinking steps."""
     width = np.where(np.isfinite(upper - lower), upper - lower, 2.0)[:, None]
