@@ -49,7 +49,7 @@ def table_of(
     table.add_column("verdict", no_wrap=True)
     table.add_column("found", overflow="fold")
     for row in rows:
-        why = f"\n{row.reason}" if every or row.verdict not in ("ok", "note" if brief else "ok") else ""
+        why = f"\n{row.reason}" if every or row.verdict == "fails" or (not brief and is_noted(row)) else ""
         said = Text(row.figure).append(why, style="dim")
         table.add_row(row.name, Text(row.verdict, style=STYLES[row.verdict]), said)
     for finding in report.findings if every else ():

@@ -9,6 +9,7 @@ from rich.console import RenderableType
 from lockstep.cli.console import Answer, left_from_before, progress_display, remark, two_columns, wrote
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.messages import messages_row
+from lockstep.model.agents.arguments import units_text
 
 REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
 HARDLY = ": these controllers do hardly anything; ask for a `decay`, or a faster one"
@@ -158,7 +159,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             if content["certified"]
             else "no",
             "rho": f"{content['rho']:.6g}",
-            "alpha": f"{content['alpha']:.9g}",
+            "alpha": f"{content['alpha']:.9g}{units_text(content.get('scales', {}).values())}",
             **proved_besides(content),
             **({"gain uncertainty": fragility} if fragility else {}),
             **_where(content),

@@ -108,6 +108,17 @@ def test_a_budget_that_is_too_short_is_no_proof() -> None:
     assert raised.value.figures["boxes"] >= 0
 
 
+def test_the_scales_of_alpha_are_said_where_there_are_some() -> None:
+    """phi = (sin, 1000 sin): slopes of 1 and 1000 are one alpha in units of phi that are 1000 apart."""
+    text = cart_text('y1 = "p"').replace('p = "v"', 'p = "v - sin(v)"').replace("sin(p)", "500*sin(p)")
+    apart = check_problem(parse_problem(text))
+    said = row(apart, "bound of the nonlinearity").figure
+    assert "phi in units of" in said
+    scales = apart.document()["bound"]["scales"]
+    assert all(f"{one:.3g}" in said for one in scales["G"])
+    assert "in units of" not in row(check_problem(cart("f - sin(p)")), "bound of the nonlinearity").figure
+
+
 def test_an_offset_is_a_note_and_no_problem() -> None:
     report = check_problem(cart("f - 2*sin(p) + cos(p) + 0.5"))
     assert report.ok
@@ -126,7 +137,7 @@ def test_moving_the_middle_of_the_slopes_is_said() -> None:
     figure = row(report, "loop transformation").figure
     assert row(report, "loop transformation").verdict == "note"
     assert "-0.5 v2" in figure
-    assert "centre = false" in figure
+    assert "centre = false" in row(report, "loop transformation").reason
     plain = check_problem(cart("f - tanh(v) - sin(p)", agent="centre = false"))
     assert row(plain, "loop transformation").verdict == "ok"
     assert plain.bound.alpha > report.bound.alpha
@@ -238,7 +249,7 @@ def test_the_distance_to_losing_control_is_that_of_the_pair() -> None:
     )
     check = linear_part.controllable(agent, [agent.lure.B])[0]
     assert check.verdict == "ok"
-    margin = float(check.figure.removeprefix("lost with a change of norm ").split(",")[0])
+    margin = float(check.figure.removeprefix("distance to the nearest that is not ").split(",")[0])
     assert 0 < margin <= 0.001
     assert "s = 2" in check.figure
 

@@ -1,5 +1,7 @@
 """What phi's arguments v = H x are, in the names of the states."""
 
+from collections.abc import Iterable
+
 from lockstep.check.wording import shorten
 from lockstep.model.agents.agent import Agent
 
@@ -12,6 +14,21 @@ def arguments_text(agent: Agent) -> str:
     'v1 = a - 2*b'
     """
     return shorten(", ".join(f"v{k} = {text}" for k, text in enumerate(argument_texts(agent), start=1)), 200)
+
+
+def units_text(scales: Iterable[Iterable[float]]) -> str:
+    """Return the scales D_w and D_v with |D_w^-1 J D_v| <= alpha, for messages; nothing where they are ones.
+
+    >>> units_text([(0.5, 2.0), (1.0,)]), units_text([(1.0,), (1.0,)])
+    ('; phi in units of 0.5, 2', '')
+    """
+    numbers = [", ".join(f"{d:.3g}" for d in one) for one in scales]
+    said = [
+        f"; {name} in units of {of}"
+        for name, of in zip(("phi", "v"), numbers, strict=False)
+        if of.strip("1, ")
+    ]
+    return "".join(said)
 
 
 def argument_texts(agent: Agent) -> list[str]:

@@ -6,7 +6,7 @@ import numpy as np
 from lockstep.check.bound.decide import decide_bound
 from lockstep.check.system.domain import claimed_box
 from lockstep.model.agents.agent import Agent
-from lockstep.model.agents.arguments import argument_texts, arguments_text
+from lockstep.model.agents.arguments import argument_texts, arguments_text, units_text
 from lockstep.model.bound_search import BOXES, Bound, read, slopes_of
 from lockstep.model.checks.report import CheckRow
 from lockstep.model.graphs.graph import Graph
@@ -22,7 +22,7 @@ def bound(agent: Agent, proved: Bound) -> CheckRow:
     if agent.lure.is_linear:
         return CheckRow(name, "ok", "alpha = 0: the agent is linear", reason)
     head = f"alpha = {proved.alpha:.10g}"
-    where = arguments_text(agent)
+    where = arguments_text(agent) + units_text((proved.output_scale, proved.input_scale))
     if proved.asked is not None:
         figure = f"{head} as asked, proved; {proved.lower:.10g} is reached ({where})"
         return CheckRow(name, "ok", figure, reason)
@@ -122,7 +122,10 @@ def numbers(agent: Agent) -> CheckRow:
 
 def centring(agent: Agent) -> CheckRow:
     """What was moved from phi into A so that the slopes of phi lie around zero."""
-    reason = "alpha is half the range of the slopes if they lie around zero, and up to the whole range if not"
+    reason = (
+        "alpha is half the range of the slopes if they lie around zero, and up to the whole range if not;"
+    )
+    reason += " [agent] centre = false leaves A as written"
     name = "loop transformation"
     if not agent.centring.moves:
         return CheckRow(name, "ok", f"A is as written: {agent.centring.reason}", reason)
@@ -130,8 +133,7 @@ def centring(agent: Agent) -> CheckRow:
         f"{float(move.amount):.6g} v{move.argument + 1} from phi{move.component + 1}"
         for move in agent.centring.moves
     )
-    figure = f"moved into A: {moved} ({arguments_text(agent)}); [agent] centre = false leaves A as written"
-    return CheckRow(name, "note", figure, reason)
+    return CheckRow(name, "note", f"moved into A: {moved} ({arguments_text(agent)})", reason)
 
 
 def origin(agent: Agent) -> CheckRow:
