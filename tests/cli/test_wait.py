@@ -82,6 +82,38 @@ def test_an_interrupt_before_any_start_has_gains_keeps_nothing(small):
         lockstep.design(small, jobs=1, stop=stop, progress=interrupted_at(0.0, stop))
 
 
+@pytest.mark.parametrize(
+    "doing", ["proving the certificate", "proving the decay", "proving the sampled controllers"]
+)
+def test_an_interrupt_of_what_proves_the_gains_found_keeps_them(small, doing):
+    told: list[str] = []
+
+    def tell(what: str, _part: float) -> None:
+        told.append(what)
+        if doing in what and not stop.asked:
+            assert stop.take()
+
+    with Stop.ready() as stop:
+        found = lockstep.design(small, jobs=1, stop=stop, progress=tell)
+    assert stop.asked
+    assert found.certified
+    assert found.document()["figures"]["interrupted"] is True
+    assert not any("designing for the period" in what for what in told), "what an interrupt leaves out"
+    assert not stop.take(), "after the design there is nothing more to be kept by an interrupt"
+
+
+def test_an_attempt_says_how_far_the_one_before_it_came(tmp_path):
+    """No gains of order 0 carry slopes of 20 within the first limit, 6.4; with |D| <= 50 there are some: u = -50 r."""
+    told: list[str] = []
+    problem = lockstep.Problem.parse(
+        SMALL.replace("u - sin(x)", "u + 20*sin(x)").replace("starts = 2", "starts = 1")
+    )
+    assert lockstep.design(problem, jobs=1, progress=lambda what, _part: told.append(what)).certified
+    later = [what for what in told if what.startswith("attempt 2 of at most")]
+    assert later
+    assert all("(before, no loop was stable)" in what or "of alpha was carried)" in what for what in later)
+
+
 def test_a_second_interrupt_is_not_taken_nor_is_one_outside_of_the_search():
     with Stop.ready() as stop:
         assert not stop.take(), "nothing is there yet to be kept"

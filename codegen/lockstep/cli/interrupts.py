@@ -67,7 +67,7 @@ def insistent_interrupts() -> Iterator[None]:
 
 @contextmanager
 def keeping_the_best(say: Callable[[str], None]) -> Iterator["Stop"]:
-    """Let an interrupt during a search end it, with the best gains so far; a second one is as ever."""
+    """Let an interrupt of a search, or of the proof of its gains, end it with the best so far; a second one is as ever."""
     from lockstep.lmi.search.stopping import Stop
 
     with Stop.ready() as stop:
@@ -78,7 +78,7 @@ def keeping_the_best(say: Callable[[str], None]) -> Iterator["Stop"]:
 
         def take(number: int, frame: FrameType | None) -> None:
             if stop.take():
-                say("ending the search; the best gains so far are proved and kept (Ctrl-C again: nothing is)")
+                say("ending here; the best gains so far, if any, are proved and kept (Ctrl-C again: none)")
             else:
                 before(number, frame)
 

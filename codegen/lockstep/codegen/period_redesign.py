@@ -75,7 +75,7 @@ def as_shipped(
         stored: the design file.
         tell: called with what is being done and the part of it that is done.
         others: gains to start a design for the period from, besides those of the file.
-        stop: leaves a design for the period out.
+        stop: leaves a design for the period out, and the figures say so.
         time_limit: seconds to search for gains for the period; then the best so far, which depend on the machine.
 
     Raises:
@@ -84,10 +84,12 @@ def as_shipped(
     with one_thread():
         deadline = Deadline.after(time_limit)
         effort = Effort(lambda part: tell("designing for the period", part), others, deadline)
-        shipped = _shipped(stored, tell, effort, stop or Stop())
+        stop = stop or Stop()
+        shipped = _shipped(stored, tell, effort, stop)
+        cut: dict[str, object] = {"interrupted": True} if stop.asked else {}
         if deadline.over and {FOR_PERIOD, NOT_FOR_PERIOD} & shipped.info["sampled"].keys():
-            figures = {**shipped.info["figures"], "time_limit": time_limit}
-            shipped = replace(shipped, info={**shipped.info, "figures": figures})
+            cut["time_limit"] = time_limit
+        shipped = replace(shipped, info={**shipped.info, "figures": {**shipped.info["figures"], **cut}})
         if np.isfinite(stored.problem.limits).any():
             tell("proving the limits of the inputs", 0.0)
         return with_limits(shipped, stored)

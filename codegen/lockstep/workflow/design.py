@@ -101,6 +101,8 @@ def design(
             with searching_on(scheduler, time_limit):
                 made = designed(posed, jobs=jobs, progress=progress, time_limit=time_limit, stop=stop)
             found = Design(as_shipped(file_of(made), progress, made.others, stop, time_limit))
+            if stop is not None:
+                stop.found = False  # of what comes now, an interrupt ends all
         files = {} if folder is None else trade_off_files(found.stored, others, progress)
     if reuse and before is None:
         keep(posed, found)

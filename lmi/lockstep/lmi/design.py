@@ -9,7 +9,9 @@ Whatever the method, gains count as certified only by the last step.
 """
 
 import time
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -70,12 +72,14 @@ def _designed(
     tell("proving the bound of the nonlinearity", 0.0)
     bound = proved_bound(problem)
     tried = list(wishes(problem, network_of(problem, bound), claim_of(problem, bound)))
-    deadline, best, first = None if time_limit is None else time.monotonic() + time_limit, None, ""
+    deadline = None if time_limit is None else time.monotonic() + time_limit
+    best, first, so_far = None, "", ""
     for number, wish in enumerate(tried, start=1):
         left, last = time_limit, wish is tried[-1]
+        stop.found = best is not None
         if deadline is not None and wish is not tried[0]:
             left = max(deadline - time.monotonic(), 1e-3)
-        nth = f"attempt {number} of at most {len(tried)}: " * (len(tried) > 1)
+        nth = f"attempt {number} of at most {len(tried)}{so_far}: " * (len(tried) > 1)
 
         def counted(what: str, part: float, nth: str = nth) -> None:
             tell(nth + what, part)
@@ -85,6 +89,7 @@ def _designed(
         except (Infeasible, NotCertified, OutOfTime, NothingYet) as error:
             if best is not None:
                 break
+            so_far = f" (before, {_short(getattr(error, 'figures', {}))})"
             first = first or str(error)  # what no controller can is said in the same words each time
             if last and isinstance(error, Infeasible | NotCertified) and str(error) != first:
                 said = f"{error}; before that, by default: {wish.given_up}"
@@ -96,11 +101,19 @@ def _designed(
             best = found if wish.problem is problem else _with_remark(found, wish)
         elif best is not None:
             break
-        far = best.floor is not None and _over_floor(best, best) > (VERY_FAR if wish.enough else FAR)
+        times = _over_floor(best, best) if best.floor else 0.0
+        far, so_far = times > (VERY_FAR if wish.enough else FAR), f" (so far, rho is {times:.2g} floors)"
         if stop.asked or not far or eliminates_P(best.network.loop(problem.order)):
             break  # of many agents with gains of their own, another search takes many minutes
     assert best is not None
-    return best
+    return replace(best, figures=best.figures | {"interrupted": True}) if stop.asked else best
+
+
+def _short(figures: Mapping[str, Any]) -> str:
+    """Return how far an attempt without gains came, in a few words."""
+    if "fraction" in figures:
+        return f"{figures['fraction']:.2g} of alpha was carried"
+    return "no loop was stable" if figures.get("abscissa", -1.0) >= 0 else "nothing was certified"
 
 
 def _over_floor(found: Proposal, other: Proposal) -> float:

@@ -125,8 +125,9 @@ def searched(
                 raise _out_of_time(time_limit, claim, found)
             tell("estimating what is reachable", 1.0)
             raise _nothing(problem, network, claim, found, explain=explain)
+        stop.found = True
         tell("proving the certificate", 0.0)
-        cut: dict[str, Any] = {"interrupted": True} if stop.asked else {"time_limit": time_limit}
+        cut: dict[str, Any] = {} if time_limit is None else {"time_limit": time_limit}
         for one in found.outcomes:
             try:
                 proved = _proved(problem, network, claim, one, search, cut if found.cut else {})
@@ -135,7 +136,6 @@ def searched(
                     with stop.searching():
                         proved = _improved(problem, network, proved, search, score, deadline)
                     if deadline.over and not found.cut:
-                        cut = {"interrupted": True} if stop.asked else cut
                         proved = replace(proved, figures={**proved.figures, **cut})
                 refuse_a_slow_one(problem, network, proved)
             except NotCertified as error:
@@ -348,7 +348,8 @@ def _nothing(
     asked += ", each controller stable by itself" if table.stable_controllers else ""
     asked += f", decay {table.decay:g} 1/s" if table.decay else ""
     if not explain:
-        return Infeasible(f"no gains were found ({asked})")
+        came = {"fraction": found.nearest.certified} if found.nearest else {"abscissa": found.abscissa}
+        return Infeasible(f"no gains were found ({asked})", **came)
     if found.nearest is None:
         return _nothing_at_all(problem, network, asked, claim, found.abscissa)
     if found.nearest.certified < 1:

@@ -56,6 +56,10 @@ class Stop:
     Args:
         flag: the file that tells the processes that search.
 
+    Attributes:
+        asked: whether an interrupt was taken.
+        found: whether gains are there: an interrupt is then taken whatever is being done, and what proves them goes on.
+
     >>> stop = Stop()
     >>> stop.take(), stop.asked
     (False, False)
@@ -65,7 +69,7 @@ class Stop:
 
     def __init__(self, flag: Path | None = None) -> None:
         self.flag = "" if flag is None else str(flag)
-        self.asked = False
+        self.asked = self.found = False
         self._during = ""
 
     @classmethod
@@ -81,7 +85,7 @@ class Stop:
         Raises:
             Stopped: what is being done is not needed for the design.
         """
-        if self.asked or not self._during:
+        if self.asked or not (self._during or self.found):
             return False
         self.asked = True
         if self.flag:
