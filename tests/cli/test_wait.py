@@ -102,7 +102,8 @@ def test_an_interrupt_of_what_proves_the_gains_found_keeps_them(small, doing):
     assert not stop.take(), "after the design there is nothing more to be kept by an interrupt"
 
 
-def test_an_attempt_says_how_far_the_one_before_it_came(tmp_path):
+@pytest.mark.slow
+def test_an_attempt_says_how_far_the_one_before_it_came():
     """No gains of order 0 carry slopes of 20 within the first limit, 6.4; with |D| <= 50 there are some: u = -50 r."""
     told: list[str] = []
     problem = lockstep.Problem.parse(
