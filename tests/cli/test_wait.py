@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import lockstep
+from lockstep.cli.design import proved_besides
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.main import app
 from lockstep.lmi.search.search_time import rough, seconds
@@ -100,6 +101,18 @@ def test_an_interrupt_of_what_proves_the_gains_found_keeps_them(small, doing):
     assert found.document()["figures"]["interrupted"] is True
     assert not any("designing for the period" in what for what in told), "what an interrupt leaves out"
     assert not stop.take(), "after the design there is nothing more to be kept by an interrupt"
+
+
+@pytest.mark.slow
+def test_where_no_floor_is_proved_larger_gains_are_tried_too(small, made, monkeypatch):
+    """How far rho is from the least possible is not known then: only what larger gains reach tells."""
+    told: list[str] = []
+    monkeypatch.setattr("lockstep.lmi.by_method._floor", lambda *_: None)
+    found = lockstep.design(small, jobs=1, progress=lambda what, _part: told.append(what))
+    assert made.document()["floor"]
+    assert any(what.startswith("attempt 2 of at most") and "(so far, rho is " in what for what in told)
+    assert found.certified
+    assert "none was proved" in proved_besides(found.document())["lower bound"]
 
 
 @pytest.mark.slow

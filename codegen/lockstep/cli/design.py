@@ -17,6 +17,9 @@ WORSE = ": these controllers make it worse; is the period too long?"
 ONLY = "the continuous controllers only, NOT those that ship (below)"
 SOFT = "of {of} moves {moves} {times:.3g} times as far apart as u = 0 does (computed); rho is of the worst frequency"
 UNPROVED = "nothing is proved"
+CONVERGES = "every disagreement at {:.6g} 1/s or faster, of the continuous controllers"
+FLOOR = "rho >= {:.10g}: no controllers can certify less (proved)"
+NO_FLOOR = "none was proved: how near rho is to the least possible is not known"
 STATIC = 0.01
 STATIC_SAID = (
     "the controllers' states add less than {:.0%} to what their D do: these D as gains of order 0 spare them"
@@ -108,7 +111,8 @@ def proved_besides(
         content: of a design, as `Design.document` has it.
         proves: whether a claim, by its name in the checker, is proved.
     """
-    floor, decay = content.get("floor"), content.get("decay")
+    floor, decay, C = content.get("floor"), content.get("decay"), bool(content["gains"][0]["A"])
+    sought = content.get("method") == "certified" and not content["figures"].get("interrupted")
     limits = content.get("limits") or {}
     radius, clipped, start = (limits.get(key) for key in ("radius", "clipped_radius", "start"))
     clips = "inputs may be clipped" if clipped else f"inputs may be clipped, and then {UNPROVED}"
@@ -117,30 +121,27 @@ def proved_besides(
     ]
     rows = {
         "certificate": ("slope bounds", ", ".join(slopes)),
-        "floor": ("lower bound", floor and f"rho >= {floor:.10g}: no controllers can certify less (proved)"),
-        "decay": (
-            "convergence",
-            decay and f"every disagreement at {decay:.6g} 1/s or faster, of the continuous controllers",
-        ),
+        "floor": ("lower bound", FLOOR.format(floor) if floor else NO_FLOOR * sought),
+        "decay": ("convergence", decay and CONVERGES.format(decay)),
         "controllers_stable": (
             "controllers stable",
-            content.get("controllers_stable") and "yes, each by itself",
+            "yes, each by itself" * bool(content.get("controllers_stable") and C),
         ),
-        "limits": ("no saturation", radius and f"from {_within(radius, start, clips)}"),
-        "clipped": ("with saturation", clipped and f"agreement from {_within(clipped, start, UNPROVED)}"),
+        "limits": ("no saturation", radius and f"from {_within(radius, start, clips, C)}"),
+        "clipped": ("with saturation", clipped and f"agreement from {_within(clipped, start, UNPROVED, C)}"),
     }
     return {name: said for claim, (name, said) in rows.items() if said and proves(claim)}
 
 
-def _within(radius: float, start: float | None, beyond: str) -> str:
+def _within(radius: float, start: float | None, beyond: str, states: bool) -> str:
     """Set a distance from agreement, which mixes the units of the states, beside the one that the file starts from.
 
-    >>> _within(1.0, 4.0, "unknown")
+    >>> _within(1.0, 4.0, "unknown", states=True)
     '|x_d(0)| <= 1, 0.25 times the start in the file (from there unknown), controllers at rest'
     """
     times = f", {radius / start:.3g} times the start in the file" if start else ""
     outside = f" (from there {beyond})" if start and radius < start else ""
-    return f"|x_d(0)| <= {radius:.6g}{times}{outside}, controllers at rest"
+    return f"|x_d(0)| <= {radius:.6g}{times}{outside}{', controllers at rest' * states}"
 
 
 def summary(content: Mapping[str, Any]) -> RenderableType:
@@ -151,13 +152,12 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
     part, soft = figures["part_of_states"], figures.get("static_response")
     static = {} if part is None or part > STATIC else {"order": STATIC_SAID.format(STATIC)}
     fragility = ", ".join(f"{letter} {delta:g}" for letter, delta in content["fragility"].items() if delta)
+    yes = f"{'yes' if ships else ONLY}, proof: {content['proof']}"
     return two_columns(
         content["title"],
         {
             # People read the first line: it does not leave out what is not certified.
-            "certified": f"{'yes' if ships else ONLY}, proof: {content['proof']}"
-            if content["certified"]
-            else "no",
+            "certified": yes if content["certified"] else "no",
             "rho": f"{content['rho']:.6g}",
             "alpha": f"{content['alpha']:.9g}{units_text(content.get('scales', {}).values())}",
             **proved_besides(content),

@@ -101,8 +101,11 @@ def _designed(
             best = found if wish.problem is problem else _with_remark(found, wish)
         elif best is not None:
             break
-        times = _over_floor(best, best) if best.floor else 0.0
-        far, so_far = times > (VERY_FAR if wish.enough else FAR), f" (so far, rho is {times:.2g} floors)"
+        times, near = _over_floor(best, best), VERY_FAR if wish.enough else FAR
+        far, so_far = (
+            best.floor is None or times > near,
+            f" (so far, rho is {times:.3g}{' floors' * bool(best.floor)})",
+        )
         if stop.asked or not far or eliminates_P(best.network.loop(problem.order)):
             break  # of many agents with gains of their own, another search takes many minutes
     assert best is not None
