@@ -21,16 +21,11 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check import continuous_claims as continuous
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound, decide_offset
 from lockstep.check.c_source.folder import controllers_in
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.initial_set import Domain, box_text, contains
-from lockstep.check.continuous_claims import (
-    decide_certificate,
-    decide_floor,
-    decide_initial_set,
-    decide_stable_controllers,
-)
 from lockstep.check.design_file import content
 from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.design_file.problem import ProblemTables
@@ -85,12 +80,10 @@ def certify(path: Path) -> Certified:
     Raises:
         ProblemError: a file that is none of ours, or that says what cannot be.
     """
-    folder = path if path.is_dir() else None
-    where, found = str(path), None if folder else load_json(path)
-    if folder is not None:
-        text = text_inside(folder, DESIGN_NAME, expected=A_DESIGN)
-        where, found = str(folder / DESIGN_NAME), parse_json(text, DESIGN_NAME)
-    return certified(content.parse(found, where, ProblemTables.from_document), folder)
+    if not path.is_dir():
+        return certified(content.parse(load_json(path), str(path), ProblemTables.from_document))
+    found = parse_json(text_inside(path, DESIGN_NAME, expected=A_DESIGN), DESIGN_NAME)
+    return certified(content.parse(found, str(path / DESIGN_NAME), ProblemTables.from_document), path)
 
 
 def certified(stored: CheckedFile, folder: Path | None = None) -> Certified:
@@ -118,7 +111,7 @@ def decide(stored: CheckedFile, folder: Path | None = None) -> Iterator[tuple[st
     yield "bound", _bound(stored, agent)
     delta = np.tile([claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
     claim = Claim(claims.alpha, delta=delta, entries=claims.entries, **problem.performance._asdict())
-    yield "certificate", decide_certificate(network, stored.gains, claim, proofs.certificate)
+    yield "certificate", continuous.decide_certificate(network, stored.gains, claim, proofs.certificate)
     short = "; ".join(shortfalls(problem.design, claims, stored.gains, problem.gain_units))
     said = f"less is claimed than is asked for: {short}"
     enough = Verdict("proved", "no less is claimed than the problem asks for")
@@ -126,9 +119,9 @@ def decide(stored: CheckedFile, folder: Path | None = None) -> Iterator[tuple[st
     if claims.decay is not None:
         yield "decay", _decay(stored, network, claim)
     if claims.controllers_stable:
-        yield "controllers_stable", decide_stable_controllers(stored.gains.A)
+        yield "controllers_stable", continuous.decide_stable_controllers(stored.gains.A)
     if proofs.floor is not None:
-        yield "floor", decide_floor(network, claim, proofs.floor)
+        yield "floor", continuous.decide_floor(network, claim, proofs.floor)
     if claims.initial_set is not None:
         yield "initial_set", _initial_set(stored, network, Domain(agent.H, problem.box), claim)
     yield from _sampled(stored, network, folder)
@@ -139,7 +132,7 @@ def _decay(stored: CheckedFile, network: ExactNetwork, claim: Claim) -> Verdict:
     said = f"every disagreement decays at {decay:g} 1/s"
     if certificate is None or decay is None:
         return Verdict.of(said, None)
-    found = decide_certificate(network.decaying(decay), stored.gains, claim, certificate)
+    found = continuous.decide_certificate(network.decaying(decay), stored.gains, claim, certificate)
     return Verdict("proved", said, found.figures) if found.proved else found
 
 
@@ -153,9 +146,12 @@ def _initial_set(stored: CheckedFile, network: ExactNetwork, domain: Domain, cla
     if stays is not None and not contains(claimed.inner, stays):
         said = f"the leader is taken to stay in {box_text(claimed.inner)}, but [network] leader says {box_text(stays)}"
         return Verdict("refuted", said)
-    if own is not None and not (found := decide_certificate(network, stored.gains, claim, own)).proved:
+    if (
+        own is not None
+        and not (found := continuous.decide_certificate(network, stored.gains, claim, own)).proved
+    ):
         return found
-    return decide_initial_set(network, own or main, domain, claimed)
+    return continuous.decide_initial_set(network, own or main, domain, claimed)
 
 
 def _bound(stored: CheckedFile, agent: ExactAgent) -> Verdict:
@@ -178,9 +174,8 @@ def _sampled(
         yield "code", refused
         held = read
     if stored.claims.controllers_stable:
-        n_C = stored.gains.order
-        tables = [one.table[:n_C, :n_C] for one in held]
-        yield "controllers_stable_sampled", decide_stable_controllers(tables, sampled=True)
+        tables = [one.table[: stored.gains.order, : stored.gains.order] for one in held]
+        yield "controllers_stable_sampled", continuous.decide_stable_controllers(tables, sampled=True)
     if claims.certified or folder is not None:
         found = decide_held(stored, network, held, proofs.sampled)
         yield "sampled", _as_claimed(claims, found)
@@ -235,15 +230,10 @@ def _limits(
         return
     at, weights = sampled_network(stored, network, stored.problem.period), stored.problem.performance
     plain, noisy = sampled_loop(at, held), sampled_loop(at, held, weights.outputs)
-    timely = (
-        f"every message in time, {'all agents in their domain, ' if stored.claims.scope != 'global' else ''}"
-    )
+    timely = "every message in time, " + "all agents in their domain, " * (stored.claims.scope != "global")
     start, calm = "from |x_d(0)| <= {:g}, controllers at rest", "no input meets its limit"
-    energy, agree = (
-        "under a disturbance of at most {:g} in L2, counted as [design] does, from agreement",
-        "the loop converges with its inputs clipped",
-    )
-    given = plain, held
+    energy = "under a disturbance of at most {:g} in L2, counted as [design] does, from agreement"
+    given, agree = (plain, held), "the loop converges with its inputs clipped"
     rows: tuple[tuple[str, float | None, Any, str, str, Callable[[Any, float], bool]], ...] = (
         ("limits", claims.radius, proofs.radius, start, calm, lambda w, r: proves_radius(*given, w, limits, r)),
         ("limits_gain", claims.limits_gain, proofs.limits_gain, energy, calm,

@@ -20,10 +20,10 @@ and disturbances of the states in those units, too, so chosen that both are 1 fo
 Natural units are those in which the numbers of plant and R are nearest to one (`search.unit_scaling`); of gains within the
 actuators' limits, with the unit of time in which actuators move the outputs as far as they are apart at first, with that of
 u which moves a state by one in it, and with weights and disturbances of the states in them always, so that an agent in m is
-given the controllers of one in mm: that of a train is otherwise the quarter of an hour in which it rolls to a stop. Where no
-gains are found for them, or none with a rho near the floor, or no floor is proved, the limit is raised, twice (thrice where a decay is asked for
-that half of the actuators may not reach), and then stability and decay are not asked for. What was taken is written into the
-problem: a design file names all of it, and nothing is filled in when it is read.
+given the controllers of one in mm: that of a train is otherwise the quarter of an hour in which it rolls to a stop. Where
+no gains are found for them, or none with a rho near the floor, or no floor is proved, the limit is raised, twice (thrice
+where a decay is asked for that half of the actuators may not reach), and then stability and decay are not asked for. What
+was taken is written into the problem: a design file names all of it, and nothing is filled in when it is read.
 """
 
 from collections.abc import Iterator

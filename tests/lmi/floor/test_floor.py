@@ -81,6 +81,45 @@ def test_noise_weighed_inputs_and_scaled_disturbances(w: float, d: float, s: flo
     assert least * (1 - BELOW) <= floor(scalar, weighed) <= least * (1 + 1e-15)
 
 
+def least_with_all_states(A: np.ndarray, E: np.ndarray, B: np.ndarray, W: np.ndarray) -> float:
+    """Of any u that sees x and xi: the least gamma for which A'X + X A + I + X (E E'/gamma^2 - B W^-1 B') X = 0 has a
+    stabilising X >= 0 (Doyle, Glover, Khargonekar and Francis, IEEE TAC 34, 1989), by its Hamiltonian matrix.
+    """
+    n, low, high = len(A), 1e-3, 1e3
+    while high / low > 1 + 1e-6:
+        gamma = float(np.sqrt(low * high))
+        S = E @ E.T / gamma**2 - B @ np.linalg.inv(W) @ B.T
+        values, vectors = np.linalg.eig(np.block([[A, S], [-np.eye(n), -A.T]]))
+        stable = vectors[:, values.real < -1e-9]
+        X = stable[n:] @ np.linalg.inv(stable[:n]) if stable.shape[1] == n else None
+        carries = X is not None and np.linalg.eigvalsh((X + X.conj().T).real / 2).min() > -1e-9
+        low, high = (low, gamma) if carries else (gamma, high)
+    return high
+
+
+@pytest.mark.parametrize("seen", ["p", "p + f"])
+def test_what_is_known_in_the_end_without_noise(seen: str) -> None:
+    """A load at the rate v alone, and no noise on the place p: v = p' is known, and f, which forgets at what it began.
+
+    No dual point is strict unless what is known is left out of the kernel of C: no floor was found.
+    """
+    posed = network({"p": "v", "v": "u - 4*p - v", "f": "v - f"}, {"y": seen})
+    asked = replace(plain(3, 0.0, np.eye(3)), W=np.array([[0.01]]), states=np.array([0.0, 1.0, 0.0]))
+    plant = posed.plant
+    least = least_with_all_states(plant.A, np.eye(3)[:, 1:2], plant.B[0], asked.W)
+    assert least * (1 - BELOW) <= floor(posed, asked) <= least * (1 + 1e-6)
+
+
+def test_what_nothing_drives_is_known_in_the_end() -> None:
+    """x' = u + z + xi, z' = -z: of z nothing is left, and rho^2 > w + d as without it."""
+    posed = network({"x": "u + z", "z": "-z"}, {"y": "x"})
+    asked = replace(
+        plain(3, 0.0, np.eye(2)), W=np.array([[0.25]]), outputs=np.array([2.0]), states=np.array([1.0, 0.0])
+    )
+    least = np.sqrt(0.25 + 4.0)
+    assert least * (1 - BELOW) <= floor(posed, asked) <= least
+
+
 @pytest.mark.parametrize("own", [False, True])
 def test_inputs_that_are_weighed_together(own: bool) -> None:
     """x' = u + w + xi with u'W u: the cheapest u + w = v costs v^2 / (b W^-1 b'), b = [1, 1]: 1/20, and rho^2 > 1/20.

@@ -147,9 +147,8 @@ class ProblemTables:
         agents: Any = table.get("agents")
         if given == ["laplacian"]:
             L = read.matrix()(table["laplacian"], "[network] laplacian")
-            demand(
-                agents in (None, len(L)), f"{agents!r}", "[network] agents", f"{len(L)}, as of `laplacian`"
-            )
+            expected = f"{len(L)}, as of `laplacian`"
+            demand(agents in (None, len(L)), f"{agents!r}", "[network] agents", expected)
             return Digraph.from_laplacian(L)
         if given == ["topology"]:
             return Digraph.topology(table["topology"], agents)
@@ -238,9 +237,8 @@ class ProblemTables:
     def _arguments(self, table: Mapping[str, Any], key: str, where: str) -> Box:
         intervals = _table(table, key, self.agent.states, where)
         sides = {state: read.interval(intervals[state], f"{where} {state}") for state in intervals}
-        return argument_box(
-            self.agent.H, [sides.get(one, (-math.inf, math.inf)) for one in self.agent.states]
-        )
+        every = [sides.get(one, (-math.inf, math.inf)) for one in self.agent.states]
+        return argument_box(self.agent.H, every)
 
     @property
     def performance(self) -> Performance:
@@ -273,13 +271,11 @@ class ProblemTables:
     @property
     def sides(self) -> Annotated[np.ndarray, "m 2"]:
         """The lowest and the highest value of each input, infinite where there is none."""
-        table = _table(self._table("agent"), "limits", self.agent.inputs, "[agent.limits]")
-        sides = [
-            read.interval(table.get(name, [None, None]), f"[agent.limits] {name}")
-            for name in self.agent.inputs
-        ]
-        for name, (low, high) in zip(self.agent.inputs, sides, strict=True):
-            demand(low < 0 < high, f"[{low}, {high}]", f"[agent.limits] {name}", "a range around 0")
+        names, where = self.agent.inputs, "[agent.limits]"
+        table = _table(self._table("agent"), "limits", names, where)
+        sides = [read.interval(table.get(name, [None, None]), f"{where} {name}") for name in names]
+        for name, (low, high) in zip(names, sides, strict=True):
+            demand(low < 0 < high, f"[{low}, {high}]", f"{where} {name}", "a range around 0")
         return np.array(sides)
 
     @property
@@ -297,9 +293,8 @@ class ProblemTables:
         G = agent.G * exactly(np.array(D_w)).reshape(1, -1)
         H = agent.H / exactly(np.array(D_v)).reshape(-1, 1)
         plant = Plant(agent.A, self.inputs, agent.C, G, H)
-        coordinates: Coordinates = read.one_of(
-            self.design.get("coordinates"), COORDINATES, "[design] coordinates"
-        )
+        given = self.design.get("coordinates")
+        coordinates: Coordinates = read.one_of(given, COORDINATES, "[design] coordinates")
         ends = None if self.spectrum is None else (self.spectrum.lower, self.spectrum.upper)
         return ExactNetwork(plant, self.graph, coordinates, spectrum=ends), agent
 

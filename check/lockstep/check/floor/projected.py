@@ -1,7 +1,7 @@
 """What every certificate must satisfy once the gains are eliminated: two projected inequalities of one agent.
 
 Whatever the controllers are, F < 0 (see `inequality`) with P > 0 and multiplier M leaves, for P_d the block of P on x_d
-and P_* that of P^-1, with C_perp, B_perp bases of ker C_0 and ker [B_1 ... B_N]_0',
+and P_* that of P^-1, with C_perp, B_perp bases of subspaces of ker C_0 and ker [B_1 ... B_N]_0',
 
     (I (x) C_perp)' (He(P_d (I (x) A)) + I (x) (R - rho^2 C_s' D_nu^-2 C_s) + M (x) alpha^2 H'H) (I (x) C_perp),  bordered by
                                                           P_d (I (x) D_xi) over -rho^2 I, by P_d (I (x) G) over -M (x) I  < 0,
@@ -10,7 +10,8 @@ and P_* that of P^-1, with C_perp, B_perp bases of ker C_0 and ker [B_1 ... B_N]
     [P_d I; I P_*] >= 0
 
 (Gahinet and Apkarian, Int. J. Robust Nonlinear Control 4, 1994). D_xi scales the disturbance of each state, D_nu the noise
-of the outputs C_s, and C_0 are the outputs without noise: on nu = -D_nu^-1 C_s x the controllers see nothing. W weighs the
+of the outputs C_s, and C_0 are the outputs without noise: on nu = -D_nu^-1 C_s x the controllers see nothing. Of ker C_0 that
+subspace is taken on which what is known in the end is 0, too (`known`): on all of it no dual point is strict. W weighs the
 inputs of B_u, and B_0 are those that weigh nothing. Q, delta, the order and any limit on the gains only add to F, and
 controllers that share all relative outputs and all inputs are allowed, so nothing is lost by leaving these out.
 
@@ -96,10 +97,37 @@ def with_rho(agent: FloorAgent, rho: fmpq, *, primal_phi: bool = True, dual_phi:
     quiet, noisy = _split(plant.C, exactly(performance.outputs) ** 2)
     D_xi = np.diag(exactly(performance.states)) if len(performance.states) else eye(len(A), A)
     D_xi = D_xi[:, np.any(D_xi != 0, axis=0)]
-    border = D_xi, rho * eye(D_xi.shape[1], A)
-    primal = side(A, quiet, R / rho - rho * noisy, H.T @ H, border, G if primal_phi else G[:, :0])
+    border, G_in = (D_xi, rho * eye(D_xi.shape[1], A)), G if primal_phi else G[:, :0]
+    quiet = known(quiet, A, np.hstack([D_xi, G_in]))
+    primal = side(A, quiet, R / rho - rho * noisy, H.T @ H, border, G_in)
     head, H_out = D_xi @ D_xi.T / rho - rho * weighed, H.T if dual_phi else H.T[:, :0]
     return Projected(primal, side(A.T, free, head, G @ G.T, (R / rho, R / rho), H_out))
+
+
+def known(C: Matrix, A: Matrix, E: Matrix) -> Matrix:
+    """Return rows c of what is known in the end: those of C, c A of each known c with c E = 0, and what E never drives.
+
+    Of a disturbance at the rate v of a place p that is measured, the place and the rate are known; so is f, f' = v - f:
+
+    >>> from lockstep.check.numbers import exactly
+    >>> A, E = exactly(np.array([[0.0, 1, 0], [-4, -1, 0], [0, 1, -1]])), exactly(np.array([[0.0], [1], [0]]))
+    >>> known(exactly(np.eye(3)[:1]), A, E).tolist(), known(exactly(np.eye(3)[2:]), A, np.abs(A)).tolist()
+    ([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 0, 1]])
+    """
+    rows, before = row_space_and_kernel(C)[0], -1
+    while len(rows) > before:
+        before, size, idle = len(rows), -1, _left_kernel(E)
+        while size != len(
+            idle
+        ):  # the largest set of rows with idle E = 0, idle A in its span and that of what is known
+            size, kernel = len(idle), row_space_and_kernel(np.vstack([rows, idle]))[1]
+            idle = _left_kernel(idle @ A @ kernel) @ idle
+        rows = row_space_and_kernel(np.vstack([rows, _left_kernel(rows @ E) @ rows @ A, idle]))[0]
+    return rows
+
+
+def _left_kernel(M: Matrix) -> Matrix:
+    return row_space_and_kernel(M.T)[1].T
 
 
 def _inputs(B: tuple[Matrix, ...], W: Matrix) -> tuple[Matrix, Matrix]:
@@ -136,7 +164,7 @@ def row_space_and_kernel(C: Annotated[np.ndarray, "q n"]) -> tuple[Matrix, Matri
     ([[1, 2]], [[-2], [1]])
     """
     n = C.shape[1]
-    if not len(C):
+    if not C.size:
         return C, eye(n, C)
     reduced, rank = fmpq_mat(C.tolist()).rref()
     rows = np.array(reduced.tolist(), dtype=object).reshape(len(C), n)[:rank]
