@@ -1,10 +1,14 @@
 """Progress where there is no terminal: lines for a long run, none for a short one; and the time limit of the command."""
 
+import io
 import json
 import time
 
+from rich.console import Console
+from rich.text import Text
 from typer.testing import CliRunner
 
+from lockstep.cli import console
 from lockstep.cli.main import app
 from lockstep.workflow.waiting.progress_lines import ProgressLines
 
@@ -68,3 +72,21 @@ def test_a_time_limit_that_is_over_at_once_leaves_one_object_and_status_1(exampl
     assert error["figures"]["time_limit"] == 0.01
     assert "allow more time" in error["message"]
     assert not (tmp_path / "d.json").exists()
+
+
+def test_a_narrow_terminal_shows_all_that_is_said_and_the_clock_goes_on(monkeypatch) -> None:
+    said = "attempt 2 of at most 4: searching for gains up to 300, this search likely 8 s to 40 s"
+    narrow = Console(file=io.StringIO(), force_terminal=True, width=40, soft_wrap=True)
+    monkeypatch.setattr(console, "errors", narrow)
+    bars = console.Doing()
+    monkeypatch.setattr(bars.left, "text", lambda: "about 20 s left")
+    monkeypatch.setattr(console, "Doing", lambda: bars)
+    with console.progress_display() as tell:
+        tell(said, 1.0)
+        assert not bars.finished, "rich stops the clock of a task that is done"
+        with narrow.capture() as shown:
+            narrow.print(*bars.get_renderables())
+    lines = [Text.from_ansi(line).plain.rstrip() for line in shown.get().splitlines()]
+    assert max(map(len, lines)) <= 40
+    assert " ".join(lines).startswith(f"{said}, about 20 s left")
+    assert any("0:00:0" in line for line in lines)

@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 import typer
 from rich import box
 from rich.console import Console, Group, RenderableType
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -19,6 +19,9 @@ from lockstep.check.wording import visible
 from lockstep.model.plain_json import to_json
 from lockstep.workflow.waiting.progress_lines import ProgressLines
 from lockstep.workflow.waiting.time_left import TimeLeft
+
+UNFINISHED = 0.999
+"""The most of a bar: the clock beside one that is full stands still, whatever comes after it."""
 
 HOLDS, FAILS, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -105,28 +108,28 @@ def progress_display() -> Iterator[Callable[[str, float], None]]:
         with ProgressLines(lambda line: errors.print(line, markup=False)) as lines:
             yield lines.tell
         return
-    left = TimeLeft()
-    columns = (TextColumn("{task.description}"), BarColumn(bar_width=30), TimeElapsedColumn(), Left(left))
-    with Progress(*columns, console=errors, transient=True) as bars:
+    with Doing() as bars:
         task = bars.add_task("starting", total=1.0)
 
         def tell(what: str, part: float) -> None:
-            left.tell(what, part)
-            bars.update(task, description=what, completed=part)
+            bars.left.tell(what, part)
+            bars.update(task, description=what, completed=min(part, UNFINISHED))
 
         yield tell
 
 
-class Left(ProgressColumn):
-    """The time left of what is being done, where that is known."""
+class Doing(Progress):
+    """What is being done, with the time left where that is known, and a bar under it: beside it, it would be cut off."""
 
-    def __init__(self, left: TimeLeft) -> None:
-        super().__init__()
-        self._left = left
+    def __init__(self) -> None:
+        self.left = TimeLeft()
+        super().__init__(BarColumn(bar_width=30), TimeElapsedColumn(), console=errors, transient=True)
 
-    def render(self, task: Task) -> Text:  # noqa: ARG002
-        """Return it as text."""
-        return Text(self._left.text())
+    def get_renderables(self) -> Iterable[RenderableType]:
+        """Return both."""
+        said = (", ".join(filter(None, (one.description, self.left.text()))) for one in self.tasks)
+        yield from (Text(one, overflow="fold", no_wrap=False) for one in said)
+        yield self.make_tasks_table(self.tasks)
 
 
 def two_columns(title: str, rows: Mapping[str, str]) -> RenderableType:
