@@ -37,14 +37,11 @@ def terminal_plot(trajectory: "Trajectory", *, colour: bool) -> str:
     names = ", ".join(f"{mark} {trajectory.state_names[j]}" for mark, j in marks.items())
     curves = {mark: powers[:, j] for mark, j in marks.items()}
     upper = _plot("log10 of the disagreement of each state over t in s", t, curves, colour) + names + "\n"
+    name, agents = trajectory.agent, range(min(trajectory.N, len(MARKERS)))
+    title = f"{{}} of {name}1 (drawn with 1), {name}2 (with 2), ... over t in s"
     lower = [
-        _plot(
-            f"{name} of {trajectory.agent}1 (drawn with 1), {trajectory.agent}2 (with 2), ... over t in s",
-            t,
-            {MARKERS[i]: trajectory.u[few, i, k] for i in range(min(trajectory.N, len(MARKERS)))},
-            colour,
-        )
-        for k, name in enumerate(trajectory.input_names)
+        _plot(title.format(u), t, {MARKERS[i]: trajectory.u[few, i, k] for i in agents}, colour)
+        for k, u in enumerate(trajectory.input_names)
     ]
     return "\n".join([upper, *lower])
 
