@@ -249,7 +249,7 @@ def test_the_distance_to_losing_control_is_that_of_the_pair() -> None:
     )
     check = linear_part.controllable(agent, [agent.lure.B])[0]
     assert check.verdict == "ok"
-    margin = float(check.figure.removeprefix("distance to the nearest that is not ").split(",")[0])
+    margin = float(check.figure.removeprefix("the nearest that is not is ").split(" away")[0])
     assert 0 < margin <= 0.001
     assert "s = 2" in check.figure
 

@@ -105,7 +105,7 @@ def _pair(
 ) -> CheckRow:
     reason = "an uncontrollable or unobservable mode agrees only if it is stable"
     if holds:
-        near = f"distance to the nearest that is not {check.margin:.3g}, at s = {_number(check.eigenvalue)}"
+        near = f"the nearest that is not is {check.margin:.3g} away, at s = {_number(check.eigenvalue)}"
         verdict: Outcome = "ok" if check.relative_margin > NEARLY_LOST else "note"
         if verdict == "note":
             near = f"{near}, a relative change of {check.relative_margin:.1g}: a slip in a unit?"
