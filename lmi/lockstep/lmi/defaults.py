@@ -84,14 +84,20 @@ VERY_FAR = 10.0
 
 
 class Wishes(NamedTuple):
-    """A problem that names what it asks for, and what was given up for it, in words; empty at first.
+    """A problem that names what it asks for.
 
-    enough: whether gains that are found are taken up to `VERY_FAR` from the floor: actuators are the reason.
+    sized: by what, where that is said;  enough: whether gains that are found are taken up to `VERY_FAR` from the floor:
+    actuators are the reason;  not_asked: what is given up.
     """
 
     problem: Problem
-    given_up: str
+    sized: str = ""
     enough: bool = False
+    not_asked: str = ""
+
+    def with_limit(self, came: str) -> str:
+        """Say how far a search for it came."""
+        return f"{came} within gain_limit {self.problem.design.gain_limit:g}{self.sized}"
 
 
 def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]:
@@ -102,22 +108,21 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
         network, claim: of this problem.
     """
     if not problem.has_defaults:
-        yield Wishes(problem, "")
+        yield Wishes(problem)
         return
-    (said, limits), given_up = _asked(problem, _of_two(problem, network), claim), ""
+    said, limits = _asked(problem, _of_two(problem, network), claim)
     within = _within_limits(problem, network, claim, limits[0])
     if within is not None:
         for more, part in ((1.0, "half of"), (FASTER, "1.5 times"))[: 1 + bool(problem.design.decay)]:
-            limit = more * within["gain_limit"]
-            yield Wishes(_with(problem, within | {"gain_limit": limit}), given_up, enough=True)
-            given_up = f"none near the floor within gain_limit {limit:g}, which {part} [agent.limits] sized"
+            asked = _with(problem, within | {"gain_limit": more * within["gain_limit"]})
+            yield Wishes(asked, f", which {part} [agent.limits] sized", enough=True)
     for limit in limits:
-        yield Wishes(_with(problem, said | limit), given_up)
-        given_up = f"none found within gain_limit {limit['gain_limit']:g}, or none near the floor"
+        yield Wishes(_with(problem, said | limit))
     if said.pop("stable_controllers", None) or "search_decay" in said:
         said.pop("search_decay", None)
-        given_up += "; not asked for: stable controllers and a decay"
-        yield Wishes(_with(problem, said | limits[1]), given_up)
+        yield Wishes(
+            _with(problem, said | limits[1]), not_asked="not asked for: stable controllers and a decay"
+        )
 
 
 def _within_limits(

@@ -9,7 +9,7 @@ Whatever the method, gains count as certified only by the last step.
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -73,12 +73,13 @@ def _designed(
     bound = proved_bound(problem)
     tried = list(wishes(problem, network_of(problem, bound), claim_of(problem, bound)))
     deadline = None if time_limit is None else time.monotonic() + time_limit
-    best, first, so_far = None, "", ""
+    best, first, before = None, "", list[str]()
     for number, wish in enumerate(tried, start=1):
         left, last = time_limit, wish is tried[-1]
         stop.found = best is not None
         if deadline is not None and wish is not tried[0]:
             left = max(deadline - time.monotonic(), 1e-3)
+        so_far = f" ({before[-1]})" if before else ""
         nth = f"attempt {number} of at most {len(tried)}{so_far}: " * (len(tried) > 1)
 
         def counted(what: str, part: float, nth: str = nth) -> None:
@@ -89,30 +90,32 @@ def _designed(
         except (Infeasible, NotCertified, OutOfTime, NothingYet) as error:
             if best is not None:
                 break
-            so_far = f" (before, {_short(getattr(error, 'figures', {}))})"
             first = first or str(error)  # what no controller can is said in the same words each time
             if last and isinstance(error, Infeasible | NotCertified) and str(error) != first:
-                said = f"{error}; before that, by default: {wish.given_up}"
+                said = f"{error}; before that, by default: {_given_up(before, wish)}"
                 raise type(error)(said, **error.figures) from None
             if last or stop.asked or (deadline is not None and time.monotonic() >= deadline):
                 raise
+            before.append(wish.with_limit(_came_to(getattr(error, "figures", {}))))
             continue
         if best is None or _over_floor(found, best) < MUCH * _over_floor(best, best):
-            best = found if wish.problem is problem else _with_remark(found, wish)
+            best = found if wish.problem is problem else _with_remark(found, wish, _given_up(before, wish))
         elif best is not None:
             break
         times, near = _over_floor(best, best), VERY_FAR if wish.enough else FAR
-        far, so_far = (
-            best.floor is None or times > near,
-            f" (so far, rho is {times:.3g}{' floors' * bool(best.floor)})",
-        )
+        far = times > near if best.floor else best.network.spectrum is None  # of many graphs there is no floor
+        before.append(wish.with_limit(f"rho was {times:.3g}{' floors' * bool(best.floor)}"))
         if stop.asked or not far or eliminates_P(best.network.loop(problem.order)):
             break  # of many agents with gains of their own, another search takes many minutes
     assert best is not None
     return replace(best, figures=best.figures | {"interrupted": True}) if stop.asked else best
 
 
-def _short(figures: Mapping[str, Any]) -> str:
+def _given_up(before: Sequence[str], wish: Wishes) -> str:
+    return "; ".join(filter(None, (*before, wish.not_asked)))
+
+
+def _came_to(figures: Mapping[str, Any]) -> str:
     """Return how far an attempt without gains came, in a few words."""
     if "fraction" in figures:
         return f"{figures['fraction']:.2g} of alpha was carried"
@@ -126,9 +129,9 @@ def _over_floor(found: Proposal, other: Proposal) -> float:
     return rho / floor.rho if floor else rho
 
 
-def _with_remark(found: Proposal, wish: Wishes) -> Proposal:
+def _with_remark(found: Proposal, wish: Wishes, said: str) -> Proposal:
     """Return a proposal that says what was asked for by default, and the decay that a design for the period keeps to."""
-    problem, given_up = wish.problem, {"given_up": wish.given_up} if wish.given_up else {}
+    problem, given_up = wish.problem, {"given_up": said} if said else {}
     if wish.enough and found.guarantees.decay is not None:
         problem = keeping(problem, found.guarantees.decay[0])
     figures = found.figures | {"defaults": {**named(problem), **given_up}}
