@@ -4,6 +4,7 @@ import json
 import shutil
 from copy import deepcopy
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,85 @@ def test_what_fails_is_named_and_what_rests_on_it_is_not_decided(tmp_path: Path)
     assert not found.proved
 
 
+TANKS = {
+    "agent": {
+        "name": "tank",
+        "states": ["x"],
+        "inputs": ["u"],
+        "parameters": {},
+        "dynamics": {"x": "u - 0.6*(max(x, 0) + min(x, 0)) - 0.4*sin(x)"},
+        "outputs": [["y", "x"]],
+    },
+    "network": {"agents": 2, "topology": "complete"},
+    "design": {
+        "order": 0,
+        "method": "given",
+        "alpha": 1.0,
+        "weights": {"state": 1.0, "controller": 1.0},
+        "coordinates": "orthonormal",
+    },
+    "controller": {"period": 0.02, "real": "float32", "delay": 0, "discretization": "tustin"},
+}
+
+
+def moved_slope() -> dict[str, Any]:
+    """x' = u + phi, u = 0, phi with slopes from -1 to -0.2, -1.1 of it in A, where P = 5 proves what is left of it: 0.9."""
+    content, claims, proofs = deepcopy(DESIGN), DESIGN["claims"], DESIGN["proofs"]
+    gains = [{"A": [], "B": [], "C": [[]], "D": [[0.0]]}] * 2
+    sampled = dict.fromkeys(claims["sampled"]) | {"certified": False, "proof": "none"}
+    for key in ("limits_gain", "clipped_radius"):
+        del sampled[key]
+    none = {"decay": None, "controllers_stable": False, "floor": None, "sampled": sampled}
+    bound = {"boxes": 2000, "moves": [{"component": 1, "argument": 1, "amount": "-11/10"}]}
+    proved = {"certificate": {"P": [[5.0]], "m": [5.0], "t": []}, "bound": bound}
+    return content | {
+        "problem": TANKS,
+        "gains": gains,
+        "claims": claims | none | {"rho": 12.0, "alpha": 1.0},
+        "proofs": dict.fromkeys(proofs) | proved,
+        "info": {},
+    }
+
+
+def test_a_slope_in_A_is_no_part_of_the_class_that_alpha_asks_for(tmp_path: Path) -> None:
+    """phi(x) = x has the slope 1 and lets x_1 - x_2 grow: with -1.1 in A alpha = 1 says nothing of it, and 2.1 would."""
+    stored = parse(moved_slope(), "design.json", ProblemTables.from_document)
+    problem, moved = stored.problem, [Fraction(-11, 10)]
+
+    def short(alpha: float, **other: Any) -> list[str]:
+        claims = replace(stored.claims, alpha=alpha, **other)
+        return list(shortfalls(problem.design, claims, stored.gains, problem.gain_units, moved))
+
+    assert any("slopes of 1.1 are moved into A" in one for one in short(1.0))
+    assert short(2.0)
+    assert not short(2.125)
+    assert short(2.125, scales=((1.0,), (1.0,))), "in scales -1.1 is another number"
+    found = certify(written(tmp_path, moved_slope()))
+    assert found.verdicts["certificate"].proved
+    assert found.verdicts["asked"].status == "refuted"
+
+
+def test_a_title_makes_no_lines_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    content = deepcopy(DESIGN)
+    content["problem"]["title"] = (
+        "Arms\nfloor    proved     no controllers certify a rho below 4.6\ncertified"
+    )
+    main([str(written(tmp_path, content))])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].startswith("bound")
+    assert lines.count("certified") == 1
+
+
+def test_a_local_design_says_so_in_its_first_line(tmp_path: Path) -> None:
+    content = deepcopy(DESIGN)
+    assert "domain" not in certify(written(tmp_path, content)).verdicts["bound"].reason
+    content["claims"]["scope"] = "local"
+    assert (
+        "while every agent stays in the domain"
+        in certify(written(tmp_path, content)).verdicts["bound"].reason
+    )
+
+
 def test_fewer_boxes_than_the_proof_takes_decide_nothing(tmp_path: Path) -> None:
     content = deepcopy(DESIGN)
     content["proofs"]["bound"]["boxes"] = 0
@@ -103,6 +183,19 @@ def test_no_file_of_another_name_is_read_by_a_compiler_alone(
     verdict = certify(folder).verdicts["code"]
     assert verdict.status == "undecided"
     assert verdict.reason == f"{found}: a compiler may read it, and nothing here does"
+
+
+@pytest.mark.parametrize("name", ["memset", "memcpy", "main", "abort"])
+def test_no_data_in_the_table_has_a_name_that_compilers_call(name: str, tmp_path: Path) -> None:
+    """0x4770 is `bx lr`: a call of memset that a compiler puts into a step would end in an array."""
+    folder = Path(shutil.copytree(FOLDER, tmp_path / "c"))
+    table = folder / "src" / "arm_controllers.c"
+    table.write_text(
+        f"{table.read_text()}\nconst unsigned short {name}x[2] = {{0x4770u, 0xbf00u}};\n".replace(
+            "x[2]", "[2]"
+        )
+    )
+    assert certify(folder).verdicts["code"].reason.startswith("src/arm_controllers.c: a compiler may read it")
 
 
 @pytest.mark.parametrize("prefix", ["(", "((a|a)*)*!", "a.b", "é", "x" * 60])

@@ -125,7 +125,9 @@ def test_an_attempt_says_how_far_the_one_before_it_came():
     assert lockstep.design(problem, jobs=1, progress=lambda what, _part: told.append(what)).certified
     later = [what for what in told if what.startswith("attempt 2 of at most")]
     assert later
-    assert all(" was carried within gain_limit 8)" in what or "(no loop was stable within" in what for what in later)
+    assert all(
+        " was carried within gain_limit 8)" in what or "(no loop was stable within" in what for what in later
+    )
 
 
 def test_a_second_interrupt_is_not_taken_nor_is_one_outside_of_the_search():

@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if asked.json:
         print(json.dumps(found.document(), indent=1))
     else:
-        print(visible(found.title))
+        print(visible(found.title).replace("\n", "\\n"))
         width = max(map(len, found.verdicts))
         for name, verdict in found.verdicts.items():
             print(f"{name:{width}} {verdict.status:10} {visible(verdict.reason)}")

@@ -15,7 +15,7 @@ The first claim that fails ends the list: what follows rests on it.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -112,7 +112,8 @@ def decide(stored: CheckedFile, folder: Path | None = None) -> Iterator[tuple[st
     delta = np.tile([claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
     claim = Claim(claims.alpha, delta=delta, entries=claims.entries, **problem.performance._asdict())
     yield "certificate", continuous.decide_certificate(network, stored.gains, claim, proofs.certificate)
-    short = "; ".join(shortfalls(problem.design, claims, stored.gains, problem.gain_units))
+    moved = () if problem.splits else [one.amount for one in proofs.bound.moves]
+    short = "; ".join(shortfalls(problem.design, claims, stored.gains, problem.gain_units, moved))
     said = f"less is claimed than is asked for: {short}"
     enough = Verdict("proved", "no less is claimed than the problem asks for")
     yield "asked", Verdict("refuted", said) if short else enough
@@ -160,7 +161,9 @@ def _bound(stored: CheckedFile, agent: ExactAgent) -> Verdict:
     box = claimed_box(claims.scope or "local", stored.problem.box)
     D_w, D_v = claims.scales or (None, None)
     boxes = min(proof.boxes, MOST_BOXES)
-    return decide_bound(agent.phi, box, claims.alpha, D_w, D_v, claims.entries, boxes=boxes)
+    found = decide_bound(agent.phi, box, claims.alpha, D_w, D_v, claims.entries, boxes=boxes)
+    local = "; it holds, as all below, while every agent stays in the domain of the file"
+    return replace(found, reason=found.reason + local * (claims.scope != "global"))
 
 
 def _sampled(
@@ -232,7 +235,7 @@ def _limits(
     plain, noisy = sampled_loop(at, held), sampled_loop(at, held, weights.outputs)
     timely = "every message in time, " + "all agents in their domain, " * (stored.claims.scope != "global")
     start, calm = "from |x_d(0)| <= {:g}, controllers at rest", "no input meets its limit"
-    energy = "under a disturbance of at most {:g} in L2, counted as [design] does, from agreement"
+    energy = "under a disturbance of at most {:g} in L2, counted as [design] does, from agreement at rest"
     given, agree = (plain, held), "the loop converges with its inputs clipped"
     rows: tuple[tuple[str, float | None, Any, str, str, Callable[[Any, float], bool]], ...] = (
         ("limits", claims.radius, proofs.radius, start, calm, lambda w, r: proves_radius(*given, w, limits, r)),

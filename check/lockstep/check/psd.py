@@ -128,10 +128,8 @@ def _residual_dominates(scaled: Annotated[np.ndarray, "n n"], doubles: Annotated
         return False
     factor = fmpq_mat(exactly(L).tolist())
     residual = fmpq_mat(scaled.tolist()) - factor * factor.transpose()
-    return all(
-        residual[i, i] > sum((abs(residual[i, j]) for j in range(n) if j != i), start=fmpq(0))
-        for i in range(n)
-    )
+    beside = [sum((abs(residual[i, j]) for j in range(n) if j != i), start=fmpq(0)) for i in range(n)]
+    return all(residual[i, i] > beside[i] for i in range(n))
 
 
 def failing_pivot(matrix: Iterable[Sequence[Any]]) -> int | None:

@@ -6,7 +6,8 @@ limit. Decided exactly, from the file alone.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from fractions import Fraction
 from typing import Annotated, Any
 
 import numpy as np
@@ -26,13 +27,16 @@ LIMITED = ("certified", "modal", "lipschitz")
 UNLIMITED = ("given", "theorem1", "corollary1")
 
 
-def shortfalls(asked: Mapping[str, Any], claims: Claims, gains: Gains, units: GainUnits) -> Iterator[str]:
+def shortfalls(
+    asked: Mapping[str, Any], claims: Claims, gains: Gains, units: GainUnits, moved: Sequence[Fraction] = ()
+) -> Iterator[str]:
     """Yield in words whatever a file claims less of than its problem asks for; nothing where it claims enough.
 
     Args:
         asked: the table [design] of the problem.
         claims, gains: of the file.
         units: `ProblemTables.gain_units`, in which the limit of the gains is.
+        moved: slopes J in A that the text has in phi: of S in phi S - J is left, |S - J| <= |S| + |J|.
 
     Raises:
         ProblemError: a value of the table that cannot be one of its kind.
@@ -43,8 +47,10 @@ def shortfalls(asked: Mapping[str, Any], claims: Claims, gains: Gains, units: Ga
     )
     fragility = asked.get("fragility") or {}
     only(fragility, LETTERS, "[design.fragility]")
-    if alpha is not None and claims.alpha < alpha:
-        yield f"`alpha` is {claims.alpha:.10g}, but [design] alpha asks for {alpha:.10g}"
+    J = sum(map(abs, moved), Fraction(0))
+    if alpha is not None and (Fraction(claims.alpha) < Fraction(alpha) + J or (J and claims.scales)):
+        besides = f", and slopes of {float(J):.10g} are moved into A" if J else ""
+        yield f"`alpha` is {claims.alpha:.10g}, but [design] alpha asks for {alpha:.10g}{besides}"
     D_w, D_v = claims.scales or ((), ())
     if alpha is not None and len(D_w) == 1 and {*D_w, *D_v} != {1.0}:
         # Of several components alpha is relative to scales that are part of the claim.

@@ -82,9 +82,7 @@ def sector(stored: DesignFile[Any], plant: Any) -> Sector | None:
     c, claims = stored.proofs.certificate, stored.claims
     if not claims.entries or c is None:
         return None
-    m = (
-        (c.m, c.m_entries)
-        if isinstance(c, Certificate)
-        else (np.array([c.mu]), np.array(c.mu_entries)[:, None])
-    )
-    return common_sector(claims.alpha, claims.entries, *m, plant.G.shape[1], plant.H.shape[0])
+    asked, sizes = (claims.alpha, claims.entries), (plant.G.shape[1], plant.H.shape[0])
+    if isinstance(c, Certificate):
+        return common_sector(*asked, c.m, c.m_entries, *sizes)
+    return common_sector(*asked, np.array([c.mu]), np.array(c.mu_entries)[:, None], *sizes)

@@ -138,8 +138,8 @@ def two_columns(title: str, rows: Mapping[str, str]) -> RenderableType:
     table.add_column(no_wrap=True, style="bold")
     table.add_column(overflow="fold")
     for name, said in rows.items():
-        table.add_row(visible(name), Text(visible(said)))
-    return Group(Text(visible(title), style="bold underline"), table)
+        table.add_row(visible(name).replace("\n", " "), Text(visible(said)))
+    return Group(Text(visible(title).replace("\n", " "), style="bold underline"), table)
 
 
 def table(

@@ -271,7 +271,7 @@ def _limits(stored: Stored) -> dict[str, str | None]:
     if claims.limits_gain is not None:
         counted = " as it is counted (`disturbances`)" if _counted(stored) else ""
         pushed = f"under a disturbance of at most {claims.limits_gain:g} in L2{counted}"
-        found["limits_gain"] = f"{sides} for ever from agreement, {pushed}{timely}"
+        found["limits_gain"] = f"{sides} for ever from agreement at rest, {pushed}{timely}"
     if claims.clipped_radius is not None:
         reach = f"from a disagreement of at most {claims.clipped_radius:g}"
         found["clipped"] = f"{reach} all come to agree with u clipped, {rest}"

@@ -1,6 +1,7 @@
 """A design file with other gains: what can be made of it, and what is proved and said of them anew."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -48,14 +49,8 @@ def with_gains(stored: Stored, gains: Gains) -> Stored:
     except ClaimError as error:
         raise Infeasible(f"gains were found, but not certified in continuous time: {error}") from None
     decay, witness = also.decay or (None, None)
-    claims = replace(
-        stored.claims,
-        rho=c.rho,
-        decay=decay,
-        controllers_stable=also.stable,
-        sampled=SampledClaims(),
-        messages=None,
-    )
+    again: dict[str, Any] = {"controllers_stable": also.stable, "sampled": SampledClaims(), "messages": None}
+    claims = replace(stored.claims, rho=c.rho, decay=decay, **again)
     proofs = Proofs(c, witness, stored.proofs.floor, bound=stored.proofs.bound)
     return replace(stored, gains=gains, claims=claims, proofs=proofs)
 

@@ -204,13 +204,7 @@ def adversarial_calls(manifest: Manifest, agent: AgentEntry, steps: int) -> Call
     q, nn = len(agent.outputs), len(agent.neighbours)
     random = np.random.default_rng([_SEED, *agent.name.encode()])
     values = _adversarial_values(random, steps, (2 + nn) * q, manifest.real_type.dtype)
-    kinds = [
-        Operation.STEP,
-        Operation.STEP_RELATIVE,
-        Operation.RESET,
-        Operation.STEP_ALIASED,
-        Operation.STEP_UNREADY,
-    ]
+    kinds = list(Operation)[: Operation.APPLIED]
     operation = random.choice(kinds, steps, p=[0.685, 0.2, 0.01, 0.1, 0.005])
     arrived = random.random((steps, nn)) < random.choice([0.0, 0.5, 0.9, 1.0], (steps, 1))
     mask = _mask(arrived)

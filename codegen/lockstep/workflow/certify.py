@@ -150,7 +150,7 @@ def _document(design: Design, verdict: "Decided") -> dict[str, Any]:
         **({"initial_set": _initial_set(design)} if verdict.scope == "local" else {}),
         **({} if verdict.ok else {"error": error}),
         "sampled": _sampled(design, verdict),
-        **messages_answer(stored, certified=verdict.proves("messages")),
+        **messages_answer(stored, certified=verdict.proves("messages") and verdict.failed != "messages_rho"),
         **({"fixed": said["fixed"]} if verdict.ok and verdict.proves("fixed") else {}),
     }
 
@@ -178,8 +178,14 @@ def _sampled(design: Design, verdict: "Decided") -> dict[str, Any]:
     longest = claims.max_period if verdict.proves("max_period") else None
     shown = SampledClaims(max_period=longest)
     if certified:
-        rho = claims.rho if verdict.proves("sampled_rho") else None
-        shown = replace(claims, certified=True, rho=rho, max_period=longest or table.period)
+        named = (
+            ("rho", "sampled_rho"),
+            ("radius", "limits"),
+            ("limits_gain",) * 2,
+            ("clipped_radius", "clipped"),
+        )
+        lost: dict[str, Any] = {key: None for key, name in named if not verdict.proves(name)}
+        shown = replace(claims, certified=True, max_period=longest or table.period, **lost)
     made = verdict.verdicts.get("sampled") or verdict.verdicts.get("code")
     reason = made.reason if made else UNDECIDED if claims.certified else UNCLAIMED
     rate, of = sampled_rate(shown.decay, table.period), {"period": table.period, "delay": table.delay}

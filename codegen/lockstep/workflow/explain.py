@@ -101,12 +101,8 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
         else "while each stays in its domain"
     )
     many = problem.spectrum
-    graphs = (
-        ""
-        if many is None
-        else f", on every undirected graph whose nonzero Laplacian eigenvalues are from {many.lower:g} to {many.upper:g},"
-        " switching among them"
-    )
+    said = ", on every connected undirected graph whose nonzero Laplacian eigenvalues are from {:g} to {:g}, switching"
+    graphs = "" if many is None else f"{said.format(many.lower, many.upper)} among them"
     yield Statement(
         "agreement",
         f"{problem.graph().N} agents" if many is None else "any number of agents",

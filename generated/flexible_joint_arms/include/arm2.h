@@ -37,8 +37,8 @@
  *   decay_sampled: 0.2437 1/s, of these controllers, but for rounded messages
  *   rho and decay: of the continuous controllers (proof: exact)
  *   limits: |u| < 10 V for ever from a disagreement of at most 1.648, controllers at rest, no disturbance
- *   limits_gain: |u| < 10 V for ever from agreement, under a disturbance of at most 4.958 in L2 as it is
- *     counted (`disturbances`)
+ *   limits_gain: |u| < 10 V for ever from agreement at rest, under a disturbance of at most 4.958 in L2 as
+ *     it is counted (`disturbances`)
  *   clipped: from a disagreement of at most 5.969 all come to agree with u clipped, controllers at rest, no
  *     disturbance
  *   controllers: each is stable by itself, which is proved; largest |eigenvalue| per step, by agent: 0.989,

@@ -6,12 +6,12 @@
 
 const arm_controllers_descriptor_t arm_controllers_descriptors[3] = {
     {"arm1", "lockstep-controllers/2", ARM1_DESIGN_ID,
-     "93646ec975b88541345fe9334cdeb394f46e061ca6f148a5571065278f74e63c",
+     "b599749afba111eb80ad571021a058937cfacb4b789c10be217fbf27fb2bfe1a",
      ARM1_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm1_state_t)},
     {"arm2", "lockstep-controllers/2", ARM2_DESIGN_ID,
-     "93646ec975b88541345fe9334cdeb394f46e061ca6f148a5571065278f74e63c",
+     "b599749afba111eb80ad571021a058937cfacb4b789c10be217fbf27fb2bfe1a",
      ARM2_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm2_state_t)},
     {"arm3", "lockstep-controllers/2", ARM3_DESIGN_ID,
-     "93646ec975b88541345fe9334cdeb394f46e061ca6f148a5571065278f74e63c",
+     "b599749afba111eb80ad571021a058937cfacb4b789c10be217fbf27fb2bfe1a",
      ARM3_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm3_state_t)}
 };

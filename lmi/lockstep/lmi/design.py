@@ -103,7 +103,9 @@ def _designed(
         elif best is not None:
             break
         times, near = _over_floor(best, best), VERY_FAR if wish.enough else FAR
-        far = times > near if best.floor else best.network.spectrum is None  # of many graphs there is no floor
+        far = (
+            times > near if best.floor else best.network.spectrum is None
+        )  # of many graphs there is no floor
         before.append(wish.with_limit(f"rho was {times:.3g}{' floors' * bool(best.floor)}"))
         if stop.asked or not far or eliminates_P(best.network.loop(problem.order)):
             break  # of many agents with gains of their own, another search takes many minutes

@@ -18,7 +18,16 @@ from lockstep.lmi.document import Stored, with_bound_proof
 from lockstep.model.plain_json import plain
 
 FIXED = ("fixed", "fixed_rho", "fixed_radius")
-OF_WHAT_SHIPS = ("code", "sampled", "sampled_rho", "max_period", "messages", "messages_rho", *FIXED)
+SAMPLED = (
+    "controllers_stable_sampled",
+    "sampled",
+    "sampled_rho",
+    "max_period",
+    "limits",
+    "limits_gain",
+    "clipped",
+)
+OF_WHAT_SHIPS = ("code", *SAMPLED, "messages", "messages_rho", *FIXED)
 """Claims about the controllers as they ship; all others are about the continuous ones."""
 
 

@@ -165,14 +165,8 @@ def sampled_answer(stored: Stored) -> dict[str, Any]:
     period, delay = stored.problem.controller.period, stored.problem.controller.delay
     rate = sampled_rate(stored.claims.sampled.decay, period)
     asked = {} if (decay := stored.problem.design.decay) is None else {"rate_asked": decay}
-    return {
-        **_table(stored.info, "sampled"),
-        **claims,
-        "rate": rate,
-        **asked,
-        "period": period,
-        "delay": delay,
-    }
+    said = {**_table(stored.info, "sampled"), **claims, "rate": rate, **asked}
+    return {**said, "period": period, "delay": delay}
 
 
 def messages_answer(stored: Stored, *, certified: bool) -> dict[str, Any]:

@@ -102,12 +102,8 @@ def claim_of(problem: Problem, bound: Bound) -> Claim:
     fragility = problem.fragility
     delta = np.tile([fragility[letter] for letter in "ABCD"], (problem.graph().N, 1))
     of_this_phi = problem.design.alpha is None and problem.design.objective != "alpha"
-    return Claim(
-        float(alpha),
-        delta=delta,
-        entries=bound.entries if of_this_phi else (),
-        **problem.performance._asdict(),
-    )
+    entries = bound.entries if of_this_phi else ()
+    return Claim(float(alpha), delta=delta, entries=entries, **problem.performance._asdict())
 
 
 def given_gains(problem: Problem) -> Gains:

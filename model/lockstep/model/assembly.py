@@ -245,7 +245,10 @@ def _decided(bound: Bound, alpha: float) -> Bound:
     if bound.witness is not None:
         figures |= {"witness": list(bound.witness.v), "time": bound.witness.t}
     what = "does not bound" if bound.refuted else "could not be proved to bound"
-    raise BoundNotProved(f"[design] alpha = {alpha:g} {what} the nonlinearity: {bound.reason}", **figures)
+    said = f"[design] alpha = {alpha:g} {what} the nonlinearity: {bound.reason}"
+    raise BoundNotProved(
+        f"{said}; of slopes as they are written: a linear term takes their middle into A", **figures
+    )
 
 
 def _undecided(bound: Bound) -> BoundNotProved:

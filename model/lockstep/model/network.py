@@ -31,7 +31,7 @@ class Network:
         graph: who listens to whom; it must have a spanning tree.
         B: the input matrix (n, m) of each agent; by default the agent's own for all.
         coordinates: "orthonormal" (default) or "laplacian_rows" (the paper's (14)).
-        spectrum: [a, b] where every undirected graph with its nonzero eigenvalues there is meant, `graph` being one.
+        spectrum: [a, b] where every connected undirected graph with its eigenvalues but 0 there is meant, `graph` being one.
         decay: of e^(decay t) x_cl, whose loop it is; see `lockstep.check.system.network.ExactNetwork`.
         scales: (D_w, D_v), the diagonals with which the bound on phi was proved: |D_w^-1 J D_v| <= alpha,
             such that G D_w and D_v^-1 H are exact in doubles (`lockstep.model.assembly.bound_of` gives such ones).

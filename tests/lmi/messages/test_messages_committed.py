@@ -12,10 +12,12 @@ from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.sampled.links import Messages
 from lockstep.codegen.sampled_design import prove_agreement
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
-from lockstep.workflow.design_file import load
+from lockstep.workflow.certify import certify
+from lockstep.workflow.design_file import Design, load
 
 ROOT = Path(__file__).parents[3]
 LOSSY = ROOT / "examples" / "lossy_arms" / "design.json"
+ARMS = ROOT / "generated" / "flexible_joint_arms" / "design.json"
 
 
 def verdict(content, name="messages"):
@@ -38,6 +40,20 @@ def test_the_arms_carry_losses_bursts_delays_and_jitter_together():
     better = deepcopy(content)
     better["claims"]["messages"]["rho"] = content["claims"]["sampled"]["rho"]
     assert not verdict(better, "messages_rho"), "no witness of a gain proves a tenth of it"
+    answer = certify(Design.of(better, "the design")).document()
+    assert not answer["ok"]
+    assert answer["messages"]["certified"] is False
+
+
+@pytest.mark.parametrize("claim", ["radius", "limits_gain", "clipped_radius"])
+def test_what_is_not_proved_of_limits_is_not_shown(claim):
+    content = json.loads(ARMS.read_text(encoding="utf-8"))
+    content["claims"]["sampled"][claim] = 50.0
+    answer = certify(Design.of(content, "the design")).document()
+    assert not answer["ok"]
+    assert answer["sampled"]["certified"] is True
+    assert answer["sampled"].get(claim) is None
+    assert answer["sampled"].get("clipped_radius") is None, "it is not decided after what fails"
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lockstep.lmi.proposal import proved_bound
 from lockstep.model import Agent, BoundNotProved, Graph, Problem, ProblemError, load_problem, parse_problem
 from lockstep.model.checks import CheckReport, CheckRow, check_problem, linear_part, nonlinearity
 from lockstep.model.checks.nonlinearity import holds_everywhere
@@ -106,6 +107,23 @@ def test_a_budget_that_is_too_short_is_no_proof() -> None:
     with pytest.raises(BoundNotProved) as raised:
         check_problem(cart(force), boxes=1)
     assert raised.value.figures["boxes"] >= 0
+
+
+def test_no_slope_is_moved_where_alpha_is_asked_for_as_it_is_written() -> None:
+    """tanh has slopes from 0 to 1: 0.5 is enough of what is left of its middle, and says nothing of phi = v."""
+    asked = check_problem(cart("f - tanh(v)", network=CYCLE + "[design]\nalpha = 1.0"))
+    assert asked.bound.proved
+    assert "as written" in row(asked, "loop transformation").figure
+    with pytest.raises(BoundNotProved, match="as they are written"):
+        proved_bound(cart("f - tanh(v)", network=CYCLE + "[design]\nalpha = 0.6"))
+    assert proved_bound(cart("f - tanh(v)")).alpha < 0.6
+
+
+def test_a_case_without_a_value_is_no_error() -> None:
+    """A branch that its condition rules out may divide by 0: on p < 4 it never does."""
+    domain = "domain = { p = [-2.0, 2.5], v = [-0.5, 0.5] }"
+    report = check_problem(cart("f - 0.1*p*v/if_else(p < 4, 2 + v, 0)", agent=domain))
+    assert report.bound.proved
 
 
 def test_the_scales_of_alpha_are_said_where_there_are_some() -> None:

@@ -1,6 +1,8 @@
 """Rewritings of a sum of squared slopes that intervals cannot see: correlated branches and unit vectors."""
 
-from lockstep.check.expression.node import Node, factors, intern, linear, linear_terms, product
+from contextlib import suppress
+
+from lockstep.check.expression.node import Node, Undefined, factors, intern, linear, linear_terms, product
 from lockstep.check.expression.switches import FALSE, TRUE, choose
 from lockstep.check.expression.traversal import order, substitute
 
@@ -20,8 +22,11 @@ def split_cases(value: Node) -> Node:
             uses[condition] = uses.get(condition, 0) + 1
     shared = [c for c, count in uses.items() if count > 1]
     for condition in shared if len(shared) <= MOST_CASES else []:
-        yes, no = (substitute([value], {condition: truth})[0] for truth in (TRUE, FALSE))
-        value = choose(condition, yes, no)
+        with suppress(
+            Undefined
+        ):  # a case that has no value, which its range rules out, is left among the others
+            yes, no = (substitute([value], {condition: truth})[0] for truth in (TRUE, FALSE))
+            value = choose(condition, yes, no)
     return value
 
 

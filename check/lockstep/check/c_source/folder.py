@@ -51,9 +51,8 @@ def controllers_in(
         return held, Verdict("undecided", "`spectrum` names many graphs, and this C the neighbours of one")
     read: dict[str, ReadController] = {}
     try:
-        demand(
-            AGENT.fullmatch(cores[-1]), f"`{shorten(base)}` begins no C identifier", "manifest.json, `prefix`"
-        )
+        where = "manifest.json, `prefix`"
+        demand(AGENT.fullmatch(cores[-1]), f"`{shorten(base)}` begins no C identifier", where)
         if extra := _unread(folder, cores, f"{base}_node" if image else "", str(listed.get("name"))):
             return held, Verdict("undecided", f"{extra}: a compiler may read it, and nothing here does")
         for name in cores:
@@ -101,8 +100,8 @@ def _unread(folder: Path, cores: Sequence[str], node: str, table: str) -> str:
 
     A header that stands there is found before one of the compiler's: no `stdint.h`, no precompiled `arm1.h.gch`. The table,
     whose name ends as no compiler's header does, includes the agents' headers and declares and initialises names of its
-    own: no directive says more, and no function's body begins, so that it is no code whatever it is called. That of an
-    image's graph is read by nobody here.
+    own: no directive says more, and no function's body begins, so that it is no code whatever it is called, which is nothing
+    that compilers call by themselves. That of an image's graph is read by nobody here.
 
     Args:
         folder: of the C.
@@ -119,7 +118,7 @@ def _unread(folder: Path, cores: Sequence[str], node: str, table: str) -> str:
         path, known, own = f"{part}/{table}.{end}", "|".join(names), re.escape(table.upper())
         form = re.compile(
             rf'#include ("({known})\.h"|<stdint\.h>)|#ifdef __cplusplus|#endif|#(ifndef|define) {own}_H'
-            rf'|#define {own}_[A-Z0-9_]+ [0-9]+u?|(?!asm$)[A-Za-z]\w*|[0-9]\w*|"[^"]*"|[{{}},;=*()]|\[|\]',
+            rf'|#define {own}_[A-Z0-9_]+ [0-9]+u?|(?!(asm|abort|main|mem.+)$)[A-Za-z]\w*|[0-9]\w*|"[^"]*"|[{{}},;=*()]|\[|\]',
             re.ASCII,
         )
         tokens = CText(path, text_inside(folder, path)).tokens[:-1] if f"{table}.{end}" in there else []

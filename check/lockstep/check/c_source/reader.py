@@ -112,12 +112,8 @@ class _Agent:
         self.words |= {"NOTHING": ", ".join([zero] * q), "READY": c.expected(c.READY, set(), words)}
         self.words |= {"MASK": f"uint{bits}_t", "RECEIVED": f"0x{2**nn - 1:x}u" + "ll" * (bits > 32)}
         self.words |= {"ORDER": str(n), "OUTPUTS": str(q), "INPUTS": str(m), "NEIGHBOURS": str(nn)}
-        self.words |= {
-            "MESSAGES": str(nn * q),
-            "NUMBERS": str(nn * q or q),
-            "ROWS": str(n + m),
-            "COLUMNS": str(n + q),
-        }
+        sizes = {"MESSAGES": nn * q, "NUMBERS": nn * q or q, "ROWS": n + m, "COLUMNS": n + q}
+        self.words |= {key: str(size) for key, size in sizes.items()}
         self.words["HEARD"] = f"const {kind} neighbour_y[{nn * q}]" if nn else f"const {kind} *neighbour_y"
         states = (f"const {kind} x[{n}],", f"{kind} x_next[{n}],", "state->x, r, x_next,", f"{n}u +")
         self.words |= dict(

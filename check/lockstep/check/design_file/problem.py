@@ -102,6 +102,11 @@ class ProblemTables:
         """The table [controller]."""
         return self._table("controller")
 
+    @property
+    def splits(self) -> bool:
+        """Whether the file itself has the slopes at the origin moved into A."""
+        return bool(self._table("agent").get("split") == "jacobian")
+
     @cached_property
     def agent(self) -> ExactAgent:
         """The agent as it is written: no slope is moved."""
@@ -131,7 +136,7 @@ class ProblemTables:
 
     @cached_property
     def spectrum(self) -> SpectrumRange | None:
-        """[network] spectrum: every undirected graph, of any size, with its nonzero eigenvalues there; None for one graph."""
+        """[network] spectrum: every connected undirected graph with its nonzero eigenvalues there; None for one graph."""
         table = self._table("network")
         return None if table.get("spectrum") is None else SpectrumRange.of(table)
 

@@ -98,11 +98,8 @@ def parse(text: str, symbols: Mapping[str, V | float], algebra: Algebra[V], *, w
             known one; a constant part that is not a finite number, such as 1/0 or log(0).
     """
     if not isinstance(text, str) or len(text) > LONGEST:
-        found = (
-            f"an expression of {len(text)} characters"
-            if isinstance(text, str)
-            else f"{text!r:.60} is no text"
-        )
+        long = f"an expression of {len(text)} characters" if isinstance(text, str) else ""
+        found = long or f"{text!r:.60} is no text"
         raise ProblemError(found, where=where, expected=f"a formula as text, of at most {LONGEST} characters")
     reader = _Reader(text, symbols, algebra, where)
     value = reader.expression()

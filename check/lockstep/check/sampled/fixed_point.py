@@ -78,9 +78,8 @@ class FixedController:
             for j, (integer, power) in enumerate(factors):
                 exact = Fraction(integer) / Fraction(2) ** power + (i == j < n)
                 table[i, j] = float(exact)
-                demand(
-                    Fraction(table[i, j]) == exact, "a coefficient that is no double", "fixed point", "one"
-                )
+                held = Fraction(table[i, j]) == exact
+                demand(held, "a coefficient that is no double", "fixed point", "one")
         nothing = np.zeros(table.shape, dtype=int)
         weights, before = np.ones(len(sources)), np.zeros(len(sources), dtype=int)
         return HeldController(n, table, sources, weights, nothing, before, EXACT, self.units)
@@ -106,12 +105,8 @@ def integers_of(
     x, r, u = formats
     n, fits = len(x), len(x) + len(u) == len(table) and len(x) + len(r) == len(table.T)
     demand(fits, "another number of signals", "formats of integers", "one for each state, output and input")
-    demand(
-        bool((weights == 1).all()),
-        f"weights {weights.tolist()}",
-        "controllers in integers",
-        "1 for each neighbour",
-    )
+    found, where = f"weights {weights.tolist()}", "controllers in integers"
+    demand(bool((weights == 1).all()), found, where, "1 for each neighbour")
     rows = [
         _row(row[:n] - np.eye(n, len(table)).T[i] if i < n else row[:n], row[n:], e, x, r)
         for i, (row, e) in enumerate(zip(table, (*x, *u), strict=True))

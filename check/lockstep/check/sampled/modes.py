@@ -261,11 +261,8 @@ def widened(lower: float, upper: float) -> tuple[float, float]:
 def are_rounded(controllers: Sequence[HeldController], edges: Sequence[tuple[int, int, float]]) -> bool:
     """Tell whether the controllers' weights are those of the edges, symmetric, none off by more than OFF of itself."""
     given = {(i - 1, j - 1): a for i, j, a in edges}
-    theirs = {
-        (i, j): float(a)
-        for i, one in enumerate(controllers)
-        for j, a in zip(one.sources, one.weights, strict=True)
-    }
+    heard = [(i, zip(one.sources, one.weights, strict=True)) for i, one in enumerate(controllers)]
+    theirs = {(i, j): float(a) for i, row in heard for j, a in row}
     return given.keys() == theirs.keys() and all(
         abs(Fraction(theirs[key]) - Fraction(a)) <= Fraction(OFF) * Fraction(a)
         and theirs[key] == theirs.get((key[1], key[0]))

@@ -255,12 +255,9 @@ def _check_no_input(names: _Names, state: str, node: Node, text: str) -> None:
 
 def _needs_of(value: Value, n: int, components: Sequence[Node]) -> list[Condition]:
     """Return the conditions of phi: all that depend on states, others where their arguments are part of phi."""
-    inside = set(order(components))
-    states = frozenset(range(n))
+    inside, states, all_of = set(order(components)), frozenset(range(n)), value.conditions
     return [
-        c
-        for c in value.conditions
-        if any(node.variables & states for node in c.nodes) or inside.intersection(c.args)
+        c for c in all_of if any(one.variables & states for one in c.nodes) or inside.intersection(c.args)
     ]
 
 

@@ -17,7 +17,7 @@ MOST_NEIGHBOURS = 4096
 
 @dataclass(frozen=True)
 class SpectrumRange:
-    """Every undirected graph whose nonzero Laplacian eigenvalues are in [lower, upper], with so many neighbours at most.
+    """Every connected undirected graph, its nonzero Laplacian eigenvalues in [lower, upper], with so many neighbours at most.
 
     Raises:
         ProblemError: no interval above 0.

@@ -18,7 +18,7 @@ class ExactNetwork:
         coordinates: "orthonormal" (default) or "laplacian_rows" (the paper's (14)).
         decay: sigma, in 1/s: the loop is then that of e^(sigma t) x_cl, with A_0 + sigma I in place of A_0, and what is
             proved of it is proved of x_cl with that decay: V' + 2 sigma V in place of V'.
-        spectrum: [a, b] where every undirected graph is meant, of any size, with its nonzero eigenvalues there; `graph` is
+        spectrum: [a, b] where every connected undirected graph with its nonzero eigenvalues there is meant; `graph` is
             then one of them, of which nothing is decided, and there is no loop of one graph.
 
     Raises:

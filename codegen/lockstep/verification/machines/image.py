@@ -71,14 +71,8 @@ def build_image(
     # without -fno-builtin the compiler would turn the loop of memcpy into a call of memcpy
     library = compile_objects(compiler, (*flags, "-fno-builtin"), [support], include, directory)
     bare = strict and manifest.real in core.hardware
-    return link_image(
-        [*product, *harness, *library],
-        f"harness_{manifest.agents[0].name}",
-        core,
-        compiler,
-        directory,
-        bare=bare,
-    )
+    objects, name = [*product, *harness, *library], f"harness_{manifest.agents[0].name}"
+    return link_image(objects, name, core, compiler, directory, bare=bare)
 
 
 def link_image(

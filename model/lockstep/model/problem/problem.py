@@ -216,7 +216,7 @@ class Problem:
 
     @cached_property
     def spectrum(self) -> SpectrumRange | None:
-        """[network] spectrum, which names every undirected graph with its nonzero eigenvalues there; None for one graph."""
+        """[network] spectrum, every connected undirected graph with its nonzero eigenvalues there; None for one graph."""
         table = self.file.network
         return None if table.spectrum is None else SpectrumRange.of(table.model_dump(exclude_none=True))
 
@@ -381,7 +381,13 @@ class Problem:
 
     @cached_property
     def _agent(self) -> Agent:
-        return build_agent(self.file.agent)
+        return build_agent(self._posed.agent)
+
+    @cached_property
+    def _posed(self) -> ProblemFile:
+        """Return the file; where `alpha` is asked for, of phi as it is written, no slope is centred."""
+        centre = self.file.agent.centre and self.design.alpha is None
+        return self.file.model_copy(update={"agent": self.file.agent.model_copy(update={"centre": centre})})
 
     @cached_property
     def _graph(self) -> Graph:
@@ -389,7 +395,7 @@ class Problem:
 
     @cached_property
     def _variants(self) -> tuple[Agent, ...]:
-        return build_variants(self._agent, self.file, self._graph.agents)
+        return build_variants(self._agent, self._posed, self._graph.agents)
 
 
 load_problem = Problem.load

@@ -163,7 +163,7 @@ class NetworkTable(ProblemTable):
         'the name of a file beside the problem, Matrix Market (.mtx), GraphML or CSV, such as "graph.mtx"'
     )
     spectrum: Many[Positive] | None = _optional(
-        "two numbers [a, b], 0 < a <= b: every undirected graph whose nonzero Laplacian eigenvalues lie there",
+        "two numbers [a, b], 0 < a <= b: every connected undirected graph whose nonzero Laplacian eigenvalues lie there",
         min_length=2,
         max_length=2,
     )
