@@ -50,11 +50,14 @@ def changed(table_1: Path, place: Path, change) -> Path:
 
 
 def test_limits_of_which_clipping_alone_is_proved_are_no_radius():
-    found = proved_besides({"limits": {"clipped_radius": 1.9}})
+    of = {"limits": {"clipped_radius": 1.9}, "gains": [{"A": [[-1.0]]}]}
+    found = proved_besides(of)
     assert found == {"with saturation": "agreement from |x_d(0)| <= 1.9, controllers at rest"}
-    apart = proved_besides({"limits": {"clipped_radius": 1.9, "start": 0.5}})["with saturation"]
+    apart = proved_besides({**of, "limits": {"clipped_radius": 1.9, "start": 0.5}})["with saturation"]
     assert apart == "agreement from |x_d(0)| <= 1.9, 3.8 times the start in the file, controllers at rest"
-    assert not proved_besides({"limits": {"clipped_radius": 1.9}}, lambda claim: claim != "clipped")
+    assert not proved_besides(of, lambda claim: claim != "clipped")
+    static = proved_besides({**of, "gains": [{"A": []}]})["with saturation"]
+    assert static == "agreement from |x_d(0)| <= 1.9", "what has no states is at rest whatever it does"
 
 
 @pytest.mark.slow
@@ -194,11 +197,16 @@ def test_what_is_proved_besides_rho_is_printed_and_nothing_else() -> None:
         "controllers_stable": True,
         "limits": {"radius": 1.5},
         "entries": [{"slope": 1.0, "component": 1, "argument": 2}],
+        "gains": [{"A": [[-1.0]]}],
     }
     rows = proved_besides(content)
     parts = ["|d phi1/d v2| <= 1", ">= 2:", "0.25 1/s", "yes", "1.5"]
     assert all(part in text for part, text in zip(parts, rows.values(), strict=True))
-    assert proved_besides({**dict.fromkeys(content), "controllers_stable": False, "entries": []}) == {}
+    assert (
+        proved_besides({**dict.fromkeys(content), "controllers_stable": False, "entries": [], "gains": []})
+        == {}
+    )
+    assert "controllers stable" not in proved_besides({**content, "gains": [{"A": []}]})
     assert list(proved_besides(content, lambda claim: claim == "decay")) == ["convergence"]
 
 
@@ -207,6 +215,19 @@ def test_certify_prints_the_decay_of_the_worked_example() -> None:
     decay = json.loads((folder / "design.json").read_text())["claims"]["decay"]
     printed = CliRunner().invoke(app, ["certify", str(folder / "design.json")]).stdout
     assert f"every disagreement at {decay:.6g} 1/s or faster" in " ".join(printed.split())
+
+
+@pytest.mark.parametrize(("alone", "says"), [(0.1, False), (0.3, True)])
+def test_agents_that_agree_faster_by_themselves_are_said_to(alone, says, root) -> None:
+    """0.2437 1/s is proved of the sampled controllers: `rate` of the committed arms."""
+    content = lockstep.load(root / "generated" / "flexible_joint_arms").document()
+    assert 0.1 < content["sampled"]["rate"] < 0.3
+    content = {**content, "figures": {**content["figures"], "rho_alone": 10.0, "decay_alone": alone}}
+    console = Console(width=300, record=True, file=io.StringIO())
+    console.print(summary(content))
+    printed = console.export_text()
+    assert f"{alone:g} 1/s, which is proved" in printed
+    assert ("ask for a `decay`" in printed) == says
 
 
 @pytest.mark.parametrize(("alone", "idle"), [(None, False), (10.0, False), (5.0, True)])

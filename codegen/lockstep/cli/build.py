@@ -12,6 +12,7 @@ from lockstep.cli.console import Answer, left_from_before, progress_display, rem
 from lockstep.cli.design import REUSED, summary
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.verify import table_of as verify_table
+from lockstep.model.checks.linear_part import WAYS
 
 
 def run(path: Path, output: Path, **options: Any) -> Answer:
@@ -25,6 +26,7 @@ def run(path: Path, output: Path, **options: Any) -> Answer:
     document = found.document()
     report = document["report"]
     said = [f"{output / report}: the report" if report else "nothing is written"]
+    said += [f"{one.figure}: hold that against the machine" for one in found.checks.rows if one.name == WAYS]
     said += [*(f"note: {one}" for one in found.notes), *found.problems]  # what to change is read last
     noted = any(map(is_noted, found.checks.rows))
     parts = [

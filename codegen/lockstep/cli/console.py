@@ -20,9 +20,6 @@ from lockstep.model.plain_json import to_json
 from lockstep.workflow.waiting.progress_lines import ProgressLines
 from lockstep.workflow.waiting.time_left import TimeLeft
 
-UNFINISHED = 0.999
-"""The most of a bar: the clock beside one that is full stands still, whatever comes after it."""
-
 HOLDS, FAILS, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 errors = Console(stderr=True, soft_wrap=True, highlight=False)
@@ -113,7 +110,8 @@ def progress_display() -> Iterator[Callable[[str, float], None]]:
 
         def tell(what: str, part: float) -> None:
             bars.left.tell(what, part)
-            bars.update(task, description=what, completed=min(part, UNFINISHED))
+            # The clock of a full bar stands still.
+            bars.update(task, description=what, completed=min(part, 0.999))
 
         yield tell
 

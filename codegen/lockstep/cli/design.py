@@ -13,10 +13,11 @@ from lockstep.model.agents.arguments import units_text
 
 REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
 HARDLY = ": these controllers do hardly anything; ask for a `decay`, or a faster one"
+SLOWER = ", and is more than is proved of the controllers that ship: ask for a `decay`"
 WORSE = ": these controllers make it worse; is the period too long?"
 ONLY = "the continuous controllers only, NOT those that ship (below)"
 SOFT = "of {of} moves {moves} {times:.3g} times as far apart as u = 0 does (computed); rho is of the worst frequency"
-UNPROVED = "nothing is proved"
+NOTHING = "nothing is proved"
 CONVERGES = "every disagreement at {:.6g} 1/s or faster, of the continuous controllers"
 FLOOR = "rho >= {:.10g}: no controllers can certify less (proved)"
 NO_FLOOR = "none was proved: how near rho is to the least possible is not known"
@@ -111,11 +112,12 @@ def proved_besides(
         content: of a design, as `Design.document` has it.
         proves: whether a claim, by its name in the checker, is proved.
     """
-    floor, decay, C = content.get("floor"), content.get("decay"), bool(content["gains"][0]["A"])
+    floor, decay, C = content.get("floor"), content.get("decay"), any(one["A"] for one in content["gains"])
+    stable = "yes, each by itself" * bool(content.get("controllers_stable") and C)
     sought = content.get("method") == "certified" and not content["figures"].get("interrupted")
     limits = content.get("limits") or {}
     radius, clipped, start = (limits.get(key) for key in ("radius", "clipped_radius", "start"))
-    clips = "inputs may be clipped" if clipped else f"inputs may be clipped, and then {UNPROVED}"
+    clips = "inputs may be clipped" if clipped else f"inputs may be clipped, and then {NOTHING}"
     slopes = [
         f"|d phi{x['component']}/d v{x['argument']}| <= {x['slope']:.6g}" for x in content.get("entries", ())
     ]
@@ -123,12 +125,9 @@ def proved_besides(
         "certificate": ("slope bounds", ", ".join(slopes)),
         "floor": ("lower bound", FLOOR.format(floor) if floor else NO_FLOOR * sought),
         "decay": ("convergence", decay and CONVERGES.format(decay)),
-        "controllers_stable": (
-            "controllers stable",
-            "yes, each by itself" * bool(content.get("controllers_stable") and C),
-        ),
+        "controllers_stable": ("controllers stable", stable),
         "limits": ("no saturation", radius and f"from {_within(radius, start, clips, C)}"),
-        "clipped": ("with saturation", clipped and f"agreement from {_within(clipped, start, UNPROVED, C)}"),
+        "clipped": ("with saturation", clipped and f"agreement from {_within(clipped, start, NOTHING, C)}"),
     }
     return {name: said for claim, (name, said) in rows.items() if said and proves(claim)}
 
@@ -149,6 +148,8 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
     figures, alone = content["figures"], content["figures"].get("rho_alone")
     ships, rho = content["sampled"]["certified"], max(content["rho"], content["sampled"].get("rho") or 0.0)
     idle = (WORSE if rho > alone >= content["rho"] else HARDLY) if alone and rho > 0.9 * alone else ""
+    fast, kept = figures.get("decay_alone"), content["sampled"].get("rate") or content["decay"] or 0.0
+    idle = idle or (f"; {fast:.3g} 1/s, which is proved{SLOWER * (fast > kept)}" if fast else "")
     part, soft = figures["part_of_states"], figures.get("static_response")
     static = {} if part is None or part > STATIC else {"order": STATIC_SAID.format(STATIC)}
     fragility = ", ".join(f"{letter} {delta:g}" for letter, delta in content["fragility"].items() if delta)
@@ -160,9 +161,9 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             "certified": yes if content["certified"] else "no",
             "rho": f"{content['rho']:.6g}",
             "alpha": f"{content['alpha']:.9g}{units_text(content.get('scales', {}).values())}",
+            **_where(content),
             **proved_besides(content),
             **({"gain uncertainty": fragility} if fragility else {}),
-            **_where(content),
             **({"open loop": f"rho {alone:.4g}, with u = 0 (computed){idle}"} if alone else {}),
             **static,
             **({"constant disturbance": SOFT.format(**soft)} if soft and soft["times"] > 1.1 else {}),

@@ -37,6 +37,9 @@ from lockstep.lmi.search.stopping import NEVER, Deadline, Stop
 NEAR = 1.05
 """A sampled loop whose rho is above the continuous one by more is designed for its period."""
 
+SPOILT = 2.0
+"""Of a rho that is by so much larger than the continuous one it is said why no gains were designed for the period."""
+
 SECTORS, SETTLED = 3, 0.99
 """With slopes of their own the sector of the sampled loop is made of the continuous certificate's weights, which new gains
 change: so often gains are designed with the sector of those before, while rho falls to less than this part of it, which is
@@ -121,7 +124,7 @@ def _shipped(stored: Stored, tell: Callable[[str, float], None], effort: Effort,
             found = "interrupted" if made is None else "the gains found do not carry the messages"
         except Infeasible as error:
             found = f"the time limit was over; until then: {error}" if effort.deadline.over else str(error)
-    said = asked or effort.deadline.over
+    said = asked or effort.deadline.over or (kept.claims.sampled.rho or np.inf) > SPOILT * enough
     return with_sampled(stored, held, **{NOT_FOR_PERIOD: found}) if said else kept
 
 

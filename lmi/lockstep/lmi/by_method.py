@@ -21,7 +21,7 @@ from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.analysis.margins import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.defaults import MUCH, VERY_FAR
-from lockstep.lmi.diagnosis.open_loop import rho_alone
+from lockstep.lmi.diagnosis.open_loop import decay_alone, rho_alone
 from lockstep.lmi.guarantees import abscissa
 from lockstep.lmi.proposal import Posed, Proposal, given_gains
 from lockstep.lmi.search.stopping import NothingYet, Stop
@@ -68,6 +68,8 @@ def certified(posed: Posed, attempt: Attempt) -> Proposal:
                 found, floor = again
     alone = stop.optional(lambda: rho_alone(network, found.claim), otherwise=None)
     figures = found.figures | _figures(problem, network, found.gains) | {"rho_alone": alone}
+    if alone is not None and not eliminates_P(network.loop(0)):
+        figures["decay_alone"] = stop.optional(lambda: decay_alone(network, found.claim), otherwise=None)
     own = posed._replace(claim=found.claim)
     return Proposal(*own, found.gains, found.certificate, figures, floor, found.others)
 

@@ -21,9 +21,9 @@ Natural units are those in which the numbers of plant and R are nearest to one (
 actuators' limits, with the unit of time in which actuators move the outputs as far as they are apart at first, with that of
 u which moves a state by one in it, and with weights and disturbances of the states in them always, so that an agent in m is
 given the controllers of one in mm: that of a train is otherwise the quarter of an hour in which it rolls to a stop. Where
-no gains are found for them, or none with a rho near the floor, or no floor is proved, the limit is raised, twice (thrice
-where a decay is asked for that half of the actuators may not reach), and then stability and decay are not asked for. What
-was taken is written into the problem: a design file names all of it, and nothing is filled in when it is read.
+no gains are found for them, or none with a rho near the floor, or no floor is proved, the limit is raised, twice (four
+times where a decay is asked for that half of the actuators may not reach), and then stability and decay are not asked
+for. What was taken is written into the problem: a design file names all of it, and nothing is filled in when it is read.
 """
 
 from collections.abc import Iterator
@@ -51,8 +51,8 @@ KEPT = 0.5
 HALF = 0.5
 """Of what the actuators can, for what r becomes on the way: the initial states say what it is at first."""
 
-FASTER = 3.0
-"""Times gains within half of the actuators' limits: tried next where a decay is asked for, which may be all they lack."""
+SIZED = ((1.0, "half of"), (3.0, "1.5 times"), (10.0, "5 times"))
+"""Times gains within half of the actuators' limits: larger ones are tried where a decay is asked for, which may be all."""
 
 VERY_HIGH = 10.0
 """Times the high limit, which is a norm that holds A_C in 1/s beside gains from y to u: what fast plants in SI units need."""
@@ -113,7 +113,7 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
     said, limits = _asked(problem, _of_two(problem, network), claim)
     within = _within_limits(problem, network, claim, limits[0])
     if within is not None:
-        for more, part in ((1.0, "half of"), (FASTER, "1.5 times"))[: 1 + bool(problem.design.decay)]:
+        for more, part in SIZED if problem.design.decay else SIZED[:1]:
             asked = _with(problem, within | {"gain_limit": more * within["gain_limit"]})
             yield Wishes(asked, f", which {part} [agent.limits] sized", enough=True)
     for limit in limits:

@@ -96,7 +96,7 @@ def _designed(
                 raise type(error)(said, **error.figures) from None
             if last or stop.asked or (deadline is not None and time.monotonic() >= deadline):
                 raise
-            before.append(wish.with_limit(_came_to(getattr(error, "figures", {}))))
+            before.append(wish.with_limit(_came_to(getattr(error, "figures", {}), problem.design.decay)))
             continue
         if best is None or _over_floor(found, best) < MUCH * _over_floor(best, best):
             best = found if wish.problem is problem else _with_remark(found, wish, _given_up(before, wish))
@@ -117,11 +117,12 @@ def _given_up(before: Sequence[str], wish: Wishes) -> str:
     return "; ".join(filter(None, (*before, wish.not_asked)))
 
 
-def _came_to(figures: Mapping[str, Any]) -> str:
+def _came_to(figures: Mapping[str, Any], decay: float | None) -> str:
     """Return how far an attempt without gains came, in a few words."""
     if "fraction" in figures:
         return f"{figures['fraction']:.2g} of alpha was carried"
-    return "no loop was stable" if figures.get("abscissa", -1.0) >= 0 else "nothing was certified"
+    loop = f"no loop decayed at {decay:g} 1/s" if decay else "no loop was stable"
+    return loop if figures.get("abscissa", -1.0) >= 0 else "nothing was certified"
 
 
 def _over_floor(found: Proposal, other: Proposal) -> float:

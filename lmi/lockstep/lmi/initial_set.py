@@ -36,7 +36,7 @@ class Unavailable:
 
     def text(self) -> str:
         """Return what this says to people."""
-        return f"no initial states can be given from which the agents stay in their domain: {self.reason}"
+        return f"that agents stay in their domain is not proved: {self.reason}"
 
     def document(self) -> dict[str, Any]:
         """Return it as plain JSON types."""

@@ -35,7 +35,7 @@ def test_static_gains_are_first_asked_to_take_half_of_what_the_actuators_can() -
     assert 1.0 < limits_asked(slider(4.0, order=1))[0] < GAIN_LIMIT, "the direct gain alone has 1"
     assert limits_asked(slider(80.0, order=1))[0] == GAIN_LIMIT, "what is asked for anyway is less"
     assert limits_asked(slider(4.0, said="gain_limit = 3.0")) == [3.0]
-    assert limits_asked(slider(4.0, said="decay = 0.2"))[:3] == [1.0, 3.0, GAIN_LIMIT], (
+    assert limits_asked(slider(4.0, said="decay = 0.2"))[:4] == [1.0, 3.0, 10.0, GAIN_LIMIT], (
         "a decay asks for more"
     )
 

@@ -113,8 +113,8 @@ def unavailable(network: ExactNetwork, certificate: Certificate | ModalCertifica
         return "the domain has no sides: a bound on it holds everywhere, and every state will do"
     if len(roots) != 1:
         return (
-            f"agents {', '.join(map(str, roots[:8]))} hear each other, so none of them moves by itself: their common motion "
-            "follows from their disagreement, and the certificate does not bound it; a single leader would do"
+            f"agents {', '.join(map(str, roots[:8]))} hear each other, and what they do together, which their disagreement "
+            "drives, is in no certificate; a single leader's is"
         )
     modal = isinstance(certificate, ModalCertificate)
     return "a modal certificate has no one P for the whole network" if modal else None

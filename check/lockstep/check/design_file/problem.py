@@ -102,11 +102,6 @@ class ProblemTables:
         """The table [controller]."""
         return self._table("controller")
 
-    @property
-    def splits(self) -> bool:
-        """Whether the file itself has the slopes at the origin moved into A."""
-        return bool(self._table("agent").get("split") == "jacobian")
-
     @cached_property
     def agent(self) -> ExactAgent:
         """The agent as it is written: no slope is moved."""

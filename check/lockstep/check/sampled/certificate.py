@@ -67,7 +67,8 @@ def decide_sampled(
     loop, at = sampled_loop(network, controllers), f"at {network.period:g} s"
     with balls.working_precision():
         if not no_conjugate_point(network.plant.A, *network.squares, network.period):
-            return refused(network, controllers, f"{at} the period was not shown to hold no conjugate point")
+            said = f"{at} the period is too long for phi: no proof that there is no conjugate point"
+            return refused(network, controllers, said)
         one, tried = lifted_agent(loop), 0
         for witness in witnesses:
             tried += 1

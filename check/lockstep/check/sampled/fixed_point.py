@@ -78,8 +78,7 @@ class FixedController:
             for j, (integer, power) in enumerate(factors):
                 exact = Fraction(integer) / Fraction(2) ** power + (i == j < n)
                 table[i, j] = float(exact)
-                held = Fraction(table[i, j]) == exact
-                demand(held, "a coefficient that is no double", "fixed point", "one")
+                demand(Fraction(table[i, j]) == exact, "a coefficient that is no double", "integers", "one")
         nothing = np.zeros(table.shape, dtype=int)
         weights, before = np.ones(len(sources)), np.zeros(len(sources), dtype=int)
         return HeldController(n, table, sources, weights, nothing, before, EXACT, self.units)

@@ -162,12 +162,11 @@ def decide_modal_sampled(loop: ModalLoop, witness: SampledModalWitness | None) -
         return certificate.refused(network, loop.controllers, f"{at} there is no witness")
     if not witness.covers(loop.lower, loop.upper):
         said = f"the witness is for eigenvalues from {witness.lower:g} to {witness.ends[-1]:g}"
-        return certificate.refused(
-            network, loop.controllers, f"{said}, not from {loop.lower:g} to {loop.upper:g}"
-        )
+        said += f", not from {loop.lower:g} to {loop.upper:g}"
+        return certificate.refused(network, loop.controllers, said)
     with balls.working_precision():
         if not no_conjugate_point(network.plant.A, *network.squares, network.period):
-            said = f"{at} the period was not shown to hold no conjugate point"
+            said = f"{at} the period is too long for phi: no proof that there is no conjugate point"
             return certificate.refused(network, loop.controllers, said)
         for P, mode in _modes(loop, witness):
             if not certificate.proves(mode, certificate.lifted_agent(mode), witness.of(P, mode)):

@@ -97,13 +97,8 @@ def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
         E_G=time * state[:, None] * loop.E_G * (a / g),
     )
     gains = np.outer(np.concatenate([1 / (time * S_C), inputs]), np.concatenate([S_C, outputs]))
-    claim = replace(
-        claim_at(claim, alpha=claim.alpha / a),
-        R=R / cost,
-        Q=Q / cost,
-        W=claim.W / cost,
-        outputs=claim.outputs / e,
-    )
+    W, noise, claim = claim.W / cost, claim.outputs / e, claim_at(claim, alpha=claim.alpha / a)
+    claim = replace(claim, R=R / cost, Q=Q / cost, W=W, outputs=noise)
     return new, claim, Units(gains, state, time, (g / a) ** 2, cost, e)
 
 

@@ -8,6 +8,7 @@ from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.analysis.unit_scaling import scaled
+from lockstep.lmi.guarantees import fastest_decay
 from lockstep.model.network import Network
 
 
@@ -27,6 +28,18 @@ def rho_alone(network: Network, claim: Claim) -> float | None:
     return None if found is None else units.rho * found.rho
 
 
+def decay_alone(network: Network, claim: Claim) -> float | None:
+    """Return the fastest decay of every disagreement that is proved for u = 0, in 1/s; None where none is.
+
+    Args:
+        network, claim: as of `rho_alone`.
+    """
+    m, q = network.plant.B[0].shape[1], len(network.plant.C)
+    gains, plain = Gains.from_blocks(np.zeros((network.N, m, q)), 0), np.zeros((0, 0))
+    found = fastest_decay(network, gains, replace(claim, Q=plain, delta=0 * claim.delta), modal=False)
+    return None if found is None else found[0]
+
+
 def part_of_states(gains: Gains) -> float | None:
     """Return the largest M / (M + |D_C|), entry by entry, of all controllers, M = |C_C (j w - A_C)^-1 B_C|; None for order 0.
 
@@ -41,7 +54,7 @@ def part_of_states(gains: Gains) -> float | None:
             poles = np.abs(np.linalg.eigvals(A))
             with np.errstate(
                 all="ignore"
-            ):  # entries of 1e300 are numbers, too: what is not known to be small is not
+            ):  # entries of 1e300 are numbers: what is not known to be small is not
                 for w in (0.0, *poles, *(poles / 10), *(poles * 10)):
                     moved = np.abs(
                         C @ np.linalg.solve((1j * w + 1e-9 * (1 + np.linalg.norm(A))) * eye - A, B)

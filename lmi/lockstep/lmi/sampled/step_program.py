@@ -139,13 +139,8 @@ def step_program(
     price = (scale or 1.0) ** 2
     weighed = np.zeros((n, n))
     weighed[:n_d, :n_d] = metric(loop)
-    first = (
-        -rate * V
-        - along
-        - along.T
-        - Q[:n, :n]
-        - kappa * (price * weight / T) * (inverse @ weighed @ inverse.T)
-    )
+    dear = kappa * (price * weight / T) * (inverse @ weighed @ inverse.T)
+    first = -rate * V - along - along.T - Q[:n, :n] - dear
     rows = [
         [first, np.sqrt(T) * along.T, -out],
         [np.sqrt(T) * along, V, np.sqrt(T) * out],

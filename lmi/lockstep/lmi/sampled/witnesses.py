@@ -91,7 +91,8 @@ def certify_sampled(
         if verdict.certified:
             return replace(verdict, figures=figures)
         said = verdict.reason
-    if thorough and next(candidates(in_exact_arithmetic(loop), one, m, thorough=False), None) is not None:
+    rounded = thorough and "conjugate point" not in said  # of the agents alone, which no gain moves
+    if rounded and next(candidates(in_exact_arithmetic(loop), one, m, thorough=False), None) is not None:
         said += f": {ROUNDED}"
     return replace(refused(network, controllers, said), figures=figures)
 

@@ -18,6 +18,8 @@ ROUNDED = 1e-12
 
 Matrices = Sequence[Float[np.ndarray, "n m"]]
 
+WAYS = "direction of inputs"
+
 NEARLY_LOST = 3e-5
 """Of `relative_margin`, below which a unit may have slipped: a factor of 1000 in a model of a jack leaves 2.1e-5 to 2.6e-5 of
 0.026. Of the committed problems, examples have 0.033 and more, fields 0.05, benchmarks 0.0016, but for Josephson junctions in
@@ -91,7 +93,7 @@ def directions(agent: Agent) -> CheckRow:
         said += [f"{u} {'raises' if first > 0 else 'lowers'} {y}"] if first else []
     reason = "hold it against the machine: a wrong sign in the file is wrong in the C, and in no figure"
     figure = f"at first {', '.join(said)}" if said else "no input moves an output"
-    return CheckRow("direction of inputs", "ok", figure, reason)
+    return CheckRow(WAYS, "ok", figure, reason)
 
 
 def _no_right(zeros: Zeros) -> str:

@@ -106,7 +106,7 @@ def _staying(graph: Graph) -> str:
             "keeps to a smaller box"
         )
     return (
-        "that they do cannot be shown without a leader: agents in agreement may drift out of the box together"
+        "that they do is not proved without a leader: agents in agreement may drift out of the box together"
     )
 
 

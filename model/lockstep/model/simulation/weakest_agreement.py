@@ -71,12 +71,8 @@ def weakest_agreement(
     low, high = np.clip(network.agent.box.T, -OPEN_RANGE, OPEN_RANGE)
     draws = np.random.default_rng(seed).uniform(low, high, size=(DRAWS, n))
     best = max([origin, *draws], key=peak)
-    found = minimize(
-        lambda a: -peak(np.clip(a, low, high)),
-        best,
-        method="Nelder-Mead",
-        options={"maxfev": REFINEMENTS * n},
-    )
+    most = {"maxfev": REFINEMENTS * n}
+    found = minimize(lambda a: -peak(np.clip(a, low, high)), best, method="Nelder-Mead", options=most)
     refined = np.clip(found.x, low, high)
     # Only H a matters to phi: the rest of a goes back to zero.
     refined = np.linalg.pinv(network.agent.lure.H) @ (network.agent.lure.H @ refined)
