@@ -85,7 +85,7 @@ def _offset(name: str, j: int, at_zero: Node, time: int) -> CheckFinding:
         low, high = program.on_boxes(point, point)[0]
         if low[0] > 0 or high[0] < 0:
             value = 0.5 * float(low[0]) + 0.5 * float(high[0])
-            figure = f"none: phi is {value:.6g} where v{j + 1} = 0"
+            figure = f"none: phi, less constants beside it, is {value:.6g} where v{j + 1} = 0"
             return CheckFinding(name, "refuted", figure, None, {"v": 0.0, "t": t, "phi": value})
     return CheckFinding(name, "undecided", "whether phi(0, t) = 0 could not be decided")
 

@@ -31,8 +31,8 @@ def stiffness(field: Field, point: Point, *, boxes: int = BOXES) -> CheckFinding
     period = None if not w else PART / w
     more = {"fastest": w, "period": period}
     said = (
-        f"; no eigenvalue on the domain exceeds {w:.4g} 1/s: a period of {period:.2g} s is suggested"
-        if w and period
+        f"; none on the domain exceeds {w:.4g} 1/s, a motion that {period:.2g} s would follow"
+        if period
         else ""
     )
     values = eigenvalues(field, point.lower, point.upper, point.exact)
